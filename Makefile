@@ -1,0 +1,32 @@
+# Two commands on a fresh machine: `make demo` and `make test`. Everything lives in .venv.
+PYTHON ?= python3
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+
+.PHONY: demo test check soak results ablations clean
+
+.venv/run-ready: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv
+	$(PIP) -e '.[recon]'
+	touch $@
+
+.venv/test-ready: .venv/run-ready
+	$(PIP) -e '.[recon,test]'
+	touch $@
+
+demo: .venv/run-ready
+	$(BIN)/nlos scan demo -o runs/demo.h5 --overwrite --reconstruct lct
+
+test: .venv/test-ready
+	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+check: .venv/test-ready
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+soak: .venv/test-ready
+	NLOS_SOAK=1 $(BIN)/python -m pytest -m soak
+
+clean:
+	rm -rf .venv build *.egg-info

@@ -1,0 +1,1 @@
+"""Scan plans, the scan engine, recordings, and other sources of the same samples."""

@@ -1,0 +1,1 @@
+"""Other people's files, written: one format, one file."""

@@ -1,0 +1,1 @@
+"""YAML files and the base of everything they may say."""

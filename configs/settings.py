@@ -1,0 +1,9 @@
+"""The base of everything a YAML file may say: frozen, strict, and closed to unknown keys."""
+
+from pydantic import BaseModel, ConfigDict
+
+
+class Settings(BaseModel):
+    """A block of a YAML file. Unknown keys and wrong types are refused; nothing is coerced, clipped or guessed."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, validate_default=True)

@@ -1,0 +1,1 @@
+"""Devices: galvo mirrors, photon counters, shutters, and the simulated bench behind their cables."""

@@ -1,0 +1,1 @@
+"""Mirrors that aim the beam: one controller, one file."""

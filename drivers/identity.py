@@ -1,0 +1,14 @@
+"""Who a device says it is: what a recording keeps and what a bench file may insist on."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class DeviceIdentity:
+    """Model word of the bench file, and what the device answered when asked."""
+
+    model: str
+    vendor: str
+    product: str
+    serial: str
+    firmware: str

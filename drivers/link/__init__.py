@@ -1,0 +1,1 @@
+"""Bytes on a wire: serial lines, USBTMC, SCPI."""

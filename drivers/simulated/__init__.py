@@ -1,0 +1,1 @@
+"""The other end of the cables: instruments and light, simulated at wire level."""

@@ -1,0 +1,1 @@
+"""Photon counters that histogram arrival times: one instrument, one file."""

@@ -1,0 +1,149 @@
+"""What every photon counter does: histogram arrival times, point by point, and say what it lost."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum, IntFlag
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.identity import DeviceIdentity
+
+
+class HistogramFlag(IntFlag):
+    """What went wrong while a histogram was taken. The numbers are those of the `tcspc488` record."""
+
+    NONE = 0
+    SATURATED = 1
+    STOPPED_EARLY = 2
+    SYNC_LOST = 4
+    OVER_RATE = 8
+    OVERRUN = 16
+    TRIGGER_LATE = 32
+    TRIGGER_MISSED = 64
+    DATA_LOST = 128
+
+
+@dataclass(frozen=True)
+class Histogram:
+    """Counts of one point. `live_time_s`: how long photons were really accepted; rates divide by it, never by dwell."""
+
+    counts: npt.NDArray[np.uint32]  # (T,)
+    bin_width_s: float
+    offset_s: float
+    live_time_s: float
+    sync_count: int
+    total_count: int
+    flags: HistogramFlag
+    gate_opened_s: float
+    """Instrument time at which the gate opened, seconds since the instrument was armed."""
+
+
+@dataclass(frozen=True)
+class HistogramAxis:
+    """The time axis asked for: `bins` of `bin_width_s`, the first one starting `offset_s` after the sync pulse."""
+
+    bins: int
+    bin_width_s: float
+    offset_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class CountRates:
+    """Sync and detector rates in 1/s, measured over the instrument's own window."""
+
+    sync_hz: float
+    detector_hz: float
+
+
+class Trigger(Enum):
+    """What starts each armed point."""
+
+    HOST = "host"
+    """`trigger()`, one point at a time (scheme S1)."""
+
+    CLOCK = "clock"
+    """The counter's own pixel clock, which also steps the mirror (scheme S2)."""
+
+
+@dataclass(frozen=True)
+class CounterStatus:
+    """`points_done` counts complete points since `arm`; `markers` the mirror's marker edges, None where not wired."""
+
+    running: bool
+    points_done: int
+    lost: int
+    markers: int | None
+
+
+class HistogramCounter(Protocol):
+    """A counter that takes armed points one after the other and keeps each until it is read.
+
+    Settings that the hardware cannot represent exactly raise `LimitError`; nothing is rounded.
+    """
+
+    @property
+    def identity(self) -> DeviceIdentity: ...
+
+    @property
+    def max_points(self) -> int:
+        """How many points one `arm` takes."""
+        ...
+
+    @property
+    def has_pixel_clock(self) -> bool: ...
+
+    @property
+    def has_watchdog(self) -> bool:
+        """Whether the instrument closes the shutter by itself when the host stops kicking."""
+        ...
+
+    def check(self, axis: HistogramAxis, dwell_s: float) -> None:
+        """Raises `LimitError` where axis or dwell cannot be set exactly. Sends nothing."""
+        ...
+
+    def configure(self, axis: HistogramAxis) -> None: ...
+
+    def arm(
+        self,
+        dwells_s: Sequence[float],
+        numbers: Sequence[int],
+        trigger: Trigger = Trigger.HOST,
+        blanking_s: float = 0.0,
+    ) -> None:
+        """Gets ready for `len(dwells_s)` points. `numbers` are the plan's own point numbers, stamped into the records
+        so that a record can never be taken for another point's. `blanking_s`: dead time after each clock step while
+        the mirror settles."""
+        ...
+
+    def trigger(self) -> None:
+        """Opens the gate for the next armed point (`Trigger.HOST`)."""
+        ...
+
+    def wait_points(self, count: int, timeout_s: float) -> CounterStatus:
+        """Returns when `count` points since `arm` are complete, kicking the watchdog meanwhile. Raises
+        `DeviceTimeout`, and `SafetyTrip` as soon as the instrument reports one."""
+        ...
+
+    def read(self, first: int, count: int) -> list[Histogram]:
+        """The histograms of points `first`.. since `arm`, which must be complete. May be repeated."""
+        ...
+
+    def abort(self) -> None:
+        """Closes the gate and forgets what was armed."""
+        ...
+
+    def rates(self) -> CountRates: ...
+
+    def arm_watchdog(self, timeout_s: float) -> None:
+        """The instrument closes the shutter unless kicked within `timeout_s`; 0 turns it off."""
+        ...
+
+    def kick(self) -> None:
+        """Tells the watchdog that the host is alive."""
+        ...
+
+    def close(self) -> None:
+        """Releases the instrument. May be called twice, and after any error."""
+        ...

@@ -1,0 +1,1 @@
+"""Neural building blocks; no complete method in here."""

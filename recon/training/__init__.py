@@ -1,0 +1,1 @@
+"""Scenes, rendering, detector model, losses and the training loop."""

@@ -1,0 +1,1 @@
+"""Differentiable light transport: one operator, one file, each with its adjoint."""
