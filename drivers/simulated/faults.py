@@ -1,5 +1,7 @@
 """What can go wrong, by name: faults that a bench file or a test asks the simulators to commit."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from pydantic import Field
@@ -18,24 +20,30 @@ class Fault(Settings):
     after_s: float = Field(default=0.0, ge=0)
     skip: int = Field(default=0, ge=0)
     times: int = Field(default=1, ge=1)
-    parameters: dict[str, Any] = {}
+    parameters: dict[str, Any] = Field(default_factory=dict)
+
+
+@dataclass
+class _Pending:
+    fault: Fault
+    skip: int
+    times: int
 
 
 class FaultPlan:
     """The faults still to come. Simulators ask `strikes` wherever a fault of that name could happen."""
 
-    def __init__(self, faults: list[Fault] | None = None) -> None:
-        self._pending = [[fault, fault.skip, fault.times] for fault in faults or []]
+    def __init__(self, faults: Sequence[Fault] = ()) -> None:
+        self._pending = [_Pending(fault, fault.skip, fault.times) for fault in faults]
 
     def strikes(self, name: str, now_s: float) -> Fault | None:
         """The fault to commit at this occasion, or None."""
         for entry in self._pending:
-            fault: Fault = entry[0]
-            if fault.name != name or now_s < fault.after_s or entry[2] == 0:
+            if entry.fault.name != name or now_s < entry.fault.after_s or entry.times == 0:
                 continue
-            if entry[1] > 0:
-                entry[1] -= 1
+            if entry.skip > 0:
+                entry.skip -= 1
                 continue
-            entry[2] -= 1
-            return fault
+            entry.times -= 1
+            return entry.fault
         return None
