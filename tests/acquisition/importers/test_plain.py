@@ -1,0 +1,73 @@
+"""Plain HDF5 scans are read as they are, and refused by name where they are not scans."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from acquisition.errors import InvalidData
+from acquisition.importers.plain import read_plain
+
+
+def write(path: Path, counts: np.ndarray, **attributes: object) -> Path:
+    with h5py.File(path, "w") as file:
+        file["histograms"] = counts
+        for key, value in {"bin_width_s": 4e-12, "wall_size_m": 0.7, **attributes}.items():
+            file.attrs[key] = value
+    return path
+
+
+def test_counts_axes_and_wall_arrive_unchanged(tmp_path: Path) -> None:
+    counts = np.arange(2 * 3 * 5, dtype=np.uint16).reshape(2, 3, 5)
+    path = write(tmp_path / "scan.h5", counts, wall_size_m=[1.5, 1.0], direct_cut_bins=2, falloff_exponent_authors=2)
+    plain = read_plain(path)
+    assert np.array_equal(plain.transient.counts, counts.transpose(2, 0, 1))
+    assert (plain.transient.wall.width_m, plain.transient.wall.height_m) == (1.5, 1.0)
+    assert (plain.direct_cut_bins, plain.falloff, plain.rectified) == (2, 2, True)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "named"),
+    [
+        ({"bin_width_s": 0.0}, "bin_width_s"),
+        ({"bin_width_s": "fast"}, "bin_width_s"),
+        ({"bin_width_s": np.nan}, "bin_width_s"),
+        ({"wall_size_m": -1.0}, "wall_size_m"),
+        ({"wall_size_m": [1.0, 1.0, 1.0]}, "wall_size_m"),
+        ({"direct_cut_bins": 5}, "direct_cut_bins"),
+        ({"falloff_exponent_authors": 3}, "falloff_exponent_authors"),
+    ],
+)
+def test_wrong_attributes_are_refused_by_name(tmp_path: Path, attributes: dict[str, object], named: str) -> None:
+    path = write(tmp_path / "scan.h5", np.ones((2, 2, 5), np.uint8), **attributes)
+    with pytest.raises(InvalidData, match=named):
+        read_plain(path)
+
+
+def test_wrong_shape_text_and_missing_dataset_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidData, match="2 dimensions"):
+        read_plain(write(tmp_path / "flat.h5", np.ones((2, 5), np.uint8)))
+    with h5py.File(tmp_path / "none.h5", "w") as file:
+        file["other"] = np.ones(3)
+    with pytest.raises(InvalidData, match="holds other"):
+        read_plain(tmp_path / "none.h5")
+    (tmp_path / "text.h5").write_text("not a scan")
+    with pytest.raises(InvalidData, match=r"text\.h5"):
+        read_plain(tmp_path / "text.h5")
+
+
+def test_links_out_of_the_file_are_not_followed(tmp_path: Path) -> None:
+    inner = write(tmp_path / "inner.h5", np.ones((2, 2, 5), np.uint8))
+    with h5py.File(tmp_path / "outer.h5", "w") as file:
+        file["histograms"] = h5py.ExternalLink(str(inner), "/histograms")
+    with pytest.raises(InvalidData, match="link"):
+        read_plain(tmp_path / "outer.h5")
+
+
+def test_a_bomb_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "bomb.h5", "w") as file:
+        file.create_dataset("histograms", shape=(4096, 4096, 4096), dtype="u2", chunks=(64, 64, 64))
+        file.attrs.update({"bin_width_s": 4e-12, "wall_size_m": 1.0})
+    with pytest.raises(InvalidData, match="GiB"):
+        read_plain(tmp_path / "bomb.h5")
