@@ -1,0 +1,109 @@
+"""A YAML file becomes settings, or a message that begins with file, line and column."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import Field
+
+from configs.load import ConfigError, find, load, parse
+from configs.settings import Settings
+
+
+class Circle(Settings):
+    kind: Literal["circle"]
+    radius_m: float = Field(gt=0)
+
+
+class Grid(Settings):
+    kind: Literal["grid"]
+    rows: int = Field(gt=0)
+
+
+class Demo(Settings):
+    name: str = "demo"
+    dwell_ms: float = Field(gt=0)
+    limits: tuple[float, float] = (0.0, 1.0)
+    shape: Annotated[Circle | Grid, Field(discriminator="kind")] = Circle(kind="circle", radius_m=1.0)
+
+
+def refusal(text: str) -> str:
+    with pytest.raises(ConfigError) as caught:
+        parse(text, "demo.yaml", Demo)
+    return str(caught.value)
+
+
+def test_lists_become_tuples_and_whole_numbers_floats() -> None:
+    settings = parse("dwell_ms: 8\nlimits: [1, 2.5]\nshape: {kind: grid, rows: 3}\n", "demo.yaml", Demo)
+    assert settings.limits == (1.0, 2.5)
+    assert settings.shape == Grid(kind="grid", rows=3)
+
+
+def test_an_unknown_key_is_refused_where_it_stands_with_the_nearest_known_one() -> None:
+    assert refusal("dwell_ms: 1.0\ndwel: 2\n").startswith("demo.yaml:2:1: dwel: no such key. Did you mean 'dwell_ms'?")
+    message = refusal("dwell_ms: 1.0\nshape:\n  kind: circle\n  radius: 2.0\n")
+    assert message.startswith("demo.yaml:4:3: shape.radius: no such key. Did you mean 'radius_m'?") or (
+        "demo.yaml:4:3: shape.radius: no such key. Did you mean 'radius_m'?" in message
+    )
+
+
+def test_a_number_that_yaml_reads_as_text_is_explained() -> None:
+    message = refusal("dwell_ms: 1e-3\n")
+    assert message.startswith("demo.yaml:1:1: dwell_ms: ")
+    assert "1.0e-3" in message
+    assert "'1e-3'" in message
+
+
+@pytest.mark.parametrize(
+    ("text", "start", "part"),
+    [
+        ("dwell_ms: 1.0\ndwell_ms: 2.0\n", "demo.yaml:2:1: dwell_ms", "given twice"),
+        ("dwell_ms: -1\n", "demo.yaml:1:1: dwell_ms", "greater than 0"),
+        ("dwell_ms: .nan\n", "demo.yaml:1:1: dwell_ms", "finite"),
+        ("name: x\n", "demo.yaml:1:1: dwell_ms", "missing"),
+        ("dwell_ms: 1.0\nname: !!python/name:os.system x\n", "demo.yaml:2:7: name", "tags"),
+        ("dwell_ms: 1.0\nname: 2026-01-01x\n  bad: [\n", "demo.yaml:3:", "not valid YAML"),
+        ("- 1\n", "demo.yaml:1:1", "key: value"),
+        ("", "demo.yaml:1:1", "empty"),
+        ("dwell_ms: 1.0\nshape: {kind: circel, radius_m: 1.0}\n", "demo.yaml:2:", "Did you mean 'circle'"),
+        ("dwell_ms: 1.0\n? [a]\n: 2\n", "demo.yaml:2:3", "keys must be plain words"),
+        ("dwell_ms: " + "9" * 400 + "\n", "demo.yaml:1:11: dwell_ms", "too large"),
+        ("[" * 5000, "demo.yaml:1:", "nested too deep"),
+        ("a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
+            f"{c}: &{c} [{', '.join(['*' + p] * 9)}]\n" for p, c in zip("abcdefgh", "bcdefghi", strict=True)
+        ), "demo.yaml:", "too many"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said_with_its_place(text: str, start: str, part: str) -> None:
+    message = refusal(text)
+    assert message.startswith(start), message
+    assert part in message
+
+
+@given(st.text(max_size=200))
+def test_any_text_is_read_or_refused(text: str) -> None:
+    try:
+        parse(text, "demo.yaml", Demo)
+    except ConfigError as error:
+        message = str(error)
+    else:
+        return
+    assert message.startswith("demo.yaml:")
+
+
+def test_a_path_wins_over_a_name_and_an_unknown_name_lists_the_known_ones(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("dwell_ms: 2.0\n")
+    loaded = load("scan", str(path), Demo)
+    assert (loaded.settings.dwell_ms, loaded.text) == (2.0, "dwell_ms: 2.0\n")
+    with pytest.raises(ConfigError, match="no such file, and no scan of that name"):
+        find("scan", "no-such-scan")
+
+
+def test_bytes_that_are_not_text_are_refused_by_line(tmp_path: Path) -> None:
+    path = tmp_path / "bytes.yaml"
+    path.write_bytes(b"dwell_ms: 1.0\nname: \xff\n")
+    with pytest.raises(ConfigError, match=r"bytes\.yaml:2:1: byte 0xff"):
+        load("scan", str(path), Demo)
