@@ -50,6 +50,16 @@ class HistogramAxis:
 
 
 @dataclass(frozen=True)
+class StopAtCounts:
+    """Ends a point before its dwell is over, once `counts` photons fell into bins `first_bin` up to, not including,
+    `end_bin`. The record then carries `STOPPED_EARLY` and the live time at which the last of them came."""
+
+    counts: int
+    first_bin: int
+    end_bin: int
+
+
+@dataclass(frozen=True)
 class CountRates:
     """Sync and detector rates in 1/s, measured over the instrument's own window."""
 
@@ -103,7 +113,9 @@ class HistogramCounter(Protocol):
         """Raises `LimitError` where axis or dwell cannot be set exactly. Sends nothing."""
         ...
 
-    def configure(self, axis: HistogramAxis) -> None: ...
+    def configure(self, axis: HistogramAxis, stop: StopAtCounts | None = None) -> None:
+        """Sets the time axis and, for exposures that end at a number of counts, when to stop early."""
+        ...
 
     def arm(
         self,
