@@ -4,35 +4,20 @@ Attributes: `bin_width_s`, `wall_size_m` (one number, or width and height); opti
 `falloff_exponent_authors` (2 or 4) and a dataset `time_offset_bins` [H, W].
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
 import numpy as np
-import numpy.typing as npt
 
 from acquisition.errors import InvalidData
+from acquisition.importers.imported import ImportedScan
 from acquisition.importers.untrusted_hdf5 import find_dataset, open_hdf5, read_array
 from acquisition.transient import TimeAxis, Transient
 from acquisition.wall import WallGrid
 
 
-@dataclass(frozen=True)
-class PlainHistograms:
-    """What a plain file holds. `transient` is as recorded: nothing cut, nothing shifted; exposure 1 s everywhere."""
-
-    transient: Transient
-    direct_cut_bins: int
-    """The first bins that hold only direct light; 0 where the file says nothing."""
-    falloff: int
-    """4 diffuse, 2 retroreflective (`falloff_exponent_authors`)."""
-    rectified: bool
-    """Whether time 0 is already the arrival at the wall point; True where the file says nothing."""
-    time_offset_bins: npt.NDArray[np.float64] | None  # (H, W)
-
-
-def read_plain(path: Path, dataset: str = "histograms") -> PlainHistograms:
-    """Reads one plain HDF5 scan. Raises `InvalidData` naming file, place and reason."""
+def read_plain(path: Path, dataset: str = "histograms") -> ImportedScan:
+    """Reads one plain HDF5 scan; exposure 1 s everywhere. Raises `InvalidData` naming file, place and reason."""
     with open_hdf5(path) as file:
         stored = find_dataset(file, dataset)
         if stored is None:
@@ -61,7 +46,15 @@ def read_plain(path: Path, dataset: str = "histograms") -> PlainHistograms:
         wall=WallGrid(width_m, height_m, rows, cols),
         time=TimeAxis(bins, bin_width_s),
     )
-    return PlainHistograms(transient, cut, falloff, rectified, offset_bins)
+    return ImportedScan(
+        transient,
+        "plain HDF5",
+        direct_cut_bins=cut,
+        falloff=falloff,
+        rectified=rectified,
+        time_offset_bins=offset_bins,
+        notes=("exposure is not stored; 1 s per point is assumed",),
+    )
 
 
 def _number(file: h5py.File, key: str, default: float | None = None) -> float:
