@@ -1,0 +1,70 @@
+"""MATLAB scans of four groups arrive upright, with their geometry, and broken ones are refused by name."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+from acquisition.errors import InvalidData
+from acquisition.importers.matlab import read_matlab
+
+COUNTS = np.arange(3 * 2 * 5, dtype=np.uint16).reshape(3, 2, 5)
+
+
+def test_otoole_is_transposed_and_flipped_so_that_pictures_read_correctly(tmp_path: Path) -> None:
+    savemat(tmp_path / "s.mat", {"rect_data": COUNTS, "width": 0.35}, do_compression=True)
+    scan = read_matlab(tmp_path / "s.mat")
+    assert np.array_equal(scan.transient.counts, COUNTS.transpose(1, 0, 2)[:, ::-1].transpose(2, 0, 1))
+    assert scan.transient.wall.width_m == pytest.approx(0.7)
+    assert scan.transient.time.bin_width_s == 4e-12
+    assert any("falloff" in note for note in scan.notes)
+
+
+def test_fk_offsets_come_from_tofgrid_beside_it_in_picoseconds(tmp_path: Path) -> None:
+    savemat(tmp_path / "meas_10min.mat", {"meas": COUNTS})
+    assert read_matlab(tmp_path / "meas_10min.mat").rectified
+    savemat(tmp_path / "tof.mat", {"tofgrid": np.full((3, 2), 64.0)})
+    scan = read_matlab(tmp_path / "meas_10min.mat")
+    assert scan.time_offset_bins is not None
+    assert np.allclose(scan.time_offset_bins, 2.0)
+    assert not scan.rectified
+
+
+def test_version_73_files_have_their_axes_reversed(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "v73.mat", "w", userblock_size=512) as file:
+        file["data"] = COUNTS.transpose(2, 1, 0)
+    scan = read_matlab(tmp_path / "v73.mat")
+    assert np.array_equal(scan.transient.counts, COUNTS.transpose(2, 0, 1))
+    assert "USTC" in scan.source_format
+
+
+def test_other_contents_are_refused_by_name(tmp_path: Path) -> None:
+    savemat(tmp_path / "other.mat", {"picture": np.ones((2, 2))})
+    with pytest.raises(InvalidData, match="picture"):
+        read_matlab(tmp_path / "other.mat")
+    savemat(tmp_path / "flat.mat", {"meas": np.ones((2, 2))})
+    with pytest.raises(InvalidData, match="meas"):
+        read_matlab(tmp_path / "flat.mat")
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(position=st.integers(0, 400), value=st.integers(0, 255), length=st.integers(0, 600), packed=st.booleans())
+def test_damaged_files_are_read_or_refused(
+    tmp_path: Path, position: int, value: int, length: int, packed: bool
+) -> None:
+    savemat(tmp_path / "whole.mat", {"meas": COUNTS}, do_compression=packed)
+    raw = bytearray((tmp_path / "whole.mat").read_bytes())
+    raw[position % len(raw)] = value
+    damaged = tmp_path / "damaged.mat"
+    damaged.write_bytes(bytes(raw[: max(1, len(raw) - length)]))
+    try:
+        read_matlab(damaged)
+    except InvalidData as error:
+        message = str(error)
+    else:
+        return
+    assert "damaged.mat" in message
