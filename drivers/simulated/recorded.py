@@ -1,0 +1,124 @@
+"""A recorded scan as the scene: its photons handed out again, thinned to the dwell asked for."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.errors import LimitError
+from drivers.galvo.mirror import MirrorAngles
+from drivers.simulated import spad
+from drivers.simulated.beam import BeamPath
+from drivers.simulated.bench import Exposure, Gate
+
+_SALT = 1
+
+
+@dataclass(frozen=True)
+class RecordedScan:
+    """Raw counts of N wall points, in wall coordinates; what `open_bench` takes as a scene.
+
+    `total_count` (N,), where known, are all detections, those outside the time window included.
+    """
+
+    counts: npt.NDArray[np.uint32]  # (N, T)
+    x_m: npt.NDArray[np.float64]  # (N,)
+    y_m: npt.NDArray[np.float64]  # (N,)
+    exposure_s: npt.NDArray[np.float64]  # (N,)
+    bin_width_s: float
+    offset_s: float = 0.0
+    total_count: npt.NDArray[np.int64] | None = None
+
+    def __post_init__(self) -> None:
+        points = (len(self.counts),)
+        if self.counts.ndim != 2 or any(a.shape != points for a in (self.x_m, self.y_m, self.exposure_s)):
+            raise ValueError(
+                f"a recorded scan needs counts (N, T) with x_m, y_m, exposure_s (N,); found {self.counts.shape}, "
+                f"{self.x_m.shape}, {self.y_m.shape}, {self.exposure_s.shape}"
+            )
+        if not (self.exposure_s > 0).any():
+            raise ValueError("the recorded scan holds no measured point")
+
+
+class RecordedLight:
+    """A `Light` that hands out a recorded scan's photons: each is kept with probability dwell / recorded exposure.
+
+    Thinned Poisson counts are again Poisson counts, so a shorter dwell is rehearsed exactly; a longer one is refused.
+    With the shutter closed there is nothing to hand out: a recording does not say which of its photons were dark.
+    """
+
+    def __init__(
+        self, scan: RecordedScan, path: BeamPath, repetition_hz: float, seed: int, tolerance_m: float | None = None
+    ) -> None:
+        self._scan, self._path, self._repetition_hz, self._seed = scan, path, repetition_hz, seed
+        self._measured = np.flatnonzero(scan.exposure_s > 0)
+        self._x, self._y = scan.x_m[self._measured], scan.y_m[self._measured]
+        self._tolerance_m = _tolerance_m(self._x, self._y) if tolerance_m is None else tolerance_m
+
+    def __call__(self, gate: Gate, beam: MirrorAngles, shutter_open: bool) -> Exposure:
+        pulses = round(gate.dwell_s * self._repetition_hz)
+        if not shutter_open:
+            return Exposure(np.zeros(gate.bins, dtype=np.uint32), gate.dwell_s, pulses, 0, False)
+        point = self._nearest(beam)
+        recorded_s = float(self._scan.exposure_s[point])
+        # Exposures are stored in whole microseconds by some instruments.
+        if gate.dwell_s > recorded_s + 1e-6:
+            raise LimitError(
+                "recorded scene",
+                f"a dwell of {gate.dwell_s * 1e3:g} ms is longer than the {recorded_s * 1e3:g} ms recorded there.",
+                "Shorten dwell_ms in the plan; photons that were never measured cannot be handed out.",
+            )
+        rng = spad.generator(self._seed, gate, beam, _SALT)
+        part = min(1.0, gate.dwell_s / recorded_s)
+        recorded = self._scan.counts[point]
+        kept = rng.binomial(recorded, part)
+        total = int(kept.sum())
+        if self._scan.total_count is not None:
+            total += int(rng.binomial(max(0, int(self._scan.total_count[point]) - int(recorded.sum())), part))
+        counts = rebin(kept, self._scan.bin_width_s, self._scan.offset_s, gate).astype(np.uint32)
+        return spad.stop_at_counts(Exposure(counts, gate.dwell_s, pulses, total, False), gate, rng)
+
+    def _nearest(self, beam: MirrorAngles) -> int:
+        spot = self._path.spot(beam)
+        if spot is not None:
+            squared = (self._x - spot.x_m) ** 2 + (self._y - spot.y_m) ** 2
+            best = int(squared.argmin())
+            if squared[best] <= self._tolerance_m**2:
+                return int(self._measured[best])
+        where = "off the wall" if spot is None else f"at x = {spot.x_m:+.4f} m, y = {spot.y_m:+.4f} m"
+        raise LimitError(
+            "recorded scene",
+            f"nothing was recorded {where} (within {self._tolerance_m * 1e3:.1f} mm).",
+            "Plan a wall and grid that lie within the recorded one.",
+        )
+
+
+def rebin(counts: npt.NDArray[np.int64], bin_width_s: float, offset_s: float, gate: Gate) -> npt.NDArray[np.int64]:
+    """Recorded counts (T,) on the gate's own bins (gate.bins,), zero where nothing was recorded.
+
+    Raises `LimitError` where the gate's bins are not whole numbers of recorded ones: photons are not split.
+    """
+    ratio = gate.bin_width_s / bin_width_s
+    shift = (offset_s - gate.offset_s) / bin_width_s
+    group, lead = round(ratio), round(shift)
+    if group < 1 or abs(ratio - group) > 1e-6 or abs(shift - lead) > 1e-3:
+        raise LimitError(
+            "recorded scene",
+            f"was recorded in bins of {bin_width_s * 1e12:g} ps from {offset_s * 1e9:g} ns; bins of "
+            f"{gate.bin_width_s * 1e12:g} ps from {gate.offset_s * 1e9:g} ns do not lie on them.",
+            "Set histogram.bin_width_ps to a multiple of the recorded one, and offset_ns to match.",
+        )
+    fine = np.zeros(gate.bins * group, dtype=np.int64)
+    source = counts[max(0, -lead) : max(0, len(fine) - lead)]
+    start = max(0, lead)
+    fine[start : start + len(source)] = source
+    grouped: npt.NDArray[np.int64] = fine.reshape(gate.bins, group).sum(axis=1)
+    return grouped
+
+
+def _tolerance_m(x_m: npt.NDArray[np.float64], y_m: npt.NDArray[np.float64]) -> float:
+    """How far from a recorded point the beam may land: a grid cell's half diagonal, from the area per point."""
+    if len(x_m) < 2:
+        return 0.01
+    area_m2 = max(float(np.ptp(x_m)) * float(np.ptp(y_m)), 1e-4)
+    return float(np.sqrt(area_m2 / len(x_m) / 2))

@@ -1,0 +1,116 @@
+"""A scene of hidden surfaces behind a wall, turned into photon rates per time bin for the spot that the beam lights.
+
+Shares no code with the reconstruction: what it makes is evidence about it.
+"""
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from configs.settings import Settings
+from drivers.galvo.mirror import MirrorAngles
+from drivers.simulated import spad
+from drivers.simulated.beam import SPEED_OF_LIGHT_M_PER_S, BeamPath, Spot
+from drivers.simulated.bench import Exposure, Gate
+from drivers.simulated.spad import DetectorSettings, Response
+from drivers.simulated.surfaces import Surface, surfels
+
+Array = npt.NDArray[np.float64]
+
+
+class SceneSettings(Settings):
+    """What is behind the corner, and how bright it is at the detector, in counts per second."""
+
+    objects: tuple[Surface, ...] = ()
+    direct_cps: float = Field(default=40e3, ge=0)
+    """Light scattered once, at the wall, with the beam undeflected."""
+    hidden_cps: float = Field(default=500e3, ge=0)
+    """What one square metre of white, facing the wall 1 m in front of the spot, would give as a point."""
+    ambient_cps: float = Field(default=500.0, ge=0)
+    """Stray light that is not from the laser."""
+    delay_ns: float = 0.0
+    """Electronic delay between the sync input and the detector input."""
+    surfel_m: float = Field(default=0.01, gt=0)
+
+
+class SceneLight:
+    """What the detector sees of a scene: a `Light`.
+
+    A confocal scan lights and watches the same wall point: each surfel returns at t = 2 (range + r) / c with
+    rho dA (cos_wall cos_surface / r^2)^2, the diffuse 1/r^4 law (O'Toole et al. 2018, eq. 1), or with the first power
+    of that factor where it is retroreflective. Direct light returns at 2 range / c.
+    """
+
+    def __init__(
+        self, scene: SceneSettings, detector: DetectorSettings, path: BeamPath, repetition_hz: float, seed: int
+    ) -> None:
+        self._scene, self._detector, self._path = scene, detector, path
+        self._repetition_hz, self._seed = repetition_hz, seed
+        self._response = Response(detector)
+        self._undeflected = _collected(path.spot(MirrorAngles(0.0, 0.0)))
+        pieces = surfels(scene.objects, scene.surfel_m)
+        self._x, self._y, self._z = (np.ascontiguousarray(axis) for axis in pieces.positions_m.T)
+        self._z2 = self._z**2
+        self._normal_x, self._normal_y = (np.ascontiguousarray(axis) for axis in pieces.normals.T[:2])
+        self._facing = -(pieces.positions_m * pieces.normals).sum(axis=1)
+        self._weight = pieces.reflectance_m2
+        self._retro = pieces.retroreflective if pieces.retroreflective.any() else None
+
+    def __call__(self, gate: Gate, beam: MirrorAngles, shutter_open: bool) -> Exposure:
+        spot = self._path.spot(beam) if shutter_open else None
+        per_pulse = self.photons_per_pulse(spot, gate.bin_width_s, gate.offset_s)
+        detected = spad.distort(per_pulse, gate.bin_width_s, self._detector)
+        return spad.draw(detected, gate, self._repetition_hz, spad.generator(self._seed, gate, beam))
+
+    def photons_per_pulse(self, spot: Spot | None, bin_width_s: float, offset_s: float) -> Array:
+        """Expected photons per laser pulse in each bin of one period, shape (P,), starting `offset_s` after sync."""
+        bins = max(1, round(1 / (self._repetition_hz * bin_width_s)))
+        background_cps = self._detector.dark_cps + self._scene.ambient_cps
+        rate = np.full(bins, background_cps / self._repetition_hz / bins)
+        if spot is None:
+            return rate
+        collected = _collected(spot) / self._undeflected / self._repetition_hz
+        delay_s = 2 * spot.range_m / SPEED_OF_LIGHT_M_PER_S + self._scene.delay_ns * 1e-9 - offset_s
+        first, fractions = self._response.pulse(delay_s / bin_width_s, bin_width_s)
+        _add_cyclic(rate, first, fractions * (collected * self._scene.direct_cps))
+        if len(self._weight):
+            first, hidden = self._hidden(spot, delay_s / bin_width_s, bin_width_s)
+            _add_cyclic(rate, first, hidden * (collected * self._scene.hidden_cps))
+        return rate
+
+    def _hidden(self, spot: Spot, delay: float, bin_width_s: float) -> tuple[int, Array]:
+        """First bin, and the surfels' light in each from there on, jitter included."""
+        dx = self._x - spot.x_m
+        dy = self._y - spot.y_m
+        squared = dx * dx + dy * dy + self._z2
+        toward = self._facing + self._normal_x * spot.x_m + self._normal_y * spot.y_m
+        light = np.maximum(toward, 0.0) * self._z / (squared * squared)
+        light *= self._weight * light if self._retro is None else np.where(self._retro, 1.0, light) * self._weight
+        arrival = np.sqrt(squared) * (2 / SPEED_OF_LIGHT_M_PER_S / bin_width_s) + (delay - 0.5)
+        # Shared between the two bins whose centres enclose the arrival, so that its mean is exact.
+        first = int(np.floor(arrival.min()))
+        arrival -= first
+        index = arrival.astype(np.intp)
+        late = light * (arrival - index)
+        length = int(index.max()) + 2
+        sampled = np.bincount(index, light - late, minlength=length)
+        sampled[1:] += np.bincount(index, late, minlength=length)[:-1]
+        lead, kernel = self._response.kernel(bin_width_s)
+        return first + lead, np.convolve(sampled, kernel)
+
+
+def _collected(spot: Spot | None) -> float:
+    """How much of the light at the spot reaches the receiver: Lambert's law over the receiver's solid angle."""
+    if spot is None:
+        raise ValueError("the undeflected beam does not meet the wall")
+    return spot.cos_incidence / spot.range_m**2
+
+
+def _add_cyclic(rate: Array, first: int, values: Array) -> None:
+    """Adds `values` from bin `first` on; what runs past the period's end comes in at its beginning."""
+    start = first % len(rate)
+    done = 0
+    while done < len(values):
+        take = min(len(values) - done, len(rate) - start)
+        rate[start : start + take] += values[done : done + take]
+        done, start = done + take, 0

@@ -1,0 +1,131 @@
+"""Hidden surfaces as a bench file describes them, cut into small flat pieces (surfels)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import cos, pi, radians, sin, sqrt
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, model_validator
+
+from configs.settings import Settings
+from drivers.simulated import font
+
+Vector = tuple[float, float, float]
+Array = npt.NDArray[np.float64]
+
+
+class Surface(Settings):
+    """One hidden surface: a letter, a bitmap, a flat panel or a sphere, in wall coordinates (z away from the wall).
+
+    `bitmap` is a list of text rows, top row first: a digit 1-9 is that many ninths of the albedo, `.`, `0` and space
+    are empty, any other character is full albedo. Letters and bitmaps are `height_m` tall with square cells. Flat
+    surfaces face the wall; `pitch_deg` tips their top edge away from it, `yaw_deg` swings their right edge away.
+    """
+
+    letter: str | None = None
+    bitmap: tuple[str, ...] | None = None
+    panel_m: tuple[float, float] | None = None
+    sphere_m: float | None = Field(default=None, gt=0)
+    """Radius."""
+    centre_m: Vector
+    height_m: float | None = Field(default=None, gt=0)
+    albedo: float = Field(default=1.0, ge=0, le=1)
+    pitch_deg: float = Field(default=0.0, ge=-90, le=90)
+    yaw_deg: float = Field(default=0.0, ge=-90, le=90)
+    retroreflective: bool = False
+
+    @model_validator(mode="after")
+    def _is_one_shape(self) -> "Surface":
+        shapes = {"letter": self.letter, "bitmap": self.bitmap, "panel_m": self.panel_m, "sphere_m": self.sphere_m}
+        given = [name for name, value in shapes.items() if value is not None]
+        if len(given) != 1:
+            raise ValueError(f"a surface is one of {', '.join(shapes)} (found {', '.join(given) or 'none'})")
+        needs_height = given[0] in ("letter", "bitmap")
+        if needs_height != (self.height_m is not None):
+            raise ValueError(f"a {given[0]} {'needs' if needs_height else 'takes no'} height_m")
+        if self.letter is not None and (len(self.letter) != 1 or self.letter not in font.LETTERS):
+            raise ValueError(f"letter {self.letter!r} is not in the font ({font.LETTERS}); draw it as a bitmap")
+        if self.bitmap is not None and not any(_cell_albedo(cell) for row in self.bitmap for cell in row):
+            raise ValueError("the bitmap has no filled cell")
+        if self.panel_m is not None and not (self.panel_m[0] > 0 and self.panel_m[1] > 0):
+            raise ValueError(f"panel_m must be above 0 (given {self.panel_m})")
+        if self.centre_m[2] <= (self.sphere_m or 0.0):
+            raise ValueError(f"centre_m[2] = {self.centre_m[2]:g} m does not lie in front of the wall")
+        return self
+
+
+@dataclass(frozen=True)
+class Surfels:
+    """Positions and unit normals, each (N, 3); `reflectance_m2` (N,) is albedo times area; `retroreflective` (N,)."""
+
+    positions_m: Array
+    normals: Array
+    reflectance_m2: Array
+    retroreflective: npt.NDArray[np.bool_]
+
+
+def surfels(surfaces: Sequence[Surface], spacing_m: float) -> Surfels:
+    """All surfaces cut into pieces of about `spacing_m` x `spacing_m`. They do not shadow one another."""
+    parts = [_cut(surface, spacing_m) for surface in surfaces]
+    if not parts:
+        return Surfels(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
+    counts = [len(part[0]) for part in parts]
+    return Surfels(
+        positions_m=np.concatenate([part[0] for part in parts]),
+        normals=np.concatenate([part[1] for part in parts]),
+        reflectance_m2=np.concatenate([part[2] for part in parts]),
+        retroreflective=np.repeat([surface.retroreflective for surface in surfaces], counts),
+    )
+
+
+def _cut(surface: Surface, spacing_m: float) -> tuple[Array, Array, Array]:
+    if surface.sphere_m is not None:
+        return _cut_sphere(surface, surface.sphere_m, spacing_m)
+    if surface.panel_m is not None:
+        cells = np.ones((1, 1))
+        width_m, height_m = surface.panel_m
+    else:
+        rows = surface.bitmap if surface.bitmap is not None else font.bitmap(surface.letter or "")
+        columns = max(len(row) for row in rows)
+        cells = np.array([[_cell_albedo(cell) for cell in row.ljust(columns)] for row in rows])
+        height_m = surface.height_m or 0.0
+        width_m = height_m * columns / len(rows)
+    return _cut_flat(surface, cells, width_m, height_m, spacing_m)
+
+
+def _cut_flat(
+    surface: Surface, cells: Array, width_m: float, height_m: float, spacing_m: float
+) -> tuple[Array, Array, Array]:
+    across = max(1, round(width_m / cells.shape[1] / spacing_m))
+    down = max(1, round(height_m / cells.shape[0] / spacing_m))
+    fine = cells.repeat(down, axis=0).repeat(across, axis=1)
+    row, column = np.nonzero(fine)
+    u = ((column + 0.5) / fine.shape[1] - 0.5) * width_m
+    v = (0.5 - (row + 0.5) / fine.shape[0]) * height_m
+    pitch, yaw = radians(surface.pitch_deg), radians(surface.yaw_deg)
+    right = np.array([cos(yaw), 0.0, sin(yaw)])
+    up = np.array([-sin(pitch) * sin(yaw), cos(pitch), sin(pitch) * cos(yaw)])
+    normal = np.array([cos(pitch) * sin(yaw), sin(pitch), -cos(pitch) * cos(yaw)])
+    positions = np.array(surface.centre_m) + u[:, None] * right + v[:, None] * up
+    area_m2 = width_m * height_m / fine.size
+    return positions, np.broadcast_to(normal, positions.shape), fine[row, column] * surface.albedo * area_m2
+
+
+def _cut_sphere(surface: Surface, radius_m: float, spacing_m: float) -> tuple[Array, Array, Array]:
+    # A Fibonacci lattice: equal areas without poles.
+    count = max(32, round(4 * pi * radius_m**2 / spacing_m**2))
+    index = np.arange(count) + 0.5
+    z = 1 - 2 * index / count
+    turn = index * pi * (1 + sqrt(5))
+    ring = np.sqrt(1 - z**2)
+    normals = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)
+    area_m2 = 4 * pi * radius_m**2 / count
+    positions = np.array(surface.centre_m) + radius_m * normals
+    return positions, normals, np.full(count, surface.albedo * area_m2)
+
+
+def _cell_albedo(cell: str) -> float:
+    if cell in " .0":
+        return 0.0
+    return int(cell) / 9 if cell in "123456789" else 1.0
