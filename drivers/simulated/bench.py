@@ -9,6 +9,7 @@ import numpy.typing as npt
 from drivers.clock import VirtualClock
 from drivers.galvo.mirror import MirrorAngles
 from drivers.simulated.faults import FaultPlan
+from drivers.simulated.swing import Swing
 
 
 @dataclass(frozen=True)
@@ -53,16 +54,25 @@ class SimulatedBench:
         self.interlock_closed = True
         self.shutter_open = False
         self._light = light
-        self._beam = MirrorAngles(0.0, 0.0)
+        self._x = Swing(0.0, 0.0, 0.0, 0.0)
+        self._y = Swing(0.0, 0.0, 0.0, 0.0)
         self._wires: dict[str, list[Callable[[float], None]]] = {}
 
-    def steer(self, angles: MirrorAngles) -> None:
-        """A mirror controller's output changed: the beam points there from now on."""
-        self._beam = angles
+    def steer(self, angles: MirrorAngles, when_s: float | None = None, settle_s: float = 0.0) -> None:
+        """A mirror controller's output changed at `when_s` (now): the beam points there `settle_s` later, and until then
+        somewhere on its way."""
+        start_s = self.clock.now() if when_s is None else when_s
+        self._x = self._x.towards(angles.x_rad, start_s, settle_s)
+        self._y = self._y.towards(angles.y_rad, start_s, settle_s)
 
     @property
     def beam(self) -> MirrorAngles:
-        return self._beam
+        """Where the beam points now."""
+        return self.beam_at(self.clock.now())
+
+    def beam_at(self, when_s: float) -> MirrorAngles:
+        """Where the beam points at a bench time not before the last steering."""
+        return MirrorAngles(self._x.at(when_s), self._y.at(when_s))
 
     def set_shutter(self, is_open: bool) -> None:
         """The shutter's drive line changed. An open interlock loop keeps it closed."""
@@ -78,5 +88,5 @@ class SimulatedBench:
             listener(when_s)
 
     def expose(self, gate: Gate) -> Exposure:
-        """What the detector counts in `gate` with beam and shutter as they are now."""
-        return self._light(gate, self._beam, self.shutter_open)
+        """What the detector counts in `gate`, with the beam where it is as the gate opens and the shutter as it is now."""
+        return self._light(gate, self.beam_at(gate.opened_s), self.shutter_open)

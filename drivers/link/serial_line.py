@@ -1,0 +1,290 @@
+"""A serial port that frames, keeps its deadlines, and never takes a late reply for the answer to the next command."""
+
+import contextlib
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import serial
+from serial.tools import list_ports
+
+from drivers.clock import Clock
+from drivers.errors import DeviceBusy, DeviceError, DeviceLost, DeviceNotFound, DeviceTimeout, ProtocolError
+
+try:  # an unplugged port raises termios.error, which is not an OSError, from flush and from setting a timeout
+    import termios
+
+    _PORT_ERRORS: tuple[type[Exception], ...] = (OSError, termios.error)  # SerialException is an OSError
+except ImportError:  # Windows
+    _PORT_ERRORS = (OSError,)
+
+_OPEN_ERRORS: tuple[type[Exception], ...] = (ValueError, *_PORT_ERRORS)
+
+if "drivers.simulated" not in serial.protocol_handler_packages:  # where pyserial finds sim://
+    serial.protocol_handler_packages.append("drivers.simulated")
+
+WireLog = Callable[[str, str, bytes], None]
+"""(device, ">" sent or "<" received, bytes)"""
+
+Take = Callable[[bytearray], bytes | None]
+"""Removes one complete message from the front of the buffer and returns it, or None while it is incomplete. Raises
+`ValueError` where the buffer holds what the protocol does not allow."""
+
+_SLICE_S = 0.05  # a read is interrupted this often, so that a reply set aside by `interject` is found in time
+_QUIET_S = 0.05  # silence after which nothing more of an old reply is expected
+
+
+@dataclass(frozen=True)
+class PortInfo:
+    """A serial port of this computer, as the operating system describes it."""
+
+    port: str
+    description: str
+    serial_number: str
+
+
+def available_ports() -> list[PortInfo]:
+    """The serial ports of this computer."""
+    return [PortInfo(p.device, p.description or "", p.serial_number or "") for p in sorted(list_ports.comports())]
+
+
+def take_line(buffer: bytearray) -> bytes | None:
+    """A line of printable ASCII, without its CR LF."""
+    end = buffer.find(b"\r\n")
+    if end < 0:
+        return None
+    line = bytes(buffer[:end])
+    del buffer[: end + 2]
+    if any(not 32 <= byte < 127 for byte in line):
+        raise ValueError(f"{line!r} is not a line of printable text")
+    return line
+
+
+class SerialLine:
+    """One command in flight, one reply, one deadline for the two together.
+
+    After a timeout or garbage the line is out of step: the next `exchange` first throws away what still arrives and
+    calls `resynchronise`, the device's own way of proving that the following reply can only be the next command's. It
+    is given this line and the bytes thrown away. Errors: `DeviceTimeout`, `ProtocolError`, `DeviceLost`.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        port: Any,
+        clock: Clock,
+        *,
+        timeout_s: float,
+        resynchronise: Callable[["SerialLine", bytes], None],
+        max_message: int = 256,
+        wire_log: WireLog | None = None,
+    ) -> None:
+        self.device = device
+        self.timeout_s = timeout_s
+        self.in_step = True
+        self._port = port
+        self._clock = clock
+        self._resynchronise = resynchronise
+        self._max_message = max_message
+        self._wire_log = wire_log
+        self._buffer = bytearray()
+        self._lock = threading.RLock()
+        self._in_flight = False
+        self._lost: DeviceLost | None = None
+
+    @classmethod
+    def open(
+        cls,
+        device: str,
+        url: str,
+        clock: Clock,
+        *,
+        baud: int,
+        timeout_s: float,
+        resynchronise: Callable[["SerialLine", bytes], None],
+        max_message: int = 256,
+        wire_log: WireLog | None = None,
+    ) -> "SerialLine":
+        """Opens a port, `/dev/ttyACM0`, `COM3` or any pyserial URL, for this program alone.
+
+        Raises `DeviceNotFound` and `DeviceBusy`, each saying what to do.
+        """
+        try:
+            port = serial.serial_for_url(url, baudrate=baud, timeout=0, write_timeout=timeout_s, exclusive=True)
+        except _OPEN_ERRORS as error:
+            raise _cannot_open(device, url, error) from error
+        return cls(
+            device,
+            port,
+            clock,
+            timeout_s=timeout_s,
+            resynchronise=resynchronise,
+            max_message=max_message,
+            wire_log=wire_log,
+        )
+
+    def exchange(self, command: bytes, timeout_s: float | None = None, take: Take = take_line) -> bytes:
+        """Sends `command` and returns the message that answers it."""
+        with self._lock:
+            if not self.in_step or self._buffer or self._waiting():
+                self.resynchronise()
+            return self.transact(command, timeout_s, take)
+
+    def transact(self, command: bytes, timeout_s: float | None = None, take: Take = take_line) -> bytes:
+        """`exchange` without the look at what came before: for the `resynchronise` of a device."""
+        with self._lock:
+            deadline_s = self._deadline(timeout_s)
+            self._in_flight = True
+            try:
+                self.write(command)
+                return self._message(deadline_s, take, f"{command!r} was not answered")
+            finally:
+                self._in_flight = False
+
+    def receive(self, timeout_s: float | None = None, take: Take = take_line) -> bytes:
+        """The next message, which nobody asked for (a banner, the further lines of an answer)."""
+        with self._lock:
+            return self._message(self._deadline(timeout_s), take, "nothing complete arrived")
+
+    def interject(self, command: bytes, answer: bytes, timeout_s: float = 0.1) -> None:
+        """Sends a command that cannot wait and returns when `answer` confirms it.
+
+        May be called from a signal handler while another command is in flight: that one's reply is let in first, for
+        half of the time, and put back for whom it belongs to. A busy line is not waited for longer than `timeout_s`:
+        then the command is sent all the same and `DeviceTimeout` says that nothing confirmed it.
+        """
+        if not self._lock.acquire(timeout=timeout_s):
+            self.write(command)
+            raise DeviceTimeout(self.device, f"{command!r} was sent over a busy line and not confirmed.")
+        try:
+            deadline_s = self._deadline(timeout_s)
+            others: list[bytes] = []
+            if self._in_flight:
+                try:
+                    others.append(self._message(self._deadline(timeout_s / 2), take_line, ""))
+                except (DeviceTimeout, ProtocolError):
+                    self.in_step = False
+            self.write(command)
+            while (line := self._message(deadline_s, take_line, f"{command!r} was not confirmed")) != answer:
+                others.append(line)
+            if self._in_flight:
+                self._buffer[:0] = b"".join(line + b"\r\n" for line in others)
+        finally:
+            self._lock.release()
+
+    def resynchronise(self) -> None:
+        """Back in step: what still arrives is thrown away, then the device proves that it listens."""
+        with self._lock:
+            self.in_step = False
+            self._resynchronise(self, self.drain())
+            self.in_step = True
+
+    def drain(self) -> bytes:
+        """Reads until the line has been quiet for 50 ms, for at most the timeout, and returns what came."""
+        with self._lock:
+            drained = bytearray(self._buffer)
+            self._buffer.clear()
+            deadline_s = self._deadline(None)
+            while self._clock.now() < deadline_s and self._fill(_QUIET_S):
+                drained += self._buffer[: self._max_message]
+                self._buffer.clear()
+            return bytes(drained)
+
+    def write(self, data: bytes) -> None:
+        """Sends bytes and expects nothing."""
+        self._check_usable()
+        if self._wire_log:
+            self._wire_log(self.device, ">", data)
+        try:
+            written = self._port.write(data)
+        except serial.SerialTimeoutException as error:
+            self.in_step = False
+            raise DeviceTimeout(self.device, f"{data[:40]!r} could not be sent, the port does not take it.") from error
+        except _PORT_ERRORS as error:
+            raise self._gone(error) from error
+        if written != len(data):
+            self.in_step = False
+            raise DeviceTimeout(self.device, f"only {written} of {len(data)} bytes could be sent.")
+
+    def close(self) -> None:
+        """Releases the port; may be called twice, and after it was unplugged."""
+        if self._lost is None:
+            self._lost = DeviceLost(self.device, "the port is closed.")
+        with contextlib.suppress(*_PORT_ERRORS):  # it may be gone already
+            self._port.close()
+
+    def _deadline(self, timeout_s: float | None) -> float:
+        return self._clock.now() + (self.timeout_s if timeout_s is None else timeout_s)
+
+    def _message(self, deadline_s: float, take: Take, what: str) -> bytes:
+        while True:
+            try:
+                message = take(self._buffer)
+                if message is None and len(self._buffer) > self._max_message:
+                    raise ValueError(f"more than {self._max_message} bytes without an end: {self._buffer[:40]!r}...")
+            except ValueError as error:
+                self._buffer.clear()
+                self.in_step = False
+                raise ProtocolError(self.device, f"{error}.") from error
+            if message is not None:
+                return message
+            remaining_s = deadline_s - self._clock.now()
+            if remaining_s <= 0:
+                self.in_step = False
+                got = f", only {bytes(self._buffer[:40])!r} came" if self._buffer else ""
+                raise DeviceTimeout(self.device, f"{what} in time{got}.", "Check its cable and power.")
+            self._fill(min(remaining_s, _SLICE_S))
+
+    def _fill(self, timeout_s: float) -> int:
+        """Waits for bytes, appends what is there to the buffer; returns how many."""
+        self._check_usable()
+        try:
+            waiting = self._port.in_waiting
+            if not waiting and self._port.timeout != timeout_s:
+                self._port.timeout = timeout_s
+            data: bytes = self._port.read(min(waiting, 4096) or 1)
+        except _PORT_ERRORS as error:
+            raise self._gone(error) from error
+        if data and self._wire_log:
+            self._wire_log(self.device, "<", data)
+        self._buffer += data
+        return len(data)
+
+    def _waiting(self) -> int:
+        self._check_usable()
+        try:
+            return int(self._port.in_waiting)
+        except _PORT_ERRORS as error:
+            raise self._gone(error) from error
+
+    def _check_usable(self) -> None:
+        if self._lost is not None:
+            raise DeviceLost(self.device, self._lost.what, self._lost.remedy)
+
+    def _gone(self, error: Exception) -> DeviceLost:
+        self.in_step = False
+        self._lost = DeviceLost(
+            self.device, f"the serial port went away ({error}).", "Check cable and power, then open the bench again."
+        )
+        return self._lost
+
+
+def _cannot_open(device: str, url: str, error: Exception) -> DeviceError:
+    number, text = getattr(error, "errno", None), str(error)
+    if isinstance(error, ValueError) or number == 2 or "FileNotFoundError" in text:
+        ports = ", ".join(port.port for port in available_ports()) or "none"
+        return DeviceNotFound(
+            device,
+            f"there is no port {url} ({text}).",
+            f"Ports of this computer: {ports}. Plug the device in or correct `port` in the bench file.",
+        )
+    if number == 13:
+        return DeviceBusy(
+            device,
+            f"this user may not open {url}.",
+            "Join the group that owns the port (usually dialout) or add a udev rule, then log in again.",
+        )
+    if number in (11, 16, 35) or "PermissionError" in text:  # EAGAIN on Linux, EBUSY, EAGAIN on macOS, Windows
+        return DeviceBusy(device, f"another program holds {url} ({text}).", "Close it, then try again.")
+    return DeviceNotFound(device, f"{url} could not be opened ({text}).", "Check cable, power and `port`.")
