@@ -1,0 +1,154 @@
+"""PicoQuant files: PTU images, and the older PT3, HT3, T3R, PHD and HHD as scans of single points.
+
+PTU is decoded by `ptufile` (C. Gohlke). T2 files have no delay times and are refused by name.
+"""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import ptufile
+
+from acquisition.errors import InvalidData
+from acquisition.importers.imported import ImportedScan
+from acquisition.importers.picoquant_headers import (
+    Curve,
+    RecordFile,
+    hydraharp_curves,
+    hydraharp_records,
+    instrument_and_version,
+    picoharp_curves,
+    picoharp_records,
+    timeharp_records,
+)
+from acquisition.importers.untrusted_hdf5 import MAX_BYTES
+from acquisition.transient import TimeAxis, Transient
+from acquisition.wall import WallGrid
+
+SUFFIXES = (".ptu", ".pt2", ".pt3", ".ht2", ".ht3", ".t3r", ".phd", ".hhd")
+_NO_WALL = "the wall's size is not stored; 1 m x 1 m stands in"
+
+
+def read_picoquant(path: Path) -> ImportedScan:
+    """Reads a PicoQuant file as a scan. Raises `InvalidData` naming file and reason."""
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    if path.stat().st_size > MAX_BYTES:
+        raise InvalidData(f"{path}: is {path.stat().st_size / 2**30:.1f} GiB; at most {MAX_BYTES >> 30} GiB are read")
+    with path.open("rb") as file:
+        magic = file.read(6)
+    if magic == b"PQTTTR":
+        return _read_ptu(path)
+    name, data = str(path), path.read_bytes()
+    ident, version = instrument_and_version(name, data)
+    suffix = path.suffix.lower()
+    match ident, version, suffix:
+        case "PicoHarp 300", "2.0", ".phd":
+            return _points(path, "PicoHarp PHD", picoharp_curves(name, data), data)
+        case "HydraHarp", "1.0" | "2.0", ".hhd":
+            return _points(path, "HydraHarp HHD", hydraharp_curves(name, data), data)
+        case "PicoHarp 300", "2.0", _:
+            return _one_point(path, "PicoHarp PT3", picoharp_records(name, data), data)
+        case "HydraHarp", "1.0" | "2.0", _:
+            return _one_point(path, "HydraHarp HT3", hydraharp_records(name, data), data)
+        case "TimeHarp 200", "5.0", _:
+            return _one_point(path, "TimeHarp T3R", timeharp_records(name, data), data)
+    raise InvalidData(f"{path}: {ident!r} format {version!r} is not read; known: PTU, PT3, HT3, T3R 5.0, PHD, HHD")
+
+
+def _read_ptu(path: Path) -> ImportedScan:
+    try:
+        with ptufile.PtuFile(path) as ptu:
+            tags = ptu.tags
+            if int(tags.get("Measurement_Mode", 3)) == 2:
+                raise InvalidData(f"{path}: is a T2 measurement: it has no delay times, so no histograms")
+            shape = tuple(int(n) for n in ptu.shape)
+            if int(tags.get("Measurement_SubMode", 0)) != 3 or len(shape) != 5:
+                raise InvalidData(f"{path}: is a point or line measurement, not an image of scan points")
+            _, rows, cols, _, bins = shape
+            if min(shape) < 1 or rows * cols * bins * 4 > MAX_BYTES:
+                raise InvalidData(f"{path}: states an image of {shape}, beyond {MAX_BYTES >> 30} GiB")
+            image = np.asarray(ptu.decode_image(frame=-1, channel=-1, dtype=np.uint32))
+            bin_width_s, dwell_s = float(ptu.tcspc_resolution), float(tags.get("ImgHdr_TimePerPixel", 0.0)) * 1e-3
+            frames = shape[0]
+    except (ptufile.PqFileError, ValueError, KeyError, IndexError, TypeError, OverflowError, ZeroDivisionError,
+            struct.error, MemoryError, EOFError, AttributeError, UnicodeDecodeError) as error:  # fmt: skip
+        if isinstance(error, InvalidData):
+            raise
+        raise InvalidData(f"{path}: not a readable PTU file ({type(error).__name__}: {error})") from error
+    counts = image.reshape(rows, cols, bins)
+    notes = [_NO_WALL, "photons between lines and outside frames are no points of the scan and are left behind"]
+    if not dwell_s > 0:
+        notes.append("the dwell is not stored; 1 s per point is assumed")
+    exposure = np.full((rows, cols), dwell_s * frames if dwell_s > 0 else 1.0)
+    return _scan(counts, exposure, bin_width_s, "PTU image", tuple(notes), path)
+
+
+def _one_point(path: Path, name: str, head: RecordFile, data: bytes) -> ImportedScan:
+    """All photons of a T3 file as the histogram of one point."""
+    if not head.t3:
+        raise InvalidData(f"{path}: is a T2 measurement: it has no delay times, so no histograms")
+    if not 0 <= head.records <= (len(data) - head.records_at) // 4:
+        raise InvalidData(f"{path}: states {head.records} records, but {len(data) - head.records_at} bytes follow")
+    records = np.frombuffer(data, "<u4", head.records, head.records_at)
+    if head.instrument == "HydraHarp 400":
+        delays = (records[records >> 31 == 0] >> 10) & 0x7FFF
+    elif head.instrument == "PicoHarp 300":
+        delays = (records[records >> 28 != 15] >> 16) & 0xFFF
+    else:
+        delays = (records[(records >> 30) & 1 == 1] >> 16) & 0xFFF
+    if delays.size == 0:
+        raise InvalidData(f"{path}: holds no photons")
+    counts = np.bincount(delays, minlength=1).astype(np.uint32)[None, None]
+    notes = [_NO_WALL, "arrival times since the start and marker signals are left behind"]
+    if head.instrument == "TimeHarp 200":
+        notes.append("delays are as recorded: this instrument runs in reversed start-stop mode")
+    exposure = np.full((1, 1), head.acquisition_s if head.acquisition_s > 0 else 1.0)
+    return _scan(counts, exposure, head.bin_width_s, name, tuple(notes), path)
+
+
+def _points(path: Path, name: str, curves: list[Curve], data: bytes) -> ImportedScan:
+    """Stored histograms as a row of points, all on the time axis of the coarsest."""
+    if not curves:
+        raise InvalidData(f"{path}: holds no histograms")
+    coarsest_s = max(curve.bin_width_s for curve in curves)
+    rows = []
+    for index, curve in enumerate(curves):
+        if not 0 < curve.bins <= 65536 or curve.at < 0 or curve.at + 4 * curve.bins > len(data):
+            raise InvalidData(f"{path}: histogram {index}: states {curve.bins} bins at byte {curve.at}")
+        counts = np.frombuffer(data, "<u4", curve.bins, curve.at)
+        if int(counts.sum(dtype=np.uint64)) != curve.total:
+            raise InvalidData(f"{path}: histogram {index}: sums to {counts.sum()}, its header says {curve.total}")
+        ratio = coarsest_s / curve.bin_width_s if curve.bin_width_s > 0 else 0.0
+        if not 0.5 < ratio <= 65536 or abs(ratio - round(ratio)) > 1e-3:
+            raise InvalidData(f"{path}: histogram {index}: {curve.bin_width_s:g} s bins do not fit {coarsest_s:g} s")
+        starts = np.arange(0, curve.bins, round(ratio))
+        rows.append(np.add.reduceat(counts, starts))
+    bins = max(row.size for row in rows)
+    counts = np.stack([np.pad(row, (0, bins - row.size)) for row in rows])
+    exposure = np.array([[curve.acquisition_s if curve.acquisition_s > 0 else 1.0 for curve in curves]])
+    notes = [_NO_WALL]
+    if len({curve.bin_width_s for curve in curves}) > 1:
+        notes.append(f"finer histograms were summed to the coarsest bin width, {coarsest_s * 1e12:g} ps")
+    return _scan(counts[None], exposure, coarsest_s, name, tuple(notes), path)
+
+
+def _scan(
+    counts: npt.NDArray[np.uint32],
+    exposure_s: npt.NDArray[np.float64],
+    bin_width_s: float,
+    name: str,
+    notes: tuple[str, ...],
+    path: Path,
+) -> ImportedScan:
+    rows, cols, bins = counts.shape
+    if not 1e-13 <= bin_width_s <= 1e-6:
+        raise InvalidData(f"{path}: states a bin width of {bin_width_s:g} s")
+    transient = Transient(
+        np.ascontiguousarray(np.moveaxis(counts, 2, 0), dtype=np.float32),
+        exposure_s,
+        WallGrid(1.0, 1.0, rows, cols),
+        TimeAxis(bins, bin_width_s),
+    )
+    return ImportedScan(transient, name, rectified=False, notes=notes)
