@@ -1,0 +1,158 @@
+"""Training samples from (seed, index), cached on disk: a scene, its transient, a detector's counts, and the truth.
+
+One scene is rendered once and measured `degradations` times. Sample i belongs to scene i // degradations and is the
+same whoever asks, in whatever order, cached or not. A cache is a folder of one safetensors file per scene; several
+processes may fill it at the same time.
+"""
+
+import hashlib
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
+
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+from configs.settings import Settings
+from recon.training.detector import DetectorSettings, measure
+from recon.training.rendering import render
+from recon.training.scenes import GENERATOR, front_view, make_scene, surfels
+from recon.training.shapes import Array
+
+TRUTH = ("intensity", "albedo", "depth_m", "coverage")
+
+
+class DatasetSettings(Settings):
+    """Which samples: geometry, how many scenes, of which kinds, how measured. Equal settings mean equal samples."""
+
+    seed: int = 1
+    scenes: int = 2000
+    degradations: int = 3
+    held_out: bool = False
+    kinds: tuple[str, ...] = ()
+    wall_width_m: float = 2.0
+    rows: int = 64
+    cols: int = 64
+    bins: int = 256
+    bin_width_ps: float = 64.0
+    retroreflective: bool = False
+    detector: DetectorSettings = DetectorSettings()
+
+    @property
+    def wall(self) -> WallGrid:
+        return WallGrid(self.wall_width_m, self.wall_width_m * self.rows / self.cols, self.rows, self.cols)
+
+    @property
+    def time(self) -> TimeAxis:
+        return TimeAxis(self.bins, self.bin_width_ps * 1e-12)
+
+    def __len__(self) -> int:
+        return self.scenes * self.degradations
+
+
+@dataclass(frozen=True)
+class TrainingSample:
+    """Counts, how they were measured, and the truth they should lead to; all on the scan grid."""
+
+    counts: npt.NDArray[np.uint16]  # (T, H, W)
+    exposure: Array  # (H, W) relative dwell, mean 1 over measured points, 0 = not measured
+    noise_map: Array  # (H, W) standard deviation a bin over exposure and mean signal peak; inf = not measured
+    noise_level: float  # its root mean square over measured points
+    background: float  # expected background counts a bin at exposure 1
+    intensity: Array  # (H, W) albedo |cos| coverage: what the front view shows
+    albedo: Array  # (H, W)
+    depth_m: Array  # (H, W), 0 where less than half of the pixel is covered
+    coverage: Array  # (H, W)
+    normal: Array  # (3, H, W)
+    kind: str
+    condition: str
+
+
+def sample(settings: DatasetSettings, index: int, cache: Path | None = None) -> TrainingSample:
+    """Sample `index` (0 .. len(settings) - 1); with a `cache` folder it is read from there, or made and put there.
+
+    Raises IndexError outside that range.
+    """
+    if not 0 <= index < len(settings):
+        raise IndexError(f"sample {index} of {len(settings)}")
+    scene, which = divmod(index, settings.degradations)
+    if cache is None:
+        return _unpack(*_make(settings, scene, (which,)), which)
+    path = cache_folder(settings, cache) / f"{scene:06d}.safetensors"
+    try:
+        return _read(path, which)
+    except (FileNotFoundError, SafetensorError):
+        arrays, words = _make(settings, scene, tuple(range(settings.degradations)))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_suffix(f".{os.getpid()}.partial")
+        save_file(arrays, partial, metadata=words)
+        partial.replace(path)
+        return _unpack(arrays, words, which)
+
+
+def cache_folder(settings: DatasetSettings, cache: Path) -> Path:
+    """Where samples of these settings lie in `cache`: the name changes with anything that changes them.
+
+    The number of scenes does not: a longer run uses what a shorter one made.
+    """
+    described = settings.model_dump(mode="json", exclude={"scenes"}) | {"generator": GENERATOR}
+    return cache / hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def collate(samples: list[TrainingSample]) -> dict[str, torch.Tensor]:
+    """Batch: counts (B, 1, T, H, W) float32; truth, exposure, noise_map (B, H, W); normal (B, 3, H, W), levels (B,)."""
+    batch = {
+        name: torch.from_numpy(np.stack([getattr(s, name) for s in samples]))
+        for name in ("exposure", "noise_map", "normal", *TRUTH)
+    }
+    batch["counts"] = torch.from_numpy(np.stack([s.counts.astype(np.float32) for s in samples])[:, None])
+    for name in ("noise_level", "background"):
+        batch[name] = torch.tensor([getattr(s, name) for s in samples], dtype=torch.float32)
+    return batch
+
+
+def _make(
+    settings: DatasetSettings, scene_number: int, wanted: tuple[int, ...]
+) -> tuple[dict[str, npt.NDArray[np.generic]], dict[str, str]]:
+    scene = make_scene(settings.seed, scene_number, settings.wall, held_out=settings.held_out, kinds=settings.kinds)
+    view = front_view(scene, settings.wall)
+    rng = np.random.default_rng((settings.seed, scene_number, int(settings.held_out), 1))
+    transient = render(
+        surfels(scene, rng), settings.wall, settings.time, retroreflective=settings.retroreflective
+    ).numpy()
+    arrays: dict[str, npt.NDArray[np.generic]] = {name: getattr(view, name) for name in TRUTH}
+    arrays["normal"] = view.normal
+    words = {"kind": scene.kind}
+    for k in wanted:
+        draw = np.random.default_rng((settings.seed, scene_number, int(settings.held_out), 2, k))
+        got = measure(transient, settings.time, settings.detector, draw)
+        small = got.counts.max() <= np.iinfo(np.uint8).max
+        arrays[f"counts_{k}"] = got.counts.astype(np.uint8) if small else got.counts
+        arrays[f"exposure_{k}"], arrays[f"noise_map_{k}"] = got.exposure, got.noise_map
+        words[f"measured_{k}"] = json.dumps([got.background, got.noise_level, got.condition])
+    return {name: np.ascontiguousarray(array) for name, array in arrays.items()}, words
+
+
+def _unpack(arrays: dict[str, npt.NDArray[np.generic]], words: dict[str, str], which: int) -> TrainingSample:
+    background, noise_level, condition = json.loads(words[f"measured_{which}"])
+    return TrainingSample(
+        counts=arrays[f"counts_{which}"].astype(np.uint16),
+        **{name: arrays[f"{name}_{which}"].astype(np.float32) for name in ("exposure", "noise_map")},
+        **{name: arrays[name].astype(np.float32) for name in (*TRUTH, "normal")},
+        noise_level=noise_level,
+        background=background,
+        kind=words["kind"],
+        condition=condition,
+    )
+
+
+def _read(path: Path, which: int) -> TrainingSample:
+    with safe_open(path, framework="numpy") as file:
+        names = (*TRUTH, "normal", f"counts_{which}", f"exposure_{which}", f"noise_map_{which}")
+        return _unpack({name: file.get_tensor(name) for name in names}, file.metadata(), which)
