@@ -1,0 +1,62 @@
+"""Which format a file is in, told by its contents, and the importer that reads it."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from acquisition.errors import InvalidData
+from acquisition.importers.imported import ImportedScan
+from acquisition.importers.matlab import read_matlab
+from acquisition.importers.npz import read_npz
+from acquisition.importers.picoquant import SUFFIXES as PICOQUANT_SUFFIXES
+from acquisition.importers.picoquant import read_picoquant
+from acquisition.importers.plain import read_plain
+from acquisition.importers.untrusted_hdf5 import open_hdf5
+from acquisition.importers.ytal import read_ytal, read_zaragoza
+from acquisition.recording_header import FORMAT
+
+_HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+Reader = Callable[[Path], ImportedScan]
+
+
+def is_recording(path: Path) -> bool:
+    """Whether `path` is a recording of our own."""
+    if _magic(path) != _HDF5_MAGIC:
+        return False
+    with open_hdf5(path) as file:
+        stated = file.attrs.get("format", "")
+    return (stated.decode("ascii", "replace") if isinstance(stated, bytes) else stated) == FORMAT
+
+
+def reader_of(path: Path) -> Reader:
+    """The importer for a file. Raises `InvalidData` where none knows its contents."""
+    suffix, magic = path.suffix.lower(), _magic(path)
+    if suffix == ".mat":
+        return read_matlab
+    if suffix == ".npz":
+        return read_npz
+    if suffix in PICOQUANT_SUFFIXES or magic[:6] == b"PQTTTR":
+        return read_picoquant
+    if magic == _HDF5_MAGIC:
+        with open_hdf5(path) as file:
+            names = set(file.keys())
+        if {"H", "H_format"} <= names:
+            return read_ytal
+        if {"data", "cameraGridPositions"} <= names:
+            return read_zaragoza
+        return read_plain
+    raise InvalidData(
+        f"{path}: in no format that is read here (HDF5, MAT, NPZ, PTU, PT3, HT3, T3R, PHD, HHD). Its name ends in "
+        f"'{suffix}' and it begins with {magic!r}."
+    )
+
+
+def read_any(path: Path) -> ImportedScan:
+    """Reads a scan in any known foreign format. Raises `InvalidData` naming file, place and reason."""
+    return reader_of(path)(path)
+
+
+def _magic(path: Path) -> bytes:
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    with path.open("rb") as file:
+        return file.read(8)
