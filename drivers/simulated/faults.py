@@ -36,10 +36,13 @@ class FaultPlan:
     def __init__(self, faults: Sequence[Fault] = ()) -> None:
         self._pending = [_Pending(fault, fault.skip, fault.times) for fault in faults]
 
-    def strikes(self, name: str, now_s: float) -> Fault | None:
-        """The fault to commit at this occasion, or None."""
+    def strikes(self, name: str, now_s: float, place: str = "") -> Fault | None:
+        """The fault to commit at this occasion, or None. Where a fault can happen in several places, one whose
+        parameters name a `place` strikes only there."""
         for entry in self._pending:
             if entry.fault.name != name or now_s < entry.fault.after_s or entry.times == 0:
+                continue
+            if entry.fault.parameters.get("place", place) != place:
                 continue
             if entry.skip > 0:
                 entry.skip -= 1
