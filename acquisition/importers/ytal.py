@@ -50,7 +50,7 @@ def read_zaragoza(path: Path) -> ImportedScan:
         delta_m, start_m = _scalar(file, "deltaT"), _scalar(file, "t0")
         origins = [_point(file, "laserPosition"), _point(file, "cameraPosition")]
     # Two axis orders are in use: (sy, sx, bounce, t, colour) and (colour, t, bounce, sx, sy).
-    if data.shape[0] <= 3 and data.shape[4] > 3:
+    if data.shape[0] <= 3 and data.shape[3:] in (grid.shape[1:], grid.shape[:2]):
         counts = data.sum(axis=(0, 2))
     else:
         counts = np.moveaxis(data.sum(axis=(2, 4)), 2, 0).swapaxes(1, 2)
