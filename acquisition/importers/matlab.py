@@ -125,8 +125,20 @@ def _shapes(path: Path) -> dict[str, tuple[int, ...]]:
         raise InvalidData(f"{path}: not a readable MATLAB file ({error or type(error).__name__})") from error
 
 
-_BROKEN = (MatReadError, ValueError, TypeError, KeyError, IndexError, OSError, OverflowError, MemoryError,
-           NotImplementedError, AttributeError, zlib.error, struct.error)  # fmt: skip
+_BROKEN = (
+    MatReadError,
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    NameError,
+    NotImplementedError,
+    OSError,
+    TypeError,
+    ValueError,
+    struct.error,
+    zlib.error,
+)
 """What scipy's reader raises on a damaged file."""
 
 

@@ -1,0 +1,130 @@
+"""From a file to a picture: read, calibrate, reconstruct, write. What `scan --reconstruct` and `reconstruct` share."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.exit_codes import UsageError
+from nlos.terminal import terminal
+
+if TYPE_CHECKING:
+    from acquisition.transient import Transient
+    from recon.volume import Reconstruction
+
+
+@dataclass(frozen=True)
+class LoadedScan:
+    """A scan from any file, before calibration."""
+
+    transient: "Transient"
+    rectified: bool
+    direct_cut_bins: int | None
+    """The file's own cut; None where the direct light has to be found."""
+    falloff: int | None
+    offset_bins: npt.NDArray[np.float64] | None  # (H, W)
+    """The file's own time offsets."""
+
+
+def load_scan(path: Path) -> LoadedScan:
+    """Reads our own recordings and every format that an importer knows. Raises `InvalidData`."""
+    from acquisition.importers.formats import is_recording, read_any
+    from acquisition.recording import Recording
+
+    if is_recording(path):
+        with Recording.open(path) as recording:
+            return LoadedScan(recording.transient(), False, None, None, None)
+    scan = read_any(path)
+    for note in scan.notes:
+        terminal.log(f"{path}: {note}", 1)
+    cut = scan.direct_cut_bins if scan.direct_cut_bins > 0 else None
+    return LoadedScan(scan.transient, scan.rectified, cut, scan.falloff, scan.time_offset_bins)
+
+
+def calibrate_scan(scan: LoadedScan, use_file_offsets: bool = False) -> "Transient":
+    """The transient that the physics can use: time 0 at the direct arrival, direct light removed.
+
+    A rectified file that states its cut gets that cut; one that states none is left as it is.
+    """
+    from calibration.correct import correct
+
+    transient = scan.transient
+    if scan.rectified:
+        return cut_direct(transient, scan.direct_cut_bins or 0)
+    if use_file_offsets:
+        if scan.offset_bins is None:
+            raise UsageError("offsets=file: the file has no time_offset_bins")
+        return correct(transient, offset_bins=scan.offset_bins).transient
+    corrected = correct(transient)
+    report = corrected.report()
+    if report["offset_rms_ps"] is not None:
+        terminal.log(
+            f"calibrated: offsets to {report['offset_rms_ps']:.1f} ps RMS of the wall fit, "
+            f"direct light masked up to {report['direct_masked_ns']:.2f} ns"
+        )
+    return corrected.transient
+
+
+def cut_direct(transient: "Transient", bins: int) -> "Transient":
+    """The same transient with its first `bins` set to zero."""
+    from dataclasses import replace
+
+    if bins == 0:
+        return transient
+    counts = transient.counts.copy()
+    counts[:bins] = 0
+    return replace(transient, counts=counts)
+
+
+def reconstruct_file(
+    run: Path,
+    method: str,
+    settings: dict[str, object],
+    folder: Path,
+    *,
+    device: str = "cpu",
+    html: bool = False,
+    volume: bool = True,
+    overwrite: bool = False,
+) -> "Reconstruction":
+    """One file to one folder of results. `settings` are the method's; `offsets=file` is this function's own."""
+    from recon.reconstruct import reconstruct
+    from recon.results import check_writable, write_results
+
+    check_writable(folder, overwrite)
+    scan = load_scan(run)
+    chosen = dict(settings)
+    offsets = chosen.pop("offsets", None)
+    if offsets not in (None, "file"):
+        raise UsageError(f"offsets={offsets}: only `offsets=file` is known")
+    transient = calibrate_scan(scan, offsets == "file")
+    if scan.falloff is not None:
+        chosen.setdefault("falloff", scan.falloff)
+    result = reconstruct(transient, method, chosen, device)
+    write_results(folder, result, overwrite=overwrite, html=html, volume=volume)
+    return result
+
+
+def parse_settings(pairs: Sequence[str]) -> dict[str, object]:
+    """`key=value` words as settings: numbers, true/false, or text. Raises `UsageError`."""
+    chosen: dict[str, object] = {}
+    for pair in pairs:
+        key, equals, text = pair.partition("=")
+        if not equals or not key:
+            raise UsageError(f"--set {pair}: must be key=value")
+        if key in chosen:
+            raise UsageError(f"--set {key}: given twice")
+        chosen[key] = _value(text)
+    return chosen
+
+
+def _value(text: str) -> object:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return {"true": True, "false": False}.get(text.lower(), text)

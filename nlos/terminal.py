@@ -1,0 +1,69 @@
+"""What the user asked to see: results on stdout, progress and log on stderr, one JSON document with --json."""
+
+import json
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+
+@dataclass
+class Terminal:
+    """The options that every verb knows, and the two streams. One per process: `terminal`."""
+
+    as_json: bool = False
+    verbosity: int = 0
+    wire_log: Path | None = None
+    document: dict[str, Any] = field(default_factory=dict)
+
+    def result(self, text: str, **values: Any) -> None:
+        """A line of the result. Its values go into the JSON document instead with --json."""
+        self.document.update(values)
+        if not self.as_json:
+            print(text, flush=True)
+
+    def log(self, text: str, level: int = 0) -> None:
+        """A line on stderr, shown when the verbosity is at least `level` (-1 shows even with -q)."""
+        if self.verbosity >= level:
+            print(text, file=sys.stderr, flush=True)
+
+    def finish(self) -> None:
+        """Prints the JSON document, when that was asked for."""
+        if self.as_json:
+            print(json.dumps(self.document, default=str), flush=True)
+
+
+terminal = Terminal()
+
+
+def take_global_options(arguments: list[str]) -> tuple[list[str], bool]:
+    """Removes the options that are allowed everywhere and sets `terminal` by them.
+
+    Returns the other arguments and whether --version was asked for. Raises `ValueError` for a --wire-log without a
+    file. Everything after `--` is left alone.
+    """
+    rest: list[str] = []
+    version = False
+    pending = list(arguments)
+    while pending:
+        word = pending.pop(0)
+        if word == "--":
+            return [*rest, word, *pending], version
+        match word:
+            case "--json":
+                terminal.as_json = True
+            case "-v" | "--verbose":
+                terminal.verbosity += 1
+            case "-q" | "--quiet":
+                terminal.verbosity -= 1
+            case "--version":
+                version = True
+            case "--wire-log":
+                if not pending:
+                    raise ValueError("--wire-log needs a file")
+                terminal.wire_log = Path(pending.pop(0))
+            case _ if word.startswith("--wire-log="):
+                terminal.wire_log = Path(word.partition("=")[2])
+            case _:
+                rest.append(word)
+    return rest, version
