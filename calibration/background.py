@@ -1,0 +1,65 @@
+"""Counts that no laser pulse made: dark counts, ambient light and late afterpulses."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+FEWEST_BINS = 8
+
+
+@dataclass(frozen=True)
+class Background:
+    """Expected background counts in each bin of each point, and their standard error, both (N,)."""
+
+    per_bin: Floats
+    error: Floats
+
+
+def before_pulse(counts: npt.ArrayLike, end_bins: npt.ArrayLike) -> Background:
+    """From the bins before `end_bins` (N,), where no light of the present pulse can be.
+
+    Each point's own mean, drawn towards the mean over all points as far as its counts do not tell them apart (gamma
+    prior by moments). Points with fewer than 8 such bins get all points' mean; without any, the background is 0 and
+    its error infinite.
+    """
+    recorded = np.asarray(counts)
+    points, bins = recorded.shape
+    length = np.clip(np.floor(np.nan_to_num(np.asarray(end_bins, dtype=np.float64))), 0, bins)
+    length[length < FEWEST_BINS] = 0
+    total = np.array([row[: int(end)].sum(dtype=np.float64) for row, end in zip(recorded, length, strict=True)])
+    if not length.sum():
+        return Background(np.zeros(points), np.full(points, np.inf))
+    pooled = total.sum() / length.sum()
+    used = length > 0
+    spread = float(np.mean((total[used] - pooled * length[used]) ** 2 - pooled * length[used]))
+    between = max(spread / float(np.mean(length[used] ** 2)), 0.0)  # variance of the rate from point to point
+    if pooled <= 0 or between <= 0:
+        return Background(np.full(points, pooled), np.full(points, np.sqrt(pooled / length.sum())))
+    weight = pooled / between  # the prior is worth this many bins
+    per_bin = (total + weight * pooled) / (length + weight)
+    return Background(per_bin, np.sqrt(per_bin / (length + weight)))
+
+
+def dark_rate_per_bin(counts: npt.ArrayLike, exposure_s: npt.ArrayLike) -> tuple[Floats, Floats]:
+    """Counts per second in each bin and its standard error, both (T,), from a scan with the shutter closed.
+
+    `counts` (N, T), `exposure_s` (N,). The error of an empty bin is that of one count.
+    """
+    recorded = np.asarray(counts, dtype=np.float64)
+    total_s = float(np.sum(exposure_s))
+    if not total_s > 0:
+        raise ValueError("a dark rate needs some exposure")
+    total = recorded.sum(axis=0)
+    return total / total_s, np.sqrt(np.maximum(total, 1.0)) / total_s
+
+
+def subtract(counts: npt.ArrayLike, per_bin: npt.ArrayLike) -> npt.NDArray[np.float32]:
+    """Counts less the expected background, negative where chance has it so: clipping would add light. `per_bin` is
+    (N,), or (N, T) or (T,)-shaped where it depends on the bin."""
+    recorded = np.asarray(counts)
+    expected = np.asarray(per_bin, dtype=np.float32)
+    if expected.shape == recorded.shape[:1] and expected.shape != recorded.shape[1:]:
+        expected = expected[:, None]
+    return np.asarray(recorded - expected, dtype=np.float32)

@@ -1,0 +1,101 @@
+"""The instrument's impulse response: what one instant of light looks like after laser pulse, detector and counter."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ImpulseResponse:
+    """Photon density over time, area 1, piecewise constant on steps of `step_s`; time 0 is its maximum.
+
+    Step k covers [start_s + k step_s, start_s + (k + 1) step_s).
+    """
+
+    density: Floats  # (K,)
+    step_s: float
+    start_s: float
+
+    def __post_init__(self) -> None:
+        if self.density.ndim != 1 or not np.isfinite(self.density).all() or (self.density < 0).any():
+            raise ValueError("an impulse response is a row of finite numbers that are not negative")
+        if not (self.step_s > 0 and abs(self.density.sum() * self.step_s - 1) < 1e-6):
+            raise ValueError("an impulse response has a step above 0 and an area of 1")
+
+    @property
+    def end_s(self) -> float:
+        return self.start_s + len(self.density) * self.step_s
+
+    def share_before(self, time_s: npt.ArrayLike) -> Floats:
+        """Share of the photons that arrive before `time_s` after the maximum."""
+        edges = self.start_s + np.arange(len(self.density) + 1) * self.step_s
+        running = np.concatenate([[0.0], np.cumsum(self.density) * self.step_s])
+        return np.asarray(np.interp(np.asarray(time_s, dtype=np.float64), edges, running))
+
+    def in_bins(self, first_edge_s: npt.ArrayLike, bins: int, bin_width_s: float) -> Floats:
+        """Share of photons in each of `bins` bins from `first_edge_s` on, shape (..., bins)."""
+        edges = np.asarray(first_edge_s, dtype=np.float64)[..., None] + np.arange(bins + 1) * bin_width_s
+        return np.diff(self.share_before(edges), axis=-1)
+
+    def fwhm_s(self) -> float:
+        """Full width at half maximum, between the outermost crossings next to the maximum."""
+        above = np.flatnonzero(self.density >= self.density.max() / 2)
+        return float((above[-1] - above[0] + 1) * self.step_s)
+
+    def cropped(self, level: float) -> "ImpulseResponse":
+        """The part around the maximum that stays above `level` times the maximum, area 1 again."""
+        low = self.density < level * self.density.max()
+        peak = int(np.argmax(self.density))
+        before = np.flatnonzero(low[:peak])
+        after = np.flatnonzero(low[peak:])
+        first = int(before[-1]) + 1 if len(before) else 0
+        end = peak + int(after[0]) if len(after) else len(self.density)
+        return from_histogram(self.density[first:end], self.step_s, peak_s=-(self.start_s + first * self.step_s))
+
+
+def from_histogram(counts: npt.ArrayLike, bin_width_s: float, peak_s: float | None = None) -> ImpulseResponse:
+    """A response from a histogram of a single sharp reflection, background already subtracted (negatives become 0).
+
+    Time 0 is `peak_s` after the first edge; by default the maximum of the parabola through the highest bin and its
+    neighbours.
+    """
+    values = np.clip(np.asarray(counts, dtype=np.float64), 0, None)
+    if values.ndim != 1 or not np.isfinite(values).all() or not values.sum() > 0:
+        raise ValueError("an impulse response needs one row of finite counts, some above 0")
+    if peak_s is None:
+        top = int(np.argmax(values))
+        peak_s = (top + 0.5 + vertex(*(values[np.clip([top - 1, top, top + 1], 0, len(values) - 1)]))) * bin_width_s
+    return ImpulseResponse(values / (values.sum() * bin_width_s), bin_width_s, -peak_s)
+
+
+def gaussian(fwhm_s: float, step_s: float) -> ImpulseResponse:
+    """A normal distribution of the given full width at half maximum."""
+    sigma_s = fwhm_s / 2.354820045
+    steps = 2 * int(np.ceil(4 * sigma_s / step_s)) + 1
+    times = (np.arange(steps) - steps // 2) * step_s
+    return from_histogram(np.exp(-0.5 * (times / sigma_s) ** 2), step_s, peak_s=(steps // 2 + 0.5) * step_s)
+
+
+def vertex(before: float, top: float, after: float) -> float:
+    """Where the parabola through three equidistant values has its maximum, in steps from the middle one (+-0.5)."""
+    bend = before - 2 * top + after
+    return 0.0 if bend >= 0 else float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5))
+
+
+def stack(counts: npt.ArrayLike, arrival_bins: npt.ArrayLike, before: int, after: int, oversampling: int) -> Floats:
+    """Sum of histograms (N, T) around their arrivals (N,), `oversampling` steps a bin, shape ((before + after) *
+    oversampling,): arrivals that differ by fractions of a bin let the sum resolve finer than one."""
+    recorded = np.asarray(counts)
+    record = recorded.shape[1]
+    total = np.zeros((before + after) * oversampling + 1)
+    edges = np.arange(len(total)) / oversampling - before
+    for histogram, arrival in zip(recorded, np.asarray(arrival_bins, dtype=np.float64), strict=True):
+        low = max(int(np.floor(arrival)) - before - 1, 0)
+        high = min(int(np.ceil(arrival)) + after + 1, record)
+        if high > low:
+            running = np.concatenate([[0.0], np.cumsum(histogram[low:high], dtype=np.float64)])
+            total += np.interp(arrival + edges, np.arange(low, high + 1), running)
+    return np.diff(total)

@@ -1,0 +1,119 @@
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+from calibration.errors import NoDirectPeak
+from calibration.impulse_response import gaussian
+from calibration.time_offset import TimeOffsets, measure_time_offsets
+from tests.calibration.conftest import RawScan, make_raw_scan
+
+SHARED = Path(__file__).parents[3] / "shared" / "data"
+needs_shared = pytest.mark.skipif(not SHARED.exists(), reason="../shared is not here")
+
+
+def measure(scan: RawScan, **more: object) -> TimeOffsets:
+    axis = TimeAxis(scan.counts.shape[1], scan.bin_width_s)
+    return measure_time_offsets(scan.counts, scan.x_m, scan.y_m, axis, **more)  # type: ignore[arg-type]
+
+
+def rms(off: np.ndarray) -> float:
+    return float(np.sqrt(np.mean((off - off.mean()) ** 2)))
+
+
+def test_offsets_are_found_to_a_fraction_of_a_bin(raw_scan: RawScan) -> None:
+    assert rms(measure(raw_scan).offset_bins - raw_scan.arrival_bins) < 0.05
+
+
+def test_the_direct_arrival_is_the_maximum_of_the_pulse(raw_scan: RawScan) -> None:
+    assert abs(np.mean(measure(raw_scan).offset_bins - raw_scan.arrival_bins)) < 0.3
+
+
+def test_scanner_and_delay_lie_within_their_errors(raw_scan: RawScan) -> None:
+    wall = measure(raw_scan, response=gaussian(70e-12, 4e-12)).wall
+    assert wall is not None
+    assert (np.abs(wall.scanner_position_m - raw_scan.scanner_m) < 4 * wall.position_error_m).all()
+    assert wall.position_error_m[2] < 0.02
+
+
+def test_points_of_few_photons_lean_on_the_wall() -> None:
+    scan = make_raw_scan(direct_counts=15, hidden_counts=0.5, background=0.002)
+    found = measure(scan)
+    assert rms(found.offset_bins - scan.arrival_bins) < 0.2
+    assert rms(found.offset_bins - scan.arrival_bins) < rms(
+        found.measured_bins[found.found] - scan.arrival_bins[found.found]
+    )
+
+
+def test_outliers_are_bridged() -> None:
+    scan = make_raw_scan()
+    counts = scan.counts.copy()
+    for point in (7, 100, 101, 200):  # a glint from the room, brighter than the wall, 40 bins early
+        counts[point, int(scan.arrival_bins[point]) - 40] += 3 * counts[point].max()
+    axis = TimeAxis(512, scan.bin_width_s)
+    found = measure_time_offsets(counts, scan.x_m, scan.y_m, axis)
+    off = found.offset_bins - scan.arrival_bins
+    assert np.abs(off - np.median(off)).max() < 0.5
+
+
+def test_a_step_in_the_wall_is_kept() -> None:
+    scan = make_raw_scan()
+    step = (scan.x_m > 0.7) & (scan.y_m > 0.7)
+    counts = scan.counts.copy()
+    counts[step] = np.roll(counts[step], -30, axis=1)
+    found = measure_time_offsets(counts, scan.x_m, scan.y_m, TimeAxis(512, scan.bin_width_s))
+    off = found.offset_bins - scan.arrival_bins + 30 * step
+    assert np.abs(off - np.median(off)).max() < 0.5
+
+
+def test_points_without_exposure_get_the_walls_prediction(raw_scan: RawScan) -> None:
+    counts, exposed = raw_scan.counts.copy(), np.ones(len(raw_scan.counts), bool)
+    exposed[5:9] = False
+    counts[5:9] = 0
+    axis = TimeAxis(512, raw_scan.bin_width_s)
+    found = measure_time_offsets(counts, raw_scan.x_m, raw_scan.y_m, axis, exposed=exposed)
+    assert not found.found[5:9].any()
+    assert rms(found.offset_bins - raw_scan.arrival_bins) < 0.05
+
+
+def test_a_closed_shutter_is_told_apart() -> None:
+    dark = np.random.default_rng(0).poisson(0.05, (30, 512))
+    with pytest.raises(NoDirectPeak, match=r"point \d+"):
+        measure_time_offsets(dark, np.arange(30) % 6, np.arange(30) // 6, TimeAxis(512, 32e-12))
+
+
+@pytest.mark.parametrize("points", [1, 4, 8])
+def test_few_points_are_measured_without_a_wall(points: int) -> None:
+    scan = make_raw_scan(side=4)
+    axis = TimeAxis(512, scan.bin_width_s)
+    found = measure_time_offsets(scan.counts[:points], scan.x_m[:points], scan.y_m[:points], axis)
+    assert found.wall is None
+    assert np.abs(found.offset_bins - scan.arrival_bins[:points]).max() < 0.5
+
+
+@needs_shared
+def test_the_measured_scan_is_rectified_to_half_a_bin() -> None:
+    with h5py.File(SHARED / "real" / "rawscan_semisynth_s_u.h5") as file:
+        counts, exact = file["histograms"][:], file["time_offset_bins"][:].ravel()
+        scanner = file.attrs["scanner_position_m"]
+    check_raw_scan(counts, exact, scanner, 0.5)
+
+
+@needs_shared
+def test_two_percent_of_its_photons_suffice_for_one_and_a_half_bins() -> None:
+    with h5py.File(SHARED / "real" / "rawscan_semisynth_s_u.h5") as file:
+        exact, scanner = file["time_offset_bins"][:].ravel(), file.attrs["scanner_position_m"]
+    check_raw_scan(np.load(SHARED / "tcspc" / "replay_s_u_expected.npz")["histograms"], exact, scanner, 1.5)
+
+
+def check_raw_scan(counts: np.ndarray, exact: np.ndarray, scanner: np.ndarray, limit_bins: float) -> None:
+    x, y = np.meshgrid(WallGrid(0.7, 0.7, 64, 64).x_m(), WallGrid(0.7, 0.7, 64, 64).y_m())
+    found = measure_time_offsets(counts.reshape(4096, -1), x.ravel(), y.ravel(), TimeAxis(4096, 4e-12))
+    off = found.offset_bins - exact
+    assert rms(off) <= limit_bins
+    assert np.abs(off - off.mean()).max() <= 3
+    assert found.wall is not None
+    assert np.linalg.norm(found.wall.scanner_position_m - scanner) < 0.02
