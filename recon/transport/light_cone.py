@@ -1,0 +1,212 @@
+"""Light transport on the light cone: a convolution, and its Wiener inverse.
+
+Where v = (c t / 2)^2 and s = z^2, light from (x, y, s) reaches the wall point at lateral distance rho at v = s + rho^2
+(O'Toole et al., Nature 2018, eq. 3). The kernel delta(v - x^2 - y^2), integrated over a wall pixel, turns under a
+Fourier transform along v into exp(-i w x^2) exp(-i w y^2): a product of two Fresnel chirps. So the whole transfer
+function is, for each frequency along v, an outer product of two short vectors; nothing three-dimensional is ever built.
+"""
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.fft
+import torch
+from scipy.special import fresnel
+from torch import nn
+
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+from recon.transport.conventions import Conventions, check_supported, range_m
+from recon.transport.fourier import filter_planes, good_size, irfft, multiply_quadrants_, rfft
+from recon.transport.linear import linear
+from recon.transport.resampling import resampling_matrix
+
+Snr = float | torch.Tensor
+
+
+class LightConeConvolution(nn.Module):
+    """The light-cone kernel over (B, C, V, H, W), V the cells of `LightConeResampling`; unit L2 norm.
+
+    Zero-padded so far that nothing wraps around: twice in space, and along v by the largest delay between two wall
+    points. `transfer` gives its spectrum to those who compute there.
+    """
+
+    rows_chirp: torch.Tensor  # (F, Y // 2 + 1, 2) real and imaginary part, physical only
+    cols_chirp: torch.Tensor  # (F, X // 2 + 1, 2)
+
+    def __init__(self, wall: WallGrid, time: TimeAxis, conventions: Conventions = "physical") -> None:
+        super().__init__()
+        check_supported(time, conventions)
+        self.wall, self.time, self.conventions = wall, time, conventions
+        self.cells = resampling_matrix(time, conventions).shape[0]
+        if conventions == "authors":
+            self.padded = (2 * self.cells, 2 * wall.rows, 2 * wall.cols)
+        else:
+            self.padded, rows_chirp, cols_chirp = _chirps(wall, time, self.cells)
+            self.register_buffer("rows_chirp", rows_chirp, persistent=False)
+            self.register_buffer("cols_chirp", cols_chirp, persistent=False)
+
+    def forward(self, u: torch.Tensor) -> torch.Tensor:
+        """What the wall sees of albedo `u`: H u."""
+        return linear(u, lambda x: self._filtered(x, None, False), lambda y: self._filtered(y, None, True))
+
+    def adjoint(self, y: torch.Tensor) -> torch.Tensor:
+        """Back-projection on the light cone: H* y."""
+        return linear(y, lambda x: self._filtered(x, None, True), lambda x: self._filtered(x, None, False))
+
+    def wiener(self, y: torch.Tensor, snr: Snr) -> torch.Tensor:
+        """The Wiener inverse conj(H) / (|H|^2 + 1 / snr) applied to `y`.
+
+        `snr` is against a kernel of mean power 1: one number, or one a sample, (B,) or (B, C); differentiable in both.
+        """
+        if isinstance(snr, torch.Tensor):
+            level = _one_each(snr.to(y.device), y)
+            result: torch.Tensor = _Wiener.apply(y, level, self)  # type: ignore[no-untyped-call]
+            return result
+        if not snr > 0:
+            raise ValueError(f"snr is {snr:g}; it must be above 0 (try 0.1)")
+        level = torch.full((y.shape[0] * y.shape[1],), snr, dtype=y.dtype, device=y.device)
+        return linear(y, lambda x: self._filtered(x, level, True), lambda x: self._filtered(x, level, False))
+
+    def transfer(self, planes: slice = slice(None)) -> torch.Tensor:
+        """H at `planes` of the half spectrum along v: its quadrant (f, Y // 2 + 1, X // 2 + 1), even in both; float64.
+
+        Of the authors' conventions, whose kernel is not even, the whole (f, Y, X) in complex64.
+        """
+        if self.conventions == "authors":
+            return _published_transfer(self.wall, self.time)[planes]
+        rows, cols = torch.view_as_complex(self.rows_chirp[planes]), torch.view_as_complex(self.cols_chirp[planes])
+        return rows[:, :, None] * cols[:, None, :]
+
+    def _filtered(
+        self, x: torch.Tensor, snr: torch.Tensor | None, conjugate: bool, by_snr: bool = False
+    ) -> torch.Tensor:
+        """x * H, or x * conj(H); with `snr` (B * C,) divided by |H|^2 + 1 / snr; `by_snr`: its derivative in snr."""
+        batch, channels, cells, rows, cols = x.shape
+        if (cells, rows, cols) != (self.cells, self.wall.rows, self.wall.cols):
+            raise ValueError(
+                f"the light cone was built for {self.cells} x {self.wall.rows} x {self.wall.cols} (V, H, W), "
+                f"the data are {cells} x {rows} x {cols}. Build it for the wall and time axis of the data."
+            )
+        spectrum = rfft(x.detach().reshape(batch * channels, cells, rows, cols), self.padded[0], 1)
+        noise = None if snr is None else _like(spectrum, (1 / snr.detach()).to(x.dtype))[:, None, None, None]
+        if self.conventions == "authors":
+            whole = _like(spectrum, _published_transfer(self.wall, self.time).to(spectrum.dtype))
+        else:
+            rows_chirp = _like(spectrum, torch.view_as_complex(self.rows_chirp).to(spectrum.dtype))[:, :, None]
+            cols_chirp = _like(spectrum, torch.view_as_complex(self.cols_chirp).to(spectrum.dtype))[:, None, :]
+
+        def multiply(block: Any, planes: slice) -> None:
+            h = whole[planes] if self.conventions == "authors" else rows_chirp[planes] * cols_chirp[planes]
+            w = h.conj() if conjugate else h
+            if noise is not None:
+                power = h.real**2 + h.imag**2 + noise
+                w = w * (noise / power) ** 2 if by_snr else w / power
+            if self.conventions == "authors":
+                block *= w
+            else:
+                multiply_quadrants_(block, w)
+
+        filter_planes(spectrum, self.padded[1:], multiply)
+        done = irfft(spectrum, self.padded[0], 1)[:, :cells]
+        return done.reshape(x.shape)
+
+
+class _Wiener(torch.autograd.Function):
+    """The Wiener inverse as a function of the data and of the snr."""
+
+    @staticmethod
+    def forward(ctx: Any, y: torch.Tensor, snr: torch.Tensor, cone: LightConeConvolution) -> torch.Tensor:
+        y = y.float() if y.dtype in (torch.float16, torch.bfloat16) else y
+        ctx.save_for_backward(y, snr)
+        ctx.cone = cone
+        return cone._filtered(y, snr, True)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor | None, torch.Tensor | None, None]:
+        y, snr = ctx.saved_tensors
+        cone: LightConeConvolution = ctx.cone
+        of_data = cone._filtered(gradients[0], snr, False) if ctx.needs_input_grad[0] else None
+        of_snr = None
+        if ctx.needs_input_grad[1]:
+            slope = cone._filtered(y, snr, True, by_snr=True)
+            of_snr = (gradients[0] * slope).sum((2, 3, 4)).reshape(snr.shape).to(snr.dtype)
+        return of_data, of_snr, None
+
+
+def _like(spectrum: torch.Tensor, constants: torch.Tensor) -> Any:
+    """The constants where the spectrum is filtered: a NumPy array on a CPU, else a tensor on its device."""
+    return constants.numpy() if spectrum.device.type == "cpu" else constants.to(spectrum.device)
+
+
+def _one_each(snr: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+    """snr (), (B,), (B, 1) or (B, C) -> one number a sample and channel, (B * C,)."""
+    batch, channels = y.shape[:2]
+    if snr.ndim == 1:
+        snr = snr[:, None]
+    return snr.expand(batch, channels).reshape(batch * channels)
+
+
+@lru_cache(maxsize=8)
+def _chirps(wall: WallGrid, time: TimeAxis, cells: int) -> tuple[tuple[int, int, int], torch.Tensor, torch.Tensor]:
+    """The padded size (P, Y, X) and the spectra of both chirps, (F, Y // 2 + 1, 2) and (F, X // 2 + 1, 2), float64."""
+    cell_m2 = range_m(time, "physical") ** 2 / cells
+    pitches = [wall.height_m / wall.rows / cell_m2**0.5, wall.width_m / wall.cols / cell_m2**0.5]  # in root cells
+    # Offsets whose delay alone is beyond the last cell are never seen together.
+    delays = [
+        min(((count - 1) * pitch) ** 2, cells) for count, pitch in zip((wall.rows, wall.cols), pitches, strict=True)
+    ]
+    padded_cells = good_size(cells + int(np.ceil(sum(delays))) + 1)
+    cycles = np.arange(padded_cells // 2 + 1) / padded_cells  # per cell
+    spectra, powers = [], []
+    for count, pitch in zip((wall.rows, wall.cols), pitches, strict=True):
+        padded = good_size(2 * count)
+        # Farther offsets than the wall's are never seen together, but the inverse needs the kernel to go on: one that
+        # ends abruptly has nulls in its spectrum, which come back as a veil at small depths.
+        offset = np.arange(padded // 2 + 1) * pitch
+        chirp = _fresnel_integral(offset - pitch / 2, offset + pitch / 2, 2 * np.pi * cycles[:, None]) / pitch
+        chirp[:, offset**2 > cells] = 0
+        chirp *= np.sinc(cycles)[:, None]  # albedo and counts are means over cells: one factor for each, shared by both
+        kernel = np.zeros((len(cycles), padded), dtype=np.complex128)
+        kernel[:, : padded // 2 + 1] = chirp
+        kernel[:, padded // 2 :] += chirp[:, :0:-1]
+        spectrum = scipy.fft.fft(kernel, axis=1)
+        powers.append(np.mean(np.abs(spectrum) ** 2, axis=1))
+        spectra.append((padded, spectrum[:, : padded // 2 + 1]))
+    both_sides = np.full(len(cycles), 2.0)
+    both_sides[[0, -1]] = 1
+    norm = np.sqrt(np.sum(powers[0] * powers[1] * both_sides) / padded_cells)
+    (rows, rows_spectrum), (cols, cols_spectrum) = spectra
+    return (padded_cells, rows, cols), _real_view(rows_spectrum / norm), _real_view(cols_spectrum)
+
+
+def _fresnel_integral(
+    a: npt.NDArray[np.float64], b: npt.NDArray[np.float64], w: npt.NDArray[np.float64]
+) -> npt.NDArray[np.complex128]:
+    """The integral of exp(-i w x^2) from a to b, w >= 0."""
+    scale = np.sqrt(2 * np.maximum(w, 1e-12) / np.pi)
+    (sine_a, cosine_a), (sine_b, cosine_b) = fresnel(scale * a), fresnel(scale * b)
+    return np.asarray(((cosine_b - cosine_a) - 1j * (sine_b - sine_a)) / scale, dtype=np.complex128)
+
+
+def _real_view(x: npt.NDArray[np.complex128]) -> torch.Tensor:
+    return torch.view_as_real(torch.from_numpy(np.ascontiguousarray(x)))
+
+
+@lru_cache(maxsize=2)
+def _published_transfer(wall: WallGrid, time: TimeAxis) -> torch.Tensor:
+    """The published kernel's spectrum, (M + 1, 2 H, 2 W): one voxel a column, half a sample off towards +row, -col."""
+    cells = time.bins
+    reach = range_m(time, "authors")
+    y = np.linspace(-1, 1, 2 * wall.rows) * (wall.height_m / reach)
+    x = np.linspace(-1, 1, 2 * wall.cols) * (wall.width_m / reach)
+    delay = np.linspace(0, 2, 2 * cells)
+    nearest = np.stack([np.abs((row**2 + x**2)[:, None] - delay).argmin(-1) for row in y])
+    kernel = np.zeros((2 * cells, 2 * wall.rows, 2 * wall.cols), dtype=np.float32)
+    rows, cols = np.indices(nearest.shape)
+    kernel[nearest, rows, cols] = 1 / np.sqrt(nearest.size)
+    kernel = np.roll(kernel, (wall.rows, wall.cols), axis=(1, 2))
+    mirrored = np.roll(kernel[:, :, ::-1], 1, axis=2)  # they scan columns from the right
+    return torch.from_numpy(scipy.fft.rfftn(mirrored, axes=(1, 2, 0)))

@@ -1,0 +1,28 @@
+"""Lets any linear map take part in differentiation: its backward pass is its adjoint, which is all a gradient needs."""
+
+from collections.abc import Callable
+from typing import Any
+
+import torch
+
+Map = Callable[[torch.Tensor], torch.Tensor]
+
+
+class _Linear(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, x: torch.Tensor, apply: Map, adjoint: Map) -> torch.Tensor:
+        ctx.apply, ctx.adjoint = apply, adjoint
+        return apply(x)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor, None, None]:
+        return linear(gradients[0], ctx.adjoint, ctx.apply), None, None
+
+
+def linear(x: torch.Tensor, apply: Map, adjoint: Map) -> torch.Tensor:
+    """apply(x), differentiable to any order. Half precision is raised to float32: these maps are Fourier transforms."""
+    if x.dtype in (torch.float16, torch.bfloat16):
+        x = x.float()
+    with torch.autocast(x.device.type, enabled=False):
+        result: torch.Tensor = _Linear.apply(x, apply, adjoint)  # type: ignore[no-untyped-call]
+    return result

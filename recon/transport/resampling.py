@@ -1,0 +1,74 @@
+"""Between time t and its square: the change of variable after which light transport is a convolution.
+
+Sparse and in closed form: a cell of t^2 collects the parts of the time bins that lie in it, about two per cell.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+import scipy.sparse
+import torch
+from torch import nn
+
+from acquisition.transient import TimeAxis
+from recon.transport.conventions import Conventions, check_supported
+from recon.transport.linear import linear
+
+
+class LightConeResampling(nn.Module):
+    """(B, C, T, H, W) over equal bins of t -> (B, C, V, H, W) over equal cells of v = t^2, 0 to the last bin's end.
+
+    Cell i holds the integral of x(t) dt over its extent, which is that of x dv / (2 t); the adjoint gives each bin the
+    mean of the cells it meets. Both are scaled by 2 / V.
+    Source: O'Toole et al. 2018, supplement; closed form instead of their repeated halving, any number of bins.
+    """
+
+    def __init__(self, time: TimeAxis, conventions: Conventions = "physical") -> None:
+        super().__init__()
+        check_supported(time, conventions)
+        self.matrix = resampling_matrix(time, conventions)
+        self.transposed = scipy.sparse.csr_array(self.matrix.T)
+        self.cells, self.bins = self.matrix.shape
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """From time to its square."""
+        return linear(x, lambda y: _along_time(self.matrix, y), lambda y: _along_time(self.transposed, y))
+
+    def adjoint(self, y: torch.Tensor) -> torch.Tensor:
+        """From the square of time back to time."""
+        return linear(y, lambda x: _along_time(self.transposed, x), lambda x: _along_time(self.matrix, x))
+
+
+@lru_cache(maxsize=16)
+def resampling_matrix(time: TimeAxis, conventions: Conventions) -> scipy.sparse.csr_array:
+    """The matrix (V, T) of `LightConeResampling`, float64."""
+    if conventions == "authors":
+        bins = time.bins
+        x = np.arange(1, bins * bins + 1)
+        cell, column, weight = (x - 1) // bins, np.ceil(np.sqrt(x)).astype(np.int64) - 1, x**-0.5 / bins
+        return scipy.sparse.csr_array((weight, (cell, column)), shape=(bins, bins))
+    start = time.start_s / time.bin_width_s
+    end = start + time.bins
+    cells = int(np.ceil(end))
+    bin_edges = np.maximum(start + np.arange(time.bins + 1), 0.0)  # in bins; light cannot arrive before it left
+    cell_edges = end * np.sqrt(np.arange(cells + 1) / cells)
+    edges = np.unique(np.concatenate([bin_edges, cell_edges[cell_edges >= bin_edges[0]]]))
+    middle = (edges[1:] + edges[:-1]) / 2
+    cell = np.clip((middle / end) ** 2 * cells, 0, cells - 1).astype(np.int64)
+    column = np.clip(middle - start, 0, time.bins - 1).astype(np.int64)
+    return scipy.sparse.csr_array((2 * np.diff(edges) / end, (cell, column)), shape=(cells, time.bins))
+
+
+def _along_time(matrix: scipy.sparse.csr_array, x: torch.Tensor) -> torch.Tensor:
+    batch, channels, length, rows, cols = x.shape
+    flat = x.reshape(batch * channels, length, rows * cols)
+    if x.device.type == "cpu":
+        held = matrix.astype(flat.numpy().dtype)
+        done = torch.from_numpy(np.stack([held @ sample for sample in flat.numpy()]))
+    else:
+        entries = matrix.tocoo()
+        index = torch.from_numpy(np.stack([entries.row, entries.col])).to(x.device)
+        values = torch.from_numpy(entries.data).to(x.device, x.dtype)
+        held = torch.sparse_coo_tensor(index, values, matrix.shape, check_invariants=False)
+        done = torch.stack([torch.sparse.mm(held, sample) for sample in flat])
+    return done.reshape(batch, channels, matrix.shape[0], rows, cols)
