@@ -52,6 +52,8 @@ def read_matlab(path: Path) -> ImportedScan:
     Raises `InvalidData` naming file, key and reason.
     """
     shapes = _shapes(path)
+    if {"histograms", "bin_width_s", "wall_size_m"} <= shapes.keys():
+        return _read_own(path, shapes)
     layout = next((layout for layout in _LAYOUTS if layout.key in shapes), None)
     if layout is None:
         known = ", ".join(layout.key for layout in _LAYOUTS)
@@ -88,6 +90,28 @@ def read_matlab(path: Path) -> ImportedScan:
         time_offset_bins=offsets,
         notes=tuple(notes),
     )
+
+
+def _read_own(path: Path, shapes: dict[str, tuple[int, ...]]) -> ImportedScan:
+    """A file of our own exporter: arrays under the names that the NPZ export uses."""
+    counts = _read(path, "histograms", shapes)
+    if counts.ndim != 3:
+        raise InvalidData(f"{path}: histograms: has shape {counts.shape}; [H, W, T] is expected")
+    rows, cols, bins = counts.shape
+    numbers = [_read(path, key, shapes).astype(np.float64).ravel() for key in ("bin_width_s", "wall_size_m")]
+    start_s = float(_read(path, "offset_s", shapes).ravel()[0]) if "offset_s" in shapes else 0.0
+    exposure = _read(path, "exposure_s", shapes).astype(np.float64) if "exposure_s" in shapes else np.ones((rows, cols))
+    if numbers[1].size != 2 or not (np.isfinite(numbers[0][0]) and (numbers[1] > 0).all()) or not numbers[0][0] > 0:
+        raise InvalidData(f"{path}: bin_width_s or wall_size_m: are no positive numbers")
+    if exposure.shape != (rows, cols) or not np.isfinite(start_s):
+        raise InvalidData(f"{path}: exposure_s: has shape {exposure.shape}, the scan {(rows, cols)}")
+    transient = Transient(
+        np.ascontiguousarray(np.moveaxis(counts, 2, 0), dtype=np.float32),
+        exposure,
+        WallGrid(float(numbers[1][0]), float(numbers[1][1]), rows, cols),
+        TimeAxis(bins, float(numbers[0][0]), start_s),
+    )
+    return ImportedScan(transient, "MATLAB export", rectified=False)
 
 
 def _time_of_flight(path: Path, grid: tuple[int, int], layout: _Layout) -> npt.NDArray[np.float64] | None:

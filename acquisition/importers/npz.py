@@ -42,7 +42,9 @@ def read_npz(path: Path) -> ImportedScan:
         np.ascontiguousarray(np.moveaxis(counts, 2, 0), dtype=np.float32),
         exposure,
         WallGrid(width_m, height_m, rows, cols),
-        TimeAxis(bins, width_s),
+        TimeAxis(
+            bins, width_s, float(_numbers(path, arrays, "offset_s").reshape(-1)[0]) if "offset_s" in arrays else 0.0
+        ),
     )
     return ImportedScan(transient, "NPZ", rectified=False, notes=tuple(notes))
 

@@ -1,0 +1,59 @@
+"""A scan as plain arrays, on its grid or at free positions: what every exporter writes in its own words."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition.errors import InvalidData
+from acquisition.importers.imported import ImportedScan
+from acquisition.recording import Recording
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+
+
+@dataclass(frozen=True)
+class ScanArrays:
+    """Counts [H, W, T] with positions of columns and rows, or [N, T] with one position each."""
+
+    histograms: npt.NDArray[np.uint32]  # (H, W, T) or (N, T)
+    exposure_s: npt.NDArray[np.float64]  # (H, W) or (N,)
+    x_m: npt.NDArray[np.float64]  # (W,) or (N,)
+    y_m: npt.NDArray[np.float64]  # (H,) or (N,)
+    wall: WallGrid
+    time: TimeAxis
+
+    @property
+    def on_grid(self) -> bool:
+        return self.histograms.ndim == 3
+
+
+def arrays_of_recording(recording: Recording) -> ScanArrays:
+    """All intact samples, visits of one position added up."""
+    plan = recording.plan
+    time = TimeAxis(plan.axis.bins, plan.axis.bin_width_s, plan.axis.offset_s)
+    if recording.on_grid:
+        transient = recording.transient()
+        counts = np.ascontiguousarray(np.moveaxis(transient.counts, 0, 2)).astype(np.uint32)
+        return ScanArrays(counts, transient.exposure_s, plan.wall.x_m(), plan.wall.y_m(), plan.wall, time)
+    places = np.stack([plan.positions.x_m, plan.positions.y_m], axis=1)
+    unique, place_of = np.unique(places, axis=0, return_inverse=True)
+    counts = np.zeros((len(unique), plan.axis.bins), dtype=np.uint32)
+    exposure_s = np.zeros(len(unique))
+    for sample in recording.samples():
+        place = place_of.ravel()[sample.point.number]
+        counts[place] += sample.histogram.counts
+        exposure_s[place] += sample.histogram.live_time_s
+    return ScanArrays(counts, exposure_s, unique[:, 0], unique[:, 1], plan.wall, time)
+
+
+def arrays_of_import(scan: ImportedScan, path: Path) -> ScanArrays:
+    """The arrays of another program's scan. Raises `InvalidData` where its counts are no whole numbers."""
+    transient = scan.transient
+    counts = np.moveaxis(transient.counts, 0, 2)
+    whole = counts.astype(np.uint32)
+    if not np.array_equal(whole, counts):
+        raise InvalidData(f"{path}: its counts are no whole numbers; only photon counts are exported")
+    wall = transient.wall
+    return ScanArrays(np.ascontiguousarray(whole), transient.exposure_s, wall.x_m(), wall.y_m(), wall, transient.time)

@@ -1,0 +1,54 @@
+"""y-tal HDF5 (HDF5_TAL): a confocal capture that `tal.io.read_capture` reads. Format: y-tal 0.20, `tal.io`."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from acquisition.errors import InvalidData
+from acquisition.exporters.scan_arrays import ScanArrays
+from acquisition.transient import SPEED_OF_LIGHT_M_PER_S
+
+_H_FORMATS = {"UNKNOWN": 0, "T_Sx_Sy": 1, "T_Lx_Ly_Sx_Sy": 2, "T_Si": 3, "T_Li_Si": 4}
+_GRID_FORMATS = {"UNKNOWN": 0, "N_3": 1, "X_Y_3": 2}
+_VOLUME_FORMATS = {"UNKNOWN": 0, "N_3": 1, "X_Y_Z_3": 2, "X_Y_3": 3}
+
+
+def write_ytal(scan: ScanArrays, path: Path) -> list[str]:
+    """Writes a scan on a grid, indexed [x, y] with x and y rising. Returns what was left behind.
+
+    Raises `InvalidData` for free positions, which y-tal's confocal format does not hold.
+    """
+    if not scan.on_grid:
+        raise InvalidData(f"{path}: y-tal's confocal captures need a grid; export free positions to npz")
+    x, y = np.meshgrid(scan.x_m, scan.y_m[::-1], indexing="ij")
+    grid = np.stack([x, y, np.zeros_like(x)], axis=2)
+    normals = np.zeros_like(grid)
+    normals[..., 2] = 1.0
+    with h5py.File(path, "w") as file:
+        file.create_dataset(
+            "H",
+            data=scan.histograms[::-1].transpose(2, 1, 0).astype(np.float32),
+            compression="gzip",
+            compression_opts=1,
+        )
+        _enum(file, "H_format", "T_Sx_Sy", _H_FORMATS)
+        for who in ("sensor", "laser"):
+            file[f"{who}_xyz"] = np.array([0.0, 0.0, 1.0])
+            file[f"{who}_grid_xyz"] = grid
+            file[f"{who}_grid_normals"] = normals
+            _enum(file, f"{who}_grid_format", "X_Y_3", _GRID_FORMATS)
+        _enum(file, "volume_format", "UNKNOWN", _VOLUME_FORMATS)
+        file["delta_t"] = scan.time.bin_width_s * SPEED_OF_LIGHT_M_PER_S
+        file["t_start"] = scan.time.start_s * SPEED_OF_LIGHT_M_PER_S
+        file["t_accounts_first_and_last_bounces"] = False
+        file["scene_info"] = "original_format: nlos\n"
+    return [
+        "exposure per point has no place in y-tal's format",
+        "the scanner's position is not part of a recording; (0, 0, 1) m stands in",
+    ]
+
+
+def _enum(file: h5py.File, name: str, word: str, words: dict[str, int]) -> None:
+    dataset = file.create_dataset(name, (1,), dtype=h5py.enum_dtype(words, basetype="i"))
+    dataset[0] = words[word]

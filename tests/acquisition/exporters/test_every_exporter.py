@@ -1,0 +1,54 @@
+"""What is exported comes back: the same counts, walls and time axes, wherever the format has room for them."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition.errors import InvalidData
+from acquisition.exporters.matlab import write_matlab
+from acquisition.exporters.npz import write_npz
+from acquisition.exporters.ptu import write_ptu
+from acquisition.exporters.scan_arrays import ScanArrays
+from acquisition.exporters.ytal import write_ytal
+from acquisition.importers.formats import read_any
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+
+Writer = Callable[[ScanArrays, Path], list[str]]
+WRITERS: dict[str, Writer] = {".npz": write_npz, ".mat": write_matlab, ".hdf5": write_ytal, ".ptu": write_ptu}
+WALL = WallGrid(1.2, 0.9, 4, 3)
+
+
+def scan(even: bool = True) -> ScanArrays:
+    rng = np.random.default_rng(3)
+    counts = rng.poisson(2.0, (4, 3, 100)).astype(np.uint32)
+    exposure = np.full((4, 3), 0.01) if even else rng.uniform(0.01, 0.02, (4, 3))
+    return ScanArrays(counts, exposure, WALL.x_m(), WALL.y_m(), WALL, TimeAxis(100, 32e-12, 1e-9))
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+@pytest.mark.parametrize("even", [True, False])
+def test_counts_and_time_axis_come_back(suffix: str, even: bool, tmp_path: Path) -> None:
+    path = tmp_path / f"scan{suffix}"
+    left_behind = WRITERS[suffix](scan(even), path)
+    back = read_any(path).transient
+    assert np.array_equal(np.moveaxis(back.counts, 0, 2), scan(even).histograms)
+    assert back.time.bin_width_s == pytest.approx(32e-12, rel=1e-9)
+    if suffix in (".npz", ".mat"):
+        assert back.wall.width_m == pytest.approx(1.2)
+        assert back.time.start_s == 1e-9
+        assert np.array_equal(back.exposure_s, scan(even).exposure_s)
+    else:
+        assert left_behind
+
+
+@pytest.mark.parametrize("suffix", [".hdf5", ".ptu"])
+def test_free_positions_are_refused_where_the_format_has_no_place(suffix: str, tmp_path: Path) -> None:
+    free = ScanArrays(
+        np.ones((5, 100), np.uint32), np.ones(5), np.arange(5.0), np.arange(5.0), WALL, TimeAxis(100, 32e-12)
+    )
+    with pytest.raises(InvalidData, match="npz"):
+        WRITERS[suffix](free, tmp_path / f"free{suffix}")
+    assert not (tmp_path / f"free{suffix}").exists()
