@@ -135,12 +135,15 @@ class SerialLine:
         """`exchange` without the look at what came before: for the `resynchronise` of a device."""
         with self._lock:
             deadline_s = self._deadline(timeout_s)
+            in_step, self.in_step = self.in_step, False  # and so it stays if anything, a signal too, cuts this short
             self._in_flight = True
             try:
                 self.write(command)
-                return self._message(deadline_s, take, f"{command!r} was not answered")
+                message = self._message(deadline_s, take, f"{command[:40]!r} was not answered")
             finally:
                 self._in_flight = False
+            self.in_step = in_step
+            return message
 
     def receive(self, timeout_s: float | None = None, take: Take = take_line) -> bytes:
         """The next message, which nobody asked for (a banner, the further lines of an answer)."""

@@ -59,8 +59,8 @@ class SimulatedBench:
         self._wires: dict[str, list[Callable[[float], None]]] = {}
 
     def steer(self, angles: MirrorAngles, when_s: float | None = None, settle_s: float = 0.0) -> None:
-        """A mirror controller's output changed at `when_s` (now): the beam points there `settle_s` later, and until then
-        somewhere on its way."""
+        """A mirror controller's output changed at `when_s` (now): the beam points there `settle_s` later, until
+        then somewhere on its way."""
         start_s = self.clock.now() if when_s is None else when_s
         self._x = self._x.towards(angles.x_rad, start_s, settle_s)
         self._y = self._y.towards(angles.y_rad, start_s, settle_s)
@@ -88,5 +88,5 @@ class SimulatedBench:
             listener(when_s)
 
     def expose(self, gate: Gate) -> Exposure:
-        """What the detector counts in `gate`, with the beam where it is as the gate opens and the shutter as it is now."""
+        """What the detector counts in `gate`: beam where it is as the gate opens, shutter as it is now."""
         return self._light(gate, self.beam_at(gate.opened_s), self.shutter_open)

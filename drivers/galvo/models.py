@@ -1,0 +1,19 @@
+"""Every mirror controller that a bench file may name: one line per model."""
+
+from collections.abc import Callable
+from typing import Any
+
+from drivers.clock import Clock
+from drivers.galvo.mirror import GalvoMirror
+from drivers.galvo.triggerscope import TriggerScope, TriggerScopeSettings
+from drivers.link.serial_line import WireLog
+
+MirrorSettings = TriggerScopeSettings
+_OPEN: dict[str, Callable[[Any, Clock, WireLog | None], GalvoMirror]] = {
+    "triggerscope": TriggerScope.open,
+}
+
+
+def open_mirror(settings: MirrorSettings, clock: Clock, wire_log: WireLog | None = None) -> GalvoMirror:
+    """The controller that a bench file's `mirror` block names, opened and centred. Raises `DeviceError`."""
+    return _OPEN[settings.model](settings, clock, wire_log)

@@ -1,0 +1,145 @@
+"""Talking to a TriggerScope-MM: who answers, does each reply confirm its command, did it restart."""
+
+from collections.abc import Iterable
+from typing import Self
+
+from drivers.clock import Clock
+from drivers.errors import (
+    CommandRejected,
+    DeviceError,
+    DeviceReset,
+    DeviceTimeout,
+    ProtocolError,
+    WrongDevice,
+)
+from drivers.galvo import triggerscope_commands as wire
+from drivers.identity import DeviceIdentity
+from drivers.link.serial_line import SerialLine, WireLog
+
+DEVICE = "triggerscope"
+REOPEN = "Close the shutter, check the controller, then open the bench again."
+
+
+class RangeChanged(ProtocolError):
+    """Somebody changed a DAC's range, which moved the mirror and gave every code another meaning."""
+
+
+class Controller:
+    """Strictly one command in flight: of two that arrive together the controller loses the second."""
+
+    def __init__(self, line: SerialLine, identity: DeviceIdentity, gave_banner: bool) -> None:
+        self.identity = identity
+        self.gave_banner = gave_banner
+        self._line = line
+
+    @classmethod
+    def open(
+        cls, port: str, clock: Clock, *, timeout_s: float, banner_timeout_s: float, wire_log: WireLog | None = None
+    ) -> Self:
+        """Opens the port, takes the start-up banner where one comes, and asks who answers.
+
+        Raises `DeviceNotFound`, `DeviceBusy`, `WrongDevice`, `DeviceTimeout`, `ProtocolError`.
+        """
+        line = SerialLine.open(
+            DEVICE, port, clock, baud=115_200, timeout_s=timeout_s, resynchronise=_prove, wire_log=wire_log
+        )
+        try:
+            gave_banner = _wait_for_banner(line, banner_timeout_s)
+            line.in_step = True
+            reply = line.exchange(wire.IDENTIFY)
+            identity = wire.decode_identity(reply)
+            if identity is None:
+                raise WrongDevice(
+                    DEVICE,
+                    f"{port} says {reply[:60]!r}, which is not a TriggerScope-MM.",
+                    "Correct `port` in the bench file; `nlos devices` lists what is plugged in.",
+                )
+        except BaseException:
+            line.close()
+            raise
+        return cls(line, identity, gave_banner)
+
+    def command(self, command: bytes) -> None:
+        """Sends a command and returns when its echo confirms it. Raises `CommandRejected`, `DeviceReset`,
+        `RangeChanged`, `ProtocolError`, `DeviceTimeout`, `DeviceLost`."""
+        reply = self._ask(command)
+        if reply != wire.echo(command):
+            raise self._wrong(command, reply)
+
+    def upload(self, lines: Iterable[tuple[bytes, bytes]]) -> bool:
+        """Sends table lines; False as soon as the controller kept other counts than were sent."""
+        for command, expected in lines:
+            reply = self._ask(command)
+            if reply == expected:
+                continue
+            if reply.startswith(b"!" + command[:5]):
+                return False
+            raise self._wrong(command, reply)
+        return True
+
+    def interject(self, command: bytes) -> None:
+        """Sends a command that cannot wait, also from a signal handler, and returns when its echo confirms it."""
+        try:
+            self._line.interject(command, wire.echo(command))
+        except (DeviceTimeout, ProtocolError):
+            self.command(command)
+
+    def close(self) -> None:
+        self._line.close()
+
+    def _ask(self, command: bytes) -> bytes:
+        reply = self._line.exchange(command)
+        if reply.startswith((b"!ERROR_", b"ERROR_UNKNOWN_COMMAND")):
+            raise CommandRejected(DEVICE, f"{command[:40]!r} was refused: {reply.decode('ascii')}.", REOPEN)
+        if reply == b"done." or wire.decode_identity(reply):
+            self._line.in_step = False
+            raise _restarted()
+        return reply
+
+    def _wrong(self, command: bytes, reply: bytes) -> DeviceError:
+        self._line.in_step = False
+        if wire.range_changed(reply):
+            return _range_changed()
+        return ProtocolError(DEVICE, f"{command[:40]!r} was answered by {reply[:60]!r}.", REOPEN)
+
+
+def _wait_for_banner(line: SerialLine, timeout_s: float) -> bool:
+    """Whether the identity line comes unasked. Lines before it (`done.`) and noise are passed over."""
+    for _ in range(8):
+        try:
+            if wire.decode_identity(line.receive(timeout_s)):
+                return True
+        except ProtocolError:
+            continue
+        except DeviceTimeout:
+            return False
+    return False
+
+
+def _prove(line: SerialLine, stale: bytes) -> None:
+    """In step: commands are answered in order, so after the identity no reply to an earlier command is outstanding.
+
+    Asked twice, because a first newline may only end what was left of a cut command.
+    """
+    for attempt in range(2):
+        try:
+            reply = line.transact(wire.IDENTIFY, line.timeout_s / 2)
+            while not wire.decode_identity(reply):
+                stale += reply
+                reply = line.receive(line.timeout_s / 2)
+            break
+        except (DeviceTimeout, ProtocolError):
+            if attempt == 1:
+                raise
+    if wire.decode_identity(stale):
+        raise _restarted()
+    if wire.range_changed(stale):
+        raise _range_changed()
+
+
+def _restarted() -> DeviceReset:
+    return DeviceReset(DEVICE, "the controller restarted: its ranges and sequences are gone.", REOPEN)
+
+
+def _range_changed() -> RangeChanged:
+    return RangeChanged(DEVICE, "another program changed the range of a DAC, which moved the mirror.", REOPEN)
