@@ -1,0 +1,199 @@
+"""Photons of a T3 stream sorted into histograms of scan points, by time: what fell between points is left out."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.tcspc.t3 import Pulses, T3Events
+
+
+@dataclass(frozen=True)
+class Windows:
+    """When each point was exposed, in laser pulses: [start, stop), in time order and not overlapping.
+
+    `unfinished_since`: a window has begun there whose end is not known yet.
+    """
+
+    point: npt.NDArray[np.int64]  # (n,)
+    start: Pulses  # (n,)
+    stop: Pulses  # (n,)
+    unfinished_since: int | None = None
+
+
+_CHUNK = 1 << 16  # photons sorted at once: their keys stay in the processor's cache
+
+FindWindows = Callable[[Pulses, npt.NDArray[np.uint8]], Windows]
+"""Markers (pulses, bits) in time order -> windows that they complete. Keeps what they begin."""
+
+
+class StepMarkers:
+    """Each edge on one of `step_bits` begins the next point: `blanking` pulses while the mirror settles, then its
+    dwell. Photons in flight between dwells belong to nobody."""
+
+    def __init__(self, dwells: Pulses, blanking: int, step_bits: int = 0b011) -> None:
+        self._dwells, self._blanking, self._step_bits = dwells, blanking, step_bits
+        self.seen = 0
+        """Step markers so far. More or fewer than points: the segment is invalid."""
+        self.repeated = 0
+        """Steps whose marker did not alternate with the one before: one was missed in between."""
+        self._last_bits = 0
+
+    def __call__(self, pulses: Pulses, bits: npt.NDArray[np.uint8]) -> Windows:
+        step = (bits & self._step_bits) != 0
+        pulses, bits = pulses[step], bits[step] & self._step_bits
+        before = np.concatenate(([self._last_bits], bits[:-1]))
+        self.repeated += int((bits == before).sum()) if self._step_bits & (self._step_bits - 1) else 0
+        self._last_bits = int(bits[-1]) if len(bits) else self._last_bits
+        point = np.arange(self.seen, self.seen + len(pulses))
+        self.seen += len(pulses)
+        known = point < len(self._dwells)
+        point, start = point[known], pulses[known] + self._blanking
+        return Windows(point, start, start + self._dwells[point])
+
+
+class LineMarkers:
+    """Lines between a start and a stop marker, each cut into `columns` equal parts: how imaging PTU files mark them."""
+
+    def __init__(self, columns: int, start_bit: int, stop_bit: int) -> None:
+        self._columns, self._start_bit, self._stop_bit = columns, start_bit, stop_bit
+        self._started: int | None = None
+        self.lines = 0
+
+    def __call__(self, pulses: Pulses, bits: npt.NDArray[np.uint8]) -> Windows:
+        lines = []
+        for pulse, bit in zip(pulses.tolist(), bits.tolist(), strict=True):
+            # A stop and a start at the same pulse end one line and begin the next.
+            if bit & self._stop_bit and self._started is not None:
+                lines.append((self._started, pulse))
+                self._started = None
+            if bit & self._start_bit:
+                self._started = pulse
+        edges = np.array(lines, dtype=np.int64).reshape(-1, 2)
+        # The first pulse of column k is the smallest t with floor((t - start) columns / length) = k.
+        column = np.arange(self._columns + 1)
+        cuts = edges[:, :1] - (-column * (edges[:, 1:] - edges[:, :1]) // self._columns)
+        point = np.arange(self.lines * self._columns, (self.lines + len(lines)) * self._columns)
+        self.lines += len(lines)
+        return Windows(point, cuts[:, :-1].ravel(), cuts[:, 1:].ravel(), self._started)
+
+
+class PointHistograms:
+    """Histograms of scan points from a stream, as far as it has come.
+
+    Markers may be recorded later than photons of the same time, by up to `disorder` pulses; so photons are sorted
+    only when the stream is that far past them. With `disorder` None everything waits for `finish`.
+    """
+
+    def __init__(
+        self,
+        points: int,
+        bins: int,
+        find_windows: FindWindows,
+        *,
+        first_bin: int = 0,
+        channel: int | None = None,
+        disorder: int = 4096,
+    ) -> None:
+        self.counts: npt.NDArray[np.uint32] = np.zeros((points, bins), dtype=np.uint32)
+        self.totals: npt.NDArray[np.int64] = np.zeros(points, dtype=np.int64)
+        """Photons within each point's window, whatever their delay."""
+        self.lost: npt.NDArray[np.bool_] = np.zeros(points, dtype=np.bool_)
+        """Points during which records were lost."""
+        self.complete = 0
+        """Points before this one will not change any more."""
+        self.between = 0
+        """Photons that belong to no point."""
+        self._find_windows, self._first_bin, self._channel, self._disorder = find_windows, first_bin, channel, disorder
+        self._photons: list[tuple[npt.NDArray[np.uint32], npt.NDArray[np.int64]]] = []
+        self._markers = (np.zeros(0, np.int64), np.zeros(0, np.uint8))
+        self._windows = Windows(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.int64))
+        self._losses: list[tuple[int, int]] = []
+
+    def add(self, events: T3Events) -> None:
+        """Takes what the decoder gave."""
+        photons, pulses = events.photons, events.photon_pulses
+        if self._channel is not None:
+            chosen = events.format.channels(photons) == self._channel
+            photons, pulses = photons[chosen], pulses[chosen]
+        delays = events.format.delays(photons)
+        if (pulses[1:] < pulses[:-1]).any():  # detectors of one instrument may be a little out of order too
+            order = np.argsort(pulses, kind="stable")
+            delays, pulses = delays[order], pulses[order]
+        self._photons.append((delays, pulses))
+        self._markers = (
+            np.concatenate((self._markers[0], events.marker_pulses)),
+            np.concatenate((self._markers[1], events.marker_bits)),
+        )
+        self._sort_until(events.until_pulse - self._disorder)
+
+    def mark_lost(self, since_pulse: int, until_pulse: int) -> None:
+        """Records were lost in between (FIFO full): points exposed then are flagged."""
+        self._losses.append((since_pulse, until_pulse))
+        self._flag(self._windows)
+
+    def finish(self) -> None:
+        """The stream has ended: everything that waited is sorted."""
+        self._sort_until(np.iinfo(np.int64).max, final=True)
+
+    def _sort_until(self, horizon: int, final: bool = False) -> None:
+        pulses, bits = self._markers
+        ready = pulses < horizon
+        if ready.any():
+            order = np.argsort(pulses[ready], kind="stable")
+            found = self._find_windows(pulses[ready][order], bits[ready][order])
+            self._markers = (pulses[~ready], bits[~ready])
+            old = self._windows
+            self._windows = Windows(
+                np.concatenate((old.point, found.point)),
+                np.concatenate((old.start, found.start)),
+                np.concatenate((old.stop, found.stop)),
+                found.unfinished_since,
+            )
+            self._flag(found)
+        since = self._windows.unfinished_since
+        if since is not None and not final:
+            horizon = min(horizon, since)
+        kept = []
+        for delays, at in self._photons:
+            cut = int(np.searchsorted(at, horizon))
+            for first in range(0, cut, _CHUNK):
+                last = min(first + _CHUNK, cut)
+                self._count(delays[first:last], at[first:last])
+            if cut < len(at):
+                kept.append((delays[cut:], at[cut:]))
+        self._photons = kept
+        done = self._windows.stop <= horizon
+        if done.any():
+            self.complete = int(self._windows.point[done].max()) + 1
+            left = ~done
+            self._windows = Windows(
+                self._windows.point[left], self._windows.start[left], self._windows.stop[left], since
+            )
+
+    def _count(self, delays: npt.NDArray[np.uint32], pulses: Pulses) -> None:
+        windows = self._windows
+        near = slice(
+            int(np.searchsorted(windows.stop, pulses[0], side="right")),
+            int(np.searchsorted(windows.start, pulses[-1], side="right")),
+        )
+        point, edges = windows.point[near], np.stack((windows.start[near], windows.stop[near]), axis=1).ravel()
+        cuts = np.searchsorted(pulses, edges)
+        inside = cuts[1::2] - cuts[::2]
+        self.totals[point] += inside
+        self.between += len(pulses) - int(inside.sum())
+        if len(point) == 0:
+            return
+        bins = self.counts.shape[1]
+        # Photons between windows count for row len(point), delays outside the histogram for column `bins`.
+        rows = np.full(2 * len(point) + 1, len(point), dtype=np.int64)
+        rows[1::2] = np.arange(len(point))
+        keys = np.repeat(rows * (bins + 1), np.diff(cuts, prepend=0, append=len(pulses)))
+        keys += np.minimum(delays - np.uint32(self._first_bin), np.uint32(bins))
+        table = np.bincount(keys, minlength=(len(point) + 1) * (bins + 1)).reshape(len(point) + 1, bins + 1)
+        self.counts[point] += table[:-1, :-1].astype(np.uint32)
+
+    def _flag(self, windows: Windows) -> None:
+        for since, until in self._losses:
+            self.lost[windows.point[(windows.start < until) & (windows.stop > since)]] = True

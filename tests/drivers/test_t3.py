@@ -1,0 +1,276 @@
+"""T3 records: against real files decoded by another program, and against a decoder that reads one record at a time."""
+
+import struct
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.errors import DataCorrupt
+from drivers.tcspc.ptu import read_ptu
+from drivers.tcspc.t3 import GENERIC, HYDRAHARP_V1, PICOHARP_300, T3Decoder, T3Format
+from drivers.tcspc.t3_points import LineMarkers, PointHistograms, StepMarkers
+
+SHARED = Path(__file__).parents[3] / "shared" / "data" / "tcspc"
+needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason="../shared/data/tcspc is not here")
+FORMATS = [GENERIC, HYDRAHARP_V1, PICOHARP_300]
+
+
+def photon(layout: T3Format, pulse: int, delay: int, channel: int = 0) -> int:
+    record = (channel + layout.first_channel) << (layout.pulse_bits + layout.delay_bits)
+    return record | delay << layout.pulse_bits | pulse % layout.wrap
+
+
+def marker(layout: T3Format, pulse: int, bits: int) -> int:
+    if layout is PICOHARP_300:
+        return 15 << 28 | bits << 16 | pulse % layout.wrap
+    return 1 << 31 | bits << 25 | pulse % layout.wrap
+
+
+def overflow(layout: T3Format, wraps: int = 1) -> int:
+    if layout is PICOHARP_300:
+        return 15 << 28
+    return 1 << 31 | 63 << 25 | (wraps if layout.counts_wraps else 1)
+
+
+def stream(layout: T3Format, events: list[tuple[int, int, int]]) -> bytes:
+    """(pulse, marker bits or 0, delay) in the order given -> records; time may step back within one wrap."""
+    records, base = [], 0
+    for pulse, bits, delay in events:
+        wraps = pulse // layout.wrap - base
+        base += max(wraps, 0)
+        if wraps > 0:
+            records += [overflow(layout, wraps)] if layout.counts_wraps else [overflow(layout)] * wraps
+        records.append(marker(layout, pulse, bits) if bits else photon(layout, pulse, delay))
+    return np.array(records, dtype="<u4").tobytes()
+
+
+def one_by_one(layout: T3Format, data: bytes) -> list[tuple[str, int, int]]:
+    """The reference: the loop of the vendor's demo programs."""
+    base, found = 0, []
+    for (record,) in struct.iter_unpack("<I", data):
+        pulse = record & (layout.wrap - 1)
+        if layout is PICOHARP_300:
+            channel, delay = record >> 28, record >> 16 & 0xFFF
+            if channel != 15:
+                found.append(("photon", base + pulse, delay))
+            elif delay & 15 == 0:
+                base += layout.wrap
+            else:
+                found.append(("marker", base + pulse, delay & 15))
+        else:
+            special, channel, delay = record >> 31, record >> 25 & 63, record >> 10 & 0x7FFF
+            if not special:
+                found.append(("photon", base + pulse, delay))
+            elif channel == 63:
+                base += layout.wrap * (pulse or 1 if layout.counts_wraps else 1)
+            elif 1 <= channel <= 15:
+                found.append(("marker", base + pulse, channel))
+    return found
+
+
+def decoded(decoder: T3Decoder, pieces: list[bytes]) -> tuple[list[tuple[str, int, int]], list[tuple[str, int, int]]]:
+    photons, markers = [], []
+    for piece in pieces:
+        events = decoder.feed(piece)
+        delays = decoder.format.delays(events.photons).tolist()
+        photons += [("photon", p, d) for p, d in zip(events.photon_pulses.tolist(), delays, strict=True)]
+        markers += [
+            ("marker", p, b) for p, b in zip(events.marker_pulses.tolist(), events.marker_bits.tolist(), strict=True)
+        ]
+    return photons, markers
+
+
+def split(data: bytes, cuts: list[int]) -> list[bytes]:
+    edges = [0, *sorted(cut % (len(data) + 1) for cut in cuts), len(data)]
+    return [data[a:b] for a, b in pairwise(edges)]
+
+
+@pytest.mark.parametrize("layout", FORMATS, ids=lambda layout: layout.name)
+@settings(deadline=None, max_examples=150)
+@given(words=st.lists(st.integers(0, 2**32 - 1), max_size=60), cuts=st.lists(st.integers(0, 240), max_size=6))
+def test_any_records_in_any_pieces_decode_as_one_by_one(layout: T3Format, words: list[int], cuts: list[int]) -> None:
+    data = np.array(words, dtype="<u4").tobytes()
+    reference = one_by_one(layout, data)
+    photons, markers = decoded(T3Decoder(layout), split(data, cuts))
+    assert photons == [event for event in reference if event[0] == "photon"]
+    assert markers == [event for event in reference if event[0] == "marker"]
+
+
+def test_an_overflow_record_of_zero_stands_for_one_wrap_and_of_n_for_n() -> None:
+    words = [overflow(GENERIC, 0), photon(GENERIC, 3, 7), overflow(GENERIC, 5), photon(GENERIC, 3, 7)]
+    events = T3Decoder(GENERIC).feed(np.array(words, dtype=np.uint32))
+    assert events.photon_pulses.tolist() == [1024 + 3, 6 * 1024 + 3]
+    old = T3Decoder(HYDRAHARP_V1).feed(np.array(words, dtype=np.uint32))
+    assert old.photon_pulses.tolist() == [1024 + 3, 2 * 1024 + 3]
+
+
+def test_a_record_cut_off_at_the_end_is_known_about() -> None:
+    decoder = T3Decoder(GENERIC)
+    decoder.feed(stream(GENERIC, [(5, 0, 1), (9, 0, 1)])[:-1])
+    assert decoder.unfinished_bytes == 3
+
+
+def scanned(
+    layout: T3Format, cuts: list[int], disorder: int, seed: int, points: int = 5
+) -> tuple[PointHistograms, np.ndarray, StepMarkers, int]:
+    """A scan of `points` steps of 300 pulses blanking and 2000 dwell, its markers recorded up to `disorder` late."""
+    rng = np.random.default_rng(seed)
+    steps = [100 + 2500 * k for k in range(points)]
+    pulses = np.sort(rng.integers(0, 2500 * points + 500, 400))
+    delays = rng.integers(0, 40, 400)
+    truth = np.zeros((points, 32), dtype=np.uint32)
+    outside = 0
+    events: list[tuple[int, int, int]] = []
+    for pulse, delay in zip(pulses.tolist(), delays.tolist(), strict=True):
+        point, phase = divmod(pulse - 100, 2500)
+        inside = 0 <= point < points and 300 <= phase < 2300
+        outside += not inside
+        if inside and 4 <= delay < 36:
+            truth[point, delay - 4] += 1
+        events.append((pulse, 0, delay))
+    for k, step in enumerate(steps):
+        late = step + int(rng.integers(0, disorder))
+        place = sum(pulse <= late for pulse, _, _ in events)
+        events.insert(place, (step, 1 + k % 2, 0))
+    find = StepMarkers(np.full(points, 2000), 300)
+    histograms = PointHistograms(points, 32, find, first_bin=4, disorder=1100)
+    decoder = T3Decoder(layout)
+    for piece in split(stream_out_of_order(layout, events), cuts):
+        histograms.add(decoder.feed(piece))
+    histograms.finish()
+    return histograms, truth, find, outside
+
+
+def stream_out_of_order(layout: T3Format, events: list[tuple[int, int, int]]) -> bytes:
+    """As `stream`, with markers dropped into the wrap that is current where they are recorded."""
+    current, kept = 0, []
+    for pulse, bits, delay in events:
+        current = max(current, pulse)
+        if bits and pulse // layout.wrap != current // layout.wrap:
+            pulse = current // layout.wrap * layout.wrap
+        kept.append((pulse, bits, delay))
+    return stream(layout, kept)
+
+
+@pytest.mark.parametrize("layout", [GENERIC, PICOHARP_300], ids=lambda layout: layout.name)
+@settings(deadline=None, max_examples=60)
+@given(cuts=st.lists(st.integers(0, 1700), max_size=8), seed=st.integers(0, 10**6))
+def test_photons_go_to_the_point_in_whose_dwell_they_arrived(layout: T3Format, cuts: list[int], seed: int) -> None:
+    histograms, truth, find, outside = scanned(layout, cuts, 1, seed)
+    assert (histograms.counts == truth).all()
+    assert histograms.between == outside
+    assert histograms.complete == find.seen == 5
+    assert find.repeated == 0
+
+
+@settings(deadline=None, max_examples=60)
+@given(cuts=st.lists(st.integers(0, 1700), max_size=8), seed=st.integers(0, 10**6))
+def test_markers_recorded_after_later_photons_change_nothing(cuts: list[int], seed: int) -> None:
+    histograms, truth, _, _ = scanned(PICOHARP_300, cuts, 280, seed)
+    assert (histograms.counts == truth).all()
+
+
+def test_markers_that_are_missing_or_too_many_are_counted() -> None:
+    find = StepMarkers(np.full(3, 100), 10)
+    find(np.array([0, 200, 600]), np.array([1, 2, 2], dtype=np.uint8))
+    assert (find.seen, find.repeated) == (3, 1)
+    windows = find(np.array([800]), np.array([1], dtype=np.uint8))
+    assert (find.seen, len(windows.point)) == (4, 0)
+
+
+def test_points_exposed_while_records_were_lost_are_flagged() -> None:
+    histograms = PointHistograms(3, 8, StepMarkers(np.full(3, 1000), 0), disorder=0)
+    events = [(0, 1, 0), (10, 0, 3), (2000, 2, 0), (4000, 1, 0), (6000, 0, 1)]
+    decoder = T3Decoder(GENERIC)
+    data = stream(GENERIC, events)
+    histograms.mark_lost(2500, 2600)
+    for at in range(0, len(data), 4):
+        histograms.add(decoder.feed(data[at : at + 4]))
+    histograms.finish()
+    assert histograms.lost.tolist() == [False, True, False]
+
+
+def test_photons_of_other_channels_are_left_out() -> None:
+    words = [marker(GENERIC, 0, 1), photon(GENERIC, 5, 2, channel=0), photon(GENERIC, 6, 2, channel=3)]
+    for channel, expected in ((None, 2), (0, 1), (3, 1), (2, 0)):
+        histograms = PointHistograms(1, 4, StepMarkers(np.full(1, 100), 0), channel=channel)
+        histograms.add(T3Decoder(GENERIC).feed(np.array(words, dtype=np.uint32)))
+        histograms.finish()
+        assert histograms.counts[0, 2] == expected
+
+
+@needs_shared
+@pytest.mark.parametrize("piece", [1 << 18, 99_999])
+def test_a_real_picoharp_image_decodes_as_by_its_reference(piece: int) -> None:
+    expected = np.load(SHARED / "picoharp_t3_image_hazelnut_frame1_expected.npz")
+    histograms = image("picoharp_t3_image_hazelnut_frame1.ptu", 256, 134, piece)
+    assert (histograms.totals.reshape(256, 256) == expected["image_counts"]).all()
+    assert (histograms.counts.sum(axis=0) == expected["histogram"]).all()
+    assert histograms.totals.sum() == expected["photons"]
+
+
+@needs_shared
+def test_a_replayed_scan_gives_the_expected_histograms() -> None:
+    expected = np.load(SHARED / "replay_s_u_expected.npz")
+    histograms = image("replay_s_u.ptu", 64, 4096, 1 << 18)
+    assert (histograms.counts.reshape(64, 64, 4096) == expected["histograms"]).all()
+
+
+def image(name: str, size: int, bins: int, piece: int) -> PointHistograms:
+    file = read_ptu(SHARED / name)
+    assert not file.truncated
+    decoder, data = T3Decoder(file.layout), file.records.tobytes()
+    start, stop = (1 << (int(file.tags[f"ImgHdr_Line{end}"]) - 1) for end in ("Start", "Stop"))
+    histograms = PointHistograms(size * size, bins, LineMarkers(size, start, stop))
+    for at in range(0, len(data), piece):
+        histograms.add(decoder.feed(data[at : at + piece]))
+    histograms.finish()
+    return histograms
+
+
+def ptu(**changes: tuple[int, bytes]) -> bytes:
+    tags = {
+        "Measurement_Mode": (0x10000008, struct.pack("<q", 3)),
+        "TTResultFormat_TTTRRecType": (0x10000008, struct.pack("<q", 0x00010307)),
+        "TTResult_NumberOfRecords": (0x10000008, struct.pack("<q", 2)),
+        "MeasDesc_GlobalResolution": (0x20000008, struct.pack("<d", 1e-7)),
+        "MeasDesc_Resolution": (0x20000008, struct.pack("<d", 32e-12)),
+        **changes,
+        "Header_End": (0xFFFF0008, bytes(8)),
+    }
+    head = b"".join(struct.pack("<32siI8s", name.encode(), -1, kind, value) for name, (kind, value) in tags.items())
+    return b"PQTTTR\0\x001.0.00\0\0" + head + stream(GENERIC, [(1, 0, 2), (3, 0, 4)])
+
+
+def test_a_ptu_file_gives_its_records_and_says_when_some_are_missing(tmp_path: Path) -> None:
+    path = tmp_path / "a.ptu"
+    path.write_bytes(ptu())
+    file = read_ptu(path)
+    assert (file.layout, file.pulse_s, len(file.records), file.truncated) == (GENERIC, 1e-7, 2, False)
+    path.write_bytes(ptu()[:-3])
+    assert read_ptu(path).truncated
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        b"",
+        b"PQTTTR" + bytes(9),
+        ptu()[:100],
+        ptu(Measurement_Mode=(0x10000008, struct.pack("<q", 2))),
+        ptu(TTResultFormat_TTTRRecType=(0x10000008, struct.pack("<q", 0x00010203))),
+        ptu(MeasDesc_Resolution=(0x20000008, struct.pack("<d", 0.0))),
+        ptu(MeasDesc_Resolution=(0xFFFF0008, bytes(8))),
+        ptu(File_Comment=(0x4001FFFF, struct.pack("<q", 1 << 40))),
+        ptu(File_Comment=(0x12345678, bytes(8))),
+    ],
+)
+def test_a_broken_ptu_file_is_refused(tmp_path: Path, broken: bytes) -> None:
+    path = tmp_path / "a.ptu"
+    path.write_bytes(broken)
+    with pytest.raises(DataCorrupt):
+        read_ptu(path)
