@@ -12,6 +12,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c const
 
 .venv/test-ready: .venv/run-ready
 	$(PIP) -e '.[recon,test]'
+	$(PIP) --no-deps y-tal nptyping  # its own pins do not fit beside ours; only its file reader is used
 	touch $@
 
 demo: .venv/run-ready
