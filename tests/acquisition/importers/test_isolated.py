@@ -1,0 +1,75 @@
+"""A damaged file can crash, exhaust or hang only the child that reads it."""
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from acquisition.errors import InvalidData
+from acquisition.exporters.matlab import write_matlab
+from acquisition.exporters.npz import write_npz
+from acquisition.exporters.ptu import write_ptu
+from acquisition.exporters.scan_arrays import arrays_of_import
+from acquisition.exporters.ytal import write_ytal
+from acquisition.importers.formats import read_any
+from acquisition.importers.isolated import IsolatedReader, read_isolated
+
+Damage = Callable[[Path, Path, int], Iterator[Path]]
+WRITERS = {".npz": write_npz, ".mat": write_matlab, ".hdf5": write_ytal, ".ptu": write_ptu}
+
+
+def write(path: Path) -> Path:
+    with h5py.File(path, "w") as file:
+        file["histograms"] = np.random.default_rng(0).poisson(1.0, (3, 4, 64)).astype(np.uint16)
+        file["time_offset_bins"] = np.ones((3, 4))
+        file.attrs.update({"bin_width_s": 4e-12, "wall_size_m": [0.7, 0.5], "direct_cut_bins": 3})
+    return path
+
+
+def test_it_reads_what_the_importers_read(tmp_path: Path) -> None:
+    path = write(tmp_path / "scan.h5")
+    here, there = read_any(path), read_isolated(path)
+    assert np.array_equal(here.transient.counts, there.transient.counts)
+    assert (here.transient.wall, here.transient.time) == (there.transient.wall, there.transient.time)
+    assert (here.notes, here.direct_cut_bins, here.falloff) == (there.notes, there.direct_cut_bins, there.falloff)
+    assert np.array_equal(here.time_offset_bins, there.time_offset_bins)
+
+
+def test_a_dead_child_is_an_error_and_the_next_file_is_read(tmp_path: Path) -> None:
+    path = write(tmp_path / "scan.h5")
+    with IsolatedReader() as reader:
+        reader.read(path)
+        child = reader._child
+        assert child is not None
+        os.kill(child.pid, 9)
+        child.wait()
+        assert reader.read(path).direct_cut_bins == 3
+
+
+def test_a_child_that_hangs_is_killed_at_the_deadline(tmp_path: Path) -> None:
+    path = write(tmp_path / "scan.h5")
+    with IsolatedReader(deadline_s=0.001) as reader, pytest.raises(InvalidData, match="did not survive"):
+        reader.read(path)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("suffix", [".h5", ".hdf5", ".ptu", ".mat", ".npz"])
+def test_damaged_files_give_a_message_that_names_them(suffix: str, tmp_path: Path, damage: Damage) -> None:
+    campaign = 4000 if os.environ.get("NLOS_SOAK") else 40
+    whole = write(tmp_path / "scan.h5")
+    if suffix != ".h5":
+        scan = arrays_of_import(read_any(whole), whole)
+        whole = tmp_path / f"scan{suffix}"
+        WRITERS[suffix](scan, whole)
+    messages = []
+    with IsolatedReader(memory_bytes=3 << 30, deadline_s=20.0) as reader:
+        for path in damage(whole, tmp_path / f"damaged{suffix}", campaign):
+            try:
+                reader.read(path)
+            except InvalidData as error:
+                messages.append(str(error))
+    assert messages
+    assert all(f"damaged{suffix}" in message for message in messages)
