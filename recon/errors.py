@@ -1,8 +1,8 @@
-"""What can go wrong between counts and a picture: the data, or the reconstruction of them."""
+"""What can go wrong between counts and a picture: the data, the settings, or the reconstruction."""
 
 
 class ReconError(Exception):
-    """Base of both."""
+    """Base of all."""
 
 
 class InvalidData(ReconError):
@@ -11,3 +11,7 @@ class InvalidData(ReconError):
 
 class ReconstructionFailed(ReconError):
     """The data are fine and the reconstruction is not: too little memory, a method that cannot take this geometry."""
+
+
+class InvalidSettings(ReconError, ValueError):
+    """The method or one of its settings does not exist, or has a value it cannot have."""

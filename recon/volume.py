@@ -29,3 +29,5 @@ class Reconstruction:
     seconds: float
     settings: dict[str, Any] = field(default_factory=dict)
     volume: Volume | None = None
+    weights_sha256: str | None = None
+    """Of the weights file, for learned methods."""

@@ -1,1 +1,74 @@
-"""One file = one method = one word on the command line."""
+"""The catalogue of methods: this folder. One file is one method is one word on the command line.
+
+A method's file has a first docstring line for the catalogue, a `Settings` class, and `build(settings, wall, time)`,
+which returns an `nn.Module`. Called with counts (B, C, T, H, W) and exposure (B, H, W) or None, a physics method returns the
+volume (B, C, D, H, W); a learned one returns albedo (B, H, W), depth in metres (B, H, W) and a volume or None. The
+module's `depths_m`, (D,), says where the planes of its volume lie.
+"""
+
+import ast
+import difflib
+import importlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, cast
+
+from pydantic import ValidationError
+
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+from configs.settings import Settings as AnySettings
+from recon.errors import InvalidSettings
+
+if TYPE_CHECKING:
+    from torch import nn
+
+
+class Method(Protocol):
+    """What a module in this folder offers."""
+
+    Settings: type[AnySettings]
+
+    def build(self, settings: AnySettings, wall: WallGrid, time: TimeAxis) -> "nn.Module":
+        """The method for one geometry."""
+        ...
+
+
+def catalogue() -> dict[str, str]:
+    """Every method and its one line, in alphabetical order; imports none of them."""
+    files = sorted(Path(__file__).parent.glob("[a-z]*.py"))
+    return {file.stem: _first_line(file) for file in files}
+
+
+def find(name: str) -> Method:
+    """The method of that name. Raises `InvalidSettings` with the nearest name for one that does not exist."""
+    known = catalogue()
+    if name not in known:
+        near = difflib.get_close_matches(name, known, n=1)
+        raise InvalidSettings(
+            f"there is no method '{name}'; " + (f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}")
+        )
+    return cast(Method, importlib.import_module(f"{__name__}.{name}"))
+
+
+def parse_settings(name: str, given: dict[str, object]) -> AnySettings:
+    """The settings of method `name` with these given. Raises `InvalidSettings` naming key, value and the remedy."""
+    method = find(name)
+    try:
+        return method.Settings.model_validate(given)
+    except ValidationError as error:
+        known = list(method.Settings.model_fields)
+        lines = []
+        for problem in error.errors():
+            key = ".".join(str(part) for part in problem["loc"])
+            if problem["type"] == "extra_forbidden":
+                near = difflib.get_close_matches(key, known, n=1)
+                hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}"
+                lines.append(f"{name} has no setting '{key}'; {hint}")
+            else:
+                lines.append(f"{name}: {key}: {problem['msg']} (given: {problem['input']!r})")
+        raise InvalidSettings("; ".join(lines)) from None
+
+
+def _first_line(file: Path) -> str:
+    text = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+    return text.partition("\n")[0]

@@ -33,14 +33,16 @@ def rfft(x: torch.Tensor, size: int, dim: int) -> torch.Tensor:
     """The half spectrum of real `x` along `dim`, zero-padded to `size`."""
     if x.device.type == "cpu":
         return _wrapped(scipy.fft.rfft(x.numpy(), n=size, axis=dim, workers=torch.get_num_threads()))
-    return torch.fft.rfft(x, n=size, dim=dim)
+    spectrum: torch.Tensor = torch.fft.rfft(x, n=size, dim=dim)
+    return spectrum
 
 
 def irfft(spectrum: torch.Tensor, size: int, dim: int) -> torch.Tensor:
     """The real signal of length `size` with this half spectrum along `dim`."""
     if spectrum.device.type == "cpu":
         return _wrapped(scipy.fft.irfft(spectrum.numpy(), n=size, axis=dim, workers=torch.get_num_threads()))
-    return torch.fft.irfft(spectrum, n=size, dim=dim)
+    signal: torch.Tensor = torch.fft.irfft(spectrum, n=size, dim=dim)
+    return signal
 
 
 def _wrapped(array: npt.NDArray[Any]) -> torch.Tensor:

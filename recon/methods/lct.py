@@ -1,0 +1,41 @@
+"""Light-cone transform: the exact inverse for diffuse or retroreflective scenes, by one 3D deconvolution."""
+
+import torch
+from torch import nn
+
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+from configs.settings import Settings as AnySettings
+from recon.physics import PhysicsSettings, rates
+from recon.transport.conventions import depths_m
+from recon.transport.falloff import Falloff
+from recon.transport.light_cone import LightConeConvolution
+from recon.transport.resampling import LightConeResampling
+
+
+class Settings(PhysicsSettings):
+    """Settings of the light-cone transform."""
+
+
+class LightConeTransform(nn.Module):
+    """(B, C, T, H, W) counts -> (B, C, D, H, W) albedo, one plane a bin. Source: O'Toole et al., Nature 2018."""
+
+    def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
+        super().__init__()
+        self.settings = settings
+        self.depths_m = depths_m(time, settings.conventions)
+        self.falloff = Falloff(time, settings.falloff, settings.conventions)
+        self.resample = LightConeResampling(time, settings.conventions)
+        self.cone = LightConeConvolution(wall, time, settings.conventions)
+
+    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
+        """The albedo volume, not below 0."""
+        on_cone = self.resample(self.falloff(rates(counts, exposure_s)))
+        snr = 0.1 if self.settings.snr is None else self.settings.snr
+        return self.resample.adjoint(self.cone.wiener(on_cone, snr)).clamp_(min=0)
+
+
+def build(settings: AnySettings, wall: WallGrid, time: TimeAxis) -> LightConeTransform:
+    """The transform for one geometry."""
+    assert isinstance(settings, Settings)
+    return LightConeTransform(settings, wall, time)

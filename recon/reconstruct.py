@@ -1,0 +1,104 @@
+"""From a transient to a reconstruction, by any method of the catalogue."""
+
+import time as clock
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import torch
+from torch import nn
+
+from acquisition.transient import TimeAxis, Transient
+from acquisition.wall import WallGrid
+from configs.settings import Settings
+from recon.errors import InvalidData
+from recon.front_view import depth_map, front_view
+from recon.methods import find, parse_settings
+from recon.volume import Reconstruction, Volume
+
+
+def reconstruct(
+    transient: Transient, method: str, settings: Mapping[str, object] | None = None, device: str = "cpu"
+) -> Reconstruction:
+    """What `method` sees in `transient` (time 0 at the wall, direct light removed).
+
+    Raises `InvalidData` for counts nobody can reconstruct, `InvalidSettings` for a method or setting that does not
+    exist, `ReconstructionFailed` where memory or the method does not reach.
+    """
+    chosen = parse_settings(method, dict(settings or {}))
+    check(transient)
+    width_ps = getattr(chosen, "bin_width_ps", None)
+    rebinned = transient if width_ps is None else rebin(transient, width_ps * 1e-12)
+    began = clock.perf_counter()
+    module = _module(method, chosen, rebinned.wall, rebinned.time).to(device)
+    with torch.inference_mode():
+        counts = torch.from_numpy(np.ascontiguousarray(rebinned.counts))[None, None].to(device)
+        exposure_s = torch.from_numpy(np.ascontiguousarray(rebinned.exposure_s))[None].to(device)
+        seen = module(counts, exposure_s)
+    if isinstance(seen, torch.Tensor):
+        albedo_volume = seen[0, 0].cpu().numpy()
+        volume = Volume(albedo_volume, np.asarray(module.depths_m), rebinned.wall)
+        albedo, depth_m = front_view(volume), depth_map(volume)
+    else:
+        learned_albedo, learned_depth_m, learned_volume = seen
+        albedo, depth_m = learned_albedo[0].cpu().numpy(), learned_depth_m[0].cpu().numpy()
+        volume = None
+        if learned_volume is not None:
+            volume = Volume(learned_volume[0, 0].cpu().numpy(), np.asarray(module.depths_m), rebinned.wall)
+    seconds = clock.perf_counter() - began
+    return Reconstruction(
+        albedo=albedo.astype(np.float32),
+        depth_m=depth_m.astype(np.float32),
+        wall=rebinned.wall,
+        method=method,
+        seconds=seconds,
+        settings=chosen.model_dump(mode="json"),
+        volume=volume,
+    )
+
+
+@lru_cache(maxsize=4)
+def _module(method: str, settings: Settings, wall: WallGrid, time: TimeAxis) -> nn.Module:
+    return find(method).build(settings, wall, time).eval()
+
+
+def check(transient: Transient) -> None:
+    """Raises `InvalidData` for counts that are not finite, negative, or nothing but zeros, saying where."""
+    counts = transient.counts
+    finite = np.isfinite(counts)
+    if not finite.all():
+        bin_, row, col = (int(i) for i in np.argwhere(~finite)[0])
+        raise InvalidData(
+            f"{int((~finite).sum())} of {counts.size} counts are not finite, the first in bin {bin_} of row {row}, "
+            f"column {col}. Mark that point as not measured (exposure 0) or scan it again."
+        )
+    if not counts.any():
+        raise InvalidData(
+            "every count is 0. Check that the shutter was open and that the direct cut does not remove everything."
+        )
+    if not (np.isfinite(transient.exposure_s).all() and (transient.exposure_s >= 0).all()):
+        raise InvalidData("exposures must be finite and not negative; 0 marks a point as not measured.")
+    if not (transient.exposure_s > 0).any():
+        raise InvalidData("no point of the wall was measured: every exposure is 0.")
+
+
+def rebin(transient: Transient, bin_width_s: float) -> Transient:
+    """Adds up bins to `bin_width_s`, a whole multiple of what they are; what is left over at the end is dropped.
+
+    Raises `InvalidData` where it is not a multiple or more than there is.
+    """
+    time = transient.time
+    factor = round(bin_width_s / time.bin_width_s)
+    if factor < 1 or abs(factor * time.bin_width_s - bin_width_s) > 1e-3 * time.bin_width_s or factor > time.bins:
+        multiples = ", ".join(f"{time.bin_width_s * k * 1e12:g}" for k in (1, 2, 4))
+        raise InvalidData(
+            f"bins of {time.bin_width_s * 1e12:g} ps cannot be added up to {bin_width_s * 1e12:g} ps. "
+            f"Use a whole multiple: {multiples} ..."
+        )
+    if factor == 1:
+        return transient
+    bins = time.bins // factor
+    rows, cols = transient.wall.rows, transient.wall.cols
+    summed = transient.counts[: bins * factor].reshape(bins, factor, rows, cols).sum(1, dtype=np.float32)
+    return replace(transient, counts=summed, time=TimeAxis(bins, time.bin_width_s * factor, time.start_s))

@@ -1,0 +1,89 @@
+"""reconstruction.h5 and its pictures: what `nlos reconstruct` leaves behind.
+
+Layout: `albedo` (H, W), `depth_m` (H, W, NaN where nothing is seen), `x_m` (W,), `y_m` (H,), and where the method has
+them `volume` (D, H, W) and `depths_m` (D,); attributes `method`, `settings` (JSON), `seconds`, `weights_sha256`,
+`software`. Row 0 is the top, column 0 the left, seen from the wall.
+"""
+
+import json
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from acquisition.wall import WallGrid
+from recon.errors import InvalidData
+from recon.volume import Reconstruction, Volume
+
+NAMES = ("reconstruction.h5", "albedo.png", "depth.png")
+
+
+def write_results(
+    folder: Path, reconstruction: Reconstruction, overwrite: bool = False, keep_volume: bool = True
+) -> list[Path]:
+    """Writes the three files into `folder` and returns their paths. Raises FileExistsError unless `overwrite`."""
+    from recon.pictures import albedo_picture, depth_picture
+
+    paths = [folder / name for name in NAMES]
+    present = [path for path in paths if path.exists()]
+    if present and not overwrite:
+        raise FileExistsError(f"{present[0]} is there already. Choose another folder, or allow it with --overwrite.")
+    folder.mkdir(parents=True, exist_ok=True)
+    partial = paths[0].with_suffix(".h5.partial")
+    write_reconstruction(partial, reconstruction, keep_volume)
+    partial.replace(paths[0])
+    albedo_picture(reconstruction, paths[1])
+    depth_picture(reconstruction, paths[2])
+    return paths
+
+
+def write_reconstruction(path: Path, reconstruction: Reconstruction, keep_volume: bool = True) -> None:
+    """Writes one HDF5 file in the layout above."""
+    wall = reconstruction.wall
+    with h5py.File(path, "w") as file:
+        file.attrs["method"] = reconstruction.method
+        file.attrs["settings"] = json.dumps(reconstruction.settings, sort_keys=True)
+        file.attrs["seconds"] = reconstruction.seconds
+        file.attrs["weights_sha256"] = reconstruction.weights_sha256 or ""
+        file.attrs["software"] = software()
+        file.attrs["wall_size_m"] = (wall.width_m, wall.height_m)
+        file["albedo"] = reconstruction.albedo
+        file["depth_m"] = reconstruction.depth_m
+        file["x_m"], file["y_m"] = wall.x_m(), wall.y_m()
+        if keep_volume and reconstruction.volume is not None:
+            file.create_dataset("volume", data=reconstruction.volume.albedo, compression="gzip", compression_opts=1)
+            file["depths_m"] = reconstruction.volume.depths_m
+
+
+def read_reconstruction(path: Path) -> Reconstruction:
+    """Reads what `write_reconstruction` wrote. Raises `InvalidData` naming what is missing."""
+    try:
+        with h5py.File(path, "r") as file:
+            albedo, depth_m = file["albedo"][()], file["depth_m"][()]
+            width_m, height_m = file.attrs["wall_size_m"]
+            wall = WallGrid(float(width_m), float(height_m), *albedo.shape)
+            volume = Volume(file["volume"][()], file["depths_m"][()], wall) if "volume" in file else None
+            return Reconstruction(
+                albedo=albedo.astype(np.float32),
+                depth_m=depth_m.astype(np.float32),
+                wall=wall,
+                method=str(file.attrs["method"]),
+                seconds=float(file.attrs["seconds"]),
+                settings=json.loads(file.attrs["settings"]),
+                volume=volume,
+                weights_sha256=str(file.attrs["weights_sha256"]) or None,
+            )
+    except (KeyError, OSError, ValueError) as error:
+        raise InvalidData(f"{path} is not a reconstruction: {error}. Make one with `nlos reconstruct`.") from error
+
+
+def software() -> str:
+    """Name and version of this project and of what computes."""
+    found = []
+    for package in ("nlos", "numpy", "scipy", "torch"):
+        try:
+            found.append(f"{package} {version(package)}")
+        except PackageNotFoundError:
+            continue
+    return ", ".join(found)
