@@ -98,7 +98,7 @@ def measure_time_offsets(
     arrival, error = first, np.where(bright, box / 3.5, np.inf)
     template, radius = response, 3 * box
     for number in range(ROUNDS):
-        wall = fit_wall_timing(arrival * width, error * width, x, y)
+        wall = fit_wall_timing(time.start_s + arrival * width, error * width, x, y)
         predicted = _predicted(wall, x, y, time)
         centre = _centre(arrival, error, wall, predicted, first)
         if response is None:
@@ -114,7 +114,7 @@ def measure_time_offsets(
         scatter = wall.rms_s / width if wall else 0.0
         radius = int(np.clip(np.ceil(6 * scatter), SMALLEST_RADIUS_BINS, 3 * box))
     assert template is not None
-    wall = fit_wall_timing(arrival * width, error * width, x, y)
+    wall = fit_wall_timing(time.start_s + arrival * width, error * width, x, y)
     predicted = _predicted(wall, x, y, time)
     direct = _window_counts(recorded, np.where(np.isfinite(error), arrival, predicted), background, template, width)
     elsewhere = np.zeros(len(recorded), bool)
@@ -165,7 +165,7 @@ def _boxcar_arrival(recorded: npt.NDArray[np.generic], background: Floats, box: 
 
 
 def _predicted(wall: WallTiming | None, x: Floats, y: Floats, time: TimeAxis) -> Floats:
-    return np.full(len(x), np.nan) if wall is None else wall.arrival_s(x, y) / time.bin_width_s
+    return np.full(len(x), np.nan) if wall is None else (wall.arrival_s(x, y) - time.start_s) / time.bin_width_s
 
 
 def _centre(arrival: Floats, error: Floats, wall: WallTiming | None, predicted: Floats, first: Floats) -> Floats:

@@ -39,6 +39,15 @@ def test_scanner_and_delay_lie_within_their_errors(raw_scan: RawScan) -> None:
     assert wall.position_error_m[2] < 0.02
 
 
+def test_the_delay_counts_from_the_sync_wherever_the_record_starts(raw_scan: RawScan) -> None:
+    parts = (raw_scan.counts, raw_scan.x_m, raw_scan.y_m)
+    early = measure_time_offsets(*parts, TimeAxis(512, raw_scan.bin_width_s)).wall
+    late = measure_time_offsets(*parts, TimeAxis(512, raw_scan.bin_width_s, 5e-9)).wall
+    assert early is not None
+    assert late is not None
+    assert late.delay_s - early.delay_s == pytest.approx(5e-9, abs=1e-12)
+
+
 def test_points_of_few_photons_lean_on_the_wall() -> None:
     scan = make_raw_scan(direct_counts=15, hidden_counts=0.5, background=0.002)
     found = measure(scan)

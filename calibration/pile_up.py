@@ -1,0 +1,92 @@
+"""Photons that the detector missed because it was still blind from an earlier one: pile-up and dead time, undone.
+
+A histogram's bin can only hold photons of those laser pulses in which the detector was live at that bin. Dividing by
+the number of live pulses instead of all pulses gives the photon rate back; a bin that was live L times and clicked
+N times saw -ln(1 - N / L) photons a pulse (Coates, J. Phys. E 1, 878, 1968, eq. 4).
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from calibration.errors import SaturatedBins
+
+Floats = npt.NDArray[np.float64]
+
+
+def correct_synchronous(
+    counts: npt.ArrayLike, sync_count: npt.ArrayLike, counts_before: npt.ArrayLike = 0.0
+) -> tuple[Floats, Floats]:
+    """Coates' correction for a detector that takes one photon per laser pulse at most and is live at each pulse.
+
+    `counts` (N, T), `sync_count` (N,) laser pulses, `counts_before` (N,) counts of the same pulses before the first
+    bin. Returns the counts that a detector without dead time would have had and their variance, both (N, T). Raises
+    `SaturatedBins` where a bin was live no more often than it clicked.
+    """
+    recorded = np.asarray(counts, dtype=np.float64)
+    pulses = _per_point(sync_count, len(recorded))
+    earlier = np.cumsum(recorded, axis=1) - recorded + _per_point(counts_before, len(recorded))
+    return _photons(recorded, pulses - earlier, pulses)
+
+
+def correct_free_running(
+    counts: npt.ArrayLike,
+    sync_count: npt.ArrayLike,
+    total_count: npt.ArrayLike,
+    bin_width_s: float,
+    period_s: float,
+    dead_time_s: float,
+) -> tuple[Floats, Floats]:
+    """The cyclic correction for a free-running detector, blind for `dead_time_s` after each click.
+
+    `counts` (N, T) from the start of the window, `total_count` (N,) all clicks, also those outside of the window:
+    they are taken as spread evenly over the rest of the laser's period, which holds where the window covers all laser
+    light. A dead time longer than the period is allowed. Returns counts as a detector without dead time would have
+    had them and their variance, (N, T). Raises `SaturatedBins`.
+    """
+    recorded = np.asarray(counts, dtype=np.float64)
+    pulses = _per_point(sync_count, len(recorded))
+    blind = clicks_before(recorded, total_count, bin_width_s, period_s, dead_time_s)
+    return _photons(recorded, pulses - blind, pulses)
+
+
+def clicks_before(
+    counts: npt.ArrayLike, total_count: npt.ArrayLike, bin_width_s: float, period_s: float, span_s: float
+) -> Floats:
+    """Clicks within `span_s` before the start of each bin, cyclic in the laser's period, shape (N, T)."""
+    recorded = np.asarray(counts, dtype=np.float64)
+    points, bins = recorded.shape
+    period = period_s / bin_width_s
+    if bins > period + 0.5:
+        raise ValueError(f"{bins} bins of {bin_width_s:g} s are more than the laser's period of {period_s:g} s")
+    period = max(period, float(bins))
+    inside = recorded.sum(axis=1)
+    outside = np.clip(_per_point(total_count, points)[:, 0] - inside, 0, None)
+    running = np.concatenate([np.zeros((points, 1)), np.cumsum(recorded, axis=1)], axis=1)
+    knots = np.arange(bins + 1.0)
+    if period > bins:
+        knots = np.append(knots, period)
+        running = np.concatenate([running, (inside + outside)[:, None]], axis=1)
+    start = np.arange(bins) - span_s / bin_width_s
+    turns = np.floor(start / period)
+    at = start - turns * period
+    low = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
+    part = (at - knots[low]) / (knots[low + 1] - knots[low])
+    until = running[:, low] * (1 - part) + running[:, low + 1] * part
+    return np.asarray(running[:, :bins] - until - turns * running[:, -1:])
+
+
+def _photons(recorded: Floats, live: Floats, pulses: Floats) -> tuple[Floats, Floats]:
+    full = recorded >= live
+    if full.any():
+        point, bin_ = (int(i) for i in np.argwhere(full)[0])
+        raise SaturatedBins(
+            f"point {point}, bin {bin_} clicked {recorded[point, bin_]:.0f} times, but the detector was live there for "
+            f"only {live[point, bin_]:.0f} laser pulses: the rate cannot be told. Attenuate the light, or check sync "
+            "count and dead time."
+        )
+    photons = -np.log1p(-recorded / live) * pulses
+    return photons, pulses**2 * recorded / (live * (live - recorded))
+
+
+def _per_point(values: npt.ArrayLike, points: int) -> Floats:
+    return np.broadcast_to(np.asarray(values, dtype=np.float64).reshape(-1), (points,))[:, None]

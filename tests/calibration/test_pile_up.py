@@ -1,0 +1,79 @@
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calibration.errors import SaturatedBins
+from calibration.pile_up import correct_free_running, correct_synchronous
+
+PULSES = 4_000_000
+
+
+def photons_per_pulse(bins: int, share: float) -> npt.NDArray[np.float64]:
+    """A bright pulse on a background; `share` photons a laser pulse in all."""
+    bin_ = np.arange(bins)
+    rate = 0.02 / bins + np.exp(-0.5 * ((bin_ - 0.3 * bins) / 3) ** 2)
+    return np.asarray(rate * share / rate.sum())
+
+
+def one_photon_a_pulse(rate: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Exact expected clicks per pulse of a detector that takes the first photon only."""
+    return np.asarray(np.exp(-(np.cumsum(rate) - rate)) * -np.expm1(-rate))
+
+
+def clicks_in_time_order(rate: npt.NDArray[np.float64], dead_bins: int, pulses: int) -> npt.NDArray[np.int64]:
+    """A free-running detector, photon by photon: every photon while blind is missed."""
+    random = np.random.default_rng(5)
+    bins = len(rate)
+    photons = np.repeat(np.arange(bins), random.poisson(rate * pulses))
+    times = np.sort(random.integers(0, pulses, len(photons)) * bins + photons)
+    clicks, live_from = np.zeros(bins, np.int64), -1
+    for t in times.tolist():
+        if t >= live_from:
+            clicks[t % bins] += 1
+            live_from = t + dead_bins
+    return clicks
+
+
+@settings(max_examples=20)
+@given(st.floats(0.001, 0.5), st.integers(20, 400))
+def test_coates_inverts_pile_up_exactly_in_the_mean(share: float, bins: int) -> None:
+    rate = photons_per_pulse(bins, share)
+    photons, _ = correct_synchronous(one_photon_a_pulse(rate)[None] * PULSES, [PULSES])
+    assert np.allclose(photons[0] / PULSES, rate, rtol=1e-6)
+
+
+@pytest.mark.parametrize("dead_bins", [70, 170, 430])
+def test_a_free_running_detector_is_corrected_to_a_percent(dead_bins: int) -> None:
+    """Dead times shorter than, and several times as long as, the laser's period; 20 % of the laser's rate."""
+    rate, pulses = photons_per_pulse(200, 0.2), 600_000
+    clicks = clicks_in_time_order(rate, dead_bins, pulses)
+    photons, variance = correct_free_running(clicks[None], [pulses], [clicks.sum()], 1e-9, 200e-9, dead_bins * 1e-9)
+    assert photons.sum() == pytest.approx(rate.sum() * pulses, rel=0.01)
+    off = (photons[0] - rate * pulses) / np.sqrt(np.maximum(variance[0], 1))
+    assert np.abs(off).max() < 5
+
+
+def test_a_window_needs_only_the_total_count() -> None:
+    rate, pulses = photons_per_pulse(200, 0.2), 400_000
+    clicks = clicks_in_time_order(rate, 150, pulses)
+    whole, _ = correct_free_running(clicks[None], [pulses], [clicks.sum()], 1e-9, 200e-9, 150e-9)
+    window, _ = correct_free_running(clicks[None, :90], [pulses], [clicks.sum()], 1e-9, 200e-9, 150e-9)
+    assert window[0].sum() == pytest.approx(whole[0, :90].sum(), rel=0.002)
+
+
+def test_without_dead_time_nothing_but_the_logarithm_is_left() -> None:
+    counts = np.arange(12.0).reshape(2, 6)
+    photons, variance = correct_free_running(counts, 1000, [15, 51], 1e-9, 10e-9, 0.0)
+    assert np.allclose(photons, -np.log1p(-counts / 1000) * 1000)
+    assert np.allclose(variance, counts, rtol=0.03)
+
+
+def test_more_clicks_than_live_pulses_are_refused_by_point_and_bin() -> None:
+    counts = np.zeros((3, 8))
+    counts[1, 4], counts[1, 6] = 60, 41
+    with pytest.raises(
+        SaturatedBins, match="point 1, bin 6 clicked 41 times, but the detector was live there for only 40"
+    ):
+        correct_synchronous(counts, 100)
