@@ -1,0 +1,57 @@
+"""A plain 3D U-Net over Wiener volumes with attention along depth: the simplest learned method, to compare with."""
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+from configs.settings import Settings as BaseSettings
+from recon.layers.unet import UNet
+from recon.layers.volume_projection import AttentionProjection
+from recon.layers.wiener_features import SNR_FACTORS, WienerFeatures
+
+
+class Settings(BaseSettings):
+    """Shape of the network. `weights`: a name in recon/weights, a path, or null for a network that knows nothing."""
+
+    weights: str | None = "unet"
+    widths: tuple[int, ...] = (16, 32, 48)
+    features: int = 8
+    finish_widths: tuple[int, ...] = (32, 64, 128)
+    core_points: int = 32  # lateral size of the 3D network's grid: a fixed pitch on the wall, whatever the scan's
+    farthest: float = 2.0  # wall widths
+
+
+def build(settings: Settings, wall: WallGrid, time_axis: TimeAxis) -> nn.Module:
+    """The network for this wall and time axis; raises WeightsError if the weights are not of this shape."""
+    network = UNetMethod(settings, wall, time_axis)
+    if settings.weights is not None:
+        from recon.training.checkpoint import load_weights
+
+        load_weights(network, settings.weights)
+        network.eval()
+    return network
+
+
+class UNetMethod(nn.Module):
+    """counts (B, 1, T, H, W), exposure (B, H, W) -> albedo (B, H, W), depth_m (B, H, W), volume (B, D, H, W)."""
+
+    def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
+        super().__init__()
+        volumes = len(SNR_FACTORS)
+        self.physics = WienerFeatures(wall, time, farthest=settings.farthest)
+        self.unit_m = wall.width_m / 2
+        self.core_points = settings.core_points
+        self.core = UNet(3, 2 * volumes, 1 + settings.features, settings.widths)
+        nn.init.normal_(self.core.head.weight, std=0.05)
+        self.projection = AttentionProjection(volumes, settings.features, 1, settings.finish_widths)
+
+    def forward(self, counts: Tensor, exposure: Tensor | None = None) -> tuple[Tensor, Tensor, Tensor]:
+        seen = self.physics(counts, exposure)
+        depths = seen.depths_m / self.unit_m
+        size = (max(1, len(depths) // 2), self.core_points, self.core_points)
+        mean, highest = F.adaptive_avg_pool3d(seen.volumes, size), F.adaptive_max_pool3d(seen.volumes, size)
+        out = self.core(torch.cat((mean, highest), dim=1))
+        result = self.projection(out[:, 0], out[:, 1:], seen.volumes, seen.measured[:, None], depths)
+        return result.albedo, result.depth * self.unit_m, result.volume

@@ -1,0 +1,65 @@
+"""The order of the samples and what becomes of a batch: functions of (seed, step) alone, so a run can stop anywhere."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from recon.training.dataset import DatasetSettings, collate, sample
+
+USED = ("counts", "exposure", "noise_map", "intensity", "albedo", "depth_m", "coverage", "noise_level", "background")
+
+
+def order(count: int, epoch: int, seed: int) -> npt.NDArray[np.int64]:
+    """The samples 0 .. count - 1 in the order of this epoch."""
+    return np.random.default_rng((seed, epoch, 11)).permutation(count)
+
+
+def batch_at(
+    data: DatasetSettings, cache: Path | None, seed: int, step: int, batch: int, part: slice = slice(None)
+) -> dict[str, torch.Tensor]:
+    """Batch number `step`, or the `part` of its samples that one of several processes works on."""
+    chosen = []
+    for position in range(step * batch, (step + 1) * batch)[part]:
+        epoch, place = divmod(position, len(data))
+        chosen.append(sample(data, int(order(len(data), epoch, seed)[place]), cache))
+    whole = collate(chosen)
+    return {name: whole[name] for name in USED}
+
+
+def pooled(batch: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    """The scan that a grid of half as many rows and columns makes: 2 x 2 points added; noise_map is left out."""
+
+    def mean(x: torch.Tensor) -> torch.Tensor:
+        rows, cols = x.shape[-2:]
+        return x.reshape(*x.shape[:-2], rows // 2, 2, cols // 2, 2).mean(dim=(-1, -3))
+
+    result = {name: batch[name] for name in ("noise_level", "background")}
+    result |= {name: mean(batch[name]) for name in ("intensity", "albedo", "coverage", "exposure")}
+    result["counts"] = 4 * mean(batch["counts"])
+    result["background"] = 4 * batch["background"]
+    weight = batch["coverage"] * (batch["depth_m"] > 0)
+    depth = mean(batch["depth_m"] * weight) / mean(weight).clamp(min=1e-6)
+    result["depth_m"] = torch.where(result["coverage"] >= 0.5, depth, 0.0)
+    return result
+
+
+def whole_scan(batch: Mapping[str, torch.Tensor]) -> bool:
+    """Whether every point was measured: only then do pooled points sit where a coarser scan has them."""
+    return bool((batch["exposure"] > 0).all())
+
+
+def mirrored(batch: Mapping[str, torch.Tensor], rng: np.random.Generator) -> dict[str, torch.Tensor]:
+    """One of the eight symmetries of a square wall, or of the four of another, for the whole batch."""
+    flips = [dim for dim in (-1, -2) if rng.random() < 0.5]
+    square = batch["intensity"].shape[-1] == batch["intensity"].shape[-2]
+    transpose = bool(rng.random() < 0.5) and square
+    result = {}
+    for name, x in batch.items():
+        if x.ndim >= 3:
+            x = x.flip(flips)
+            x = x.transpose(-1, -2).contiguous() if transpose else x
+        result[name] = x
+    return result

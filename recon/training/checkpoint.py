@@ -1,0 +1,138 @@
+"""Weights and training states as safetensors with their settings inside: nothing that is read can run.
+
+A training state holds weights, their running mean, the optimiser and the place in the data; random numbers follow from
+(seed, step) and need no storing. Files appear whole or not at all.
+"""
+
+import json
+import os
+import subprocess
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import nn
+
+OWN_FOLDER = Path(__file__).parents[1] / "weights"
+SHOWN = 5
+
+
+class WeightsError(ValueError):
+    """Weights that cannot be used: unreadable, or not those of this network."""
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Named tensors and what was said about them when they were saved."""
+
+    tensors: dict[str, torch.Tensor]
+    about: dict[str, Any]
+
+
+def find_weights(name: str) -> Path:
+    """The file that `name` means: a path, or a name in recon/weights. Raises WeightsError."""
+    for path in (Path(name), OWN_FOLDER / f"{name}.safetensors"):
+        if path.is_file():
+            return path
+    known = ", ".join(sorted(path.stem for path in OWN_FOLDER.glob("*.safetensors"))) or "none"
+    raise WeightsError(f"no weights {name!r}: no such file, and none of that name come with the program ({known}).")
+
+
+def read_weights(path: Path) -> Weights:
+    """Raises WeightsError if the file is not a whole safetensors file."""
+    try:
+        with safe_open(path, framework="pt") as file:
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
+            about = json.loads((file.metadata() or {}).get("about", "{}"))
+    except (SafetensorError, OSError, ValueError) as error:
+        raise WeightsError(f"{path} is not a readable safetensors file ({error}). Copy or train it again.") from error
+    return Weights(tensors, about)
+
+
+def load_weights(module: nn.Module, name: str) -> dict[str, Any]:
+    """Put the weights `name` (see `find_weights`) into `module`; returns what is said about them.
+
+    Raises WeightsError unless every parameter is there in its shape.
+    """
+    path = find_weights(name)
+    weights = read_weights(path)
+    put_weights(module, weights.tensors, str(path))
+    return weights.about
+
+
+def put_weights(module: nn.Module, tensors: Mapping[str, torch.Tensor], source: str) -> None:
+    """Copy `tensors` into the parameters of the same names; WeightsError says what does not fit."""
+    own = dict(module.named_parameters())
+    wrong = [f"{name} is missing" for name in own.keys() - tensors.keys()]
+    wrong += [f"{name} is not of this network" for name in tensors.keys() - own.keys()]
+    wrong += [
+        f"{name} is {tuple(tensors[name].shape)}, not {tuple(own[name].shape)}"
+        for name in own.keys() & tensors.keys()
+        if tensors[name].shape != own[name].shape
+    ]
+    if wrong:
+        shown = "; ".join(sorted(wrong)[:SHOWN]) + (f"; and {len(wrong) - SHOWN} more" if len(wrong) > SHOWN else "")
+        raise WeightsError(f"{source}: {shown}. Use the settings that these weights were trained with.")
+    with torch.no_grad():
+        for name, parameter in own.items():
+            parameter.copy_(tensors[name])
+
+
+def share_parameters(source: nn.Module, target: nn.Module) -> nn.Module:
+    """Makes `target` (built for another grid) use the very parameters of `source`; returns it."""
+    for name, parameter in source.named_parameters():
+        owner, _, leaf = name.rpartition(".")
+        setattr(target.get_submodule(owner), leaf, parameter)
+    return target
+
+
+def save(path: Path, tensors: Mapping[str, torch.Tensor], about: Mapping[str, Any]) -> None:
+    """Write atomically: a reader, or a machine that loses power, finds the old file or the new one."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(f".{os.getpid()}.partial")
+    plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    save_file(plain, partial, metadata={"about": json.dumps(about)})
+    with partial.open("rb") as file:
+        os.fsync(file.fileno())
+    partial.replace(path)
+
+
+def optimiser_tensors(module: nn.Module, optimiser: torch.optim.Optimizer) -> dict[str, torch.Tensor]:
+    """AdamW's state by parameter name."""
+    return {
+        f"optimiser/{name}/{key}": value
+        for name, parameter in module.named_parameters()
+        for key, value in optimiser.state.get(parameter, {}).items()
+    }
+
+
+def put_optimiser(module: nn.Module, optimiser: torch.optim.Optimizer, tensors: Mapping[str, torch.Tensor]) -> None:
+    """The reverse of `optimiser_tensors`; layouts follow the parameters, so that the next step is bit-equal."""
+    for name, parameter in module.named_parameters():
+        prefix = f"optimiser/{name}/"
+        for key in [key for key in tensors if key.startswith(prefix)]:
+            value = tensors[key]
+            if value.shape == parameter.shape:
+                value = torch.empty_like(parameter, requires_grad=False).copy_(value)
+            optimiser.state[parameter][key.removeprefix(prefix)] = value
+
+
+def commit() -> str:
+    """The commit of the code, with a + if it was changed since; "unknown" outside a repository."""
+    folder = Path(__file__).parent
+    try:
+        run = subprocess.run(
+            ["git", "describe", "--always", "--dirty=+", "--abbrev=12", "--exclude=*"],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return "unknown"
+    return run.stdout.strip()

@@ -1,0 +1,56 @@
+"""The log of a training, one JSON line at a time, and its picture."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+
+
+class Log:
+    """The JSONL log; lines written after the checkpoint that a run goes on from are dropped."""
+
+    def __init__(self, path: Path, step: int, active: bool):
+        self.path, self.active = path, active
+        self.sums: dict[str, float] = {}
+        self.count = 0
+        if active:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            lines = path.read_text().splitlines() if path.exists() else []
+            kept = [line for line in lines if line.endswith("}") and json.loads(line)["step"] <= step]
+            path.write_text("".join(line + "\n" for line in kept))
+
+    def terms(
+        self, step: int, terms: Mapping[str, torch.Tensor], rate: float, norm: float, seconds: float, every: int
+    ) -> None:
+        for name, value in terms.items():
+            self.sums[name] = self.sums.get(name, 0.0) + float(value.detach())
+        self.count += 1
+        if step % every == 0:
+            means = {name: value / self.count for name, value in self.sums.items()}
+            self.line({"step": step, **means, "rate": rate, "gradient_norm": norm, "seconds": seconds})
+            self.sums, self.count = {}, 0
+
+    def line(self, values: Mapping[str, Any]) -> None:
+        if self.active:
+            with self.path.open("a") as file:
+                file.write(json.dumps(values) + "\n")
+
+
+def plot(log: Path) -> None:
+    """loss.png beside the log: the terms of the loss, and what validation found."""
+    from matplotlib.figure import Figure
+
+    lines = [json.loads(line) for line in log.read_text().splitlines()]
+    steps = [line for line in lines if "loss" in line]
+    checks = [line for line in lines if "validation" in line]
+    figure = Figure(figsize=(7, 4), layout="constrained")
+    axes = figure.add_subplot(xlabel="step", ylabel="loss", yscale="log")
+    for name in sorted({key for line in steps for key in line} - {"step", "rate", "gradient_norm", "seconds"}):
+        axes.plot([line["step"] for line in steps], [line[name] for line in steps], label=name, linewidth=0.8)
+    axes.legend(loc="lower left")
+    right = axes.twinx()
+    right.plot([c["step"] for c in checks], [c["validation"]["psnr"] for c in checks], "k.-")
+    right.set_ylabel("validation PSNR, dB")
+    figure.savefig(log.with_name("loss.png"), dpi=120)

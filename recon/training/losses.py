@@ -1,0 +1,61 @@
+"""What training minimises, and the two figures it watches: picture, depth, and smoothness of the volume."""
+
+from collections.abc import Mapping
+
+import torch
+import torch.nn.functional as F
+
+from configs.settings import Settings
+
+Prediction = tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]
+"""Albedo (B, H, W) in units of the picture's maximum, depth (B, H, W) in metres, volume (B, D, H, W) or None."""
+
+
+class LossSettings(Settings):
+    """Weights of the terms; 0 leaves one out."""
+
+    picture: float = 10.0
+    depth: float = 0.3
+    total_variation: float = 0.0
+
+
+def picture_of(batch: Mapping[str, torch.Tensor]) -> torch.Tensor:
+    """The picture that a reconstruction is to show, (B, H, W): intensity divided by its maximum."""
+    intensity = batch["intensity"]
+    return intensity / intensity.amax(dim=(1, 2), keepdim=True).clamp(min=1e-6)
+
+
+def losses(
+    prediction: Prediction, batch: Mapping[str, torch.Tensor], settings: LossSettings
+) -> dict[str, torch.Tensor]:
+    """The weighted terms and their sum, `loss`: mean square error of the picture, smooth L1 of the depth in metres.
+
+    Depth counts where there is something, by its coverage. Total variation is the isotropic one of the volume
+    (NANO, section IV-D), which a method without volume does not have.
+    """
+    albedo, depth, volume = (None if part is None else part.float() for part in prediction)
+    assert albedo is not None
+    assert depth is not None
+    terms = {"picture": settings.picture * F.mse_loss(albedo, picture_of(batch))}
+    if settings.depth:
+        weight = batch["coverage"] * (batch["depth_m"] > 0)
+        error = F.smooth_l1_loss(depth, batch["depth_m"], beta=0.05, reduction="none")
+        per_sample = (error * weight).sum(dim=(1, 2)) / weight.sum(dim=(1, 2)).clamp(min=1)
+        terms["depth"] = settings.depth * per_sample.mean()
+    if settings.total_variation and volume is not None:
+        terms["total_variation"] = settings.total_variation * total_variation(volume)
+    terms["loss"] = torch.stack(list(terms.values())).sum()
+    return terms
+
+
+def total_variation(volume: torch.Tensor) -> torch.Tensor:
+    """Mean length of the gradient of (B, D, H, W)."""
+    steps = [torch.diff(volume, dim=d, append=volume.select(d, -1).unsqueeze(d)) for d in (1, 2, 3)]
+    return torch.stack(steps).square().sum(dim=0).add(1e-12).sqrt().mean()
+
+
+def psnr(picture: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """Decibels of each picture (B, H, W) at its best least-squares scale against a truth of maximum 1, shape (B,)."""
+    scale = (picture * truth).sum(dim=(1, 2)) / picture.square().sum(dim=(1, 2)).clamp(min=1e-12)
+    error = (scale[:, None, None] * picture - truth).square().mean(dim=(1, 2))
+    return -10 * torch.log10(error + 1e-8)

@@ -1,0 +1,283 @@
+"""Trains any learned method of the catalogue: one loop, alone or as one of several processes under torchrun.
+
+The network is `recon.methods.<method>.build(settings, wall, time)`; called with counts (B, 1, T, H, W) and relative
+exposure (B, H, W) it returns (albedo (B, H, W), depth in metres (B, H, W), volume or None), the albedo in units of the
+picture's maximum. It may instead bring its own objective, `training_loss(batch) -> {"loss": ..., ...}`, batch as
+`dataset.collate` makes it. Its Settings have a field `weights`, which is None here: training begins afresh.
+
+Everything random follows from (seed, step), so a run that is killed goes on from its last checkpoint bit for bit.
+"""
+
+import json
+import math
+import os
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import torch.distributed as dist
+from torch import nn
+
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+from recon.training.batches import batch_at, mirrored, pooled, whole_scan
+from recon.training.checkpoint import (
+    commit,
+    load_weights,
+    optimiser_tensors,
+    put_optimiser,
+    put_weights,
+    read_weights,
+    save,
+    share_parameters,
+)
+from recon.training.log import Log, plot
+from recon.training.losses import losses
+from recon.training.train_settings import TrainSettings
+from recon.training.validation import validate
+
+Report = Callable[[str], None]
+Objective = Callable[[Mapping[str, torch.Tensor]], dict[str, torch.Tensor]]
+STATE, WEIGHTS, LOG = "state.safetensors", "weights.safetensors", "log.jsonl"
+LINES = 400
+VALIDATIONS = 5
+
+
+def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict[str, Any]:
+    """Train into `folder`, going on from what is there; returns the summary written to the end of its log.
+
+    Files: log.jsonl, state.safetensors (to go on), weights.safetensors (running mean, to use), loss.png.
+    Raises ValueError if `folder` holds a run of other settings, WeightsError for weights that do not fit.
+    """
+    torch.manual_seed(settings.seed)
+    alone = "RANK" not in os.environ
+    rank, world = (0, 1) if alone else _join()
+    if settings.batch % world:
+        raise ValueError(f"a batch of {settings.batch} does not divide among {world} processes")
+    share = settings.batch // world
+    part = slice(rank * share, (rank + 1) * share)
+    device = f"cuda:{os.environ.get('LOCAL_RANK', 0)}" if torch.cuda.is_available() else "cpu"
+    model = build(settings, settings.data.wall, settings.data.time).to(device)
+    if settings.start_from:
+        load_weights(model, settings.start_from)
+    halved = None
+    if settings.pooled_share:
+        half = WallGrid(
+            settings.data.wall.width_m,
+            settings.data.wall.height_m,
+            settings.data.rows // 2,
+            settings.data.cols // 2,
+        )
+        halved = share_parameters(model, build(settings, half, settings.data.time).to(device))
+    parameters = [p for p in model.parameters() if p.requires_grad]
+    optimiser = torch.optim.AdamW(
+        parameters, lr=settings.learning_rate, betas=(0.9, 0.98), weight_decay=settings.weight_decay
+    )
+    average = [p.detach().clone() for p in parameters]
+    step, spent_s = _go_on(settings, folder, model, optimiser, average)
+    log = Log(folder / LOG, step, rank == 0)
+    began, saved = clock.monotonic() - spent_s, clock.monotonic()
+    started = clock.monotonic()
+    report(
+        f"{settings.method}: {sum(p.numel() for p in parameters):,} parameters, from step {step} of {settings.steps}"
+    )
+
+    def load(at: int) -> dict[str, torch.Tensor]:
+        return batch_at(settings.data, Path(settings.cache), settings.seed, at, settings.batch, part)
+
+    with ThreadPoolExecutor(1) as loader:
+        ahead = loader.submit(load, step)
+        while step < settings.steps:
+            batch = {name: x.to(device) for name, x in ahead.result().items()}
+            ahead = loader.submit(load, min(step + 1, settings.steps - 1))
+            torch.manual_seed(hash((settings.seed, step, rank)))
+            rng = np.random.default_rng((settings.seed, step, 12))
+            network = model
+            if halved is not None and rng.random() < settings.pooled_share and whole_scan(batch):
+                batch, network = pooled(batch), halved
+            if settings.flips:
+                batch = mirrored(batch, rng)
+            rate = learning_rate(settings, step)
+            for group in optimiser.param_groups:
+                group["lr"] = rate
+            terms = objective(network, batch, settings, device)
+            terms["loss"].backward()  # type: ignore[no-untyped-call]
+            norm = _step(parameters, optimiser, settings.clip, world)
+            keep = min(settings.average, (1 + step) / (10 + step))
+            torch._foreach_lerp_(average, [p.detach() for p in parameters], 1 - keep)
+            step += 1
+            elapsed = clock.monotonic() - began
+            log.terms(step, terms, rate, norm, elapsed, every=max(1, settings.steps // LINES))
+            out_of_time = settings.max_minutes is not None and clock.monotonic() - started > 60 * settings.max_minutes
+            if step % max(1, settings.steps // VALIDATIONS) == 0 and step < settings.steps and rank == 0:
+                figures = _with(average, parameters, lambda: validate(model, settings, device))
+                log.line({"step": step, "seconds": elapsed, "validation": figures})
+                report(f"step {step}/{settings.steps}, {elapsed / 60:.1f} min: " + _told(figures))
+            if out_of_time or step == settings.steps or clock.monotonic() - saved > 60 * settings.checkpoint_minutes:
+                if rank == 0:
+                    _save(settings, folder, model, optimiser, average, step, elapsed)
+                saved = clock.monotonic()
+            if out_of_time:
+                break
+    summary: dict[str, Any] = {
+        "step": step,
+        "samples": step * settings.batch,
+        "minutes": (clock.monotonic() - began) / 60,
+    }
+    if rank == 0:
+        figures = _with(average, parameters, lambda: validate(model, settings, device, against_lct=True))
+        summary |= {"validation": figures, "finished": step == settings.steps}
+        log.line(summary)
+        report(f"{summary['minutes']:.1f} min, {summary['samples']} samples: " + _told(figures))
+        plot(folder / LOG)
+    if not alone:
+        dist.barrier()
+        dist.destroy_process_group()
+    return summary
+
+
+def build(settings: TrainSettings, wall: WallGrid, time: TimeAxis) -> nn.Module:
+    """The method's network without weights, laid out for the processor's fastest convolutions."""
+    method = import_module(f"recon.methods.{settings.method}")
+    given = json.dumps({"weights": None} | settings.method_settings)
+    model: nn.Module = method.build(method.Settings.model_validate_json(given), wall, time)
+    model.train()
+    for dims, layout in ((5, torch.channels_last_3d), (4, torch.channels_last)):
+        for parameter in model.parameters():
+            if parameter.ndim == dims:
+                parameter.data = parameter.data.contiguous(memory_format=layout)
+    return model
+
+
+def objective(
+    network: nn.Module, batch: Mapping[str, torch.Tensor], settings: TrainSettings, device: str
+) -> dict[str, torch.Tensor]:
+    """The terms of the loss and their sum, `loss`, computed in the precision of the settings."""
+    kind = torch.device(device).type
+    with torch.autocast(kind, torch.bfloat16, enabled=half_precision(settings, kind)):
+        own: Objective | None = getattr(network, "training_loss", None)
+        if own is not None:
+            return own(batch)
+        prediction = network(batch["counts"], batch["exposure"])
+    return losses(prediction, batch, settings.loss)
+
+
+def half_precision(settings: TrainSettings, device: str) -> bool:
+    """Whether to compute in bfloat16: where the processor has it, unless told otherwise."""
+    if settings.precision != "auto":
+        return settings.precision == "bf16"
+    if device == "cuda":
+        return bool(torch.cuda.is_bf16_supported())
+    return bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
+
+
+def learning_rate(settings: TrainSettings, step: int) -> float:
+    """Linear warm-up, then half a cosine."""
+    if step < settings.warm_up_steps:
+        return settings.learning_rate * (step + 1) / settings.warm_up_steps
+    done = (step - settings.warm_up_steps) / max(1, settings.steps - settings.warm_up_steps)
+    return settings.last_rate + (settings.learning_rate - settings.last_rate) * (1 + math.cos(math.pi * done)) / 2
+
+
+def _join() -> tuple[int, int]:
+    dist.init_process_group("nccl" if torch.cuda.is_available() else "gloo")
+    if torch.cuda.is_available():
+        torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
+    return dist.get_rank(), dist.get_world_size()
+
+
+def _step(parameters: list[nn.Parameter], optimiser: torch.optim.Optimizer, clip: float, world: int) -> float:
+    """Average the gradients of all processes, clip, step; a step that is not finite is left out. Returns the norm."""
+    if world > 1:
+        flat = torch.cat([(p.grad if p.grad is not None else torch.zeros_like(p)).flatten() for p in parameters])
+        dist.all_reduce(flat)
+        flat /= world
+        start = 0
+        for p in parameters:
+            p.grad = torch.empty_like(p).copy_(flat[start : start + p.numel()].view(p.shape))
+            start += p.numel()
+    norm = float(nn.utils.clip_grad_norm_(parameters, clip))
+    if math.isfinite(norm):
+        optimiser.step()
+    optimiser.zero_grad(set_to_none=True)
+    return norm
+
+
+def _with(average: list[torch.Tensor], parameters: Sequence[torch.Tensor], do: Callable[[], Any]) -> Any:
+    """Do something with the running mean in place of the weights."""
+    own = [p.detach().clone() for p in parameters]
+    with torch.no_grad():
+        torch._foreach_copy_(list(parameters), average)
+    try:
+        return do()
+    finally:
+        with torch.no_grad():
+            torch._foreach_copy_(list(parameters), own)
+
+
+def _save(
+    settings: TrainSettings,
+    folder: Path,
+    model: nn.Module,
+    optimiser: torch.optim.Optimizer,
+    average: list[torch.Tensor],
+    step: int,
+    seconds: float,
+) -> None:
+    trained = [name for name, p in model.named_parameters() if p.requires_grad]
+    mean = dict(zip(trained, average, strict=True))
+    whole = {name: p.detach() for name, p in model.named_parameters()}
+    about = {
+        "method": settings.method,
+        "settings": settings.model_dump(mode="json"),
+        "step": step,
+        "samples": step * settings.batch,
+        "hours": seconds / 3600,
+        "commit": commit(),
+        "torch": torch.__version__,
+        "device": str(next(iter(whole.values())).device),
+        "threads": torch.get_num_threads(),
+    }
+    state = {f"weights/{name}": p for name, p in whole.items()}
+    state |= {f"average/{name}": p for name, p in mean.items()}
+    save(folder / STATE, state | optimiser_tensors(model, optimiser), about)
+    save(folder / WEIGHTS, whole | mean, about)
+
+
+def _go_on(
+    settings: TrainSettings,
+    folder: Path,
+    model: nn.Module,
+    optimiser: torch.optim.Optimizer,
+    average: list[torch.Tensor],
+) -> tuple[int, float]:
+    """Step and seconds spent of the run in `folder`, its state put in place; 0, 0 where there is none."""
+    if not (folder / STATE).exists():
+        return 0, 0.0
+    state = read_weights(folder / STATE)
+    free = {"max_minutes", "checkpoint_minutes", "cache"}
+    given = (state.about["settings"], settings.model_dump(mode="json"))
+    before, now = ({key: value for key, value in one.items() if key not in free} for one in given)
+    if before != now:
+        changed = ", ".join(sorted(key for key in now if before.get(key) != now[key]))
+        raise ValueError(f"{folder} holds a run with other settings ({changed}). Choose another folder, or remove it.")
+
+    def under(prefix: str) -> dict[str, torch.Tensor]:
+        return {name.removeprefix(prefix): x for name, x in state.tensors.items() if name.startswith(prefix)}
+
+    put_weights(model, under("weights/"), str(folder / STATE))
+    put_optimiser(model, optimiser, state.tensors)
+    mean = under("average/")
+    names = [name for name, p in model.named_parameters() if p.requires_grad]
+    for name, own in zip(names, average, strict=True):
+        own.copy_(mean[name])
+    return int(state.about["step"]), 3600 * float(state.about["hours"])
+
+
+def _told(figures: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {value:.3f}" for name, value in figures.items())

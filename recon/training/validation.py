@@ -1,0 +1,55 @@
+"""How good a network in training is on scenes of kinds it never sees, and how the light-cone transform does there."""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import nn
+
+from recon.training.dataset import collate, sample
+from recon.training.losses import picture_of, psnr
+from recon.training.train_settings import TrainSettings
+from recon.transport.falloff import Falloff
+from recon.transport.light_cone import LightConeConvolution
+from recon.transport.resampling import LightConeResampling
+
+SNRS = (1.0, 0.1, 0.03, 0.01, 0.003)
+
+
+def validate(model: nn.Module, settings: TrainSettings, device: str, against_lct: bool = False) -> dict[str, float]:
+    """Mean PSNR at the best scale, and the depth's mean absolute error over the mask in metres, on the validation set.
+
+    `against_lct` adds the light-cone transform at the best of five snr for each sample, and the margin over it.
+    """
+    data = settings.validation
+    pictures, depths, rivals = [], [], []
+    model.eval()
+    for index in range(len(data)):
+        batch = {name: x.to(device) for name, x in collate([sample(data, index, Path(settings.cache))]).items()}
+        truth = picture_of(batch)
+        with torch.no_grad():
+            albedo, depth, _ = model(batch["counts"], batch["exposure"])
+        pictures.append(float(psnr(albedo.float(), truth)))
+        mask = batch["depth_m"] > 0
+        depths.append(float((depth.float() - batch["depth_m"])[mask].abs().mean()) if mask.any() else np.nan)
+        if against_lct:
+            rivals.append(max(float(psnr(picture, truth)) for picture in light_cone_pictures(batch, settings)))
+    model.train()
+    figures = {"psnr": float(np.mean(pictures)), "depth_mad_m": float(np.nanmean(depths))}
+    if against_lct:
+        figures |= {"lct_psnr": float(np.mean(rivals)), "margin_db": float(np.mean(pictures) - np.mean(rivals))}
+    return figures
+
+
+def light_cone_pictures(batch: dict[str, torch.Tensor], settings: TrainSettings) -> list[torch.Tensor]:
+    """Front views (B, H, W) of the centred light-cone transform without background, falloff 4, at each snr."""
+    wall, time = settings.validation.wall, settings.validation.time
+    exposure = batch["exposure"][:, None, None]
+    net = batch["counts"] - batch["background"][:, None, None, None, None] * exposure
+    rate = torch.where(exposure > 0, net / exposure.clamp(min=1e-6), 0.0)
+    resampling = LightConeResampling(time)
+    light = resampling(Falloff(time, 2.0 if settings.data.retroreflective else 4.0)(rate.cpu()))
+    cone = LightConeConvolution(wall, time)
+    return [
+        resampling.adjoint(cone.wiener(light, snr)).clamp(min=0).amax(dim=2)[:, 0].to(exposure.device) for snr in SNRS
+    ]
