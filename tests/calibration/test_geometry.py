@@ -1,0 +1,121 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from acquisition.aim import Aim
+from calibration.errors import InvalidData
+from calibration.geometry import ScannerGeometry, fit_geometry
+from calibration.homography import (
+    angles_from_volts,
+    apply_homography,
+    fit_homography,
+    slopes_from_angles,
+    slopes_from_unit_circle,
+)
+from drivers.galvo.mirror import MirrorAngles
+from drivers.simulated.beam import BeamPath, Misalignment
+
+C = 299_792_458.0
+TRUE = ScannerGeometry(2.03, 0.015, 0.04, -0.03, 1.013, 0.992, 0.006, -0.009, np.deg2rad(3), np.deg2rad(-4))
+GRID = np.deg2rad(np.linspace(-20, 20, 9))
+AX, AY = (a.ravel() for a in np.meshgrid(GRID, GRID))
+tilts, shifts = st.floats(-0.3, 0.3), st.floats(-0.2, 0.2)
+
+
+@given(tilts, tilts, shifts, shifts, st.floats(0, 0.05), st.floats(-0.4, 0.4), st.floats(-0.4, 0.4))
+def test_the_model_is_the_simulated_benchs_by_other_means(
+    pitch: float, yaw: float, sx: float, sy: float, e: float, ax: float, ay: float
+) -> None:
+    off = Misalignment(
+        scanner_x_m=sx, scanner_y_m=sy, wall_pitch_deg=np.rad2deg(pitch), wall_yaw_deg=np.rad2deg(yaw), x_gain=1.02
+    )
+    spot = BeamPath(2.0, e, off).spot(MirrorAngles(ax, ay))
+    assert spot is not None
+    geometry = ScannerGeometry(2.0, e, sx, sy, 1.02, wall_pitch_rad=pitch, wall_yaw_rad=yaw)
+    assert np.allclose(geometry.spots(ax, ay), (spot.x_m, spot.y_m, spot.range_m), atol=1e-12)
+
+
+@given(st.floats(-1, 1), st.floats(-1, 1), tilts, tilts)
+def test_the_corrected_aim_hits_the_point(x: float, y: float, pitch: float, yaw: float) -> None:
+    geometry = dataclasses.replace(TRUE, wall_pitch_rad=pitch, wall_yaw_rad=yaw)
+    ax, ay = geometry.angles_rad(np.array([x]), np.array([y]))
+    hit_x, hit_y, _ = geometry.spots(ax, ay)
+    assert np.hypot(hit_x - x, hit_y - y)[0] < 1e-8
+
+
+def test_a_square_wall_is_aimed_at_as_the_plan_does() -> None:
+    assert np.allclose(ScannerGeometry(2.0, 0.02).angles_rad(0.8, -0.6), Aim(2.0, 0.02).angles_rad(0.8, -0.6))
+
+
+def test_a_point_out_of_reach_is_named() -> None:
+    with pytest.raises(InvalidData, match=r"wall point 1 at \(\+90\.000 m"):
+        TRUE.angles_rad(np.array([0.0, 90.0]), np.array([0.0, 0.0]))
+
+
+@settings(max_examples=25)
+@given(tilts, tilts, shifts, shifts)
+def test_four_points_give_the_exact_homography(pitch: float, yaw: float, sx: float, sy: float) -> None:
+    geometry = ScannerGeometry(2.0, 0.0, sx, sy, wall_pitch_rad=pitch, wall_yaw_rad=yaw)
+    slopes = np.column_stack(slopes_from_angles(AX, AY))
+    spots = np.column_stack(geometry.spots(AX, AY)[:2])
+    corners = [0, 8, 72, 80]
+    homography = fit_homography(slopes[corners], spots[corners])
+    assert np.allclose(apply_homography(homography, slopes), spots, atol=1e-9)
+
+
+def test_volts_and_unit_circle_become_angles() -> None:
+    assert np.allclose(np.rad2deg(angles_from_volts([0.0, 1.0, -6.64])), [0, 4, -26.56])
+    assert np.allclose(np.rad2deg(np.arctan(slopes_from_unit_circle(1.0, -0.5)[0])), 50)
+
+
+def test_three_points_on_a_line_make_no_homography() -> None:
+    with pytest.raises(InvalidData, match="on one line"):
+        fit_homography([[0, 0], [1, 1], [2, 2], [3, 3]], [[0, 0], [1, 1], [2, 2], [3, 3]])
+
+
+def test_direct_times_tell_distance_tilt_and_delay() -> None:
+    random = np.random.default_rng(1)
+    path = TRUE.spots(AX, AY)[2]
+    arrival = 2 * path / C - 6e-9 + random.normal(0, 2e-12, len(AX))
+    arrival[[3, 40]] += 1e-9
+    start = dataclasses.replace(TRUE, wall_distance_m=2.0, wall_pitch_rad=0.0, wall_yaw_rad=0.0)
+    fit = fit_geometry(start, AX, AY, arrival_s=arrival, arrival_error_s=2e-12)
+    for name, error in fit.errors.items():
+        truth = -6e-9 if name == "delay_s" else getattr(TRUE, name)
+        found = fit.delay_s if name == "delay_s" else getattr(fit.geometry, name)
+        assert abs(found - truth) < 4 * error, name
+    assert not fit.accepted[[3, 40]].any()
+    assert fit.accepted.sum() > 75
+
+
+def test_spots_and_times_tell_the_whole_geometry() -> None:
+    random = np.random.default_rng(2)
+    x, y, path = TRUE.spots(AX, AY)
+    spots = np.column_stack([x, y]) + random.normal(0, 5e-4, (len(AX), 2))
+    arrival = 2 * path / C - 6e-9 + random.normal(0, 1e-12, len(AX))
+    start = ScannerGeometry(2.0, TRUE.mirror_separation_m)
+    fit = fit_geometry(start, AX, AY, spots_m=spots, spot_error_m=5e-4, arrival_s=arrival, arrival_error_s=1e-12)
+    for name, error in fit.errors.items():
+        truth = -6e-9 if name == "delay_s" else getattr(TRUE, name)
+        found = fit.delay_s if name == "delay_s" else getattr(fit.geometry, name)
+        assert abs(found - truth) < 4 * error, name
+    assert np.sqrt((fit.spot_residual_m**2).mean()) < 6e-4
+
+
+def test_a_bump_shows_in_the_height_map() -> None:
+    x, y, path = TRUE.spots(AX, AY)
+    bump = (np.hypot(x - 0.3, y) < 0.1) * 0.02
+    fit = fit_geometry(TRUE, AX, AY, arrival_s=2 * (path - bump / 0.95) / C, arrival_error_s=1e-12)
+    assert np.abs(fit.height_m - bump)[bump == 0].max() < 1e-3
+    assert fit.height_m[bump > 0] == pytest.approx(0.02, rel=0.12)
+
+
+def test_too_few_and_degenerate_points_are_refused() -> None:
+    with pytest.raises(InvalidData, match="needs nine"):
+        fit_geometry(TRUE, AX[:8], AY[:8], arrival_s=AX[:8])
+    line = np.zeros(20)
+    with pytest.raises(InvalidData, match="do not determine"):
+        fit_geometry(TRUE, np.linspace(-0.3, 0.3, 20), line, arrival_s=np.linspace(0, 1e-9, 20))
