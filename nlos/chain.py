@@ -1,7 +1,7 @@
 """From a file to a picture: read, calibrate, reconstruct, write. What `scan --reconstruct` and `reconstruct` share."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ from nlos.exit_codes import UsageError
 from nlos.terminal import terminal
 
 if TYPE_CHECKING:
+    from acquisition.recording import Recording
     from acquisition.transient import Transient
     from recon.volume import Reconstruction
 
@@ -31,17 +32,33 @@ class LoadedScan:
 
 def load_scan(path: Path) -> LoadedScan:
     """Reads our own recordings and every format that an importer knows. Raises `InvalidData`."""
-    from acquisition.importers.formats import is_recording, read_any
+    from acquisition.importers.formats import is_recording
+    from acquisition.importers.isolated import read_isolated
     from acquisition.recording import Recording
 
     if is_recording(path):
         with Recording.open(path) as recording:
-            return LoadedScan(recording.transient(), False, None, None, None)
-    scan = read_any(path)
+            return _load_recording(recording)
+    scan = read_isolated(path)
     for note in scan.notes:
         terminal.log(f"{path}: {note}", 1)
     cut = scan.direct_cut_bins if scan.direct_cut_bins > 0 else None
     return LoadedScan(scan.transient, scan.rectified, cut, scan.falloff, scan.time_offset_bins)
+
+
+def _load_recording(recording: "Recording") -> LoadedScan:
+    """A recording of our own; one that was imported keeps what its source said."""
+    from acquisition.importers.to_recording import said_by_source
+
+    said = said_by_source(recording)
+    cut, falloff, offsets = said.get("direct_cut_bins"), said.get("falloff"), said.get("time_offset_bins")
+    return LoadedScan(
+        recording.transient(),
+        bool(said.get("rectified", False)),
+        cut if isinstance(cut, int) and cut > 0 else None,
+        falloff if isinstance(falloff, int) else None,
+        np.asarray(offsets, dtype=np.float64) if isinstance(offsets, list) else None,
+    )
 
 
 def calibrate_scan(scan: LoadedScan, use_file_offsets: bool = False) -> "Transient":
@@ -68,10 +85,16 @@ def calibrate_scan(scan: LoadedScan, use_file_offsets: bool = False) -> "Transie
     return corrected.transient
 
 
+def on_wall(scan: LoadedScan, side_m: object) -> LoadedScan:
+    """The same scan on a square wall, for files that do not store its size. Raises `UsageError`."""
+    if not isinstance(side_m, int | float) or not 0 < side_m <= 100:
+        raise UsageError(f"wall_size_m={side_m}: metres between 0 and 100 are expected")
+    wall = replace(scan.transient.wall, width_m=float(side_m), height_m=float(side_m))
+    return replace(scan, transient=replace(scan.transient, wall=wall))
+
+
 def cut_direct(transient: "Transient", bins: int) -> "Transient":
     """The same transient with its first `bins` set to zero."""
-    from dataclasses import replace
-
     if bins == 0:
         return transient
     counts = transient.counts.copy()
@@ -90,21 +113,25 @@ def reconstruct_file(
     volume: bool = True,
     overwrite: bool = False,
 ) -> "Reconstruction":
-    """One file to one folder of results. `settings` are the method's; `offsets=file` is this function's own."""
+    """One file to one folder of results. `settings` are the method's, except `offsets=file` and `wall_size_m`."""
     from recon.reconstruct import reconstruct
-    from recon.results import check_writable, write_results
+    from recon.results import NAMES, write_results
 
-    check_writable(folder, overwrite)
+    for name in NAMES:
+        if (folder / name).exists() and not overwrite:
+            raise FileExistsError(f"{folder / name}: exists. Choose another folder with -o, or say --overwrite.")
     scan = load_scan(run)
     chosen = dict(settings)
     offsets = chosen.pop("offsets", None)
     if offsets not in (None, "file"):
         raise UsageError(f"offsets={offsets}: only `offsets=file` is known")
+    if (side_m := chosen.pop("wall_size_m", None)) is not None:
+        scan = on_wall(scan, side_m)
     transient = calibrate_scan(scan, offsets == "file")
     if scan.falloff is not None:
         chosen.setdefault("falloff", scan.falloff)
     result = reconstruct(transient, method, chosen, device)
-    write_results(folder, result, overwrite=overwrite, html=html, volume=volume)
+    write_results(folder, result, overwrite=overwrite, keep_volume=volume)
     return result
 
 

@@ -1,6 +1,7 @@
 """What an importer returns: a scan on a wall grid, as its file holds it, and what the file could not say."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -24,3 +25,8 @@ class ImportedScan:
     """Bin in which the rectified time 0 lies, where the file says so."""
     notes: tuple[str, ...] = field(default=())
     """What the file does not hold and was assumed, or holds and was left behind."""
+
+    def on_wall(self, width_m: float, height_m: float) -> Self:
+        """The same scan on a wall of that size, for files that do not store it."""
+        wall = replace(self.transient.wall, width_m=width_m, height_m=height_m)
+        return replace(self, transient=replace(self.transient, wall=wall))

@@ -1,0 +1,77 @@
+"""An imported scan as a recording of our own: one sample per measured point, and what else its file said."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from acquisition.errors import InvalidData
+from acquisition.importers.imported import ImportedScan
+from acquisition.plan import ScanPlan
+from acquisition.positions import pixels
+from acquisition.provenance import Header
+from acquisition.recording import Recording
+from acquisition.recording_writer import RecordingWriter
+from acquisition.sample import Sample
+from drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
+
+_KEY = "imported"
+
+
+def write_recording(scan: ImportedScan, source: Path, target: Path, *, overwrite: bool = False) -> int:
+    """Writes `target`; returns how many points it holds. Raises `InvalidData` where counts are no whole numbers."""
+    transient = scan.transient
+    counts = transient.counts.astype(np.uint32)
+    if not np.array_equal(counts, transient.counts):
+        raise InvalidData(f"{source}: its counts are no whole numbers, so no photon counts; reconstruct it as it is")
+    rows, cols = np.nonzero(transient.exposure_s > 0)
+    if rows.size == 0:
+        raise InvalidData(f"{source}: no point was exposed")
+    dwell_s = transient.exposure_s[rows, cols]
+    time = transient.time
+    axis = HistogramAxis(time.bins, time.bin_width_s, time.start_s)
+    plan = ScanPlan(transient.wall, axis, pixels(transient.wall, rows, cols), dwell_s, np.zeros(len(rows), np.int32))
+    header = Header(scan_json=json.dumps({_KEY: _said(scan, source)})).stamped()
+    started_s = np.concatenate([[0.0], np.cumsum(dwell_s)])
+    with RecordingWriter.create(target, plan, header, overwrite=overwrite) as writer:
+        for point in plan:
+            histogram = counts[:, rows[point.number], cols[point.number]]
+            begun_s = float(started_s[point.number])
+            writer.write(
+                Sample(
+                    point,
+                    Histogram(
+                        histogram,
+                        time.bin_width_s,
+                        time.start_s,
+                        point.dwell_s,
+                        sync_count=0,
+                        total_count=int(histogram.sum(dtype=np.int64)),
+                        flags=HistogramFlag.NONE,
+                        gate_opened_s=begun_s,
+                    ),
+                    begun_s,
+                )
+            )
+        for note in scan.notes:
+            writer.log("import_note", note)
+    return len(plan)
+
+
+def said_by_source(recording: Recording) -> dict[str, object]:
+    """What the file that a recording was imported from said; empty for recordings that were not imported."""
+    scan = json.loads(recording.header.scan_json)
+    said = scan.get(_KEY, {}) if isinstance(scan, dict) else {}
+    return said if isinstance(said, dict) else {}
+
+
+def _said(scan: ImportedScan, source: Path) -> dict[str, object]:
+    offsets = scan.time_offset_bins
+    return {
+        "file": source.name,
+        "format": scan.source_format,
+        "rectified": scan.rectified,
+        "direct_cut_bins": scan.direct_cut_bins,
+        "falloff": scan.falloff,
+        "time_offset_bins": None if offsets is None else np.round(offsets, 4).tolist(),
+    }
