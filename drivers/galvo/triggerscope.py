@@ -174,10 +174,12 @@ class TriggerScope:
         self._sequence = ()
 
     def park(self) -> None:
-        """Centre, from any state. After an error this does not make the mirror usable again."""
+        """Centre, from any state, and still. After an error this does not make the mirror usable again."""
         with self._motion():
+            self._controller.recover()
             self._disarm()
             self._centre()
+        self.wait_settled()
 
     def set_shutter_line(self, is_open: bool) -> None:
         """Drives the TTL output that is wired to the shutter and returns when the controller confirms. Closing goes

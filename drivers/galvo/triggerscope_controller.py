@@ -1,17 +1,11 @@
 """Talking to a TriggerScope-MM: who answers, does each reply confirm its command, did it restart."""
 
+import contextlib
 from collections.abc import Iterable
 from typing import Self
 
 from drivers.clock import Clock
-from drivers.errors import (
-    CommandRejected,
-    DeviceError,
-    DeviceReset,
-    DeviceTimeout,
-    ProtocolError,
-    WrongDevice,
-)
+from drivers.errors import CommandRejected, DeviceError, DeviceReset, DeviceTimeout, ProtocolError, WrongDevice
 from drivers.galvo import triggerscope_commands as wire
 from drivers.identity import DeviceIdentity
 from drivers.link.serial_line import SerialLine, WireLog
@@ -83,6 +77,11 @@ class Controller:
             self._line.interject(command, wire.echo(command))
         except (DeviceTimeout, ProtocolError):
             self.command(command)
+
+    def recover(self) -> None:
+        """In step again after whatever happened, a restart included; for commands that are right from any state."""
+        with contextlib.suppress(DeviceReset, RangeChanged):
+            self._line.resynchronise()
 
     def close(self) -> None:
         self._line.close()

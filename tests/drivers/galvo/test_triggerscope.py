@@ -1,0 +1,162 @@
+"""The TriggerScope driver against written dialogues, and its codec by itself."""
+
+import math
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from drivers.errors import CommandRejected, LimitError, WrongDevice
+from drivers.galvo import triggerscope_commands as wire
+from drivers.galvo.mirror import MirrorAngles
+from drivers.galvo.triggerscope import AxisSettings, TriggerScope, TriggerScopeSettings
+from drivers.simulated.bench import SimulatedBench
+from drivers.simulated.serial_port import plug, plugged, unplug
+
+BANNER = b"ARC TRIGGERSCOPE 16 R4 Board 4B v.620-MM\r\n"
+
+
+def echoed(*commands: bytes) -> list[tuple[bytes, bytes]]:
+    return [(command + b"\n", b"!" + command + b"\r\n") for command in commands]
+
+
+DISARM = echoed(b"PAS1-0-1", b"PAS2-0-1", b"PDS0-0-1", b"SDO0-0")
+CENTRE = echoed(b"SAR1-4", b"SAO1-32767", b"SAR2-4", b"SAO2-32767")
+OPENING = [(b"*\n", BANNER), *echoed(b"SSL0"), *DISARM, *CENTRE]
+CLEAR = echoed(b"PAC1", b"PAC2", b"PDC0")
+
+
+@pytest.fixture(params=[0, 1, 7, 512], ids=["whole", "byte-by-byte", "7", "512"])
+def talk(
+    request: pytest.FixtureRequest,
+    dark_bench: Callable[..., SimulatedBench],
+    transcript: Callable[..., object],
+    chopped: Callable[..., object],
+) -> Callable[..., TriggerScope]:
+    """talk(*dialogue): an opened driver whose controller answers what is written."""
+    devices = []
+
+    def open_with(*dialogue: tuple[bytes, bytes], banner: bytes = BANNER, **settings: object) -> TriggerScope:
+        bench = dark_bench()
+        devices.append(transcript(dialogue, banner))
+        unplug("written")
+        url = plug("written", devices[-1], bench, latency_s=0.001)
+        if request.param:
+            plugged("written").mangle = chopped(request.param)
+        return TriggerScope.open(TriggerScopeSettings(model="triggerscope", port=url, **settings), bench.clock)
+
+    yield open_with
+    assert all(device.finished for device in devices), "the driver did not say all that is written"
+
+
+def test_it_opens_by_asking_who_answers_and_centring(talk: Callable[..., TriggerScope]) -> None:
+    identity = talk(*OPENING).identity
+    assert (identity.vendor, identity.product, identity.firmware) == ("ARC", "TriggerScope 16 R4 Board 4B", "v.620-MM")
+
+
+def test_a_shutter_output_is_closed_before_anything_else(talk: Callable[..., TriggerScope]) -> None:
+    mirror = talk(OPENING[0], *echoed(b"SDO1-0"), *OPENING[1:], *echoed(b"SDO1-4", b"SDO1-0"), shutter_pin=11)
+    mirror.set_shutter_line(True)
+    mirror.set_shutter_line(False)
+
+
+def test_a_move_is_two_codes(talk: Callable[..., TriggerScope]) -> None:
+    mirror = talk(*OPENING, *echoed(b"SAO1-49152", b"SAO2-16384"))
+    mirror.move_to(MirrorAngles(math.radians(20.0), math.radians(-20.0)))  # 10 deg mechanical: 5 V
+
+
+def test_a_sequence_is_loaded_with_markers_started_and_stopped(talk: Callable[..., TriggerScope]) -> None:
+    load = [
+        (b"PAO1-0-49152-32768-16384\n", b"!PAO1-0-3-3\r\n"),
+        (b"PAO2-0-32768-32768-32768\n", b"!PAO2-0-3-3\r\n"),
+        (b"PDO0-0-5-2-1\n", b"!PDO0-0-3-3\r\n"),
+    ]
+    start = echoed(b"SAO1-49152", b"SAO2-32768", b"SDO0-0", b"PAS1-1-1", b"PAS2-1-1", b"PDS0-1-1")
+    mirror = talk(*OPENING, *CLEAR, *load, *start, *DISARM)
+    mirror.load([MirrorAngles(math.radians(x_deg), 0.0) for x_deg in (20.0, 0.0, -20.0)])
+    mirror.start()
+    mirror.stop()
+
+
+def test_a_sequence_whose_count_disagrees_is_cleared_and_sent_once_more(talk: Callable[..., TriggerScope]) -> None:
+    load = [(b"PAO1-0-32768\n", b"!PAO1-0-1-1\r\n"), (b"PAO2-0-32768\n", b"!PAO2-0-1-1\r\n")]
+    wrong = (b"PAO1-0-32768\n", b"!PAO1-0-0-0\r\n")
+    mirror = talk(*OPENING, *CLEAR, wrong, *CLEAR, *load, (b"PDO0-0-5\n", b"!PDO0-0-1-1\r\n"))
+    mirror.load([MirrorAngles(0.0, 0.0)])
+
+
+def test_another_device_on_the_port_is_refused(talk: Callable[..., TriggerScope]) -> None:
+    with pytest.raises(WrongDevice, match=r"says b'GRBL 1.1'.*Correct `port`"):
+        talk((b"*\n", b"GRBL 1.1\r\n"), banner=b"")
+
+
+@pytest.mark.parametrize("name", ["PAO", "PDO"])
+@given(values=st.lists(st.integers(0, 255), min_size=1, max_size=wire.STATES))
+def test_uploaded_lines_hold_every_value_once_and_fit_the_controllers_buffers(name: str, values: list[int]) -> None:
+    lines = list(wire.load_states(9, values) if name == "PAO" else wire.load_masks(1, values))
+    parsed: list[int] = []
+    for line, reply in lines:
+        numbers = [int(number) for number in line[3:-1].split(b"-")]
+        assert numbers[1] == len(parsed)
+        parsed += numbers[2:]
+        assert len(numbers) - 2 <= 99
+        assert len(reply) < 20
+    assert parsed == values
+
+
+def test_what_overruns_the_controllers_memory_is_refused_before_anything_is_sent(
+    talk: Callable[..., TriggerScope],
+) -> None:
+    mirror = talk(*OPENING)
+    with pytest.raises(LimitError, match="1201 positions"):
+        mirror.load([MirrorAngles(0.0, 0.0)] * 1201)
+    with pytest.raises(LimitError, match="Load 1 to 1200"):
+        mirror.load([])
+    with pytest.raises(CommandRejected, match="no sequence"):
+        mirror.start()
+    with pytest.raises(ValueError, match="1 to 9"):
+        list(wire.load_states(10, [0]))
+    with pytest.raises(ValueError, match="room for 1200"):
+        list(wire.load_states(1, [0] * 1201))
+
+
+def test_positions_beyond_the_head_are_refused_before_anything_is_sent(talk: Callable[..., TriggerScope]) -> None:
+    mirror = talk(*OPENING, x=AxisSettings(dac=1, volts_per_degree=0.6))
+    with pytest.raises(LimitError, match=r"mirror y = -40.10 deg is outside \+-40.00 deg. Shrink the wall"):
+        mirror.move_to(MirrorAngles(0.0, math.radians(-40.1)))
+    with pytest.raises(LimitError, match=r"mirror x = \+34.00 deg needs \+10.200 V"):
+        mirror.load([MirrorAngles(math.radians(34.0), 0.0)])
+    for bad in (math.nan, math.inf):
+        with pytest.raises(LimitError):
+            mirror.check(MirrorAngles(bad, 0.0))
+
+
+@given(
+    angle_deg=st.floats(-30, 30),
+    volts_per_degree=st.floats(0.1, 0.6),
+    sign=st.sampled_from([1, -1]),
+    offset=st.floats(-0.5, 0.5),
+)
+def test_codes_stand_for_their_angles_within_half_a_step(
+    angle_deg: float, volts_per_degree: float, sign: int, offset: float
+) -> None:
+    code = wire.code_for(math.radians(angle_deg), sign * volts_per_degree, offset)
+    back_deg = math.degrees(wire.angle_for(code, sign * volts_per_degree, offset))
+    assert abs(back_deg - angle_deg) <= 2.0 * wire.SPAN_V / wire.CODES / 2.0 / volts_per_degree * 1.001
+
+
+@given(st.integers(1, 1200))
+def test_markers_alternate_so_that_every_step_is_one_edge(count: int) -> None:
+    masks = wire.marker_masks(count)
+    assert [mask & 3 for mask in masks] == [1 + index % 2 for index in range(count)]
+    assert [mask >> 2 for mask in masks] == [1] + [0] * (count - 1)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"x": {"dac": 2}}, {"x": {"dac": 10}}, {"y": {"dac": 2, "volts_per_degree": 0.0}}, {"shutter_pin": 3}]
+)
+def test_impossible_settings_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(ValidationError):
+        TriggerScopeSettings.model_validate({"model": "triggerscope", "port": "COM3", **wrong})
