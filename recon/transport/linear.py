@@ -11,12 +11,12 @@ Map = Callable[[torch.Tensor], torch.Tensor]
 class _Linear(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, x: torch.Tensor, apply: Map, adjoint: Map) -> torch.Tensor:
-        ctx.apply, ctx.adjoint = apply, adjoint
+        ctx.forward_map, ctx.backward_map = apply, adjoint  # `apply` itself is taken: autograd calls it
         return apply(x)
 
     @staticmethod
     def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor, None, None]:
-        return linear(gradients[0], ctx.adjoint, ctx.apply), None, None
+        return linear(gradients[0], ctx.backward_map, ctx.forward_map), None, None
 
 
 def linear(x: torch.Tensor, apply: Map, adjoint: Map) -> torch.Tensor:
