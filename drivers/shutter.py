@@ -26,3 +26,44 @@ class LaserShutter(Protocol):
         ...
 
     def state(self) -> ShutterState: ...
+
+
+class ShutterLine(Protocol):
+    """A controller with a TTL output that is wired to the shutter; `triggerscope` is one."""
+
+    def set_shutter_line(self, is_open: bool) -> None: ...
+
+
+class TtlShutter:
+    """A shutter on a mirror controller's TTL output. Nothing reads back whether it moved, nor the interlock."""
+
+    def __init__(self, line: ShutterLine) -> None:
+        self._line = line
+        self._commanded_open = False
+
+    def open(self) -> None:
+        self._commanded_open = True
+        self._line.set_shutter_line(True)
+
+    def close(self) -> None:
+        self._line.set_shutter_line(False)
+        self._commanded_open = False
+
+    def state(self) -> ShutterState:
+        return ShutterState(self._commanded_open, None, None)
+
+
+class NoShutter:
+    """A bench without a shutter that this program could close: the light is a person's business."""
+
+    def __init__(self) -> None:
+        self._commanded_open = False
+
+    def open(self) -> None:
+        self._commanded_open = True
+
+    def close(self) -> None:
+        self._commanded_open = False
+
+    def state(self) -> ShutterState:
+        return ShutterState(self._commanded_open, None, None)

@@ -1,6 +1,7 @@
 """A single-photon detector: timing jitter, dark counts, dead time, afterpulsing, and counts drawn from the rates."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -74,11 +75,8 @@ def distort(per_pulse: Array, bin_width_s: float, settings: DetectorSettings) ->
     dead = round(settings.dead_time_ns * 1e-9 / bin_width_s)
     seen = per_pulse
     if settings.afterpulse_probability:
-        delay = np.arange(period) * bin_width_s
-        decay = np.roll(np.exp(-delay / (settings.afterpulse_ns * 1e-9)), dead)
-        spectrum = np.fft.rfft(decay * settings.afterpulse_probability / decay.sum())
-        # Afterpulses have afterpulses: the geometric series of the delay's spectrum.
-        seen = np.fft.irfft(np.fft.rfft(per_pulse) / (1 - spectrum), period).clip(min=0.0)
+        gain = _afterpulse_gain(settings, bin_width_s, period, dead)
+        seen = np.fft.irfft(np.fft.rfft(per_pulse) * gain, period).clip(min=0.0)
     if dead == 0:
         return seen
     wanted = -np.expm1(-seen)
@@ -91,6 +89,17 @@ def distort(per_pulse: Array, bin_width_s: float, settings: DetectorSettings) ->
         if np.abs(change).max() <= 1e-5 * detected.max():
             break
     return detected
+
+
+@lru_cache(maxsize=8)
+def _afterpulse_gain(
+    settings: DetectorSettings, bin_width_s: float, period: int, dead: int
+) -> npt.NDArray[np.complex128]:
+    """Spectrum of a detection with its afterpulses, theirs included: a geometric series."""
+    delay_s = np.arange(period) * bin_width_s
+    decay = np.roll(np.exp(-delay_s / (settings.afterpulse_ns * 1e-9)), dead)
+    spectrum = np.fft.rfft(decay * settings.afterpulse_probability / decay.sum())
+    return np.asarray(1 / (1 - spectrum))
 
 
 def _preceding(detected: Array, dead: int) -> Array:

@@ -1,0 +1,185 @@
+"""Everything on the optical table: opened together, the light shut first whatever happens, and closed in order."""
+
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+
+from drivers.bench_settings import BenchSettings
+from drivers.clock import Clock, SystemClock
+from drivers.errors import DeviceError
+from drivers.events import EventLog, OnEvent
+from drivers.exit_paths import ExitPaths
+from drivers.galvo.mirror import GalvoMirror
+from drivers.galvo.models import open_mirror
+from drivers.galvo.triggerscope import TriggerScope
+from drivers.identity import DeviceIdentity
+from drivers.safety import GuardedShutter
+from drivers.shutter import LaserShutter, NoShutter, TtlShutter
+from drivers.simulated.bench import SimulatedBench
+from drivers.simulated.recorded import RecordedScan
+from drivers.tcspc.counter import HistogramCounter
+from drivers.tcspc.models import open_counter
+from drivers.tcspc.tcspc488 import Tcspc488
+from drivers.tcspc.tcspc488_shutter import Tcspc488Shutter
+
+__all__ = ["Bench", "BenchSettings", "WireLog", "open_bench"]
+
+_log = logging.getLogger(__name__)
+
+WireLog = Callable[[str, str, bytes], None]
+"""(device, ">" sent or "<" received, bytes)"""
+
+
+class Bench:
+    """The open bench. `warnings`: what a person should know and a recording should keep."""
+
+    def __init__(
+        self,
+        settings: BenchSettings,
+        mirror: GalvoMirror,
+        counter: HistogramCounter,
+        shutter: GuardedShutter,
+        clock: Clock,
+        events: EventLog,
+        simulated: SimulatedBench | None = None,
+    ) -> None:
+        self.settings = settings
+        self.mirror = mirror
+        self.counter = counter
+        self.shutter = shutter
+        self.clock = clock
+        self.simulated = simulated
+        self._events = events
+
+    @property
+    def identities(self) -> tuple[DeviceIdentity, ...]:
+        return (self.mirror.identity, self.counter.identity)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        own = []
+        if self.settings.shutter.model == "none":
+            own.append("this bench has no shutter: nothing here can shut off the light")
+        elif not self.shutter.has_watchdog:
+            own.append("no watchdog: if this computer hangs, the shutter stays as it is")
+        return (*own, *(text for device in (self.mirror, self.counter) for text in getattr(device, "warnings", ())))
+
+    @property
+    def on_event(self) -> OnEvent | None:
+        """Who is told of every shutter change, trip, override and warning. What happened before waits until set."""
+        return self._events.listener
+
+    @on_event.setter
+    def on_event(self, listener: OnEvent | None) -> None:
+        self._events.listener = listener
+
+    def report(self, kind: str, text: str) -> None:
+        """Tells `on_event`."""
+        self._events.report(kind, text)
+
+
+@contextmanager
+def open_bench(
+    settings: BenchSettings, *, scene: RecordedScan | None = None, wire_log: WireLog | None = None
+) -> Iterator[Bench]:
+    """Opens counter, shutter and mirror, in this order: the shutter is closed, and read back, before anything moves.
+
+    However the block is left - normally, by an exception, a signal, or the end of the interpreter - the shutter closes
+    first, then the counter stops, the mirror parks and the links close. `scene` replaces a simulated bench's surfaces
+    by a recorded scan. Signals are caught where this is entered in the main thread. Raises `DeviceError`.
+    """
+    with ExitStack() as stack:
+        events = EventLog()
+        clock: Clock = SystemClock()
+        simulated = backend = None
+        if settings.simulated:
+            from drivers.simulated.instruments import plug_in
+
+            plugged = stack.enter_context(plug_in(settings, scene))
+            simulated, backend = plugged.bench, plugged.backend
+            clock = simulated.clock
+        elif scene is not None:
+            raise ValueError(f"bench {settings.name} is real; a recorded scan stands in for simulated light only")
+        closing = _Closing(events)
+        stack.enter_context(ExitPaths(closing.shut_light, closing.close))
+        with closing.on_error():
+            counter = closing.counter = open_counter(settings.counter, clock, backend=backend, wire_log=wire_log)
+            inner: LaserShutter = NoShutter()
+            if settings.shutter.model == "tcspc488" and isinstance(counter, Tcspc488):
+                inner = Tcspc488Shutter(counter)
+                inner.close()
+            # A mirror controller that drives the shutter closes it before it does anything else.
+            mirror = closing.mirror = open_mirror(settings.mirror, clock, wire_log=wire_log)
+            if settings.shutter.model == "triggerscope_ttl" and isinstance(mirror, TriggerScope):
+                inner = TtlShutter(mirror)
+            shutter = closing.shutter = GuardedShutter(inner, counter, settings.safety, events)
+            shutter.close()
+            yield Bench(settings, mirror, counter, shutter, clock, events, simulated)
+
+
+class _Closing:
+    """What has been opened so far, and the order in which it is closed."""
+
+    def __init__(self, events: EventLog) -> None:
+        self.counter: HistogramCounter | None = None
+        self.mirror: GalvoMirror | None = None
+        self.shutter: GuardedShutter | None = None
+        self._events = events
+        self._reason = ""
+        self._error: BaseException | None = None
+
+    @contextmanager
+    def on_error(self) -> Iterator[None]:
+        """Remembers why the bench is left, for the event log."""
+        try:
+            yield
+        except BaseException as error:
+            self._error = error
+            self._reason = f"{type(error).__name__} {error}".strip()
+            raise
+
+    def shut_light(self, why: str) -> None:
+        """Within a signal handler: closes the shutter, and leaves what was reported to be written down later."""
+        self._events.deferred = True
+        try:
+            self._events.report("signal", why)
+            if self.shutter is not None:
+                self.shutter.close(why)
+        except DeviceError:
+            pass  # reported; the way out tries again
+        finally:
+            self._events.deferred = False
+
+    def close(self) -> None:
+        """Light, gate, mirror, links. A failure stops none of the later steps; the first is raised at the end, or noted
+        on the exception that is already on its way."""
+        failures: list[DeviceError] = []
+        dark = self.shutter is None or self._done(failures, partial(self.shutter.close, self._reason))
+        if not dark:
+            _log.critical("THE LASER SHUTTER IS NOT CONFIRMED CLOSED (%s). Shut the laser off by hand.", failures[0])
+        if self.counter is not None:
+            self._done(failures, self.counter.abort)
+        if self.mirror is not None:
+            if dark:
+                self._done(failures, self.mirror.park)
+            else:
+                self._events.report("warning", "not parked: the shutter is not confirmed closed")
+            self._done(failures, self.mirror.close)
+        if self.counter is not None:
+            self._done(failures, self.counter.close)
+        self._events.deliver()
+        if failures and self._error is None:
+            raise failures[0]
+        for failure in failures:
+            if self._error is not None:
+                self._error.add_note(str(failure))
+
+    def _done(self, failures: list[DeviceError], step: Callable[[], object]) -> bool:
+        try:
+            step()
+        except DeviceError as error:
+            self._events.report("device", str(error))
+            failures.append(error)
+            return False
+        return True

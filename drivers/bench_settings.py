@@ -1,0 +1,82 @@
+"""What a bench file says: which instruments, how they are wired, where the wall is, and when the light is shut off."""
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from configs.settings import Settings
+from drivers.galvo.models import MirrorSettings
+from drivers.safety import SafetySettings
+from drivers.simulated.beam import Misalignment
+from drivers.simulated.faults import Fault
+from drivers.simulated.scene import SceneSettings
+from drivers.simulated.spad import DetectorSettings
+from drivers.tcspc.models import CounterSettings
+
+
+class ShutterSettings(Settings):
+    """What closes the light: the counter's own output, a TTL output of the mirror controller, or nothing."""
+
+    model: Literal["tcspc488", "triggerscope_ttl", "none"]
+
+
+class GeometrySettings(Settings):
+    """Where the relay wall is: `wall_distance_m` from the second mirror, straight ahead."""
+
+    wall_distance_m: float = Field(gt=0, le=100)
+    mirror_separation_m: float = Field(default=0.0, ge=0, le=1)
+
+
+class LaserSettings(Settings):
+    """The pulsed laser. `name`, wavelength and power go into the recording; software controls none of them."""
+
+    name: str = ""
+    repetition_hz: float = Field(default=10e6, ge=1e3, le=1e9)
+    wavelength_nm: float | None = Field(default=None, gt=0)
+    power_mw: float | None = Field(default=None, ge=0)
+
+
+class SimulationSettings(Settings):
+    """What a simulated bench is made of beyond its instruments. Latencies are there and back, on the bench's clock."""
+
+    seed: int = Field(default=0, ge=0)
+    scene: SceneSettings = SceneSettings()
+    detector: DetectorSettings = DetectorSettings()
+    misalignment: Misalignment = Misalignment()
+    serial_latency_ms: float = Field(default=1.0, ge=0, le=1000)
+    usb_latency_ms: float = Field(default=0.25, ge=0, le=1000)
+    usb_megabytes_per_s: float | None = Field(default=None, gt=0)
+    faults: tuple[Fault, ...] = ()
+
+
+class BenchSettings(Settings):
+    """A bench file. The bench is simulated where its instruments' addresses say so: all of them, or none."""
+
+    name: str
+    mirror: MirrorSettings
+    counter: CounterSettings
+    shutter: ShutterSettings
+    geometry: GeometrySettings
+    laser: LaserSettings = LaserSettings()
+    safety: SafetySettings = SafetySettings()
+    simulation: SimulationSettings | None = None
+
+    @property
+    def simulated(self) -> bool:
+        return self.mirror.port.startswith("sim://")
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        if self.simulated != (self.counter.usb == "simulated"):
+            raise ValueError("one of mirror and counter is simulated and the other is not; they share one clock")
+        if self.simulated and self.simulation is None:
+            raise ValueError("a simulated bench needs a `simulation` block")
+        if not self.simulated and self.simulation is not None:
+            raise ValueError("a `simulation` block stands beside real instruments; remove it")
+        if self.shutter.model == "tcspc488" and self.counter.model != "tcspc488":
+            raise ValueError("shutter tcspc488 is an output of the counter tcspc488, which this bench does not have")
+        if self.shutter.model == "triggerscope_ttl" and (
+            self.mirror.model != "triggerscope" or self.mirror.shutter_pin is None
+        ):
+            raise ValueError("shutter triggerscope_ttl needs mirror triggerscope with its shutter_pin")
+        return self

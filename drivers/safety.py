@@ -1,0 +1,111 @@
+"""The shutter as everybody uses it: the watchdog armed before it opens, trips latched, every change reported.
+
+This asks for the light to be shut off and checks that it was. The hard-wired interlock is the safety device.
+"""
+
+from pydantic import Field, field_validator
+
+from configs.settings import Settings
+from drivers.errors import DeviceError, SafetyTrip
+from drivers.events import EventLog
+from drivers.shutter import LaserShutter, ShutterState
+from drivers.tcspc.counter import Histogram, HistogramCounter
+
+
+class SafetySettings(Settings):
+    """When the light is shut off without anybody asking."""
+
+    watchdog_s: float = Field(default=2.0, ge=0, le=60)
+    """The instrument closes the shutter when the host has been silent for so long; 0: never."""
+    trip_cps: float = Field(default=5e6, gt=0)
+    """Detector rate above which the light is shut off, until a person clears it."""
+    trip_ms: float = Field(default=10.0, ge=1)
+    """How long the rate may be exceeded."""
+
+    @field_validator("watchdog_s")
+    @classmethod
+    def _is_a_time_the_instrument_can_keep(cls, value: float) -> float:
+        if 0 < value < 0.1:
+            raise ValueError("must be 0 (off) or at least 0.1 s")
+        return value
+
+
+class GuardedShutter:
+    """A `LaserShutter` around the bench's own one."""
+
+    def __init__(
+        self, shutter: LaserShutter, counter: HistogramCounter, settings: SafetySettings, events: EventLog
+    ) -> None:
+        self._shutter, self._counter, self._settings, self._events = shutter, counter, settings, events
+        self._watching = False
+        self._open = False
+        self._trip: str | None = None
+
+    @property
+    def has_watchdog(self) -> bool:
+        return self._counter.has_watchdog and self._settings.watchdog_s > 0
+
+    def open(self) -> None:
+        """Raises `SafetyTrip` after a trip, until `clear_trip`, and where the interlock is open."""
+        if self._trip is not None:
+            raise SafetyTrip("shutter", f"stays closed after a trip ({self._trip}).", "Find the cause, then clear it.")
+        if self.has_watchdog:
+            self._counter.arm_watchdog(self._settings.watchdog_s)
+            self._watching = True
+        # From here on the light may be on, whatever the instrument's answer will be.
+        self._open = True
+        try:
+            self._shutter.open()
+        except SafetyTrip as error:
+            self._open = False
+            self._events.report("trip", f"the shutter refused to open: {error}")
+            raise
+        except DeviceError:
+            self.close("its opening was not confirmed")
+            raise
+        self._events.report("shutter", "opened")
+
+    def close(self, why: str = "") -> None:
+        """As `LaserShutter.close`; then the watchdog, which has nothing left to watch, is turned off."""
+        was_open = self._open
+        try:
+            self._shutter.close()
+        except DeviceError as error:
+            self._events.report("shutter", f"NOT CONFIRMED CLOSED: {error}")
+            raise
+        self._open = False
+        if was_open:
+            self._events.report("shutter", f"closed{': ' + why if why else ''}")
+        if self._watching:
+            self._watching = False
+            try:
+                self._counter.arm_watchdog(0.0)
+            except DeviceError as error:
+                self._events.report("watchdog", f"could not be turned off: {error}")
+
+    def state(self) -> ShutterState:
+        return self._shutter.state()
+
+    def watch(self, histogram: Histogram) -> None:
+        """Checks one histogram's rate against the limit: the trip of benches whose counter has none of its own.
+
+        Raises `SafetyTrip` with the shutter closed and the trip latched.
+        """
+        if histogram.live_time_s * 1e3 < self._settings.trip_ms:
+            return
+        rate_cps = histogram.total_count / histogram.live_time_s
+        if rate_cps > self._settings.trip_cps:
+            self.trip(f"{rate_cps:.3g} counts/s, above {self._settings.trip_cps:.3g}")
+
+    def trip(self, why: str) -> None:
+        """Closes the shutter and keeps it closed until `clear_trip`. Raises `SafetyTrip`."""
+        self._trip = why
+        self._events.report("trip", why)
+        self.close("trip")
+        raise SafetyTrip("shutter", f"closed by a trip: {why}.", "Find the cause before clearing it.")
+
+    def clear_trip(self, who: str) -> None:
+        """A person's decision to go on after a trip; it is reported with that person's name."""
+        if self._trip is not None:
+            self._events.report("override", f"{who} cleared the trip: {self._trip}")
+        self._trip = None

@@ -1,0 +1,64 @@
+"""The instruments that a simulated bench's file names, plugged into simulated cables around one bench."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from drivers.bench_settings import BenchSettings
+from drivers.simulated.beam import BeamPath
+from drivers.simulated.bench import Light, SimulatedBench
+from drivers.simulated.faults import FaultPlan
+from drivers.simulated.recorded import RecordedLight, RecordedScan
+from drivers.simulated.scene import SceneLight
+from drivers.simulated.serial_port import plug, unplug
+from drivers.simulated.tcspc488_firmware import Tcspc488Firmware
+from drivers.simulated.triggerscope_firmware import TriggerScopeFirmware
+from drivers.simulated.usb_backend import SimulatedUsb
+
+FIRMWARES = {"triggerscope": TriggerScopeFirmware}
+"""Mirror model -> its simulated controller."""
+
+
+@dataclass(frozen=True)
+class PluggedIn:
+    """The bench around which everything is simulated, and the USB side of its cables."""
+
+    bench: SimulatedBench
+    backend: SimulatedUsb
+
+
+@contextmanager
+def plug_in(settings: BenchSettings, scene: RecordedScan | None = None) -> Iterator[PluggedIn]:
+    """Builds light, bench and firmwares, and plugs them in until the block is left."""
+    simulation = settings.simulation
+    if simulation is None:
+        raise ValueError("the bench file has no simulation block")
+    bench = SimulatedBench(light_of(settings, scene), faults=FaultPlan(simulation.faults))
+    name = settings.mirror.port.removeprefix("sim://")
+    firmware = FIRMWARES[settings.mirror.model].matching(bench, settings.mirror)
+    plug(name, firmware, bench, simulation.serial_latency_ms * 1e-3)
+    try:
+        megabytes_per_s = simulation.usb_megabytes_per_s
+        yield PluggedIn(
+            bench,
+            SimulatedUsb(
+                [Tcspc488Firmware(bench)],
+                bench.clock,
+                simulation.usb_latency_ms * 1e-3,
+                megabytes_per_s * 1e6 if megabytes_per_s else float("inf"),
+            ),
+        )
+    finally:
+        unplug(name)
+
+
+def light_of(settings: BenchSettings, scene: RecordedScan | None = None) -> Light:
+    """What the bench's detector sees: the scene of its file, or a recorded scan. The geometry is the true one."""
+    simulation = settings.simulation
+    if simulation is None:
+        raise ValueError("the bench file has no simulation block")
+    path = BeamPath(settings.geometry.wall_distance_m, settings.geometry.mirror_separation_m, simulation.misalignment)
+    repetition_hz = settings.laser.repetition_hz
+    if scene is not None:
+        return RecordedLight(scene, path, repetition_hz, simulation.seed)
+    return SceneLight(simulation.scene, simulation.detector, path, repetition_hz, simulation.seed)
