@@ -20,6 +20,8 @@ ONLY_IN = {
     "torch": ("recon/",),
     "h5py": (
         "acquisition/recording.py",
+        "acquisition/recording_header.py",
+        "acquisition/recording_writer.py",
         "acquisition/replay.py",
         "acquisition/follow.py",
         "acquisition/importers/",

@@ -1,0 +1,51 @@
+"""One writer per scan file, and files that appear under their name only when they are whole."""
+
+import os
+from pathlib import Path
+from typing import IO
+
+from acquisition.errors import StorageError
+
+
+class WriterLock:
+    """One writer per scan file: an advisory lock on `RUN.h5.lock`, gone with the process that holds it."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path.with_name(path.name + ".lock")
+        self._file: IO[bytes] | None = None
+        try:
+            import fcntl
+        except ImportError:  # Windows: HDF5's own lock has to do
+            return
+        try:
+            self._file = self._path.open("ab")
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            if self._file:
+                self._file.close()
+            raise StorageError(
+                f"{path}: another process is writing it. Wait for it, or choose another name."
+            ) from error
+        except OSError as error:
+            raise StorageError(f"{path}: cannot be written there ({error})") from error
+
+    def release(self) -> None:
+        """May be called twice."""
+        if self._file is not None:
+            self._path.unlink(missing_ok=True)
+            self._file.close()
+            self._file = None
+
+
+def put_in_place(fresh: Path, path: Path) -> None:
+    """Renames `fresh` to `path` in one step that a power cut cannot undo. Raises `StorageError`."""
+    try:
+        os.replace(fresh, path)
+        if os.name == "posix":
+            folder = os.open(path.parent, os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
+    except OSError as error:
+        raise StorageError(f"{path}: cannot be put in place ({error})") from error

@@ -1,0 +1,254 @@
+"""A scan file keeps every acknowledged sample, exactly, and says what it does not hold."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from acquisition.errors import InvalidData, StorageError
+from acquisition.patterns.serpentine import Serpentine
+from acquisition.plan import ScanPlan
+from acquisition.provenance import Header
+from acquisition.recording import Recording, Status
+from acquisition.recording_writer import RecordingWriter
+from acquisition.salvage import ResumeRefused, recover, resume, verify
+from acquisition.sample import Sample
+from acquisition.scan_settings import ScanSettings
+from drivers.clock import VirtualClock
+from drivers.identity import DeviceIdentity
+from drivers.tcspc.counter import Histogram, HistogramFlag
+
+COUNTER = DeviceIdentity("tcspc488", "NLOS", "TCSPC-488", "0001", "1.0")
+HEADER = Header(scan_text="wall: …", bench_text="mirror: …", devices={"counter": COUNTER})
+
+
+def plan_of(rows: int = 6, cols: int = 5, dwell_ms: float = 8.0, pattern: str = "serpentine") -> ScanPlan:
+    settings = {
+        "wall": {"width_m": 1.0, "height_m": 1.2, "rows": rows, "cols": cols},
+        "pattern": pattern,
+        "dwell_ms": dwell_ms,
+        "histogram": {"bins": 64, "bin_width_ps": 16, "offset_ns": 12},
+    }
+    return ScanSettings.model_validate(settings).plan()
+
+
+def sample_of(plan: ScanPlan, number: int) -> Sample:
+    rng = np.random.default_rng(number)
+    counts = rng.poisson(3.0, plan.axis.bins).astype(np.uint32)
+    histogram = Histogram(
+        counts,
+        plan.axis.bin_width_s,
+        plan.axis.offset_s,
+        live_time_s=0.008 - number * 1e-6,
+        sync_count=88_000 + number,
+        total_count=int(counts.sum()) + 7,
+        flags=HistogramFlag(number % 4),
+        gate_opened_s=number * 0.0085,
+    )
+    return Sample(plan[number], histogram, taken_s=number * 0.0085)
+
+
+def same(a: Sample, b: Sample) -> bool:
+    plain_a, plain_b = (replace(s, histogram=replace(s.histogram, counts=s.histogram.counts.tobytes())) for s in (a, b))
+    return plain_a == plain_b and a.histogram.counts.dtype == b.histogram.counts.dtype
+
+
+def write_all(path: Path, plan: ScanPlan, count: int | None = None) -> None:
+    with RecordingWriter.create(path, plan, HEADER.stamped()) as writer:
+        for number in range(len(plan) if count is None else count):
+            writer.write(sample_of(plan, number))
+
+
+def test_what_is_read_is_what_was_written(tmp_path: Path) -> None:
+    plan, path = plan_of(), tmp_path / "run.h5"
+    write_all(path, plan)
+    with Recording.open(path) as recording:
+        assert recording.plan == plan
+        assert recording.header.scan_text == HEADER.scan_text
+        assert recording.header.devices == {"counter": COUNTER}
+        assert recording.header.software["h5py"] == h5py.__version__
+        assert recording.status is Status.COMPLETE
+        samples = list(recording.samples())
+        assert len(samples) == len(plan) == recording.acknowledged
+        assert all(same(sample, sample_of(plan, number)) for number, sample in enumerate(samples))
+    assert verify(path).complete
+    assert not path.with_name("run.h5.lock").exists()
+
+
+def test_header_and_plan_are_in_the_file_before_the_first_sample(tmp_path: Path) -> None:
+    writer = RecordingWriter.create(tmp_path / "run.h5", plan_of(), HEADER.stamped())
+    with Recording.open(tmp_path / "run.h5") as recording:
+        assert (len(recording), recording.status, recording.plan) == (0, Status.RUNNING, plan_of())
+        assert recording.header.started_utc
+    writer.finish(Status.INTERRUPTED)
+
+
+def test_a_reader_sees_acknowledged_samples_while_the_file_is_written(tmp_path: Path) -> None:
+    plan = plan_of(16, 16)
+    path = tmp_path / "run.h5"
+    with RecordingWriter.create(path, plan, HEADER) as writer, Recording.open(path) as recording:
+        for number in range(150):
+            writer.write(sample_of(plan, number))
+        assert writer.acknowledged == 128
+        assert recording.refresh() == 128
+        assert recording.acknowledged <= writer.acknowledged
+        writer.flush()
+        assert recording.refresh() == writer.acknowledged == 150
+        assert all(same(s, sample_of(plan, i)) for i, s in enumerate(recording.samples()))
+
+
+def test_a_block_is_flushed_after_a_second_at_the_latest(tmp_path: Path) -> None:
+    clock, plan = VirtualClock(), plan_of()
+    with RecordingWriter.create(tmp_path / "run.h5", plan, HEADER, clock=clock) as writer:
+        writer.write(sample_of(plan, 0))
+        assert writer.acknowledged == 0
+        clock.sleep(1.0)
+        writer.write(sample_of(plan, 1))
+        assert writer.acknowledged == 2
+
+
+def test_transient_adds_samples_where_they_belong(tmp_path: Path) -> None:
+    plan = plan_of()
+    write_all(tmp_path / "run.h5", plan, 17)
+    with Recording.open(tmp_path / "run.h5") as recording:
+        transient = recording.transient()
+    assert transient.counts.shape == (64, 6, 5)
+    assert transient.time.start_s == plan.axis.offset_s
+    for number in range(17):
+        point, histogram = plan[number], sample_of(plan, number).histogram
+        assert (transient.counts[:, point.row, point.col] == histogram.counts).all()
+        assert transient.exposure_s[point.row, point.col] == histogram.live_time_s
+    assert (transient.exposure_s == 0).sum() == 13
+
+
+def test_nothing_is_overwritten_unless_asked(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    write_all(path, plan_of())
+    with pytest.raises(StorageError, match="exists"):
+        RecordingWriter.create(path, plan_of(), HEADER)
+    RecordingWriter.create(path, plan_of(), HEADER, overwrite=True).finish(Status.INTERRUPTED)
+    with Recording.open(path) as recording:
+        assert len(recording) == 0
+
+
+def test_two_writers_of_one_file_are_one_too_many(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    writer = RecordingWriter.create(path, plan_of(), HEADER)
+    with pytest.raises(StorageError, match="another process"):
+        resume(path, plan_of(), HEADER)
+    writer.finish(Status.INTERRUPTED)
+
+
+def test_events_are_kept_with_their_times(tmp_path: Path) -> None:
+    with RecordingWriter.create(tmp_path / "run.h5", plan_of(), HEADER) as writer:
+        writer.log("shutter_open", "before point 0", 1.5)
+        writer.log("alarm", "ä" * 300, 2.5)
+        for i in range(2000):
+            writer.log("tick", str(i))
+    with Recording.open(tmp_path / "run.h5") as recording:
+        events = recording.events()
+    assert (events[0].kind, events[0].text, events[0].bench_s) == ("shutter_open", "before point 0", 1.5)
+    assert events[1].text == "ä" * 108
+    assert (len(events), events[-1].kind) == (1024, "log_full")
+
+
+def test_resume_takes_up_where_the_recording_ends(tmp_path: Path) -> None:
+    path, plan = tmp_path / "run.h5", plan_of()
+    write_all(path, plan, 11)
+    writer = resume(path, plan, HEADER)
+    assert writer is not None
+    with Recording.open(path) as recording:
+        todo = recording.missing()
+        assert todo == list(range(11, 30))
+    for number in todo:
+        writer.write(sample_of(plan, number))
+    writer.finish(Status.COMPLETE)
+    with Recording.open(path) as recording:
+        assert all(same(s, sample_of(plan, i)) for i, s in enumerate(recording.samples()))
+    assert verify(path).complete
+    assert resume(path, plan, HEADER) is None
+
+
+@pytest.mark.parametrize("rest", [b"", b"\x89HDF\r\n\x1a\n", b"not a recording at all"])
+def test_resume_starts_afresh_on_a_file_without_a_complete_header(tmp_path: Path, rest: bytes) -> None:
+    path = tmp_path / "run.h5"
+    path.write_bytes(rest)
+    writer = resume(path, plan_of(), HEADER)
+    assert writer is not None
+    assert writer.acknowledged == 0
+    writer.finish(Status.INTERRUPTED)
+    assert (tmp_path / "run.h5.unreadable").read_bytes() == rest
+
+
+def test_resume_refuses_another_plan_other_constants_other_devices(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    write_all(path, plan_of(), 3)
+    with pytest.raises(ResumeRefused, match="plan"):
+        resume(path, plan_of(dwell_ms=9.0), HEADER)
+    with pytest.raises(ResumeRefused, match="constants"):
+        resume(path, plan_of(), Header(devices=HEADER.devices, constants_json='{"dark_hz": 3}'))
+    with pytest.raises(ResumeRefused, match="counter was"):
+        resume(path, plan_of(), Header(devices={"counter": DeviceIdentity("tcspc488", "NLOS", "TCSPC-488", "2", "1")}))
+
+
+def test_a_damaged_sample_is_named_and_taken_again(tmp_path: Path) -> None:
+    path, plan = tmp_path / "run.h5", plan_of()
+    write_all(path, plan)
+    raw = bytearray(path.read_bytes())
+    at = raw.find(sample_of(plan, 7).histogram.counts.tobytes())
+    raw[at + 40] ^= 0x10
+    path.write_bytes(raw)
+    found = verify(path)
+    assert (found.corrupt, found.missing, found.intact) == ((7,), (7,), False)
+    assert recover(path, tmp_path / "new.h5") == 29
+    assert verify(tmp_path / "new.h5").missing == (7,)
+    writer = resume(path, plan, HEADER)
+    assert writer is not None
+    writer.write(sample_of(plan, 7))
+    writer.finish(Status.COMPLETE)
+    assert verify(path).complete
+
+
+def test_a_truncated_copy_gives_what_it_still_holds(tmp_path: Path) -> None:
+    path, plan = tmp_path / "run.h5", plan_of(16, 16)
+    write_all(path, plan)
+    os.truncate(path, path.stat().st_size - 64 * plan.axis.bins * 4)
+    found = verify(path)
+    assert len(found.corrupt) == 64
+    assert recover(path, tmp_path / "new.h5") == 192
+
+
+@pytest.mark.parametrize("damage", ["format", "digest", "link", "shape", "filter", "missing"])
+def test_open_refuses_what_is_no_scan_file(tmp_path: Path, damage: str) -> None:
+    path = tmp_path / "run.h5"
+    write_all(path, plan_of())
+    with h5py.File(path, "r+") as file:
+        if damage == "format":
+            file.attrs["format"] = "other"
+        elif damage == "digest":
+            file["plan/x_m"][3] = 9.0
+        elif damage == "link":
+            del file["samples/counts"]
+            file["samples/counts"] = h5py.ExternalLink("/etc/passwd", "/")
+        elif damage == "shape":
+            del file["samples/counts"]
+            file["samples"].create_dataset("counts", shape=(1 << 40, 64), chunks=(1, 64), dtype="<u4")
+        elif damage == "filter":
+            counts = file["samples/counts"][:]
+            del file["samples/counts"]
+            file["samples"].create_dataset("counts", data=counts, compression="gzip")
+        else:
+            del file["samples/records"]
+    with pytest.raises(InvalidData, match=r"run\.h5"):
+        Recording.open(path)
+
+
+def test_serpentine_never_steps_further_than_a_pixel() -> None:
+    plan = plan_of(5, 7)
+    positions = Serpentine().points(plan.wall)
+    steps = np.hypot(np.diff(positions.x_m) * 7 / 1.0, np.diff(positions.y_m) * 5 / 1.2)
+    assert steps.max() == pytest.approx(1.0)
+    assert len(set(zip(positions.row.tolist(), positions.col.tolist(), strict=True))) == 35
