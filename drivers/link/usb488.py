@@ -1,0 +1,231 @@
+"""Messages over USBTMC-USB488: one whole message out, one whole answer in, and the way back from anything else.
+
+After any failure the ladder of `usbtmc_recovery` has run before the error is raised, so that a late or garbled answer
+is never taken for that of the next query.
+"""
+
+import array
+import threading
+from collections.abc import Callable
+from typing import TypeVar
+
+from drivers.clock import Clock
+from drivers.errors import DeviceError, DeviceLost, DeviceTimeout, ProtocolError
+from drivers.link import usbtmc_recovery
+from drivers.link.usbtmc import UsbtmcInterface
+from drivers.link.usbtmc_headers import (
+    GET_CAPABILITIES,
+    HEADER_BYTES,
+    MAX_PADDING_BYTES,
+    READ_STATUS_BYTE,
+    STATUS_SUCCESS,
+    Capabilities,
+    HeaderError,
+    decode_capabilities,
+    decode_response,
+    encode_message,
+    encode_request,
+    encode_trigger,
+    next_tag,
+)
+
+MOST_PER_TRANSFER = 256 * 1024
+"""Bytes asked for at once: 10 ms at 25 MB/s, so that a shutter command never waits longer behind a transfer."""
+MOST_PER_MESSAGE = 64 * 1024 * 1024
+_SLICE_S = 0.1
+_BUSY_S = 0.1
+
+_Answer = TypeVar("_Answer")
+
+
+class Usb488:
+    """One instrument's message exchange. `lock` is held over each question and its answer."""
+
+    def __init__(self, pipes: UsbtmcInterface, clock: Clock, recovery_s: float = 1.0) -> None:
+        self._pipes = pipes
+        self._clock = clock
+        self._recovery_s = recovery_s
+        self._tag = 0
+        self._request_tag = 1
+        self._earlier_tag = 1
+        self._status_tag = 1
+        self._buffers: dict[int, array.array[int]] = {}
+        self._preemptions = 0
+        self._seen_preemptions = 0
+        self._busy = False
+        self.lock = threading.RLock()
+        try:
+            usbtmc_recovery.recover(pipes, clock, 1, 1, recovery_s)
+            self.capabilities: Capabilities = decode_capabilities(pipes.control(GET_CAPABILITIES, 0, 24, recovery_s))
+        except HeaderError as error:
+            pipes.close()
+            raise ProtocolError(pipes.device, f"{error}.") from error
+        except DeviceError:
+            pipes.close()
+            raise
+
+    def write(self, message: bytes, timeout_s: float) -> None:
+        """Sends one message, whole."""
+        with self.lock:
+            self._exchange(lambda: self._send(message, timeout_s))
+
+    def ask(self, message: bytes, timeout_s: float, expected: int = 4096) -> bytes:
+        """Sends `message` and returns the answer, whole. `expected`: about how many bytes, to size the first read.
+
+        Raises `DeviceTimeout`, `ProtocolError` or `DeviceLost`; in the first two cases the link is clean again.
+        """
+        with self.lock:
+            return self._exchange(lambda: self._ask(message, timeout_s, expected))
+
+    def trigger(self, timeout_s: float) -> None:
+        """USB488 TRIGGER, which is to `*TRG` what a wire is to a letter."""
+        with self.lock:
+            self._tag = next_tag(self._tag)
+            message = encode_trigger(self._tag)
+            self._exchange(lambda: self._pipes.write(message, timeout_s))
+
+    def clear(self) -> None:
+        """Device clear: forgets messages and answers under way on both sides."""
+        with self.lock:
+            usbtmc_recovery.clear(self._pipes, self._clock, self._clock.now() + self._recovery_s)
+
+    def status_byte(self, timeout_s: float) -> int:
+        """READ_STATUS_BYTE, over the control pipe: works while the bulk pipes are stuck."""
+        self._status_tag = 2 if self._status_tag >= 127 else self._status_tag + 1
+        reply = self._pipes.control(READ_STATUS_BYTE, self._status_tag, 3, timeout_s)
+        if len(reply) != 3 or reply[0] != STATUS_SUCCESS or reply[1] != self._status_tag:
+            raise ProtocolError(self._pipes.device, f"READ_STATUS_BYTE answered {reply.hex(' ') or 'nothing'}.")
+        if not self._pipes.has_interrupt:
+            return reply[2]
+        deadline_s = self._clock.now() + timeout_s
+        while (left_s := deadline_s - self._clock.now()) > 0:
+            packet = self._pipes.read_interrupt(left_s)
+            if packet is not None and len(packet) == 2 and packet[0] == 0x80 | self._status_tag:
+                return packet[1]
+        raise DeviceTimeout(self._pipes.device, "no status byte came.")
+
+    def wait_service_request(self, timeout_s: float) -> bool:
+        """Whether the device asked for service (SRQ) within `timeout_s`; always waits, interrupt pipe or not."""
+        if not self._pipes.has_interrupt:
+            self._clock.sleep(timeout_s)
+            return False
+        packet = self._pipes.read_interrupt(timeout_s)
+        return packet is not None and packet[:1] == b"\x81"
+
+    def urgent(self, message: bytes, timeout_s: float) -> None:
+        """Sends `message` (no answer expected) past whatever is under way; never waits for that longer than 100 ms.
+
+        May be called from another thread or a signal handler: the exchange it breaks into fails with `DeviceError`.
+        """
+        owned = self.lock.acquire(timeout=_BUSY_S)
+        try:
+            if self._busy or not owned:
+                self._preemptions += 1
+                usbtmc_recovery.recover(
+                    self._pipes, self._clock, self._request_tag, self._earlier_tag, self._recovery_s
+                )
+            self._send(message, timeout_s)
+        finally:
+            if owned:
+                self.lock.release()
+
+    def close(self) -> None:
+        self._pipes.close()
+
+    def _exchange(self, work: Callable[[], _Answer]) -> _Answer:
+        preemptions = self._seen_preemptions = self._preemptions
+        self._busy = True
+        try:
+            answer = work()
+        except DeviceLost:
+            raise
+        except DeviceError:
+            if preemptions == self._preemptions:
+                usbtmc_recovery.recover(
+                    self._pipes, self._clock, self._request_tag, self._earlier_tag, self._recovery_s
+                )
+            raise
+        finally:
+            self._busy = False
+        if preemptions != self._preemptions:
+            raise DeviceTimeout(self._pipes.device, "an urgent command broke into this exchange.")
+        return answer
+
+    def _send(self, message: bytes, timeout_s: float) -> None:
+        self._tag = next_tag(self._tag)
+        try:
+            self._pipes.write(encode_message(self._tag, message), timeout_s)
+        except DeviceTimeout:
+            deadline_s = self._clock.now() + self._recovery_s
+            usbtmc_recovery.abort_bulk_out(self._pipes, self._clock, self._tag, deadline_s)
+            raise
+
+    def _ask(self, message: bytes, timeout_s: float, expected: int) -> bytes:
+        deadline_s = self._clock.now() + timeout_s
+        self._send(message, timeout_s)
+        data, end = self._receive(expected, deadline_s)
+        if end:
+            return data
+        parts, total = [data], len(data)
+        while not end:
+            data, end = self._receive(MOST_PER_TRANSFER, deadline_s)
+            parts.append(data)
+            total += len(data)
+            if total > MOST_PER_MESSAGE:
+                raise ProtocolError(self._pipes.device, f"its answer does not end ({total} bytes so far).")
+        return b"".join(parts)
+
+    def _receive(self, size: int, deadline_s: float) -> tuple[bytes, bool]:
+        """One REQUEST_DEV_DEP_MSG_IN and the transfer that answers it."""
+        size = min(size, MOST_PER_TRANSFER)
+        packet = self._pipes.packet_bytes
+        self._tag = next_tag(self._tag)
+        self._earlier_tag, self._request_tag = self._request_tag, self._tag
+        self._pipes.write(encode_request(self._tag, size), self._left(deadline_s))
+        # One packet more than data, header and padding can fill: a zero-length packet always finds room.
+        room = (HEADER_BYTES + size + MAX_PADDING_BYTES + packet - 1) // packet * packet + packet
+        buffer = self._buffers.get(room)
+        if buffer is None:
+            buffer = self._buffers[room] = array.array("B", bytes(room))
+        got = self._read_slice(buffer, deadline_s)
+        view = memoryview(buffer)
+        try:
+            announced, end = decode_response(
+                view[:HEADER_BYTES] if got >= HEADER_BYTES else view[:got], self._tag, size
+            )
+        except HeaderError as error:
+            raise ProtocolError(self._pipes.device, f"{error}.") from error
+        whole = HEADER_BYTES + announced
+        while got < whole:
+            if got % packet:
+                raise ProtocolError(
+                    self._pipes.device, f"it announced {announced} bytes and ended after {got - HEADER_BYTES}."
+                )
+            rest = array.array("B", bytes(room - got))
+            count = self._read_slice(rest, deadline_s)
+            view[got : got + count] = memoryview(rest)[:count]
+            got += count
+            if count == 0:
+                raise ProtocolError(
+                    self._pipes.device, f"it announced {announced} bytes and ended after {got - HEADER_BYTES}."
+                )
+        if got > whole + MAX_PADDING_BYTES:
+            raise ProtocolError(self._pipes.device, f"it sent {got - HEADER_BYTES} bytes and announced {announced}.")
+        return view[HEADER_BYTES:whole].tobytes(), end
+
+    def _read_slice(self, buffer: "array.array[int]", deadline_s: float) -> int:
+        """Waits in slices, so that a device that leaves out the zero-length packet costs one slice, not the timeout."""
+        while True:
+            try:
+                return self._pipes.read_into(buffer, min(_SLICE_S, self._left(deadline_s)))
+            except DeviceTimeout:
+                if self._clock.now() >= deadline_s:
+                    raise
+
+    def _left(self, deadline_s: float) -> float:
+        if self._preemptions != self._seen_preemptions:
+            raise DeviceTimeout(self._pipes.device, "an urgent command broke into this exchange.")
+        left_s = deadline_s - self._clock.now()
+        if left_s <= 0:
+            raise DeviceTimeout(self._pipes.device, "no complete answer in time.")
+        return left_s

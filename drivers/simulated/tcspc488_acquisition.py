@@ -1,0 +1,298 @@
+"""What goes on inside a simulated `tcspc488` as bench time passes: gates, slots, pixel clock, trips and watchdog.
+
+Nothing runs by itself: whoever asks brings the time along, and everything due until then happens in the order of its
+own times. A gate's photons are drawn as it opens.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+
+from drivers.simulated.bench import Exposure, Gate, SimulatedBench
+from drivers.tcspc.counter import HistogramFlag
+
+NEVER_S = float("inf")
+SLOTS = 4096
+MAX_POINTS = 65536
+TRIPS = {101: "OVER", 102: "INTL", 103: "SYNC", 105: "WDOG"}
+_SLACK_S = 1e-9
+
+
+@dataclass
+class AcquisitionSettings:
+    """What the `HIST`, `ACQ`, `OUTP` and `PROT` commands set; the values are those after `*RST`."""
+
+    bin_width_ps: int = 32
+    bins: int = 512
+    offset_ps: int = 0
+    wide: bool = True
+    mode: str = "HIST"
+    points: int = 1
+    dwells_us: list[int] = field(default_factory=lambda: [1000])
+    numbers: list[int] = field(default_factory=list)
+    blanking_us: int = 0
+    stop_counts: int = 0
+    stop_window: tuple[int, int] | None = None
+    source: str = "IMM"
+    trigger_timeout_ms: int = 0
+    clock_100ns: int = 0
+    trip_rate_hz: int = 0
+    trip_time_ms: int = 10
+
+
+@dataclass
+class Slot:
+    """One complete point."""
+
+    index: int
+    number: int
+    opened_s: float
+    exposure: Exposure
+    flags: int
+
+
+@dataclass
+class _OpenGate:
+    slot: Slot
+    closes_s: float
+
+
+class Acquisition:
+    """The state machine IDLE, ARMED, RUN, DONE, TRIP, FAULT and what it keeps."""
+
+    def __init__(self, bench: SimulatedBench, report: Callable[[int], None], signal: Callable[[], None]) -> None:
+        self._bench = bench
+        self._report = report
+        self._signal = signal
+        self.settings = AcquisitionSettings()
+        self.state = "IDLE"
+        self.trip = 0
+        self.done = 0
+        self.lost = 0
+        self.flags = 0
+        self.markers = [0, 0, 0]
+        self.armed_s = self._ready_s = 0.0
+        self.on_slot: Callable[[Slot], None] = lambda slot: None
+        self._ring: dict[int, Slot] = {}
+        self._read_until = 0
+        self._gate: _OpenGate | None = None
+        self._edge_s = NEVER_S
+        self._edges = 0
+        self._missed = 0
+        self._trip_event = (NEVER_S, 0)
+        self._over_since_s = NEVER_S
+        self._watchdog_s = 0.0
+        self._watchdog_due_s = NEVER_S
+        self._next_s = NEVER_S
+        self.shutter_commanded = False
+        for k, line in enumerate(("marker_1", "marker_2", "marker_4")):
+            bench.wire(line, partial(self._count_marker, k))
+        bench.wire("counter_trigger", self._external_edge)
+
+    # Time
+
+    def next_event_s(self) -> float:
+        return self._next_s
+
+    def advance(self, now_s: float) -> None:
+        """Everything due by `now_s`, in order."""
+        if self.shutter_commanded and not self._bench.interlock_closed:
+            self._trip(102)
+        now_s += _SLACK_S
+        while self._next_s <= now_s:
+            self._step(self._next_s)
+
+    def _step(self, when_s: float) -> None:
+        if self._trip_event[0] <= when_s:
+            self._trip(self._trip_event[1])
+        elif self._watchdog_due_s <= when_s:
+            self._watchdog_due_s = NEVER_S
+            if self.shutter_commanded:
+                self._trip(105)
+        elif self._gate is not None and self._gate.closes_s <= when_s:
+            self._close_gate()
+        elif self._edge_s <= when_s:
+            self._clock_edge(self._edge_s)
+        self._schedule()
+
+    def _schedule(self) -> None:
+        closes_s = self._gate.closes_s if self._gate else NEVER_S
+        self._next_s = min(self._trip_event[0], self._watchdog_due_s, closes_s, self._edge_s)
+
+    # Arming and triggering
+
+    def arm(self, now_s: float) -> None:
+        """`INIT`."""
+        self.done = self.lost = self.flags = self._read_until = self._edges = self._missed = 0
+        self.markers = [0, 0, 0]
+        self._ring.clear()
+        self._over_since_s = NEVER_S
+        self.armed_s = self._ready_s = now_s
+        self.state = "ARMED"
+        self._edge_s = now_s if self.settings.source == "IMM" else NEVER_S
+        self._schedule()
+
+    def abort(self) -> None:
+        """`ABOR`: the gate closes; complete points stay readable."""
+        self._gate = None
+        self._edge_s = NEVER_S
+        self._trip_event = (NEVER_S, 0)
+        if self.state in ("ARMED", "RUN", "DONE"):
+            self.state = "IDLE"
+        self._schedule()
+
+    def trigger(self, now_s: float) -> None:
+        """A bus trigger: opens the next gate, or is missed while one is open."""
+        if self.settings.source == "BUS" and self.state in ("ARMED", "RUN"):
+            self._triggered(now_s)
+
+    def _external_edge(self, when_s: float) -> None:
+        self.advance(when_s - 2 * _SLACK_S)
+        if self.settings.source == "EXT" and self.state in ("ARMED", "RUN"):
+            self._triggered(when_s)
+
+    def _triggered(self, when_s: float) -> None:
+        if self._gate is not None:
+            self._gate.slot.flags |= HistogramFlag.TRIGGER_MISSED
+            return
+        self._open_gate(when_s + self.settings.blanking_us * 1e-6, when_s)
+        self._schedule()
+
+    def _clock_edge(self, when_s: float) -> None:
+        """A pixel clock edge: the mirror steps, the gate opens after blanking. Without a clock, points just follow."""
+        settings = self.settings
+        self._edges += 1
+        self._edge_s = NEVER_S
+        if settings.clock_100ns:
+            self._bench.edge("pixel_clock", when_s)
+            fault = self._bench.faults.strikes("U15", when_s, "clock")
+            if fault is not None:  # the counter itself overlooks the edge that the mirror has followed
+                self._missed = HistogramFlag.TRIGGER_MISSED
+                self._edge_s = when_s + self._period_s(self.done)
+                return
+        self._open_gate(when_s + settings.blanking_us * 1e-6, when_s)
+
+    def _period_s(self, index: int) -> float:
+        needed_us = self.settings.blanking_us + self._dwell_us(index)
+        return max(needed_us * 1e-6, self.settings.clock_100ns * 1e-7)
+
+    def _dwell_us(self, index: int) -> int:
+        dwells = self.settings.dwells_us
+        return dwells[index] if index < len(dwells) else dwells[-1]
+
+    def _number(self, index: int) -> int:
+        return self.settings.numbers[index] if index < len(self.settings.numbers) else index
+
+    def _open_gate(self, opens_s: float, edge_s: float) -> None:
+        settings, index = self.settings, self.done
+        self.state = "RUN"
+        dwell_s = self._dwell_us(index) * 1e-6
+        number = self._number(index)
+        gate = Gate(
+            opens_s, dwell_s, settings.bins, settings.bin_width_ps * 1e-12, settings.offset_ps * 1e-12,
+            number if settings.numbers else None, settings.stop_counts, settings.stop_window,
+        )  # fmt: skip
+        exposure = self._bench.expose(gate)
+        flags = self._missed
+        self._missed = 0
+        if exposure.stopped_early:
+            flags |= HistogramFlag.STOPPED_EARLY
+        if exposure.sync_count == 0:
+            flags |= HistogramFlag.SYNC_LOST
+        late_after_s = settings.trigger_timeout_ms * 1e-3
+        if late_after_s and edge_s - self._ready_s > late_after_s:
+            flags |= HistogramFlag.TRIGGER_LATE
+        closes_s = opens_s + (exposure.live_s if exposure.stopped_early else dwell_s)
+        if (fault := self._bench.faults.strikes("U15", opens_s)) is not None:
+            flags |= {"missed": 64, "late": 32, "overrun": 16}[str(fault.parameters.get("what", "missed"))]
+        self._watch_light(exposure, opens_s, closes_s)
+        self._gate = _OpenGate(Slot(index, number, opens_s, exposure, flags), closes_s)
+        if settings.source == "IMM" and index + 1 < settings.points:
+            period_s = settings.clock_100ns * 1e-7
+            self._edge_s = max(closes_s, edge_s + period_s)
+
+    def _watch_light(self, exposure: Exposure, opens_s: float, closes_s: float) -> None:
+        """Schedules the trip that this gate's light or a fault U14 will cause."""
+        settings = self.settings
+        if settings.trip_rate_hz:
+            if exposure.total_count > settings.trip_rate_hz * exposure.live_s:
+                self._over_since_s = min(self._over_since_s, opens_s)
+                trips_s = self._over_since_s + settings.trip_time_ms * 1e-3
+                if trips_s <= closes_s:
+                    self._trip_event = (max(trips_s, opens_s), 101)
+            else:
+                self._over_since_s = NEVER_S
+        if (fault := self._bench.faults.strikes("U14", opens_s)) is not None:
+            cause = {"over_count": 101, "interlock": 102, "sync": 103, "watchdog": 105}
+            at_s = opens_s + 0.5 * (closes_s - opens_s)
+            self._trip_event = (at_s, cause[str(fault.parameters.get("cause", "over_count"))])
+
+    def _close_gate(self) -> None:
+        assert self._gate is not None
+        slot, self._ready_s, self._gate = self._gate.slot, self._gate.closes_s, None
+        if slot.flags & HistogramFlag.OVERRUN or self.done - self._read_until >= SLOTS:
+            slot.flags |= HistogramFlag.OVERRUN
+            if not self.lost:
+                self._report(104)
+            self.lost += 1
+            self._read_until = max(self._read_until, self.done + 1 - SLOTS)
+        self._ring[slot.index % SLOTS] = slot
+        self.flags |= slot.flags
+        self.done += 1
+        self.on_slot(slot)
+        if self.done == self.settings.points:
+            self.state = "DONE"
+            self._signal()
+        else:
+            self.state = "RUN" if self.settings.source == "IMM" else "ARMED"
+
+    # Reading
+
+    def slots(self, first: int, count: int) -> list[Slot] | None:
+        """Complete points, or None where one is not complete or was overwritten. Frees those before them."""
+        if count < 1 or first < 0 or first + count > self.done:
+            return None
+        slots = [self._ring[index % SLOTS] for index in range(first, first + count)]
+        if slots[0].index != first:
+            return None
+        self._read_until = max(self._read_until, first + count)
+        return slots
+
+    @property
+    def free(self) -> int:
+        return SLOTS - (self.done - self._read_until)
+
+    def _count_marker(self, line: int, when_s: float) -> None:
+        self.markers[line] += 1
+
+    # Protection
+
+    def kick_watchdog(self, now_s: float, period_s: float | None = None) -> None:
+        """Restarts the watchdog, with a new period (0: off) where one is given."""
+        if period_s is not None:
+            self._watchdog_s = period_s
+        self._watchdog_due_s = now_s + self._watchdog_s if self._watchdog_s else NEVER_S
+        self._schedule()
+
+    @property
+    def watchdog_s(self) -> float:
+        return self._watchdog_s
+
+    def command_shutter(self, is_open: bool) -> None:
+        self.shutter_commanded = is_open
+        self._bench.set_shutter(is_open)
+
+    def _trip(self, code: int) -> None:
+        """Shutter shut, gate shut, latched until a person clears it."""
+        self.abort()
+        self.command_shutter(False)
+        self.trip = code
+        self.state = "FAULT" if code == 103 else "TRIP"
+        self._report(code)
+        self._signal()
+
+    def clear_trip(self) -> None:
+        self.trip = 0
+        self._over_since_s = NEVER_S
+        if self.state in ("TRIP", "FAULT"):
+            self.state = "IDLE"
