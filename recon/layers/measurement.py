@@ -1,0 +1,181 @@
+"""From raw counts to what the operator reads: rates, background, noise statistics, and noise-adapted Wiener volumes.
+
+Lengths are in wall widths: confocal imaging is similar under scaling, so one set of weights serves every wall.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
+from acquisition.wall import WallGrid
+from recon.transport.light_cone import LightConeConvolution
+from recon.transport.resampling import LightConeResampling
+
+FINEST_BIN = 0.0049  # depth of a time bin in wall widths up to which neighbours are added
+SLICE = 0.0096  # depth of a slice of the Wiener volumes, 19 mm behind a wall of 2 m
+FARTHEST = 2.0
+NOISE_KNOTS = (-1.83, -1.53, -1.13, -0.83, -0.53, -0.33)  # log10 of the noise level
+FALLOFF_AT_KNOTS = (4.0, 3.5, 3.0, 2.4, 2.0, 1.6)
+LOG_SNR_AT_KNOTS = (0.8, 0.4, -0.4, -0.8, -1.2, -1.6)
+SNR_FACTORS = (0.4, 4.0)
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Counts over exposure, background removed, holes filled, in units of the mean net rate of a voxel."""
+
+    net: Tensor  # (B, 1, T, H, W), filled
+    raw: Tensor  # (B, 1, T, H, W), with background, 0 where not measured
+    exposure: Tensor  # (B, H, W), mean 1 over the measured points, 0 = not measured
+    background: Tensor  # (B,) in the same units
+    kept: Tensor  # (B,) share of the points that were measured
+    presence: Tensor  # (B,) 0 = nothing but noise, 1 = there is a signal
+
+
+def piecewise(x: Tensor, knots: tuple[float, ...], values: tuple[float, ...]) -> Tensor:
+    """Linear interpolation of `values` at `knots`, constant beyond them."""
+    result = torch.full_like(x, values[0])
+    for left, right, a, b in zip(knots[:-1], knots[1:], values[:-1], values[1:], strict=True):
+        result = result + (b - a) * ((x - left) / (right - left)).clamp(0, 1)
+    return result
+
+
+def blur_matrix(n: int, sigma: float) -> Tensor:
+    """(n, n): Gaussian weights between samples, with a faint wide tail so that no sample is out of reach."""
+    distance = (torch.arange(n)[:, None] - torch.arange(n)[None]).abs().float()
+    tail = 1e-4 * torch.exp(-0.5 * (distance / (4 * sigma)).square())
+    return torch.exp(-0.5 * (distance / sigma).square()) + tail
+
+
+def fill(counts: Tensor, exposure: Tensor) -> Tensor:
+    """Rates everywhere from counts (B, 1, T, H, W) and exposure (B, H, W): where points are missing, Gaussian averages
+    of the counts over those of the exposure, as wide as the mean spacing of the points asks for."""
+    result = []
+    for sample, weight in zip(counts, exposure, strict=True):
+        measured = weight > 0
+        kept = float(measured.float().mean())
+        if kept in (0.0, 1.0):
+            result.append(sample / weight.clamp(min=1e-6))
+            continue
+        sigma = max(0.4 / kept**0.5, 0.4)
+        rows, cols = (blur_matrix(n, sigma).to(sample) for n in weight.shape)
+        result.append((rows @ sample @ cols) / (rows @ weight @ cols).clamp(min=1e-12))
+    return torch.stack(result)
+
+
+def presence(rates: Tensor, exposure: Tensor) -> Tensor:
+    """(B,) from 0 to 1: does the mean histogram vary more than its noise allows? An F test, so free of the count unit.
+
+    Under a flat rate the variance of the mean over N points is 1/N of that of the points, whatever a photon counts.
+    Bins that are empty everywhere (cut by a calibration) say nothing and are left out.
+    """
+    measured = (exposure > 0).float()[:, None]  # (B, 1, H, W)
+    points = measured.sum(dim=(1, 2, 3)).clamp(min=2)
+    x = rates[:, 0] * measured
+    profile = x.sum(dim=(2, 3)) / points[:, None]  # (B, T)
+    used = (profile != 0).float()
+    bins = used.sum(dim=1).clamp(min=2)
+    within = ((x - profile[..., None, None]).square() * measured).sum(dim=(2, 3)) / (points[:, None] - 1)
+    within = (within * used).sum(dim=1) / bins
+    mean = (profile * used).sum(dim=1) / bins
+    between = ((profile - mean[:, None]).square() * used).sum(dim=1) / (bins - 1) * points
+    spread = (2 / bins).sqrt()
+    return ((between / within.clamp(min=1e-30) - 1 - 5 * spread) / (5 * spread)).clamp(0, 1)
+
+
+def estimate_background(profile: Tensor) -> Tensor:
+    """(B,) rate of a bin without signal, from mean histograms (B, T): the low decile of their 8-bin averages.
+
+    Bins that are exactly 0 were cut or hold no photon at all; they count only where nearly all are so.
+    """
+    smooth = F.avg_pool1d(profile[:, None], 8, stride=4)[:, 0]
+    result = []
+    for row in smooth:
+        some = row[row != 0]
+        result.append(some.quantile(0.1) if len(some) > 0.5 * len(row) else row.min())
+    return torch.stack(result)
+
+
+def rates_of(counts: Tensor, exposure: Tensor | None) -> Rates:
+    """counts (B, 1, T, H, W) and exposure (B, H, W) or None for an even one -> Rates."""
+    counts = counts.float()
+    if exposure is None:
+        exposure = counts.new_ones(counts.shape[0], *counts.shape[3:])
+    measured = exposure > 0
+    points = measured.sum(dim=(1, 2)).clamp(min=1)
+    exposure = exposure.float() / (exposure.sum(dim=(1, 2)) / points).clamp(min=1e-30)[:, None, None]
+    raw = torch.where(measured[:, None, None], counts / exposure.clamp(min=1e-6)[:, None, None], 0.0)
+    profile = counts.sum(dim=(1, 3, 4)) / points[:, None]  # weighted by exposure, so by precision
+    background = estimate_background(profile)
+    level = (profile.mean(dim=1) - background).clamp(min=0)
+    present = presence(raw, exposure) * (level > 0)
+    unit = torch.where(level > 0, level, 1.0)
+    scale = unit[:, None, None, None, None]
+    flat = background[:, None, None, None, None] * exposure[:, None, None]
+    return Rates(
+        net=fill((counts - flat) * measured[:, None, None], exposure) / scale,
+        raw=raw / scale,
+        exposure=exposure,
+        background=background / unit,
+        kept=points / measured[0].numel(),
+        presence=present,
+    )
+
+
+class WienerVolumes(nn.Module):
+    """Two Wiener inverses of the light cone, falloff and snr chosen by the noise: what the operator starts from.
+
+    u_g of NANO (section IV-B2) with the falloff and snr that were best at each noise level. `time` is the axis of the
+    counts; `slices` depths of about SLICE wall widths come out, from the wall to the end of the axis.
+    """
+
+    def __init__(self, wall: WallGrid, time: TimeAxis):
+        super().__init__()
+        unit_m = max(wall.width_m, wall.height_m)
+        bin_depth = SPEED_OF_LIGHT_M_PER_S * time.bin_width_s / 2 / unit_m
+        self.factor = max(1, math.floor(FINEST_BIN / bin_depth + 1e-6))
+        self.padding = -time.bins % self.factor
+        bins = (time.bins + self.padding) // self.factor
+        last = math.ceil((FARTHEST - time.start_s / time.bin_width_s * bin_depth) / (bin_depth * self.factor))
+        self.bins = max(8, min(bins, last))
+        self.time = replace(time, bins=self.bins, bin_width_s=time.bin_width_s * self.factor)
+        self.wall, self.unit_m = wall, unit_m
+        bin_depths = self.time.centres_s() * (SPEED_OF_LIGHT_M_PER_S / 2 / unit_m)
+        self.first = int(np.searchsorted(bin_depths, 0.0))
+        extent = (self.bins - self.first) * bin_depth * self.factor
+        self.slices = max(4, round(extent / SLICE))
+        self.pitch = (extent / self.slices, wall.height_m / wall.rows / unit_m, wall.width_m / wall.cols / unit_m)
+        near = float(bin_depths[self.first]) - bin_depth * self.factor / 2
+        relative = torch.from_numpy(np.maximum(bin_depths, 0.0)).float()
+        self.register_buffer("depths", near + (torch.arange(self.slices) + 0.5) * self.pitch[0], persistent=False)
+        self.register_buffer("relative", relative, persistent=False)
+        self.resampling = LightConeResampling(self.time)
+        self.cone = LightConeConvolution(wall, self.time)
+
+    depths: Tensor
+    relative: Tensor
+
+    def rebin(self, counts: Tensor) -> Tensor:
+        """(B, 1, T, H, W) -> (B, 1, bins, H, W): neighbouring bins added, what is too far cut."""
+        padded = F.pad(counts, (0, 0, 0, 0, 0, self.padding))
+        batch, channels, _, rows, cols = padded.shape
+        return padded.reshape(batch, channels, -1, self.factor, rows, cols).sum(dim=3)[:, :, : self.bins]
+
+    def forward(self, net: Tensor, log_noise: Tensor) -> Tensor:
+        """net rates (B, 1, bins, H, W), log10 noise level (B,) -> (B, V, slices, H, W)."""
+        exponent = piecewise(log_noise, NOISE_KNOTS, FALLOFF_AT_KNOTS)
+        snr = 10 ** piecewise(log_noise, NOISE_KNOTS, LOG_SNR_AT_KNOTS)
+        weight = self.relative[None] ** exponent[:, None]  # (B, bins)
+        light = self.resampling(net * weight[:, None, :, None, None])
+        light = light.repeat(1, len(SNR_FACTORS), 1, 1, 1)
+        solved = self.cone.wiener(light, torch.stack([snr * factor for factor in SNR_FACTORS], dim=1))
+        volume = self.resampling.adjoint(solved)[:, :, self.first :]
+        size = (self.slices, *volume.shape[3:])
+        if self.slices <= volume.shape[2]:
+            return F.adaptive_avg_pool3d(volume, size)
+        return F.interpolate(volume, size=size, mode="trilinear", align_corners=False)

@@ -1,0 +1,51 @@
+"""Noise level estimation: a small 3D U-Net reads the noise off a measurement, as one number and as a map."""
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from recon.layers.unet import UNet
+
+
+class NoiseLevel(nn.Module):
+    """(eta, D_n) = U-Net_3D(tau) (NANO, section IV-A): log10 noise level (B,) and log10 noise map (B, H, W).
+
+    The noise level is the standard deviation of a time bin's rate over the mean peak of the signal, as the training
+    data define it. Input: rates (B, 1, T, H, W) in units of the mean net rate, background included, and exposure
+    (B, H, W), 0 where nothing was measured; there the map is +inf. Two more channels make the statistic that carries
+    the noise visible to the first convolution: the squared difference of neighbouring bins, and the exposure.
+    """
+
+    def __init__(self, widths: tuple[int, ...] = (8, 16, 24)):
+        super().__init__()
+        self.network = UNet(3, 3, widths[0], widths, stride=(4, 2, 2))
+        self.scalar = nn.Sequential(nn.Linear(2 * widths[-1] + 3, 32), nn.GELU(), nn.Linear(32, 1))
+        self.map = nn.Sequential(nn.Conv2d(2 * widths[0], 16, 3, padding=1), nn.ReLU(), nn.Conv2d(16, 1, 1))
+
+    def forward(self, rates: Tensor, exposure: Tensor) -> tuple[Tensor, Tensor]:
+        measured = (exposure > 0).float()[:, None, None]  # (B, 1, 1, H, W)
+        difference = torch.diff(rates, dim=2, prepend=rates[:, :, :1]).square()
+        weight = (exposure[:, None, None] * measured).expand_as(rates)
+        inputs = torch.cat((torch.log1p(rates.clamp(min=0)), torch.log1p(difference), weight), dim=1)
+        levels = self.network.encode(inputs)
+        coarse = levels[-1]
+        share = F.adaptive_avg_pool3d(measured, (1, *coarse.shape[3:]))
+        share = share / share.mean(dim=(3, 4), keepdim=True).clamp(min=1e-6)
+        pooled = (coarse.float() * share).mean(dim=(2, 3, 4))
+        points = measured.sum(dim=(1, 2, 3, 4)).clamp(min=1)
+        statistics = torch.stack(  # of the measured points alone
+            (
+                (difference.sum(dim=(1, 2, 3, 4)) / points / rates.shape[2] + 1e-6).log10(),
+                (rates.sum(dim=(1, 2, 3, 4)) / points / rates.shape[2] + 1e-6).log10(),
+                measured.mean(dim=(1, 2, 3, 4)).clamp(min=1e-6).log10(),
+            ),
+            dim=1,
+        )
+        eta = self.scalar(torch.cat((pooled, coarse.float().amax(dim=(2, 3, 4)), statistics), dim=1))[:, 0]
+        fine = self.network.decode(levels)
+        summary = torch.cat((fine.mean(dim=2), fine.amax(dim=2)), dim=1)
+        shape = self.map(summary)
+        shape = F.interpolate(shape.float(), size=exposure.shape[1:], mode="bilinear", align_corners=False)[:, 0]
+        # a longer dwell averages noise away; what is left to the network is the rest
+        noise = eta[:, None, None] + shape - 0.5 * exposure.clamp(min=1e-6).log10()
+        return eta, torch.where(exposure > 0, noise, torch.inf)

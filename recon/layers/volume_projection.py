@@ -1,0 +1,85 @@
+"""From a volume to a picture and a depth map: attention along depth or the bare maximum, then a 2D network."""
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from recon.layers.residual_block import ResidualBlock
+from recon.layers.unet import UNet
+
+
+@dataclass(frozen=True)
+class Projection:
+    """A picture in units of its brightest point, a depth map, and the volume they were taken from."""
+
+    albedo: Tensor  # (B, H, W)
+    depth: Tensor  # (B, H, W), in the unit of the depths given
+    volume: Tensor  # (B, D, H, W)
+
+
+class MaximumProjection(nn.Module):
+    """I = Conv(max_z u), depth = argmax_z u, Conv a few residual blocks (NANO, section IV-C, "VPL").
+
+    u (B, D, H, W), depths (D,) -> Projection. `finish` False leaves the bare maximum.
+    """
+
+    def __init__(self, channels: int = 32, blocks: int = 3, finish: bool = True):
+        super().__init__()
+        self.finish: nn.Module | None = None
+        if finish:
+            last = nn.Conv2d(channels, 1, 3, padding=1)
+            nn.init.zeros_(last.weight)
+            nn.init.zeros_(last.bias)  # type: ignore[arg-type]
+            body = [ResidualBlock(2, channels) for _ in range(blocks)]
+            self.finish = nn.Sequential(nn.Conv2d(2, channels, 3, padding=1), *body, last)
+
+    def forward(self, u: Tensor, depths: Tensor) -> Projection:
+        albedo, index = u.max(dim=1)
+        depth = depths[index]
+        if self.finish is not None:
+            inputs = torch.stack((albedo, depth), dim=1)
+            albedo = albedo + self.finish(inputs)[:, 0].float()
+        return Projection(albedo, depth, u)
+
+
+class AttentionProjection(nn.Module):
+    """The maximum made soft: attention softmax_z(logits + prior) reads volumes and depth, a 2D U-Net finishes.
+
+    logits (B, d, h, w) and features (B, F, d, h, w) may live on a coarser grid; volumes (B, V, D, H, W) are the Wiener
+    solutions, maps (B, M, H, W) any further pictures (exposure, noise). Picture = 0.8 x the first volume under the
+    attention + the U-Net's residual; depth = attended depth + a residual in steps of the depth grid.
+    """
+
+    def __init__(self, volumes: int, features: int, maps: int, widths: tuple[int, ...] = (32, 64, 128)):
+        super().__init__()
+        self.prior = nn.Parameter(torch.tensor([4.0] + [0.0] * (volumes - 1)))
+        self.sharpness = nn.Parameter(torch.tensor(0.0))
+        self.finish = UNet(2, 2 * volumes + features + maps + 2, 2, widths)
+        nn.init.zeros_(self.finish.head.weight)
+        nn.init.zeros_(self.finish.head.bias)  # type: ignore[arg-type]
+
+    def attention(self, logits: Tensor, volumes: Tensor) -> Tensor:
+        """(B, D, H, W), one along depth."""
+        fine = F.interpolate(logits[:, None].float(), size=volumes.shape[2:], mode="trilinear", align_corners=False)
+        prior = torch.einsum("v,bvdhw->bdhw", self.prior, volumes)
+        return torch.softmax(self.sharpness.exp() * (fine[:, 0] + prior), dim=1)
+
+    def forward(self, logits: Tensor, features: Tensor, volumes: Tensor, maps: Tensor, depths: Tensor) -> Projection:
+        weight = self.attention(logits, volumes)
+        seen = torch.einsum("bdhw,bvdhw->bvhw", weight, volumes)
+        coarse = features.shape[2]
+        # attention is averaged to the coarse depths instead of every feature being spread over the fine ones
+        lateral = F.adaptive_avg_pool3d(weight[:, None], (coarse, *weight.shape[2:]))[:, 0] * (weight.shape[1] / coarse)
+        spread = F.interpolate(
+            features.flatten(1, 2).float(), size=weight.shape[2:], mode="bilinear", align_corners=False
+        ).view(*features.shape[:3], *weight.shape[2:])
+        read = torch.einsum("bdhw,bfdhw->bfhw", lateral, spread)
+        depth = torch.einsum("bdhw,d->bhw", weight, depths)
+        peak = weight.amax(dim=1)
+        unit = depths[1] - depths[0]
+        inputs = torch.cat((seen, volumes.amax(dim=2), read, maps, depth[:, None], peak[:, None]), dim=1)
+        residual = self.finish(inputs).float()
+        albedo = 0.8 * seen[:, 0] + residual[:, 0]
+        return Projection(albedo, depth + unit * residual[:, 1], weight * albedo.clamp(min=0)[:, None])
