@@ -1,0 +1,237 @@
+"""The bench as a whole: what opens when, what a trip, a pulled cable or a silent host do, and what is told to whom."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+from configs.load import ConfigError, load, names, parse
+from drivers.bench import Bench, BenchSettings, open_bench
+from drivers.errors import DeviceBusy, DeviceError, LimitError, SafetyTrip
+from drivers.galvo.mirror import MirrorAngles
+from drivers.simulated.faults import Fault
+from drivers.simulated.serial_port import unplug
+from drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
+
+AXIS = HistogramAxis(512, 32e-12, 10e-9)
+
+
+def settings(**simulation: Any) -> BenchSettings:
+    default = load("bench", "simulated", BenchSettings).settings
+    assert default.simulation is not None
+    return default.model_copy(update={"simulation": default.simulation.model_copy(update=simulation)})
+
+
+@contextmanager
+def bench(**simulation: Any) -> Iterator[tuple[Bench, list[tuple[str, str]]]]:
+    events: list[tuple[str, str]] = []
+    with open_bench(settings(**simulation)) as opened:
+        opened.on_event = lambda kind, text: events.append((kind, text))
+        yield opened, events
+
+
+def measure(opened: Bench, points: int = 3) -> list[Histogram]:
+    opened.counter.configure(AXIS)
+    opened.counter.arm([8e-3] * points, list(range(points)))
+    histograms = []
+    for point in range(points):
+        opened.mirror.move_to(MirrorAngles(0.02 * point, -0.01))
+        opened.counter.trigger()
+        opened.counter.wait_points(point + 1, 1.0)
+        histograms += opened.counter.read(point, 1)
+    return histograms
+
+
+@pytest.mark.parametrize("name", names("bench"))
+def test_every_bench_file_opens_if_simulated_and_is_valid_if_not(name: str) -> None:
+    read = load("bench", name, BenchSettings).settings
+    if not read.simulated:
+        return
+    with open_bench(read) as opened:
+        assert {identity.model for identity in opened.identities} == {read.mirror.model, read.counter.model}
+        opened.shutter.open()
+        assert measure(opened)[0].total_count > 0
+
+
+def test_the_shutter_is_closed_before_the_mirror_is_opened() -> None:
+    sent: list[tuple[str, bytes]] = []
+    with open_bench(settings(), wire_log=lambda device, way, data: sent.append((device, data)) if way == ">" else None):
+        pass
+    closed = next(k for k, (_, data) in enumerate(sent) if b"OUTP:SHUT CLOS" in data)
+    moved = next(k for k, (device, _) in enumerate(sent) if device == "triggerscope")
+    assert closed < moved
+
+
+def test_two_scans_hold_the_same_photons_and_light_needs_an_open_shutter() -> None:
+    taken = []
+    for _ in range(2):
+        with bench() as (opened, _events):
+            dark = measure(opened)
+            opened.shutter.open()
+            taken.append(measure(opened))
+    assert all(histogram.total_count < 20 for histogram in dark)
+    for first, second in zip(*taken, strict=True):
+        assert first.total_count > 200
+        assert (first.counts == second.counts).all()
+
+
+def test_every_change_of_the_shutter_is_told_with_its_reason() -> None:
+    def work(opened: Bench) -> float:
+        opened.shutter.open()
+        opened.shutter.close("for lunch")
+        opened.shutter.open()
+        return 1 / 0
+
+    with pytest.raises(ZeroDivisionError), bench() as (opened, events):
+        work(opened)
+    assert [text for kind, text in events if kind == "shutter"] == [
+        "opened",
+        "closed: for lunch",
+        "opened",
+        "closed: ZeroDivisionError division by zero",
+    ]
+
+
+def test_events_wait_until_somebody_listens() -> None:
+    events: list[tuple[str, str]] = []
+    with open_bench(settings()) as opened:
+        opened.shutter.open()
+        assert events == []
+        opened.on_event = lambda kind, text: events.append((kind, text))
+        assert events == [("shutter", "opened")]
+
+
+def test_a_silent_host_loses_the_light() -> None:
+    with bench() as (opened, _events):
+        opened.shutter.open()
+        assert opened.simulated is not None
+        opened.clock.sleep(1.9)
+        opened.counter.kick()
+        opened.clock.sleep(1.9)
+        opened.counter.kick()
+        opened.clock.sleep(2.5)
+        with pytest.raises(SafetyTrip):
+            measure(opened)
+        assert not opened.simulated.shutter_open
+
+
+def test_the_watchdog_rests_while_the_shutter_is_closed() -> None:
+    with bench() as (opened, _events):
+        opened.shutter.open()
+        opened.shutter.close()
+        opened.clock.sleep(3600.0)
+        opened.shutter.open()
+        assert measure(opened)[0].total_count > 200
+
+
+def test_an_open_interlock_keeps_the_shutter_closed() -> None:
+    with bench() as (opened, events):
+        assert opened.simulated is not None
+        opened.simulated.interlock_closed = False
+        with pytest.raises(SafetyTrip, match="interlock"):
+            opened.shutter.open()
+        assert not opened.simulated.shutter_open
+    assert events[0][0] == "trip"
+
+
+def test_a_trip_stays_until_a_person_clears_it() -> None:
+    with bench() as (opened, events):
+        opened.shutter.open()
+        glaring = Histogram(measure(opened)[0].counts, 32e-12, 0.0, 20e-3, 1, 10**6, HistogramFlag.NONE, 0.0)
+        with pytest.raises(SafetyTrip, match="5e\\+07 counts/s"):
+            opened.shutter.watch(glaring)
+        with pytest.raises(SafetyTrip, match="stays closed after a trip"):
+            opened.shutter.open()
+        opened.shutter.clear_trip("A. Person")
+        opened.shutter.open()
+        opened.shutter.watch(measure(opened)[0])
+    kinds = [kind for kind, _ in events]
+    assert kinds == ["shutter", "trip", "shutter", "override", "shutter", "shutter"]
+    assert "A. Person" in events[3][1]
+
+
+def test_a_pulled_serial_cable_still_closes_the_shutter() -> None:
+    def work(opened: Bench) -> None:
+        opened.shutter.open()
+        unplug("triggerscope")
+        measure(opened)
+
+    with pytest.raises(DeviceError, match="triggerscope") as raised, bench() as (opened, events):
+        work(opened)
+    assert opened.simulated is not None
+    assert not opened.simulated.shutter_open
+    assert ("shutter", f"closed: {type(raised.value).__name__} {raised.value}") in events
+
+
+def test_a_pulled_usb_cable_is_said_aloud_and_left_to_the_watchdog(caplog: pytest.LogCaptureFixture) -> None:
+    fault = Fault(name="U11", skip=60)
+
+    def work(opened: Bench) -> None:
+        opened.shutter.open()
+        measure(opened, 500)
+
+    with pytest.raises(DeviceError, match="tcspc488") as raised, bench(faults=(fault,)) as (opened, events):
+        work(opened)
+    assert "NOT CONFIRMED CLOSED" in caplog.text
+    assert any("shutter" in note or "tcspc488" in note for note in raised.value.__notes__)
+    assert any(kind == "shutter" and "NOT CONFIRMED" in text for kind, text in events)
+    assert ("warning", "not parked: the shutter is not confirmed closed") in events
+
+
+def test_a_position_out_of_reach_is_refused_with_nothing_sent() -> None:
+    sent: list[bytes] = []
+    with open_bench(settings(), wire_log=lambda device, way, data: sent.append(data)) as opened:
+        before = len(sent)
+        with pytest.raises(LimitError, match="outside"):
+            opened.mirror.move_to(MirrorAngles(0.9, 0.0))
+        assert len(sent) == before
+
+
+def test_one_bench_at_a_time() -> None:
+    with bench(), pytest.raises(DeviceBusy), bench():
+        pass
+
+
+TEXT = """
+name: t
+mirror: {model: triggerscope, port: PORT}
+counter: {model: tcspc488, usb: USB}
+shutter: {model: SHUTTER}
+geometry: {wall_distance_m: 2.0}
+"""
+
+
+@pytest.mark.parametrize(
+    ("port", "usb", "shutter", "more", "message"),
+    [
+        ("sim://a", "auto", "none", "simulation: {}", "share one clock"),
+        ("sim://a", "simulated", "none", "", "needs a `simulation` block"),
+        ("/dev/ttyACM0", "auto", "none", "simulation: {}", "beside real instruments"),
+        ("/dev/ttyACM0", "auto", "triggerscope_ttl", "", "needs mirror triggerscope with its shutter_pin"),
+        ("/dev/ttyACM0", "auto", "none", "safety: {watchdog_s: 0.05}", "at least 0.1 s"),
+        ("/dev/ttyACM0", "auto", "lid", "", "triggerscope_ttl"),
+    ],
+)
+def test_a_bench_file_that_does_not_fit_together_is_refused(
+    port: str, usb: str, shutter: str, more: str, message: str
+) -> None:
+    text = TEXT.replace("PORT", port).replace("USB", usb).replace("SHUTTER", shutter) + more
+    with pytest.raises(ConfigError, match=message):
+        parse(text, "bench.yaml", BenchSettings)
+
+
+def test_a_bench_without_shutter_or_watchdog_says_so() -> None:
+    ttl = settings().model_dump(mode="json")
+    ttl["mirror"]["shutter_pin"] = 9
+    ttl["shutter"]["model"] = "triggerscope_ttl"
+    with open_bench(BenchSettings.model_validate_json(json.dumps(ttl))) as opened:
+        assert opened.simulated is not None
+        opened.shutter.open()
+        assert opened.simulated.shutter_open
+        opened.shutter.close()
+        assert not opened.simulated.shutter_open
+    without = ttl | {"shutter": {"model": "none"}, "safety": {"watchdog_s": 0.0}}
+    with open_bench(BenchSettings.model_validate_json(json.dumps(without))) as opened:
+        assert any("no shutter" in text for text in opened.warnings)

@@ -1,0 +1,112 @@
+"""However a program ends while it scans: the shutter closes before anything else is sent, then the mirror parks."""
+
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from drivers.exit_paths import ExitPaths
+
+CHILD = Path(__file__).parent / "scanning_child.py"
+
+
+def end_by(ending: str, *signals: signal.Signals) -> tuple[int, list[str], list[str]]:
+    """Exit code, what was sent before the end began, what was sent after."""
+    child = subprocess.Popen(
+        [sys.executable, str(CHILD), ending],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=Path(__file__).parents[2],
+    )
+    assert child.stdout is not None
+    assert child.stdout.readline() == "scanning\n"
+    for number in signals:
+        child.send_signal(number)
+    _, log = child.communicate(timeout=60)
+    lines = log.splitlines()
+    middle = lines.index("EVENT")
+    return child.returncode, lines[:middle], lines[middle + 1 :]
+
+
+def commands(lines: list[str]) -> list[str]:
+    """What each line asks of a device, without USBTMC headers and requests."""
+    asked = [re.search(r"(OUTP:SHUT CLOS|ABOR|SAO\d-\d+|SAR\d-4|SYST:WDOG 0)", line) for line in lines]
+    return [found.group(1) for found in asked if found]
+
+
+def check_order(lines: list[str]) -> None:
+    """From the first closing of the shutter on: no opening, the gate stopped, and no move but the two to the centre."""
+    closing = next(index for index, line in enumerate(lines) if "OUTP:SHUT CLOS" in line)
+    after = commands(lines[closing:])
+    assert not any("OUTP:SHUT OPEN" in line for line in lines[closing:])
+    assert [command for command in after if command.startswith("SAO")] == ["SAO1-32767", "SAO2-32767"]
+    assert "ABOR" in after
+
+
+@pytest.mark.parametrize(("ending", "code"), [("exit", 7), ("exception", 1), ("forgotten", 0)])
+def test_an_exit_an_exception_and_a_forgotten_bench_close_the_light_first(ending: str, code: int) -> None:
+    returned, _, after = end_by(ending)
+    assert returned == code
+    assert commands(after)[0] == "OUTP:SHUT CLOS"
+    check_order(after)
+
+
+@pytest.mark.parametrize(("name", "codes"), [("SIGINT", (-2, 130)), ("SIGTERM", (143,)), ("SIGHUP", (129,))])
+def test_a_signal_closes_the_light_whatever_the_link_is_doing(name: str, codes: tuple[int, ...]) -> None:
+    if not hasattr(signal, name):
+        pytest.skip(f"there is no {name} here")
+    returned, _, after = end_by("signal", signal.Signals[name])
+    assert returned in codes
+    check_order(after)
+
+
+def test_a_second_interrupt_does_not_cut_the_closing_short() -> None:
+    returned, _, after = end_by("signal", signal.SIGINT, signal.SIGINT, signal.SIGINT, signal.SIGTERM)
+    assert returned != 0
+    check_order(after)
+
+
+def test_a_signal_sent_from_another_thread_ends_the_scan_in_the_same_way() -> None:
+    returned, _, after = end_by("thread")
+    assert returned == 143
+    check_order(after)
+
+
+def test_a_handler_that_was_there_before_is_called_after_the_light_is_shut_and_restored() -> None:
+    happened: list[str] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: happened.append("earlier handler"))
+    try:
+        handler = signal.getsignal(signal.SIGINT)
+        with ExitPaths(lambda why: happened.append(f"light {why}"), lambda: happened.append("closed")):
+            signal.raise_signal(signal.SIGINT)
+            assert happened == ["light SIGINT", "earlier handler"]
+        assert signal.getsignal(signal.SIGINT) is handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert happened[2:] == ["closed"]
+
+
+def test_a_signal_while_closing_waits_until_everything_is_closed() -> None:
+    happened: list[str] = []
+
+    def close() -> None:
+        signal.raise_signal(signal.SIGTERM)
+        happened.append("closed")
+
+    with pytest.raises(SystemExit) as exit_, ExitPaths(lambda why: happened.append("light"), close):
+        pass
+    assert exit_.value.code == 143
+    assert happened == ["closed"]
+
+
+def test_an_ignored_signal_stays_ignored() -> None:
+    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    try:
+        with ExitPaths(lambda why: pytest.fail("not asked to shut the light"), lambda: None):
+            signal.raise_signal(signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGTERM, before)
