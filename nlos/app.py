@@ -19,6 +19,7 @@ VERBS = {
     "verify": "Is every sample what was measured?",
     "recover": "Save what a crash left.",
     "info": "What is in a file.",
+    "report": "One self-contained HTML file about a recording.",
     "train": "Train a learned method.",
     "evaluate": "Measure methods on scenes with ground truth.",
     "methods": "The reconstruction methods, one line each.",

@@ -35,21 +35,24 @@ class Stopped(Exception):
 
 def exit_code(error: BaseException) -> ExitCode:
     """The number for an error. What no room foresaw is a bug."""
-    from acquisition import errors as acquisition
-    from calibration import errors as calibration
+    import acquisition.errors
+    import calibration.errors
+    import drivers.errors
+    import recon.errors
     from configs.load import ConfigError
-    from drivers import errors as drivers
-    from recon import errors as recon
 
     table: list[tuple[type[BaseException] | tuple[type[BaseException], ...], ExitCode]] = [
         (KeyboardInterrupt, ExitCode.INTERRUPTED),
-        ((ConfigError, UsageError, FileNotFoundError, IsADirectoryError), ExitCode.USAGE),
-        ((drivers.LimitError, drivers.SafetyTrip), ExitCode.REFUSED),
-        (drivers.DeviceTimeout, ExitCode.DEADLINE),
-        (drivers.DeviceError, ExitCode.DEVICE),
-        ((acquisition.StorageError, FileExistsError), ExitCode.STORAGE),
-        ((acquisition.InvalidData, calibration.InvalidData, recon.InvalidData), ExitCode.DATA),
-        (recon.ReconstructionFailed, ExitCode.RECONSTRUCTION),
+        (
+            (ConfigError, UsageError, recon.errors.InvalidSettings, FileNotFoundError, IsADirectoryError),
+            ExitCode.USAGE,
+        ),
+        ((drivers.errors.LimitError, drivers.errors.SafetyTrip), ExitCode.REFUSED),
+        (drivers.errors.DeviceTimeout, ExitCode.DEADLINE),
+        (drivers.errors.DeviceError, ExitCode.DEVICE),
+        ((acquisition.errors.StorageError, FileExistsError), ExitCode.STORAGE),
+        ((acquisition.errors.InvalidData, calibration.errors.InvalidData, recon.errors.InvalidData), ExitCode.DATA),
+        (recon.errors.ReconstructionFailed, ExitCode.RECONSTRUCTION),
     ]
     if isinstance(error, Stopped):
         return error.code

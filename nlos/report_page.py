@@ -1,0 +1,186 @@
+"""The report as a page: text, tables and pictures in one HTML file that loads nothing from anywhere."""
+
+import base64
+import io
+import tempfile
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.chain import load_scan
+from nlos.terminal import terminal
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from acquisition.recording import Recording
+    from calibration.correct import Corrected
+    from recon.volume import Reconstruction
+
+_STYLE = """
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; color: #1b1f24; }
+h1 { font-size: 1.6rem } h2 { font-size: 1.2rem; margin-top: 2.2rem; border-bottom: 1px solid #d0d7de }
+table { border-collapse: collapse; width: 100%; font-size: .92rem }
+td, th { text-align: left; vertical-align: top; padding: .3rem .8rem .3rem 0; border-bottom: 1px solid #eaeef2 }
+th { font-weight: 600; white-space: nowrap } img { max-width: 100% }
+.pictures { display: flex; flex-wrap: wrap; gap: 1rem } .pictures figure { margin: 0; flex: 1 1 22rem }
+figure { margin: 0 } figcaption { font-size: .9rem; color: #57606a } pre { background: #f6f8fa; padding: .8rem; overflow: auto }
+iframe { width: 100%; height: 32rem; border: 1px solid #d0d7de }
+"""
+
+
+def write_report(run: Path, target: Path, methods: Sequence[str]) -> None:
+    """Writes the report on `run` to `target`. Raises what reading, calibrating or reconstructing raises."""
+    from acquisition.recording import Recording
+
+    with Recording.open(run) as recording:
+        parts = [_about(recording), _scan(recording)]
+        events = _events(recording)
+    scan = load_scan(run)
+    if scan.rectified:
+        parts.append("<h2>Calibration</h2><p>The source of this recording was rectified already.</p>")
+        transient = scan.transient
+    else:
+        from calibration.correct import correct
+
+        corrected = correct(scan.transient)
+        transient = corrected.transient
+        parts.append(_calibration(corrected))
+    from recon.reconstruct import reconstruct
+
+    for method in methods:
+        terminal.log(f"{run}: {method}")
+        settings: dict[str, object] = {} if scan.falloff is None else {"falloff": scan.falloff}
+        parts.append(_pictures(reconstruct(transient, method, settings)))
+    parts.append(events)
+    page = (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
+        f'content="width=device-width"><title>{escape(run.name)}</title><style>{_STYLE}</style></head><body>'
+        f"<h1>{escape(run.name)}</h1>{''.join(parts)}</body></html>"
+    )
+    partial = target.with_name(f".{target.name}.part")
+    partial.write_text(page, encoding="utf-8")
+    partial.replace(target)
+
+
+def _about(recording: "Recording") -> str:
+    plan, header = recording.plan, recording.header
+    live_s = float(recording.records["live_time_s"].sum())
+    rows = {
+        "Started": header.started_utc or "not stored",
+        "Status": f"{recording.status.name.lower()}, {len(recording)} of {len(plan)} points",
+        "Wall": f"{plan.wall.width_m:g} x {plan.wall.height_m:g} m, grid of {plan.wall.rows} x {plan.wall.cols}",
+        "Time axis": f"{plan.axis.bins} bins of {plan.axis.bin_width_s * 1e12:g} ps",
+        "Light": f"{live_s:.2f} s of live time, {int(recording.records['total_count'].sum()):,} photons",
+        **{
+            role.capitalize(): f"{who.vendor} {who.product}, serial {who.serial}, firmware {who.firmware}"
+            for role, who in header.devices.items()
+        },
+        "Software": ", ".join(f"{name} {version}" for name, version in header.software.items()),
+        "Code": header.git_hash or "not from a checkout",
+    }
+    warnings = "".join(f"<p><strong>Warning:</strong> {escape(text)}</p>" for text in header.warnings)
+    settings = f"<h2>Settings</h2><pre>{escape(header.scan_text)}</pre><pre>{escape(header.bench_text)}</pre>"
+    return _table(rows) + warnings + (settings if header.scan_text or header.bench_text else "")
+
+
+def _scan(recording: "Recording") -> str:
+    from matplotlib.figure import Figure
+
+    plan, records = recording.plan, recording.records
+    numbers = records["number"][records["number"] < len(plan)]
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    rate = records["total_count"] / np.maximum(records["live_time_s"], 1e-12)
+    dots = left.scatter(
+        plan.positions.x_m[numbers], plan.positions.y_m[numbers], c=rate[: len(numbers)] / 1e3, s=6, marker="s"
+    )
+    left.set(title="Count rate (kcps)", xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    figure.colorbar(dots, ax=left)
+    total = np.zeros(plan.axis.bins)
+    for _, counts, intact in recording.blocks():
+        total += counts[intact].sum(axis=0, dtype=np.float64)
+    right.semilogy((plan.axis.offset_s + np.arange(plan.axis.bins) * plan.axis.bin_width_s) * 1e9, total + 0.5)
+    right.set(title="All histograms added up", xlabel="time after the laser pulse (ns)", ylabel="counts")
+    return f"<h2>Scan</h2>{_picture(figure, 'count rate over the wall, and the sum of all histograms')}"
+
+
+def _calibration(corrected: "Corrected") -> str:
+    from matplotlib.figure import Figure
+
+    rows = {key.replace("_", " "): _number(value) for key, value in corrected.report().items() if value is not None}
+    offsets = corrected.points.offsets
+    picture = ""
+    if offsets is not None:
+        wall = corrected.transient.wall
+        figure = Figure(figsize=(9, 3.4), layout="constrained")
+        left, right = figure.subplots(1, 2)
+        grid = offsets.offset_bins.reshape(wall.rows, wall.cols) * corrected.transient.time.bin_width_s * 1e12
+        _map(figure, left, grid, "Time offset (ps)", wall.width_m, wall.height_m)
+        if offsets.wall is not None:
+            residual_ps = offsets.residual_bins * corrected.transient.time.bin_width_s * 1e12
+            _map(figure, right, residual_ps.reshape(grid.shape), "Residual (ps)", wall.width_m, wall.height_m)
+        picture = _picture(figure, "time offset of every point, and what the wall fit leaves")
+    return f"<h2>Calibration</h2>{_table(rows)}{picture}"
+
+
+def _map(
+    figure: "Figure", axes: object, values: npt.NDArray[np.float64], title: str, width_m: float, height_m: float
+) -> None:
+    extent = (-width_m / 2, width_m / 2, -height_m / 2, height_m / 2)
+    picture = axes.imshow(values, extent=extent)  # type: ignore[attr-defined]
+    axes.set(title=title, xlabel="x (m)", ylabel="y (m)")  # type: ignore[attr-defined]
+    figure.colorbar(picture, ax=axes)  # type: ignore[arg-type]
+
+
+def _pictures(result: "Reconstruction") -> str:
+    from recon.pictures import albedo_picture, depth_picture
+
+    figures = []
+    with tempfile.TemporaryDirectory(prefix="nlos-report-") as folder:
+        for draw, name in ((albedo_picture, "front view"), (depth_picture, "depth")):
+            image = Path(folder) / "picture.png"
+            draw(result, image)
+            figures.append(_embedded(image.read_bytes(), f"{result.method}: {name}"))
+    settings = ", ".join(f"{key} {value}" for key, value in result.settings.items())
+    return (
+        f"<h2>{escape(result.method)}</h2><p>{result.seconds:.2f} s; {escape(settings)}</p>"
+        f'<div class="pictures">{"".join(figures)}</div>'
+    )
+
+
+def _events(recording: "Recording") -> str:
+    lines = "".join(
+        f"<tr><td>{event.bench_s:.3f} s</td><th>{escape(event.kind)}</th><td>{escape(event.text)}</td></tr>"
+        for event in recording.events()
+    )
+    return f"<h2>Events</h2><table>{lines}</table>" if lines else "<h2>Events</h2><p>None.</p>"
+
+
+def _table(rows: dict[str, str]) -> str:
+    lines = "".join(f"<tr><th>{escape(key)}</th><td>{escape(value)}</td></tr>" for key, value in rows.items())
+    return f"<table>{lines}</table>"
+
+
+def _number(value: object) -> str:
+    if isinstance(value, list):
+        return ", ".join(_number(item) for item in value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _picture(figure: "Figure", caption: str) -> str:
+    image = io.BytesIO()
+    figure.savefig(image, format="png", dpi=120)
+    return _embedded(image.getvalue(), caption)
+
+
+def _embedded(png: bytes, caption: str) -> str:
+    data = base64.b64encode(png).decode("ascii")
+    return (
+        f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{data}">'
+        f"<figcaption>{escape(caption)}</figcaption></figure>"
+    )
