@@ -57,6 +57,7 @@ class SimulatedBench:
         self._x = Swing(0.0, 0.0, 0.0, 0.0)
         self._y = Swing(0.0, 0.0, 0.0, 0.0)
         self._wires: dict[str, list[Callable[[float], None]]] = {}
+        self._going_on: list[Callable[[float], None]] = []
 
     def steer(self, angles: MirrorAngles, when_s: float | None = None, settle_s: float = 0.0) -> None:
         """A mirror controller's output changed at `when_s` (now): the beam points there `settle_s` later, until
@@ -76,7 +77,14 @@ class SimulatedBench:
 
     def set_shutter(self, is_open: bool) -> None:
         """The shutter's drive line changed. An open interlock loop keeps it closed."""
+        for catch_up in self._going_on:
+            catch_up(self.clock.now())
         self.shutter_open = is_open and self.interlock_closed
+
+    def follow(self, catch_up: Callable[[float], None]) -> None:
+        """An instrument that goes on by itself: `catch_up(now)` is called before the shutter changes, so that what was
+        due until then sees the light as it was."""
+        self._going_on.append(catch_up)
 
     def wire(self, line: str, listener: Callable[[float], None]) -> None:
         """Connects an instrument's input to a named line (`pixel_clock`, `marker_1`, ...)."""

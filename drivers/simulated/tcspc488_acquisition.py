@@ -85,6 +85,8 @@ class Acquisition:
         self._watchdog_due_s = NEVER_S
         self._next_s = NEVER_S
         self.shutter_commanded = False
+        self._advancing = False
+        bench.follow(self.advance)
         for k, line in enumerate(("marker_1", "marker_2", "marker_4")):
             bench.wire(line, partial(self._count_marker, k))
         bench.wire("counter_trigger", self._external_edge)
@@ -96,11 +98,17 @@ class Acquisition:
 
     def advance(self, now_s: float) -> None:
         """Everything due by `now_s`, in order."""
+        if self._advancing:
+            return  # a step of ours moved the bench, which asks whether we are up to date
         if self.shutter_commanded and not self._bench.interlock_closed:
             self._trip(102)
         now_s += _SLACK_S
-        while self._next_s <= now_s:
-            self._step(self._next_s)
+        self._advancing = True
+        try:
+            while self._next_s <= now_s:
+                self._step(self._next_s)
+        finally:
+            self._advancing = False
 
     def _step(self, when_s: float) -> None:
         if self._trip_event[0] <= when_s:

@@ -7,7 +7,7 @@ from drivers.simulated.bench import Gate, SimulatedBench
 from drivers.simulated.scpi_parser import ErrorQueue, ScpiFault, ScpiParser, block, integer, word
 from drivers.simulated.tcspc488_acquisition import MAX_POINTS, SLOTS, TRIPS, Acquisition, AcquisitionSettings
 from drivers.simulated.tcspc488_data import answer_block, answer_records
-from drivers.simulated.usb_backend import UsbDescription
+from drivers.simulated.usb_descriptors import UsbDescription
 
 BASE_PS = 4
 MAX_BINS = 65536

@@ -16,9 +16,16 @@ import usb.core
 
 from drivers.clock import Clock
 from drivers.simulated.faults import FaultPlan
+from drivers.simulated.usb_descriptors import (
+    UsbDescription,
+    configuration_descriptor,
+    device_descriptor,
+    endpoint_descriptor,
+    interface_descriptor,
+    string_descriptor,
+)
 from drivers.simulated.usbtmc_device import Instrument, Stall, UsbtmcDevice
 
-_OUT, _IN, _INTERRUPT = 0x01, 0x82, 0x83
 _ERRORS = {  # libusb's code, errno and words, as on Linux
     "io": (-1, errno.EIO, "Input/Output Error"),
     "access": (-3, errno.EACCES, "Access denied (insufficient permissions)"),
@@ -27,18 +34,6 @@ _ERRORS = {  # libusb's code, errno and words, as on Linux
     "overflow": (-8, errno.EOVERFLOW, "Overflow"),
     "stall": (-9, errno.EPIPE, "Pipe error"),
 }
-
-
-@dataclass(frozen=True)
-class UsbDescription:
-    """What the descriptors of a simulated USBTMC-USB488 device say."""
-
-    vendor_id: int
-    product_id: int
-    manufacturer: str
-    product: str
-    serial: str
-    packet_bytes: int = 512
 
 
 class UsbInstrument(Instrument, Protocol):
@@ -132,36 +127,16 @@ class SimulatedUsb(usb.backend.IBackend):  # type: ignore[misc]
         return None
 
     def get_device_descriptor(self, dev: _Port) -> SimpleNamespace:
-        return SimpleNamespace(
-            bLength=18, bDescriptorType=1, bcdUSB=0x0200, bDeviceClass=0, bDeviceSubClass=0, bDeviceProtocol=0,
-            bMaxPacketSize0=64, idVendor=dev.usb.vendor_id, idProduct=dev.usb.product_id, bcdDevice=0x0100,
-            iManufacturer=1, iProduct=2, iSerialNumber=3, bNumConfigurations=1,
-            address=dev.address, bus=1, port_number=dev.number, port_numbers=(dev.number,), speed=3,
-        )  # fmt: skip
+        return device_descriptor(dev.usb, dev.address, dev.number)
 
     def get_configuration_descriptor(self, dev: _Port, config: int) -> SimpleNamespace:
-        if config != 0:
-            raise IndexError(f"no configuration {config}")
-        return SimpleNamespace(
-            bLength=9, bDescriptorType=2, wTotalLength=39, bNumInterfaces=1, bConfigurationValue=1,
-            iConfiguration=0, bmAttributes=0x80, bMaxPower=50, extra_descriptors=[],
-        )  # fmt: skip
+        return configuration_descriptor(config)
 
     def get_interface_descriptor(self, dev: _Port, intf: int, alt: int, config: int) -> SimpleNamespace:
-        if intf != 0 or alt != 0:
-            raise IndexError(f"no interface {intf}, {alt}")
-        return SimpleNamespace(
-            bLength=9, bDescriptorType=4, bInterfaceNumber=0, bAlternateSetting=0, bNumEndpoints=3,
-            bInterfaceClass=0xFE, bInterfaceSubClass=3, bInterfaceProtocol=1, iInterface=0, extra_descriptors=[],
-        )  # fmt: skip
+        return interface_descriptor(intf, alt)
 
     def get_endpoint_descriptor(self, dev: _Port, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
-        packet = dev.usb.packet_bytes
-        address, kind, packet = [(_OUT, 2, packet), (_IN, 2, packet), (_INTERRUPT, 3, 8)][ep]
-        return SimpleNamespace(
-            bLength=7, bDescriptorType=5, bEndpointAddress=address, bmAttributes=kind, wMaxPacketSize=packet,
-            bInterval=1, bRefresh=0, bSynchAddress=0, extra_descriptors=[],
-        )  # fmt: skip
+        return endpoint_descriptor(dev.usb, ep)
 
     # Opening and claiming
 
@@ -288,7 +263,10 @@ class SimulatedUsb(usb.backend.IBackend):  # type: ignore[misc]
         self._spend(len(data), self._latency_s)
         now_s = self._clock.now()
         if (bmRequestType, bRequest) == (0x80, 6):
-            reply = _string_descriptor(port.usb, wValue)
+            text = string_descriptor(port.usb, wValue)
+            if text is None:
+                _fail("stall")
+            reply = text
         elif bmRequestType & 0x60 == 0x20:
             port.device.instrument.advance(now_s)
             try:
@@ -328,16 +306,3 @@ class SimulatedUsb(usb.backend.IBackend):  # type: ignore[misc]
 
     def _wait_until(self, when_s: float) -> None:
         self._clock.sleep(when_s - self._clock.now())
-
-
-def _string_descriptor(description: UsbDescription, value: int) -> bytes:
-    if value >> 8 != 3:
-        _fail("stall")
-    index = value & 0xFF
-    if index == 0:
-        return bytes([4, 3, 0x09, 0x04])
-    texts = {1: description.manufacturer, 2: description.product, 3: description.serial}
-    if index not in texts:
-        _fail("stall")
-    text = texts[index].encode("utf-16-le")
-    return bytes([2 + len(text), 3]) + text

@@ -4,9 +4,10 @@ In scheme S1 one question per point both confirms that its gate has closed and b
 checked in `read`, while the mirror moves on.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from itertools import accumulate
-from typing import Any
+from typing import Any, NoReturn
 
 from drivers.clock import Clock
 from drivers.errors import (
@@ -15,10 +16,9 @@ from drivers.errors import (
     DeviceReset,
     DeviceTimeout,
     LimitError,
-    WrongDevice,
 )
 from drivers.identity import DeviceIdentity
-from drivers.link.scpi import ErrorsReported, Scpi, ScpiError, encode_block
+from drivers.link.scpi import ErrorsReported, Scpi, ScpiError
 from drivers.link.usb488 import Usb488
 from drivers.link.usbtmc import UsbtmcInterface, WireLog, find_usb
 from drivers.tcspc.counter import (
@@ -37,6 +37,7 @@ from drivers.tcspc.tcspc488_messages import (
     decode_capacity,
     decode_identity,
     decode_status,
+    is_trip,
     microseconds,
     safety_error,
     stop_commands,
@@ -44,6 +45,7 @@ from drivers.tcspc.tcspc488_messages import (
 from drivers.tcspc.tcspc488_reading import read_records
 from drivers.tcspc.tcspc488_records import decode_record, record_bytes
 from drivers.tcspc.tcspc488_settings import Tcspc488Settings, input_commands
+from drivers.tcspc.tcspc488_setup import Setup
 from drivers.tcspc.tcspc488_shutter import Tcspc488Shutter
 
 __all__ = ["Tcspc488", "Tcspc488Settings", "Tcspc488Shutter"]
@@ -51,6 +53,7 @@ __all__ = ["Tcspc488", "Tcspc488Settings", "Tcspc488Shutter"]
 _SHORT_WAIT_S = 0.01
 _EARLY_S = 0.002
 """How often a gate that may end early is looked at."""
+_NOT_READY, _OVERRUN = -230, 104
 _POLL_S = 0.05
 """Longest time between two looks at the status: a lost service request costs no more (20 Hz)."""
 
@@ -63,6 +66,7 @@ class Tcspc488:
 
     def __init__(self, settings: Tcspc488Settings, clock: Clock, link: Usb488, scpi: Scpi) -> None:
         self.warnings: list[str] = []
+        self.shutter_opened = False
         self._device = settings.model
         self._settings = settings
         self.clock = clock
@@ -73,7 +77,6 @@ class Tcspc488:
         self._wide = settings.counts == "u32"
         self._axis: HistogramAxis | None = None
         self._stops = False
-        self._applied = input_commands(settings)
         self._numbers: Sequence[int] = ()
         self._due_s: list[float] = []
         self._dwells_s: Sequence[float] = ()
@@ -84,7 +87,8 @@ class Tcspc488:
         self._watchdog_s = 0.0
         self._kicked_s = 0.0
         self._trip_reported = False
-        self._apply(self._applied)
+        self._setup = Setup(settings.model, scpi, self.identity)
+        self._setup.apply(input_commands(settings))
 
     @classmethod
     def open(
@@ -120,8 +124,8 @@ class Tcspc488:
 
     def configure(self, axis: HistogramAxis, stop: StopAtCounts | None = None) -> None:
         commands = axis_commands(self._device, axis, self._capacity) | stop_commands(self._device, axis, stop)
-        self._apply(commands)
-        self._applied |= commands
+        with self._errors_named():
+            self._setup.apply(commands)
         self._axis, self._stops = axis, stop is not None
 
     def arm(
@@ -143,48 +147,24 @@ class Tcspc488:
         blanking_us = microseconds(self._device, blanking_s) if blanking_s else 0
         commands, lists = arm_commands(dwells_us, trigger, blanking_us, self._stops)
         lists["ACQ:NUMB:LIST"] = list(numbers)
-        self._call(b"ABOR")
-        self._apply(commands, lists)
-        self._applied |= commands
-        self._verify(lists)
-        self._call(b"INIT", retry=False)
+        with self._errors_named():
+            self.scpi.command(b"ABOR")
+            self._setup.apply(commands, lists)
+            if self._setup.restore(lists):
+                self._restarted()
+            self.scpi.command(b"INIT", retry=False)
         self._dwells_s, self._numbers, self._trigger = dwells_s, numbers, trigger
         self._triggered, self._brought, self._trip_reported = 0, None, False
         start_s = self.clock.now()
         self._due_s = [start_s + each for each in accumulate((us + blanking_us) * 1e-6 for us in dwells_us)]
 
-    def _apply(self, commands: dict[str, str], lists: dict[str, list[int]] | None = None) -> None:
-        units = [f"{header} {value}".encode() for header, value in commands.items()]
-        for header, values in (lists or {}).items():
-            payload = b"".join(value.to_bytes(4, "little") for value in values)
-            units.append(header.encode() + b" " + encode_block(payload))
-        self._call(*units)
-
-    def _verify(self, lists: dict[str, list[int]]) -> None:
-        """An instrument that rebooted behind our back has lost its settings: they are sent again, once."""
-        for attempt in (1, 2):
-            headers = list(self._applied)
-            answers = self.scpi.query(*(f"{header}?".encode() for header in headers))
-            wrong = {h: v for h, v in self._applied.items() if answers[headers.index(h)] != v}
-            wrong_lists = {h: v for h, v in lists.items() if self._read_list(h) != v}
-            if not wrong and not wrong_lists:
-                return
-            if attempt == 1:
-                identity = decode_identity(self._device, self.scpi.query(b"*IDN?")[0])
-                if identity != self.identity:
-                    raise WrongDevice(
-                        self._device, f"it now says it is {identity}, and was {self.identity}.", "Open the bench again."
-                    )
-                self._apply(self._applied, lists)
-                if self._watchdog_s:
-                    self.arm_watchdog(self._watchdog_s)
-        raise DeviceReset(self._device, f"it does not keep its settings ({', '.join([*wrong, *wrong_lists])}).")
-
-    def _read_list(self, header: str) -> list[int]:
-        _, block, error = self.scpi.query_block(f"{header}?".encode(), expected=4 * self.max_points)
-        if block is None or error is not None:
-            raise ErrorsReported(self._device, header, (error,) if error else ())
-        return block.cast("I").tolist()
+    def _restarted(self) -> None:
+        """The instrument lost its settings, and has them back. A shutter of its own has closed, though."""
+        if self.shutter_opened:
+            raise DeviceReset(self._device, "it restarted, which closed the shutter.", "Its settings are back: resume.")
+        self.warnings.append("the counter restarted between two acquisitions; its settings were sent again")
+        if self._watchdog_s:
+            self.arm_watchdog(self._watchdog_s)
 
     # Acquiring
 
@@ -206,6 +186,8 @@ class Tcspc488:
             now_s = self.clock.now()
             wanted = count - 1 if by_host and now_s >= min(due_s, look_s) else None
             status = self._poll(wanted)
+            if status.state in ("TRIP", "FAULT"):
+                self._tripped(())
             if status.done >= count:
                 return CounterStatus(status.running, status.done, status.lost, status.markers)
             if status.state == "IDLE":
@@ -226,22 +208,26 @@ class Tcspc488:
 
     def _poll(self, wanted: int | None = None) -> Status:
         """The status, with the record of point `wanted` brought along if it is complete."""
-        units = self._kick_if_due()
-        units.append(b"ACQ:STAT?;:ACQ:MARK?" if self._settings.markers else b"ACQ:STAT?")
+        units = [b"ACQ:STAT?;:ACQ:MARK?" if self._settings.markers else b"ACQ:STAT?"]
         if wanted is None:
-            status = decode_status(self._device, ";".join(self._query(*units)))
-        else:
-            units.append(b"ACQ:DATA? %d,1" % wanted)
-            assert self._axis is not None
-            text, block, error = self.scpi.query_block(*units, expected=record_bytes(self._axis.bins, self._wide))
-            status = decode_status(self._device, text.decode("ascii", "replace"))
-            if block is not None:
-                self._brought = (wanted, block)
-            if error is not None and not (error.code == -230 and status.done <= wanted):
-                self._raise((error, *self.scpi.drain_errors()))
-        if status.state in ("TRIP", "FAULT"):
-            self._tripped()
+            return self._look(units, 0)[0]
+        units.append(b"ACQ:DATA? %d,1" % wanted)
+        status, block = self._look(units, 1)
+        if block is not None:
+            self._brought = (wanted, block)
         return status
+
+    def _look(self, units: list[bytes], records: int) -> tuple[Status, memoryview | None]:
+        """Status and, where it is there, a block of records. Whatever is asked, a trip is seen and answered."""
+        assert self._axis is not None
+        expected = 256 + records * record_bytes(self._axis.bins, self._wide)
+        text, block, error = self.scpi.query_block(*self._kick_if_due(), *units, expected=expected)
+        status = decode_status(self._device, text.decode("ascii", "replace"))
+        if status.state in ("TRIP", "FAULT") and not self._trip_reported:
+            self._tripped((error,) if error else ())
+        if error is not None and error.code not in (_NOT_READY, _OVERRUN):
+            self._refused(error)
+        return status, block
 
     def read(self, first: int, count: int) -> list[Histogram]:
         """The histograms of points `first`.. since `arm`. A record that is damaged twice, or was overwritten before it
@@ -256,17 +242,11 @@ class Tcspc488:
         return read_records(self._fetch, self._numbers, first, count, self._axis, self._wide)
 
     def _fetch(self, first: int, count: int) -> memoryview | None:
-        """The records' block, or None where the instrument no longer has them. Sees a trip while reading, too."""
-        assert self._axis is not None
-        units = [*self._kick_if_due(), b"ACQ:STAT?", b"ACQ:DATA? %d,%d" % (first, count)]
-        expected = count * record_bytes(self._axis.bins, self._wide)
-        text, block, error = self.scpi.query_block(*units, expected=expected)
-        status = decode_status(self._device, text.decode("ascii", "replace"))
-        if status.state in ("TRIP", "FAULT") and not self._trip_reported:
-            self._tripped()
-        if error is not None and error.code not in (-230, 104):
-            self._raise((error, *self.scpi.drain_errors()))
+        """The records' block, or None where the instrument no longer has them."""
+        status, block = self._look([b"ACQ:STAT?", b"ACQ:DATA? %d,%d" % (first, count)], count)
         if block is None and status.done < first + count:
+            if status.state == "IDLE" and status.done == 0:
+                raise DeviceReset(self._device, "it has forgotten the points it had taken.", "Arm again.")
             raise CommandRejected(self._device, f"point {first + count - 1} is not complete ({status.done} are).")
         return block
 
@@ -275,13 +255,14 @@ class Tcspc488:
         self._brought = None
 
     def rates(self) -> CountRates:
-        try:
-            answer = self._query(b"INP:RATE?")[0]
-        except ErrorsReported as refusal:
-            if refusal.errors[0].code != -221:
-                raise
-            self.clock.sleep(0.1)  # the instrument counts for 100 ms after any change of its inputs
-            answer = self._query(b"INP:RATE?")[0]
+        with self._errors_named():
+            try:
+                answer = self.scpi.query(b"INP:RATE?")[0]
+            except ErrorsReported as refusal:
+                if refusal.errors[0].code != -221:
+                    raise
+                self.clock.sleep(0.1)  # the instrument counts for 100 ms after any change of its inputs
+                answer = self.scpi.query(b"INP:RATE?")[0]
         sync, detector, _ = answer.split(",")
         return CountRates(float(sync), float(detector))
 
@@ -321,28 +302,28 @@ class Tcspc488:
         finally:
             self.link.close()
 
-    def _tripped(self) -> None:
+    def _tripped(self, errors: Sequence[ScpiError]) -> NoReturn:
         """The instrument has shut the light off by itself; the command is sent all the same, and first."""
         self._trip_reported = True
         self.link.urgent(b"OUTP:SHUT CLOS\n", self.scpi.timeout_s)
-        cause = self.scpi.query(b"PROT:TRIP?")[0] if not (errors := self.scpi.drain_errors()) else ""
+        errors = (*errors, *self.scpi.drain_errors())
+        cause = "" if is_trip(errors) else self.scpi.query(b"PROT:TRIP?")[0]
         raise safety_error(self._device, errors, cause)
 
-    def _call(self, *units: bytes, retry: bool = True) -> None:
-        try:
-            self.scpi.command(*units, retry=retry)
-        except ErrorsReported as report:
-            self._raise(report.errors, report)
+    def _refused(self, error: ScpiError) -> NoReturn:
+        with self._errors_named():
+            raise ErrorsReported(self._device, "acquiring", (error, *self.scpi.drain_errors()))
 
-    def _query(self, *units: bytes) -> list[str]:
+    def _call(self, *units: bytes) -> None:
+        with self._errors_named():
+            self.scpi.command(*units)
+
+    @contextmanager
+    def _errors_named(self) -> Iterator[None]:
+        """What the instrument reports, by its own name; a trip comes before everything else."""
         try:
-            return self.scpi.query(*units)
+            yield
         except ErrorsReported as report:
-            self._raise(report.errors, report)
+            if is_trip(report.errors):
+                self._tripped(report.errors)
             raise
-
-    def _raise(self, errors: tuple[ScpiError, ...], report: ErrorsReported | None = None) -> None:
-        """Raises what the instrument's errors mean; a trip comes before everything else."""
-        if any(error.code in (101, 102, 103, 105) for error in errors):
-            raise safety_error(self._device, errors, "") from report
-        raise report or ErrorsReported(self._device, "acquiring", errors)

@@ -77,6 +77,10 @@ def decode_status(device: str, answer: str) -> Status:
     return Status(state, done, free, lost, flags, markers)
 
 
+def is_trip(errors: Sequence[ScpiError]) -> bool:
+    return any(error.code in _TRIPS for error in errors)
+
+
 def safety_error(device: str, errors: Sequence[ScpiError], cause: str) -> SafetyTrip:
     """The trip among `errors`, or the one that `PROT:TRIP?` named."""
     codes = [error.code for error in errors if error.code in _TRIPS] or [_CAUSES.get(cause, 0)]

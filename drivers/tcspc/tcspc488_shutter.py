@@ -25,6 +25,7 @@ class Tcspc488Shutter:
     def open(self) -> None:
         if self.state().interlock_closed is False:
             raise SafetyTrip(self._device, "the interlock loop is open.", "Close it, then try again.")
+        self._counter.shutter_opened = True
         try:
             self._counter.scpi.command(b"OUTP:SHUT OPEN", retry=False)
         except ErrorsReported as report:
@@ -41,6 +42,7 @@ class Tcspc488Shutter:
             raise DeviceFault(
                 self._device, "its contact says OPEN after it was told to close.", "Switch the laser off by hand."
             )
+        self._counter.shutter_opened = False
 
     def state(self) -> ShutterState:
         commanded, feedback, interlock = self._ask()
