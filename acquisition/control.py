@@ -1,0 +1,73 @@
+"""The states of a running scan, and what a person may ask of it from a signal handler or another thread."""
+
+from collections.abc import Callable
+from enum import Enum
+
+Report = Callable[[str, str], None]
+"""(kind, text): where events go."""
+
+
+class ScanState(Enum):
+    """Where a scan is in its life."""
+
+    READY = "ready"
+    RUNNING = "running"
+    PAUSED = "paused"
+    COMPLETE = "complete"
+    ENDED = "ended"
+    """By a person, or because nothing was left to gain."""
+    STOPPED = "stopped"
+    """By an alarm or an interlock."""
+    FAILED = "failed"
+    """By a device or the disk."""
+
+
+_NEXT = {
+    ScanState.READY: {ScanState.RUNNING, ScanState.COMPLETE, ScanState.ENDED, ScanState.STOPPED, ScanState.FAILED},
+    ScanState.RUNNING: {
+        ScanState.PAUSED,
+        ScanState.COMPLETE,
+        ScanState.ENDED,
+        ScanState.STOPPED,
+        ScanState.FAILED,
+    },
+    ScanState.PAUSED: {ScanState.RUNNING, ScanState.ENDED, ScanState.STOPPED, ScanState.FAILED},
+}
+
+
+class ScanControl:
+    """One scan's state machine. `ask_to_go_on` is called while paused, light off: True goes on, False ends."""
+
+    def __init__(self, ask_to_go_on: Callable[[str], bool] | None = None) -> None:
+        self._ask = ask_to_go_on or (lambda why: False)
+        self._state = ScanState.READY
+        self._wanted = ""
+
+    @property
+    def state(self) -> ScanState:
+        return self._state
+
+    @property
+    def wanted(self) -> str:
+        """Why the scan should pause; empty while nobody asked."""
+        return self._wanted
+
+    def interrupt(self, why: str = "interrupted") -> None:
+        """Asks for a pause. Only notes it, so it may be called from a signal handler."""
+        self._wanted = why
+
+    def enter(self, state: ScanState) -> None:
+        """The engine moves on to `state`. Raises `RuntimeError` for a move that the machine does not know."""
+        if state not in _NEXT.get(self._state, set()):
+            raise RuntimeError(f"a scan that is {self._state.value} cannot become {state.value}")
+        self._state = state
+
+    def pause(self) -> bool:
+        """Paused until somebody decides; True: running again."""
+        why, self._wanted = self._wanted, ""
+        self.enter(ScanState.PAUSED)
+        if not self._ask(why):
+            self.enter(ScanState.ENDED)
+            return False
+        self.enter(ScanState.RUNNING)
+        return True

@@ -1,0 +1,186 @@
+"""Runs a plan on a bench: every limit checked before anything moves, light only while acquiring, samples as they come.
+
+However the scan ends - complete, paused, by an error, or because the consumer walked away - the shutter is closed
+before anything else happens.
+"""
+
+import contextlib
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from typing import Protocol
+
+from acquisition import stepped
+from acquisition.aim import Aim
+from acquisition.control import ScanControl, ScanState
+from acquisition.plan import ScanPlan
+from acquisition.sample import Sample
+from drivers.bench import Bench
+from drivers.errors import DeviceError, LimitError, SafetyTrip
+from drivers.galvo.mirror import MirrorAngles
+from drivers.tcspc.counter import HistogramFlag
+
+SPOILT = (
+    HistogramFlag.SYNC_LOST
+    | HistogramFlag.OVERRUN
+    | HistogramFlag.TRIGGER_LATE
+    | HistogramFlag.TRIGGER_MISSED
+    | HistogramFlag.DATA_LOST
+)
+"""Flags of a point that is taken again."""
+ATTEMPTS = 3
+"""How often a point is taken before it is kept with its flags."""
+
+
+class Sink(Protocol):
+    """Whatever takes samples: a recording, a stream to another machine."""
+
+    def write(self, sample: Sample) -> None: ...
+
+
+def aim_of(bench: Bench) -> Aim:
+    """The ideal geometry that the bench file states."""
+    geometry = bench.settings.geometry
+    return Aim(geometry.wall_distance_m, geometry.mirror_separation_m)
+
+
+def checked_angles(plan: ScanPlan, bench: Bench, aim: Aim) -> list[MirrorAngles]:
+    """The mirror angles of every point. Raises `LimitError` where a point, a dwell or the time axis is out of the
+    devices' reach; nothing has been sent or moved then."""
+    x_rad, y_rad = aim.angles_rad(plan.positions.x_m, plan.positions.y_m)
+    angles = [MirrorAngles(x, y) for x, y in zip(x_rad.tolist(), y_rad.tolist(), strict=True)]
+    for number, each in enumerate(angles):
+        try:
+            bench.mirror.check(each)
+        except LimitError as error:
+            point = plan[number]
+            what = f"wall point x = {point.x_m:+.3f} m, y = {point.y_m:+.3f} m: {error.what}"
+            raise LimitError(error.device, what, error.remedy) from error
+    for dwell_s in set(plan.dwell_s.tolist()):
+        bench.counter.check(plan.axis, dwell_s)
+    return angles
+
+
+def scan(
+    plan: ScanPlan,
+    bench: Bench,
+    *,
+    aim: Aim | None = None,
+    taken: Mapping[int, int] | None = None,
+    control: ScanControl | None = None,
+    decide: Callable[[], bool] | None = None,
+    elapsed_s: float = 0.0,
+) -> Generator[Sample, None, None]:
+    """Checks the plan at once (`LimitError`), then yields its samples as they are taken.
+
+    `taken`: point number -> photons of what an earlier recording already holds, `elapsed_s` how long that took.
+    `decide` is asked after every sample whether the scan may end early. Raises `DeviceError` with the shutter closed.
+    """
+    angles = checked_angles(plan, bench, aim or aim_of(bench))
+    run = _Run(plan, bench, angles, dict(taken or {}), control or ScanControl(), decide or (lambda: False), elapsed_s)
+    return run.samples()
+
+
+def record(
+    samples: Generator[Sample, None, None], writer: Sink, on_sample: Callable[[Sample], None] | None = None
+) -> None:
+    """Hands every sample to `writer`, then to `on_sample`. However it ends, the source is closed, and with a live one
+    the light is off, before anything else happens."""
+    with contextlib.closing(samples):
+        for sample in samples:
+            writer.write(sample)
+            if on_sample is not None:
+                on_sample(sample)
+
+
+class _Run:
+    """One scan under way."""
+
+    def __init__(
+        self,
+        plan: ScanPlan,
+        bench: Bench,
+        angles: Sequence[MirrorAngles],
+        photons: dict[int, int],
+        control: ScanControl,
+        decide: Callable[[], bool],
+        elapsed_s: float,
+    ) -> None:
+        self._plan, self._bench, self._angles = plan, bench, angles
+        self._photons, self._control, self._decide = photons, control, decide
+        self._start_s = bench.clock.now() - elapsed_s
+        self._attempts: dict[int, int] = {}
+
+    def samples(self) -> Generator[Sample, None, None]:
+        control, bench = self._control, self._bench
+        control.enter(ScanState.RUNNING)
+        try:
+            bench.counter.configure(self._plan.axis, self._plan.stop)
+            while todo := self._plan.pending(self._photons):
+                yield from self._segment(todo[: bench.counter.max_points])
+                if control.state is ScanState.RUNNING and control.wanted:
+                    self._pause()
+                if control.state is not ScanState.RUNNING:
+                    return
+            self._dark("the scan is complete")
+            control.enter(ScanState.COMPLETE)
+        except SafetyTrip:
+            control.enter(ScanState.STOPPED)
+            raise
+        except DeviceError:
+            control.enter(ScanState.FAILED)
+            raise
+        finally:
+            if control.state is ScanState.RUNNING:
+                control.enter(ScanState.ENDED)
+            if control.state is not ScanState.COMPLETE:
+                self._dark_whatever_happens()
+
+    def _segment(self, numbers: Sequence[int]) -> Iterator[Sample]:
+        """The samples of one armed batch, until it ends, a pause is wanted or a point has to be taken again."""
+        points = [self._plan[number] for number in numbers]
+        angles = [self._angles[number] for number in numbers]
+        source = stepped.take(self._bench, points, angles, self._control, self._start_s)
+        for sample in source:
+            if self._is_spoilt(sample):
+                return
+            self._bench.shutter.watch(sample.histogram)
+            counts = sample.histogram.counts
+            self._photons[sample.point.number] = int(counts.sum()) if self._plan.revisit_below is not None else 0
+            yield sample
+            if self._decide():
+                self._bench.report("scan", "ended early: nothing is left to gain")
+                self._control.enter(ScanState.ENDED)
+                return
+
+    def _is_spoilt(self, sample: Sample) -> bool:
+        """Whether the point has to be taken again; said in the event log either way."""
+        flags = sample.histogram.flags & SPOILT
+        if not flags:
+            return False
+        number = sample.point.number
+        attempt = self._attempts[number] = self._attempts.get(number, 0) + 1
+        again = attempt < ATTEMPTS
+        verdict = "is taken again" if again else f"is kept so after {attempt} attempts"
+        self._bench.report("sample", f"point {number} {verdict}: {flags.name}")
+        return again
+
+    def _pause(self) -> None:
+        """Light off, gate closed, then somebody decides."""
+        why = self._control.wanted
+        self._dark(why)
+        self._bench.report("scan", f"paused: {why}")
+        self._bench.report("scan", "goes on" if self._control.pause() else "ended while paused")
+
+    def _dark(self, why: str) -> None:
+        """Shutter first, then the gate, then the mirror's stepping."""
+        self._bench.shutter.close(why)
+        self._bench.counter.abort()
+        self._bench.mirror.stop()
+
+    def _dark_whatever_happens(self) -> None:
+        """On the way out after an error: what fails here is reported, and tried again as the bench is closed."""
+        steps = (self._bench.shutter.close, self._bench.counter.abort, self._bench.mirror.stop)
+        for step in steps:
+            try:
+                step()
+            except DeviceError as error:
+                self._bench.report("device", str(error))
