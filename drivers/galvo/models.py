@@ -1,16 +1,21 @@
 """Every mirror controller that a bench file may name: one line per model."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from drivers.clock import Clock
 from drivers.galvo.mirror import GalvoMirror
+from drivers.galvo.optotune import Optotune, OptotuneSettings
 from drivers.galvo.triggerscope import TriggerScope, TriggerScopeSettings
 from drivers.link.serial_line import WireLog
 
-MirrorSettings = TriggerScopeSettings
+MirrorSettings = Annotated[TriggerScopeSettings | OptotuneSettings, Field(discriminator="model")]
+
 _OPEN: dict[str, Callable[[Any, Clock, WireLog | None], GalvoMirror]] = {
     "triggerscope": TriggerScope.open,
+    "optotune": Optotune.open,
 }
 
 

@@ -1,21 +1,27 @@
 """The instruments that a simulated bench's file names, plugged into simulated cables around one bench."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 from drivers.bench_settings import BenchSettings
 from drivers.simulated.beam import BeamPath
 from drivers.simulated.bench import Light, SimulatedBench
 from drivers.simulated.faults import FaultPlan
+from drivers.simulated.optotune_firmware import OptotuneFirmware
 from drivers.simulated.recorded import RecordedLight, RecordedScan
 from drivers.simulated.scene import SceneLight
+from drivers.simulated.serial_cable import SerialFirmware
 from drivers.simulated.serial_port import plug, unplug
 from drivers.simulated.tcspc488_firmware import Tcspc488Firmware
 from drivers.simulated.triggerscope_firmware import TriggerScopeFirmware
 from drivers.simulated.usb_backend import SimulatedUsb
 
-FIRMWARES = {"triggerscope": TriggerScopeFirmware}
+FIRMWARES: dict[str, Callable[[SimulatedBench, Any], SerialFirmware]] = {
+    "triggerscope": TriggerScopeFirmware.matching,
+    "optotune": OptotuneFirmware.matching,
+}
 """Mirror model -> its simulated controller."""
 
 
@@ -35,7 +41,7 @@ def plug_in(settings: BenchSettings, scene: RecordedScan | None = None) -> Itera
         raise ValueError("the bench file has no simulation block")
     bench = SimulatedBench(light_of(settings, scene), faults=FaultPlan(simulation.faults))
     name = settings.mirror.port.removeprefix("sim://")
-    firmware = FIRMWARES[settings.mirror.model].matching(bench, settings.mirror)
+    firmware = FIRMWARES[settings.mirror.model](bench, settings.mirror)
     plug(name, firmware, bench, simulation.serial_latency_ms * 1e-3)
     try:
         megabytes_per_s = simulation.usb_megabytes_per_s

@@ -45,9 +45,9 @@ class SerialCable:
         self._arriving: deque[tuple[float, bytes]] = deque()
         self._withheld = b""
 
-    def strikes(self, name: str) -> Fault | None:
-        """The fault to commit now, if the bench asks for one of that name."""
-        return self._faults.strikes(name, self.clock.now())
+    def strikes(self, name: str, place: str = "") -> Fault | None:
+        """The fault to commit now, if the bench asks for one of that name (at that place)."""
+        return self._faults.strikes(name, self.clock.now(), place)
 
     def open(self) -> None:
         """A host opens the port."""

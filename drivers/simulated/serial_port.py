@@ -50,7 +50,6 @@ class SimulatedSerial(SerialBase):
     """Reads and writes as pyserial's own ports do, errors included; a read that waits moves the bench's clock."""
 
     _cable: SerialCable | None = None
-    _unplug_at = ""
 
     def open(self) -> None:
         if self.port is None:
@@ -154,9 +153,7 @@ class SimulatedSerial(SerialBase):
         if not self.is_open or self._cable is None:
             raise PortNotOpenError
         cable = self._cable
-        if fault := cable.strikes("G8"):
-            self._unplug_at = str(fault.parameters.get("operation", operation))
-        if self._unplug_at == operation and cable.plugged:
+        if cable.strikes("G8", operation) and cable.plugged:
             cable.plugged = False
             _cables.pop(cable.name, None)
         if cable.plugged:

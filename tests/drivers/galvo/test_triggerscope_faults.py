@@ -115,7 +115,7 @@ def test_a_late_reply_to_an_equal_command_is_not_taken_for_its_own(lab: Lab) -> 
 
 @pytest.mark.parametrize("operation", ["read", "write", "in_waiting"])
 def test_an_unplugged_controller_is_lost_and_can_be_closed_twice(lab: Lab, operation: str) -> None:
-    _, mirror = lab(later("G8", operation=operation))
+    _, mirror = lab(later("G8", place=operation))
     for act in (lambda: mirror.move_to(ASIDE), mirror.park, mirror.park):
         with pytest.raises(DeviceLost, match="went away"):
             act()

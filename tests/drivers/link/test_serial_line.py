@@ -99,7 +99,7 @@ def test_an_overlong_reply_is_not_collected_for_ever(dark_bench: Bench) -> None:
 
 @pytest.mark.parametrize("operation", ["read", "write", "in_waiting", "configure"])
 def test_an_unplugged_cable_is_lost_whichever_call_notices(dark_bench: Bench, operation: str) -> None:
-    line = line_to_repeater(dark_bench(Fault(name="G8", parameters={"operation": operation})))
+    line = line_to_repeater(dark_bench(Fault(name="G8", parameters={"place": operation})))
     for _ in range(2):
         with pytest.raises(DeviceLost, match="went away"):
             line.exchange(b"two\n")

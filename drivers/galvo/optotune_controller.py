@@ -1,0 +1,164 @@
+"""Talking to an Optotune MR-E-2 or MR-E-3: text in Simple mode, binary read-back in Pro mode, and back."""
+
+import contextlib
+from collections.abc import Iterator
+from typing import Self
+
+from drivers.clock import Clock
+from drivers.errors import CommandRejected, DeviceReset, DeviceTimeout, LimitError, ProtocolError, WrongDevice
+from drivers.galvo import optotune_commands as wire
+from drivers.galvo.optotune_commands import Status
+from drivers.identity import DeviceIdentity
+from drivers.link.serial_line import SerialLine, WireLog
+
+DEVICE = "optotune"
+REOPEN = "Close the shutter, check the controller, then open the bench again."
+
+
+class Controller:
+    """Every command is answered, so that replies are counted against commands; which command a reply answers it does
+    not say. Raises `DeviceTimeout`, `ProtocolError`, `DeviceReset`, `DeviceLost`, `CommandRejected`."""
+
+    def __init__(self, line: SerialLine) -> None:
+        self._line = line
+
+    @classmethod
+    def open(cls, port: str, clock: Clock, *, timeout_s: float, wire_log: WireLog | None = None) -> Self:
+        """Opens the port and makes sure of Simple mode, also where somebody left Pro mode on.
+
+        Raises `DeviceNotFound`, `DeviceBusy`, `WrongDevice`.
+        """
+        line = SerialLine.open(
+            DEVICE, port, clock, baud=256_000, timeout_s=timeout_s, resynchronise=_prove, wire_log=wire_log
+        )
+        try:
+            line.drain()
+            _to_simple_mode(line)
+            line.in_step = True
+        except BaseException:
+            line.close()
+            raise
+        return cls(line)
+
+    def identity(self) -> DeviceIdentity:
+        """Who answers."""
+        model, version, serial = (self._line.exchange(ask) for ask in (b"GETID\r\n", b"GETVERSION\r\n", b"GETSN\r\n"))
+        return DeviceIdentity("optotune", "Optotune", model.decode(), serial.decode(), version.decode())
+
+    def set_position(self, x: float, y: float) -> None:
+        """Sends coordinates on the unit disc. Raises `LimitError` where the controller trimmed them: the mirror then
+        went somewhere else."""
+        command = wire.set_position(x, y)
+        match self._line.exchange(command):
+            case b"OK":
+                return
+            case b"OL" | b"OU":
+                raise LimitError(DEVICE, f"{command!r} was trimmed, the mirror points elsewhere.", REOPEN)
+            case b"NO" | b"ERROR" as reply:
+                raise CommandRejected(DEVICE, f"{command!r} was refused: {reply.decode()}.", REOPEN)
+            case reply:
+                self._line.in_step = False
+                raise _restarted() if wire.names_model(reply) else _wrong(command, reply)
+
+    def status(self) -> Status:
+        """The status register."""
+        reply = self._line.exchange(b"STATUS\r\n")
+        status = wire.decode_status(reply)
+        if status is None:
+            self._line.in_step = False
+            raise _restarted() if wire.names_model(reply) else _wrong(b"STATUS", reply)
+        return status
+
+    def acknowledge(self) -> None:
+        """Clears the latched half of the status register."""
+        reply = self._line.exchange(b"ACKNOWLEDGE\r\n")
+        if reply != b"OK":
+            self._line.in_step = False
+            raise _wrong(b"ACKNOWLEDGE", reply)
+
+    def measured_position(self) -> tuple[float, float]:
+        """Where the controller's own sensor sees the mirror, on the unit disc."""
+        with self._pro_mode():
+            payload = self._get(wire.MEASURED_X, wire.MEASURED_Y)
+        try:
+            return wire.decode_position(payload)
+        except ValueError as error:
+            raise ProtocolError(DEVICE, f"{error}.", REOPEN) from error
+
+    def board_faults(self) -> int:
+        """The board's fault register."""
+        with self._pro_mode():
+            payload = self._get(wire.BOARD_FAULTS)
+        if len(payload) != 4:
+            raise ProtocolError(DEVICE, f"{payload!r} is no 32-bit register.", REOPEN)
+        return int.from_bytes(payload, "big")
+
+    def close(self) -> None:
+        self._line.close()
+
+    @contextlib.contextmanager
+    def _pro_mode(self) -> Iterator[None]:
+        reply = self._line.exchange(b"GOPRO\r\n")
+        if reply != b"OK":
+            self._line.in_step = False
+            raise _wrong(b"GOPRO", reply)
+        try:
+            yield
+            self._ask(wire.SET_COMM_MODE, b"\0")
+        finally:
+            self._line.in_step = False  # the next text command first proves that Simple mode is back
+        self._line.resynchronise()
+
+    def _get(self, *registers: int) -> bytes:
+        return self._ask(wire.GET_VALUE, wire.encode_registers(*registers))
+
+    def _ask(self, command: int, payload: bytes) -> bytes:
+        frame = self._line.exchange(wire.encode_frame(command, payload), take=wire.take_frame)
+        try:
+            answered, answer = wire.decode_frame(frame)
+        except ValueError as error:
+            raise ProtocolError(DEVICE, f"{error}.", REOPEN) from error
+        if answered == command | wire.REFUSED:
+            raise CommandRejected(DEVICE, f"Pro-mode command 0x{command:02x} was refused: {answer.hex()}.", REOPEN)
+        if answered != command:
+            raise ProtocolError(DEVICE, f"command 0x{command:02x} was answered by 0x{answered:02x}.", REOPEN)
+        return answer
+
+
+def _prove(line: SerialLine, stale: bytes) -> None:
+    _to_simple_mode(line)
+    if wire.names_model(stale):
+        raise _restarted()
+
+
+def _to_simple_mode(line: SerialLine) -> None:
+    """Simple mode, and no reply outstanding: only GETID is answered by the model, and replies keep their order.
+
+    The first START after Pro mode or after garbage may be refused; one that nothing answers went to Pro mode.
+    """
+    said = b""
+    for attempt in range(3):
+        try:
+            if line.transact(b"START\r\n", line.timeout_s / 4) != b"OK":
+                line.transact(b"START\r\n", line.timeout_s / 4)
+            said = line.transact(b"GETID\r\n", line.timeout_s / 4)
+            while not wire.names_model(said):
+                said = line.receive(line.timeout_s / 4)
+            return
+        except (DeviceTimeout, ProtocolError):
+            if attempt == 2 and said not in (b"", b"OK", b"NO"):
+                raise WrongDevice(
+                    DEVICE, f"{said[:60]!r} is not what an MR-E-2 or MR-E-3 says.", "Correct `port` in the bench file."
+                ) from None
+            if attempt == 2:
+                raise
+        line.write(wire.encode_frame(wire.SET_COMM_MODE, b"\0"))
+        line.drain()
+
+
+def _wrong(command: bytes, reply: bytes) -> ProtocolError:
+    return ProtocolError(DEVICE, f"{command!r} was answered by {reply[:60]!r}.", REOPEN)
+
+
+def _restarted() -> DeviceReset:
+    return DeviceReset(DEVICE, "the controller restarted: where the mirror points is not known.", REOPEN)

@@ -1,0 +1,164 @@
+"""What every mirror that a bench file may name does, each on its simulated controller."""
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import pytest
+from pydantic import TypeAdapter
+
+from drivers.errors import DeviceError, DeviceFault, DeviceLost, LimitError
+from drivers.galvo.mirror import GalvoMirror, MirrorAngles
+from drivers.galvo.models import MirrorSettings, open_mirror
+from drivers.simulated.bench import SimulatedBench
+from drivers.simulated.faults import Fault
+from drivers.simulated.instruments import FIRMWARES
+from drivers.simulated.serial_port import plug, plugged, unplug
+
+SETTINGS: TypeAdapter[MirrorSettings] = TypeAdapter(MirrorSettings)
+RESOLUTION_RAD = 5e-5
+AFTER_OPENING_S = 1.0
+PATH = [MirrorAngles(0.1 * math.sin(0.7 * i), 0.1 * math.cos(0.4 * i)) for i in range(12)]
+
+
+@dataclass
+class Lab:
+    bench: SimulatedBench
+    mirror: GalvoMirror
+
+    def points_at(self, angles: MirrorAngles) -> bool:
+        beam = self.bench.beam
+        return math.hypot(beam.x_rad - angles.x_rad, beam.y_rad - angles.y_rad) < RESOLUTION_RAD
+
+
+@pytest.fixture(params=sorted(FIRMWARES))
+def lab(request: pytest.FixtureRequest, dark_bench: Callable[..., SimulatedBench]) -> Iterator[Callable[..., Lab]]:
+    """lab(*faults): a bench with the mirror of this model opened and centred."""
+
+    def make(*faults: Fault) -> Lab:
+        bench = dark_bench(*faults)
+        settings = SETTINGS.validate_python({"model": request.param, "port": "sim://every"})
+        unplug("every")
+        plug("every", FIRMWARES[request.param](bench, settings), bench, 0.001)
+        mirror = open_mirror(settings, bench.clock)
+        bench.clock.advance_to(AFTER_OPENING_S)
+        return Lab(bench, mirror)
+
+    yield make
+    unplug("every")
+
+
+def test_it_says_who_it_is(lab: Callable[..., Lab]) -> None:
+    identity = lab().mirror.identity
+    assert identity.model in FIRMWARES
+    assert identity.vendor
+    assert identity.product
+    assert identity.firmware
+
+
+def test_it_is_centred_when_opened(lab: Callable[..., Lab]) -> None:
+    assert lab().points_at(MirrorAngles(0.0, 0.0))
+
+
+def test_the_beam_is_there_when_a_move_returns(lab: Callable[..., Lab]) -> None:
+    there = lab()
+    for angles in PATH:
+        there.mirror.move_to(angles)
+        assert there.points_at(angles)
+
+
+def test_the_beam_is_still_on_its_way_while_the_mirror_settles(lab: Callable[..., Lab]) -> None:
+    there = lab()
+    there.mirror.begin_move(MirrorAngles(0.3, 0.0))
+    assert not there.points_at(MirrorAngles(0.3, 0.0))
+    there.mirror.wait_settled()
+    assert there.points_at(MirrorAngles(0.3, 0.0))
+
+
+def test_settling_takes_about_as_long_as_expected(lab: Callable[..., Lab]) -> None:
+    there = lab()
+    for start, end in itertools.pairwise(PATH):
+        there.mirror.move_to(start)
+        there.mirror.begin_move(end)
+        began_s = there.bench.clock.now()
+        there.mirror.wait_settled()
+        expected_s = there.mirror.settle_s(start, end)
+        assert expected_s * 0.5 < there.bench.clock.now() - began_s <= expected_s + 0.005
+
+
+@pytest.mark.parametrize(
+    "angles",
+    [MirrorAngles(1.0, 0.0), MirrorAngles(0.0, -1.0), MirrorAngles(math.nan, 0.0), MirrorAngles(0.0, math.inf)],
+)
+def test_what_it_cannot_reach_is_refused_and_nothing_is_sent(lab: Callable[..., Lab], angles: MirrorAngles) -> None:
+    there = lab()
+    plugged("every").mangle = lambda direction, data: pytest.fail(f"{data!r} was sent")
+    for act in (there.mirror.check, there.mirror.begin_move, there.mirror.move_to, lambda a: there.mirror.load([a])):
+        with pytest.raises(LimitError):
+            act(angles)
+
+
+def test_checking_sends_nothing(lab: Callable[..., Lab]) -> None:
+    there = lab()
+    plugged("every").mangle = lambda direction, data: pytest.fail(f"{data!r} was sent")
+    there.mirror.check(MirrorAngles(0.3, 0.3))
+    assert there.mirror.settle_s(PATH[0], PATH[1]) > 0.0
+    assert there.mirror.settle_s(PATH[0], PATH[0]) == 0.0
+
+
+def test_parked_is_centred(lab: Callable[..., Lab]) -> None:
+    there = lab()
+    there.mirror.move_to(PATH[3])
+    there.mirror.park()
+    assert there.points_at(MirrorAngles(0.0, 0.0))
+
+
+def test_it_steps_through_a_sequence_or_says_that_it_cannot(lab: Callable[..., Lab]) -> None:
+    there = lab()
+    if there.mirror.max_sequence == 0:
+        with pytest.raises(DeviceError, match="cannot step by itself"):
+            there.mirror.load(PATH)
+        with pytest.raises(DeviceError, match="cannot step by itself"):
+            there.mirror.start()
+        there.mirror.stop()
+        return
+    for _ in range(2):
+        there.mirror.load(PATH)
+        there.mirror.start()
+        for angles in PATH:
+            there.bench.edge("pixel_clock", there.bench.clock.now())
+            there.bench.clock.sleep(0.01)
+            assert there.points_at(angles)
+        there.mirror.stop()
+    there.mirror.move_to(PATH[5])
+    assert there.points_at(PATH[5])
+
+
+@pytest.mark.parametrize("fault", ["G1", "G4", "G5", "G9"])
+def test_after_an_error_in_a_move_it_does_not_move_again(lab: Callable[..., Lab], fault: str) -> None:
+    there = lab(Fault(name=fault, after_s=AFTER_OPENING_S))
+    with pytest.raises(DeviceError):
+        there.mirror.move_to(PATH[1])
+    for _ in range(2):
+        with pytest.raises(DeviceFault, match="not known any more"):
+            there.mirror.move_to(PATH[2])
+
+
+def test_pulled_out_it_is_lost_and_closes_all_the_same(lab: Callable[..., Lab]) -> None:
+    there = lab()
+    unplug("every")
+    with pytest.raises(DeviceLost):
+        there.mirror.move_to(PATH[1])
+    with pytest.raises(DeviceLost):
+        there.mirror.park()
+    there.mirror.close()
+    there.mirror.close()
+
+
+def test_closing_releases_the_port(lab: Callable[..., Lab]) -> None:
+    there = lab()
+    assert plugged("every").held
+    there.mirror.close()
+    there.mirror.close()
+    assert not plugged("every").held

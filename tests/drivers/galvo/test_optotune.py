@@ -1,0 +1,283 @@
+"""The Optotune driver: its codec, its dialogue, and every fault of rows G and B with the driver's answer."""
+
+import math
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from drivers.errors import (
+    CommandRejected,
+    DeviceError,
+    DeviceFault,
+    DeviceReset,
+    DeviceTimeout,
+    LimitError,
+    ProtocolError,
+    SettleTimeout,
+    WrongDevice,
+)
+from drivers.galvo import optotune_commands as wire
+from drivers.galvo.mirror import MirrorAngles
+from drivers.galvo.optotune import Optotune, OptotuneSettings
+from drivers.simulated.bench import SimulatedBench
+from drivers.simulated.faults import Fault
+from drivers.simulated.optotune_firmware import OptotuneFirmware
+from drivers.simulated.serial_port import plug, plugged, unplug
+
+ASIDE = MirrorAngles(0.1, -0.05)
+AFTER_OPENING_S = 1.0
+Lab = Callable[..., tuple[SimulatedBench, Optotune]]
+
+
+@pytest.fixture
+def lab(dark_bench: Callable[..., SimulatedBench]) -> Lab:
+    """lab(*faults, **settings): a bench with an opened mirror; the clock stands where `after_s` faults begin."""
+
+    def make(
+        *faults: Fault, pro_mode: bool = False, model: bytes = b"MR-E-3", chop: object = None, **settings: object
+    ) -> tuple[SimulatedBench, Optotune]:
+        bench = dark_bench(*faults)
+        unplug("steered")
+        url = plug("steered", OptotuneFirmware(bench, pro_mode=pro_mode, model=model), bench, 0.001)
+        plugged("steered").mangle = chop
+        mirror = Optotune.open(OptotuneSettings(model="optotune", port=url, **settings), bench.clock)
+        bench.clock.advance_to(AFTER_OPENING_S)
+        return bench, mirror
+
+    return make
+
+
+def later(name: str, **parameters: object) -> Fault:
+    return Fault(name=name, after_s=AFTER_OPENING_S, parameters=parameters)
+
+
+@pytest.mark.parametrize("size", [1, 7, 512])
+def test_replies_in_pieces_change_nothing(lab: Lab, chopped: Callable[..., object], size: int) -> None:
+    bench, mirror = lab(chop=chopped(size))
+    mirror.move_to(ASIDE)
+    assert bench.beam.x_rad == pytest.approx(ASIDE.x_rad, abs=1e-5)
+    assert mirror.measured().x_rad == pytest.approx(ASIDE.x_rad, abs=1e-5)
+    assert mirror.identity.product == "MR-E-3"
+
+
+def test_a_written_dialogue(dark_bench: Callable[..., SimulatedBench], transcript: Callable[..., object]) -> None:
+    centre = wire.encode_registers(0x3B00, 0x3B01)
+    opening = [
+        (b"START\r\n", b"OK\r\n"),
+        (b"GETID\r\n", b"MR-E-2\r\n"),
+        (b"GETID\r\n", b"MR-E-2\r\n"),
+        (b"GETVERSION\r\n", b"1.0\r\n"),
+        (b"GETSN\r\n", b"ABC\r\n"),
+        (b"STATUS\r\n", b"00000000\r\n"),
+        (b"XY=0.000000;0.000000\r\n", b"OK\r\n"),
+        (b"STATUS\r\n", b"00000010\r\n"),
+        (b"STATUS\r\n", b"00000000\r\n"),
+        (b"STATUS\r\n", b"00000000\r\n"),
+        (b"GOPRO\r\n", b"OK\r\n"),
+        (wire.encode_frame(0x11, centre), wire.encode_frame(0x11, bytes(8))),
+        (b"~\0\x06\x01\0\0\0~", b"~\0\x06\0\0\0~"),
+        (b"START\r\n", b"NO\r\n"),
+        (b"START\r\n", b"OK\r\n"),
+        (b"GETID\r\n", b"MR-E-2\r\n"),
+    ]
+    device = transcript([*opening, (b"XY=0.305407;0.000000\r\n", b"OK\r\n")])
+    bench = dark_bench()
+    unplug("written")
+    mirror = Optotune.open(OptotuneSettings(model="optotune", port=plug("written", device, bench)), bench.clock)
+    mirror.begin_move(MirrorAngles(math.radians(20.0), 0.0))
+    assert device.finished
+    assert (mirror.identity.serial, mirror.identity.firmware) == ("ABC", "1.0")
+
+
+@given(st.binary(max_size=200))
+def test_frames_come_back_whatever_they_hold(payload: bytes) -> None:
+    frame = wire.encode_frame(0x11, payload)
+    assert frame.count(b"~") == 2
+    buffer = bytearray(frame + b"rest")
+    taken = wire.take_frame(buffer)
+    assert taken == frame
+    assert wire.decode_frame(taken) == (0x11, payload)
+    assert buffer == b"rest"
+
+
+@given(st.binary(max_size=40), st.data())
+def test_a_frame_that_lost_its_tail_is_never_read(payload: bytes, data: st.DataObject) -> None:
+    frame = wire.encode_frame(0x11, payload)
+    cut = data.draw(st.integers(1, len(frame) - 2))
+    with pytest.raises(ValueError, match="cut or damaged"):
+        wire.decode_frame(frame[:cut] + b"~")
+
+
+@given(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6))
+def test_coordinates_are_proportional_to_the_wall(x_rad: float, y_rad: float) -> None:
+    x, y = wire.coordinates(MirrorAngles(x_rad, y_rad))
+    wall_x, wall_y = math.tan(x_rad) / math.cos(y_rad), math.tan(y_rad)  # of a two-mirror scanner, 1 m away
+    assert x * math.tan(math.radians(50)) == pytest.approx(wall_x, abs=1e-6)
+    assert y * math.tan(math.radians(50)) == pytest.approx(wall_y, abs=1e-6)
+    back = wire.angles_at(x, y)
+    assert back.x_rad == pytest.approx(x_rad, abs=2e-6)
+    assert back.y_rad == pytest.approx(y_rad, abs=2e-6)
+
+
+def test_the_limit_is_a_circle_and_nothing_is_trimmed(lab: Lab) -> None:
+    bench, mirror = lab()
+    mirror.move_to(MirrorAngles(math.radians(49.9), 0.0))
+    assert math.degrees(bench.beam.x_rad) == pytest.approx(49.9, abs=1e-3)
+    for corner in (MirrorAngles(math.radians(45), math.radians(45)), MirrorAngles(0.0, math.radians(-50.1))):
+        with pytest.raises(LimitError, match=r"outside the circle of 50.00 deg. Shrink the wall"):
+            mirror.move_to(corner)
+    mirror.move_to(ASIDE)
+
+
+@pytest.mark.parametrize("faults", [[], [Fault(name="B5", parameters={"place": "stuck"})]])
+def test_it_comes_back_from_a_pro_mode_that_somebody_left_on(lab: Lab, faults: list[Fault]) -> None:
+    bench, mirror = lab(*faults, pro_mode=not faults)
+    mirror.move_to(ASIDE)
+    assert bench.beam.x_rad == pytest.approx(ASIDE.x_rad, abs=1e-5)
+
+
+def test_another_device_is_refused_and_released(lab: Lab) -> None:
+    with pytest.raises(WrongDevice, match="GALIL"):
+        lab(model=b"GALIL DMC")
+    assert not plugged("steered").held
+
+
+@pytest.mark.parametrize(
+    ("fault", "error"),
+    [
+        (later("G1"), DeviceTimeout),
+        (later("G2", delay_s=0.55), DeviceTimeout),
+        (later("G3", delay_s=1.0), DeviceTimeout),
+        (later("G4", kind="noise"), ProtocolError),
+        (later("G4", kind="nul"), ProtocolError),
+        (later("G4", kind="overlong"), ProtocolError),
+        (later("G5"), ProtocolError),
+        (later("G6"), DeviceReset),
+        (later("G9"), DeviceTimeout),
+        (later("B1", reply="NO"), CommandRejected),
+        (later("B1", reply="ERROR"), CommandRejected),
+    ],
+    ids=lambda value: value.name if isinstance(value, Fault) else value.__name__,
+)
+def test_a_fault_in_a_move_has_its_name_freezes_the_mirror_and_leaves_the_way_to_the_centre(
+    lab: Lab, fault: Fault, error: type[DeviceError]
+) -> None:
+    bench, mirror = lab(fault)
+    began_s = bench.clock.now()
+    with pytest.raises(error):
+        mirror.begin_move(ASIDE)
+    assert bench.clock.now() - began_s <= 0.5 * 1.2
+    with pytest.raises(DeviceFault, match="not known any more"):
+        mirror.begin_move(ASIDE)
+    bench.clock.sleep(2.0)
+    try:
+        mirror.park()
+    except DeviceReset:  # heard of only now
+        mirror.park()
+    assert abs(bench.beam.x_rad) < 1e-6
+
+
+def test_a_late_reply_to_a_move_never_answers_the_status_query(lab: Lab) -> None:
+    bench, mirror = lab(later("G2", delay_s=0.5005))
+    with pytest.raises(DeviceTimeout):
+        mirror.begin_move(ASIDE)
+    mirror.park()
+    assert abs(bench.beam.x_rad) < 1e-6
+
+
+@pytest.mark.parametrize("reply", ["OL", "OU"])
+def test_a_trimmed_position_is_an_error_that_says_where_the_mirror_is(lab: Lab, reply: str) -> None:
+    _, mirror = lab(later("B1", reply=reply))
+    with pytest.raises(LimitError, match=r"trimmed, the mirror points elsewhere. It is at x = \+2.8[67] deg"):
+        mirror.begin_move(ASIDE)
+    with pytest.raises(DeviceFault, match="not known any more"):
+        mirror.begin_move(ASIDE)
+
+
+def test_a_mirror_that_never_settles_is_frozen_where_it_is(lab: Lab) -> None:
+    bench, mirror = lab(later("B2"))
+    with pytest.raises(SettleTimeout, match=r"STATUS 0x00000010, board faults \(0x1007\) 0x00000020"):
+        mirror.move_to(ASIDE)
+    for act in (lambda: mirror.move_to(ASIDE), mirror.park):
+        with pytest.raises(DeviceFault, match="not known any more"):
+            act()
+    assert bench.beam.x_rad == pytest.approx(ASIDE.x_rad, abs=1e-5)
+
+
+def test_stable_counts_only_twice_in_a_row(lab: Lab) -> None:
+    seen: list[bytes] = []
+    _, mirror = lab(later("B3"))
+    firmware = plugged("steered").firmware
+    receive = firmware.receive
+
+    def listen(data: bytes, when_s: float) -> bytes:
+        answer = receive(data, when_s)
+        if data == b"STATUS\r\n":
+            seen.append(answer)
+        return answer
+
+    firmware.receive = listen  # type: ignore[method-assign]
+    mirror.move_to(ASIDE)
+    stable = [answer == b"00000000\r\n" for answer in seen]
+    assert stable[-4:] == [True, False, True, True]
+
+
+@pytest.mark.parametrize("bit", [0, 1, 2, 3, 5, 6, 7])
+@pytest.mark.parametrize("latched_only", [False, True])
+def test_fault_bits_stop_it_until_somebody_acknowledges(lab: Lab, bit: int, latched_only: bool) -> None:
+    _, mirror = lab(later("B4", bit=bit, latched_only=latched_only))
+    with pytest.raises(DeviceFault, match=r"reports .*STATUS 0x0000"):
+        mirror.move_to(ASIDE)
+    for act in (lambda: mirror.move_to(ASIDE), mirror.park):
+        with pytest.raises(DeviceFault):
+            act()
+    if not latched_only:
+        with pytest.raises(DeviceFault, match="still reports"):
+            mirror.acknowledge()
+    elif bit != 3:
+        mirror.acknowledge()
+
+
+def test_a_fault_found_on_opening_forbids_moves_and_can_be_acknowledged(lab: Lab) -> None:
+    bench, mirror = lab(later("B4", bit=1, latched_only=True))
+    with pytest.raises(DeviceFault):
+        mirror.move_to(ASIDE)
+    mirror.close()
+    settings = OptotuneSettings(model="optotune", port="sim://steered")
+    mirror = Optotune.open(settings, bench.clock)
+    assert any("was proxy too hot" in warning for warning in mirror.warnings)
+    with pytest.raises(DeviceFault, match="was proxy too hot"):
+        mirror.begin_move(ASIDE)
+    mirror.acknowledge()
+    mirror.close()
+    Optotune.open(settings, bench.clock).move_to(ASIDE)
+
+
+@pytest.mark.parametrize(("place", "error"), [("refused", CommandRejected), ("truncated", DeviceTimeout)])
+def test_a_damaged_or_refused_frame_fails_loudly_and_simple_mode_comes_back(
+    lab: Lab, place: str, error: type[DeviceError]
+) -> None:
+    bench, mirror = lab(later("B5", place=place))
+    with pytest.raises(error):
+        mirror.measured()
+    mirror.park()
+    assert abs(bench.beam.x_rad) < 1e-6
+
+
+def test_a_mirror_away_from_where_it_was_sent_is_reported_or_stopped(lab: Lab) -> None:
+    _, mirror = lab(later("B6", off=0.01), readback=True)
+    mirror.move_to(ASIDE)
+    assert any("was sent to x = +5.73 deg" in warning for warning in mirror.warnings)
+    _, mirror = lab(later("B6", off=0.2), readback=True)
+    with pytest.raises(DeviceFault, match=r"was sent to .* and is at"):
+        mirror.move_to(ASIDE)
+    with pytest.raises(DeviceFault, match="not known any more"):
+        mirror.move_to(ASIDE)
+
+
+def test_the_warning_comes_before_the_limit() -> None:
+    with pytest.raises(ValidationError, match="warn_error_deg"):
+        OptotuneSettings(model="optotune", port="COM3", warn_error_deg=2.0)
