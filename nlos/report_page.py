@@ -28,7 +28,8 @@ table { border-collapse: collapse; width: 100%; font-size: .92rem }
 td, th { text-align: left; vertical-align: top; padding: .3rem .8rem .3rem 0; border-bottom: 1px solid #eaeef2 }
 th { font-weight: 600; white-space: nowrap } img { max-width: 100% }
 .pictures { display: flex; flex-wrap: wrap; gap: 1rem } .pictures figure { margin: 0; flex: 1 1 22rem }
-figure { margin: 0 } figcaption { font-size: .9rem; color: #57606a } pre { background: #f6f8fa; padding: .8rem; overflow: auto }
+figure { margin: 0 } figcaption { font-size: .9rem; color: #57606a }
+pre { background: #f6f8fa; padding: .8rem; overflow: auto }
 iframe { width: 100%; height: 32rem; border: 1px solid #d0d7de }
 """
 

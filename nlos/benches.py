@@ -1,0 +1,73 @@
+"""Opens the bench that a command names, with the wire log, and writes what happens on it into a recording."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from nlos.terminal import terminal
+
+if TYPE_CHECKING:
+    from configs.load import Loaded
+    from drivers.bench import Bench, BenchSettings
+    from drivers.simulated.recorded import RecordedScan
+
+DEFAULT_BENCH = "simulated"
+
+
+def load_bench(word: str | None) -> "Loaded[BenchSettings]":
+    """The bench file that `word` means; the simulated bench where none is named. Raises `ConfigError`."""
+    from configs.load import load
+    from drivers.bench import BenchSettings
+
+    return load("bench", word or DEFAULT_BENCH, BenchSettings)
+
+
+@contextmanager
+def opened(loaded: "Loaded[BenchSettings]", scene: Path | None = None) -> Iterator["Bench"]:
+    """The open bench; `scene` is a recorded scan that stands in for a simulated bench's light."""
+    from drivers.bench import open_bench
+
+    with _wire_log() as log, open_bench(loaded.settings, scene=_scene(scene), wire_log=log) as bench:
+        for warning in bench.warnings:
+            terminal.log(f"warning: {warning}")
+        yield bench
+
+
+@contextmanager
+def _wire_log() -> Iterator[Callable[[str, str, bytes], None] | None]:
+    """Every byte to and from the devices, one line each: time, device, direction, bytes as Python writes them."""
+    if terminal.wire_log is None:
+        yield None
+        return
+    with terminal.wire_log.open("x", encoding="utf-8") as file:
+
+        def log(device: str, direction: str, data: bytes) -> None:
+            now = datetime.now(UTC).isoformat(timespec="microseconds")
+            file.write(f"{now} {device} {direction} {data!r}\n")
+
+        yield log
+    terminal.log(f"{terminal.wire_log}: every byte to and from the devices")
+
+
+def _scene(path: Path | None) -> "RecordedScan | None":
+    if path is None:
+        return None
+    import numpy as np
+
+    from acquisition.recording import Recording
+    from drivers.simulated.recorded import RecordedScan
+
+    with Recording.open(path) as recording:
+        rows = [(sample.point, sample.histogram) for sample in recording.samples()]
+        axis = recording.plan.axis
+    return RecordedScan(
+        np.stack([histogram.counts for _, histogram in rows]),
+        np.array([point.x_m for point, _ in rows]),
+        np.array([point.y_m for point, _ in rows]),
+        np.array([histogram.live_time_s for _, histogram in rows]),
+        axis.bin_width_s,
+        axis.offset_s,
+        np.array([histogram.total_count for _, histogram in rows]),
+    )
