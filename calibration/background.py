@@ -63,3 +63,26 @@ def subtract(counts: npt.ArrayLike, per_bin: npt.ArrayLike) -> npt.NDArray[np.fl
     if expected.shape == recorded.shape[:1] and expected.shape != recorded.shape[1:]:
         expected = expected[:, None]
     return np.asarray(recorded - expected, dtype=np.float32)
+
+
+def quiet_background(counts: npt.ArrayLike) -> Floats:
+    """Counts per bin away from any light, shape (N,): the mean over those sixteenths of the record that are the
+    quietest quarter on average over all points, drawn towards all points' mean where counts are few."""
+    recorded = np.asarray(counts)
+    points, bins = recorded.shape
+    edges = np.linspace(0, bins, min(16, bins) + 1).astype(int)
+    totals = np.add.reduceat(recorded, edges[:-1], axis=1, dtype=np.float64)  # (N, blocks)
+    quiet = np.argsort(totals.mean(axis=0) / np.diff(edges))[: max(1, len(edges) // 4)]
+    length = np.diff(edges)[quiet].sum()
+    pooled = max(totals[:, quiet].sum() / (length * points), 1e-9)
+    return np.asarray((totals[:, quiet].sum(axis=1) + 1) / (length + 1 / pooled))
+
+
+def is_flat(counts: npt.ArrayLike) -> bool:
+    """Whether all points' counts together are as even in time as chance allows: no laser light in them."""
+    total = np.asarray(counts).sum(axis=0, dtype=np.float64)
+    edges = np.linspace(0, len(total), min(32, len(total)) + 1).astype(int)
+    blocks, length = np.add.reduceat(total, edges[:-1]), np.diff(edges)
+    expected = total.sum() * length / length.sum()
+    freedom = len(length) - 1
+    return bool(((blocks - expected) ** 2 / np.maximum(expected, 1e-9)).sum() < freedom + 6 * np.sqrt(2 * freedom) + 1)

@@ -1,20 +1,26 @@
-"""The order of the corrections, in one place: check, align to the direct arrival, subtract the background, remove
-the direct light."""
+"""The order of the corrections, in one place: dead time and pile-up, dark counts, alignment to the direct arrival,
+ambient light, direct light."""
 
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from acquisition.sample import Sample, ScanPoint
 from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
+from calibration import raw_points
 from calibration.alignment import align, align_by_floor_and_circshift, align_variance, recorded_bins
 from calibration.background import Background, before_pulse, subtract
-from calibration.direct_reflection import DirectLight, find_direct_light, remove_direct_light
+from calibration.constants import BenchConstants
+from calibration.direct_reflection import DirectLight, find_direct_light, known_direct_light, remove_direct_light
 from calibration.errors import InvalidData, NoDirectPeak
 from calibration.impulse_response import ImpulseResponse
+from calibration.pile_up import correct_free_running
+from calibration.raw_points import RawPoints
 from calibration.time_offset import TimeOffsets, measure_time_offsets
 
 Floats = npt.NDArray[np.float64]
+Report = dict[str, float | int | list[float] | None]
 
 
 @dataclass(frozen=True)
@@ -31,7 +37,7 @@ class CorrectedPoints:
     direct: DirectLight
     background: Background
 
-    def report(self) -> dict[str, float | int | list[float] | None]:
+    def report(self) -> Report:
         """Figures for people and JSON: what was found, and how well it fits."""
         offsets, width = self.offsets, self.time.bin_width_s
         wall = offsets.wall if offsets else None
@@ -62,17 +68,25 @@ class Corrected:
     variance: npt.NDArray[np.float32]  # (T, H, W)
     points: CorrectedPoints
 
-    def report(self) -> dict[str, float | int | list[float] | None]:
+    def report(self) -> Report:
         """See `CorrectedPoints.report`."""
         return self.points.report()
 
 
+@dataclass(frozen=True)
+class CorrectedSample:
+    """One sample, corrected by known constants. `counts` and `usable` as in `CorrectedPoints`, for one point."""
+
+    point: ScanPoint
+    counts: npt.NDArray[np.float32]  # (T,)
+    usable: npt.NDArray[np.bool_]  # (T,)
+    exposure_s: float
+    time: TimeAxis
+
+
 def correct_points(
-    counts: npt.ArrayLike,
-    x_m: npt.ArrayLike,
-    y_m: npt.ArrayLike,
-    exposure_s: npt.ArrayLike,
-    time: TimeAxis,
+    raw: RawPoints,
+    constants: BenchConstants | None = None,
     *,
     rectified: bool = False,
     offset_bins: npt.ArrayLike | None = None,
@@ -80,75 +94,59 @@ def correct_points(
     remove_direct: bool = True,
     circshift: bool = False,
 ) -> CorrectedPoints:
-    """Corrects histograms (N, T) of points at `x_m`, `y_m` (N,), exposed for `exposure_s` (N,), 0 = not measured.
+    """Corrects a scan as a whole; what `constants` do not tell is measured from the scan itself.
 
-    `rectified`: time 0 is the direct arrival already; `offset_bins` (N,): the arrivals are known; otherwise they are
-    measured. `circshift`: align as the public f-k code does. The result keeps the bins that every point recorded.
-    Raises `InvalidData`, naming the first bad point, and `NoDirectPeak`.
+    `rectified`: time 0 is the direct arrival already; `offset_bins` (N,): the arrivals are known. Otherwise each
+    scan's own direct light tells them, and the constants' arrivals help out where it shows none. `circshift`: align as
+    the public f-k code does. The result keeps the bins that every point recorded. Raises `InvalidData`, naming the
+    first bad point, and `NoDirectPeak`.
     """
-    recorded, exposure = np.asarray(counts), np.asarray(exposure_s, dtype=np.float64)
-    check_counts(recorded, exposure)
-    points, record = recorded.shape
+    raw.check()
+    counts, variance = undo_dead_time(raw, constants)
     offsets: TimeOffsets | None = None
     if rectified:
-        arrival = np.full(points, -time.start_s / time.bin_width_s)
+        arrival = np.full(len(counts), -raw.time.start_s / raw.time.bin_width_s)
     elif offset_bins is not None:
         arrival = np.asarray(offset_bins, dtype=np.float64)
     else:
-        offsets = measure_time_offsets(recorded, x_m, y_m, time, response, exposure > 0)
-        arrival = offsets.offset_bins
-    known = np.isfinite(arrival) & (arrival < record - 1) & (exposure > 0)
-    if not known.any():
-        raise NoDirectPeak(f"no direct arrival lies inside the record of {record} bins at any of {points} points.")
-    arrival = np.where(known, arrival, arrival[known].mean())
-    exposure = np.where(known, exposure, 0.0)
-    bins = record - max(int(np.ceil(arrival.max())), 0)
-    lead = 0.0 if offsets is None else -offsets.response.start_s / time.bin_width_s
-    background = before_pulse(recorded, np.where(known, arrival - max(2.0, 2 * lead), 0))
-    shift = align_by_floor_and_circshift if circshift else align
-    level = np.where(np.isfinite(background.error), background.per_bin, 0.0)
-    aligned = subtract(shift(recorded, arrival, bins), level)
-    variance = align_variance(recorded, arrival, bins)
-    aligned[~known], variance[~known] = 0, 0
-    usable = recorded_bins(arrival, record, bins) & known[:, None]
-    if remove_direct:
-        some = find_direct_light(aligned[known], time.bin_width_s)
-        amplitude = np.zeros(points)
-        amplitude[known] = some.amplitude
-        direct = DirectLight(some.shape, amplitude, some.end_bin, some.decay_bins)
-        aligned = remove_direct_light(aligned, direct)
-        usable &= direct.usable()
-    else:
-        direct = DirectLight(np.zeros(bins), np.zeros(points), 0, 0.0)
-    aligned[~usable] = 0
-    axis = TimeAxis(bins, time.bin_width_s)
-    return CorrectedPoints(aligned, variance, usable, exposure, axis, offsets, direct, background)
+        if response is None and constants is not None:
+            response = constants.response
+        try:
+            offsets = measure_time_offsets(counts, raw.x_m, raw.y_m, raw.time, response, raw.exposure_s > 0)
+            arrival = offsets.offset_bins
+        except NoDirectPeak:
+            if constants is None or constants.arrivals is None:
+                raise
+            arrival = known_arrival_bins(constants, raw.x_m, raw.y_m, raw.time)
+    lead = 0.0 if offsets is None else -offsets.response.start_s / raw.time.bin_width_s
+    counts = subtract_dark(counts, raw, constants)
+    background = before_pulse(counts, np.where(np.isfinite(arrival), arrival - max(2.0, 2 * lead), 0))
+    return _finish(raw, counts, variance, arrival, background, None, offsets, remove_direct, circshift)
 
 
 def correct(
     transient: Transient,
+    constants: BenchConstants | None = None,
     *,
     rectified: bool = False,
     offset_bins: npt.ArrayLike | None = None,
     response: ImpulseResponse | None = None,
     remove_direct: bool = True,
     circshift: bool = False,
+    sync_count: npt.ArrayLike = 0.0,
+    total_count: npt.ArrayLike = 0.0,
 ) -> Corrected:
-    """`correct_points` for a scan on a grid; `offset_bins` is (H, W)."""
-    wall = transient.wall
-    x, y = np.meshgrid(wall.x_m(), wall.y_m())
+    """`correct_points` for a scan on a grid; `offset_bins`, `sync_count` and `total_count` are (H, W)."""
     done = correct_points(
-        transient.counts.reshape(transient.time.bins, -1).T,
-        x.ravel(),
-        y.ravel(),
-        transient.exposure_s.ravel(),
-        transient.time,
+        raw_points.from_transient(transient, sync_count, total_count),
+        constants,
         rectified=rectified,
         offset_bins=None if offset_bins is None else np.asarray(offset_bins).ravel(),
         response=response,
         remove_direct=remove_direct,
         circshift=circshift,
     )
+    wall = transient.wall
     shape = (done.time.bins, wall.rows, wall.cols)
     return Corrected(
         Transient(_cube(done.counts, shape), done.exposure_s.reshape(shape[1:]), wall, done.time),
@@ -158,23 +156,119 @@ def correct(
     )
 
 
+def correct_known(raw: RawPoints, constants: BenchConstants, bins: int | None = None) -> CorrectedPoints:
+    """The same corrections with nothing measured: arrivals, background and the direct light's shape are the
+    constants', so that points can be corrected one by one as they arrive, `bins` long. Raises `InvalidData` where the
+    constants lack the arrivals or are for another bin width."""
+    _require_arrivals(constants, raw.time)
+    counts, variance = undo_dead_time(raw, constants)
+    arrival = known_arrival_bins(constants, raw.x_m, raw.y_m, raw.time)
+    rates = [q.value for q in (constants.dark_hz, constants.ambient_hz) if q is not None]
+    per_bin = sum(rates) * raw.time.bin_width_s * raw.sync_count
+    background = Background(per_bin, np.zeros(len(counts)))
+    return _finish(raw, counts, variance, arrival, background, constants, None, True, False, bins)
+
+
+def correct_sample(sample: Sample, constants: BenchConstants, bins: int) -> CorrectedSample:
+    """`correct_known` for one sample: what a live scan is corrected by. `bins`: length of every corrected histogram,
+    see `common_bins`."""
+    done = correct_known(raw_points.from_sample(sample), constants, bins)
+    return CorrectedSample(sample.point, done.counts[0], done.usable[0], float(done.exposure_s[0]), done.time)
+
+
+def common_bins(constants: BenchConstants, x_m: npt.ArrayLike, y_m: npt.ArrayLike, time: TimeAxis) -> int:
+    """Bins from the direct arrival on that all of these points record."""
+    _require_arrivals(constants, time)
+    latest = float(known_arrival_bins(constants, x_m, y_m, time).max())
+    if not latest < time.bins - 1:
+        raise InvalidData(
+            f"direct light arrives up to bin {latest:.0f}, but the record has {time.bins}: lengthen the histogram."
+        )
+    return time.bins - max(int(np.ceil(latest)), 0)
+
+
+def known_arrival_bins(constants: BenchConstants, x_m: npt.ArrayLike, y_m: npt.ArrayLike, time: TimeAxis) -> Floats:
+    """Direct arrivals by the constants, in bins after the start of the record."""
+    assert constants.arrivals is not None
+    return np.asarray((constants.arrivals.at(x_m, y_m) - time.start_s) / time.bin_width_s)
+
+
+def undo_dead_time(
+    raw: RawPoints, constants: BenchConstants | None
+) -> tuple[npt.NDArray[np.generic], npt.NDArray[np.generic]]:
+    """Counts and their variance with dead time and pile-up undone, where constants and laser pulses are known."""
+    period_s = raw.period_s
+    dead = constants.dead_time_s if constants is not None else None
+    if dead is None or not dead.value > 0 or period_s is None:
+        return raw.counts, raw.counts
+    counts, variance = raw.counts.astype(np.float64), raw.counts.astype(np.float64)
+    taken = raw.sync_count > 0
+    counts[taken], variance[taken] = correct_free_running(
+        raw.counts[taken], raw.sync_count[taken], raw.total_count[taken], raw.time.bin_width_s, period_s, dead.value
+    )
+    return counts, variance
+
+
+def subtract_dark(
+    counts: npt.NDArray[np.generic], raw: RawPoints, constants: BenchConstants | None
+) -> npt.NDArray[np.generic]:
+    """Counts less the dark counts expected in each bin, where a shutter-closed run of the same length told them."""
+    per_bin = constants.dark_per_bin_hz if constants is not None else None
+    if per_bin is None or len(per_bin) != raw.time.bins:
+        return counts
+    return subtract(counts, np.multiply.outer(raw.exposure_s, per_bin))
+
+
+def _finish(
+    raw: RawPoints,
+    counts: npt.NDArray[np.generic],
+    variance: npt.NDArray[np.generic],
+    arrival: Floats,
+    background: Background,
+    known: BenchConstants | None,
+    offsets: TimeOffsets | None,
+    remove_direct: bool,
+    circshift: bool,
+    bins: int | None = None,
+) -> CorrectedPoints:
+    """Alignment, background and direct light, from arrivals that are known by now."""
+    points, record = counts.shape
+    there = np.isfinite(arrival) & (arrival < record - 1) & (raw.exposure_s > 0)
+    if not there.any():
+        raise NoDirectPeak(f"at none of {points} points does direct light arrive within the record of {record} bins.")
+    arrival = np.where(there, arrival, arrival[there].mean())
+    if bins is None:
+        bins = record - max(int(np.ceil(arrival.max())), 0)
+    shift = align_by_floor_and_circshift if circshift else align
+    aligned = subtract(shift(counts, arrival, bins), np.where(np.isfinite(background.error), background.per_bin, 0.0))
+    spread = align_variance(variance, arrival, bins)
+    usable = recorded_bins(arrival, record, bins) & there[:, None]
+    aligned[~there], spread[~there] = 0, 0
+    direct = DirectLight(np.zeros(bins), np.zeros(points), 0, 0.0)
+    if known is not None and known.direct_shape is not None:
+        direct = known_direct_light(aligned, known.direct_shape, known.direct_end_bin)
+    elif remove_direct and known is None:
+        some = find_direct_light(aligned[there], raw.time.bin_width_s)
+        amplitude = np.zeros(points)
+        amplitude[there] = some.amplitude
+        direct = DirectLight(some.shape, amplitude, some.end_bin, some.decay_bins)
+    aligned = remove_direct_light(aligned, direct)
+    usable &= direct.usable()
+    aligned[~usable] = 0
+    exposure = np.where(there, raw.exposure_s, 0.0)
+    axis = TimeAxis(bins, raw.time.bin_width_s)
+    return CorrectedPoints(aligned, spread, usable, exposure, axis, offsets, direct, background)
+
+
+def _require_arrivals(constants: BenchConstants, time: TimeAxis) -> None:
+    if constants.arrivals is None:
+        raise InvalidData("these constants hold no direct arrivals: calibrate with a scan, not only with a dark run.")
+    if abs(constants.bin_width_s / time.bin_width_s - 1) > 1e-6:
+        raise InvalidData(
+            f"these constants are for bins of {constants.bin_width_s * 1e12:.2f} ps, the data have "
+            f"{time.bin_width_s * 1e12:.2f} ps."
+        )
+
+
 def _cube(counts: npt.NDArray[np.float32], shape: tuple[int, int, int]) -> npt.NDArray[np.float32]:
     return np.ascontiguousarray(counts.T).reshape(shape)
-
-
-def check_counts(counts: npt.NDArray[np.generic], exposure_s: Floats) -> None:
-    """Raises `InvalidData` naming the first point whose histogram cannot be one."""
-    if counts.ndim != 2 or exposure_s.shape != counts.shape[:1]:
-        raise InvalidData(
-            f"counts of shape {counts.shape} and exposures of shape {exposure_s.shape} do not belong together."
-        )
-    if not np.isfinite(exposure_s).all() or (exposure_s < 0).any():
-        raise InvalidData(
-            f"point {int(np.argmax(~(exposure_s >= 0)))} has an exposure that is negative or not a number."
-        )
-    if counts.dtype.kind == "f" and not np.isfinite(counts).all():
-        point, bin_ = (int(i) for i in np.argwhere(~np.isfinite(counts))[0])
-        raise InvalidData(f"point {point}, bin {bin_} is {counts[point, bin_]}: counts must be finite numbers.")
-    if counts.dtype.kind != "u" and (counts < 0).any():  # type: ignore[operator]
-        point, bin_ = (int(i) for i in np.argwhere(counts < 0)[0])  # type: ignore[operator]
-        raise InvalidData(f"point {point}, bin {bin_} is {counts[point, bin_]}: raw counts are never negative.")

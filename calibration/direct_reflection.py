@@ -85,6 +85,16 @@ def find_direct_light(aligned: npt.ArrayLike, bin_width_s: float) -> DirectLight
     return DirectLight(shape, np.clip(amplitude, 0, None), end, decay)
 
 
+def known_direct_light(aligned: npt.ArrayLike, shape: Floats, end_bin: int) -> DirectLight:
+    """The direct light of histograms (N, T) where an earlier scan tells its shape: only the amplitude is new."""
+    counts = np.asarray(aligned, dtype=np.float32)
+    fitting = np.zeros(counts.shape[1])
+    fitting[: len(shape)] = shape[: len(fitting)]
+    share = max(float(fitting[:end_bin].sum()), 1e-12)
+    amplitude = np.clip(counts[:, :end_bin].sum(axis=1, dtype=np.float64) / share, 0, None)
+    return DirectLight(fitting, amplitude, end_bin, 0.0)
+
+
 def remove_direct_light(aligned: npt.ArrayLike, direct: DirectLight) -> Counts:
     """Histograms (N, T) with masked bins 0 and the tail's model subtracted behind them."""
     return np.where(direct.usable(), np.asarray(aligned, dtype=np.float32) - direct.counts(), np.float32(0))

@@ -4,14 +4,27 @@ import pytest
 from acquisition.transient import TimeAxis, Transient
 from acquisition.wall import WallGrid
 from calibration.correct import correct, correct_points
-from calibration.errors import InvalidData
+from calibration.errors import InvalidData, SaturatedBins
+from calibration.raw_points import RawPoints
 from tests.calibration.conftest import RawScan, make_raw_scan
+
+
+def raw(scan: RawScan, counts: np.ndarray | None = None, exposure_s: np.ndarray | None = None) -> RawPoints:
+    points, bins = scan.counts.shape
+    return RawPoints(
+        scan.counts if counts is None else counts,
+        scan.x_m,
+        scan.y_m,
+        np.ones(points) if exposure_s is None else exposure_s,
+        np.zeros(points),
+        np.zeros(points),
+        TimeAxis(bins, scan.bin_width_s),
+    )
 
 
 def test_time_zero_is_the_direct_arrival_and_only_the_hidden_light_is_left() -> None:
     scan = make_raw_scan(direct_counts=40_000)
-    axis = TimeAxis(512, scan.bin_width_s)
-    done = correct_points(scan.counts, scan.x_m, scan.y_m, np.ones(256), axis)
+    done = correct_points(raw(scan))
     assert done.time.start_s == 0
     return_bins = 2 * np.sqrt((scan.x_m - 0.2) ** 2 + scan.y_m**2 + 0.9**2) / 299_792_458 / scan.bin_width_s
     for point in (0, 100, 255):
@@ -25,9 +38,7 @@ def test_time_zero_is_the_direct_arrival_and_only_the_hidden_light_is_left() -> 
 
 
 def test_the_model_gives_back_what_was_removed(raw_scan: RawScan) -> None:
-    axis = TimeAxis(512, raw_scan.bin_width_s)
-    parts = (raw_scan.counts, raw_scan.x_m, raw_scan.y_m, np.ones(256), axis)
-    kept, removed = correct_points(*parts, remove_direct=False), correct_points(*parts)
+    kept, removed = correct_points(raw(raw_scan), remove_direct=False), correct_points(raw(raw_scan))
     again = removed.counts + removed.direct.counts()
     usable = removed.usable
     assert np.allclose(again[usable], kept.counts[usable], atol=1e-2)
@@ -45,7 +56,7 @@ def test_rectified_scans_without_direct_light_are_left_alone() -> None:
 def test_unmeasured_points_stay_unmeasured(raw_scan: RawScan) -> None:
     exposure = np.ones(256)
     exposure[10] = 0
-    done = correct_points(raw_scan.counts, raw_scan.x_m, raw_scan.y_m, exposure, TimeAxis(512, raw_scan.bin_width_s))
+    done = correct_points(raw(raw_scan, exposure_s=exposure))
     assert done.exposure_s[10] == 0
     assert not done.usable[10].any()
     assert not done.counts[10].any()
@@ -54,12 +65,21 @@ def test_unmeasured_points_stay_unmeasured(raw_scan: RawScan) -> None:
 @pytest.mark.parametrize(
     ("bad", "reason"),
     [
-        (np.nan, "point 37, bin 5 is nan: counts must be finite"),
-        (-1.0, "point 37, bin 5 is -1.0: raw counts are never"),
+        (np.nan, r"point 37 at .* bin 5 is nan: counts must be finite"),
+        (np.inf, r"point 37 at .* bin 5 is inf: counts must be finite"),
+        (-1.0, r"point 37 at .* bin 5 is -1.0: raw counts are never negative"),
+        (65535.0, r"point 37 at \(-0\.312 m, \+0\.688 m\), bin 5 holds 65535 counts.*saturated"),
     ],
 )
 def test_bad_counts_are_refused_by_point_and_reason(raw_scan: RawScan, bad: float, reason: str) -> None:
     counts = raw_scan.counts.astype(np.float64)
     counts[37, 5] = bad
-    with pytest.raises(InvalidData, match=reason):
-        correct_points(counts, raw_scan.x_m, raw_scan.y_m, np.ones(256), TimeAxis(512, raw_scan.bin_width_s))
+    with pytest.raises(SaturatedBins if bad == 65535 else InvalidData, match=reason):
+        correct_points(raw(raw_scan, counts))
+
+
+def test_a_wrong_exposure_is_refused_by_point(raw_scan: RawScan) -> None:
+    exposure = np.ones(256)
+    exposure[3] = np.nan
+    with pytest.raises(InvalidData, match=r"point 3 at .* has an exposure of nan"):
+        correct_points(raw(raw_scan, exposure_s=exposure))

@@ -6,7 +6,7 @@ import pytest
 
 from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
-from calibration.errors import NoDirectPeak
+from calibration.errors import NoDirectPeak, ShutterClosed
 from calibration.impulse_response import gaussian
 from calibration.time_offset import TimeOffsets, measure_time_offsets
 from tests.calibration.conftest import RawScan, make_raw_scan
@@ -90,8 +90,14 @@ def test_points_without_exposure_get_the_walls_prediction(raw_scan: RawScan) -> 
 
 def test_a_closed_shutter_is_told_apart() -> None:
     dark = np.random.default_rng(0).poisson(0.05, (30, 512))
-    with pytest.raises(NoDirectPeak, match=r"point \d+"):
+    with pytest.raises(ShutterClosed, match=r"all 30 points hold .* no laser light"):
         measure_time_offsets(dark, np.arange(30) % 6, np.arange(30) // 6, TimeAxis(512, 32e-12))
+
+
+def test_light_without_a_direct_peak_is_told_with_its_point() -> None:
+    slow = np.random.default_rng(0).poisson(2 + np.sin(np.arange(512) / 80), (30, 512))
+    with pytest.raises(NoDirectPeak, match=r"25 points is \d\.\d ns wide, too slow"):
+        measure_time_offsets(slow, np.arange(30) % 6, np.arange(30) // 6, TimeAxis(512, 32e-12))
 
 
 @pytest.mark.parametrize("points", [1, 4, 8])

@@ -1,0 +1,238 @@
+"""The measured constants of a bench: numbers, uncertainties, the devices they hold for, and where they came from.
+
+One HDF5 file. Attributes: format "nlos-constants", version 1, `about` (JSON: devices, date, sources), and each scalar
+with its error under its own name (`dead_time_s`, `dead_time_s_error`). Datasets: `response`, `arrivals/...`,
+`direct_shape`, `dark_per_bin_hz`. What was not measured is not there.
+"""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from datetime import datetime
+from functools import cached_property
+from pathlib import Path
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+
+from acquisition.transient import SPEED_OF_LIGHT_M_PER_S
+from calibration.errors import ForeignConstants, InvalidData, PoorCalibration
+from calibration.geometry import ScannerGeometry
+from calibration.impulse_response import ImpulseResponse
+
+Floats = npt.NDArray[np.float64]
+FORMAT, VERSION = "nlos-constants", 1
+LARGEST_ARRAY = 4096 * 4096
+SAME_PLACE_M = 1e-3
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A measured number and its standard error."""
+
+    value: float
+    error: float
+
+
+@dataclass(frozen=True)
+class Arrivals:
+    """When direct light arrives after the sync pulse: the wall's fit, and how far measured points are off it."""
+
+    scanner_position_m: Floats  # (3,), wall coordinates
+    delay_s: float
+    covariance: Floats  # (4, 4) of position in m and delay in s
+    rms_s: float
+    x_m: Floats  # (N,)
+    y_m: Floats  # (N,)
+    residual_s: Floats  # (N,): best estimate of the arrival less the fit's
+
+    def at(self, x_m: npt.ArrayLike, y_m: npt.ArrayLike) -> Floats:
+        """Arrival at wall positions: measured points within a millimetre keep their residual, others follow the fit."""
+        x, y = np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64)
+        sx, sy, sz = self.scanner_position_m
+        arrival = self.delay_s + 2 * np.sqrt((x - sx) ** 2 + (y - sy) ** 2 + sz**2) / SPEED_OF_LIGHT_M_PER_S
+        rows = np.array([self._rows.get(place, -1) for place in _places(x.ravel(), y.ravel())], dtype=np.int64)
+        extra = np.where(rows >= 0, np.append(self.residual_s, 0.0)[rows], 0.0)
+        return np.asarray(arrival + extra.reshape(x.shape))
+
+    @cached_property
+    def _rows(self) -> dict[tuple[int, int], int]:
+        return {place: row for row, place in enumerate(_places(self.x_m, self.y_m))}
+
+
+@dataclass(frozen=True)
+class BenchConstants:
+    """What a calibration run found. None: not measured."""
+
+    devices: Mapping[str, str]
+    """Role ("mirror", "counter", ...) -> model and serial number."""
+    measured_utc: str
+    """ISO 8601."""
+    sources: tuple[str, ...]
+    """The recordings that the numbers came from."""
+    bin_width_s: float
+    arrivals: Arrivals | None = None
+    response: ImpulseResponse | None = None
+    direct_shape: Floats | None = None  # (T,): share of the direct light in bins from its arrival on
+    direct_end_bin: int = 0
+    dark_hz: Quantity | None = None
+    dark_per_bin_hz: Floats | None = None  # (T,) of the dark run's own time axis
+    ambient_hz: Quantity | None = None
+    dead_time_s: Quantity | None = None
+    afterpulse_probability: Quantity | None = None
+    afterpulse_decay_s: float | None = None
+    geometry: ScannerGeometry | None = None
+    geometry_errors: Mapping[str, float] = field(default_factory=dict)
+
+    def refuse_other_devices(self, devices: Mapping[str, str]) -> None:
+        """Raises `ForeignConstants` where a device of the same role has another model or serial number."""
+        for role, name in devices.items():
+            mine = self.devices.get(role)
+            if mine is not None and mine != name:
+                raise ForeignConstants(
+                    f"these constants of {self.measured_utc} are for the {role} {mine}, the data come from {name}. "
+                    "Calibrate with a recording of this bench."
+                )
+
+    def check(self) -> None:
+        """Raises `PoorCalibration` where a number is worse than its own limits."""
+        arrivals = self.arrivals
+        if arrivals is not None and not arrivals.rms_s <= self.bin_width_s:
+            raise PoorCalibration(
+                f"direct arrivals scatter by {arrivals.rms_s * 1e12:.1f} ps RMS about the wall's fit, more than one "
+                f"bin ({self.bin_width_s * 1e12:.1f} ps). Expose longer, or check that the wall is plane."
+            )
+        if arrivals is None and self.dark_hz is None:
+            raise PoorCalibration("nothing was measured that could be kept.")
+
+
+_QUANTITIES = ("dark_hz", "ambient_hz", "dead_time_s", "afterpulse_probability")
+
+
+def save(constants: BenchConstants, path: Path, overwrite: bool = False) -> None:
+    """Writes one file, whole or not at all. Raises `PoorCalibration`, and `FileExistsError` without `overwrite`."""
+    constants.check()
+    if path.exists() and not overwrite:
+        raise FileExistsError(f"{path} exists; --overwrite replaces it")
+    about = {"devices": dict(constants.devices), "measured_utc": constants.measured_utc, "sources": constants.sources}
+    if constants.geometry is not None:
+        about["geometry"] = asdict(constants.geometry)
+        about["geometry_errors"] = dict(constants.geometry_errors)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with h5py.File(partial, "w") as file:
+            file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
+            file.attrs["about"] = json.dumps(about)
+            file.attrs["bin_width_s"] = constants.bin_width_s
+            file.attrs["direct_end_bin"] = constants.direct_end_bin
+            for name in _QUANTITIES:
+                quantity = getattr(constants, name)
+                if quantity is not None:
+                    file.attrs[name], file.attrs[f"{name}_error"] = quantity.value, quantity.error
+            if constants.afterpulse_decay_s is not None:
+                file.attrs["afterpulse_decay_s"] = constants.afterpulse_decay_s
+            for name in ("direct_shape", "dark_per_bin_hz"):
+                if getattr(constants, name) is not None:
+                    file[name] = getattr(constants, name)
+            if constants.response is not None:
+                file["response"] = constants.response.density
+                file["response"].attrs["step_s"] = constants.response.step_s
+                file["response"].attrs["start_s"] = constants.response.start_s
+            if constants.arrivals is not None:
+                for item in fields(constants.arrivals):
+                    file[f"arrivals/{item.name}"] = getattr(constants.arrivals, item.name)
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def load(path: Path) -> BenchConstants:
+    """Reads what `save` wrote. Raises `FileNotFoundError`, and `InvalidData` naming the file and what is wrong."""
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    try:
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("format") != FORMAT or file.attrs.get("version") != VERSION:
+                raise InvalidData(f"{path}: not a constants file of version {VERSION}")
+            return _read(file)
+    except (OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+        if isinstance(error, InvalidData):
+            raise
+        raise InvalidData(f"{path}: not a readable constants file ({error})") from error
+
+
+def newest_that_fits(folder: Path, devices: Mapping[str, str], bin_width_s: float | None = None) -> Path | None:
+    """The most recently measured constants file in `folder` that is for these devices and this bin width; files that
+    cannot be read or are for other devices are passed over. None where there is none."""
+    found: list[tuple[datetime, Path]] = []
+    for path in sorted(folder.glob("*.h5")):
+        try:
+            constants = load(path)
+            constants.refuse_other_devices(devices)
+            when = datetime.fromisoformat(constants.measured_utc)
+        except (InvalidData, ValueError):
+            continue
+        if bin_width_s is None or abs(constants.bin_width_s / bin_width_s - 1) < 1e-6:
+            found.append((when, path))
+    return max(found)[1] if found else None
+
+
+def _read(file: h5py.File) -> BenchConstants:
+    about = json.loads(file.attrs["about"])
+    quantities = {
+        name: Quantity(_finite(file.attrs[name]), float(file.attrs[f"{name}_error"]))
+        for name in _QUANTITIES
+        if name in file.attrs
+    }
+    response = arrivals = None
+    if "response" in file:
+        stored = file["response"]
+        response = ImpulseResponse(_array(stored, 1), _finite(stored.attrs["step_s"]), _finite(stored.attrs["start_s"]))
+    if "arrivals" in file:
+        group = file["arrivals"]
+        x, y, residual = (_array(group[name], 1) for name in ("x_m", "y_m", "residual_s"))
+        position, covariance = _array(group["scanner_position_m"], 1), _array(group["covariance"], 2)
+        if position.shape != (3,) or covariance.shape != (4, 4) or not len(x) == len(y) == len(residual):
+            raise InvalidData(f"{file.filename}: arrivals have shapes that do not belong together")
+        arrivals = Arrivals(
+            position, _finite(group["delay_s"][()]), covariance, _finite(group["rms_s"][()]), x, y, residual
+        )
+    return BenchConstants(
+        devices={str(role): str(name) for role, name in about["devices"].items()},
+        measured_utc=str(about["measured_utc"]),
+        sources=tuple(str(source) for source in about["sources"]),
+        bin_width_s=_finite(file.attrs["bin_width_s"]),
+        arrivals=arrivals,
+        response=response,
+        direct_shape=_array(file["direct_shape"], 1) if "direct_shape" in file else None,
+        direct_end_bin=int(file.attrs["direct_end_bin"]),
+        dark_per_bin_hz=_array(file["dark_per_bin_hz"], 1) if "dark_per_bin_hz" in file else None,
+        afterpulse_decay_s=_finite(file.attrs["afterpulse_decay_s"]) if "afterpulse_decay_s" in file.attrs else None,
+        geometry=ScannerGeometry(**about["geometry"]) if "geometry" in about else None,
+        geometry_errors=dict(about.get("geometry_errors", {})),
+        **quantities,
+    )
+
+
+def _array(item: h5py.Dataset, dimensions: int) -> Floats:
+    if not isinstance(item, h5py.Dataset) or item.ndim != dimensions or item.size > LARGEST_ARRAY:
+        raise InvalidData(f"{item.file.filename}: {item.name} is not a plausible array of {dimensions} dimensions")
+    values = np.asarray(item[()], dtype=np.float64)
+    if not np.isfinite(values).all():
+        raise InvalidData(f"{item.file.filename}: {item.name} holds values that are not finite")
+    return values
+
+
+def _finite(value: object) -> float:
+    number = float(value)  # type: ignore[arg-type]
+    if not np.isfinite(number):
+        raise ValueError(f"a number is {number}")
+    return number
+
+
+def _places(x: Floats, y: Floats) -> list[tuple[int, int]]:
+    """Positions to a millimetre, as keys."""
+    columns = (np.rint(np.asarray(axis) / SAME_PLACE_M).astype(np.int64).tolist() for axis in (x, y))
+    return list(zip(*columns, strict=True))

@@ -1,0 +1,91 @@
+"""Finds the impulse response in histograms: the most likely arrival, to a fraction of a bin, and its standard error."""
+
+import numpy as np
+import numpy.typing as npt
+
+from calibration.impulse_response import ImpulseResponse
+
+Floats = npt.NDArray[np.float64]
+FINE_STEPS = 8
+"""Trial shifts a bin; the vertex of a parabola resolves finer."""
+DETECTION_NEARBY = 4.0
+"""Gain in log-likelihood from which on a pulse is believed within the few bins that are searched."""
+
+
+def boxcar_arrival(recorded: npt.NDArray[np.generic], background: Floats, box: int) -> tuple[Floats, Floats]:
+    """Centre of the fullest `box` bins of each point, and by how much it beats the background in log-likelihood."""
+    arrival, gain = np.zeros(len(recorded)), np.zeros(len(recorded))
+    for row, histogram in enumerate(recorded):
+        running = np.concatenate([[0.0], np.cumsum(histogram, dtype=np.float64)])
+        sums = running[box:] - running[:-box]
+        top = int(np.argmax(sums))
+        expected = box * background[row]
+        if sums[top] > expected:
+            gain[row] = sums[top] * np.log(sums[top] / expected) - (sums[top] - expected)
+        arrival[row] = top + box / 2
+    return arrival, gain
+
+
+def match(
+    recorded: npt.NDArray[np.generic],
+    background: Floats,
+    centre: Floats,
+    template: ImpulseResponse,
+    width: float,
+    radius: int,
+) -> tuple[Floats, Floats]:
+    """The most likely arrival within `radius` bins of `centre`, and its standard error: infinite where there is no
+    maximum inside, or no more than background under it."""
+    before, after = _support(template, width)
+    whole = np.floor(centre).astype(np.int64)
+    shifts = np.arange(-radius * FINE_STEPS, radius * FINE_STEPS + 1) / FINE_STEPS
+    length = before + after + 2 * radius
+    shares = template.in_bins(-(before + radius + shifts) * width, length, width)  # (S, length)
+    windows = _windows(recorded, whole - before - radius, length)
+    signal = windows.sum(axis=1) - length * background
+    floor = max(float(np.median(background) / max(np.median(signal), 1e-9)), 1e-3 * float(shares.max()))
+    score = windows @ np.log1p(shares / floor).T  # (N, S)
+    top = np.argmax(score, axis=1)
+    inside = (top > 0) & (top < len(shifts) - 1)
+    step = max(FINE_STEPS // 4, 1)
+    rows, mid = np.arange(len(recorded)), np.clip(top, step, len(shifts) - 1 - step)
+    low, high, best = score[rows, mid - step], score[rows, mid + step], score[rows, mid]
+    bend = np.minimum(low - 2 * best + high, -1e-9)
+    turn = np.where(mid == top, np.clip(0.5 * (low - high) / bend, -1, 1), 0.0)
+    arrival = whole + shifts[top] + turn * step / FINE_STEPS
+    likelihood = np.exp(score - score.max(axis=1, keepdims=True))
+    likelihood /= likelihood.sum(axis=1, keepdims=True)
+    mean = likelihood @ shifts
+    spread = np.sqrt(np.maximum(likelihood @ shifts**2 - mean**2, 0.0))
+    several = spread > 1.0  # a few photons fit at several places: their mean is the better guess
+    arrival = np.where(several, whole + mean, arrival)
+    error = np.where(several, spread, np.sqrt((step / FINE_STEPS) ** 2 / -bend))
+    held = window_counts(recorded, arrival, np.zeros_like(background), template, width)
+    expected = (before + after) * background
+    gain = held * np.log(np.maximum(held, 1e-9) / expected) - (held - expected)
+    good = inside & (held > expected) & (gain > DETECTION_NEARBY)
+    return arrival, np.where(good, error, np.inf)
+
+
+def window_counts(
+    recorded: npt.NDArray[np.generic], at: Floats, background: Floats, template: ImpulseResponse, width: float
+) -> Floats:
+    """Counts above background under the response placed at `at`; NaN where that is not known."""
+    before, after = _support(template, width)
+    known = np.isfinite(at)
+    whole = np.floor(np.where(known, at, 0)).astype(np.int64)
+    total = _windows(recorded, whole - before, before + after).sum(axis=1) - (before + after) * background
+    return np.where(known, total, np.nan)
+
+
+def _support(template: ImpulseResponse, width: float) -> tuple[int, int]:
+    """Bins before and after the arrival that the response reaches into."""
+    return int(np.ceil(-template.start_s / width)) + 1, int(np.ceil(template.end_s / width)) + 1
+
+
+def _windows(recorded: npt.NDArray[np.generic], first: npt.NDArray[np.int64], length: int) -> Floats:
+    """`length` bins from `first` on, shape (N, length), 0 outside of the record."""
+    index = first[:, None] + np.arange(length)
+    inside = (index >= 0) & (index < recorded.shape[1])
+    taken = np.take_along_axis(recorded, np.clip(index, 0, recorded.shape[1] - 1), axis=1)
+    return np.where(inside, taken, 0).astype(np.float64)

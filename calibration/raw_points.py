@@ -1,0 +1,132 @@
+"""A raw scan as arrays: what every correction starts from."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition.sample import Sample
+from acquisition.transient import TimeAxis, Transient
+from calibration.errors import InvalidData, SaturatedBins
+
+Floats = npt.NDArray[np.float64]
+COUNTER_LIMITS = (65_535, 4_294_967_295)
+"""A bin with this content has run into the end of a 16- or 32-bit counter."""
+
+
+@dataclass(frozen=True)
+class RawPoints:
+    """N histograms, where and how long they were taken. Laser pulses and clicks are 0 where the source has none."""
+
+    counts: npt.NDArray[np.generic]  # (N, T)
+    x_m: Floats  # (N,)
+    y_m: Floats  # (N,)
+    exposure_s: Floats  # (N,); live time, 0 = not measured
+    sync_count: Floats  # (N,)
+    total_count: Floats  # (N,); all clicks, those outside of the histogram too
+    time: TimeAxis
+
+    def __post_init__(self) -> None:
+        shapes = {a.shape for a in (self.x_m, self.y_m, self.exposure_s, self.sync_count, self.total_count)}
+        if shapes != {self.counts.shape[:1]} or self.counts.shape[1:] != (self.time.bins,):
+            raise InvalidData(f"counts {self.counts.shape}, {self.time.bins} bins and points {shapes} do not fit.")
+
+    @property
+    def period_s(self) -> float | None:
+        """The laser's period, from live time and laser pulses."""
+        pulses = float(self.sync_count.sum())
+        return float(self.exposure_s[self.sync_count > 0].sum()) / pulses if pulses > 0 else None
+
+    def check(self) -> None:
+        """Raises `InvalidData` or `SaturatedBins`, naming the first point whose histogram cannot be used and why."""
+        exposed = self.exposure_s
+        if not np.isfinite(exposed).all() or (exposed < 0).any():
+            point = int(np.argmax(~(exposed >= 0) | np.isinf(exposed)))
+            raise InvalidData(f"{self._name(point)} has an exposure of {exposed[point]:g} s.")
+        counts = self.counts
+        if counts.dtype.kind == "f":
+            finite = np.isfinite(counts.sum(axis=1, dtype=np.float64))
+            if not finite.all():
+                self._refuse(~np.isfinite(counts), "counts must be finite numbers")
+        if counts.dtype.kind != "u" and counts.min(initial=0) < 0:
+            self._refuse(counts < 0, "raw counts are never negative")  # type: ignore[operator]
+        limits = set(COUNTER_LIMITS)
+        if counts.dtype.kind in "ui" and counts.dtype.itemsize < 8:
+            limits.add(2 ** (8 * counts.dtype.itemsize - (counts.dtype.kind == "i")) - 1)
+        top = counts.max(initial=0)
+        if float(top) in limits:
+            point, bin_ = (int(i) for i in np.argwhere(counts == top)[0])
+            raise SaturatedBins(
+                f"{self._name(point)}, bin {bin_} holds {top:.0f} counts, the most that the counter can: it is "
+                "saturated. Shorten the dwell or attenuate the light."
+            )
+
+    def _name(self, point: int) -> str:
+        return f"point {point} at ({self.x_m[point]:+.3f} m, {self.y_m[point]:+.3f} m)"
+
+    def _refuse(self, bad: npt.NDArray[np.bool_], reason: str) -> None:
+        point, bin_ = (int(i) for i in np.argwhere(bad)[0])
+        raise InvalidData(f"{self._name(point)}, bin {bin_} is {self.counts[point, bin_]}: {reason}.")
+
+
+def from_transient(
+    transient: Transient, sync_count: npt.ArrayLike = 0.0, total_count: npt.ArrayLike = 0.0
+) -> RawPoints:
+    """Points of a grid in row order; `sync_count` and `total_count` are (H, W) or one number."""
+    wall = transient.wall
+    x, y = np.meshgrid(wall.x_m(), wall.y_m())
+    size = (wall.rows, wall.cols)
+    return RawPoints(
+        transient.counts.reshape(transient.time.bins, -1).T,
+        x.ravel(),
+        y.ravel(),
+        np.asarray(transient.exposure_s, dtype=np.float64).ravel(),
+        np.broadcast_to(np.asarray(sync_count, dtype=np.float64), size).ravel(),
+        np.broadcast_to(np.asarray(total_count, dtype=np.float64), size).ravel(),
+        transient.time,
+    )
+
+
+def from_samples(samples: Iterable[Sample]) -> RawPoints:
+    """Points in the order taken; histograms of one position taken in several passes are added up. Raises
+    `SaturatedBins` for a sample that its counter flagged, `InvalidData` for none or for samples of different axes."""
+    rows: dict[tuple[float, float], list[Sample]] = {}
+    for sample in samples:
+        flags = sample.histogram.flags
+        if flags & type(flags).SATURATED:
+            raise SaturatedBins(
+                f"point {sample.point.number} at ({sample.point.x_m:+.3f} m, {sample.point.y_m:+.3f} m): its counter "
+                "says that a bin is saturated. Shorten the dwell or attenuate the light."
+            )
+        rows.setdefault((sample.point.x_m, sample.point.y_m), []).append(sample)
+    if not rows:
+        raise InvalidData("there is not one sample to calibrate from.")
+    groups = list(rows.values())
+    first = groups[0][0].histogram
+    axes = {(len(s.histogram.counts), s.histogram.bin_width_s, s.histogram.offset_s) for g in groups for s in g}
+    if len(axes) > 1:
+        raise InvalidData(f"samples have {len(axes)} different time axes: {sorted(axes)[:3]}.")
+    return RawPoints(
+        np.stack([np.sum([s.histogram.counts for s in g], axis=0, dtype=np.uint32) for g in groups]),
+        np.array([g[0].point.x_m for g in groups]),
+        np.array([g[0].point.y_m for g in groups]),
+        np.array([sum(s.histogram.live_time_s for s in g) for g in groups], dtype=np.float64),
+        np.array([sum(s.histogram.sync_count for s in g) for g in groups], dtype=np.float64),
+        np.array([sum(s.histogram.total_count for s in g) for g in groups], dtype=np.float64),
+        TimeAxis(len(first.counts), first.bin_width_s, first.offset_s),
+    )
+
+
+def from_sample(sample: Sample) -> RawPoints:
+    """One sample as the only point."""
+    histogram = sample.histogram
+    return RawPoints(
+        histogram.counts[None],
+        np.array([sample.point.x_m]),
+        np.array([sample.point.y_m]),
+        np.array([histogram.live_time_s]),
+        np.array([float(histogram.sync_count)]),
+        np.array([float(histogram.total_count)]),
+        TimeAxis(len(histogram.counts), histogram.bin_width_s, histogram.offset_s),
+    )

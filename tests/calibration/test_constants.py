@@ -1,0 +1,163 @@
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from acquisition.sample import Sample, ScanPoint
+from acquisition.transient import TimeAxis
+from calibration.constants import Arrivals, BenchConstants, Quantity, load, newest_that_fits, save
+from calibration.correct import common_bins, correct_known, correct_points, correct_sample
+from calibration.errors import ForeignConstants, InvalidData, PoorCalibration
+from calibration.geometry import ScannerGeometry
+from calibration.raw_points import RawPoints
+from drivers.tcspc.counter import Histogram, HistogramFlag
+from tests.calibration.conftest import RawScan
+
+BENCH = {"mirror": "triggerscope T-1", "counter": "tcspc488 C-7"}
+
+
+def points(scan: RawScan) -> RawPoints:
+    count, bins = scan.counts.shape
+    pulses, total = np.full(count, 88_000.0), scan.counts.sum(axis=1).astype(float)
+    axis = TimeAxis(bins, scan.bin_width_s)
+    return RawPoints(scan.counts, scan.x_m, scan.y_m, np.full(count, 8e-3), pulses, total, axis)
+
+
+@pytest.fixture(scope="module")
+def constants(raw_scan: RawScan) -> BenchConstants:
+    done = correct_points(points(raw_scan))
+    found = done.offsets
+    assert found is not None
+    assert found.wall is not None
+    wall, width = found.wall, raw_scan.bin_width_s
+    residual = (found.offset_bins - found.predicted_bins) * width
+    return BenchConstants(
+        devices=BENCH,
+        measured_utc="2026-03-01T12:00:00+00:00",
+        sources=("a.h5",),
+        bin_width_s=width,
+        arrivals=Arrivals(
+            wall.scanner_position_m, wall.delay_s, wall.covariance, wall.rms_s, raw_scan.x_m, raw_scan.y_m, residual
+        ),
+        response=found.response,
+        direct_shape=done.direct.shape,
+        direct_end_bin=done.direct.end_bin,
+        ambient_hz=Quantity(float(np.mean(done.background.per_bin)) / (88_000 * width), 1.0),
+        geometry=ScannerGeometry(2.0, wall_yaw_rad=0.1),
+    )
+
+
+def test_what_is_saved_is_what_is_loaded(constants: BenchConstants, tmp_path: Path) -> None:
+    full = replace(
+        constants,
+        dark_hz=Quantity(80.0, 2.0),
+        dark_per_bin_hz=np.full(512, 0.1),
+        dead_time_s=Quantity(77e-9, 1e-10),
+        afterpulse_probability=Quantity(0.01, 0.001),
+        afterpulse_decay_s=3e-8,
+        geometry_errors={"wall_yaw_rad": 1e-4},
+    )
+    save(full, tmp_path / "c.h5")
+    again = load(tmp_path / "c.h5")
+    assert again.arrivals is not None
+    assert full.arrivals is not None
+    assert np.array_equal(again.arrivals.at([0.1, 0.9375], [0, 0.0625]), full.arrivals.at([0.1, 0.9375], [0, 0.0625]))
+    for name in ("devices", "measured_utc", "sources", "bin_width_s", "direct_end_bin", "dark_hz", "ambient_hz"):
+        assert getattr(again, name) == getattr(full, name), name
+    for name in ("dead_time_s", "afterpulse_probability", "afterpulse_decay_s", "geometry", "geometry_errors"):
+        assert getattr(again, name) == getattr(full, name), name
+    assert np.array_equal(again.response.density, full.response.density)  # type: ignore[union-attr]
+
+
+def test_nothing_is_overwritten_unasked(constants: BenchConstants, tmp_path: Path) -> None:
+    save(constants, tmp_path / "c.h5")
+    before = (tmp_path / "c.h5").read_bytes()
+    with pytest.raises(FileExistsError, match="--overwrite"):
+        save(constants, tmp_path / "c.h5")
+    assert (tmp_path / "c.h5").read_bytes() == before
+    save(constants, tmp_path / "c.h5", overwrite=True)
+
+
+def test_a_scatter_over_one_bin_is_not_saved(constants: BenchConstants, tmp_path: Path) -> None:
+    assert constants.arrivals is not None
+    poor = replace(constants, arrivals=replace(constants.arrivals, rms_s=1.01 * constants.bin_width_s))
+    with pytest.raises(PoorCalibration, match=r"32\.3 ps RMS .* more than one bin \(32\.0 ps\)"):
+        save(poor, tmp_path / "c.h5")
+    assert not list(tmp_path.iterdir())
+
+
+def test_constants_of_another_device_are_refused_by_name(constants: BenchConstants) -> None:
+    constants.refuse_other_devices({"mirror": "triggerscope T-1"})
+    with pytest.raises(ForeignConstants, match="for the counter tcspc488 C-7, the data come from tcspc488 C-8"):
+        constants.refuse_other_devices({"counter": "tcspc488 C-8"})
+
+
+def test_the_newest_that_fits_is_taken(constants: BenchConstants, tmp_path: Path) -> None:
+    save(replace(constants, measured_utc="2026-03-03T00:00:00+00:00"), tmp_path / "a.h5")
+    save(replace(constants, measured_utc="2026-03-09T00:00:00+00:00", devices={"counter": "other"}), tmp_path / "b.h5")
+    save(constants, tmp_path / "c.h5")
+    (tmp_path / "d.h5").write_bytes(b"not HDF5")
+    assert newest_that_fits(tmp_path, BENCH, 32e-12) == tmp_path / "a.h5"
+    assert newest_that_fits(tmp_path, BENCH, 16e-12) is None
+
+
+@pytest.mark.parametrize("harm", ["truncated", "nan", "format", "shape"])
+def test_a_damaged_file_is_refused_with_its_name(constants: BenchConstants, tmp_path: Path, harm: str) -> None:
+    path = tmp_path / "c.h5"
+    save(constants, path)
+    if harm == "truncated":
+        path.write_bytes(path.read_bytes()[:900])
+    else:
+        with h5py.File(path, "r+") as file:
+            if harm == "nan":
+                file["arrivals/residual_s"][3] = np.nan
+            elif harm == "format":
+                file.attrs["format"] = "else"
+            else:
+                del file["arrivals/covariance"]
+                file["arrivals/covariance"] = np.zeros((3, 3))
+    with pytest.raises(InvalidData, match=r"c\.h5"):
+        load(path)
+
+
+def test_a_stream_is_corrected_as_the_whole_scan_is(constants: BenchConstants, raw_scan: RawScan) -> None:
+    raw = points(raw_scan)
+    whole = correct_points(raw)
+    bins = common_bins(constants, raw.x_m, raw.y_m, raw.time)
+    batch = correct_known(raw, constants, bins)
+    assert bins == whole.time.bins
+    assert np.array_equal(batch.usable, whole.usable)
+    off = (batch.counts - whole.counts)[whole.usable]
+    assert np.abs(off).mean() < 0.03
+    for row in (0, 77, 255):
+        histogram = Histogram(
+            raw_scan.counts[row],
+            raw_scan.bin_width_s,
+            0.0,
+            8e-3,
+            88_000,
+            int(raw.total_count[row]),
+            HistogramFlag.NONE,
+            0,
+        )
+        point = ScanPoint(row, None, None, float(raw.x_m[row]), float(raw.y_m[row]), 8e-3)
+        one = correct_sample(Sample(point, histogram, 0.0), constants, bins)
+        assert np.array_equal(one.counts, batch.counts[row])
+        assert one.exposure_s == 8e-3
+
+
+def test_a_scan_without_direct_light_leans_on_the_constants(constants: BenchConstants, raw_scan: RawScan) -> None:
+    raw = points(raw_scan)
+    gated = np.random.default_rng(0).poisson(0.02, raw.counts.shape)
+    done = correct_points(replace(raw, counts=gated), constants)
+    assert done.time.start_s == 0
+    assert done.offsets is None
+
+
+def test_constants_without_arrivals_do_not_align(constants: BenchConstants, raw_scan: RawScan) -> None:
+    with pytest.raises(InvalidData, match="no direct arrivals"):
+        correct_known(points(raw_scan), replace(constants, arrivals=None))
+    with pytest.raises(InvalidData, match=r"bins of 16\.00 ps, the data have 32\.00 ps"):
+        correct_known(points(raw_scan), replace(constants, bin_width_s=16e-12))
