@@ -204,6 +204,14 @@ class Recording:
                 )
                 yield Sample(self.plan[number], histogram, taken_s)
 
+    @property
+    def elapsed_s(self) -> float:
+        """Bench time from the scan's start to the end of the last sample written; pauses count."""
+        if not len(self._records):
+            return 0.0
+        last = int(np.argmax(self._records["taken_s"]))
+        return float(self._records["taken_s"][last] + self._records["live_time_s"][last])
+
     def photons(self) -> dict[int, int]:
         """Point number -> counts in its histogram, of every intact sample."""
         found: dict[int, int] = {}

@@ -109,11 +109,18 @@ class RecordingWriter:
 
     @classmethod
     def create(
-        cls, path: Path, plan: ScanPlan, header: Header, *, overwrite: bool = False, clock: Clock | None = None
+        cls,
+        path: Path,
+        plan: ScanPlan,
+        header: Header,
+        *,
+        overwrite: bool = False,
+        clock: Clock | None = None,
+        lock: WriterLock | None = None,
     ) -> Self:
         """A new scan file. It appears under its name only once header and plan are on disk. Raises `StorageError`
         where `path` exists and `overwrite` is not given, another process writes it, or the disk has no room."""
-        lock = WriterLock(path)
+        lock = lock or WriterLock(path)
         try:
             if path.exists() and not overwrite:
                 raise StorageError(f"{path}: exists. Choose another name, or say --overwrite or --resume.")

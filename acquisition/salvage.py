@@ -90,36 +90,43 @@ def _salvage(path: Path, target: Path) -> int:
     return len(taken)
 
 
-def resume(path: Path, plan: ScanPlan, header: Header, *, clock: Clock | None = None) -> RecordingWriter | None:
-    """A writer that goes on where the recording at `path` ends, or None where it is complete.
+@dataclass(frozen=True)
+class Resumed:
+    """Where a scan goes on: `writer` is None where nothing is left to take; `taken` and `elapsed_s` are for `scan`."""
+
+    writer: RecordingWriter | None
+    taken: Mapping[int, int]
+    elapsed_s: float
+
+
+def resume(path: Path, plan: ScanPlan, header: Header, *, clock: Clock | None = None) -> Resumed:
+    """Goes on where the recording at `path` ends; on a complete one there is nothing to do.
 
     Without a file, or on one without a complete header, a new recording is begun; what lay there is kept as
-    `RUN.h5.unreadable`. Raises `ResumeRefused` where plan, constants or devices are not those of the recording.
+    `RUN.h5.unreadable`. Raises `ResumeRefused` where plan, constants or devices are not those of the recording,
+    `StorageError` where another process writes it.
     """
-    if not path.exists():
-        return RecordingWriter.create(path, plan, header, clock=clock)
     lock = WriterLock(path)
     try:
-        recording = Recording.open(path)
-    except InvalidData:
-        lock.release()
-        path.replace(path.with_name(path.name + ".unreadable"))
-        return RecordingWriter.create(path, plan, header, clock=clock)
-    except BaseException:
-        lock.release()
-        raise
-    try:
-        with recording:
-            _same_scan(recording, plan, header)
-            missing = recording.missing()
-        if not missing:
+        if path.exists():
+            try:
+                with Recording.open(path) as recording:
+                    _same_scan(recording, plan, header)
+                    taken, elapsed_s = recording.photons(), recording.elapsed_s
+            except ResumeRefused:
+                raise
+            except InvalidData:
+                path.replace(path.with_name(path.name + ".unreadable"))
+        if not path.exists():
+            return Resumed(RecordingWriter.create(path, plan, header, clock=clock, lock=lock), {}, 0.0)
+        if not plan.pending(taken):
             lock.release()
-            return None
+            return Resumed(None, taken, elapsed_s)
         _salvage(path, path)
+        return Resumed(RecordingWriter(path, plan, lock, clock), taken, elapsed_s)
     except BaseException:
         lock.release()
         raise
-    return RecordingWriter(path, plan, lock, clock)
 
 
 def _same_scan(recording: Recording, plan: ScanPlan, header: Header) -> None:

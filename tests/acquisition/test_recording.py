@@ -158,25 +158,27 @@ def test_events_are_kept_with_their_times(tmp_path: Path) -> None:
 def test_resume_takes_up_where_the_recording_ends(tmp_path: Path) -> None:
     path, plan = tmp_path / "run.h5", plan_of()
     write_all(path, plan, 11)
-    writer = resume(path, plan, HEADER)
-    assert writer is not None
+    resumed = resume(path, plan, HEADER)
+    assert resumed.writer is not None
+    assert sorted(resumed.taken) == list(range(11))
+    assert resumed.elapsed_s == pytest.approx(10 * 0.0085 + 0.008, abs=1e-4)
     with Recording.open(path) as recording:
         todo = recording.missing()
         assert todo == list(range(11, 30))
     for number in todo:
-        writer.write(sample_of(plan, number))
-    writer.finish(Status.COMPLETE)
+        resumed.writer.write(sample_of(plan, number))
+    resumed.writer.finish(Status.COMPLETE)
     with Recording.open(path) as recording:
         assert all(same(s, sample_of(plan, i)) for i, s in enumerate(recording.samples()))
     assert verify(path).complete
-    assert resume(path, plan, HEADER) is None
+    assert resume(path, plan, HEADER).writer is None
 
 
 @pytest.mark.parametrize("rest", [b"", b"\x89HDF\r\n\x1a\n", b"not a recording at all"])
 def test_resume_starts_afresh_on_a_file_without_a_complete_header(tmp_path: Path, rest: bytes) -> None:
     path = tmp_path / "run.h5"
     path.write_bytes(rest)
-    writer = resume(path, plan_of(), HEADER)
+    writer = resume(path, plan_of(), HEADER).writer
     assert writer is not None
     assert writer.acknowledged == 0
     writer.finish(Status.INTERRUPTED)
@@ -205,7 +207,7 @@ def test_a_damaged_sample_is_named_and_taken_again(tmp_path: Path) -> None:
     assert (found.corrupt, found.missing, found.intact) == ((7,), (7,), False)
     assert recover(path, tmp_path / "new.h5") == 29
     assert verify(tmp_path / "new.h5").missing == (7,)
-    writer = resume(path, plan, HEADER)
+    writer = resume(path, plan, HEADER).writer
     assert writer is not None
     writer.write(sample_of(plan, 7))
     writer.finish(Status.COMPLETE)

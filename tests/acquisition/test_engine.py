@@ -1,0 +1,167 @@
+"""The engine takes every point once, in order, in time, and leaves the light off whatever happens."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from acquisition.control import ScanControl, ScanState
+from acquisition.engine import scan
+from acquisition.plan import ScanPlan
+from acquisition.sample import Sample
+from drivers.bench import Bench, BenchSettings, open_bench
+from drivers.errors import DeviceError, DeviceLost, LimitError, SafetyTrip
+from drivers.simulated.faults import Fault
+
+Benches = Callable[..., BenchSettings]
+Plans = Callable[..., ScanPlan]
+
+
+def light(bench: Bench) -> bool:
+    assert bench.simulated is not None
+    return bench.simulated.shutter_open
+
+
+def histograms(samples: list[Sample]) -> np.ndarray:
+    return np.array([sample.histogram.counts for sample in samples])
+
+
+def test_every_point_is_taken_once_in_the_plans_order(bench_settings: Benches, small_plan: Plans) -> None:
+    plan, control = small_plan(), ScanControl()
+    with open_bench(bench_settings()) as bench:
+        samples = list(scan(plan, bench, control=control))
+        assert not light(bench)
+    assert [sample.point for sample in samples] == list(plan)
+    assert all(sample.histogram.live_time_s == pytest.approx(0.008) for sample in samples)
+    assert histograms(samples).sum() > 0
+    assert control.state is ScanState.COMPLETE
+    taken_s = np.array([sample.taken_s for sample in samples])
+    assert np.diff(taken_s).min() >= 0.008
+
+
+def test_one_plan_one_bench_one_result(bench_settings: Benches, small_plan: Plans) -> None:
+    results = []
+    for _ in range(2):
+        with open_bench(bench_settings()) as bench:
+            results.append(histograms(list(scan(small_plan(), bench))))
+    assert (results[0] == results[1]).all()
+
+
+def test_the_light_is_on_while_points_are_taken_and_only_then(bench_settings: Benches, small_plan: Plans) -> None:
+    with open_bench(bench_settings()) as bench:
+        samples = scan(small_plan(), bench)
+        assert not light(bench)
+        next(samples)
+        assert light(bench)
+        samples.close()
+        assert not light(bench)
+
+
+def test_a_wall_beyond_the_mirrors_reach_is_refused_before_anything_moves(
+    bench_settings: Benches, small_plan: Plans
+) -> None:
+    sent: list[tuple[str, str, bytes]] = []
+    wall = {"width_m": 9.0, "height_m": 1.0, "rows": 4, "cols": 4}
+    with open_bench(bench_settings(), wire_log=lambda *line: sent.append(line)) as bench:
+        before = len(sent)
+        with pytest.raises(LimitError, match=r"wall point x = .* outside .*Shrink the wall"):
+            scan(small_plan(wall=wall), bench)
+        assert len(sent) == before
+
+
+def test_a_dwell_or_axis_that_the_counter_cannot_set_is_refused(bench_settings: Benches, small_plan: Plans) -> None:
+    with open_bench(bench_settings()) as bench:
+        with pytest.raises(LimitError, match="bin width"):
+            scan(small_plan(histogram={"bins": 64, "bin_width_ps": 100.0}), bench)
+        assert bench.clock.now() < 10
+
+
+def test_a_pause_discards_the_point_under_way_and_going_on_takes_it_again(
+    bench_settings: Benches, small_plan: Plans
+) -> None:
+    plan, asked = small_plan(), []
+    with open_bench(bench_settings()) as bench:
+        undisturbed = histograms(list(scan(plan, bench)))
+        events: list[tuple[str, str]] = []
+        bench.on_event = lambda kind, text: events.append((kind, text))
+
+        def ask(why: str) -> bool:
+            asked.append((why, light(bench)))
+            return True
+
+        control = ScanControl(ask)
+        samples = []
+        for sample in scan(plan, bench, control=control):
+            samples.append(sample)
+            if len(samples) in (5, 20):
+                bench.shutter.close("signal")
+                control.interrupt("Ctrl-C")
+        assert asked == [("Ctrl-C", False), ("Ctrl-C", False)]
+    assert [sample.point.number for sample in samples] == list(range(36))
+    assert (histograms(samples) == undisturbed).all()
+    assert ("scan", "paused: Ctrl-C") in events
+    assert control.state is ScanState.COMPLETE
+
+
+def test_a_pause_within_a_long_dwell_does_not_wait_for_its_end(bench_settings: Benches, small_plan: Plans) -> None:
+    control = ScanControl(lambda why: False)
+    with open_bench(bench_settings()) as bench:
+        samples = scan(small_plan(dwell_ms=8000), bench, control=control)
+        next(samples)
+        assert bench.simulated is not None
+        started_s = bench.clock.now()
+        control.interrupt()
+        assert list(samples) == []
+        assert bench.clock.now() - started_s < 1.0
+    assert control.state is ScanState.ENDED
+
+
+def test_decide_ends_a_scan_early(bench_settings: Benches, small_plan: Plans) -> None:
+    control, left = ScanControl(), iter([False, False, True])
+    with open_bench(bench_settings()) as bench:
+        assert len(list(scan(small_plan(), bench, control=control, decide=lambda: next(left)))) == 3
+        assert not light(bench)
+    assert control.state is ScanState.ENDED
+
+
+def test_only_what_is_missing_is_taken(bench_settings: Benches, small_plan: Plans) -> None:
+    plan = small_plan()
+    with open_bench(bench_settings()) as bench:
+        everything = list(scan(plan, bench))
+        taken = {number: 0 for number in range(36) if number % 5}
+        rest = list(scan(plan, bench, taken=taken, elapsed_s=100.0))
+    assert [sample.point.number for sample in rest] == list(range(0, 36, 5))
+    assert (histograms(rest) == histograms(everything)[::5]).all()
+    assert rest[0].taken_s > 100.0
+
+
+@pytest.mark.parametrize(
+    ("fault", "error"),
+    [
+        (Fault(name="U11", after_s=0.2), DeviceLost),
+        (Fault(name="G8", after_s=0.2), DeviceLost),
+        (Fault(name="U14", after_s=0.2), SafetyTrip),
+    ],
+)
+def test_after_an_error_the_light_is_off_and_what_was_taken_is_there(
+    bench_settings: Benches, small_plan: Plans, fault: Fault, error: type[DeviceError]
+) -> None:
+    control, samples = ScanControl(), []
+    with pytest.raises(error), open_bench(bench_settings(fault)) as bench:  # noqa: PT012 - the scan is what raises
+        for sample in scan(small_plan(), bench, control=control):
+            samples.append(sample)
+    assert 0 < len(samples) < 36
+    assert light(bench) == (fault.name == "U11")  # that cable carries the shutter's commands: its watchdog closes it
+    assert control.state in (ScanState.FAILED, ScanState.STOPPED)
+
+
+def test_every_plan_gets_a_hundredth_of_a_second_of_overhead_at_most(
+    bench_settings: Benches, small_plan: Plans
+) -> None:
+    """In the bench's own time, on its real latencies: 8 ms dwell, 0.4 ms settling, the rest is links."""
+    plan = small_plan(12, 12)
+    with open_bench(bench_settings(name="simulated")) as bench:
+        start_s = bench.clock.now()
+        list(scan(plan, bench))
+        per_point_s = (bench.clock.now() - start_s) / len(plan)
+    assert 0.0084 < per_point_s < 0.0119

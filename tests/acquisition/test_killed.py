@@ -1,0 +1,216 @@
+"""A scan whose process is killed at any moment loses nothing that was acknowledged, and resumes to the same counts."""
+
+import multiprocessing
+import os
+import random
+import resource
+import shutil
+import signal
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from multiprocessing.sharedctypes import Synchronized
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import pytest
+
+from acquisition.control import ScanControl, ScanState
+from acquisition.engine import record, scan
+from acquisition.errors import StorageError
+from acquisition.plan import ScanPlan
+from acquisition.provenance import Header
+from acquisition.recording import Recording, Status
+from acquisition.recording_writer import RecordingWriter
+from acquisition.salvage import resume, verify
+from acquisition.sample import Sample
+from drivers.bench import BenchSettings, open_bench
+
+FORK = multiprocessing.get_context("fork")
+SOAK = os.environ.get("NLOS_SOAK") == "1"
+WRITING = ("recording_writer.py", "recording_header.py", "salvage.py", "writer_lock.py")
+
+
+class Acknowledging:
+    """A writer that tells another process how many samples it may rely on."""
+
+    def __init__(self, writer: RecordingWriter, told: "Synchronized[int] | None", eager: bool) -> None:
+        self.writer, self.told, self.eager = writer, told, eager
+
+    def write(self, sample: Sample) -> None:
+        self.writer.write(sample)
+        if self.eager:
+            self.writer.flush()
+        if self.told is not None:
+            self.told.value = self.writer.acknowledged
+
+
+def go_on(
+    path: Path, plan: ScanPlan, settings: BenchSettings, told: "Synchronized[int] | None" = None, eager: bool = False
+) -> None:
+    """What `nlos scan --resume` does."""
+    control = ScanControl()
+    with open_bench(settings) as bench:
+        resumed = resume(path, plan, Header(bench_json=settings.model_dump_json()))
+        if resumed.writer is None:
+            return
+        with resumed.writer as writer:
+            samples = scan(plan, bench, taken=resumed.taken, elapsed_s=resumed.elapsed_s, control=control)
+            record(samples, Acknowledging(writer, told, eager))
+            writer.finish(Status.COMPLETE if control.state is ScanState.COMPLETE else Status.INTERRUPTED)
+
+
+def facts(path: Path) -> list[tuple[Any, ...]]:
+    """What must be equal: point, counts, live time and totals, in the order of the file. Times of day are not."""
+    with Recording.open(path) as recording:
+        return [
+            (s.point, s.histogram.counts.tobytes(), replace(s.histogram, counts=None, gate_opened_s=0.0))  # type: ignore[arg-type]
+            for s in recording.samples()
+        ]
+
+
+@pytest.fixture(scope="module")
+def undisturbed(
+    tmp_path_factory: pytest.TempPathFactory, small_plan: Callable[..., ScanPlan], bench_settings: Any
+) -> tuple[list[tuple[Any, ...]], float]:
+    path = tmp_path_factory.mktemp("undisturbed") / "run.h5"
+    go_on(path, small_plan(12, 12), bench_settings())
+    started = time.monotonic()
+    path.unlink()
+    go_on(path, small_plan(12, 12), bench_settings())
+    return facts(path), time.monotonic() - started
+
+
+def killed_after(seconds: float, *args: Any) -> None:
+    child = FORK.Process(target=go_on, args=args)
+    child.start()
+    child.join(seconds)
+    child.kill()
+    child.join()
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(300 if SOAK else 3))
+def test_killed_at_a_random_moment_and_resumed_equals_undisturbed(
+    run_path: Path, small_plan: Any, bench_settings: Any, undisturbed: Any, seed: int
+) -> None:
+    expected, duration_s = undisturbed
+    draw = random.Random(seed)
+    plan, settings, told = small_plan(12, 12), bench_settings(), FORK.Value("q", 0, lock=False)
+    for _ in range(draw.choice([1, 1, 2, 3])):
+        killed_after(draw.uniform(0.0, 1.2 * duration_s), run_path, plan, settings, told, draw.random() < 0.5)
+        if told.value:
+            assert facts(run_path)[: told.value] == expected[: told.value]
+    go_on(run_path, plan, settings)
+    assert facts(run_path) == expected
+    found = verify(run_path)
+    assert found.complete
+    assert found.status is Status.COMPLETE
+
+
+def kill_at_line(count: int) -> None:
+    """From here on, this process dies before the `count`-th line of the files that write recordings."""
+    left = [count]
+
+    def on_line(frame: FrameType, event: str, argument: Any) -> Any:
+        if event == "line":
+            left[0] -= 1
+            if left[0] == 0:
+                os.kill(os.getpid(), signal.SIGKILL)
+        return on_line
+
+    def on_call(frame: FrameType, event: str, argument: Any) -> Any:
+        return on_line if frame.f_code.co_filename.endswith(WRITING) else None
+
+    sys.settrace(on_call)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("begun", [False, True], ids=["new scan", "resumed scan"])
+def test_killed_before_any_line_that_writes_a_4_by_4_scan_and_resumed(
+    run_path: Path, small_plan: Any, bench_settings: Any, begun: bool
+) -> None:
+    plan, settings = small_plan(4, 4), bench_settings()
+    undisturbed, half = run_path.with_name("undisturbed.h5"), run_path.with_name("half.h5")
+    go_on(undisturbed, plan, settings)
+    expected = facts(undisturbed)
+
+    def dies(line: int, path: Path, told: "Synchronized[int]") -> None:
+        kill_at_line(line)
+        go_on(path, plan, settings, told, True)
+
+    def finished(line: int, path: Path) -> bool:
+        told = FORK.Value("q", 0, lock=False)
+        child = FORK.Process(target=dies, args=(line, path, told))
+        child.start()
+        child.join()
+        if told.value:
+            assert facts(path)[: told.value] == expected[: told.value], f"killed before line {line}"
+        return child.exitcode == 0
+
+    finished(500, half)
+    assert 3 < len(facts(half)) < 13
+    for line in range(1, 5000, 1 if SOAK else 97):
+        if begun:
+            shutil.copy(half, run_path)
+        if finished(line, run_path):
+            break
+        go_on(run_path, plan, settings)
+        assert facts(run_path) == expected, f"killed before line {line}"
+        run_path.unlink()
+    assert 500 < line < 4000
+
+
+def test_a_disk_that_fills_up_stops_the_scan_and_takes_nothing_away(
+    run_path: Path, small_plan: Any, bench_settings: Any
+) -> None:
+    plan, settings = small_plan(12, 12), bench_settings()
+    bytes_per_point = 64 * 4
+
+    def fill_up(outcome: "Synchronized[int]", told: "Synchronized[int]") -> None:
+        writer = RecordingWriter.create(run_path, plan, Header())
+        size = run_path.stat().st_size
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size - 70 * bytes_per_point, resource.RLIM_INFINITY))
+        with open_bench(settings) as bench:
+            try:
+                with writer:
+                    record(scan(plan, bench), Acknowledging(writer, told, False))
+            except StorageError as error:
+                assert bench.simulated is not None
+                outcome.value = 1 + bench.simulated.shutter_open + 2 * ("samples are safe" not in str(error))
+        os._exit(0)
+
+    outcome, told = FORK.Value("q", 0, lock=False), FORK.Value("q", 0, lock=False)
+    child = FORK.Process(target=fill_up, args=(outcome, told))
+    child.start()
+    child.join()
+    assert outcome.value == 1
+    assert told.value == 64
+    with Recording.open(run_path) as recording:
+        assert len(list(recording.samples())) >= 64
+    go_on(run_path, plan, settings)
+    assert verify(run_path).complete
+
+
+@pytest.mark.parametrize("room", [0, 1000, 20_000])
+def test_a_disk_without_room_for_the_whole_scan_is_refused_before_anything_is_written(
+    run_path: Path, small_plan: Any, room: int
+) -> None:
+    def too_small(outcome: "Synchronized[int]") -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, resource.RLIM_INFINITY))
+        try:
+            RecordingWriter.create(run_path, small_plan(12, 12), Header())
+        except StorageError as error:
+            outcome.value = 1 if "Free disk space" in str(error) else 2
+        os._exit(0)
+
+    outcome = FORK.Value("q", 0, lock=False)
+    child = FORK.Process(target=too_small, args=(outcome,))
+    child.start()
+    child.join()
+    assert outcome.value == 1
+    assert not run_path.exists()
+    assert not run_path.with_name("run.h5.lock").exists()
+    assert not run_path.with_name("run.h5.new").exists()
