@@ -14,7 +14,7 @@ from acquisition.control import ScanControl, ScanState
 from acquisition.plan import ScanPlan
 from acquisition.sample import Sample
 from drivers.bench import Bench
-from drivers.errors import DeviceError, LimitError, SafetyTrip
+from drivers.errors import DeviceError, DeviceTimeout, LimitError, SafetyTrip
 from drivers.galvo.mirror import MirrorAngles
 from drivers.tcspc.counter import HistogramFlag
 
@@ -139,7 +139,7 @@ class _Run:
         points = [self._plan[number] for number in numbers]
         angles = [self._angles[number] for number in numbers]
         source = stepped.take(self._bench, points, angles, self._control, self._start_s)
-        for sample in source:
+        for sample in self._until_interrupted(source):
             if self._is_spoilt(sample):
                 return
             self._bench.shutter.watch(sample.histogram)
@@ -150,6 +150,19 @@ class _Run:
                 self._bench.report("scan", "ended early: nothing is left to gain")
                 self._control.enter(ScanState.ENDED)
                 return
+
+    def _until_interrupted(self, source: Iterator[Sample]) -> Iterator[Sample]:
+        """Ends where a signal handler, shutting the light, broke into the exchange of the point under way."""
+        while True:
+            try:
+                sample = next(source, None)
+            except DeviceTimeout:
+                if self._control.wanted:
+                    return
+                raise
+            if sample is None:
+                return
+            yield sample
 
     def _is_spoilt(self, sample: Sample) -> bool:
         """Whether the point has to be taken again; said in the event log either way."""

@@ -119,6 +119,7 @@ def _acquire(
             status = Status.INTERRUPTED
             raise
         finally:
+            bench.report("scan", status.name.lower())
             bench.on_event = None
             writer.finish(status)
     duration_s = bench.clock.now() - start_s
