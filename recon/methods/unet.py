@@ -7,6 +7,7 @@ from torch import Tensor, nn
 from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
 from configs.settings import Settings as BaseSettings
+from recon.layers.renderer import where_seen
 from recon.layers.unet import UNet
 from recon.layers.volume_projection import AttentionProjection
 from recon.layers.wiener_features import SNR_FACTORS, WienerFeatures
@@ -47,11 +48,17 @@ class UNetMethod(nn.Module):
         nn.init.normal_(self.core.head.weight, std=0.05)
         self.projection = AttentionProjection(volumes, settings.features, 1, settings.finish_widths)
 
+    @property
+    def depths_m(self) -> Tensor:
+        """Planes of the volume, (D,)."""
+        return self.physics.light_cone.depths_m
+
     def forward(self, counts: Tensor, exposure: Tensor | None = None) -> tuple[Tensor, Tensor, Tensor]:
         seen = self.physics(counts, exposure)
         depths = seen.depths_m / self.unit_m
         size = (max(1, len(depths) // 2), self.core_points, self.core_points)
         mean, highest = F.adaptive_avg_pool3d(seen.volumes, size), F.adaptive_max_pool3d(seen.volumes, size)
         out = self.core(torch.cat((mean, highest), dim=1))
-        result = self.projection(out[:, 0], out[:, 1:], seen.volumes, seen.measured[:, None], depths)
-        return result.albedo, result.depth * self.unit_m, result.volume
+        result = self.projection(out[:, 0], out[:, 1:], seen.volumes, seen.counted.measured[:, None], depths)
+        depth_m = where_seen(result.albedo, result.depth * self.unit_m, self.training)
+        return result.albedo, depth_m, result.volume

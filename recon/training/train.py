@@ -14,7 +14,6 @@ import os
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,7 @@ from torch import nn
 
 from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
+from recon.methods import find
 from recon.training.batches import batch_at, mirrored, pooled, whole_scan
 from recon.training.checkpoint import (
     commit,
@@ -143,9 +143,9 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
 
 def build(settings: TrainSettings, wall: WallGrid, time: TimeAxis) -> nn.Module:
     """The method's network without weights, laid out for the processor's fastest convolutions."""
-    method = import_module(f"recon.methods.{settings.method}")
+    method = find(settings.method)
     given = json.dumps({"weights": None} | settings.method_settings)
-    model: nn.Module = method.build(method.Settings.model_validate_json(given), wall, time)
+    model = method.build(method.Settings.model_validate_json(given), wall, time)
     model.train()
     for dims, layout in ((5, torch.channels_last_3d), (4, torch.channels_last)):
         for parameter in model.parameters():

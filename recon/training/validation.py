@@ -31,7 +31,7 @@ def validate(model: nn.Module, settings: TrainSettings, device: str, against_lct
             albedo, depth, _ = model(batch["counts"], batch["exposure"])
         pictures.append(float(psnr(albedo.float(), truth)))
         mask = batch["depth_m"] > 0
-        depths.append(float((depth.float() - batch["depth_m"])[mask].abs().mean()) if mask.any() else np.nan)
+        depths.append(float((depth.float() - batch["depth_m"])[mask].abs().nanmean()))
         if against_lct:
             rivals.append(max(float(psnr(picture, truth)) for picture in light_cone_pictures(batch, settings)))
     model.train()

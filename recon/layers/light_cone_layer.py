@@ -1,0 +1,64 @@
+"""The light cone inside a network: channels over time in, channels over depth out, at a given falloff and snr."""
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+from recon.transport.conventions import depths_m
+from recon.transport.light_cone import LightConeConvolution
+from recon.transport.resampling import LightConeResampling
+
+
+def sums(x: Tensor, count: int) -> Tensor:
+    """(B, C, T, H, W) -> (B, C, T // count, H, W): neighbours along time added, the odd rest dropped."""
+    whole = x.shape[2] // count * count
+    return x[:, :, :whole].reshape(*x.shape[:2], -1, count, *x.shape[3:]).sum(dim=3)
+
+
+class LightConeLayer(nn.Module):
+    """(B, C, T, H, W), exponent (B,), snr (B, C) -> (B, C, D, H, W); differentiable in the data and the snr.
+
+    Voxels are averaged to slices of about `slice_widths` wall widths; those between `nearest` and `farthest` wall
+    widths come out, at `depths_m` (D,).
+    """
+
+    depths_m: Tensor
+    relative: Tensor
+
+    def __init__(
+        self,
+        wall: WallGrid,
+        time: TimeAxis,
+        slice_widths: float = 0.0096,
+        nearest: float = 0.125,
+        farthest: float = 2.0,
+    ) -> None:
+        super().__init__()
+        centres = depths_m(time, "physical")
+        if centres[-1] <= nearest * wall.width_m:
+            raise ValueError(
+                f"the time axis ends {centres[-1]:.3g} m before the wall; a network for a wall of {wall.width_m:g} m "
+                f"needs light from beyond {nearest * wall.width_m:.3g} m. Record a longer time axis."
+            )
+        self.slice = max(1, round(slice_widths * wall.width_m / (centres[1] - centres[0])))
+        whole = time.bins // self.slice * self.slice
+        slices = centres[:whole].reshape(-1, self.slice).mean(axis=1)
+        chosen = np.flatnonzero((slices >= nearest * wall.width_m) & (slices <= farthest * wall.width_m))
+        self.first, self.last = int(chosen[0]) * self.slice, (int(chosen[-1]) + 1) * self.slice
+        self.register_buffer("depths_m", torch.from_numpy(slices[chosen]).float(), persistent=False)
+        relative = np.maximum(centres, 0) / centres[-1]
+        self.register_buffer("relative", torch.from_numpy(relative).float(), persistent=False)
+        self.resampling = LightConeResampling(time)
+        self.cone = LightConeConvolution(wall, time)
+
+    def forward(self, x: Tensor, exponent: Tensor, snr: Tensor) -> Tensor:
+        with torch.autocast(x.device.type, enabled=False):
+            weight = self.relative[None] ** exponent[:, None]  # (B, T)
+            light = self.resampling(x.float() * weight[:, None, :, None, None])
+            if light.shape[1] < snr.shape[1]:
+                light = light.repeat(1, snr.shape[1], 1, 1, 1)
+            volume: Tensor = self.resampling.adjoint(self.cone.wiener(light, snr))[:, :, self.first : self.last]
+            mean: Tensor = sums(volume, self.slice) / self.slice
+            return mean

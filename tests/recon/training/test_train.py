@@ -1,0 +1,150 @@
+"""Training: it learns, goes on bit for bit after a kill, and two processes follow the curve of one."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from recon.training.checkpoint import WeightsError, load_weights, put_weights, read_weights, save
+from recon.training.dataset import DatasetSettings
+from recon.training.train import STATE, WEIGHTS, learning_rate, train
+from recon.training.train_settings import TrainSettings
+
+TINY: dict[str, Any] = {"rows": 16, "cols": 16, "bins": 64, "bin_width_ps": 256.0}
+SCRIPT = """
+import sys
+from pathlib import Path
+from recon.training.train import train
+from recon.training.train_settings import TrainSettings
+train(TrainSettings.model_validate_json(sys.argv[2]), Path(sys.argv[1]), lambda line: None)
+"""
+
+
+def settings(cache: Path, **changes: Any) -> TrainSettings:
+    given: dict[str, Any] = {
+        "method": "unet",
+        "method_settings": {"widths": (4, 8), "finish_widths": (8, 8), "core_points": 8},
+        "data": DatasetSettings(scenes=6, **TINY),
+        "validation": DatasetSettings(seed=2, scenes=2, degradations=1, held_out=True, **TINY),
+        "samples": 24,
+        "warm_up_steps": 3,
+        "pooled_share": 0.5,
+        "cache": str(cache),
+    }
+    return TrainSettings(**(given | changes))
+
+
+@pytest.fixture(scope="session")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("scenes")
+
+
+def quiet(line: str) -> None:
+    del line
+
+
+def process(folder: Path, chosen: TrainSettings, **environment: str) -> subprocess.Popen[bytes]:
+    words = [sys.executable, "-c", SCRIPT, str(folder), json.dumps(chosen.model_dump(mode="json"))]
+    return subprocess.Popen(words, env=os.environ | {"OMP_NUM_THREADS": "1"} | environment)
+
+
+def assert_equal_states(a: Path, b: Path) -> None:
+    first, second = read_weights(a / STATE), read_weights(b / STATE)
+    assert first.about["step"] == second.about["step"]
+    assert first.tensors.keys() == second.tensors.keys()
+    for name, tensor in first.tensors.items():
+        assert torch.equal(tensor, second.tensors[name]), name
+
+
+def test_a_run_stopped_and_resumed_ends_bit_equal(tmp_path: Path, cache: Path) -> None:
+    whole = train(settings(cache), tmp_path / "whole", quiet)
+    stopped = train(settings(cache, max_minutes=1e-5), tmp_path / "parts", quiet)
+    assert stopped["step"] < whole["step"] == 12
+    assert not stopped["finished"]
+    resumed = train(settings(cache), tmp_path / "parts", quiet)
+    assert resumed["finished"]
+    assert resumed["validation"] == whole["validation"]
+    assert_equal_states(tmp_path / "whole", tmp_path / "parts")
+    lines = [json.loads(line) for line in (tmp_path / "parts" / "log.jsonl").read_text().splitlines()]
+    assert [line["step"] for line in lines if "loss" in line] == list(range(1, 13))
+    assert (tmp_path / "parts" / "loss.png").stat().st_size > 1000
+
+
+def test_a_run_killed_without_warning_ends_bit_equal(tmp_path: Path, cache: Path) -> None:
+    chosen = settings(cache, samples=60, checkpoint_minutes=1e-6)
+    victim = process(tmp_path / "killed", chosen)
+    deadline = time.monotonic() + 60
+    while not (tmp_path / "killed" / STATE).exists():
+        assert victim.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    victim.send_signal(signal.SIGKILL)
+    victim.wait()
+    for name in ("killed", "whole"):
+        assert process(tmp_path / name, chosen).wait(120) == 0
+    assert_equal_states(tmp_path / "killed", tmp_path / "whole")
+
+
+def test_two_processes_follow_the_loss_of_one(tmp_path: Path, cache: Path) -> None:
+    chosen = settings(cache, precision="float32")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = str(free.getsockname()[1])
+    shared = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port, "WORLD_SIZE": "2"}
+    both = [process(tmp_path / "two", chosen, RANK=str(rank), LOCAL_RANK=str(rank), **shared) for rank in (0, 1)]
+    train(chosen, tmp_path / "one", quiet)
+    assert [one.wait(120) for one in both] == [0, 0]
+    curves = []
+    for name in ("one", "two"):
+        lines = [json.loads(line) for line in (tmp_path / name / "log.jsonl").read_text().splitlines()]
+        curves.append([line["loss"] for line in lines if "loss" in line])
+    assert len(curves[0]) == 12
+    assert curves[1] == pytest.approx(curves[0], rel=2e-3)
+
+
+def test_training_lowers_the_loss_and_weights_can_be_used(tmp_path: Path, cache: Path) -> None:
+    chosen = settings(cache, samples=120, learning_rate=5e-3, data=DatasetSettings(scenes=2, **TINY), pooled_share=0.0)
+    train(chosen, tmp_path, quiet)
+    lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    losses = [line["loss"] for line in lines if "loss" in line]
+    assert sum(losses[-10:]) < 0.7 * sum(losses[:10])
+    about = read_weights(tmp_path / WEIGHTS).about
+    assert about["samples"] == 120
+    assert about["settings"]["method"] == "unet"
+
+
+def test_a_folder_with_another_run_is_refused(tmp_path: Path, cache: Path) -> None:
+    train(settings(cache, samples=4), tmp_path, quiet)
+    with pytest.raises(ValueError, match="learning_rate"):
+        train(settings(cache, samples=4, learning_rate=0.1), tmp_path, quiet)
+
+
+def test_the_rate_warms_up_and_ends_at_the_last_rate() -> None:
+    chosen = settings(Path("unused"), samples=2000, warm_up_steps=100)
+    rates = [learning_rate(chosen, step) for step in range(1000)]
+    assert rates[0] == pytest.approx(chosen.learning_rate / 100)
+    assert max(rates) == pytest.approx(chosen.learning_rate)
+    assert rates[-1] == pytest.approx(chosen.last_rate, rel=0.01)
+
+
+def test_weights_of_another_network_are_refused_by_name(tmp_path: Path) -> None:
+    small, large = torch.nn.Linear(2, 3), torch.nn.Linear(2, 4)
+    save(tmp_path / "w.safetensors", dict(small.named_parameters()), {"steps": 3})
+    assert load_weights(small, str(tmp_path / "w.safetensors")) == {"steps": 3}
+    with pytest.raises(WeightsError, match=r"bias is \(3,\), not \(4,\)"):
+        load_weights(large, str(tmp_path / "w.safetensors"))
+    with pytest.raises(WeightsError, match="extra is not of this network"):
+        put_weights(small, dict(small.named_parameters()) | {"extra": torch.zeros(1)}, "here")
+    (tmp_path / "w.safetensors").write_bytes(b"no weights")
+    with pytest.raises(WeightsError, match="not a readable safetensors file"):
+        load_weights(small, str(tmp_path / "w.safetensors"))
+    with pytest.raises(WeightsError, match="no weights 'nothing'"):
+        load_weights(small, "nothing")
