@@ -19,6 +19,8 @@ class MessageLink(Protocol):
 
     def ask(self, message: bytes, timeout_s: float, expected: int = 4096) -> bytes: ...
 
+    def clear(self) -> None: ...
+
 
 @dataclass(frozen=True)
 class ScpiError:
@@ -90,6 +92,24 @@ def split_error(answer: bytes) -> tuple[bytes, ScpiError | None]:
     return body[:-1], error
 
 
+def split_block(answer: bytes) -> tuple[bytes, memoryview | None, ScpiError | None]:
+    """Text, definite block if there is one, and error of an answer that ends in an error report.
+
+    Raises ValueError where they do not fit together.
+    """
+    mark = answer.find(b"#")
+    if mark < 0:
+        body, error = split_error(answer)
+        return body, None, error
+    block, end = decode_block(answer, mark)
+    if answer[end : end + 1] != b";" or answer[max(0, mark - 1) : mark] not in (b";", b""):
+        raise ValueError(f"the block ends in {answer[end : end + 20]!r}")
+    body, error = split_error(answer[end + 1 :])
+    if body:
+        raise ValueError(f"the block is followed by {body[:20]!r}")
+    return answer[: max(0, mark - 1)], block, error
+
+
 class Scpi:
     """Commands and queries to one instrument."""
 
@@ -111,7 +131,7 @@ class Scpi:
         """The answers to the units, one each. Raises `ErrorsReported`."""
         body = self._ask(b";:".join(units), 1024, retry)
         answers = [each.decode("ascii", "replace") for each in body.split(b";")]
-        if len(answers) != sum(unit.partition(b" ")[0].endswith(b"?") for unit in units):
+        if not all(answers) or len(answers) != sum(unit.partition(b" ")[0].endswith(b"?") for unit in units):
             raise ProtocolError(self._device, f"{body[:60]!r} does not answer {b';:'.join(units)!r}.")
         return answers
 
@@ -119,21 +139,18 @@ class Scpi:
         """The answer to text queries followed by one that gives a definite block: the text, the block, the error.
 
         The block is None where the instrument gave none. Nothing is raised for a reported error: data and error are
-        for the caller to weigh.
+        for the caller to weigh. A damaged answer is asked for once more; then `DataCorrupt` is raised.
         """
-        answer = self._retried(b";:".join(units) + b";:SYST:ERR?\n", expected + 64, True)
-        mark = answer.find(b"#")
+        message = b";:".join(units) + b";:SYST:ERR?\n"
         try:
-            if mark < 0:
-                body, error = split_error(answer)
-                return body, None, error
-            block, end = decode_block(answer, mark)
-            body, error = split_error(answer[end + 1 :]) if answer[end : end + 1] == b";" else (b"?", None)
+            return split_block(self._retried(message, expected + 64, True))
+        except ValueError:
+            self._link.clear()  # what else the damaged answer had to say is not worth hearing
+        try:
+            return split_block(self._link.ask(message, self.timeout_s, expected + 64))
         except ValueError as problem:
+            self._link.clear()
             raise DataCorrupt(self._device, f"{problem}.") from problem
-        if body or answer[max(0, mark - 1) : mark] not in (b";", b""):
-            raise DataCorrupt(self._device, f"the block is followed by {answer[end : end + 20]!r}.")
-        return answer[: max(0, mark - 1)], block, error
 
     def drain_errors(self) -> tuple[ScpiError, ...]:
         """Empties the error queue; oldest first."""

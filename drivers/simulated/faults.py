@@ -34,7 +34,12 @@ class FaultPlan:
     """The faults still to come. Simulators ask `strikes` wherever a fault of that name could happen."""
 
     def __init__(self, faults: Sequence[Fault] = ()) -> None:
-        self._pending = [_Pending(fault, fault.skip, fault.times) for fault in faults]
+        self._pending: list[_Pending] = []
+        self.add(*faults)
+
+    def add(self, *faults: Fault) -> None:
+        """More to come, from now on."""
+        self._pending += [_Pending(fault, fault.skip, fault.times) for fault in faults]
 
     def strikes(self, name: str, now_s: float, place: str = "") -> Fault | None:
         """The fault to commit at this occasion, or None. Where a fault can happen in several places, one whose

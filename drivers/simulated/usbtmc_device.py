@@ -178,7 +178,7 @@ class UsbtmcDevice:
         header = bytearray(_HEADER.pack(2, tag, tag ^ 0xFF, 0, announced, 1 if end else 0, 0, 0))
         if fault := strikes("U5", now_s):
             _spoil_header(header, str(fault.parameters.get("field", "tag")))
-        padding = bytes(-take % 4)
+        padding = bytes(-len(body) % 4)
         if fault := strikes("U8", now_s):
             padding = bytes([0xA5]) * int(fault.parameters.get("bytes", len(padding)))
         data = bytes(header) + body + padding

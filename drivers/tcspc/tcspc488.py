@@ -42,8 +42,8 @@ from drivers.tcspc.tcspc488_messages import (
     safety_error,
     stop_commands,
 )
-from drivers.tcspc.tcspc488_reading import read_records
-from drivers.tcspc.tcspc488_records import decode_record, record_bytes
+from drivers.tcspc.tcspc488_reading import checked, read_records
+from drivers.tcspc.tcspc488_records import record_bytes
 from drivers.tcspc.tcspc488_settings import Tcspc488Settings, input_commands
 from drivers.tcspc.tcspc488_setup import Setup
 from drivers.tcspc.tcspc488_shutter import Tcspc488Shutter
@@ -106,6 +106,7 @@ class Tcspc488:
         try:
             scpi = Scpi(settings.model, link, settings.timeout_s)
             scpi.drain_errors()
+            scpi.command(b"ABOR")  # whatever an earlier program left running
             return cls(settings, clock, link, scpi)
         except DeviceError:
             link.close()
@@ -235,10 +236,7 @@ class Tcspc488:
         if self._axis is None or not 0 <= first <= first + count <= len(self._numbers):
             raise LimitError(self._device, f"points {first} to {first + count - 1} of {len(self._numbers)} armed.")
         if self._brought is not None and count == 1 and self._brought[0] == first:
-            try:
-                return [decode_record(self._brought[1], self._numbers[first], self._axis, self._wide)]
-            except ValueError:
-                self._brought = None
+            return [checked(self._fetch, self._brought[1], self._numbers, first, self._axis, self._wide)]
         return read_records(self._fetch, self._numbers, first, count, self._axis, self._wide)
 
     def _fetch(self, first: int, count: int) -> memoryview | None:

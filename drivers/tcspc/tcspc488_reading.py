@@ -5,7 +5,6 @@ Records are indexed, so asking twice is harmless: a damaged one is asked for onc
 
 from collections.abc import Callable, Sequence
 
-from drivers.errors import DataCorrupt
 from drivers.link.usb488 import MOST_PER_TRANSFER
 from drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
 from drivers.tcspc.tcspc488_records import decode_record, missing_histogram, record_bytes
@@ -30,26 +29,22 @@ def _read_block(
     fetch: Fetch, numbers: Sequence[int], first: int, count: int, axis: HistogramAxis, wide: bool
 ) -> list[Histogram]:
     size = record_bytes(axis.bins, wide)
-    try:
-        block = fetch(first, count)
-    except DataCorrupt:
-        block = fetch(first, count)
+    block = fetch(first, count)
     if block is None:
         if count == 1:
             return [missing_histogram(axis, HistogramFlag.DATA_LOST | HistogramFlag.OVERRUN)]
         return [each for k in range(count) for each in _read_block(fetch, numbers, first + k, 1, axis, wide)]
-    histograms = []
-    for k in range(count):
-        try:
-            histogram = decode_record(block[k * size : (k + 1) * size], numbers[first + k], axis, wide)
-        except ValueError:
-            histogram = _read_again(fetch, numbers, first + k, axis, wide)
-        histograms.append(histogram)
-    return histograms
+    return [checked(fetch, block[k * size : (k + 1) * size], numbers, first + k, axis, wide) for k in range(count)]
 
 
-def _read_again(fetch: Fetch, numbers: Sequence[int], index: int, axis: HistogramAxis, wide: bool) -> Histogram:
-    block = fetch(index, 1)
+def checked(
+    fetch: Fetch, record: memoryview, numbers: Sequence[int], index: int, axis: HistogramAxis, wide: bool
+) -> Histogram:
+    """The histogram in `record`, or in a second copy of it, or none."""
+    try:
+        return decode_record(record, numbers[index], axis, wide)
+    except ValueError:
+        block = fetch(index, 1)
     try:
         if block is not None:
             return decode_record(block, numbers[index], axis, wide)

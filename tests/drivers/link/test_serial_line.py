@@ -29,9 +29,8 @@ class Repeater:
 
 
 def prove(line: SerialLine, stale: bytes) -> None:
-    reply = line.transact(b"who\n")
-    while reply != b"WHO":
-        reply = line.receive()
+    line.write(b"who\n")
+    line.receive(lambda reply: reply == b"WHO")
 
 
 def line_to_repeater(bench: SimulatedBench, latency_s: float = 0.001, wire_log: object = None) -> SerialLine:

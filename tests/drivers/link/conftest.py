@@ -1,0 +1,83 @@
+"""An instrument that says what it is told to, at the far end of a simulated USB cable."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import pytest
+
+from drivers.clock import VirtualClock
+from drivers.link.usb488 import Usb488
+from drivers.link.usbtmc import UsbtmcInterface, find_usb
+from drivers.simulated.faults import Fault, FaultPlan
+from drivers.simulated.usb_backend import SimulatedUsb
+from drivers.simulated.usb_descriptors import UsbDescription
+
+
+def said(count: int) -> bytes:
+    """`count` bytes of which no two neighbours are alike."""
+    return (bytes(range(1, 252)) * (count // 251 + 1))[:count]
+
+
+@dataclass
+class Parrot:
+    """Answers the message `b"7"` with seven bytes, a message that ends in `!` with nothing."""
+
+    usb: UsbDescription
+    faults: FaultPlan
+    messages: list[bytes] = field(default_factory=list)
+    errors: list[int] = field(default_factory=list)
+    triggers: int = 0
+
+    def execute(self, message: bytes, now_s: float) -> bytes:
+        self.messages.append(message)
+        return b"" if message.endswith(b"!") else said(int(message))
+
+    def trigger(self, now_s: float) -> None:
+        self.triggers += 1
+
+    def message_exchange_error(self, code: int) -> None:
+        self.errors.append(code)
+
+    def status_byte(self) -> int:
+        return 0x54
+
+    def advance(self, now_s: float) -> None:
+        pass
+
+    def next_event_s(self) -> float:
+        return float("inf")
+
+    def take_service_request(self) -> bool:
+        return False
+
+
+@dataclass
+class Cable:
+    """Both ends of a USB link."""
+
+    parrot: Parrot
+    clock: VirtualClock
+    backend: SimulatedUsb
+    link: Usb488
+    wire: list[tuple[str, bytes]]
+
+    @staticmethod
+    def said(count: int) -> bytes:
+        return said(count)
+
+
+@pytest.fixture
+def cable() -> Callable[..., Cable]:
+    """cable(*faults, packet_bytes=512, latency_s=0.0): an open link to a `Parrot`."""
+
+    def make(*faults: Fault, packet_bytes: int = 512, latency_s: float = 0.0) -> Cable:
+        plan = FaultPlan(faults)
+        parrot = Parrot(UsbDescription(0x1209, 1, "NLOS", "parrot", "P1", packet_bytes), plan)
+        clock = VirtualClock()
+        backend = SimulatedUsb([parrot], clock, latency_s)
+        wire: list[tuple[str, bytes]] = []
+        found = find_usb("parrot", 0x1209, 1, None, backend)
+        pipes = UsbtmcInterface("parrot", found, lambda device, way, data: wire.append((way, data)))
+        return Cable(parrot, clock, backend, Usb488(pipes, clock), wire)
+
+    return make

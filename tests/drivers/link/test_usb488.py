@@ -1,0 +1,237 @@
+"""Whole messages over USBTMC, whatever the cable and the device do to them (faults U1 to U11, U17, U19)."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from drivers.errors import DeviceBusy, DeviceError, DeviceLost, DeviceNotFound, DeviceTimeout, ProtocolError
+from drivers.link.usb488 import Usb488
+from drivers.link.usbtmc import PipeHalted, UsbtmcInterface, find_usb
+from drivers.simulated.faults import Fault
+
+ALWAYS = 1_000_000
+
+
+def fault(name: str, times: int = 1, skip: int = 0, **parameters: Any) -> Fault:
+    return Fault(name=name, times=times, skip=skip, parameters=parameters)
+
+
+def check_usable(rig: Any, link: Usb488 | None = None) -> None:
+    for count in (1, 37, 500):
+        assert (link or rig.link).ask(b"%d" % count, 1.0) == rig.said(count)
+
+
+@pytest.mark.parametrize("packet_bytes", [64, 512, 1024])
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 51, 52, 53, 499, 500, 501, 1011, 1012, 1013, 4096, 70_000])
+def test_every_length_arrives_whole_at_every_packet_size(cable: Callable, packet_bytes: int, count: int) -> None:
+    rig = cable(packet_bytes=packet_bytes)
+    assert rig.link.ask(b"%d" % count, 1.0) == rig.said(count)
+    assert rig.link.ask(b"%d" % count, 1.0, expected=count) == rig.said(count)
+
+
+@pytest.mark.parametrize("size", [1, 7, 512])
+def test_an_answer_chopped_into_small_transfers_is_put_together(cable: Callable, size: int) -> None:
+    rig = cable(fault("U6", ALWAYS, what="split", size=size))
+    assert rig.link.ask(b"1500", 1.0) == rig.said(1500)
+
+
+@pytest.mark.parametrize("count", [500, 1012, 116])
+def test_a_missing_zero_length_packet_costs_a_moment_not_the_answer(cable: Callable, count: int) -> None:
+    rig = cable(fault("U7", ALWAYS))
+    start_s = rig.clock.now()
+    assert rig.link.ask(b"%d" % count, 1.0) == rig.said(count)
+    assert rig.clock.now() - start_s <= 0.11
+    check_usable(rig)
+
+
+@pytest.mark.parametrize("pad", [0, 1, 2, 3])
+def test_padding_is_trimmed_whatever_it_holds(cable: Callable, pad: int) -> None:
+    rig = cable(fault("U8", ALWAYS, bytes=pad))
+    for count in (497, 498, 499, 500, 501):
+        assert rig.link.ask(b"%d" % count, 1.0) == rig.said(count)
+
+
+def test_messages_out_are_always_a_multiple_of_four(cable: Callable) -> None:
+    rig = cable(packet_bytes=64)
+    for length in range(1, 70):
+        rig.link.write(b"x" * length + b"!", 1.0)
+    assert all(len(data) % 4 == 0 for way, data in rig.wire if way == ">")
+    assert rig.parrot.messages == [b"x" * length + b"!" for length in range(1, 70)]
+
+
+def test_trigger_status_byte_and_clear(cable: Callable) -> None:
+    rig = cable()
+    rig.link.trigger(1.0)
+    assert rig.parrot.triggers == 1
+    for _ in range(130):
+        assert rig.link.status_byte(1.0) == 0x54
+    rig.link.clear()
+    check_usable(rig)
+
+
+FAULTS = {
+    "U1": (fault("U1"), DeviceTimeout),
+    "U2": (fault("U2", packets=1), DeviceTimeout),
+    "U3 in": (fault("U3", place="in"), PipeHalted),
+    "U3 out": (fault("U3", place="out"), PipeHalted),
+    "U5 tag": (fault("U5", field="tag"), ProtocolError),
+    "U5 inverse": (fault("U5", field="inverse"), ProtocolError),
+    "U5 kind": (fault("U5", field="kind"), ProtocolError),
+    "U5 reserved": (fault("U5", field="reserved"), ProtocolError),
+    "U6 too large": (fault("U6", what="too_large"), ProtocolError),
+    "U6 cut": (fault("U6", what="cut"), ProtocolError),
+    "U8 too much": (fault("U8", bytes=9), ProtocolError),
+    "U10": (fault("U10"), ProtocolError),
+}
+
+
+def break_once(cable: Callable, first: Fault) -> Any:
+    """A link on which the fault strikes the next exchange: opening is not disturbed."""
+    rig = cable()
+    rig.parrot.faults.add(first)
+    return rig
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_broken_answer_is_a_named_error_and_the_next_one_is_right(cable: Callable, name: str) -> None:
+    first, error = FAULTS[name]
+    rig = break_once(cable, first)
+    start_s = rig.clock.now()
+    with pytest.raises(error):
+        rig.link.ask(b"2000", 1.0)
+    assert rig.clock.now() - start_s <= 2.0
+    check_usable(rig)
+
+
+def test_a_control_stall_during_recovery_ends_in_a_reset_and_a_clean_link(cable: Callable) -> None:
+    rig = break_once(cable, fault("U1"))
+    rig.parrot.faults.add(fault("U3", place="control"))
+    with pytest.raises(DeviceTimeout):
+        rig.link.ask(b"10", 0.5)
+    check_usable(rig)
+
+
+@pytest.mark.parametrize("replies", [1, 3, 10])
+def test_pending_is_waited_for(cable: Callable, replies: int) -> None:
+    rig = break_once(cable, fault("U1"))
+    rig.parrot.faults.add(fault("U4", replies=replies))
+    with pytest.raises(DeviceTimeout):
+        rig.link.ask(b"10", 0.5)
+    check_usable(rig)
+
+
+def test_pending_for_ever_ends_in_device_lost_within_its_deadlines(cable: Callable) -> None:
+    rig = break_once(cable, fault("U1"))
+    rig.parrot.faults.add(fault("U4", ALWAYS, replies=ALWAYS))
+    start_s = rig.clock.now()
+    with pytest.raises(DeviceLost):
+        rig.link.ask(b"10", 0.5)
+    assert rig.clock.now() - start_s < 5.0
+
+
+def test_a_slow_device_is_waited_for(cable: Callable) -> None:
+    rig = cable(fault("U19", ALWAYS, delay_s=0.005), latency_s=0.001)
+    for _ in range(20):
+        assert rig.link.ask(b"2048", 1.0) == rig.said(2048)
+    assert rig.clock.now() >= 20 * 0.005
+
+
+def test_an_answer_later_than_its_deadline_is_never_taken_for_the_next(cable: Callable) -> None:
+    rig = break_once(cable, fault("U19", delay_s=1.5))
+    with pytest.raises(DeviceTimeout):
+        rig.link.ask(b"300", 1.0)
+    assert rig.link.ask(b"5", 1.0) == rig.said(5)
+    rig.clock.sleep(1.0)
+    assert rig.link.ask(b"6", 1.0) == rig.said(6)
+
+
+@pytest.mark.parametrize("place", ["read", "write", "control"])
+@pytest.mark.parametrize("error", ["gone", "io"])
+def test_a_pulled_cable_is_device_lost_and_closing_still_works(cable: Callable, place: str, error: str) -> None:
+    rig = break_once(cable, fault("U11", place=place, error=error))
+    ask = rig.link.clear if place == "control" else lambda: rig.link.ask(b"10", 0.5)
+    with pytest.raises(DeviceLost, match="cable"):
+        ask()
+    with pytest.raises(DeviceLost):
+        rig.link.ask(b"10", 0.5)
+    rig.link.close()
+    rig.link.close()
+    with pytest.raises(DeviceNotFound, match="plugged in"):
+        find_usb("parrot", 0x1209, 1, None, rig.backend)
+    rig.backend.replug("P1")
+    found = find_usb("parrot", 0x1209, 1, "P1", rig.backend)
+    check_usable(rig, Usb488(UsbtmcInterface("parrot", found), rig.clock))
+
+
+def test_a_device_is_found_by_serial_number_or_the_error_names_those_there_are(cable: Callable) -> None:
+    rig = cable()
+    with pytest.raises(DeviceNotFound, match=r"P2 .*found: P1"):
+        find_usb("parrot", 0x1209, 1, "P2", rig.backend)
+
+
+@pytest.mark.parametrize(("what", "words"), [("busy", "another program"), ("access", "udev")])
+def test_a_device_that_may_not_be_opened_says_what_to_do(cable: Callable, what: str, words: str) -> None:
+    rig = cable()
+    rig.link.close()
+    rig.parrot.faults.add(fault("U17", what=what))
+    with pytest.raises(DeviceBusy, match=words):
+        UsbtmcInterface("parrot", find_usb("parrot", 0x1209, 1, None, rig.backend))
+
+
+def test_a_kernel_driver_is_detached_and_attached_again(cable: Callable) -> None:
+    rig = cable()
+    rig.link.close()
+    rig.parrot.faults.add(fault("U17", what="kernel_driver"))
+    pipes = UsbtmcInterface("parrot", find_usb("parrot", 0x1209, 1, None, rig.backend))
+    check_usable(rig, Usb488(pipes, rig.clock))
+    port = rig.backend.enumerate_devices()[0]
+    assert not port.kernel_driver
+    pipes.close()
+    assert port.kernel_driver
+
+
+def test_an_urgent_message_goes_past_an_answer_under_way(cable: Callable) -> None:
+    rig = cable()
+    rig.link._busy = True  # as a signal handler finds it in the middle of an exchange
+    rig.link.urgent(b"shut!", 1.0)
+    assert rig.parrot.messages == [b"shut!"]
+    rig.link._busy = False
+    check_usable(rig)
+
+
+ANY_FAULT = st.one_of(
+    st.sampled_from([each for each, _ in FAULTS.values()]),
+    st.builds(lambda size, times: fault("U6", times, what="split", size=size), st.integers(1, 600), st.integers(1, 9)),
+    st.builds(lambda count: fault("U7", count), st.integers(1, 5)),
+    st.builds(lambda pad: fault("U8", bytes=pad), st.integers(0, 3)),
+    st.builds(lambda delay: fault("U19", delay_s=delay), st.floats(0, 3)),
+    st.builds(lambda place: fault("U11", place=place), st.sampled_from(["read", "write", "control"])),
+)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.lists(st.builds(lambda f, skip: f.model_copy(update={"skip": skip}), ANY_FAULT, st.integers(0, 6)), max_size=4),
+    st.lists(st.integers(1, 3000), min_size=1, max_size=6),
+    st.sampled_from([64, 512, 1024]),
+)
+def test_the_answer_is_right_or_the_error_has_a_name(
+    cable: Callable, faults: list[Fault], counts: list[int], packet_bytes: int
+) -> None:
+    rig = None
+    try:
+        rig = cable(*faults, packet_bytes=packet_bytes)
+    except DeviceError:
+        return
+    for count in counts:
+        start_s = rig.clock.now()
+        try:
+            assert rig.link.ask(b"%d" % count, 1.0) == rig.said(count)
+        except DeviceLost:
+            return
+        except DeviceError:
+            pass
+        assert rig.clock.now() - start_s < 6.0
