@@ -1,0 +1,78 @@
+"""`nlos scan` as a user meets it: what it writes, what it refuses, and with which exit code."""
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+def test_a_scan_is_recorded_exported_and_not_taken_twice(nlos: Nlos, small: Path, tmp_path: Path) -> None:
+    done = nlos("scan", str(small), "-o", "run.h5", "--json")
+    assert done.returncode == 0, done.stderr
+    answer = json.loads(done.stdout)
+    assert (answer["points"], answer["planned"], answer["status"]) == (16, 16, "complete")
+    before = (tmp_path / "run.h5").read_bytes()
+    assert nlos("scan", str(small), "-o", "run.h5").returncode == 6
+    again = nlos("scan", str(small), "-o", "run.h5", "--resume", "--json")
+    assert (again.returncode, json.loads(again.stdout)["taken"]) == (0, 0)
+    assert (tmp_path / "run.h5").read_bytes() == before
+    assert nlos("verify", "run.h5").returncode == 0
+    assert nlos("export", "run.h5", "--to", "npz", "-o", "run.npz").returncode == 0
+    exported = np.load(tmp_path / "run.npz")
+    assert exported["histograms"].shape == (4, 4, 1024)
+    assert np.allclose(exported["exposure_s"], 2e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "place", "words"),
+    [
+        ("dwell_ms: -2", "bad.yaml:3:1: dwell_ms", "greater than"),
+        ("dwell_ms: 1e-3", "bad.yaml:3:1: dwell_ms", "1.0e-3"),
+        ("dwell_ms: 2\ndwell_ms: 3", "bad.yaml:4:1: dwell_ms", "given twice"),
+        ("dwell_ms: 2\npatern: raster", "bad.yaml:4:1: patern", "Did you mean 'pattern'"),
+    ],
+)
+def test_bad_yaml_is_refused_by_line_before_anything_moves(
+    nlos: Nlos, small: Path, tmp_path: Path, change: str, place: str, words: str
+) -> None:
+    (tmp_path / "bad.yaml").write_text(small.read_text().replace("dwell_ms: 2", change))
+    done = nlos("scan", "bad.yaml", "-o", "run.h5", "--wire-log", "wire.log")
+    assert done.returncode == 2
+    assert place in done.stderr
+    assert words in done.stderr
+    assert not (tmp_path / "run.h5").exists()
+    assert not (tmp_path / "wire.log").exists()
+
+
+def test_a_wall_beyond_the_mirrors_reach_is_refused_with_4(nlos: Nlos, small: Path, tmp_path: Path) -> None:
+    (tmp_path / "wide.yaml").write_text(small.read_text().replace("width_m: 0.5", "width_m: 12"))
+    done = nlos("scan", "wide.yaml", "-o", "run.h5")
+    assert done.returncode == 4
+    assert "wall point x = " in done.stderr
+    assert not (tmp_path / "run.h5").exists()
+
+
+def test_a_bench_without_a_shutter_wants_to_be_agreed_to(nlos: Nlos, small: Path, tmp_path: Path) -> None:
+    bench = Path(__file__).parents[2] / "configs" / "bench" / "simulated.yaml"
+    own = tmp_path / "bench.yaml"
+    own.write_text(bench.read_text().replace("model: tcspc488\ngeometry", "model: none\ngeometry"))
+    assert "model: none" in own.read_text()
+    assert nlos("scan", str(small), "--bench", str(own), "-o", "run.h5").returncode == 2
+    done = nlos("scan", str(small), "--bench", str(own), "-o", "run.h5", "--no-shutter")
+    assert done.returncode == 0, done.stderr
+    assert "no shutter" in done.stderr
+    assert "no shutter" in nlos("info", "run.h5").stdout
+
+
+def test_the_wire_log_holds_every_byte(nlos: Nlos, small: Path, tmp_path: Path) -> None:
+    assert nlos("scan", str(small), "-o", "run.h5", "--wire-log", "wire.log").returncode == 0
+    lines = (tmp_path / "wire.log").read_text().splitlines()
+    assert any("SAO1-" in line for line in lines)
+    assert any("OUTP:SHUT OPEN" in line for line in lines)
+    shut = [line for line in lines if "OUTP:SHUT" in line and ">" in line]
+    assert "CLOS" in shut[-1] or "?" in shut[-1]
