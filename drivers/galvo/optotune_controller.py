@@ -1,6 +1,8 @@
 """Talking to an Optotune MR-E-2 or MR-E-3: text in Simple mode, binary read-back in Pro mode, and back."""
 
 import contextlib
+import math
+import re
 from collections.abc import Iterator
 from typing import Self
 
@@ -13,6 +15,8 @@ from drivers.link.serial_line import SerialLine, WireLog
 
 DEVICE = "optotune"
 REOPEN = "Close the shutter, check the controller, then open the bench again."
+
+_MEASURED_NOISE = 1e-3  # on the unit disc; repeatability is 40 urad, a fiftieth of this
 
 
 class Controller:
@@ -41,8 +45,11 @@ class Controller:
         return cls(line)
 
     def identity(self) -> DeviceIdentity:
-        """Who answers."""
-        model, version, serial = (self._line.exchange(ask) for ask in (b"GETID\r\n", b"GETVERSION\r\n", b"GETSN\r\n"))
+        """Who answers. Asked twice: nothing in a reply says which command it answers, or that it is undamaged."""
+        asks = (b"GETID\r\n", b"GETVERSION\r\n", b"GETSN\r\n")
+        first, (model, version, serial) = ([self._line.exchange(ask) for ask in asks] for _ in range(2))
+        if first != [model, version, serial]:
+            raise ProtocolError(DEVICE, f"it named itself {first!r}, then {[model, version, serial]!r}.", REOPEN)
         return DeviceIdentity("optotune", "Optotune", model.decode(), serial.decode(), version.decode())
 
     def set_position(self, x: float, y: float) -> None:
@@ -77,13 +84,18 @@ class Controller:
             raise _wrong(b"ACKNOWLEDGE", reply)
 
     def measured_position(self) -> tuple[float, float]:
-        """Where the controller's own sensor sees the mirror, on the unit disc."""
+        """Where the controller's own sensor sees the mirror, on the unit disc. Read twice: frames have no checksum."""
         with self._pro_mode():
-            payload = self._get(wire.MEASURED_X, wire.MEASURED_Y)
+            payloads = [self._get(wire.MEASURED_X, wire.MEASURED_Y) for _ in range(2)]
         try:
-            return wire.decode_position(payload)
+            (first_x, first_y), (x, y) = (wire.decode_position(payload) for payload in payloads)
         except ValueError as error:
             raise ProtocolError(DEVICE, f"{error}.", REOPEN) from error
+        if math.hypot(x - first_x, y - first_y) > _MEASURED_NOISE:
+            raise ProtocolError(
+                DEVICE, f"two measurements disagree: {first_x:g}, {first_y:g} and {x:g}, {y:g}.", REOPEN
+            )
+        return x, y
 
     def board_faults(self) -> int:
         """The board's fault register."""
@@ -126,9 +138,13 @@ class Controller:
 
 
 def _prove(line: SerialLine, stale: bytes) -> None:
+    """An answer that nobody waited for is no noise: a command was carried out twice, and the mirror may have moved."""
+    unasked = line.in_step and re.search(rb"OK|NO|OL|OU|ERROR|[0-9A-F]{8}|~", stale)
     _to_simple_mode(line)
     if wire.names_model(stale):
         raise _restarted()
+    if unasked:
+        raise ProtocolError(DEVICE, f"it answered a command that nobody sent: {stale[:60]!r}.", REOPEN)
 
 
 def _to_simple_mode(line: SerialLine) -> None:
@@ -142,8 +158,8 @@ def _to_simple_mode(line: SerialLine) -> None:
             if line.transact(b"START\r\n", line.timeout_s / 4) != b"OK":
                 line.transact(b"START\r\n", line.timeout_s / 4)
             said = line.transact(b"GETID\r\n", line.timeout_s / 4)
-            while not wire.names_model(said):
-                said = line.receive(line.timeout_s / 4)
+            if not wire.names_model(said):
+                line.receive(wire.names_model, line.timeout_s / 4)
             return
         except (DeviceTimeout, ProtocolError):
             if attempt == 2 and said not in (b"", b"OK", b"NO"):

@@ -40,12 +40,12 @@ class Controller:
         try:
             gave_banner = _wait_for_banner(line, banner_timeout_s)
             line.in_step = True
-            reply = line.exchange(wire.IDENTIFY)
-            identity = wire.decode_identity(reply)
-            if identity is None:
+            replies = [line.exchange(wire.IDENTIFY) for _ in range(2)]
+            identity = wire.decode_identity(replies[0])
+            if identity is None or replies[0] != replies[1]:
                 raise WrongDevice(
                     DEVICE,
-                    f"{port} says {reply[:60]!r}, which is not a TriggerScope-MM.",
+                    f"{port} says {replies[0][:60]!r}, then {replies[1][:60]!r}, and is not a TriggerScope-MM.",
                     "Correct `port` in the bench file; `nlos devices` lists what is plugged in.",
                 )
         except BaseException:
@@ -102,38 +102,42 @@ class Controller:
         return ProtocolError(DEVICE, f"{command[:40]!r} was answered by {reply[:60]!r}.", REOPEN)
 
 
+def _names_itself(line: bytes) -> bool:
+    return wire.decode_identity(line) is not None
+
+
 def _wait_for_banner(line: SerialLine, timeout_s: float) -> bool:
-    """Whether the identity line comes unasked. Lines before it (`done.`) and noise are passed over."""
-    for _ in range(8):
-        try:
-            if wire.decode_identity(line.receive(timeout_s)):
-                return True
-        except ProtocolError:
-            continue
-        except DeviceTimeout:
-            return False
-    return False
+    """Whether the identity line comes unasked, after whatever else (`done.`)."""
+    try:
+        line.receive(_names_itself, timeout_s)
+    except (DeviceTimeout, ProtocolError):
+        return False
+    return True
 
 
 def _prove(line: SerialLine, stale: bytes) -> None:
     """In step: commands are answered in order, so after the identity no reply to an earlier command is outstanding.
 
-    Asked twice, because a first newline may only end what was left of a cut command.
+    Asked twice, because a first newline may only end what was left of a cut command. An answer that nobody waited for
+    is no noise: a command was carried out a second time, or another program's was, and the mirror may have moved.
     """
+    unasked = line.in_step and b"!" in stale
     for attempt in range(2):
+        line.write(wire.IDENTIFY)
         try:
-            reply = line.transact(wire.IDENTIFY, line.timeout_s / 2)
-            while not wire.decode_identity(reply):
-                stale += reply
-                reply = line.receive(line.timeout_s / 2)
-            break
+            _, before = line.receive(_names_itself, line.timeout_s / 2)
         except (DeviceTimeout, ProtocolError):
             if attempt == 1:
                 raise
-    if wire.decode_identity(stale):
+        else:
+            stale += before
+            break
+    if _names_itself(stale):
         raise _restarted()
     if wire.range_changed(stale):
         raise _range_changed()
+    if unasked:
+        raise ProtocolError(DEVICE, f"it answered a command that nobody sent: {stale[:60]!r}.", REOPEN)
 
 
 def _restarted() -> DeviceReset:

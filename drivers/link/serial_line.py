@@ -31,6 +31,7 @@ Take = Callable[[bytearray], bytes | None]
 """Removes one complete message from the front of the buffer and returns it, or None while it is incomplete. Raises
 `ValueError` where the buffer holds what the protocol does not allow."""
 
+_MAX_MESSAGE = 256  # bytes; more without an end is no message
 _SLICE_S = 0.05  # a read is interrupted this often, so that a reply set aside by `interject` is found in time
 _QUIET_S = 0.05  # silence after which nothing more of an old reply is expected
 
@@ -65,8 +66,9 @@ class SerialLine:
     """One command in flight, one reply, one deadline for the two together.
 
     After a timeout or garbage the line is out of step: the next `exchange` first throws away what still arrives and
-    calls `resynchronise`, the device's own way of proving that the following reply can only be the next command's. It
-    is given this line and the bytes thrown away. Errors: `DeviceTimeout`, `ProtocolError`, `DeviceLost`.
+    calls `resynchronise`, the device's own way of proving that the following reply can only be the next command's. So
+    it does when bytes arrived that nobody asked for. It is given this line, with `in_step` as it was found, and the
+    bytes thrown away. Errors: `DeviceTimeout`, `ProtocolError`, `DeviceLost`.
     """
 
     def __init__(
@@ -77,7 +79,6 @@ class SerialLine:
         *,
         timeout_s: float,
         resynchronise: Callable[["SerialLine", bytes], None],
-        max_message: int = 256,
         wire_log: WireLog | None = None,
     ) -> None:
         self.device = device
@@ -86,7 +87,6 @@ class SerialLine:
         self._port = port
         self._clock = clock
         self._resynchronise = resynchronise
-        self._max_message = max_message
         self._wire_log = wire_log
         self._buffer = bytearray()
         self._lock = threading.RLock()
@@ -103,7 +103,6 @@ class SerialLine:
         baud: int,
         timeout_s: float,
         resynchronise: Callable[["SerialLine", bytes], None],
-        max_message: int = 256,
         wire_log: WireLog | None = None,
     ) -> "SerialLine":
         """Opens a port, `/dev/ttyACM0`, `COM3` or any pyserial URL, for this program alone.
@@ -114,15 +113,7 @@ class SerialLine:
             port = serial.serial_for_url(url, baudrate=baud, timeout=0, write_timeout=timeout_s, exclusive=True)
         except _OPEN_ERRORS as error:
             raise _cannot_open(device, url, error) from error
-        return cls(
-            device,
-            port,
-            clock,
-            timeout_s=timeout_s,
-            resynchronise=resynchronise,
-            max_message=max_message,
-            wire_log=wire_log,
-        )
+        return cls(device, port, clock, timeout_s=timeout_s, resynchronise=resynchronise, wire_log=wire_log)
 
     def exchange(self, command: bytes, timeout_s: float | None = None, take: Take = take_line) -> bytes:
         """Sends `command` and returns the message that answers it."""
@@ -145,10 +136,14 @@ class SerialLine:
             self.in_step = in_step
             return message
 
-    def receive(self, timeout_s: float | None = None, take: Take = take_line) -> bytes:
-        """The next message, which nobody asked for (a banner, the further lines of an answer)."""
+    def receive(self, wanted: Callable[[bytes], bool], timeout_s: float | None = None) -> tuple[bytes, bytes]:
+        """Lines that come by themselves, until the wanted one: (that line, what came before it)."""
         with self._lock:
-            return self._message(self._deadline(timeout_s), take, "nothing complete arrived")
+            deadline_s = self._deadline(timeout_s)
+            before = b""
+            while not wanted(line := self._message(deadline_s, take_line, "what was waited for did not come")):
+                before += line
+            return line, before
 
     def interject(self, command: bytes, answer: bytes, timeout_s: float = 0.1) -> None:
         """Sends a command that cannot wait and returns when `answer` confirms it.
@@ -162,25 +157,30 @@ class SerialLine:
             raise DeviceTimeout(self.device, f"{command!r} was sent over a busy line and not confirmed.")
         try:
             deadline_s = self._deadline(timeout_s)
-            others: list[bytes] = []
+            others = b""
             if self._in_flight:
-                try:
-                    others.append(self._message(self._deadline(timeout_s / 2), take_line, ""))
-                except (DeviceTimeout, ProtocolError):
-                    self.in_step = False
+                with contextlib.suppress(DeviceTimeout, ProtocolError):
+                    others = self._message(self._deadline(timeout_s / 2), take_line, "") + b"\r\n"
+            while self._buffer or self._waiting():  # an old reply must not confirm the new command
+                self.in_step = False
+                self._buffer.clear()
+                self._fill(0.0)
             self.write(command)
             while (line := self._message(deadline_s, take_line, f"{command!r} was not confirmed")) != answer:
-                others.append(line)
+                others += line + b"\r\n"
             if self._in_flight:
-                self._buffer[:0] = b"".join(line + b"\r\n" for line in others)
+                self._buffer[:0] = others
         finally:
             self._lock.release()
 
     def resynchronise(self) -> None:
         """Back in step: what still arrives is thrown away, then the device proves that it listens."""
         with self._lock:
-            self.in_step = False
-            self._resynchronise(self, self.drain())
+            try:
+                self._resynchronise(self, self.drain())
+            except DeviceError:
+                self.in_step = False
+                raise
             self.in_step = True
 
     def drain(self) -> bytes:
@@ -190,7 +190,7 @@ class SerialLine:
             self._buffer.clear()
             deadline_s = self._deadline(None)
             while self._clock.now() < deadline_s and self._fill(_QUIET_S):
-                drained += self._buffer[: self._max_message]
+                drained += self._buffer[:_MAX_MESSAGE]
                 self._buffer.clear()
             return bytes(drained)
 
@@ -224,8 +224,8 @@ class SerialLine:
         while True:
             try:
                 message = take(self._buffer)
-                if message is None and len(self._buffer) > self._max_message:
-                    raise ValueError(f"more than {self._max_message} bytes without an end: {self._buffer[:40]!r}...")
+                if message is None and len(self._buffer) > _MAX_MESSAGE:
+                    raise ValueError(f"more than {_MAX_MESSAGE} bytes without an end: {self._buffer[:40]!r}...")
             except ValueError as error:
                 self._buffer.clear()
                 self.in_step = False

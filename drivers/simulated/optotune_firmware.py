@@ -73,7 +73,7 @@ class OptotuneFirmware:
         self._pending = b""
         self._pro = False
         self._puzzled = False  # after Pro mode or garbage the first START is refused
-        self._x = self._y = 0.0
+        self._x = self._y = self._off = 0.0
         self._stable_at_s = 0.0
         self._latched = 0
         self._stuck = 0
@@ -127,6 +127,8 @@ class OptotuneFirmware:
             self._never_stable = True
         if self._fault("B3") is not None:
             self._reads_until_unstable = 1
+        off = self._fault("B6")
+        self._off = 0.0 if off is None else float(str(off.get("off", 0.2)))
         if (trouble := self._fault("B4")) is not None:
             bit = int(str(trouble.get("bit", 1)))
             self._latched |= 1 << _LATCHED.get(bit, bit)
@@ -186,11 +188,10 @@ class OptotuneFirmware:
             self._pro, self._puzzled = payload != b"\0", True
             return b""
         values = b""
-        off = self._fault("B6")
         for (register,) in struct.iter_unpack(">H", payload):
             if register in (0x3B00, 0x3B01):
                 value = self._x if register == 0x3B00 else self._y
-                values += struct.pack(">f", value + (float(str(off.get("off", 0.2))) if off is not None else 0.0))
+                values += struct.pack(">f", value + self._off)
             else:
                 values += struct.pack(">I", 0x20 if register == 0x1007 and self._never_stable else 0)
         return values

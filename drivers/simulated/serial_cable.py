@@ -1,5 +1,6 @@
 """The simulated serial cable between a port and a firmware, and what can go wrong on it."""
 
+import math
 from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Protocol
@@ -41,7 +42,7 @@ class SerialCable:
         self.held = False
         self.mangle: Mangle | None = None
         self._faults = bench.faults
-        self._sent: list[tuple[float, bytes]] = []
+        self._sent: deque[tuple[float, bytes]] = deque()
         self._arriving: deque[tuple[float, bytes]] = deque()
         self._withheld = b""
 
@@ -59,18 +60,19 @@ class SerialCable:
     def close(self) -> None:
         """The host closes the port; what it sent still gets there."""
         if self.plugged:
-            self.deliver()
+            self._deliver_until(math.inf)
         self.held = False
 
     def send(self, data: bytes) -> None:
         """The host writes. The firmware gets to it when time goes on, with all that is written until then."""
         for delay_s, piece in self.mangle(">", data) if self.mangle else ((0.0, data),):
-            self._sent.append((self.clock.now() + delay_s, piece))
+            last_s = self._sent[-1][0] if self._sent else 0.0
+            self._sent.append((max(last_s, self.clock.now() + delay_s), piece))
 
-    def next_arrival_s(self) -> float | None:
-        """When the next bytes reach the host, None where none are on their way."""
+    def next_event_s(self) -> float | None:
+        """When bytes next reach either end, None where none are on their way."""
         self.deliver()
-        return self._arriving[0][0] if self._arriving else None
+        return min((way[0][0] for way in (self._arriving, self._sent) if way), default=None)
 
     def arrived(self) -> int:
         """How many bytes wait in the host's port."""
@@ -93,11 +95,14 @@ class SerialCable:
         self.take(self.arrived())
 
     def deliver(self) -> None:
-        """Hands the firmware what was sent, joining what arrives together."""
-        while self._sent:
-            when_s, data = self._sent.pop(0)
-            while self._sent and self._sent[0][0] - when_s < _TOGETHER_S:
-                data += self._sent.pop(0)[1]
+        """Hands the firmware what has reached it, joining what arrives together."""
+        self._deliver_until(self.clock.now())
+
+    def _deliver_until(self, end_s: float) -> None:
+        while self._sent and self._sent[0][0] <= end_s:
+            when_s, data = self._sent.popleft()
+            while self._sent and self._sent[0][0] <= min(end_s, when_s + _TOGETHER_S):
+                data += self._sent.popleft()[1]
             if self.strikes("G6"):
                 self._reply(self.firmware.reboot(), when_s + self.latency_s)
                 continue

@@ -84,7 +84,7 @@ class SimulatedSerial(SerialBase):
         deadline_s = None if self.timeout is None else cable.clock.now() + self.timeout
         data = bytearray()
         while len(data) < size:
-            when_s = cable.next_arrival_s()
+            when_s = cable.next_event_s()
             if when_s is None and deadline_s is None:
                 raise SerialException("a read without a timeout would wait for ever, nothing is on its way")
             if when_s is None or (deadline_s is not None and when_s > deadline_s):

@@ -24,7 +24,7 @@ def echoed(*commands: bytes) -> list[tuple[bytes, bytes]]:
 
 DISARM = echoed(b"PAS1-0-1", b"PAS2-0-1", b"PDS0-0-1", b"SDO0-0")
 CENTRE = echoed(b"SAR1-4", b"SAO1-32767", b"SAR2-4", b"SAO2-32767")
-OPENING = [(b"*\n", BANNER), *echoed(b"SSL0"), *DISARM, *CENTRE]
+OPENING = [(b"*\n", BANNER), (b"*\n", BANNER), *echoed(b"SSL0"), *DISARM, *CENTRE]
 CLEAR = echoed(b"PAC1", b"PAC2", b"PDC0")
 
 
@@ -57,7 +57,7 @@ def test_it_opens_by_asking_who_answers_and_centring(talk: Callable[..., Trigger
 
 
 def test_a_shutter_output_is_closed_before_anything_else(talk: Callable[..., TriggerScope]) -> None:
-    mirror = talk(OPENING[0], *echoed(b"SDO1-0"), *OPENING[1:], *echoed(b"SDO1-4", b"SDO1-0"), shutter_pin=11)
+    mirror = talk(*OPENING[:2], *echoed(b"SDO1-0"), *OPENING[2:], *echoed(b"SDO1-4", b"SDO1-0"), shutter_pin=11)
     mirror.set_shutter_line(True)
     mirror.set_shutter_line(False)
 
@@ -89,7 +89,7 @@ def test_a_sequence_whose_count_disagrees_is_cleared_and_sent_once_more(talk: Ca
 
 def test_another_device_on_the_port_is_refused(talk: Callable[..., TriggerScope]) -> None:
     with pytest.raises(WrongDevice, match=r"says b'GRBL 1.1'.*Correct `port`"):
-        talk((b"*\n", b"GRBL 1.1\r\n"), banner=b"")
+        talk((b"*\n", b"GRBL 1.1\r\n"), (b"*\n", b"GRBL 1.1\r\n"), banner=b"")
 
 
 @pytest.mark.parametrize("name", ["PAO", "PDO"])
