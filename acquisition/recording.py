@@ -187,11 +187,18 @@ class Recording:
 
     def samples(self, first: int = 0) -> Iterator[Sample]:
         """The intact samples in the order taken, from row `first`; `verify` names the others."""
+        return (sample for sample in self.rows(first) if sample is not None)
+
+    def rows(self, first: int = 0) -> Iterator[Sample | None]:
+        """Every row from `first`: its sample, or None where it is not intact."""
         axis = self.plan.axis
         for start, counts, intact in self.blocks(first):
-            rows = self._records[start : start + len(counts)].tolist()
-            for i in np.flatnonzero(intact).tolist():
-                _, number, flags, taken_s, live_time_s, gate_opened_s, sync_count, total_count, _ = rows[i]
+            records = self._records[start : start + len(counts)].tolist()
+            for i, whole in enumerate(intact.tolist()):
+                if not whole:
+                    yield None
+                    continue
+                _, number, flags, taken_s, live_time_s, gate_opened_s, sync_count, total_count, _ = records[i]
                 histogram = Histogram(
                     counts[i],
                     axis.bin_width_s,

@@ -1,6 +1,7 @@
 """One writer per scan file, and files that appear under their name only when they are whole."""
 
 import os
+import time
 from pathlib import Path
 from typing import IO
 
@@ -19,7 +20,14 @@ class WriterLock:
             return
         try:
             self._file = self._path.open("ab")
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            for attempts_left in (2, 1, 0):  # a reader that looks whether the file is locked holds it for a moment
+                try:
+                    fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    break
+                except BlockingIOError:
+                    if not attempts_left:
+                        raise
+                    time.sleep(0.02)
         except BlockingIOError as error:
             if self._file:
                 self._file.close()
@@ -49,3 +57,17 @@ def put_in_place(fresh: Path, path: Path) -> None:
                 os.close(folder)
     except OSError as error:
         raise StorageError(f"{path}: cannot be put in place ({error})") from error
+
+
+def is_locked(path: Path) -> bool:
+    """Whether a living process is writing the scan file `path`. Where the system has no such locks: always False."""
+    try:
+        import fcntl
+
+        with path.with_name(path.name + ".lock").open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except (ImportError, OSError):
+        return False
+    return False

@@ -1,0 +1,139 @@
+"""Replayed and followed samples cannot be told from live ones."""
+
+import multiprocessing
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition.engine import record, scan
+from acquisition.errors import StorageError
+from acquisition.follow import follow
+from acquisition.plan import ScanPlan
+from acquisition.provenance import Header
+from acquisition.recording import Recording, Status
+from acquisition.recording_writer import RecordingWriter
+from acquisition.replay import replay
+from acquisition.salvage import resume
+from acquisition.sample import Sample
+from drivers.bench import BenchSettings, open_bench
+from drivers.clock import VirtualClock
+
+Benches = Callable[..., BenchSettings]
+Plans = Callable[..., ScanPlan]
+
+
+def everything(sample: Sample) -> list[object]:
+    """All that a consumer can see of a sample: values and their types."""
+    seen: list[object] = [sample.taken_s, type(sample.taken_s)]
+    for part in (sample.point, sample.histogram):
+        for field in fields(part):
+            value = getattr(part, field.name)
+            seen.append((type(value), value.tobytes(), value.dtype) if isinstance(value, np.ndarray) else value)
+            seen.append(type(value))
+    return seen
+
+
+@pytest.fixture
+def live(bench_settings: Benches, small_plan: Plans, run_path: Path) -> list[Sample]:
+    """A scan, as it came, recorded at `run_path`."""
+    samples: list[Sample] = []
+    with open_bench(bench_settings()) as bench, RecordingWriter.create(run_path, small_plan(), Header()) as writer:
+        record(scan(small_plan(), bench), writer, samples.append)
+    return samples
+
+
+def test_replayed_samples_are_the_live_ones_to_the_last_type(live: list[Sample], run_path: Path) -> None:
+    with Recording.open(run_path) as recording:
+        replayed = list(replay(recording, speed=None))
+    assert [everything(sample) for sample in replayed] == [everything(sample) for sample in live]
+
+
+@pytest.mark.parametrize("speed", [1.0, 4.0])
+def test_replay_keeps_the_recorded_pace(live: list[Sample], run_path: Path, speed: float) -> None:
+    clock, moments = VirtualClock(), []
+    with Recording.open(run_path) as recording:
+        for _ in replay(recording, speed, clock):
+            moments.append(clock.now())
+    recorded = np.array([sample.taken_s + sample.histogram.live_time_s for sample in live])
+    assert np.allclose(np.array(moments) * speed, recorded)
+
+
+def test_a_replay_speed_of_nothing_is_refused(live: list[Sample], run_path: Path) -> None:
+    with Recording.open(run_path) as recording, pytest.raises(ValueError, match="above 0"):
+        replay(recording, 0.0)
+
+
+def test_a_finished_file_is_followed_to_its_end_at_once(live: list[Sample], run_path: Path) -> None:
+    assert [everything(sample) for sample in follow(run_path)] == [everything(sample) for sample in live]
+
+
+def written_by_another_process(samples: list[Sample], plan: ScanPlan, path: Path) -> None:
+    time.sleep(0.1)
+    with RecordingWriter.create(path, plan, Header()) as writer:
+        for sample in samples:
+            writer.write(sample)
+            if sample.point.number % 10 == 9:
+                writer.flush()
+                time.sleep(0.1)
+
+
+def test_a_file_that_another_process_writes_is_followed(live: list[Sample], run_path: Path, small_plan: Plans) -> None:
+    path = run_path.with_name("followed.h5")
+    process = multiprocessing.get_context("fork").Process(
+        target=written_by_another_process, args=(live, small_plan(), path)
+    )
+    process.start()
+    followed = list(follow(path))
+    process.join()
+    assert [everything(sample) for sample in followed] == [everything(sample) for sample in live]
+
+
+def test_a_writer_that_dies_ends_the_following(live: list[Sample], run_path: Path, small_plan: Plans) -> None:
+    path, clock = run_path.with_name("followed.h5"), VirtualClock()
+    writer = RecordingWriter.create(path, small_plan(), Header())
+    for sample in live[:7]:
+        writer.write(sample)
+    writer.flush()
+    samples = follow(path, clock=clock)
+    assert len([next(samples) for _ in range(7)]) == 7
+    path.with_name("followed.h5.lock").unlink()
+    with pytest.raises(StorageError, match="gone after 7 samples"):
+        next(samples)
+    writer.finish(Status.INTERRUPTED)
+
+
+def test_following_waits_for_the_file_no_longer_than_told(tmp_path: Path) -> None:
+    clock = VirtualClock()
+    with pytest.raises(TimeoutError, match="no recording to follow after 3 s"):
+        next(follow(tmp_path / "never.h5", patience_s=3.0, clock=clock))
+    assert 3.0 <= clock.now() < 4.0
+
+
+def test_following_goes_through_a_file_that_is_replaced(live: list[Sample], run_path: Path, small_plan: Plans) -> None:
+    path, plan = run_path.with_name("followed.h5"), small_plan()
+    writer = RecordingWriter.create(path, plan, Header())
+    for sample in live[:20]:
+        writer.write(sample)
+    writer.flush()
+    followed: list[Sample] = []
+    source: Iterator[Sample] = follow(path)
+    followed.extend(next(source) for _ in range(20))
+    # as after kill -9: the file still says that it is being written, and nobody holds it
+    left_behind = path.read_bytes()
+    writer.finish(Status.INTERRUPTED)
+    path.with_name("left.h5").write_bytes(left_behind)
+    path.with_name("left.h5").replace(path)
+    thread = threading.Thread(target=lambda: followed.extend(source))
+    thread.start()
+    again = resume(path, plan, Header()).writer
+    assert again is not None
+    with again:
+        for sample in live[20:]:
+            again.write(sample)
+    thread.join(20)
+    assert [everything(sample) for sample in followed] == [everything(sample) for sample in live]
