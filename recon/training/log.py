@@ -5,8 +5,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import torch
-
 
 class Log:
     """The JSONL log; lines written after the checkpoint that a run goes on from are dropped."""
@@ -22,10 +20,10 @@ class Log:
             path.write_text("".join(line + "\n" for line in kept))
 
     def terms(
-        self, step: int, terms: Mapping[str, torch.Tensor], rate: float, norm: float, seconds: float, every: int
+        self, step: int, terms: Mapping[str, float], rate: float, norm: float, seconds: float, every: int
     ) -> None:
         for name, value in terms.items():
-            self.sums[name] = self.sums.get(name, 0.0) + float(value.detach())
+            self.sums[name] = self.sums.get(name, 0.0) + value
         self.count += 1
         if step % every == 0:
             means = {name: value / self.count for name, value in self.sums.items()}

@@ -98,7 +98,8 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
             torch.manual_seed(hash((settings.seed, step, rank)))
             rng = np.random.default_rng((settings.seed, step, 12))
             network = model
-            if halved is not None and rng.random() < settings.pooled_share and whole_scan(batch):
+            wanted = halved is not None and rng.random() < settings.pooled_share
+            if halved is not None and wanted and _everywhere(whole_scan(batch), world, device):
                 batch, network = pooled(batch), halved
             if settings.flips:
                 batch = mirrored(batch, rng)
@@ -108,11 +109,19 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
             terms = objective(network, batch, settings, device)
             terms["loss"].backward()  # type: ignore[no-untyped-call]
             norm = _step(parameters, optimiser, settings.clip, world)
+            values = _mean(torch.stack([value.detach().float() for value in terms.values()]), world)
             keep = min(settings.average, (1 + step) / (10 + step))
             torch._foreach_lerp_(average, [p.detach() for p in parameters], 1 - keep)
             step += 1
             elapsed = clock.monotonic() - began
-            log.terms(step, terms, rate, norm, elapsed, every=max(1, settings.steps // LINES))
+            log.terms(
+                step,
+                dict(zip(terms, values.tolist(), strict=True)),
+                rate,
+                norm,
+                elapsed,
+                every=max(1, settings.steps // LINES),
+            )
             out_of_time = settings.max_minutes is not None and clock.monotonic() - started > 60 * settings.max_minutes
             if step % max(1, settings.steps // VALIDATIONS) == 0 and step < settings.steps and rank == 0:
                 figures = _with(average, parameters, lambda: validate(model, settings, device))
@@ -191,12 +200,25 @@ def _join() -> tuple[int, int]:
     return dist.get_rank(), dist.get_world_size()
 
 
+def _everywhere(here: bool, world: int, device: str) -> bool:
+    """Whether it is so in every process."""
+    answer = torch.tensor(float(here), device=device)
+    return bool(_mean(answer, world) == 1)
+
+
+def _mean(x: torch.Tensor, world: int) -> torch.Tensor:
+    """The mean over all processes."""
+    if world > 1:
+        dist.all_reduce(x)
+        x /= world
+    return x
+
+
 def _step(parameters: list[nn.Parameter], optimiser: torch.optim.Optimizer, clip: float, world: int) -> float:
     """Average the gradients of all processes, clip, step; a step that is not finite is left out. Returns the norm."""
     if world > 1:
         flat = torch.cat([(p.grad if p.grad is not None else torch.zeros_like(p)).flatten() for p in parameters])
-        dist.all_reduce(flat)
-        flat /= world
+        _mean(flat, world)
         start = 0
         for p in parameters:
             p.grad = torch.empty_like(p).copy_(flat[start : start + p.numel()].view(p.shape))
