@@ -32,7 +32,7 @@ class Capacity:
 
 @dataclass(frozen=True)
 class Status:
-    """`ACQ:STAT?`, with the marker edges 1 and 2 where `ACQ:MARK?` was asked too."""
+    """`ACQ:STAT?`, with the steps that the markers counted where `ACQ:MARK?` was asked too."""
 
     state: str
     done: int
@@ -69,12 +69,18 @@ def decode_status(device: str, answer: str) -> Status:
     try:
         state, *numbers = status.split(",")
         done, free, lost, flags = (int(each) for each in numbers)
-        markers = sum(int(each) for each in marks.split(",")[:2]) if marks else None
-    except ValueError as problem:
+        markers = _steps(*(int(each) for each in marks.split(","))) if marks else None
+    except (TypeError, ValueError) as problem:
         raise ProtocolError(device, f"ACQ:STAT? answered {answer!r}.") from problem
     if state not in _STATES:
         raise ProtocolError(device, f"ACQ:STAT? answered {answer!r}.")
     return Status(state, done, free, lost, flags, markers)
+
+
+def _steps(first: int, second: int, start: int) -> int:
+    """Steps seen by the marker inputs: 1 and 2 take turns, 4 rises with the first step of a sequence. A sequence of odd
+    length that wraps round raises no edge on 1, which is high already, but a second one on 4."""
+    return first + second + max(0, start - 1)
 
 
 def is_trip(errors: Sequence[ScpiError]) -> bool:

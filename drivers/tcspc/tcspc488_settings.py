@@ -45,7 +45,7 @@ class Tcspc488Settings(Settings):
     over_count: OverCount = OverCount()
     counts: Literal["u16", "u32"] = "u32"
     markers: bool = False
-    """Whether the mirror controller's marker outputs are wired to the counter's marker inputs 1 and 2."""
+    """Whether the mirror controller's marker outputs 1 to 3 are wired to the counter's marker inputs."""
 
     @property
     def simulated(self) -> bool:
