@@ -26,7 +26,7 @@ class StochasticFrequencyEncoding(nn.Module):
         rank = min(rank, bandwidth)
         narrow = torch.randn(rank, channels, generator=generator) / channels**0.5
         wide = torch.randn(bandwidth, rank, generator=generator) / rank**0.5
-        self.register_buffer("mixing", wide @ narrow)  # (bandwidth, C)
+        self.register_buffer("mixing", wide @ narrow, persistent=False)  # (bandwidth, C)
         self.mlp = ComplexMLP(bandwidth, rank, channels, activation, gain=0.0)
 
     def forward(self, u: Tensor) -> Tensor:

@@ -109,7 +109,8 @@ def rates_of(counts: Tensor, exposure: Tensor | None) -> Rates:
     measured = exposure > 0
     points = measured.sum(dim=(1, 2)).clamp(min=1)
     exposure = exposure.float() / (exposure.sum(dim=(1, 2)) / points).clamp(min=1e-30)[:, None, None]
-    raw = torch.where(measured[:, None, None], counts / exposure.clamp(min=1e-6)[:, None, None], 0.0)
+    counts = torch.where(measured[:, None, None], counts, 0.0)  # whatever stands where nothing was measured
+    raw = counts / exposure.clamp(min=1e-6)[:, None, None]
     profile = counts.sum(dim=(1, 3, 4)) / points[:, None]  # weighted by exposure, so by precision
     background = estimate_background(profile)
     level = (profile.mean(dim=1) - background).clamp(min=0)

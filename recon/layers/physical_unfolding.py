@@ -24,6 +24,14 @@ def small_conv(channels_in: int, channels_out: int, gain: float) -> nn.Conv3d:
     return layer
 
 
+def noise_gains(conditions: int, maps: int) -> nn.Sequential:
+    """a(eta): (B, conditions) -> (B, maps), small at first."""
+    last = nn.Linear(16, maps)
+    last.weight.data.mul_(0.1)
+    last.bias.data.zero_()
+    return nn.Sequential(nn.Linear(conditions, 16), nn.GELU(), last)
+
+
 class PlainIteration(nn.Module):
     """u <- u + W (g - u), then a 3x3x3 residual block: the update at the finest scale, without a spectrum."""
 
@@ -88,12 +96,8 @@ class PhysicalUnfolding(nn.Module):
         self.gains = nn.ModuleList()
         self.iterations = nn.ModuleList()
         for scale, width in enumerate(channels):
-            embedding = nn.Sequential(nn.Linear(conditions, 16), nn.GELU(), nn.Linear(16, maps))
-            last = cast(nn.Linear, embedding[2])
-            last.weight.data.mul_(0.1)
-            last.bias.data.zero_()
-            self.gains.append(embedding)
             with_spectrum = scale >= scales - spectral
+            self.gains.append(noise_gains(conditions, maps) if with_spectrum else nn.Identity())
             self.iterations.append(
                 nn.ModuleList(
                     SpectralIteration(width, maps) if with_spectrum else PlainIteration(width)

@@ -1,0 +1,49 @@
+"""Lifted transient features carried to object space: the light-cone change of variable on a coarse grid."""
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
+from acquisition.wall import WallGrid
+from recon.layers.measurement import LOG_SNR_AT_KNOTS, NOISE_KNOTS, WienerVolumes, piecewise
+from recon.layers.transient_lifting import LiftingName, TransientLifting
+from recon.transport.light_cone import LightConeConvolution
+from recon.transport.resampling import LightConeResampling
+
+FALLOFF = 3.0
+
+
+class LiftedVolumes(nn.Module):
+    """tau -> F_st -> F^_st: lifting at the operator's pitch, then the noise-adapted Wiener inverse of every channel.
+
+    The paper resamples F_st and transforms it; here it is inverted as well, so that lifted features lie where the
+    surfaces are and a network in space can use them. net rates (B, 1, bins, H, W) -> (B, 4, slices, rows, cols), of
+    root mean square 1, on a grid of half the operator's `points` (rows, cols).
+    """
+
+    def __init__(self, kind: LiftingName, physics: WienerVolumes, points: tuple[int, int]):
+        super().__init__()
+        assert kind != "none"
+        self.lifting = TransientLifting(kind)
+        self.points = points
+        rows, cols = (points[0] + 1) // 2, (points[1] + 1) // 2
+        wall = WallGrid(physics.wall.width_m, physics.wall.height_m, rows, cols)
+        self.slices = physics.slices
+        extent_s = 2 * self.slices * physics.pitch[0] * physics.unit_m / SPEED_OF_LIGHT_M_PER_S
+        self.first = physics.first
+        time = TimeAxis(self.slices, extent_s / self.slices)
+        self.resampling = LightConeResampling(time)
+        self.cone = LightConeConvolution(wall, time)
+        fall = ((torch.arange(self.slices) + 0.5) / self.slices) ** FALLOFF
+        self.register_buffer("fall", fall[:, None, None], persistent=False)
+
+    fall: Tensor
+
+    def forward(self, net: Tensor, log_noise: Tensor) -> Tensor:
+        tau = F.interpolate(net[:, :, self.first :], size=(self.slices, *self.points), mode="area")
+        lifted = self.lifting(tau).float()
+        snr = 10 ** piecewise(log_noise, NOISE_KNOTS, LOG_SNR_AT_KNOTS)
+        solved = self.cone.wiener(self.resampling(lifted * self.fall), snr)
+        volume = self.resampling.adjoint(solved)
+        return volume / volume.square().mean(dim=(1, 2, 3, 4), keepdim=True).sqrt().clamp(min=1e-12)

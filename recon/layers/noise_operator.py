@@ -1,0 +1,40 @@
+"""The noise level induced operator: how strongly each channel and frequency is damped, given the noise."""
+
+import torch
+from torch import Tensor, nn
+
+from recon.layers.complex_activation import ActivationName, complex_activation
+from recon.layers.complex_convolution import ComplexConv3d
+
+
+class NoiseEmbedding(nn.Module):
+    """eta^ = MLP(eta): (B, conditions) -> (B, C, 1, 1, 1) complex (NANO, eq. 11)."""
+
+    def __init__(self, conditions: int, channels: int, hidden: int = 32):
+        super().__init__()
+        self.mlp = nn.Sequential(nn.Linear(conditions, hidden), nn.GELU(), nn.Linear(hidden, 2 * channels))
+
+    def forward(self, eta: Tensor) -> Tensor:
+        real, imag = self.mlp(eta).float().chunk(2, dim=1)
+        return torch.complex(real, imag)[:, :, None, None, None]
+
+
+class NoiseInducedOperator(nn.Module):
+    """S u^ = -u^ + NLO * u^ with NLO = Conv_C(sigma_C(Conv_C(eta^ + F^_st))), pointwise (NANO, section IV-B2).
+
+    eta^ (B, C, 1, 1, 1) and the lifted features F^_st (B, C, D, H, W) condition it together. The last convolution
+    starts at zero, so S starts as -1 and the first update is u_g - u, as in the steepest descent of eq. 7.
+    (B, C, D, H, W) complex -> the same shape; linear in u^.
+    """
+
+    def __init__(self, channels: int, activation: ActivationName = "modrelu"):
+        super().__init__()
+        self.modulation = nn.Sequential(
+            ComplexConv3d(channels, channels, kernel=1),
+            complex_activation(activation, channels),
+            ComplexConv3d(channels, channels, kernel=1, gain=0.0),
+        )
+
+    def forward(self, u: Tensor, lifted: Tensor, embedding: Tensor) -> Tensor:
+        modulated: Tensor = self.modulation(lifted + embedding) * u
+        return modulated - u

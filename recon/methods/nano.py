@@ -1,0 +1,236 @@
+"""NANO: the noise-adapted neural operator, trained; any grid, any wall, down to a handful of photons."""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Annotated, Literal, cast
+
+import torch
+import torch.nn.functional as F
+from pydantic import Field
+from torch import Tensor, nn
+
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+from configs.settings import Settings as AnySettings
+from recon.layers.complex_activation import ActivationName
+from recon.layers.lifted_volumes import LiftedVolumes
+from recon.layers.measurement import SNR_FACTORS, Rates, WienerVolumes, rates_of
+from recon.layers.noise_level import NoiseLevel
+from recon.layers.physical_unfolding import PhysicalUnfolding
+from recon.layers.spectral_unfolding import Restriction, SpectralUnfolding
+from recon.layers.transient_lifting import LiftingName
+from recon.layers.volume_projection import AttentionProjection, MaximumProjection, Projection
+
+POINTS = 32  # per wall width: the operator's own pitch, whatever the scan's
+CONDITIONS = 3
+OWN_FEATURES = 2 * len(SNR_FACTORS) + 3  # volumes averaged and at their maximum, depth, confidence, the last pass
+MIDDLE_NOISE = -1.0
+DIMMEST = 0.02  # of the brightest point; below it there is no depth
+
+
+class Settings(AnySettings):
+    """The switches of the paper's tables. The defaults are those of the weights that come with the program."""
+
+    weights: str | None = "nano"
+    reading: Literal["physical", "literal"] = "physical"
+    """Multipliers of physical frequency, or small complex kernels over the frequency grid."""
+    lifting: LiftingName = "none"
+    projection: bool = True
+    """Attention and a 2D network (literal: maximum and residual convolutions); False: the bare maximum."""
+    nle: bool = True
+    """Estimate the noise and adapt to it; False: one middling level for all."""
+    sfe: bool = False
+    sfe_bandwidth: Annotated[int, Field(ge=1)] = 64
+    outer_iterations: Annotated[int, Field(ge=1, le=6)] = 1
+    """S of algorithm 1."""
+    channels: tuple[int, ...] = (16, 32, 48)
+    """One entry a scale (J)."""
+    iterations: Annotated[int, Field(ge=1)] = 2
+    """A scale (n_j)."""
+    spectral_scales: int = 2
+    features: int = 8
+    activation: ActivationName = "modrelu"
+    restriction: Restriction = "truncation"
+    whiten: bool = True
+    noise_weights: str | None = None
+    """Noise level estimation from these weights, frozen."""
+    stage: Literal["whole", "noise"] = "whole"
+    """What is trained: the operator with frozen noise estimation, or noise estimation alone."""
+
+
+class Nano(nn.Module):
+    """G_eta = B_p . Phi_eta . B_l after noise level estimation, then volume projection (Wang et al., section IV).
+
+    counts (B, 1, T, H, W) in any unit, exposure (B, H, W) in any unit, 0 = not measured, or None for an even one ->
+    albedo (B, H, W) with a brightest point near 1, depth_m (B, H, W), NaN where nothing is seen, volume (B, D, H, W).
+    The parameters do not depend on wall or time axis; `noise` gives the predicted noise.
+    """
+
+    def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis):
+        super().__init__()
+        self.settings = settings
+        self.physics = WienerVolumes(wall, time)
+        self.depths_m = self.physics.depths.double().numpy() * self.physics.unit_m
+        pitch = self.physics.pitch
+        rows, cols = max(4, round(wall.rows * pitch[1] * POINTS)), max(4, round(wall.cols * pitch[2] * POINTS))
+        self.size = (math.ceil(self.physics.slices / 2), rows, cols)
+        sizes = (self.physics.slices, wall.rows, wall.cols)
+        spacing = [n * step / own for n, step, own in zip(sizes, pitch, self.size, strict=True)]
+        self.pitch = (spacing[0], spacing[1], spacing[2])
+
+        self.noise_level = NoiseLevel()
+        self.lifted = None
+        if settings.lifting != "none":
+            self.lifted = LiftedVolumes(settings.lifting, self.physics, (rows, cols))
+        features = OWN_FEATURES + (4 if self.lifted else 0)
+        bandwidth = settings.sfe_bandwidth if settings.sfe else 0
+        self.unfolding: PhysicalUnfolding | SpectralUnfolding
+        if settings.reading == "physical":
+            self.unfolding = PhysicalUnfolding(
+                features,
+                settings.channels,
+                settings.iterations,
+                settings.spectral_scales,
+                CONDITIONS,
+                sfe_bandwidth=bandwidth,
+            )
+            for lift in (self.unfolding.lift_u, self.unfolding.lift_g):
+                lift.weight.data[:, OWN_FEATURES - 1 :] = 0  # the last pass and the lifted features come in from zero
+        else:
+            self.unfolding = SpectralUnfolding(
+                features,
+                settings.channels,
+                settings.iterations,
+                CONDITIONS,
+                settings.activation,
+                settings.restriction,
+                settings.whiten,
+                bandwidth,
+            )
+        self.head = nn.Conv3d(settings.channels[0], 1 + settings.features, 1)
+        nn.init.normal_(self.head.weight, std=0.05)
+        nn.init.zeros_(cast(Tensor, self.head.bias))
+        self.projection: AttentionProjection | MaximumProjection
+        if settings.reading == "physical" and settings.projection:
+            self.projection = AttentionProjection(len(SNR_FACTORS), settings.features, 2)
+        else:
+            self.projection = MaximumProjection(finish=settings.projection)
+        trained = self.noise_level if settings.stage == "noise" else None
+        for name, parameter in self.named_parameters():
+            parameter.requires_grad = name.startswith("noise_level.") == (trained is not None)
+
+    def forward(self, counts: Tensor, exposure: Tensor | None = None) -> tuple[Tensor, Tensor, Tensor]:
+        rates = rates_of(self.physics.rebin(counts), exposure)
+        log_noise, noise_map = self.noise(rates)
+        volumes = self.normalised(self.physics(rates.net, log_noise))
+        eta = conditions(log_noise, rates)
+        maps = confidence(log_noise, noise_map, rates.exposure)
+        lifted = None if self.lifted is None else self.lifted(rates.net, log_noise)
+        seen = self.iterate(volumes, eta, maps, lifted)
+        present = rates.presence[:, None, None]
+        albedo = seen.albedo * present
+        dark = albedo < DIMMEST * albedo.amax(dim=(1, 2), keepdim=True).clamp(min=1e-12)
+        nothing = dark if not self.training else torch.zeros_like(dark)
+        depth_m = torch.where(nothing, torch.nan, seen.depth * self.physics.unit_m)
+        return albedo, depth_m, seen.volume * present[..., None]
+
+    # A. Noise level estimation
+
+    def noise(self, rates: Rates) -> tuple[Tensor, Tensor]:
+        """eta, log10 of the noise level (B,), and D_n, log10 of the noise of every wall point (B, H, W), inf = none."""
+        if not self.settings.nle:
+            flat = torch.full_like(rates.exposure, MIDDLE_NOISE)
+            return flat[:, 0, 0], torch.where(rates.exposure > 0, flat, torch.inf)
+        with torch.set_grad_enabled(torch.is_grad_enabled() and self.settings.stage == "noise"):
+            eta, noise_map = self.noise_level(rates.raw, rates.exposure)
+        return eta, noise_map
+
+    # B. The operator, S times (algorithm 1)
+
+    def normalised(self, volumes: Tensor) -> Tensor:
+        """Every volume over the 0.98 quantile of its maximum projection: the count unit ends here."""
+        brightest = volumes.amax(dim=2).flatten(2).quantile(0.98, dim=2).clamp(min=1e-12)
+        return (volumes / brightest[:, :, None, None, None]).clamp(-3, 4)
+
+    def iterate(self, volumes: Tensor, eta: Tensor, maps: Tensor, lifted: Tensor | None) -> Projection:
+        """u^s = G(u^{s-1}), s = 1..S, from u^0 = 0; trained through all of them."""
+        features = self.features(volumes, maps, lifted)
+        seen = self.operator(features, volumes, eta, maps)
+        for _ in range(1, self.settings.outer_iterations):
+            last = to_grid(seen.volume[:, None] * seen.volume.shape[1] / self.size[0], self.size)
+            own = (features[:, : OWN_FEATURES - 1], last, features[:, OWN_FEATURES:])
+            seen = self.operator(torch.cat(own, dim=1), volumes, eta, maps)
+        return seen
+
+    def features(self, volumes: Tensor, maps: Tensor, lifted: Tensor | None) -> Tensor:
+        """B_l: what is lifted to u^0, u_g and F_st, on the operator's own metric grid, (B, F, d, h, w)."""
+        batch = len(volumes)
+        depth = F.interpolate(self.physics.depths[None, None], size=self.size[0], mode="linear")[0, 0] - 0.5
+        depth = depth[None, None, :, None, None].expand(batch, 1, *self.size)
+        sure = F.interpolate(maps[:, 1:], size=self.size[1:], mode="area")[:, :, None].expand(batch, 1, *self.size)
+        parts = [to_grid(volumes, self.size), to_grid(volumes, self.size, highest=True), depth, sure, depth * 0]
+        if lifted is not None:
+            parts.append(F.interpolate(lifted, size=self.size, mode="trilinear"))
+        return torch.cat(parts, dim=1).contiguous(memory_format=torch.channels_last_3d)
+
+    def operator(self, features: Tensor, volumes: Tensor, eta: Tensor, maps: Tensor) -> Projection:
+        """One pass: Phi_eta, B_p, and the volume projection (C)."""
+        if isinstance(self.unfolding, PhysicalUnfolding):
+            u = self.unfolding(features, eta, self.pitch)
+        else:
+            u = self.unfolding(features, eta)
+        out = self.head(u).float()
+        if isinstance(self.projection, AttentionProjection):
+            return cast(Projection, self.projection(out[:, 0], out[:, 1:], volumes, maps, self.physics.depths))
+        correction = F.interpolate(out[:, :1], size=volumes.shape[2:], mode="trilinear")[:, 0]
+        return cast(Projection, self.projection(0.8 * volumes[:, 0] + correction, self.physics.depths))
+
+    @property
+    def training_loss(self) -> Callable[[Mapping[str, Tensor]], dict[str, Tensor]] | None:
+        """The loss of noise level estimation while that is what is trained."""
+        return self.noise_loss if self.settings.stage == "noise" else None
+
+    def noise_loss(self, batch: Mapping[str, Tensor], beta: float = 0.5) -> dict[str, Tensor]:
+        """L1(eta) + beta L1(D_n), both in decades (section IV-A)."""
+        rates = rates_of(self.physics.rebin(batch["counts"]), batch["exposure"])
+        eta, noise_map = self.noise_level(rates.raw, rates.exposure)
+        scalar = (eta - batch["noise_level"].log10()).abs().mean()
+        measured = torch.isfinite(batch["noise_map"]) & torch.isfinite(noise_map)
+        distance = (noise_map - batch["noise_map"].clamp(min=1e-6).log10())[measured].abs().mean()
+        return {"level": scalar, "map": beta * distance, "loss": scalar + beta * distance}
+
+
+def conditions(log_noise: Tensor, rates: Rates) -> Tensor:
+    """eta as the multipliers see it, (B, 3): noise level, background share, kept share, each of order 1."""
+    background = rates.background.clamp(min=1e-3).log10().clamp(-2.5, 1.5)
+    return torch.stack((log_noise.clamp(-2.2, 0.2) + 1, background + 1, rates.kept.log2() / 2), dim=1)
+
+
+def confidence(log_noise: Tensor, noise_map: Tensor, exposure: Tensor) -> Tensor:
+    """(B, 2, H, W): exposure, and the mean noise over that of each wall point; both 0 where nothing was measured."""
+    sure = 10 ** (log_noise[:, None, None] - noise_map)
+    return torch.stack((exposure.clamp(max=4), sure.clamp(max=3)), dim=1)
+
+
+def to_grid(field: Tensor, size: tuple[int, int, int], highest: bool = False) -> Tensor:
+    """(B, C, D, H, W) averaged (or its maximum) over the cells of a coarser grid; interpolated to a finer one."""
+    if all(new <= old for new, old in zip(size, field.shape[2:], strict=True)):
+        return F.adaptive_max_pool3d(field, size) if highest else F.adaptive_avg_pool3d(field, size)
+    return F.interpolate(field, size=size, mode="trilinear")
+
+
+def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
+    """The operator for this wall and time axis; raises WeightsError if the weights are not of this shape."""
+    from recon.training.checkpoint import find_weights, load_weights, put_weights, read_weights
+
+    assert isinstance(settings, Settings)
+    network = Nano(settings, wall, time_axis)
+    if settings.noise_weights is not None:
+        path = find_weights(settings.noise_weights)
+        prefix = "noise_level."
+        tensors = {k.removeprefix(prefix): v for k, v in read_weights(path).tensors.items() if k.startswith(prefix)}
+        put_weights(network.noise_level, tensors, str(path))
+    if settings.weights is not None:
+        load_weights(network, settings.weights)
+        network.eval()
+    return network

@@ -1,0 +1,139 @@
+"""U-Nets, liftings, noise estimation and projection: shapes at odd sizes, and what each must never do."""
+
+import numpy as np
+import pytest
+import torch
+
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+from recon.layers.measurement import WienerVolumes, fill, presence, rates_of
+from recon.layers.noise_level import NoiseLevel
+from recon.layers.transient_lifting import TransientLifting
+from recon.layers.unet import UNet
+from recon.layers.volume_projection import AttentionProjection, MaximumProjection
+
+WALL = WallGrid(2.0, 2.0, 12, 12)
+TIME = TimeAxis(64, 128e-12)
+
+
+def counts(rate: float, shape: tuple[int, ...], seed: int = 0) -> torch.Tensor:
+    return torch.from_numpy(np.random.default_rng(seed).poisson(rate, shape).astype(np.float32))
+
+
+def signal(photons: float = 5.0, seed: int = 0) -> torch.Tensor:
+    """A shell of light whose delay grows away from one wall point, (1, 1, 64, 12, 12)."""
+    row, col = np.indices((12, 12))
+    distance = np.hypot(1.0, np.hypot(row - 4, col - 7) / 6)
+    arrival = distance * 2 / 299792458.0 / 128e-12
+    bins = np.arange(64)[:, None, None]
+    rate = photons * np.exp(-0.5 * (bins - arrival) ** 2) + 0.05
+    return torch.from_numpy(np.random.default_rng(seed).poisson(rate).astype(np.float32))[None, None]
+
+
+@pytest.mark.parametrize(("dimensions", "size"), [(1, (13,)), (2, (9, 7)), (3, (9, 6, 5))])
+def test_a_unet_gives_back_odd_sizes(dimensions: int, size: tuple[int, ...]) -> None:
+    assert UNet(dimensions, 2, 3, (4, 6, 8))(torch.randn(1, 2, *size)).shape == (1, 3, *size)
+
+
+def test_a_strided_unet_lives_on_the_coarser_grid() -> None:
+    assert UNet(3, 1, 2, (4, 6), stride=(1, 2, 2))(torch.randn(1, 1, 8, 7, 9)).shape == (1, 2, 8, 4, 5)
+
+
+@pytest.mark.parametrize("kind", ["mlp", "global", "local", "both"])
+def test_every_lifting_makes_four_channels_on_half_the_wall(kind: str) -> None:
+    lifting = TransientLifting(kind)  # type: ignore[arg-type]
+    out = lifting(torch.randn(2, 1, 17, 7, 10))
+    assert out.shape == (2, 4, 17, 4, 5)
+    out.square().mean().backward()
+    assert all(p.grad is not None for p in lifting.parameters())
+
+
+def test_filling_leaves_a_whole_scan_alone_and_keeps_a_constant_over_gaps() -> None:
+    whole = torch.ones(1, 12, 12)
+    x = counts(3.0, (1, 1, 5, 12, 12))
+    torch.testing.assert_close(fill(x, whole), x)
+    sparse = torch.zeros(1, 12, 12)
+    sparse[:, 1::4, 2::4] = 2.0
+    torch.testing.assert_close(
+        fill(6.0 * sparse[:, None, None].expand(1, 1, 5, 12, 12), sparse), torch.full((1, 1, 5, 12, 12), 6.0)
+    )
+
+
+def test_filling_does_not_move_anything() -> None:
+    sparse = torch.zeros(1, 12, 12)
+    sparse[:, ::3, ::3] = 1
+    ramp = torch.arange(12.0)[None, None, None, :, None].expand(1, 1, 1, 12, 12) * sparse[:, None, None]
+    filled = fill(ramp, sparse)[0, 0, 0]
+    assert abs(float(filled[3:7].mean()) - 4.5) < 0.2
+
+
+@pytest.mark.parametrize("rate", [0.01, 1.0, 30.0])
+@pytest.mark.parametrize("unit", [1.0, 7.0, 1e-3])
+def test_noise_alone_is_no_signal_in_any_count_unit(rate: float, unit: float) -> None:
+    assert float(presence(unit * counts(rate, (1, 1, 64, 12, 12)), torch.ones(1, 12, 12))) == 0
+
+
+def test_a_signal_is_one_in_any_count_unit() -> None:
+    for unit in (1.0, 7.0, 1e-3):
+        assert float(presence(unit * signal(), torch.ones(1, 12, 12))) == 1
+
+
+def test_rates_do_not_depend_on_the_units_of_counts_or_exposure() -> None:
+    exposure = 0.5 + torch.rand(1, 12, 12)
+    one, other = rates_of(signal(), exposure), rates_of(7 * signal(), 1000 * exposure)
+    torch.testing.assert_close(one.net, other.net)
+    torch.testing.assert_close(one.background, other.background)
+
+
+def test_an_empty_measurement_has_no_signal_and_finite_rates() -> None:
+    rates = rates_of(torch.zeros(1, 1, 64, 12, 12), None)
+    assert float(rates.presence) == 0
+    assert torch.isfinite(rates.net).all()
+
+
+def test_wiener_volumes_flip_with_the_wall_and_have_metric_depths() -> None:
+    physics = WienerVolumes(WALL, TIME)
+    x = rates_of(signal(), None).net
+    level = torch.tensor([-1.0])
+    volume = physics(x, level)
+    assert volume.shape == (1, 2, physics.slices, 12, 12)
+    torch.testing.assert_close(physics(x.flip(4), level), volume.flip(4), rtol=1e-3, atol=1e-3)
+    brightest = physics.depths[int(volume[0, 0].amax(dim=(1, 2)).argmax())] * physics.unit_m
+    assert abs(float(brightest) - 1.0) < 0.05
+
+
+def test_fine_bins_are_added_until_they_match_the_wall() -> None:
+    physics = WienerVolumes(WallGrid(0.7, 0.7, 12, 12), TimeAxis(500, 4e-12))
+    assert physics.factor == 5
+    x = counts(1.0, (1, 1, 500, 12, 12))
+    assert physics.rebin(x).sum() == x.sum()
+
+
+def test_the_noise_map_is_infinite_where_nothing_was_measured_and_falls_with_dwell() -> None:
+    network = NoiseLevel(widths=(4, 6, 8))
+    exposure = torch.ones(1, 12, 12)
+    exposure[:, :, 6:] = 4.0
+    exposure[:, 3] = 0
+    level, noise = network(signal(), exposure)
+    assert level.shape == (1,)
+    assert torch.isinf(noise[:, 3]).all()
+    assert torch.isfinite(noise[:, 4]).all()
+
+
+def test_the_maximum_projection_is_the_front_view() -> None:
+    u = torch.rand(1, 5, 4, 4)
+    seen = MaximumProjection(finish=False)(u, torch.arange(5.0))
+    torch.testing.assert_close(seen.albedo, u.amax(dim=1))
+    torch.testing.assert_close(seen.depth, u.argmax(dim=1).float())
+
+
+def test_attention_is_one_along_depth_and_starts_at_the_prior() -> None:
+    projection = AttentionProjection(2, 3, 1, widths=(4, 6))
+    volumes = torch.zeros(1, 2, 8, 6, 6)
+    volumes[:, :, 3] = 4.0
+    logits, features = torch.zeros(1, 4, 3, 3), torch.randn(1, 3, 4, 3, 3)
+    torch.testing.assert_close(projection.attention(logits, volumes).sum(dim=1), torch.ones(1, 6, 6))
+    seen = projection(logits, features, volumes, torch.ones(1, 1, 6, 6), torch.arange(8.0))
+    torch.testing.assert_close(seen.depth, torch.full((1, 6, 6), 3.0), atol=1e-2, rtol=0)
+    torch.testing.assert_close(seen.albedo, torch.full((1, 6, 6), 3.2), atol=1e-2, rtol=0)
+    assert seen.volume.shape == (1, 8, 6, 6)

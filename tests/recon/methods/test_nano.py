@@ -1,0 +1,146 @@
+"""NANO: the same picture for every count unit, wall and grid; nothing out of nothing; every switch trains."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+from recon.methods.nano import Nano, Settings, build
+from recon.training.checkpoint import save
+
+WALL = WallGrid(2.0, 2.0, 16, 16)
+TIME = TimeAxis(64, 128e-12)
+SMALL = {"weights": None, "channels": (4, 6, 8), "features": 3}
+
+
+def shell(wall: WallGrid, time: TimeAxis, photons: float = 20.0) -> torch.Tensor:
+    """Light of one point at half a wall width from the wall, seen everywhere, and some background."""
+    x, y = np.meshgrid(wall.x_m() - 0.1 * wall.width_m, wall.y_m())
+    path_m = 2 * np.sqrt(x**2 + y**2 + (0.5 * wall.width_m) ** 2)
+    arrival = path_m / 299792458.0 / time.bin_width_s - 0.5
+    rate = photons * np.exp(-0.5 * (np.arange(time.bins)[:, None, None] - arrival) ** 2) + 0.1
+    return torch.from_numpy(np.random.default_rng(1).poisson(rate).astype(np.float32))[None, None]
+
+
+def network(**settings: object) -> Nano:
+    torch.manual_seed(0)
+    made = build(Settings.model_validate(SMALL | settings), WALL, TIME)
+    torch.nn.init.normal_(made.projection.finish.head.weight, std=0.02)  # type: ignore[union-attr,arg-type]
+    return made.eval()
+
+
+@pytest.mark.parametrize("reading", ["physical", "literal"])
+@pytest.mark.parametrize("unit", [7, 1000])
+def test_the_picture_does_not_depend_on_the_count_unit(reading: str, unit: int) -> None:
+    torch.manual_seed(0)
+    method = build(Settings.model_validate(SMALL | {"reading": reading, "lifting": "both"}), WALL, TIME).eval()
+    counts = shell(WALL, TIME)
+    with torch.no_grad():
+        one, other = method(counts), method(unit * counts)
+    for a, b in zip(one, other, strict=True):
+        torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-3, equal_nan=True)
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.02, 5.0])
+def test_nothing_and_noise_give_an_empty_picture(rate: float) -> None:
+    counts = torch.poisson(torch.full((1, 1, 64, 16, 16), rate), generator=torch.Generator().manual_seed(2))
+    with torch.no_grad():
+        albedo, depth_m, volume = network()(counts)
+    assert albedo.abs().max() == 0
+    assert torch.isnan(depth_m).all()
+    assert volume.abs().max() == 0
+
+
+def test_a_scaled_bench_gives_the_same_picture() -> None:
+    small, large = (
+        build(Settings.model_validate(SMALL), WallGrid(w, w, 16, 16), TimeAxis(64, 64e-12 * w)) for w in (0.5, 2.0)
+    )
+    large.load_state_dict(small.state_dict())
+    counts = shell(WALL, TIME)
+    with torch.no_grad():
+        a, b = small.eval()(counts), large.eval()(counts)
+    torch.testing.assert_close(a[0], b[0], rtol=1e-3, atol=1e-3)
+    torch.testing.assert_close(4 * a[1], b[1], rtol=1e-3, atol=1e-3, equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("wall", "time"),
+    [
+        (WallGrid(2.0, 2.0, 32, 32), TIME),
+        (WallGrid(1.0, 0.6, 20, 12), TimeAxis(100, 64e-12)),
+        (WallGrid(0.7, 0.7, 9, 9), TimeAxis(300, 16e-12, -1e-10)),
+        (WallGrid(2.0, 2.0, 16, 16), TimeAxis(128, 64e-12, 1e-9)),
+    ],
+)
+@pytest.mark.parametrize("reading", ["physical", "literal"])
+def test_one_set_of_weights_serves_every_geometry(wall: WallGrid, time: TimeAxis, reading: str) -> None:
+    settings = Settings.model_validate(SMALL | {"reading": reading, "lifting": "both"})
+    method, other = build(settings, WALL, TIME), build(settings, wall, time)
+    other.load_state_dict(method.state_dict())
+    with torch.no_grad():
+        albedo, depth_m, volume = other.eval()(shell(wall, time))
+    assert albedo.shape == depth_m.shape == (1, wall.rows, wall.cols)
+    assert volume.shape == (1, len(other.depths_m), wall.rows, wall.cols)
+    assert torch.isfinite(albedo).all()
+
+
+def test_depths_lie_where_the_light_says() -> None:
+    method = network()
+    with torch.no_grad():
+        albedo, depth_m, _ = method(shell(WALL, TIME))
+    brightest = int(albedo.argmax())
+    assert abs(float(depth_m.flatten()[brightest]) - 1.0) < 0.1
+
+
+def test_points_that_were_not_measured_are_not_looked_at() -> None:
+    exposure = torch.ones(1, 16, 16)
+    exposure[:, 1::2] = 0
+    counts = shell(WALL, TIME)
+    wrong = torch.where(exposure[:, None, None] > 0, counts, 1e4)
+    with torch.no_grad():
+        a, b = network()(counts * exposure[:, None, None], exposure), network()(wrong, exposure)
+    torch.testing.assert_close(a[0], b[0])
+
+
+@pytest.mark.parametrize(
+    "switches",
+    [
+        {"lifting": lifting, "reading": reading}
+        for reading in ("physical", "literal")
+        for lifting in ("none", "mlp", "global", "local", "both")
+    ]
+    + [{"projection": False}, {"nle": False}, {"sfe": True}, {"outer_iterations": 3}, {"spectral_scales": 0}]
+    + [{"reading": "literal", **more} for more in ({"projection": False}, {"sfe": True}, {"outer_iterations": 2})]
+    + [{"reading": "literal", "activation": name, "restriction": "stride"} for name in ("prelu", "tanh")],
+)
+def test_every_switch_trains(switches: dict[str, object]) -> None:
+    torch.manual_seed(0)
+    method = build(Settings.model_validate(SMALL | switches), WALL, TIME).train()
+    albedo, depth_m, volume = method(shell(WALL, TIME))
+    (albedo.square().mean() + depth_m.mean() + volume.mean()).backward()
+    gradients = [p.grad for name, p in method.named_parameters() if name.startswith("unfolding.")]
+    assert all(g is None or torch.isfinite(g).all() for g in gradients)
+    assert any(g is not None and g.abs().max() > 0 for g in gradients)
+    assert all(p.grad is None for name, p in method.named_parameters() if name.startswith("noise_level."))
+
+
+def test_noise_estimation_trains_alone_and_can_be_taken_over(tmp_path: Path) -> None:
+    method = build(Settings.model_validate(SMALL | {"stage": "noise"}), WALL, TIME).train()
+    batch = {
+        "counts": shell(WALL, TIME),
+        "exposure": torch.ones(1, 16, 16),
+        "noise_level": torch.tensor([0.1]),
+        "noise_map": torch.full((1, 16, 16), 0.1),
+    }
+    assert method.training_loss is not None
+    method.training_loss(batch)["loss"].backward()  # type: ignore[no-untyped-call]
+    assert {name.split(".")[0] for name, p in method.named_parameters() if p.grad is not None} == {"noise_level"}
+    save(tmp_path / "noise.safetensors", dict(method.named_parameters()), {})
+    other = build(Settings.model_validate(SMALL | {"noise_weights": str(tmp_path / "noise.safetensors")}), WALL, TIME)
+    assert other.training_loss is None
+    for a, b in zip(method.noise_level.parameters(), other.noise_level.parameters(), strict=True):
+        assert torch.equal(a, b)
+        assert not b.requires_grad
