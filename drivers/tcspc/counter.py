@@ -105,6 +105,17 @@ class HistogramCounter(Protocol):
     def has_pixel_clock(self) -> bool: ...
 
     @property
+    def list_mode(self) -> bool:
+        """Whether histograms are sorted out of a stream of photons by the mirror's markers (scheme S3). Its clock has
+        one period: points that it steps need equal dwells, and are known to be right only when all are done."""
+        ...
+
+    @property
+    def counts_markers(self) -> bool:
+        """Whether the mirror controller's marker outputs are wired to it, so that steps can be counted."""
+        ...
+
+    @property
     def has_watchdog(self) -> bool:
         """Whether the instrument closes the shutter by itself when the host stops kicking."""
         ...

@@ -63,6 +63,7 @@ class Tcspc488:
 
     has_pixel_clock = True
     has_watchdog = True
+    list_mode = False
 
     def __init__(self, settings: Tcspc488Settings, clock: Clock, link: Usb488, scpi: Scpi) -> None:
         self.warnings: list[str] = []
@@ -113,6 +114,10 @@ class Tcspc488:
             raise
 
     # Settings
+
+    @property
+    def counts_markers(self) -> bool:
+        return self._settings.markers
 
     @property
     def max_points(self) -> int:
