@@ -9,18 +9,27 @@ import torch
 from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from acquisition.wall import WallGrid
 from recon.training.scenes import Surfels
+from recon.training.shapes import Array
+from recon.training.visibility import spread
 
 CPU_BLOCK = 1 << 17
 GPU_BLOCK = 1 << 25
 
 
 def render(
-    surfels: Surfels, wall: WallGrid, time: TimeAxis, *, retroreflective: bool = False, device: str = "cpu"
+    surfels: Surfels,
+    wall: WallGrid,
+    time: TimeAxis,
+    *,
+    retroreflective: bool = False,
+    seen: Array | None = None,
+    device: str = "cpu",
 ) -> torch.Tensor:
     """Expected transient (T, H, W), float32, in arbitrary units; bin k: paths of start + k to start + k + 1 bins.
 
     Diffuse: albedo cos_object^2 cos_wall^2 / r^4 per area; retroreflective: albedo cos_object cos_wall / r^2.
-    Paths outside the time axis are dropped, surfaces facing away from a wall point are dark.
+    Paths outside the time axis are dropped, surfaces facing away from a wall point are dark; so are those of which
+    `seen`, made by `visibility.visibility`, says that others stand before them.
     """
     points = wall.rows * wall.cols
     x = torch.as_tensor(wall.x_m(), dtype=torch.float32, device=device)[None, None, :]  # (1, 1, W)
@@ -44,6 +53,8 @@ def render(
         else:
             light = facing.clamp_(min=0).mul_(inverse).square_()
             light = light.mul_(inverse).mul_(inverse).mul_((w * p[:, 2] ** 2)[:, None])
+        if seen is not None:
+            light.mul_(spread(torch.from_numpy(seen[start : start + block]).to(device), wall))
         bin_ = squared.sqrt_().mul_(bins_per_metre).add_(1 - first).clamp_(0, time.bins + 1)
         out.scatter_add_(0, bin_.long().mul_(points).add_(offset).view(-1), light.view(-1))
     return out.view(time.bins + 2, wall.rows, wall.cols)[1:-1]

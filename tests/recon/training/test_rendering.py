@@ -10,7 +10,9 @@ import pytest
 from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from acquisition.wall import WallGrid
 from recon.training.rendering import render
-from recon.training.scenes import Surfels
+from recon.training.scenes import Scene, Surfels, make_scene, surfels
+from recon.training.second_bounce import render_second_bounce, thinned
+from recon.training.visibility import visibility
 
 SYNTHETIC = Path(__file__).parents[4] / "shared" / "data" / "synthetic"
 SCENES = ("bunny", "bear", "bust", "letters_su", "bicycle", "staircase", "bear_letter")
@@ -106,3 +108,76 @@ def test_light_adds_up_and_mirrors_with_the_scene() -> None:
 def _parts(x: float) -> tuple[npt.NDArray[np.float32], ...]:
     surfel = one_surfel(x)
     return surfel.position_m, surfel.normal, surfel.weight_m2
+
+
+def wall_with_a_screen() -> Scene:
+    """A sheet at 1.2 m over the whole view, and before its right half another at 0.6 m."""
+    grid = WallGrid(2.0, 2.0, 64, 64)
+    depth = np.full((64, 64), 1.2, np.float32)
+    depth[:, 32:] = 0.6
+    ones, normal = np.ones_like(depth), np.zeros((3, 64, 64), np.float32)
+    normal[2] = -1
+    return Scene("screen", grid, depth, normal, ones, ones)
+
+
+def test_a_screen_hides_what_lies_behind_it_and_nothing_else() -> None:
+    scene = wall_with_a_screen()
+    pieces = Surfels(
+        np.array([[-0.5, 0.0, 1.2], [-0.05, 0.0, 1.2], [0.5, 0.0, 0.6]], np.float32),
+        np.array([[0, 0, -1]] * 3, np.float32),
+        np.ones(3, np.float32),
+    )
+    seen = visibility(scene, pieces, WallGrid(2.0, 2.0, 16, 16))
+    assert seen[0, :, :4].all()  # straight ahead and to its left
+    assert seen[2].all()  # the screen itself
+    assert not seen[1, 4, 6:].any()  # past the edge of the screen, far to the right
+    assert seen[1, 4, :4].all()
+
+
+def test_shadows_take_light_away_only_where_something_stands_before() -> None:
+    wall, time = WallGrid(2.0, 2.0, 16, 16), TimeAxis(128, 128e-12)
+    scene = wall_with_a_screen()
+    pieces = surfels(scene, np.random.default_rng(0))
+    free = render(pieces, wall, time)
+    shaded = render(pieces, wall, time, seen=visibility(scene, pieces, wall))
+    assert (shaded <= free * (1 + 1e-5)).all()
+    lost = 1 - shaded.sum(0) / free.sum(0)
+    assert lost[:, -1].mean() > lost[:, 0].mean() > -1e-6
+    nearest = int(2 * 0.6 / SPEED_OF_LIGHT_M_PER_S / time.bin_width_s)
+    np.testing.assert_allclose(shaded[nearest, :, 12], free[nearest, :, 12], rtol=1e-4)  # the screen in front is whole
+
+
+def test_two_facing_surfels_exchange_their_closed_form_light() -> None:
+    a = 2**-0.5
+    pair = Surfels(
+        np.array([[-0.3, 0, 1.0], [0.3, 0, 1.0]], np.float32),
+        np.array([[a, 0, -a], [-a, 0, -a]], np.float32),
+        np.array([0.01, 0.02], np.float32),
+    )
+    wall, time = WallGrid(0.1, 0.1, 1, 1), TimeAxis(400, 32e-12)
+    got = render_second_bounce(pair, wall, time)[:, 0, 0]
+    r2 = 1 + 0.3**2
+    lit = (a * 0.3 + a) / r2**2  # cos cos / r^2 of either
+    expected = 2 * (0.01 * lit) * (0.02 * lit) * a * a / 0.6**2 / np.pi
+    assert float(got.sum()) == pytest.approx(expected, rel=1e-4)
+    assert int(got.argmax()) == int((2 * r2**0.5 + 0.6) / SPEED_OF_LIGHT_M_PER_S / time.bin_width_s)
+
+
+def test_thinned_surfels_weigh_what_all_did() -> None:
+    scene = make_scene(1, 3, WallGrid(2.0, 2.0, 32, 32))
+    pieces = surfels(scene, np.random.default_rng(0))
+    few = thinned(pieces, 50, np.random.default_rng(1))
+    assert few.weight_m2.size == 50
+    assert few.weight_m2.sum() == pytest.approx(pieces.weight_m2.sum(), rel=1e-4)
+
+
+@pytest.mark.skipif(not SYNTHETIC.exists(), reason="needs ../shared/data/synthetic beside the repository")
+def test_the_second_bounce_is_as_strong_as_the_path_tracers() -> None:
+    wall, time = WallGrid(2.0, 2.0, 64, 64), TimeAxis(128, 128e-12)
+    with h5py.File(SYNTHETIC / "bear_letter.h5") as data:
+        single, double = (data[name][...].sum() for name in ("transient", "transient_multibounce"))
+        pieces = surfels_of_truth(data)
+    first = float(render(pieces, wall, time).sum())
+    second = float(render_second_bounce(thinned(pieces, 160, np.random.default_rng(0)), wall, time).sum())
+    # Front surfaces only: the path tracer's light also meets the backs of the objects.
+    assert 0.3 < (second / first) / (double / single - 1) < 2

@@ -1,0 +1,42 @@
+"""Which wall points a surfel sees past the rest of the scene: rays marched through the front view's depth map."""
+
+import numpy as np
+import torch
+
+from acquisition.wall import WallGrid
+from recon.training.scenes import Scene, Surfels
+from recon.training.shapes import Array
+
+STEPS = 32
+CLEAR = 1.5 / STEPS  # part of the ray nearest to the surfel, where only its own surface is
+COARSE = 8
+
+
+def visibility(scene: Scene, surfels: Surfels, wall: WallGrid) -> Array:
+    """Share of light that gets through, (S, COARSE, COARSE): 0 or 1 at the centres of a coarse grid over `wall`.
+
+    A ray is stopped where it passes through the surface that the front view shows. What lies behind that surface is
+    not known, so bodies count as thin.
+    """
+    coarse = WallGrid(wall.width_m, wall.height_m, COARSE, COARSE)
+    target = np.stack(np.meshgrid(coarse.x_m(), coarse.y_m()), axis=-1).reshape(-1, 2).astype(np.float32)
+    start = surfels.position_m
+    rows, cols = scene.depth_m.shape
+    free = np.ones((len(start), len(target)), bool)
+    for k in range(int(STEPS * CLEAR) + 1, STEPS):
+        at = (k + 0.5) / STEPS
+        x = start[:, None, 0] * (1 - at) + target[None, :, 0] * at
+        y = start[:, None, 1] * (1 - at) + target[None, :, 1] * at
+        col = ((x / scene.wall.width_m + 0.5) * cols).astype(np.intp)
+        row = ((0.5 - y / scene.wall.height_m) * rows).astype(np.intp)
+        inside = (col >= 0) & (col < cols) & (row >= 0) & (row < rows)
+        surface = scene.depth_m[np.where(inside, row, 0), np.where(inside, col, 0)]
+        far, near = start[:, None, 2] * (1 - k / STEPS), start[:, None, 2] * (1 - (k + 1) / STEPS)
+        free &= ~(inside & (near < surface) & (surface <= far))
+    return free.reshape(-1, COARSE, COARSE).astype(np.float32)
+
+
+def spread(seen: torch.Tensor, wall: WallGrid) -> torch.Tensor:
+    """(S, COARSE, COARSE) -> (S, H W), between the coarse points linearly."""
+    fine = torch.nn.functional.interpolate(seen[None], size=(wall.rows, wall.cols), mode="bilinear")
+    return fine[0].flatten(1)
