@@ -15,6 +15,7 @@ import torch
 
 from recon.training.checkpoint import WeightsError, load_weights, put_weights, read_weights, save
 from recon.training.dataset import DatasetSettings
+from recon.training.ship import ship
 from recon.training.train import STATE, WEIGHTS, learning_rate, train
 from recon.training.train_settings import TrainSettings
 
@@ -148,3 +149,15 @@ def test_weights_of_another_network_are_refused_by_name(tmp_path: Path) -> None:
         load_weights(small, str(tmp_path / "w.safetensors"))
     with pytest.raises(WeightsError, match="no weights 'nothing'"):
         load_weights(small, "nothing")
+
+
+def test_finished_weights_are_shipped_with_a_card_and_unfinished_ones_are_not(tmp_path: Path, cache: Path) -> None:
+    train(settings(cache, max_minutes=1e-5), tmp_path / "run", quiet)
+    with pytest.raises(WeightsError, match="not finished"):
+        ship(tmp_path / "run", "small", tmp_path)
+    train(settings(cache), tmp_path / "run", quiet)
+    path = ship(tmp_path / "run", "small", tmp_path)
+    card = path.with_suffix(".md").read_text()
+    for words in ("`unet`", "24 in 12 steps", "6 scenes x 3", "16 x 16 points", "commit", "light cone"):
+        assert words in card
+    assert read_weights(path).tensors.keys() == read_weights(tmp_path / "run" / WEIGHTS).tensors.keys()

@@ -1,0 +1,69 @@
+"""Puts the weights of a finished run where the program finds them, with a card that says what they are.
+
+`python -m recon.training.ship runs/train/lfe lfe`
+"""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from recon.training.checkpoint import OWN_FOLDER, WeightsError, read_weights, save
+from recon.training.train import LOG, WEIGHTS
+
+MOST_BYTES = 5_000_000
+NOTE = """
+Validation: scenes of the kinds that are held out from training, all measuring conditions mixed; PSNR at the best scale,
+against the light-cone transform at the best of five snr for every single sample. Trained on simulated scenes only.
+Made by `nlos train {name}` and `python -m recon.training.ship`.
+"""
+
+
+def ship(folder: Path, name: str, destination: Path = OWN_FOLDER) -> Path:
+    """Write `destination`/`name`.safetensors and `name`.md from the run in `folder`; returns the weights' path.
+
+    Raises WeightsError for a run that is not finished or weights too large to ship.
+    """
+    weights = read_weights(folder / WEIGHTS)
+    summaries = [json.loads(line) for line in (folder / LOG).read_text().splitlines() if '"finished": true' in line]
+    if not summaries:
+        raise WeightsError(f"the run in {folder} is not finished. Run `nlos train` again; it goes on where it was.")
+    about = weights.about | {"validation": summaries[-1]["validation"]}
+    path = destination / f"{name}.safetensors"
+    save(path, weights.tensors, about)
+    if path.stat().st_size > MOST_BYTES:
+        size = path.stat().st_size
+        path.unlink()
+        raise WeightsError(f"{size:,} bytes of weights; at most {MOST_BYTES:,} are shipped. Train a smaller network.")
+    (destination / f"{name}.md").write_text(card(name, about, weights.tensors, path.stat().st_size))
+    return path
+
+
+def card(name: str, about: dict[str, Any], tensors: dict[str, Any], size: int) -> str:
+    """The model card in Markdown."""
+    settings, data, figures = about["settings"], about["settings"]["data"], about["validation"]
+    count = sum(tensor.numel() for tensor in tensors.values())
+    made = f"{data['scenes']:,} scenes x {data['degradations']} simulated measurements, seed {data['seed']}"
+    grid = f"{data['rows']} x {data['cols']} points on {data['wall_width_m']:g} m, "
+    grid += f"{data['bins']} bins of {data['bin_width_ps']:g} ps"
+    recipe = f"AdamW, {settings['learning_rate']:g} to {settings['last_rate']:g}, batch {settings['batch']}, "
+    recipe += (
+        f"weights averaged with {settings['average']:g}, {settings['pooled_share']:.0%} of the steps on half the grid"
+    )
+    rows = {
+        "method": f"`{about['method']}`, settings `{json.dumps(settings['method_settings'])}`",
+        "parameters": f"{count:,} ({size:,} bytes)",
+        "data": f"{made}; {grid}; kinds: {', '.join(data['kinds']) or 'all that are not held out'}",
+        "samples seen": f"{about['samples']:,} in {about['step']:,} steps, seed {settings['seed']}",
+        "time": f"{about['hours']:.2f} hours on {about['device']}, threads: {about['threads']}, torch {about['torch']}",
+        "recipe": recipe,
+        "code": f"commit {about['commit']}",
+        "validation": f"{settings['validation']['scenes']} scenes: PSNR {figures['psnr']:.2f} dB "
+        f"(light cone {figures['lct_psnr']:.2f} dB), depth off by {1000 * figures['depth_mad_m']:.0f} mm on average",
+    }
+    table = "".join(f"| {key} | {text} |\n" for key, text in rows.items())
+    return f"# {name}: weights of the method `{about['method']}`\n\n| | |\n|---|---|\n{table}" + NOTE.format(name=name)
+
+
+if __name__ == "__main__":
+    print(ship(Path(sys.argv[1]), sys.argv[2]))
