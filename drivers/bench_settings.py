@@ -67,7 +67,8 @@ class BenchSettings(Settings):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        if self.simulated != (self.counter.usb == "simulated"):
+        address = self.counter.usb if self.counter.model == "tcspc488" else self.counter.library
+        if self.simulated != (address == "simulated"):
             raise ValueError("one of mirror and counter is simulated and the other is not; they share one clock")
         if self.simulated and self.simulation is None:
             raise ValueError("a simulated bench needs a `simulation` block")

@@ -5,11 +5,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.bench_settings import BenchSettings
+from drivers.bench_settings import BenchSettings, SimulationSettings
 from drivers.simulated.beam import BeamPath
 from drivers.simulated.bench import Light, SimulatedBench
 from drivers.simulated.faults import FaultPlan
 from drivers.simulated.optotune_firmware import OptotuneFirmware
+from drivers.simulated.picoquant_library import PicoquantLibrary
 from drivers.simulated.recorded import RecordedLight, RecordedScan
 from drivers.simulated.scene import SceneLight
 from drivers.simulated.serial_cable import SerialFirmware
@@ -27,10 +28,10 @@ FIRMWARES: dict[str, Callable[[SimulatedBench, Any], SerialFirmware]] = {
 
 @dataclass(frozen=True)
 class PluggedIn:
-    """The bench around which everything is simulated, and the USB side of its cables."""
+    """The bench around which everything is simulated, and what stands in for libusb or the vendor's library."""
 
     bench: SimulatedBench
-    backend: SimulatedUsb
+    backend: SimulatedUsb | PicoquantLibrary
 
 
 @contextmanager
@@ -44,18 +45,20 @@ def plug_in(settings: BenchSettings, scene: RecordedScan | None = None) -> Itera
     firmware = FIRMWARES[settings.mirror.model](bench, settings.mirror)
     plug(name, firmware, bench, simulation.serial_latency_ms * 1e-3)
     try:
-        megabytes_per_s = simulation.usb_megabytes_per_s
-        yield PluggedIn(
-            bench,
-            SimulatedUsb(
-                [Tcspc488Firmware(bench)],
-                bench.clock,
-                simulation.usb_latency_ms * 1e-3,
-                megabytes_per_s * 1e6 if megabytes_per_s else float("inf"),
-            ),
-        )
+        yield PluggedIn(bench, _counter(settings, simulation, bench))
     finally:
         unplug(name)
+
+
+def _counter(
+    settings: BenchSettings, simulation: SimulationSettings, bench: SimulatedBench
+) -> SimulatedUsb | PicoquantLibrary:
+    if settings.counter.model == "picoquant":
+        return PicoquantLibrary(bench, settings.counter.device, settings.laser.repetition_hz, simulation.seed)
+    rate = simulation.usb_megabytes_per_s
+    return SimulatedUsb(
+        [Tcspc488Firmware(bench)], bench.clock, simulation.usb_latency_ms * 1e-3, rate * 1e6 if rate else float("inf")
+    )
 
 
 def light_of(settings: BenchSettings, scene: RecordedScan | None = None) -> Light:

@@ -36,6 +36,8 @@ class StepMarkers:
         self._dwells, self._blanking, self._step_bits = dwells, blanking, step_bits
         self.seen = 0
         """Step markers so far. More or fewer than points: the segment is invalid."""
+        self.pulses: list[int] = []
+        """When each of them came."""
         self.repeated = 0
         """Steps whose marker did not alternate with the one before: one was missed in between."""
         self._last_bits = 0
@@ -48,6 +50,7 @@ class StepMarkers:
         self._last_bits = int(bits[-1]) if len(bits) else self._last_bits
         point = np.arange(self.seen, self.seen + len(pulses))
         self.seen += len(pulses)
+        self.pulses += pulses.tolist()
         known = point < len(self._dwells)
         point, start = point[known], pulses[known] + self._blanking
         return Windows(point, start, start + self._dwells[point])
@@ -99,6 +102,8 @@ class PointHistograms:
         self.counts: npt.NDArray[np.uint32] = np.zeros((points, bins), dtype=np.uint32)
         self.totals: npt.NDArray[np.int64] = np.zeros(points, dtype=np.int64)
         """Photons within each point's window, whatever their delay."""
+        self.started: npt.NDArray[np.int64] = np.zeros(points, dtype=np.int64)
+        """Pulse at which each point's window began."""
         self.lost: npt.NDArray[np.bool_] = np.zeros(points, dtype=np.bool_)
         """Points during which records were lost."""
         self.complete = 0
@@ -144,6 +149,7 @@ class PointHistograms:
             order = np.argsort(pulses[ready], kind="stable")
             found = self._find_windows(pulses[ready][order], bits[ready][order])
             self._markers = (pulses[~ready], bits[~ready])
+            self.started[found.point] = found.start
             old = self._windows
             self._windows = Windows(
                 np.concatenate((old.point, found.point)),

@@ -15,7 +15,7 @@ from drivers.simulated.faults import Fault
 from drivers.simulated.serial_port import unplug
 from drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
 
-AXIS = HistogramAxis(512, 32e-12, 10e-9)
+AXES = {"tcspc488": HistogramAxis(512, 32e-12, 10e-9), "picoquant": HistogramAxis(512, 40e-12, 10e-9)}
 
 
 def settings(**simulation: Any) -> BenchSettings:
@@ -33,7 +33,7 @@ def bench(**simulation: Any) -> Iterator[tuple[Bench, list[tuple[str, str]]]]:
 
 
 def measure(opened: Bench, points: int = 3) -> list[Histogram]:
-    opened.counter.configure(AXIS)
+    opened.counter.configure(AXES[opened.settings.counter.model])
     opened.counter.arm([8e-3] * points, list(range(points)))
     histograms = []
     for point in range(points):

@@ -1,0 +1,158 @@
+"""The inside of a counter in T3 mode: photons, wraps and marker edges become records as bench time passes.
+
+Light between two clock edges is drawn for the whole period from where the beam comes to rest, and replaced by that of
+the moving beam until then: what a dwell holds depends on its place and length alone, not on where the beam came from.
+"""
+
+from collections import deque
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.simulated import spad
+from drivers.simulated.bench import Gate, SimulatedBench
+from drivers.tcspc.t3 import T3Format
+
+_NEVER_S = float("inf")
+_CLOCK_UNIT_S = 100e-9
+_SLICE_S = 500e-6
+"""While the mirror moves, light is taken from where the beam is at the start of each such slice."""
+_FIFO_RECORDS = 2_000_000
+_SALT = 3
+
+
+class T3Instrument:
+    """Trigger output, marker inputs 1 to 3, and a FIFO."""
+
+    def __init__(self, bench: SimulatedBench, layout: T3Format, repetition_hz: float, seed: int) -> None:
+        self._bench, self._layout, self._repetition_hz, self._seed = bench, layout, repetition_hz, seed
+        self._fifo: deque[npt.NDArray[np.uint32]] = deque()
+        self._waiting = 0
+        self._markers: list[tuple[int, int]] = []
+        self._period_s = 0.0
+        self._edge_s = self._end_s = _NEVER_S
+        self._started_s = self._done_s = self._bin_width_s = 0.0
+        self._wraps = 0
+        self._running = False
+        self.overrun = False
+        bench.follow(self.advance)
+        for k, line in enumerate(("marker_1", "marker_2", "marker_4")):
+            bench.wire(line, partial(self._mark, 1 << k))
+
+    def start(self, now_s: float, ends_s: float, bin_width_s: float) -> None:
+        self._fifo.clear()
+        self._markers.clear()
+        self._waiting = self._wraps = 0
+        self._started_s = self._done_s = now_s
+        self._end_s, self._bin_width_s = ends_s, bin_width_s
+        self._running, self.overrun = True, False
+
+    def stop(self) -> None:
+        """Ends the measurement; without a clock, what it saw so far is recorded."""
+        if self._running and self._edge_s == _NEVER_S:
+            self._expose_until(self._bench.clock.now())
+        self._running = False
+
+    def set_clock(self, period_100ns: int, now_s: float) -> None:
+        """The trigger output ticks at once, then every period; 0 turns it off."""
+        self._period_s = period_100ns * _CLOCK_UNIT_S
+        self._edge_s = now_s if period_100ns else _NEVER_S
+
+    def advance(self, now_s: float) -> None:
+        """Everything until `now_s`: clock edges, the markers that they cause, and light in between."""
+        running, self._running = self._running, False  # an edge moves the bench, which asks whether we are up to date
+        while self._edge_s <= now_s:
+            if running:
+                self._expose_until(self._edge_s)
+            edge_s, self._edge_s = self._edge_s, self._edge_s + self._period_s
+            self._bench.edge("pixel_clock", edge_s)
+        if running and self._edge_s == _NEVER_S and now_s >= self._end_s - 1e-9:
+            self._expose_until(self._end_s)
+        self._running = running
+
+    def read(self, most: int) -> npt.NDArray[np.uint32]:
+        """Takes up to `most` records from the FIFO."""
+        taken: list[npt.NDArray[np.uint32]] = []
+        while self._fifo and most > 0:
+            piece = self._fifo.popleft()
+            if len(piece) > most:
+                self._fifo.appendleft(piece[most:])
+                piece = piece[:most]
+            taken.append(piece)
+            most -= len(piece)
+            self._waiting -= len(piece)
+        return np.concatenate(taken) if taken else np.zeros(0, dtype=np.uint32)
+
+    def _mark(self, bit: int, when_s: float) -> None:
+        self._markers.append((self._pulse(when_s), bit))
+
+    def _expose_until(self, until_s: float) -> None:
+        """Records of the time since the last call: one clock period, or one measurement."""
+        start_s, until_s = self._done_s, min(until_s, self._end_s)
+        if until_s - start_s < 1e-9:
+            return
+        at_rest, settled_s = self._bench.beam_at(until_s), start_s
+        pulses, delays = [], []
+        while settled_s < until_s and self._bench.beam_at(settled_s) != at_rest:
+            moving, delays_moving = self._photons(settled_s, min(_SLICE_S, until_s - settled_s))
+            pulses.append(moving + self._pulse(settled_s))
+            delays.append(delays_moving)
+            settled_s += _SLICE_S
+        resting, delays_resting = self._photons(settled_s, until_s - start_s)
+        settled = resting >= self._pulse(settled_s) - self._pulse(start_s)
+        pulses.append(resting[settled] + self._pulse(start_s))
+        delays.append(delays_resting[settled])
+        self._record(np.concatenate(pulses), np.concatenate(delays), self._pulse(until_s))
+        self._done_s = until_s
+
+    def _photons(self, when_s: float, dwell_s: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """Laser pulse (counted from 0) and delay of the photons from where the beam points at `when_s`."""
+        bins = min(1 << self._layout.delay_bits, int(1 / (self._repetition_hz * self._bin_width_s)) + 1)
+        gate = Gate(when_s, dwell_s, bins, self._bin_width_s, 0.0)
+        rng = spad.generator(self._seed, gate, self._bench.beam_at(when_s), _SALT)
+        return spad.arrivals(self._bench.expose(gate), rng)
+
+    def _pulse(self, when_s: float) -> int:
+        return round((when_s - self._started_s) * self._repetition_hz)
+
+    def _record(self, pulses: npt.NDArray[np.int64], delays: npt.NDArray[np.int64], last: int) -> None:
+        wrap = self._layout.wrap
+        markers = np.array(self._markers, dtype=np.int64).reshape(-1, 2)
+        self._markers.clear()
+        wraps = np.arange(self._wraps + 1, last // wrap + 1, dtype=np.int64) * wrap
+        self._wraps = max(self._wraps, last // wrap)
+        late = 0
+        if (fault := self._bench.faults.strikes("U20", self._done_s, "marker")) is not None:
+            late = int(fault.parameters.get("late_pulses", 100))
+        at = np.concatenate((wraps, markers[:, 0] + late, pulses))
+        records = np.concatenate(
+            (
+                np.full(len(wraps), self._overflow(), dtype=np.uint32),
+                self._marker_records(markers),
+                self._photon_records(pulses, delays),
+            )
+        )
+        kinds = np.repeat((0, 1, 2), (len(wraps), len(markers), len(pulses)))
+        self._push(records[np.lexsort((kinds, at))])
+
+    def _push(self, records: npt.NDArray[np.uint32]) -> None:
+        if self._waiting + len(records) > _FIFO_RECORDS:
+            self.overrun = True
+        if not self.overrun:
+            self._fifo.append(records)
+            self._waiting += len(records)
+
+    def _overflow(self) -> int:
+        return 15 << 28 if self._layout.first_channel else 1 << 31 | 63 << 25 | 1
+
+    def _marker_records(self, markers: npt.NDArray[np.int64]) -> npt.NDArray[np.uint32]:
+        pulse, bits = markers[:, 0] & (self._layout.wrap - 1), markers[:, 1]
+        if self._layout.first_channel:
+            return (15 << 28 | bits << 16 | pulse).astype(np.uint32)
+        return (1 << 31 | bits << 25 | pulse).astype(np.uint32)
+
+    def _photon_records(self, pulses: npt.NDArray[np.int64], delays: npt.NDArray[np.int64]) -> npt.NDArray[np.uint32]:
+        layout = self._layout
+        channel = layout.first_channel << (layout.pulse_bits + layout.delay_bits)
+        return (channel | delays << layout.pulse_bits | pulses & (layout.wrap - 1)).astype(np.uint32)

@@ -1,0 +1,336 @@
+"""The PicoQuant adapter against a stand-in library with the vendor's calls, in both modes, on all three instruments."""
+
+import ctypes
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from configs.load import load
+from drivers.bench import BenchSettings, open_bench
+from drivers.clock import VirtualClock
+from drivers.errors import (
+    CommandRejected,
+    DeviceBusy,
+    DeviceFault,
+    DeviceLost,
+    DeviceNotFound,
+    DeviceTimeout,
+    LimitError,
+    SyncLost,
+    WrongDevice,
+)
+from drivers.galvo.mirror import MirrorAngles
+from drivers.simulated.beam import BeamPath
+from drivers.simulated.bench import Gate, SimulatedBench
+from drivers.simulated.faults import Fault, FaultPlan
+from drivers.simulated.picoquant_library import PicoquantLibrary
+from drivers.simulated.scene import SceneLight, SceneSettings
+from drivers.simulated.spad import DetectorSettings
+from drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, StopAtCounts, Trigger
+from drivers.tcspc.picoquant import open_picoquant
+from drivers.tcspc.picoquant_families import FAMILIES, PicoquantSettings
+from drivers.tcspc.picoquant_histogram import Picoquant
+from drivers.tcspc.picoquant_library import VendorLibrary, load_library
+from drivers.tcspc.picoquant_setup import axis_codes
+
+AXES = {
+    "picoharp300": HistogramAxis(512, 32e-12, 8e-9),
+    "hydraharp400": HistogramAxis(512, 32e-12, 8e-9),
+    "multiharp150": HistogramAxis(512, 40e-12, 8e-9),
+}
+
+
+def table(*faults: Fault, direct_cps: float = 1e5) -> SimulatedBench:
+    detector = DetectorSettings(dead_time_ns=0.0)
+    light = SceneLight(SceneSettings(direct_cps=direct_cps), detector, BeamPath(2.0), 10e6, seed=3)
+    bench = SimulatedBench(light, faults=FaultPlan(faults))
+    bench.set_shutter(True)
+    return bench
+
+
+def settings(device: str, **more: Any) -> PicoquantSettings:
+    return PicoquantSettings.model_validate({"model": "picoquant", "device": device, "library": "simulated", **more})
+
+
+def opened(device: str, *faults: Fault, mode: str = "histogram", **more: Any) -> tuple[Picoquant, SimulatedBench]:
+    bench = table(*faults)
+    counter = open_picoquant(settings(device, mode=mode, **more), bench.clock, PicoquantLibrary(bench, device, 10e6))
+    counter.configure(AXES[device])
+    return counter, bench
+
+
+def one_by_one(counter: Picoquant, points: int = 3) -> list[Histogram]:
+    counter.arm([8e-3] * points, list(range(points)))
+    for point in range(points):
+        counter.trigger()
+        assert counter.wait_points(point + 1, 1.0).points_done == point + 1
+    return counter.read(0, points)
+
+
+@pytest.mark.parametrize("device", FAMILIES)
+def test_a_histogram_holds_what_the_detector_saw(device: str) -> None:
+    counter, bench = opened(device)
+    histogram = one_by_one(counter)[1]
+    axis = AXES[device]
+    length = 65536 if device == "picoharp300" else 4096 if device == "multiharp150" else 1024
+    expected = bench.expose(Gate(0.0, 8e-3, length, axis.bin_width_s, axis.offset_s))
+    assert (histogram.counts == expected.counts[:512]).all()
+    assert histogram.total_count == expected.counts.sum()
+    assert histogram.live_time_s == pytest.approx(8e-3)
+    assert histogram.sync_count == 80_000
+    assert counter.rates().detector_hz == pytest.approx(1e5, rel=0.1)
+    counter.close()
+    counter.close()
+
+
+@pytest.mark.parametrize("device", FAMILIES)
+def test_a_point_in_list_mode_holds_as_many_photons_as_in_histogram_mode(device: str) -> None:
+    counter, _ = opened(device, mode="t3")
+    histogram = one_by_one(counter)[2]
+    assert histogram.total_count == pytest.approx(800, abs=150)
+    assert histogram.counts.argmax() == pytest.approx((4.0 / 299792458.0 - 8e-9) / AXES[device].bin_width_s, abs=2)
+    assert histogram.counts.sum() > 700
+
+
+@pytest.mark.parametrize("device", FAMILIES)
+def test_too_long_a_wait_stops_the_measurement(device: str) -> None:
+    counter, _ = opened(device)
+    counter.arm([1.0], [0])
+    counter.trigger()
+    with pytest.raises(DeviceTimeout, match="0 of 1"):
+        counter.wait_points(1, 0.1)
+    assert one_by_one(counter)[0].total_count > 0
+
+
+def clocked(counter: Picoquant, bench: SimulatedBench, points: int) -> list[Histogram]:
+    """Steps a mirror that marks its steps on marker inputs 1 and 2 alternately and needs 0.3 ms to settle."""
+    steps: list[float] = []
+
+    def step(when_s: float) -> None:
+        place = len(steps)
+        steps.append(when_s)
+        bench.steer(MirrorAngles(0.01 * (place % points), 0.0), when_s, 3e-4)
+        bench.edge(f"marker_{1 + place % 2}", when_s)
+
+    bench.wire("pixel_clock", step)
+    counter.arm([8e-3] * points, list(range(points)), Trigger.CLOCK, blanking_s=4e-4)
+    status = counter.wait_points(points, 5.0)
+    assert status.points_done == points
+    assert not status.running
+    return counter.read(0, points)
+
+
+def test_a_clocked_scan_sorts_photons_by_the_mirrors_markers() -> None:
+    counter, bench = opened("multiharp150", mode="t3")
+    histograms = clocked(counter, bench, 12)
+    for point, histogram in enumerate(histograms):
+        range_m = 2.0 / np.cos(0.01 * point)
+        assert histogram.counts.argmax() == pytest.approx((2 * range_m / 299792458.0 - 8e-9) / 40e-12, abs=2)
+        assert histogram.total_count == pytest.approx(800, abs=150)
+        assert histogram.live_time_s == 8e-3
+        assert histogram.gate_opened_s == pytest.approx(4e-4 + 8.4e-3 * point, abs=1e-6)
+    assert counter.wait_points(12, 0.1).markers == 12
+    again, other = opened("multiharp150", mode="t3")
+    assert all((a.counts == b.counts).all() for a, b in zip(clocked(again, other, 12), histograms, strict=True))
+
+
+def test_a_marker_that_stands_late_in_the_stream_changes_nothing() -> None:
+    straight = clocked(*opened("multiharp150", mode="t3"), points=6)
+    late = clocked(
+        *opened("multiharp150", Fault(name="U20", skip=2, times=3, parameters={"late_pulses": 300}), mode="t3"),
+        points=6,
+    )
+    assert all((a.counts == b.counts).all() for a, b in zip(straight, late, strict=True))
+
+
+def test_a_missing_marker_is_seen_in_the_count() -> None:
+    counter, bench = opened("multiharp150", mode="t3")
+    steps: list[float] = []
+
+    def step(when_s: float) -> None:
+        steps.append(when_s)
+        if len(steps) != 4:
+            bench.edge(f"marker_{1 + len(steps) % 2}", when_s)
+
+    bench.wire("pixel_clock", step)
+    counter.arm([2e-3] * 8, list(range(8)), Trigger.CLOCK, blanking_s=4e-4)
+    assert counter.wait_points(8, 5.0).markers == 7
+
+
+def test_a_full_fifo_ends_the_segment_and_flags_what_is_missing() -> None:
+    counter, bench = opened("multiharp150", Fault(name="V2", after_s=0.25), mode="t3")
+    histograms = clocked(counter, bench, 12)
+    lost = [bool(histogram.flags & HistogramFlag.DATA_LOST) for histogram in histograms]
+    assert lost == sorted(lost)
+    assert lost[-1]
+    assert not lost[0]
+    assert all(histogram.live_time_s == 0 for histogram, gone in zip(histograms, lost, strict=True) if gone)
+
+
+@pytest.mark.parametrize("mode", ["histogram", "t3"])
+def test_a_lost_sync_and_a_system_error_end_the_scan(mode: str) -> None:
+    for fault, error in (("V3", SyncLost), ("V4", DeviceFault)):
+        counter, _ = opened("hydraharp400", Fault(name=fault), mode=mode)
+        with pytest.raises(error):
+            one_by_one(counter)
+
+
+def test_a_transient_usb_error_is_tried_again_once_where_that_is_harmless() -> None:
+    place = {"place": "GetHistogram", "code": -37}
+    counter, _ = opened("picoharp300", Fault(name="V1", skip=1, parameters=place))
+    assert len(one_by_one(counter)) == 3
+    counter, _ = opened("picoharp300", Fault(name="V1", times=2, parameters=place))
+    with pytest.raises(DeviceLost, match="USB_BULKRD_FAIL"):
+        one_by_one(counter)
+
+
+@pytest.mark.parametrize(("device", "call"), [("picoharp300", "StartMeas"), ("multiharp150", "ReadFiFo")])
+def test_starting_and_reading_the_fifo_are_never_repeated(device: str, call: str) -> None:
+    calls: list[bytes] = []
+    bench = table(Fault(name="V1", parameters={"place": call, "code": -36}))
+    counter = open_picoquant(
+        settings(device, mode="t3"),
+        bench.clock,
+        PicoquantLibrary(bench, device, 10e6),
+        lambda _device, way, data: calls.append(data) if way == ">" else None,
+    )
+    counter.configure(AXES[device])
+    with pytest.raises(DeviceLost, match="VCMD"):
+        one_by_one(counter, 1)
+    assert sum(f"_{call}(".encode() in data for data in calls) == 1
+
+
+def test_an_absent_library_says_what_to_install_and_where() -> None:
+    for family in FAMILIES.values():
+        with pytest.raises(DeviceNotFound, match=family.linux_library) as raised:
+            load_library("picoquant", family, "vendor")
+        assert family.package in raised.value.remedy
+        assert "library" in raised.value.remedy
+    with pytest.raises(DeviceNotFound, match="nowhere"):
+        open_picoquant(settings("multiharp150", library="/nowhere/lib.so"), VirtualClock())
+
+
+def test_another_version_of_the_library_is_refused() -> None:
+    bench = table()
+    with pytest.raises(WrongDevice, match=r"version '2\.0'"):
+        open_picoquant(
+            settings("multiharp150"), bench.clock, PicoquantLibrary(bench, "multiharp150", 10e6, version="2.0")
+        )
+
+
+def test_the_instrument_is_found_by_its_serial_number_or_not_at_all() -> None:
+    bench = table()
+    library = PicoquantLibrary(bench, "multiharp150", 10e6, serial="1050007")
+    with pytest.raises(DeviceNotFound, match="there is 1050007"):
+        open_picoquant(settings("multiharp150", serial="1050008"), bench.clock, library)
+    counter = open_picoquant(settings("multiharp150", serial="1050007"), bench.clock, library)
+    assert counter.identity.serial == "1050007"
+    with pytest.raises(DeviceBusy, match="LOCKED"):
+        open_picoquant(settings("multiharp150"), bench.clock, library)
+    counter.close()
+    open_picoquant(settings("multiharp150"), bench.clock, library).close()
+
+
+CODES = {
+    DeviceNotFound: (-1,),
+    DeviceBusy: (-2, -11),
+    DeviceLost: (-10, -32, -36, -38),
+    CommandRejected: (-16, -18, -22, -23),
+    LimitError: (-17,),
+    DeviceFault: (-28, -99),
+}
+
+
+@pytest.mark.parametrize(("error", "code"), [(error, code) for error, codes in CODES.items() for code in codes])
+def test_every_code_has_a_name(error: type[Exception], code: int) -> None:
+    bench = table()
+    functions = PicoquantLibrary(bench, "multiharp150", 10e6)
+    library = VendorLibrary("picoquant", FAMILIES["multiharp150"], functions, bench.clock)
+    found = library.error("StartMeas", code)
+    assert type(found) is error
+    assert f"({code})" in str(found)
+
+
+def test_calls_out_of_order_are_refused_by_the_stand_in() -> None:
+    library = PicoquantLibrary(table(), "hydraharp400", 10e6)
+    assert library.HH_SetBinning(0, 1) == -10
+    assert library.HH_OpenDevice(0, ctypes.create_string_buffer(16)) == 0
+    assert library.HH_OpenDevice(1, ctypes.create_string_buffer(16)) == -1
+    assert library.HH_SetBinning(0, 1) == -22
+    assert library.HH_Initialize(0, 0, 0) == 0
+    assert library.HH_StartMeas(0, 10) == -23
+    assert library.HH_Calibrate(0) == 0
+    assert library.HH_StartMeas(0, 10) == 0
+    assert library.HH_StartMeas(0, 10) == -16
+    with pytest.raises(AttributeError, match="undefined symbol"):
+        library.MH_StartMeas(0, 10)
+
+
+@given(st.sampled_from(sorted(FAMILIES)), st.integers(0, 12), st.integers(64, 70_000), st.integers(0, 2_000))
+def test_an_axis_is_set_exactly_or_refused(device: str, power: int, bins: int, offset_ns: int) -> None:
+    family = FAMILIES[device]
+    axis = HistogramAxis(bins, 5e-12 * 2**power, offset_ns * 1e-9)
+    try:
+        codes = axis_codes("picoquant", family, 5e-12, axis, t3=False)
+    except LimitError:
+        assert bins > 65536 or power >= family.most_binning_codes
+        return
+    assert 5e-12 * 2**codes.binning == pytest.approx(axis.bin_width_s)
+    assert codes.offset * family.offset_unit_s == pytest.approx(offset_ns * 1e-9)
+    assert codes.length >= bins
+
+
+@pytest.mark.parametrize(
+    ("axis", "dwell_s", "message"),
+    [
+        (HistogramAxis(512, 30e-12), 8e-3, "power of two"),
+        (HistogramAxis(512, 40e-12, 10.5e-9), 8e-3, "whole number of 1 ns"),
+        (HistogramAxis(70_000, 40e-12), 8e-3, "65536"),
+        (HistogramAxis(512, 40e-12), 1.5e-3, "milliseconds"),
+    ],
+)
+def test_what_the_hardware_cannot_do_is_refused_before_anything_is_sent(
+    axis: HistogramAxis, dwell_s: float, message: str
+) -> None:
+    counter, _ = opened("multiharp150")
+    with pytest.raises(LimitError, match=message):
+        counter.check(axis, dwell_s)
+
+
+def test_what_the_instrument_lacks_is_said() -> None:
+    counter, _ = opened("hydraharp400")
+    with pytest.raises(LimitError, match="two passes"):
+        counter.configure(AXES["hydraharp400"], StopAtCounts(100, 0, 512))
+    with pytest.raises(LimitError, match="mode: t3"):
+        counter.arm([8e-3], [0], Trigger.CLOCK)
+    with pytest.raises(LimitError, match="no watchdog"):
+        counter.arm_watchdog(2.0)
+    with pytest.raises(LimitError, match="laser pulses one by one"):
+        opened("hydraharp400", mode="t3", sync_divider=2)
+    counter, _ = opened("hydraharp400", mode="t3")
+    with pytest.raises(LimitError, match="no trigger output"):
+        counter.arm([8e-3], [0], Trigger.CLOCK)
+    counter, _ = opened("multiharp150", mode="t3")
+    with pytest.raises(LimitError, match="uniform dwell"):
+        counter.arm([8e-3, 9e-3], [0, 1], Trigger.CLOCK)
+
+
+def test_a_bench_with_a_multiharp_scans_by_its_clock() -> None:
+    with open_bench(load("bench", "multiharp", BenchSettings).settings) as bench:
+        bench.counter.configure(AXES["multiharp150"])
+        sequence = [MirrorAngles(0.005 * point, -0.005 * point) for point in range(20)]
+        bench.mirror.load(sequence)
+        bench.mirror.start()
+        bench.shutter.open()
+        bench.counter.arm([4e-3] * 20, list(range(20)), Trigger.CLOCK, blanking_s=5e-4)
+        status = bench.counter.wait_points(20, 5.0)
+        bench.mirror.stop()
+        bench.shutter.close()
+        assert (status.points_done, status.markers) == (20, 20)
+        peaks = [histogram.counts.argmax() for histogram in bench.counter.read(0, 20)]
+        ranges = [2.0 / np.cos(angles.x_rad) / np.cos(angles.y_rad) for angles in sequence]
+        expected = [((2 * range_m / 299792458.0) + 0.35e-9 - 8e-9) / 40e-12 for range_m in ranges]
+        assert peaks == pytest.approx(expected, abs=2)
