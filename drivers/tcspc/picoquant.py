@@ -1,4 +1,4 @@
-"""PicoHarp 300, HydraHarp 400 and MultiHarp 150, through the vendor's library, in the mode that the bench file names."""
+"""PicoHarp 300, HydraHarp 400 and MultiHarp 150 by the vendor's library, in the mode that the bench file names."""
 
 from typing import Any
 
