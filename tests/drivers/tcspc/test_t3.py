@@ -14,7 +14,7 @@ from drivers.tcspc.ptu import read_ptu
 from drivers.tcspc.t3 import GENERIC, HYDRAHARP_V1, PICOHARP_300, T3Decoder, T3Format
 from drivers.tcspc.t3_points import LineMarkers, PointHistograms, StepMarkers
 
-SHARED = Path(__file__).parents[3] / "shared" / "data" / "tcspc"
+SHARED = Path(__file__).parents[4] / "shared" / "data" / "tcspc"
 needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason="../shared/data/tcspc is not here")
 FORMATS = [GENERIC, HYDRAHARP_V1, PICOHARP_300]
 
