@@ -157,10 +157,14 @@ class Nano(nn.Module):
         features = self.features(volumes, maps, lifted)
         seen = self.operator(features, volumes, eta, maps)
         for _ in range(1, self.settings.outer_iterations):
-            last = to_grid(seen.volume[:, None] * seen.volume.shape[1] / self.size[0], self.size)
-            own = (features[:, : OWN_FEATURES - 1], last, features[:, OWN_FEATURES:])
-            seen = self.operator(torch.cat(own, dim=1), volumes, eta, maps)
+            seen = self.operator(self.with_last(features, seen.volume), volumes, eta, maps)
         return seen
+
+    def with_last(self, features: Tensor, u: Tensor) -> Tensor:
+        """The features with the volume of the last pass, u^{s-1} (B, D, H, W), in its place among them."""
+        last = to_grid(u[:, None] * (u.shape[1] / self.size[0]), self.size)
+        own = (features[:, : OWN_FEATURES - 1], last, features[:, OWN_FEATURES:])
+        return torch.cat(own, dim=1).contiguous(memory_format=torch.channels_last_3d)
 
     def features(self, volumes: Tensor, maps: Tensor, lifted: Tensor | None) -> Tensor:
         """B_l: what is lifted to u^0, u_g and F_st, on the operator's own metric grid, (B, F, d, h, w)."""

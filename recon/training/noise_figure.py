@@ -1,0 +1,90 @@
+"""How well the noise level is estimated: R^2 inside the training range, order beyond it, and the figure of both.
+
+`python -m recon.training.noise_figure FIGURE.png` measures the weights that come with the program on held-out scenes.
+"""
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from recon.layers.measurement import rates_of
+from recon.methods.nano import Nano, Settings, build
+from recon.training.dataset import DatasetSettings, collate, sample
+from recon.training.detector import DetectorSettings
+
+INSIDE = DetectorSettings(noiseless=0.0, uniform=0.0, peak_counts_least=0.4, peak_counts_most=200.0)
+BEYOND = (0.05, 0.1, 0.2, 400.0, 1600.0)  # mean peak counts that no training sample has
+
+
+@dataclass(frozen=True)
+class NoiseFit:
+    """Estimated against true noise level, in decades."""
+
+    true: npt.NDArray[np.float64]
+    estimated: npt.NDArray[np.float64]
+
+    @property
+    def r_squared(self) -> float:
+        """Share of the variance of the truth that the estimate explains."""
+        residual = np.square(self.true - self.estimated).sum()
+        return float(1 - residual / np.square(self.true - self.true.mean()).sum())
+
+
+def estimate(network: Nano, data: DatasetSettings, count: int) -> NoiseFit:
+    """The first `count` samples of `data`."""
+    true, estimated = [], []
+    for index in range(count):
+        batch = collate([sample(data, index)])
+        rates = rates_of(network.physics.rebin(batch["counts"]), batch["exposure"])
+        with torch.no_grad():
+            estimated.append(float(network.noise(rates)[0]))
+        true.append(float(batch["noise_level"].log10()))
+    return NoiseFit(np.asarray(true), np.asarray(estimated))
+
+
+def held_out(detector: DetectorSettings, scenes: int) -> DatasetSettings:
+    """Scenes of kinds that no training saw."""
+    return DatasetSettings(seed=3, scenes=scenes, degradations=1, held_out=True, detector=detector)
+
+
+def main(path: Path, count: int = 60) -> None:
+    """Measure, draw, and print R^2 and the mean estimate at each level beyond the training range."""
+    from matplotlib.figure import Figure
+
+    data = held_out(INSIDE, count)
+    network = build(Settings(), data.wall, data.time)
+    inside = estimate(network, data, count)
+    beyond = {}
+    for peak in BEYOND:
+        detector = INSIDE.model_copy(update={"peak_counts_least": peak, "peak_counts_most": peak * 1.001})
+        beyond[peak] = estimate(network, held_out(detector, 8), 8)
+    drawing = Figure(figsize=(5, 4.5), layout="constrained")
+    axes = drawing.subplots()
+    for fit, mark, label in (
+        (inside, ".", f"training range, R² = {inside.r_squared:.3f}"),
+        (
+            NoiseFit(
+                np.concatenate([fit.true for fit in beyond.values()]),
+                np.concatenate([fit.estimated for fit in beyond.values()]),
+            ),
+            "x",
+            "beyond it",
+        ),
+    ):
+        axes.plot(fit.true, fit.estimated, mark, label=label)
+    ends = [-2.5, 0.5]
+    axes.plot(ends, ends, "k", lw=0.8)
+    axes.set(xlabel="true noise level, log10", ylabel="estimated", title="Noise level estimation, held-out kinds")
+    axes.legend()
+    drawing.savefig(path)
+    levels = {str(peak): [float(fit.true.mean()), float(fit.estimated.mean())] for peak, fit in beyond.items()}
+    print(json.dumps({"r_squared": inside.r_squared, "true_and_estimated_beyond": levels}))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
