@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import curve_fit
+from scipy.optimize import curve_fit, minimize_scalar
 
 from calibration.errors import InvalidData
 
@@ -52,71 +52,114 @@ def _hazard(time_s: Floats, photon_rate: float, probability: float, decay_s: flo
 
 
 def from_full_period(
-    counts: npt.ArrayLike,
-    sync_count: float,
-    bin_width_s: float,
-    quiet: npt.ArrayLike,
-    dead_times_s: npt.ArrayLike,
-    decays_s: npt.ArrayLike,
+    counts: npt.ArrayLike, sync_count: float, bin_width_s: float, quiet: npt.ArrayLike
 ) -> ClickAfterClick:
-    """From one histogram over the laser's whole period, `counts` (T,): the detector is less live for one dead time
-    after the pulse, and clicks more afterwards.
+    """From one histogram over the laser's whole period, `counts` (T,) with the pulse at its start: until one dead time
+    after the pulse fewer clicks of the background are seen, afterwards more, by afterpulses.
 
-    `quiet` (T,) marks the bins that hold constant background only. Tries all dead times and decays given and fits
-    background and afterpulse probability under each by weighted least squares; the error of the dead time is where
-    chi squared has risen by 1. Raises `InvalidData` where nothing tells one dead time from another.
+    `quiet` (T,) marks the bins that hold constant background only; dead times from its first bin up to the period are
+    told (a longer one leaves the same histogram as one shorter by the period). Weighted least squares for background
+    and afterpulses under each dead time; its error is the spread of all dead times, weighed by their likelihood.
+    Raises `InvalidData` where no dead time explains the histogram better than none does.
     """
-    recorded = np.asarray(counts, dtype=np.float64)
-    where = np.asarray(quiet, dtype=bool)
-    bins = len(recorded)
-    spectrum = np.fft.rfft(recorded / sync_count)
-    turn = np.arange(bins) * bin_width_s
-    period = bins * bin_width_s
-    frequencies = np.fft.rfftfreq(bins, bin_width_s)
-    dead_times, decays = np.asarray(dead_times_s, dtype=np.float64), np.asarray(decays_s, dtype=np.float64)
-    running = np.concatenate([[0.0], np.cumsum(recorded)])
-    best: dict[float, tuple[float, float, float, float]] = {}
-    for dead in dead_times:
-        start = np.arange(bins) - dead / bin_width_s
-        turns = np.floor(start / bins)
-        until = np.interp(start - turns * bins, np.arange(bins + 1), running)
-        live = 1 - (running[:-1] - until - turns * running[-1]) / sync_count
-        for decay in decays:
-            kernel = np.exp(-turn / decay)
-            kernel /= kernel.sum()
-            shifted = np.fft.rfft(kernel) * np.exp(-2j * np.pi * frequencies * (dead % period))
-            after = np.fft.irfft(spectrum * shifted, bins)
-            columns = (np.column_stack([np.ones(bins), after]) * (live * sync_count)[:, None])[where]
-            weight = 1 / np.maximum(np.mean(recorded[where]), 1.0)
-            normal = columns.T @ columns * weight
-            solution = np.linalg.lstsq(normal, columns.T @ recorded[where] * weight, rcond=None)[0]
-            chi2 = float((((recorded[where] - columns @ solution) ** 2) * weight).sum())
-            if dead not in best or chi2 < best[dead][0]:
-                error = float(np.sqrt(max(np.linalg.pinv(normal)[1, 1], 0.0)))
-                best[dead] = (chi2, float(solution[1]), error, float(decay))
-    chi2s = np.array([best[dead][0] for dead in dead_times])
-    least = int(np.argmin(chi2s))
-    if not np.ptp(chi2s) > 9:
+    recorded, where = np.asarray(counts, dtype=np.float64), np.asarray(quiet, dtype=bool)
+    model = _FullPeriod(recorded, sync_count, bin_width_s, where)
+    period_s = len(recorded) * bin_width_s
+    first_s = float(np.argmax(where)) * bin_width_s
+    coarse = np.arange(first_s, period_s, max(0.5e-9, bin_width_s))
+    trials = [(model.fit(dead, decay).chi2, dead, decay) for dead in coarse for decay in (10e-9, 30e-9, 90e-9)]
+    without = model.fit(0.0, 30e-9).chi2
+    least, dead, decay = min(trials)
+    if not without - least > 25:
         raise InvalidData(
-            f"no dead time between {dead_times[0]:.3g} and {dead_times[-1]:.3g} s explains the histogram better than "
-            "another. Record a longer or brighter histogram over the whole laser period."
+            f"no dead time between {first_s * 1e9:.1f} and {period_s * 1e9:.1f} ns explains the histogram. Record a "
+            "longer or brighter one over the whole laser period."
         )
-    within = dead_times[chi2s <= chi2s[least] + 1]
-    spacing = float(np.median(np.diff(dead_times))) if len(dead_times) > 1 else 0.0
-    _, probability, error, decay_s = best[dead_times[least]]
-    return ClickAfterClick(
-        float(dead_times[least]), max(float(np.ptp(within)) / 2, spacing / 2), probability, error, decay_s
+    trial_s = np.arange(first_s, period_s, bin_width_s)
+    for _ in range(2):
+        span = (float(np.log(max(decay / 4, 3 * bin_width_s))), float(np.log(min(decay * 4, period_s))))
+        found = minimize_scalar(_chi2_of_decay, bounds=span, args=(model, dead), method="bounded")
+        decay = float(np.exp(found.x))
+        chi2s = np.array([model.fit(float(trial), decay).chi2 for trial in trial_s])
+        dead = float(trial_s[np.argmin(chi2s)])
+    weight = np.exp(-0.5 * (chi2s - chi2s.min()))
+    error_s = float(np.sqrt((weight * (trial_s - dead) ** 2).sum() / weight.sum() + bin_width_s**2 / 12))
+    fit = model.fit(dead, decay)
+    step = 0.02
+    slope = (
+        model.fit(dead, decay * (1 + step)).chi2 + model.fit(dead, decay * (1 - step)).chi2 - 2 * fit.chi2
+    ) / step**2
+    drift = (model.fit(dead, decay * (1 + step)).probability - model.fit(dead, decay * (1 - step)).probability) / (
+        2 * step
     )
+    by_decay = abs(drift) * np.sqrt(2 / slope) if slope > 0 else 0.0
+    return ClickAfterClick(dead, error_s, fit.probability, float(np.hypot(fit.error, by_decay)), decay)
+
+
+def _chi2_of_decay(log_decay: float, model: "_FullPeriod", dead_s: float) -> float:
+    return model.fit(dead_s, float(np.exp(log_decay))).chi2
+
+
+@dataclass(frozen=True)
+class _Fit:
+    chi2: float
+    probability: float
+    error: float
+
+
+class _FullPeriod:
+    """The quiet bins of one period, expected from a dead time, an afterpulse probability and its decay."""
+
+    def __init__(self, counts: Floats, sync_count: float, bin_width_s: float, quiet: npt.NDArray[np.bool_]) -> None:
+        self._counts, self._pulses, self._width, self._quiet = counts, sync_count, bin_width_s, quiet
+        self._running = np.concatenate([[0.0], np.cumsum(counts)])
+        self._spectrum = np.fft.rfft(counts)
+        self._weight = 1 / np.maximum(_smooth(counts[quiet], 64), 1.0)
+
+    def fit(self, dead_s: float, decay_s: float) -> _Fit:
+        """Background and afterpulse probability (not below 0) by linear least squares."""
+        bins = len(self._counts)
+        edges = np.arange(bins) - dead_s / self._width
+        turns = np.floor(edges / bins)
+        until = np.interp(edges - turns * bins, np.arange(bins + 1), self._running)
+        live = 1 - (self._running[:-1] - until - turns * self._running[-1]) / self._pulses
+        after = np.fft.irfft(self._spectrum * _kernel_spectrum(bins, self._width, decay_s, dead_s), bins)
+        level, extra = live[self._quiet] * self._pulses, (live * after)[self._quiet]
+        seen, weight = self._counts[self._quiet], self._weight
+        ll, le, ee = (weight * level**2).sum(), (weight * level * extra).sum(), (weight * extra**2).sum()
+        ls, es = (weight * level * seen).sum(), (weight * extra * seen).sum()
+        determinant = max(ll * ee - le**2, 1e-9 * ll * ee)
+        probability = max((ll * es - le * ls) / determinant, 0.0)
+        background = (ls - probability * le) / ll
+        chi2 = (weight * (seen - background * level - probability * extra) ** 2).sum()
+        return _Fit(float(chi2), float(probability), float(np.sqrt(ll / determinant)))
+
+
+def _kernel_spectrum(bins: int, bin_width_s: float, decay_s: float, dead_time_s: float) -> npt.NDArray[np.complex128]:
+    """Spectrum of an exponential of area 1 that starts one dead time after the click, cyclic."""
+    kernel = np.exp(-np.arange(bins) * bin_width_s / decay_s)
+    delay = np.exp(-2j * np.pi * np.fft.rfftfreq(bins, bin_width_s) * dead_time_s)
+    return np.asarray(np.fft.rfft(kernel / kernel.sum()) * delay)
+
+
+def _smooth(values: Floats, length: int) -> Floats:
+    padded = np.pad(values, length // 2, mode="edge")
+    running = np.concatenate([[0.0], np.cumsum(padded)])
+    return np.asarray((running[length:] - running[:-length])[: len(values)] / length)
 
 
 def subtract_afterpulses(
-    counts: npt.ArrayLike, probability: float, decay_s: float, dead_time_s: float, bin_width_s: float
+    photons: npt.ArrayLike,
+    clicks: npt.ArrayLike,
+    probability: float,
+    decay_s: float,
+    dead_time_s: float,
+    bin_width_s: float,
 ) -> Floats:
-    """Counts (N, P) over the laser's whole period less the afterpulses expected from all clicks in it, cyclically."""
-    recorded = np.asarray(counts, dtype=np.float64)
+    """`photons` (N, T), dead time already undone, less the afterpulses expected of all `clicks` (N, T); both over the
+    laser's whole period."""
+    recorded = np.asarray(clicks, dtype=np.float64)
     bins = recorded.shape[1]
-    kernel = np.exp(-np.arange(bins) * bin_width_s / decay_s)
-    kernel *= probability / kernel.sum()
-    delay = np.exp(-2j * np.pi * np.fft.rfftfreq(bins, bin_width_s) * (dead_time_s % (bins * bin_width_s)))
-    expected = np.fft.irfft(np.fft.rfft(recorded, axis=1) * np.fft.rfft(kernel) * delay, bins, axis=1)
-    return recorded - expected
+    kernel = probability * _kernel_spectrum(bins, bin_width_s, decay_s, dead_time_s)
+    expected = np.fft.irfft(np.fft.rfft(recorded, axis=1) * kernel, bins, axis=1)
+    return np.asarray(photons, dtype=np.float64) - expected

@@ -39,7 +39,7 @@ def before_pulse(counts: npt.ArrayLike, end_bins: npt.ArrayLike) -> Background:
         return Background(np.full(points, pooled), np.full(points, np.sqrt(pooled / length.sum())))
     weight = pooled / between  # the prior is worth this many bins
     per_bin = (total + weight * pooled) / (length + weight)
-    return Background(per_bin, np.sqrt(per_bin / (length + weight)))
+    return Background(per_bin, np.sqrt(np.maximum(per_bin, 0) / (length + weight)))
 
 
 def dark_rate_per_bin(counts: npt.ArrayLike, exposure_s: npt.ArrayLike) -> tuple[Floats, Floats]:
@@ -75,7 +75,8 @@ def quiet_background(counts: npt.ArrayLike) -> Floats:
     quiet = np.argsort(totals.mean(axis=0) / np.diff(edges))[: max(1, len(edges) // 4)]
     length = np.diff(edges)[quiet].sum()
     pooled = max(totals[:, quiet].sum() / (length * points), 1e-9)
-    return np.asarray((totals[:, quiet].sum(axis=1) + 1) / (length + 1 / pooled))
+    drawn = (totals[:, quiet].sum(axis=1) + 1) / (length + 1 / pooled)
+    return np.maximum(drawn, 1e-3 * pooled)  # corrected counts may add up to less than 0
 
 
 def is_flat(counts: npt.ArrayLike) -> bool:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from acquisition.sample import Sample, ScanPoint
 from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from calibration import raw_points
+from calibration.afterpulsing import subtract_afterpulses
 from calibration.alignment import align, align_by_floor_and_circshift, align_variance, recorded_bins
 from calibration.background import Background, before_pulse, subtract
 from calibration.constants import BenchConstants
@@ -20,6 +21,8 @@ from calibration.raw_points import RawPoints
 from calibration.time_offset import TimeOffsets, measure_time_offsets
 
 Floats = npt.NDArray[np.float64]
+WHOLE_PERIOD = 0.01
+"""A histogram covers the laser's period when its length differs by no more than this share."""
 Report = dict[str, float | int | list[float] | None]
 
 
@@ -196,7 +199,8 @@ def known_arrival_bins(constants: BenchConstants, x_m: npt.ArrayLike, y_m: npt.A
 def undo_dead_time(
     raw: RawPoints, constants: BenchConstants | None
 ) -> tuple[npt.NDArray[np.generic], npt.NDArray[np.generic]]:
-    """Counts and their variance with dead time and pile-up undone, where constants and laser pulses are known."""
+    """Counts and their variance with dead time, pile-up and, over a whole period, afterpulses undone; as they are where
+    constants or laser pulses are not known."""
     period_s = raw.period_s
     dead = constants.dead_time_s if constants is not None else None
     if dead is None or not dead.value > 0 or period_s is None:
@@ -206,6 +210,11 @@ def undo_dead_time(
     counts[taken], variance[taken] = correct_free_running(
         raw.counts[taken], raw.sync_count[taken], raw.total_count[taken], raw.time.bin_width_s, period_s, dead.value
     )
+    assert constants is not None
+    after, decay_s = constants.afterpulse_probability, constants.afterpulse_decay_s
+    whole_period = abs(raw.time.bins * raw.time.bin_width_s / period_s - 1) < WHOLE_PERIOD
+    if after is not None and decay_s is not None and after.value > 0 and whole_period:
+        counts = subtract_afterpulses(counts, raw.counts, after.value, decay_s, dead.value, raw.time.bin_width_s)
     return counts, variance
 
 

@@ -1,6 +1,6 @@
 """A raw scan as arrays: what every correction starts from."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +37,18 @@ class RawPoints:
         """The laser's period, from live time and laser pulses."""
         pulses = float(self.sync_count.sum())
         return float(self.exposure_s[self.sync_count > 0].sum()) / pulses if pulses > 0 else None
+
+    def select(self, rows: slice | npt.NDArray[np.bool_]) -> "RawPoints":
+        """Some of the points."""
+        return RawPoints(
+            self.counts[rows],
+            self.x_m[rows],
+            self.y_m[rows],
+            self.exposure_s[rows],
+            self.sync_count[rows],
+            self.total_count[rows],
+            self.time,
+        )
 
     def check(self) -> None:
         """Raises `InvalidData` or `SaturatedBins`, naming the first point whose histogram cannot be used and why."""
@@ -129,4 +141,27 @@ def from_sample(sample: Sample) -> RawPoints:
         np.array([float(histogram.sync_count)]),
         np.array([float(histogram.total_count)]),
         TimeAxis(len(histogram.counts), histogram.bin_width_s, histogram.offset_s),
+    )
+
+
+def joined(runs: Sequence[RawPoints]) -> RawPoints:
+    """All runs' points one after the other. Raises `InvalidData` where their time axes differ."""
+    first = runs[0]
+    for run in runs[1:]:
+        if run.time != first.time:
+            raise InvalidData(
+                f"runs of different time axes cannot be calibrated together: {first.time.bins} bins of "
+                f"{first.time.bin_width_s * 1e12:g} ps from {first.time.start_s * 1e9:g} ns, and {run.time.bins} of "
+                f"{run.time.bin_width_s * 1e12:g} ps from {run.time.start_s * 1e9:g} ns."
+            )
+    if len(runs) == 1:
+        return first
+    return RawPoints(
+        np.concatenate([run.counts for run in runs]),
+        np.concatenate([run.x_m for run in runs]),
+        np.concatenate([run.y_m for run in runs]),
+        np.concatenate([run.exposure_s for run in runs]),
+        np.concatenate([run.sync_count for run in runs]),
+        np.concatenate([run.total_count for run in runs]),
+        first.time,
     )

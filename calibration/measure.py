@@ -1,0 +1,171 @@
+"""Measures the constants of a bench from a raw scan, and from a run with the shutter closed where there is one."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition.aim import Aim
+from calibration.afterpulsing import ClickAfterClick, from_full_period
+from calibration.background import dark_rate_per_bin, is_flat
+from calibration.constants import Arrivals, BenchConstants, Quantity
+from calibration.correct import WHOLE_PERIOD, CorrectedPoints, correct_points, undo_dead_time
+from calibration.errors import InvalidData, PoorCalibration
+from calibration.geometry import GeometryFit, ScannerGeometry, fit_geometry
+from calibration.impulse_response import ImpulseResponse
+from calibration.raw_points import RawPoints, joined
+from calibration.time_offset import TimeOffsets, measure_time_offsets
+
+Floats = npt.NDArray[np.float64]
+QUIET_AFTER_S = 15e-9
+"""This long after the direct arrival neither hidden objects (2 m away) nor the detector's tail matter any more."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """The constants, and what they were measured from, for reports and pictures."""
+
+    constants: BenchConstants
+    raw: RawPoints | None
+    """All scans with light in them; None where there was only a dark run."""
+    corrected: CorrectedPoints | None
+    geometry: GeometryFit | None
+
+
+def measure_constants(
+    runs: Sequence[RawPoints],
+    *,
+    devices: Mapping[str, str],
+    sources: Sequence[str],
+    measured_utc: str,
+    aim: Aim | None = None,
+    dead_time: Quantity | None = None,
+    response: ImpulseResponse | None = None,
+) -> Measurement:
+    """Constants from one or more runs of one bench; runs whose counts are flat in time are dark runs.
+
+    `aim`: what the scans were aimed by, for wall distance and tilt. `dead_time`, `response`: where they are known from
+    elsewhere; a histogram over the laser's whole period tells the dead time by itself. Raises `InvalidData` for bad
+    counts, `NoDirectPeak`, and `PoorCalibration` where the points do not determine the arrivals.
+    """
+    for run in runs:
+        run.check()
+    flat = [is_flat(run.counts[run.exposure_s > 0]) for run in runs]
+    dark = [run for run, is_dark in zip(runs, flat, strict=True) if is_dark]
+    light = [run for run, is_dark in zip(runs, flat, strict=True) if not is_dark]
+    found = BenchConstants(
+        devices, measured_utc, tuple(sources), (light or dark)[0].time.bin_width_s, response=response
+    )
+    raw = joined(light) if light else None
+    if raw is not None and dead_time is None:
+        after_click = measure_click_after_click(raw, response)
+        if after_click is not None:
+            dead_time = Quantity(after_click.dead_time_s, after_click.dead_time_error_s)
+            found = replace(
+                found,
+                afterpulse_probability=Quantity(after_click.afterpulse_probability, after_click.afterpulse_error),
+                afterpulse_decay_s=after_click.decay_s,
+            )
+    found = replace(found, dead_time_s=dead_time)
+    if dark:
+        found = _with_dark(found, joined(dark))
+    if raw is None:
+        return Measurement(found, None, None, None)
+    corrected = correct_points(raw, found)
+    offsets = corrected.offsets
+    if offsets is None or offsets.wall is None:
+        raise PoorCalibration(
+            f"{len(raw.counts)} points do not tell wall distance and delay apart: take nine or more that span the wall "
+            "and arrive at different times (a rectified scan does not)."
+        )
+    fit = None if aim is None else fit_scanner(raw, offsets, aim)
+    found = replace(
+        found,
+        arrivals=_arrivals(raw, offsets),
+        response=offsets.response,
+        direct_shape=corrected.direct.shape,
+        direct_end_bin=corrected.direct.end_bin,
+        ambient_hz=ambient_rate(raw, offsets, found),
+        geometry=fit.geometry if fit else None,
+        geometry_errors=fit.errors if fit else {},
+    )
+    return Measurement(found, raw, corrected, fit)
+
+
+def _with_dark(constants: BenchConstants, run: RawPoints) -> BenchConstants:
+    """Adds the dark rate: clicks with the light off, less those that are afterpulses of others."""
+    clicks = float(run.total_count.sum()) or float(run.counts.sum(dtype=np.float64))
+    seconds = float(run.exposure_s.sum())
+    first = 1 - (constants.afterpulse_probability.value if constants.afterpulse_probability else 0.0)
+    per_bin, _ = dark_rate_per_bin(run.counts, run.exposure_s)
+    return replace(
+        constants,
+        dark_hz=Quantity(first * clicks / seconds, first * float(np.sqrt(max(clicks, 1.0))) / seconds),
+        dark_per_bin_hz=first * np.full(len(per_bin), per_bin.mean()),
+    )
+
+
+def measure_click_after_click(raw: RawPoints, response: ImpulseResponse | None = None) -> ClickAfterClick | None:
+    """Dead time and afterpulsing from histograms that cover the laser's whole period; None where they do not.
+
+    Histograms are rolled to a common direct arrival, which is what their period being whole allows, and added up.
+    """
+    period_s = raw.period_s
+    width = raw.time.bin_width_s
+    if period_s is None or abs(raw.time.bins * width / period_s - 1) > WHOLE_PERIOD:
+        return None
+    offsets = measure_time_offsets(raw.counts, raw.x_m, raw.y_m, raw.time, response, raw.exposure_s > 0)
+    first = np.nan_to_num(np.floor(offsets.offset_bins)).astype(np.int64)
+    lead = int(np.ceil(1e-9 / width))
+    total = np.zeros(raw.time.bins)
+    for histogram, start in zip(raw.counts, first, strict=True):
+        total += np.roll(histogram, lead - start)
+    quiet = np.arange(raw.time.bins) * width > 1e-9 + QUIET_AFTER_S
+    try:
+        return from_full_period(total, float(raw.sync_count.sum()), width, quiet)
+    except InvalidData:
+        return None
+
+
+def ambient_rate(raw: RawPoints, offsets: TimeOffsets, constants: BenchConstants) -> Quantity | None:
+    """Clicks per second that neither laser nor dark counts make, from the bins before the direct pulse; None without
+    laser pulse counts or without such bins."""
+    lead = max(2.0, 2 * -offsets.response.start_s / raw.time.bin_width_s)
+    good = np.isfinite(offsets.offset_bins) & (raw.exposure_s > 0) & (raw.sync_count > 0)
+    end = np.clip(np.floor(offsets.offset_bins[good] - lead), 0, raw.time.bins).astype(np.int64)
+    opened_s = float((end * raw.time.bin_width_s * raw.sync_count[good]).sum())
+    if not opened_s > 0:
+        return None
+    photons = _before(undo_dead_time(raw, constants)[0][good], end)
+    dark, after = constants.dark_hz or Quantity(0.0, 0.0), constants.afterpulse_probability
+    error = [np.sqrt(max(photons, 1.0)) / opened_s, dark.error]
+    if after is not None and after.value > 0:  # what was subtracted for them is as uncertain as their probability
+        all_clicks = _before(undo_dead_time(raw, replace(constants, afterpulse_probability=None))[0][good], end)
+        error.append((all_clicks - photons) / opened_s * after.error / after.value)
+    return Quantity(photons / opened_s - dark.value, float(np.linalg.norm(error)))
+
+
+def _before(counts: npt.NDArray[np.generic], end: npt.NDArray[np.int64]) -> float:
+    """Sum of each row's first `end` (N,) bins."""
+    return float(sum(row[:n].sum(dtype=np.float64) for row, n in zip(counts, end, strict=True)))
+
+
+def fit_scanner(raw: RawPoints, offsets: TimeOffsets, aim: Aim) -> GeometryFit | None:
+    """Wall distance, tilt and delay by the commanded angles and direct arrivals; None where they do not tell."""
+    x_rad, y_rad = aim.angles_rad(raw.x_m, raw.y_m)
+    start = ScannerGeometry(aim.wall_distance_m, aim.mirror_separation_m)
+    arrival_s = raw.time.start_s + offsets.measured_bins * raw.time.bin_width_s
+    try:
+        return fit_geometry(
+            start, x_rad, y_rad, arrival_s=arrival_s, arrival_error_s=offsets.error_bins * raw.time.bin_width_s
+        )
+    except InvalidData:
+        return None
+
+
+def _arrivals(raw: RawPoints, offsets: TimeOffsets) -> Arrivals:
+    wall = offsets.wall
+    assert wall is not None
+    residual = np.nan_to_num(offsets.offset_bins - offsets.predicted_bins) * raw.time.bin_width_s
+    return Arrivals(wall.scanner_position_m, wall.delay_s, wall.covariance, wall.rms_s, raw.x_m, raw.y_m, residual)
