@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from configs.settings import Settings
+from drivers.simulated.fault_catalogue import NAMES
 
 
 class Fault(Settings):
@@ -21,6 +22,13 @@ class Fault(Settings):
     skip: int = Field(default=0, ge=0)
     times: int = Field(default=1, ge=1)
     parameters: dict[str, Any] = Field(default_factory=dict)
+
+    @field_validator("name")
+    @classmethod
+    def _is_known(cls, name: str) -> str:
+        if name not in NAMES:
+            raise ValueError("no fault of that name; docs/faults.md lists them")
+        return name
 
 
 @dataclass
