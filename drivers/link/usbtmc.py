@@ -8,6 +8,7 @@ import array
 import errno
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import usb.backend
@@ -105,6 +106,39 @@ def find_usb(device: str, vendor_id: int, product_id: int, serial: str | None, b
     if len(found) > 1:
         raise DeviceNotFound(device, f"{len(found)} USB devices {ids}.", "Name one by its serial number.")
     return found[0]
+
+
+@dataclass(frozen=True)
+class UsbInfo:
+    """A USB instrument of this computer. Texts are empty where this user may not read them."""
+
+    vendor_id: int
+    product_id: int
+    product: str
+    serial_number: str
+    readable: bool
+
+
+def available_instruments(backend: Any = None) -> list[UsbInfo]:
+    """Every USB device with a USBTMC interface. Raises `DeviceNotFound` where libusb is missing."""
+    try:
+        found = list(usb.core.find(find_all=True, backend=backend, custom_match=_has_usbtmc))
+    except usb.core.NoBackendError as error:
+        raise DeviceNotFound("usb", "libusb is not installed.", "Install libusb-1.0 and try again.") from error
+    return [_describe(each) for each in found]
+
+
+def _has_usbtmc(found: Any) -> bool:
+    match = {"bInterfaceClass": _CLASS, "bInterfaceSubClass": _SUBCLASS}
+    return any(usb.util.find_descriptor(configuration, **match) is not None for configuration in found)
+
+
+def _describe(found: Any) -> UsbInfo:
+    try:
+        product, serial = str(found.product or ""), str(found.serial_number or "")
+    except (usb.core.USBError, ValueError):  # pyusb raises ValueError where it may not read the language ids
+        return UsbInfo(found.idVendor, found.idProduct, "", "", False)
+    return UsbInfo(found.idVendor, found.idProduct, product, serial, True)
 
 
 class UsbtmcInterface:

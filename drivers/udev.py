@@ -1,0 +1,22 @@
+"""Linux asks udev who may open a device: the rules that let the person at the computer do it."""
+
+RULES_FILE = "/etc/udev/rules.d/70-nlos.rules"
+RELOAD = "sudo udevadm control --reload && sudo udevadm trigger, then plug the device in again"
+
+_USB = 'SUBSYSTEM=="usb", ATTR{{idVendor}}=="{:04x}", ATTR{{idProduct}}=="{:04x}", TAG+="uaccess"'
+_TTY = 'SUBSYSTEM=="tty", ATTRS{{idVendor}}=="{:04x}", SYMLINK+="{}", TAG+="uaccess"'
+
+TEENSY_VENDOR_ID = 0x16C0
+"""The TriggerScope's microcontroller board, and other projects' too."""
+ST_VENDOR_ID = 0x0483
+"""The Optotune controller's, and other makers' too."""
+
+
+def usb_rule(vendor_id: int, product_id: int) -> str:
+    """The rule for a USB instrument."""
+    return _USB.format(vendor_id, product_id)
+
+
+def tty_rule(vendor_id: int, name: str) -> str:
+    """The rule for a serial port, which also gives it a name that stays: `/dev/<name>`."""
+    return _TTY.format(vendor_id, name)
