@@ -48,7 +48,7 @@ class Controller:
         """Who answers. Asked twice: nothing in a reply says which command it answers, or that it is undamaged."""
         asks = (b"GETID\r\n", b"GETVERSION\r\n", b"GETSN\r\n")
         first, (model, version, serial) = ([self._line.exchange(ask) for ask in asks] for _ in range(2))
-        if first != [model, version, serial]:
+        if first != [model, version, serial] or {b"OK", b"NO", b"ERROR"} & set(first):
             raise ProtocolError(DEVICE, f"it named itself {first!r}, then {[model, version, serial]!r}.", REOPEN)
         return DeviceIdentity("optotune", "Optotune", model.decode(), serial.decode(), version.decode())
 

@@ -178,7 +178,8 @@ class OptotuneFirmware:
         if len(content) < 5 or len(content) != content[2] + 5:
             return b""
         command, payload = content[1], content[3:-2]
-        if self._fault("B5", "refused") is not None:
+        known = command in (0x06, 0x11) and (command == 0x06 or len(payload) % 2 == 0)
+        if not known or self._fault("B5", "refused") is not None:
             return _frame(command | 0x80, b"\x01")
         answer = _frame(command, self._answer(command, payload))
         return answer[:-3] if self._fault("B5", "truncated") is not None else answer

@@ -189,6 +189,14 @@ def test_an_interjected_command_that_is_not_confirmed_is_a_timeout(dark_bench: B
     assert bench.clock.now() <= 0.11
 
 
+def test_an_old_reply_does_not_confirm_an_interjected_command(dark_bench: Bench) -> None:
+    bench = dark_bench(Fault(name="G1"))
+    line = line_to_repeater(bench)
+    plugged("repeater")._reply(b"NOW\r\n", bench.clock.now())
+    with pytest.raises(DeviceTimeout, match="not confirmed"):
+        line.interject(b"now\n", b"NOW")
+
+
 def test_this_computers_ports_can_be_listed() -> None:
     assert all(port.port for port in available_ports())
 
