@@ -135,22 +135,24 @@ class Scpi:
             raise ProtocolError(self._device, f"{body[:60]!r} does not answer {b';:'.join(units)!r}.")
         return answers
 
-    def query_block(self, *units: bytes, expected: int) -> tuple[bytes, memoryview | None, ScpiError | None]:
+    def query_block(
+        self, *units: bytes, expected: int, retry: bool = True
+    ) -> tuple[bytes, memoryview | None, ScpiError | None]:
         """The answer to text queries followed by one that gives a definite block: the text, the block, the error.
 
         The block is None where the instrument gave none. Nothing is raised for a reported error: data and error are
-        for the caller to weigh. A damaged answer is asked for once more; then `DataCorrupt` is raised.
+        for the caller to weigh. A damaged or lost answer is asked for once more, unless `retry` is False because the
+        instrument tells everything once; then `DataCorrupt` is raised.
         """
         message = b";:".join(units) + b";:SYST:ERR?\n"
-        try:
-            return split_block(self._retried(message, expected + 64, True))
-        except ValueError:
-            self._link.clear()  # what else the damaged answer had to say is not worth hearing
-        try:
-            return split_block(self._link.ask(message, self.timeout_s, expected + 64))
-        except ValueError as problem:
-            self._link.clear()
-            raise DataCorrupt(self._device, f"{problem}.") from problem
+        while True:
+            try:
+                return split_block(self._retried(message, expected + 64, retry))
+            except ValueError as problem:
+                self._link.clear()  # what else the damaged answer had to say is not worth hearing
+                if not retry:
+                    raise DataCorrupt(self._device, f"{problem}.") from problem
+                retry = False
 
     def drain_errors(self) -> tuple[ScpiError, ...]:
         """Empties the error queue; oldest first."""

@@ -9,9 +9,11 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from drivers.simulated.bench import Exposure, Gate, SimulatedBench
+from drivers.simulated.tcspc488_time_tags import TimeTags
 from drivers.tcspc.counter import HistogramFlag
 
 NEVER_S = float("inf")
+RATE_WINDOW_S = 0.1
 SLOTS = 4096
 MAX_POINTS = 65536
 TRIPS = {101: "OVER", 102: "INTL", 103: "SYNC", 105: "WDOG"}
@@ -46,7 +48,7 @@ class Slot:
 
     index: int
     number: int
-    opened_s: float
+    gate: Gate
     exposure: Exposure
     flags: int
 
@@ -72,7 +74,7 @@ class Acquisition:
         self.flags = 0
         self.markers = [0, 0, 0]
         self.armed_s = self._ready_s = 0.0
-        self.on_slot: Callable[[Slot], None] = lambda slot: None
+        self.tags = TimeTags(bench)
         self._ring: dict[int, Slot] = {}
         self._read_until = 0
         self._gate: _OpenGate | None = None
@@ -137,8 +139,20 @@ class Acquisition:
         self._over_since_s = NEVER_S
         self.armed_s = self._ready_s = now_s
         self.state = "ARMED"
+        if self.settings.mode == "T3":
+            self.tags.start(now_s, self.sync_hz(now_s))
         self._edge_s = now_s if self.settings.source == "IMM" else NEVER_S
         self._schedule()
+
+    def look(self, now_s: float) -> Exposure:
+        """What inputs and detector do in the instrument's own rate window."""
+        this = self.settings
+        return self._bench.expose(
+            Gate(now_s, RATE_WINDOW_S, this.bins, this.bin_width_ps * 1e-12, this.offset_ps * 1e-12)
+        )
+
+    def sync_hz(self, now_s: float) -> float:
+        return self.look(now_s).sync_count / RATE_WINDOW_S
 
     def abort(self) -> None:
         """`ABOR`: the gate closes; complete points stay readable."""
@@ -214,7 +228,7 @@ class Acquisition:
         if (fault := self._bench.faults.strikes("U15", opens_s)) is not None:
             flags |= {"missed": 64, "late": 32, "overrun": 16}[str(fault.parameters.get("what", "missed"))]
         self._watch_light(exposure, opens_s, closes_s)
-        self._gate = _OpenGate(Slot(index, number, opens_s, exposure, flags), closes_s)
+        self._gate = _OpenGate(Slot(index, number, gate, exposure, flags), closes_s)
         if settings.source == "IMM" and index + 1 < settings.points:
             period_s = settings.clock_100ns * 1e-7
             self._edge_s = max(closes_s, edge_s + period_s)
@@ -247,7 +261,8 @@ class Acquisition:
         self._ring[slot.index % SLOTS] = slot
         self.flags |= slot.flags
         self.done += 1
-        self.on_slot(slot)
+        if self.settings.mode == "T3":
+            self.tags.expose(slot.gate, slot.exposure, self.settings.blanking_us * 1e-6)
         if self.done == self.settings.points:
             self.state = "DONE"
             self._signal()
@@ -266,12 +281,24 @@ class Acquisition:
         self._read_until = max(self._read_until, first + count)
         return slots
 
+    def records(self, most: int, now_s: float) -> bytes:
+        """T3 records; those of the gate that is open come when it closes."""
+        if self._gate is not None:
+            now_s = min(now_s, self._gate.slot.gate.opened_s - self.settings.blanking_us * 1e-6)
+        return self.tags.take(most, now_s)
+
+    @property
+    def all_lost(self) -> int:
+        """Points overwritten unread, or records that found the FIFO full."""
+        return self.lost + self.tags.lost
+
     @property
     def free(self) -> int:
         return SLOTS - (self.done - self._read_until)
 
     def _count_marker(self, line: int, when_s: float) -> None:
         self.markers[line] += 1
+        self.tags.mark(1 << line, when_s)
 
     # Protection
 

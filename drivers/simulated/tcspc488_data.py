@@ -9,7 +9,7 @@ from drivers.tcspc.tcspc488_records import encode_record
 
 def answer_block(values: Sequence[int]) -> bytes:
     """A definite block of u32."""
-    return _block(struct.pack(f"<{len(values)}I", *values))
+    return encode_block(struct.pack(f"<{len(values)}I", *values))
 
 
 def answer_records(slots: Sequence[Slot], acquisition: Acquisition, spoil: str = "") -> bytes:
@@ -28,20 +28,20 @@ def answer_records(slots: Sequence[Slot], acquisition: Acquisition, spoil: str =
     if spoil == "indefinite":
         return b"#0" + payload
     if spoil == "header":
-        return b"#x" + _block(payload)[2:]
+        return b"#x" + encode_block(payload)[2:]
     if spoil == "length":
-        return _block(payload[:-8])[:8] + payload
-    return _block(payload)
+        return encode_block(payload[:-8])[:8] + payload
+    return encode_block(payload)
 
 
 def _record(slot: Slot, number: int, armed_s: float, wide: bool) -> bytes:
     seen = slot.exposure
     return encode_record(
-        number & 0xFFFFFFFF, round((slot.opened_s - armed_s) * 1e9), round(seen.live_s * 1e6),
+        number & 0xFFFFFFFF, round((slot.gate.opened_s - armed_s) * 1e9), round(seen.live_s * 1e6),
         min(seen.total_count, 0xFFFFFFFF), min(seen.sync_count, 0xFFFFFFFF), slot.flags, seen.counts, wide,
     )  # fmt: skip
 
 
-def _block(payload: bytes) -> bytes:
+def encode_block(payload: bytes) -> bytes:
     digits = str(len(payload)).encode()
     return b"#%d%s%s" % (len(digits), digits, payload)

@@ -3,10 +3,17 @@
 from collections.abc import Callable
 from functools import partial
 
-from drivers.simulated.bench import Gate, SimulatedBench
+from drivers.simulated.bench import SimulatedBench
 from drivers.simulated.scpi_parser import ErrorQueue, ScpiFault, ScpiParser, block, integer, word
-from drivers.simulated.tcspc488_acquisition import MAX_POINTS, SLOTS, TRIPS, Acquisition, AcquisitionSettings
-from drivers.simulated.tcspc488_data import answer_block, answer_records
+from drivers.simulated.tcspc488_acquisition import (
+    MAX_POINTS,
+    RATE_WINDOW_S,
+    SLOTS,
+    TRIPS,
+    Acquisition,
+    AcquisitionSettings,
+)
+from drivers.simulated.tcspc488_data import answer_block, answer_records, encode_block
 from drivers.simulated.usb_descriptors import UsbDescription
 
 BASE_PS = 4
@@ -21,7 +28,6 @@ _INPUTS = {
     "INP:SYNC:LEV": (-1200, 1200, -100), "INP:SYNC:DIV": (1, 16, 1), "INP:SYNC:DEL": (-99999, 99999, 0),
     "INP:DET:LEV": (-1200, 1200, -100), "INP:DET:DEL": (-99999, 99999, 0), "INP:DET:DTIM": (800, 160000, 800),
 }  # fmt: skip
-_RATE_SETTLES_S = 0.1
 
 
 class Tcspc488Firmware:
@@ -120,7 +126,7 @@ class Tcspc488Firmware:
             "INP:RATE?": self._rates,
             "INIT": self._initiate, "ABOR": lambda a: acquisition.abort(),
             "ACQ:STAT?": self._status, "ACQ:MARK?": lambda a: b"%d,%d,%d" % tuple(acquisition.markers),
-            "ACQ:DATA?": self._data,
+            "ACQ:DATA?": self._data, "TTAG:DATA?": self._time_tags,
             "ACQ:DWEL": lambda a: self._set(dwells_us=[integer(a, 1, 10**7)]),
             "ACQ:DWEL?": lambda a: b"%d" % acquisition.settings.dwells_us[0],
             "ACQ:DWEL:LIST": lambda a: self._set(dwells_us=self._list(a, 1, 10**7)),
@@ -246,27 +252,34 @@ class Tcspc488Firmware:
 
     def _status(self, argument: bytes) -> bytes:
         this = self.acquisition
-        return b"%s,%d,%d,%d,%d" % (this.state.encode(), this.done, this.free, this.lost, this.flags)
+        return b"%s,%d,%d,%d,%d" % (this.state.encode(), this.done, this.free, this.all_lost, this.flags)
 
     def _data(self, argument: bytes) -> bytes:
         first, comma, count = argument.partition(b",")
         if not comma:
             raise ScpiFault(-109)
+        self._require("HIST")
         slots = self.acquisition.slots(integer(first, 0, MAX_POINTS), integer(count, 1, MAX_POINTS))
         if slots is None:
             raise ScpiFault(-230)
         fault = self.faults.strikes("U12", self._now_s)
         return answer_records(slots, self.acquisition, str(fault.parameters.get("what", "crc")) if fault else "")
 
+    def _time_tags(self, argument: bytes) -> bytes:
+        self._require("T3")
+        return encode_block(self.acquisition.records(integer(argument, 1, 2**20), self._now_s))
+
+    def _require(self, mode: str) -> None:
+        if self.acquisition.settings.mode != mode:
+            raise ScpiFault(-221)
+
     def _rates(self, argument: bytes) -> bytes:
         age_s = self._now_s - self._changed_s
-        if age_s < _RATE_SETTLES_S:
+        if age_s < RATE_WINDOW_S:
             raise ScpiFault(-221)
-        settings = self.acquisition.settings
-        gate = Gate(self._now_s, 0.1, settings.bins, settings.bin_width_ps * 1e-12, settings.offset_ps * 1e-12)
-        seen = self._bench.expose(gate)
-        live_s = seen.live_s or 0.1
-        return b"%d,%d,%d" % (seen.sync_count / live_s, seen.total_count / live_s, min(age_s, 1e6) * 1e3)
+        seen = self.acquisition.look(self._now_s)
+        rates = seen.sync_count / RATE_WINDOW_S, seen.total_count / RATE_WINDOW_S, min(age_s, 1e6) * 1e3
+        return b"%d,%d,%d" % rates
 
     def _shutter(self, argument: bytes) -> None:
         opens = word(argument, ("OPEN", "CLOS", "CLOSE")) == "OPEN"

@@ -4,48 +4,20 @@ In scheme S1 one question per point both confirms that its gate has closed and b
 checked in `read`, while the mirror moves on.
 """
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from itertools import accumulate
-from typing import Any, NoReturn
+from typing import Any
 
 from drivers.clock import Clock
-from drivers.errors import (
-    CommandRejected,
-    DeviceError,
-    DeviceReset,
-    DeviceTimeout,
-    LimitError,
-)
+from drivers.errors import CommandRejected, DeviceReset, DeviceTimeout, LimitError
 from drivers.identity import DeviceIdentity
-from drivers.link.scpi import ErrorsReported, Scpi, ScpiError
-from drivers.link.usb488 import Usb488
-from drivers.link.usbtmc import UsbtmcInterface, WireLog, find_usb
-from drivers.tcspc.counter import (
-    CounterStatus,
-    CountRates,
-    Histogram,
-    HistogramAxis,
-    StopAtCounts,
-    Trigger,
-)
-from drivers.tcspc.tcspc488_messages import (
-    Capacity,
-    Status,
-    arm_commands,
-    axis_commands,
-    decode_capacity,
-    decode_identity,
-    decode_status,
-    is_trip,
-    microseconds,
-    safety_error,
-    stop_commands,
-)
+from drivers.link.usbtmc import WireLog
+from drivers.tcspc.counter import CounterStatus, CountRates, Histogram, HistogramAxis, StopAtCounts, Trigger
+from drivers.tcspc.tcspc488_instrument import Instrument
+from drivers.tcspc.tcspc488_messages import Status, arm_commands, axis_commands, microseconds, stop_commands
 from drivers.tcspc.tcspc488_reading import checked, read_records
 from drivers.tcspc.tcspc488_records import record_bytes
-from drivers.tcspc.tcspc488_settings import Tcspc488Settings, input_commands
-from drivers.tcspc.tcspc488_setup import Setup
+from drivers.tcspc.tcspc488_settings import Tcspc488Settings
 from drivers.tcspc.tcspc488_shutter import Tcspc488Shutter
 
 __all__ = ["Tcspc488", "Tcspc488Settings", "Tcspc488Shutter"]
@@ -53,7 +25,6 @@ __all__ = ["Tcspc488", "Tcspc488Settings", "Tcspc488Shutter"]
 _SHORT_WAIT_S = 0.01
 _EARLY_S = 0.002
 """How often a gate that may end early is looked at."""
-_NOT_READY, _OVERRUN = -230, 104
 _POLL_S = 0.05
 """Longest time between two looks at the status: a lost service request costs no more (20 Hz)."""
 
@@ -65,16 +36,11 @@ class Tcspc488:
     has_watchdog = True
     list_mode = False
 
-    def __init__(self, settings: Tcspc488Settings, clock: Clock, link: Usb488, scpi: Scpi) -> None:
-        self.warnings: list[str] = []
-        self.shutter_opened = False
+    def __init__(self, settings: Tcspc488Settings, instrument: Instrument) -> None:
+        self.instrument = instrument
+        self.clock = instrument.clock
         self._device = settings.model
         self._settings = settings
-        self.clock = clock
-        self.link = link
-        self.scpi = scpi
-        self.identity: DeviceIdentity = decode_identity(settings.model, scpi.query(b"*IDN?")[0])
-        self._capacity: Capacity = decode_capacity(settings.model, scpi.query(b"SYST:CAPS?")[0])
         self._wide = settings.counts == "u32"
         self._axis: HistogramAxis | None = None
         self._stops = False
@@ -85,11 +51,6 @@ class Tcspc488:
         self._triggered = 0
         self._gate_due_s = 0.0
         self._brought: tuple[int, memoryview] | None = None
-        self._watchdog_s = 0.0
-        self._kicked_s = 0.0
-        self._trip_reported = False
-        self._setup = Setup(settings.model, scpi, self.identity)
-        self._setup.apply(input_commands(settings))
 
     @classmethod
     def open(
@@ -99,19 +60,21 @@ class Tcspc488:
 
         Raises `DeviceNotFound`, `DeviceBusy`, `WrongDevice` or what the link meets.
         """
-        if settings.usb == "simulated" and backend is None:
+        if settings.simulated and backend is None:
             raise LimitError(settings.model, "usb: simulated needs the simulated bench.", "Open it by its bench file.")
-        serial = None if settings.usb in ("simulated", "auto") else settings.usb
-        found = find_usb(settings.model, settings.vendor_id, settings.product_id, serial, backend)
-        link = Usb488(UsbtmcInterface(settings.model, found, wire_log), clock)
-        try:
-            scpi = Scpi(settings.model, link, settings.timeout_s)
-            scpi.drain_errors()
-            scpi.command(b"ABOR")  # whatever an earlier program left running
-            return cls(settings, clock, link, scpi)
-        except DeviceError:
-            link.close()
-            raise
+        if settings.mode == "t3":
+            from drivers.tcspc.tcspc488_t3 import Tcspc488T3
+
+            cls = Tcspc488T3
+        return cls(settings, Instrument(settings, clock, backend, wire_log))
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        return self.instrument.identity
+
+    @property
+    def warnings(self) -> list[str]:
+        return self.instrument.warnings
 
     # Settings
 
@@ -121,17 +84,17 @@ class Tcspc488:
 
     @property
     def max_points(self) -> int:
-        return self._capacity.max_points
+        return self.instrument.capacity.max_points
 
     def check(self, axis: HistogramAxis, dwell_s: float) -> None:
         """Raises `LimitError` where axis or dwell cannot be set exactly. Sends nothing."""
-        axis_commands(self._device, axis, self._capacity)
+        axis_commands(self._device, axis, self.instrument.capacity)
         microseconds(self._device, dwell_s)
 
     def configure(self, axis: HistogramAxis, stop: StopAtCounts | None = None) -> None:
-        commands = axis_commands(self._device, axis, self._capacity) | stop_commands(self._device, axis, stop)
-        with self._errors_named():
-            self._setup.apply(commands)
+        commands = axis_commands(self._device, axis, self.instrument.capacity) | stop_commands(self._device, axis, stop)
+        with self.instrument.errors_named():
+            self.instrument.setup.apply(commands)
         self._axis, self._stops = axis, stop is not None
 
     def arm(
@@ -151,33 +114,20 @@ class Tcspc488:
             )
         dwells_us = [microseconds(self._device, each) for each in dwells_s]
         blanking_us = microseconds(self._device, blanking_s) if blanking_s else 0
-        commands, lists = arm_commands(dwells_us, trigger, blanking_us, self._stops)
+        commands, lists = arm_commands(dwells_us, trigger, blanking_us, self._stops, "T3" if self.list_mode else "HIST")
         lists["ACQ:NUMB:LIST"] = list(numbers)
-        with self._errors_named():
-            self.scpi.command(b"ABOR")
-            self._setup.apply(commands, lists)
-            if self._setup.restore(lists):
-                self._restarted()
-            self.scpi.command(b"INIT", retry=False)
+        self.instrument.initiate(commands, lists)
         self._dwells_s, self._numbers, self._trigger = dwells_s, numbers, trigger
-        self._triggered, self._brought, self._trip_reported = 0, None, False
+        self._triggered, self._brought = 0, None
         start_s = self.clock.now()
         self._due_s = [start_s + each for each in accumulate((us + blanking_us) * 1e-6 for us in dwells_us)]
-
-    def _restarted(self) -> None:
-        """The instrument lost its settings, and has them back. A shutter of its own has closed, though."""
-        if self.shutter_opened:
-            raise DeviceReset(self._device, "it restarted, which closed the shutter.", "Its settings are back: resume.")
-        self.warnings.append("the counter restarted between two acquisitions; its settings were sent again")
-        if self._watchdog_s:
-            self.arm_watchdog(self._watchdog_s)
 
     # Acquiring
 
     def trigger(self) -> None:
         if self._triggered >= len(self._numbers):
             raise CommandRejected(self._device, f"all {len(self._numbers)} armed points are triggered.", "Arm again.")
-        self.link.trigger(self.scpi.timeout_s)
+        self.instrument.trigger()
         self._gate_due_s = self.clock.now() + self._dwells_s[self._triggered]
         self._triggered += 1
 
@@ -192,17 +142,20 @@ class Tcspc488:
             now_s = self.clock.now()
             wanted = count - 1 if by_host and now_s >= min(due_s, look_s) else None
             status = self._poll(wanted)
-            if status.state in ("TRIP", "FAULT"):
-                self._tripped(())
+            self._running_or_done(status)
             if status.done >= count:
                 return CounterStatus(status.running, status.done, status.lost, status.markers)
-            if status.state == "IDLE":
-                raise DeviceReset(self._device, f"it is idle after {status.done} of {count} points.", "Arm again.")
             if now_s >= deadline_s:
                 raise DeviceTimeout(self._device, f"{status.done} of {count} points complete after {timeout_s:g} s.")
             look_s = now_s + _EARLY_S if self._stops else due_s
             if now_s >= due_s:
                 due_s, again_s = now_s + again_s, min(2 * again_s, _POLL_S)
+
+    def _running_or_done(self, status: Status) -> None:
+        if status.tripped:
+            self.instrument.tripped(())
+        if status.state == "IDLE" and status.done < len(self._numbers):
+            raise DeviceReset(self._device, f"it is idle after {status.done} points.", "Arm again.")
 
     def _pause(self, until_s: float) -> None:
         """Sleeps at most until `until_s`; a service request or the next look at the status ends a long sleep early."""
@@ -210,30 +163,21 @@ class Tcspc488:
         if left_s <= _SHORT_WAIT_S:
             self.clock.sleep(left_s)
         else:
-            self.link.wait_service_request(min(left_s - 0.5 * _SHORT_WAIT_S, _POLL_S, self._kick_period_s()))
+            self.instrument.pause(min(left_s - 0.5 * _SHORT_WAIT_S, _POLL_S))
 
-    def _poll(self, wanted: int | None = None) -> Status:
+    def _poll(self, wanted: int | None) -> Status:
         """The status, with the record of point `wanted` brought along if it is complete."""
-        units = [b"ACQ:STAT?;:ACQ:MARK?" if self._settings.markers else b"ACQ:STAT?"]
         if wanted is None:
-            return self._look(units, 0)[0]
-        units.append(b"ACQ:DATA? %d,1" % wanted)
-        status, block = self._look(units, 1)
+            return self.instrument.look()[0]
+        status, block = self._ask_for(wanted, 1)
         if block is not None:
             self._brought = (wanted, block)
         return status
 
-    def _look(self, units: list[bytes], records: int) -> tuple[Status, memoryview | None]:
-        """Status and, where it is there, a block of records. Whatever is asked, a trip is seen and answered."""
+    def _ask_for(self, first: int, count: int) -> tuple[Status, memoryview | None]:
         assert self._axis is not None
-        expected = 256 + records * record_bytes(self._axis.bins, self._wide)
-        text, block, error = self.scpi.query_block(*self._kick_if_due(), *units, expected=expected)
-        status = decode_status(self._device, text.decode("ascii", "replace"))
-        if status.state in ("TRIP", "FAULT") and not self._trip_reported:
-            self._tripped((error,) if error else ())
-        if error is not None and error.code not in (_NOT_READY, _OVERRUN):
-            self._refused(error)
-        return status, block
+        expected = count * record_bytes(self._axis.bins, self._wide)
+        return self.instrument.look(b"ACQ:DATA? %d,%d" % (first, count), expected)
 
     def read(self, first: int, count: int) -> list[Histogram]:
         """The histograms of points `first`.. since `arm`. A record that is damaged twice, or was overwritten before it
@@ -246,7 +190,7 @@ class Tcspc488:
 
     def _fetch(self, first: int, count: int) -> memoryview | None:
         """The records' block, or None where the instrument no longer has them."""
-        status, block = self._look([b"ACQ:STAT?", b"ACQ:DATA? %d,%d" % (first, count)], count)
+        status, block = self._ask_for(first, count)
         if block is None and status.done < first + count:
             if status.state == "IDLE" and status.done == 0:
                 raise DeviceReset(self._device, "it has forgotten the points it had taken.", "Arm again.")
@@ -254,79 +198,24 @@ class Tcspc488:
         return block
 
     def abort(self) -> None:
-        self._call(b"ABOR")
+        self.instrument.call(b"ABOR")
         self._brought = None
-
-    def rates(self) -> CountRates:
-        with self._errors_named():
-            try:
-                answer = self.scpi.query(b"INP:RATE?")[0]
-            except ErrorsReported as refusal:
-                if refusal.errors[0].code != -221:
-                    raise
-                self.clock.sleep(0.1)  # the instrument counts for 100 ms after any change of its inputs
-                answer = self.scpi.query(b"INP:RATE?")[0]
-        sync, detector, _ = answer.split(",")
-        return CountRates(float(sync), float(detector))
 
     # Protection
 
+    def rates(self) -> CountRates:
+        return self.instrument.rates()
+
     def arm_watchdog(self, timeout_s: float) -> None:
-        if timeout_s != 0 and not 0.1 <= timeout_s <= 60:
-            raise LimitError(self._device, f"watchdog time {timeout_s:g} s is outside 0.1 to 60 s.", "0 turns it off.")
-        self._call(f"SYST:WDOG {timeout_s:g}".encode())
-        self._watchdog_s = timeout_s
-        self._kicked_s = self.clock.now()
+        self.instrument.arm_watchdog(timeout_s)
 
     def kick(self) -> None:
-        self._call(b"SYST:WDOG:KICK")
-        self._kicked_s = self.clock.now()
-
-    def _kick_period_s(self) -> float:
-        return self._watchdog_s / 4 if self._watchdog_s else float("inf")
-
-    def _kick_if_due(self) -> list[bytes]:
-        now_s = self.clock.now()
-        if now_s - self._kicked_s < self._kick_period_s() * 0.9:
-            return []
-        self._kicked_s = now_s
-        return [b"SYST:WDOG:KICK"]
+        self.instrument.kick()
 
     def clear_trip(self) -> None:
         """Clears a latched trip. For a person to call, after finding out why."""
-        self._call(b"PROT:CLE")
+        self.instrument.clear_trip()
 
     def close(self) -> None:
         """Stops, if the instrument still listens, and releases it."""
-        try:
-            self._call(b"ABOR")
-        except DeviceError:
-            pass  # closing must succeed whatever state the link is in
-        finally:
-            self.link.close()
-
-    def _tripped(self, errors: Sequence[ScpiError]) -> NoReturn:
-        """The instrument has shut the light off by itself; the command is sent all the same, and first."""
-        self._trip_reported = True
-        self.link.urgent(b"OUTP:SHUT CLOS\n", self.scpi.timeout_s)
-        errors = (*errors, *self.scpi.drain_errors())
-        cause = "" if is_trip(errors) else self.scpi.query(b"PROT:TRIP?")[0]
-        raise safety_error(self._device, errors, cause)
-
-    def _refused(self, error: ScpiError) -> NoReturn:
-        with self._errors_named():
-            raise ErrorsReported(self._device, "acquiring", (error, *self.scpi.drain_errors()))
-
-    def _call(self, *units: bytes) -> None:
-        with self._errors_named():
-            self.scpi.command(*units)
-
-    @contextmanager
-    def _errors_named(self) -> Iterator[None]:
-        """What the instrument reports, by its own name; a trip comes before everything else."""
-        try:
-            yield
-        except ErrorsReported as report:
-            if is_trip(report.errors):
-                self._tripped(report.errors)
-            raise
+        self.instrument.close()

@@ -45,6 +45,10 @@ class Status:
     def running(self) -> bool:
         return self.state in ("ARMED", "RUN")
 
+    @property
+    def tripped(self) -> bool:
+        return self.state in ("TRIP", "FAULT")
+
 
 def decode_identity(device: str, answer: str) -> DeviceIdentity:
     """`*IDN?`. Raises `WrongDevice` for anything but this profile."""
@@ -138,7 +142,7 @@ def stop_commands(device: str, axis: HistogramAxis, stop: StopAtCounts | None) -
 
 
 def arm_commands(
-    dwells_us: Sequence[int], trigger: Trigger, blanking_us: int, stops: bool
+    dwells_us: Sequence[int], trigger: Trigger, blanking_us: int, stops: bool, mode: str
 ) -> tuple[dict[str, str], dict[str, list[int]]]:
     """Header and value of each setting of an acquisition, and the lists that go as blocks."""
     uniform = min(dwells_us) == max(dwells_us)
@@ -147,7 +151,7 @@ def arm_commands(
     # makes each edge follow the gate before it.
     period_us = blanking_us + (dwells_us[0] if uniform and not stops else 1)
     commands = {
-        "ACQ:MODE": "HIST",
+        "ACQ:MODE": mode,
         "ACQ:POIN": str(len(dwells_us)),
         "ACQ:BLAN": str(blanking_us if clocked else 0),
         "ACQ:TRIG:SOUR": "IMM" if clocked else "BUS",

@@ -39,6 +39,10 @@ class Tcspc488Settings(Settings):
     usb: str = "auto"
     vendor_id: int = Field(default=0x1209, ge=0, le=0xFFFF)
     product_id: int = Field(default=0x0001, ge=0, le=0xFFFF)
+    mode: Literal["histogram", "t3"] = "histogram"
+    """Histograms made by the instrument, or by this computer from a record of every photon."""
+    marker_disorder_us: float = Field(default=50.0, ge=0, le=10_000)
+    """T3 mode: how much later than photons of the same time a marker may stand in the record stream."""
     timeout_s: float = Field(default=1.0, ge=0.05, le=60.0)
     sync: SyncInput = SyncInput()
     detector: DetectorInput = DetectorInput()

@@ -18,16 +18,16 @@ class Tcspc488Shutter:
     """A `LaserShutter` over the counter's own link: `close` goes past whatever that link is doing."""
 
     def __init__(self, counter: "Tcspc488") -> None:
-        self._counter = counter
+        self._instrument = counter.instrument
         self._clock = counter.clock
         self._device = f"{counter.identity.model} shutter"
 
     def open(self) -> None:
         if self.state().interlock_closed is False:
             raise SafetyTrip(self._device, "the interlock loop is open.", "Close it, then try again.")
-        self._counter.shutter_opened = True
+        self._instrument.shutter_opened = True
         try:
-            self._counter.scpi.command(b"OUTP:SHUT OPEN", retry=False)
+            self._instrument.scpi.command(b"OUTP:SHUT OPEN", retry=False)
         except ErrorsReported as report:
             if any(error.code > 0 for error in report.errors):
                 raise safety_error(self._device, report.errors, "") from report
@@ -37,12 +37,12 @@ class Tcspc488Shutter:
             raise DeviceFault(self._device, "it does not open.", "Check its supply and its feedback contact.")
 
     def close(self) -> None:
-        self._counter.link.urgent(b"OUTP:SHUT CLOS\n", self._counter.scpi.timeout_s)
+        self._instrument.link.urgent(b"OUTP:SHUT CLOS\n", self._instrument.scpi.timeout_s)
         if not self._reads_back(False):
             raise DeviceFault(
                 self._device, "its contact says OPEN after it was told to close.", "Switch the laser off by hand."
             )
-        self._counter.shutter_opened = False
+        self._instrument.shutter_opened = False
 
     def state(self) -> ShutterState:
         commanded, feedback, interlock = self._ask()
@@ -61,9 +61,9 @@ class Tcspc488Shutter:
     def _ask(self) -> tuple[str, str, str]:
         """Commanded, feedback, interlock. Errors that wait in the queue belong to others and do not hinder a look."""
         try:
-            shutter, interlock = self._counter.scpi.query(b"OUTP:SHUT?", b"INTL?")
+            shutter, interlock = self._instrument.scpi.query(b"OUTP:SHUT?", b"INTL?")
         except ErrorsReported:
-            shutter, interlock = self._counter.scpi.query(b"OUTP:SHUT?", b"INTL?")
+            shutter, interlock = self._instrument.scpi.query(b"OUTP:SHUT?", b"INTL?")
         commanded, _, feedback = shutter.partition(",")
         if not {commanded, feedback} <= {"OPEN", "CLOS"} or interlock not in ("OK", "OPEN"):
             raise ProtocolError(self._device, f"OUTP:SHUT?;:INTL? answered {shutter};{interlock}.")
