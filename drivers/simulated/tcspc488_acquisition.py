@@ -156,6 +156,7 @@ class Acquisition:
 
     def abort(self) -> None:
         """`ABOR`: the gate closes; complete points stay readable."""
+        self.tags.stop(self._bench.clock.now())
         self._gate = None
         self._edge_s = NEVER_S
         self._trip_event = (NEVER_S, 0)
@@ -215,6 +216,8 @@ class Acquisition:
             number if settings.numbers else None, settings.stop_counts, settings.stop_window,
         )  # fmt: skip
         exposure = self._bench.expose(gate)
+        if settings.mode == "T3":
+            self.tags.expose(gate, exposure, settings.blanking_us * 1e-6)
         flags = self._missed
         self._missed = 0
         if exposure.stopped_early:
@@ -261,8 +264,6 @@ class Acquisition:
         self._ring[slot.index % SLOTS] = slot
         self.flags |= slot.flags
         self.done += 1
-        if self.settings.mode == "T3":
-            self.tags.expose(slot.gate, slot.exposure, self.settings.blanking_us * 1e-6)
         if self.done == self.settings.points:
             self.state = "DONE"
             self._signal()
@@ -280,12 +281,6 @@ class Acquisition:
             return None
         self._read_until = max(self._read_until, first + count)
         return slots
-
-    def records(self, most: int, now_s: float) -> bytes:
-        """T3 records; those of the gate that is open come when it closes."""
-        if self._gate is not None:
-            now_s = min(now_s, self._gate.slot.gate.opened_s - self.settings.blanking_us * 1e-6)
-        return self.tags.take(most, now_s)
 
     @property
     def all_lost(self) -> int:

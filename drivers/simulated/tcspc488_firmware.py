@@ -267,7 +267,7 @@ class Tcspc488Firmware:
 
     def _time_tags(self, argument: bytes) -> bytes:
         self._require("T3")
-        return encode_block(self.acquisition.records(integer(argument, 1, 2**20), self._now_s))
+        return encode_block(self.acquisition.tags.take(integer(argument, 1, 2**20), self._now_s))
 
     def _require(self, mode: str) -> None:
         if self.acquisition.settings.mode != mode:

@@ -19,6 +19,7 @@ _SALT = 488
 
 Pulses = npt.NDArray[np.int64]
 Records = npt.NDArray[np.uint32]
+_NONE: Pulses = np.zeros(0, np.int64)
 
 
 class TimeTags:
@@ -27,6 +28,8 @@ class TimeTags:
     def __init__(self, bench: SimulatedBench) -> None:
         self._bench = bench
         self._fifo: list[Records] = []
+        self._coming = _NONE, _NONE.astype(np.uint32)
+        self._what = ""
         self._waiting = 0
         self._markers: list[tuple[int, int]] = []
         self._started_s = self._sync_hz = 0.0
@@ -35,6 +38,7 @@ class TimeTags:
 
     def start(self, now_s: float, sync_hz: float) -> None:
         self._fifo.clear()
+        self._coming = _NONE, _NONE.astype(np.uint32)
         self._markers.clear()
         self._waiting = self._wraps = self.lost = 0
         self._started_s, self._sync_hz = now_s, sync_hz
@@ -46,63 +50,73 @@ class TimeTags:
         self._markers.append((self.pulse(when_s), bits))
 
     def expose(self, gate: Gate, exposure: Exposure, blanking_s: float) -> None:
-        """Records one gate with its photons, and those that arrived while it was blanked before."""
+        """One gate with its photons, and those that arrive while it is blanked before; they are told as time passes."""
         rng = np.random.default_rng((_SALT, gate.number or 0, round(gate.opened_s * 1e9)))
         pulses, delays = spad.arrivals(exposure, rng)
         opened = self.pulse(gate.opened_s)
-        parts = [(pulses + opened, delays)]
+        at, shown = [pulses + opened], [delays]
         if blanking_s > 0:
             moving = Gate(gate.opened_s - blanking_s, blanking_s, gate.bins, gate.bin_width_s, gate.offset_s)
             pulses, delays = spad.arrivals(self._bench.expose(moving), rng)
-            parts.append((pulses + self.pulse(moving.opened_s), delays))
+            at.append(pulses + self.pulse(moving.opened_s))
+            shown.append(delays)
         self._markers.append((opened, GATE_MARKER))
-        at = np.concatenate([part for part, _ in parts])
-        photons = (np.concatenate([part for _, part in parts]) << 10 | at % _WRAP).astype(np.uint32)
-        self._record(at, photons, self.pulse(gate.opened_s + gate.dwell_s))
+        times = np.concatenate(at)
+        self._plan(times, (np.concatenate(shown) << 10 | times % _WRAP).astype(np.uint32))
 
-    def _record(self, at: Pulses, photons: Records, last: int) -> None:
+    def _plan(self, at: Pulses, photons: Records) -> None:
         fault = self._bench.faults.strikes("U20", self._bench.clock.now(), "records")
-        what = str(fault.parameters.get("what", "")) if fault else ""
+        self._what = str(fault.parameters.get("what", "")) if fault else ""
         markers = np.array(self._markers, dtype=np.int64).reshape(-1, 2)
         self._markers.clear()
         edges = (1 << 31 | markers[:, 1] << _MARKER_SHIFT | markers[:, 0] % _WRAP).astype(np.uint32)
         place = markers[:, 0]
-        if what == "marker_order":  # later than photons of the same time, within one wrap
+        if self._what == "marker_order":  # later than photons of the same time, within one wrap
             place = np.minimum(place + 300, place // _WRAP * _WRAP + _WRAP - 1)
-        at, records = np.concatenate((place, at)), np.concatenate((edges, photons))
+        if self._what == "fifo_full":
+            self.lost += len(photons) + len(edges)
+            return
+        at = np.concatenate((self._coming[0], place, at))
+        records = np.concatenate((self._coming[1], edges, photons))
         order = np.argsort(at, kind="stable")
-        if what == "fifo_full":
-            self.lost += len(records)
-            order = order[:0]
-        self._push(*self._with_wraps(at[order], records[order], last, what))
+        self._coming = at[order], records[order]
 
-    def _with_wraps(self, at: Pulses, records: Records, last: int, what: str = "") -> tuple[Records, int]:
+    def stop(self, now_s: float) -> None:
+        """The gate closes early: what it would have seen later is not told."""
+        cut = int(np.searchsorted(self._coming[0], self.pulse(now_s), side="right"))
+        self._coming = self._coming[0][:cut], self._coming[1][:cut]
+
+    def _tell_until(self, last: int) -> None:
+        at, records = self._coming
+        cut = int(np.searchsorted(at, last, side="right"))
+        self._coming = at[cut:], records[cut:]
+        told = self._with_wraps(at[:cut], records[:cut], last)
+        if self._waiting + len(told) > FIFO_RECORDS:
+            self.lost += cut
+            told = told[told >= np.uint32(_OVERFLOW)]  # time goes on, photons are lost
+        self._fifo.append(told)
+        self._waiting += len(told)
+
+    def _with_wraps(self, at: Pulses, records: Records, last: int) -> Records:
         """The records with an overflow before each that lies in a later wrap, and up to pulse `last`."""
-        wraps = np.diff(np.append(at, max(last, int(at[-1]) if len(at) else 0)) // _WRAP, prepend=self._wraps)
+        wraps = np.diff(np.append(at, last) // _WRAP, prepend=self._wraps)
         self._wraps += int(wraps.sum())
-        most = 1 if what in ("overflow_one", "overflow_zero") else _WRAP - 1
+        most = 1 if self._what in ("overflow_one", "overflow_zero") else _WRAP - 1
         repeats = -(-wraps // most)
-        counts = np.full(int(repeats.sum()), 0 if what == "overflow_zero" else most, dtype=np.int64)
+        counts = np.full(int(repeats.sum()), 0 if self._what == "overflow_zero" else most, dtype=np.int64)
         ends = np.cumsum(repeats)[repeats > 0] - 1
         if most > 1:
             counts[ends] = wraps[repeats > 0] - (repeats[repeats > 0] - 1) * most
         overflows = (_OVERFLOW | counts).astype(np.uint32)
-        return np.insert(records, np.repeat(np.arange(len(wraps)), repeats), overflows), len(records)
+        return np.insert(records, np.repeat(np.arange(len(wraps)), repeats), overflows)
 
-    def _push(self, records: Records, events: int) -> None:
-        if self._waiting + len(records) > FIFO_RECORDS:
-            self.lost += events
-            records = records[records >= np.uint32(_OVERFLOW)]  # time goes on, photons are lost
-        self._fifo.append(records)
-        self._waiting += len(records)
-
-    def take(self, most: int, known_until_s: float) -> bytes:
-        """Up to `most` records as bytes; wraps are told up to the moment until which all photons are known."""
-        self._push(*self._with_wraps(np.zeros(0, np.int64), np.zeros(0, np.uint32), self.pulse(known_until_s)))
+    def take(self, most: int, now_s: float) -> bytes:
+        """Up to `most` records as bytes."""
+        self._tell_until(self.pulse(now_s))
         records = np.concatenate(self._fifo)
         self._fifo = [records[most:]]
         self._waiting = len(self._fifo[0])
         data = records[:most].astype("<u4").tobytes()
-        if data and self._bench.faults.strikes("U20", known_until_s, "block"):
+        if data and self._bench.faults.strikes("U20", now_s, "block"):
             data = data[:-2]
         return data
