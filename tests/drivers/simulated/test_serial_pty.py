@@ -1,0 +1,63 @@
+"""Drivers talk to simulated controllers through a real serial port of the operating system."""
+
+import math
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import pytest
+
+from drivers.clock import SystemClock
+from drivers.errors import DeviceBusy, DeviceLost
+from drivers.galvo.mirror import MirrorAngles
+from drivers.galvo.models import open_mirror
+from drivers.galvo.optotune import OptotuneSettings
+from drivers.galvo.triggerscope import TriggerScopeSettings
+from drivers.simulated.bench import SimulatedBench
+from drivers.simulated.instruments import FIRMWARES
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are POSIX")
+
+if os.name == "posix":
+    from drivers.simulated.serial_pty import served_on_pty
+
+ASIDE = MirrorAngles(0.1, -0.05)
+
+
+@pytest.mark.parametrize("model", sorted(FIRMWARES))
+def test_a_mirror_moves_through_a_real_port_and_is_lost_with_it(
+    dark_bench: Callable[..., SimulatedBench], model: str
+) -> None:
+    bench = dark_bench()
+    kinds = {"triggerscope": TriggerScopeSettings, "optotune": OptotuneSettings}
+    offline = kinds[model](model=model, port="sim://none")
+    with served_on_pty(FIRMWARES[model](bench, offline), bench) as path:
+        settings = kinds[model](model=model, port=path)
+        mirror = open_mirror(settings, SystemClock())
+        mirror.move_to(ASIDE)
+        beam = bench.beam_at(bench.clock.now() + 1.0)  # its clock stands still until the port is used
+        assert math.hypot(beam.x_rad - ASIDE.x_rad, beam.y_rad - ASIDE.y_rad) < 5e-5
+        with pytest.raises(DeviceBusy, match="another program"):
+            open_mirror(settings, SystemClock())
+        mirror.close()
+        time.sleep(0.2)  # a host that leaves is noticed by looking
+        mirror = open_mirror(settings, SystemClock())
+    with pytest.raises(DeviceLost, match="went away"):
+        mirror.move_to(ASIDE)
+    mirror.close()
+    mirror.close()
+
+
+def test_it_is_served_to_any_program_from_the_command_line() -> None:
+    command = [sys.executable, "-m", "drivers.simulated.serial_pty", "triggerscope"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as served:
+        try:
+            assert served.stdout is not None
+            path = served.stdout.readline().strip()
+            mirror = open_mirror(TriggerScopeSettings(model="triggerscope", port=path), SystemClock())
+            assert mirror.identity.product.startswith("TriggerScope")
+            mirror.close()
+        finally:
+            served.terminate()
