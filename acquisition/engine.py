@@ -8,13 +8,14 @@ import contextlib
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from typing import Protocol
 
-from acquisition import stepped
+from acquisition import clocked, stepped
 from acquisition.aim import Aim
 from acquisition.control import ScanControl, ScanState
 from acquisition.plan import ScanPlan
 from acquisition.sample import Sample
+from acquisition.schemes import Choice, Scheme, choose, forecast
 from drivers.bench import Bench
-from drivers.errors import DeviceError, DeviceTimeout, LimitError, SafetyTrip
+from drivers.errors import DeviceError, DeviceFault, DeviceTimeout, LimitError, SafetyTrip
 from drivers.galvo.mirror import MirrorAngles
 from drivers.tcspc.counter import HistogramFlag
 
@@ -65,6 +66,7 @@ def scan(
     *,
     aim: Aim | None = None,
     taken: Mapping[int, int] | None = None,
+    scheme: Scheme | None = None,
     control: ScanControl | None = None,
     decide: Callable[[], bool] | None = None,
     elapsed_s: float = 0.0,
@@ -72,11 +74,15 @@ def scan(
     """Checks the plan at once (`LimitError`), then yields its samples as they are taken.
 
     `taken`: point number -> photons of what an earlier recording already holds, `elapsed_s` how long that took.
-    `decide` is asked after every sample whether the scan may end early. Raises `DeviceError` with the shutter closed.
+    `scheme`: the fastest that bench and plan allow, unless told. `decide` is asked after every sample whether the scan
+    may end early. Raises `DeviceError` with the shutter closed.
     """
     angles = checked_angles(plan, bench, aim or aim_of(bench))
+    choice = choose(plan, bench, angles)
+    if scheme is not None and scheme is not choice.scheme:
+        choice = Choice(scheme, "as asked for", forecast(scheme, plan, bench, angles))
     run = _Run(plan, bench, angles, dict(taken or {}), control or ScanControl(), decide or (lambda: False), elapsed_s)
-    return run.samples()
+    return run.samples(choice)
 
 
 def record(
@@ -108,14 +114,19 @@ class _Run:
         self._photons, self._control, self._decide = photons, control, decide
         self._start_s = bench.clock.now() - elapsed_s
         self._attempts: dict[int, int] = {}
+        self._take = stepped.take
+        self._first, self._stuck = -1, 0
 
-    def samples(self) -> Generator[Sample, None, None]:
+    def samples(self, choice: Choice) -> Generator[Sample, None, None]:
         control, bench = self._control, self._bench
+        bench.report("scheme", f"{choice.scheme.value}, {choice.forecast.total_s:.1f} s expected; {choice.why}")
+        self._take = stepped.take if choice.scheme is Scheme.STEPPED else clocked.take
         control.enter(ScanState.RUNNING)
         try:
             bench.counter.configure(self._plan.axis, self._plan.stop)
             while todo := self._plan.pending(self._photons):
                 yield from self._segment(todo[: bench.counter.max_points])
+                self._check_progress(todo[0])
                 if control.state is ScanState.RUNNING and control.wanted:
                     self._pause()
                 if control.state is not ScanState.RUNNING:
@@ -138,7 +149,7 @@ class _Run:
         """The samples of one armed batch, until it ends, a pause is wanted or a point has to be taken again."""
         points = [self._plan[number] for number in numbers]
         angles = [self._angles[number] for number in numbers]
-        source = stepped.take(self._bench, points, angles, self._control, self._start_s)
+        source = self._take(self._bench, points, angles, self._control, self._start_s)
         for sample in self._until_interrupted(source):
             if self._is_spoilt(sample):
                 return
@@ -163,6 +174,17 @@ class _Run:
             if sample is None:
                 return
             yield sample
+
+    def _check_progress(self, first: int) -> None:
+        """Ends a scan that comes back to the same point again and again. Raises `DeviceFault`."""
+        self._stuck = self._stuck + 1 if first == self._first and not self._control.wanted else 0
+        self._first = first
+        if self._stuck >= ATTEMPTS:
+            raise DeviceFault(
+                self._bench.mirror.identity.model,
+                f"its steps and the counter's points disagreed {ATTEMPTS} times from point {first} on.",
+                "Check trigger and marker wires, or scan point by point.",
+            )
 
     def _is_spoilt(self, sample: Sample) -> bool:
         """Whether the point has to be taken again; said in the event log either way."""

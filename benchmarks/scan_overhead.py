@@ -17,6 +17,7 @@ from acquisition.engine import record, scan
 from acquisition.provenance import Header
 from acquisition.recording_writer import RecordingWriter
 from acquisition.scan_settings import ScanSettings
+from acquisition.schemes import Scheme
 from configs.load import load
 from drivers.bench import Bench, BenchSettings, open_bench
 from drivers.simulated.bench import Gate
@@ -34,7 +35,7 @@ def one_scan(bench: Bench, folder: Path) -> np.ndarray:
     plan = load("scan", "demo", ScanSettings).settings.plan()
     moments = [time.perf_counter()]
     with RecordingWriter.create(folder / "run.h5", plan, Header(), overwrite=True) as writer:
-        record(scan(plan, bench), writer, lambda sample: moments.append(time.perf_counter()))
+        record(scan(plan, bench, scheme=Scheme.STEPPED), writer, lambda sample: moments.append(time.perf_counter()))
     return np.diff(moments)
 
 

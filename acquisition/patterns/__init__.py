@@ -4,8 +4,18 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
+from acquisition.patterns.archimedean_spiral import ArchimedeanSpiral
+from acquisition.patterns.blue_noise import BlueNoise
+from acquisition.patterns.circle import Circle
+from acquisition.patterns.coarse_to_fine import CoarseToFine
+from acquisition.patterns.concentric_circles import ConcentricCircles
+from acquisition.patterns.fermat_spiral import FermatSpiral
+from acquisition.patterns.from_list import FromList
+from acquisition.patterns.jittered import Jittered
+from acquisition.patterns.random_pixels import RandomPixels
 from acquisition.patterns.raster import Raster
 from acquisition.patterns.serpentine import Serpentine
+from acquisition.patterns.subgrid import Subgrid
 
 
 def _spelled_out(value: Any) -> Any:
@@ -14,9 +24,42 @@ def _spelled_out(value: Any) -> Any:
 
 
 Pattern = Annotated[
-    Annotated[Raster | Serpentine, Field(discriminator="kind")],
+    Annotated[
+        Raster
+        | Serpentine
+        | Subgrid
+        | Jittered
+        | RandomPixels
+        | BlueNoise
+        | Circle
+        | ConcentricCircles
+        | ArchimedeanSpiral
+        | FermatSpiral
+        | CoarseToFine
+        | FromList,
+        Field(discriminator="kind"),
+    ],
     BeforeValidator(_spelled_out),
 ]
 
-PATTERNS = {pattern.model_fields["kind"].default: pattern for pattern in (Raster, Serpentine)}
+PATTERNS: dict[str, type[Any]] = {
+    pattern.model_fields["kind"].default: pattern
+    for pattern in (
+        Raster,
+        Serpentine,
+        Subgrid,
+        Jittered,
+        RandomPixels,
+        BlueNoise,
+        Circle,
+        ConcentricCircles,
+        ArchimedeanSpiral,
+        FermatSpiral,
+        CoarseToFine,
+        FromList,
+    )
+}
 """Word -> settings class. The first line of its docstring describes it."""
+
+SCATTERED = (Jittered, RandomPixels, BlueNoise)
+"""Patterns whose own order is no path: they are put on one."""

@@ -21,7 +21,8 @@ def bench_settings() -> Callable[..., BenchSettings]:
         settings = load("bench", name, BenchSettings).settings
         assert settings.simulation is not None
         simulation = settings.simulation.model_copy(update={"faults": faults})
-        counter = settings.counter.model_copy(update={"markers": markers})
+        wired = {"markers": markers} if settings.counter.model == "tcspc488" else {}
+        counter = settings.counter.model_copy(update=wired)
         return settings.model_copy(update={"simulation": simulation, "counter": counter})
 
     return make

@@ -1,0 +1,64 @@
+"""Which way of scanning is the fastest that bench and plan allow, and why."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+from acquisition.plan import ScanPlan
+from acquisition.timing import Forecast, Links, clocked_forecast, links_of, stepped_forecast
+from drivers.bench import Bench
+from drivers.galvo.mirror import MirrorAngles
+
+
+class Scheme(Enum):
+    """How mirror and counter are kept in step."""
+
+    STEPPED = "S1"
+    """The host moves the mirror and starts each point."""
+    CLOCKED = "S2"
+    """The counter's pixel clock steps the mirror through an uploaded sequence."""
+    LISTED = "S3"
+    """The same, with histograms sorted out of a stream of photons by the mirror's markers."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A scheme, why this one, and how long it should take."""
+
+    scheme: Scheme
+    why: str
+    forecast: Forecast
+
+
+def choose(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links | None = None) -> Choice:
+    """The fastest scheme. Clocked ones need a sequence in the mirror, a clock in the counter, and the marker wires
+    without which nobody would notice that the two are out of step."""
+    links = links or links_of(bench)
+    stepped = stepped_forecast(plan, bench, angles, links)
+    if obstacle := _obstacle(bench):
+        return Choice(Scheme.STEPPED, obstacle, stepped)
+    scheme = Scheme.LISTED if bench.counter.list_mode else Scheme.CLOCKED
+    clocked = clocked_forecast(list(plan), bench, angles, links)
+    if clocked.total_s < stepped.total_s:
+        return Choice(scheme, f"stepped by the host it would take {stepped.total_s:.1f} s", clocked)
+    return Choice(Scheme.STEPPED, f"clocked it would take {clocked.total_s:.1f} s", stepped)
+
+
+def forecast(
+    scheme: Scheme, plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links | None = None
+) -> Forecast:
+    """How long the plan takes in `scheme`."""
+    links = links or links_of(bench)
+    if scheme is Scheme.STEPPED:
+        return stepped_forecast(plan, bench, angles, links)
+    return clocked_forecast(list(plan), bench, angles, links)
+
+
+def _obstacle(bench: Bench) -> str:
+    if bench.mirror.max_sequence < 2:
+        return f"mirror {bench.mirror.identity.model} cannot step by itself"
+    if not bench.counter.has_pixel_clock:
+        return f"counter {bench.counter.identity.model} has no pixel clock"
+    if not bench.counter.counts_markers:
+        return "the mirror's marker outputs are not wired to the counter, so its steps could not be counted"
+    return ""

@@ -1,0 +1,171 @@
+"""How long a scan will take, in its parts and as a band, from the mirror's settle model and the cables' times; and how
+long it will still take, from the pace of the points taken so far."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition.clocked import stepping
+from acquisition.plan import ScanPlan
+from acquisition.sample import Sample, ScanPoint
+from drivers.bench import Bench
+from drivers.galvo.mirror import MirrorAngles
+
+STATES_PER_LINE = 99
+"""Table entries that one upload command of a sequencing controller carries; x, y and marks go one after the other."""
+SEQUENCE_COMMANDS = 13
+"""Commands beside the uploads that clear, start and stop a sequence."""
+SEQUENCE_QUESTIONS = 10
+"""Exchanges with the counter that arm one sequence, settings read back."""
+POINT_QUESTIONS = 1.5
+"""A trigger, one way, and one question there and back per point taken by the host."""
+COMMANDS_PER_MOVE = {"triggerscope": 2, "optotune": 3}
+"""One for each axis; or one for both, and two looks at the status that follow the settling."""
+MARGIN = 0.02
+LEAST_TO_LEARN = 16
+BOUNDARY_S = 5e-3
+
+
+@dataclass(frozen=True)
+class Links:
+    """What cables and controllers cost in time: one move commanded, one point asked for, one table entry uploaded, one
+    sequence begun and ended. `margin`: the fraction by which a whole scan may differ from the forecast."""
+
+    move_s: float
+    point_s: float
+    entry_s: float
+    sequence_s: float
+    margin: float
+
+    @classmethod
+    def of_cables(cls, serial_s: float, usb_s: float, commands: int, margin: float) -> "Links":
+        """From the times of one exchange, there and back, on the mirror's and on the counter's cable."""
+        return cls(
+            move_s=commands * serial_s,
+            point_s=POINT_QUESTIONS * usb_s,
+            entry_s=3 * serial_s / STATES_PER_LINE,
+            sequence_s=SEQUENCE_COMMANDS * serial_s + SEQUENCE_QUESTIONS * usb_s,
+            margin=margin,
+        )
+
+
+def links_of(bench: Bench) -> Links:
+    """A simulated bench states its cables' times; of a real one, USB serial at 1 ms and two USB microframes are
+    assumed until recordings of it say better."""
+    commands = COMMANDS_PER_MOVE.get(bench.settings.mirror.model, 2)
+    simulation = bench.settings.simulation
+    if simulation is None:
+        return Links.of_cables(1e-3, 0.25e-3, commands, 0.15)
+    return Links.of_cables(simulation.serial_latency_ms * 1e-3, simulation.usb_latency_ms * 1e-3, commands, MARGIN)
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Predicted duration by parts, and how far off it may be."""
+
+    dwell_s: float
+    settle_s: float
+    links_s: float
+    upload_s: float
+    margin: float
+
+    @property
+    def total_s(self) -> float:
+        return self.dwell_s + self.settle_s + self.links_s + self.upload_s
+
+    @property
+    def band_s(self) -> tuple[float, float]:
+        """The dwell is certain; the rest may be off by `margin` of the whole."""
+        slack_s = self.margin * self.total_s
+        return max(self.dwell_s, self.total_s - slack_s), self.total_s + slack_s
+
+
+def moves_s(bench: Bench, angles: Sequence[MirrorAngles]) -> npt.NDArray[np.float64]:
+    """Settling time of every move, the first one from the centre, shape (N,)."""
+    settle = bench.mirror.settle_s
+    starts = [MirrorAngles(0.0, 0.0), *angles[:-1]]
+    return np.array([settle(start, end) for start, end in zip(starts, angles, strict=True)])
+
+
+def stepped_forecast(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links) -> Forecast:
+    """Scheme S1: every point pays for its move, its settling and its questions."""
+    arms = -(-len(plan) // bench.counter.max_points)
+    return Forecast(
+        dwell_s=plan.dwell_total_s,
+        settle_s=float(moves_s(bench, angles).sum()),
+        links_s=len(plan) * (links.move_s + links.point_s) + arms * links.sequence_s / 2,
+        upload_s=0.0,
+        margin=links.margin,
+    )
+
+
+def clocked_forecast(
+    points: Sequence[ScanPoint], bench: Bench, angles: Sequence[MirrorAngles], links: Links
+) -> Forecast:
+    """Schemes S2 and S3: points pay for blanking, sequences for upload and start."""
+    most = min(bench.mirror.max_sequence, bench.counter.max_points)
+    whole = Forecast(0.0, 0.0, 0.0, 0.0, links.margin)
+    first, where = 0, MirrorAngles(0.0, 0.0)
+    while first < len(points):
+        part = stepping(points[first:], angles[first:], bench.mirror.settle_s, most, bench.counter.list_mode)
+        dwell_s = sum(point.dwell_s for point in points[first : first + part.count])
+        whole = replace(
+            whole,
+            dwell_s=whole.dwell_s + dwell_s,
+            settle_s=whole.settle_s + part.duration_s - dwell_s + bench.mirror.settle_s(where, part.angles[0]),
+            links_s=whole.links_s + links.sequence_s,
+            upload_s=whole.upload_s + len(part.index) * links.entry_s,
+        )
+        first, where = first + part.count, part.angles[-1]
+    return whole
+
+
+class Pace:
+    """Learns from the samples of a running scan what each point really costs beyond its dwell."""
+
+    def __init__(self, plan: ScanPlan, settle_s: npt.NDArray[np.float64]) -> None:
+        self._plan, self._settle_s = plan, settle_s
+        self._last: Sample | None = None
+        self._number: list[int] = []
+        self._beyond_s: list[float] = []
+        self._taken = np.zeros(len(plan), dtype=np.bool_)
+
+    def step(self, sample: Sample) -> None:
+        """Takes note of the next sample, in the order taken."""
+        last, self._last = self._last, sample
+        self._taken[sample.point.number] = True
+        if last is not None and sample.point.number == last.point.number + 1:
+            self._number.append(sample.point.number)
+            self._beyond_s.append(sample.taken_s - last.taken_s - last.histogram.live_time_s)
+
+    def host_s(self) -> tuple[float, float]:
+        """(seconds per point, seconds per predicted second of settling) by least squares; the model's own settling and
+        no host time while there is too little to learn from. Sequences' starts count in the mean, not in the fit."""
+        if len(self._number) < LEAST_TO_LEARN:
+            return 0.0, 1.0
+        beyond_s, settle_s = np.array(self._beyond_s), self._settle_s[self._number]
+        usual = beyond_s <= np.quantile(beyond_s, 0.99) + BOUNDARY_S
+        spread = float(np.ptp(settle_s[usual]))
+        if spread < 0.1 * float(settle_s.mean() + 1e-9):
+            return float(beyond_s.mean() - settle_s.mean()), 1.0
+        design = np.stack([np.ones(int(usual.sum())), settle_s[usual]], axis=1)
+        (_, scale), *_ = np.linalg.lstsq(design, beyond_s[usual], rcond=None)
+        scale = max(float(scale), 0.0)
+        return float(beyond_s.mean() - scale * settle_s.mean()), scale
+
+    def remaining_s(self) -> float:
+        """Time until the last point is taken, at this pace."""
+        left = ~self._taken
+        host_s, scale = self.host_s()
+        settle_s = scale * float(self._settle_s[left].sum())
+        return float(self._plan.dwell_s[left].sum()) + settle_s + int(left.sum()) * host_s
+
+
+def learned_links(links: Links, samples: Sequence[Sample], pace: Pace) -> Links:
+    """`links` as a finished scan in scheme S1 on the same bench proved them to be."""
+    for sample in samples:
+        pace.step(sample)
+    host_s, _ = pace.host_s()
+    return replace(links, move_s=max(host_s - links.point_s, 0.0), margin=MARGIN)

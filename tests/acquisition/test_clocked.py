@@ -1,0 +1,183 @@
+"""Scans stepped by the counter's clock give what scans stepped by the host give, faster, and notice a lost step."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from acquisition.clocked import stepping
+from acquisition.control import ScanControl, ScanState
+from acquisition.engine import scan
+from acquisition.plan import ScanPlan
+from acquisition.sample import Sample, ScanPoint
+from acquisition.schemes import Scheme, choose
+from drivers.bench import Bench, BenchSettings, open_bench
+from drivers.errors import DeviceFault
+from drivers.galvo.mirror import MirrorAngles
+from drivers.galvo.settle import SettleModel
+from drivers.simulated.faults import Fault
+
+Benches = Callable[..., BenchSettings]
+Plans = Callable[..., ScanPlan]
+
+
+def taken(
+    plan: ScanPlan, settings_: BenchSettings, scheme: Scheme, control: ScanControl | None = None
+) -> tuple[list[Sample], list[str]]:
+    """Samples and what was reported about them."""
+    events: list[str] = []
+    with open_bench(settings_) as bench:
+        bench.on_event = lambda kind, text: events.append(text) if kind == "sample" else None
+        samples = list(scan(plan, bench, scheme=scheme, control=control))
+    return samples, events
+
+
+def same(a: list[Sample], b: list[Sample]) -> bool:
+    return [s.point for s in a] == [s.point for s in b] and np.array_equal(
+        [s.histogram.counts for s in a], [s.histogram.counts for s in b]
+    )
+
+
+@pytest.mark.parametrize("pattern", ["serpentine", "raster", {"kind": "random", "points": 40, "seed": 3}])
+def test_clock_and_host_give_the_same_histograms(bench_settings: Benches, small_plan: Plans, pattern: object) -> None:
+    plan = small_plan(8, 8, pattern=pattern)
+    stepped, _ = taken(plan, bench_settings(), Scheme.STEPPED)
+    clocked, events = taken(plan, bench_settings(), Scheme.CLOCKED)
+    assert [s.point for s in clocked] == list(plan)
+    assert same(stepped, clocked)
+    assert events == []
+
+
+@pytest.mark.parametrize("kind", ["missed", "extra"])
+@pytest.mark.parametrize("skip", [0, 1, 70, 143])
+def test_a_step_that_was_lost_or_came_twice_is_noticed_and_its_points_taken_again(
+    bench_settings: Benches, small_plan: Plans, kind: str, skip: int
+) -> None:
+    plan = small_plan(12, 12)
+    undisturbed, _ = taken(plan, bench_settings(), Scheme.CLOCKED)
+    fault = Fault(name="A6", skip=skip, parameters={"kind": kind})
+    samples, events = taken(plan, bench_settings(fault), Scheme.CLOCKED)
+    assert same(samples, undisturbed)
+    assert any("taken again" in text for text in events)
+
+
+def test_a_point_that_the_counter_spoilt_is_taken_again(bench_settings: Benches, small_plan: Plans) -> None:
+    plan = small_plan(12, 12)
+    undisturbed, _ = taken(plan, bench_settings(), Scheme.CLOCKED)
+    fault = Fault(name="U15", skip=50, parameters={"what": "late"})
+    samples, events = taken(plan, bench_settings(fault), Scheme.CLOCKED)
+    assert same(samples, undisturbed)
+    assert any("taken again" in text for text in events)
+
+
+def test_wires_that_never_agree_end_the_scan(bench_settings: Benches, small_plan: Plans) -> None:
+    fault = Fault(name="A6", times=1000)
+    with pytest.raises(DeviceFault, match="disagreed 3 times from point 0"):
+        taken(small_plan(), bench_settings(fault), Scheme.CLOCKED)
+
+
+def test_a_pause_in_a_sequence_loses_nothing(bench_settings: Benches, small_plan: Plans) -> None:
+    plan = small_plan(12, 12)
+    undisturbed, _ = taken(plan, bench_settings(), Scheme.CLOCKED)
+    control = ScanControl(lambda why: True)
+    with open_bench(bench_settings()) as bench:
+        samples = []
+        for sample in scan(plan, bench, scheme=Scheme.CLOCKED, control=control):
+            samples.append(sample)
+            if len(samples) in (1, 60):
+                bench.shutter.close("signal")
+                control.interrupt("Ctrl-C")
+    assert same(samples, undisturbed)
+    assert control.state is ScanState.COMPLETE
+
+
+def test_photons_listed_one_by_one_make_the_same_scan(bench_settings: Benches, small_plan: Plans) -> None:
+    plan = small_plan(6, 6, histogram={"bins": 512, "bin_width_ps": 40, "offset_ns": 10})
+    multiharp = bench_settings(name="multiharp")
+    with open_bench(multiharp) as bench:
+        assert choose(plan, bench, [MirrorAngles(0.0, 0.0)] * 36).scheme is Scheme.LISTED
+    samples, events = taken(plan, multiharp, Scheme.LISTED)
+    assert [s.point for s in samples] == list(plan)
+    assert events == []
+    expected, _ = taken(
+        small_plan(6, 6, histogram={"bins": 512, "bin_width_ps": 32, "offset_ns": 10}), bench_settings(), Scheme.STEPPED
+    )
+    totals = np.array([[int(s.histogram.counts.sum()) for s in source] for source in (samples, expected)])
+    assert np.abs(np.diff(totals, axis=0)).max() < 6 * np.sqrt(totals.max())
+
+
+@pytest.mark.parametrize(
+    ("name", "markers", "rows", "scheme", "why"),
+    [
+        ("simulated", True, 32, Scheme.CLOCKED, "stepped by the host it would take"),
+        ("simulated", True, 1, Scheme.STEPPED, "clocked it would take"),
+        ("simulated", False, 32, Scheme.STEPPED, "not wired"),
+        ("optotune", True, 32, Scheme.STEPPED, "cannot step by itself"),
+    ],
+)
+def test_the_fastest_scheme_that_the_bench_allows_is_chosen_and_explained(
+    bench_settings: Benches, small_plan: Plans, name: str, markers: bool, rows: int, scheme: Scheme, why: str
+) -> None:
+    plan = small_plan(rows, rows)
+    events: list[tuple[str, str]] = []
+    with open_bench(bench_settings(name=name, markers=markers)) as bench:
+        bench.on_event = lambda kind, text: events.append((kind, text))
+        samples = scan(plan, bench)
+        next(samples)
+        samples.close()
+    said = next(text for kind, text in events if kind == "scheme")
+    assert said.startswith(scheme.value)
+    assert why in said
+
+
+MODEL = SettleModel()
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    places=st.lists(
+        st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.sampled_from([0.001, 0.008])), min_size=1, max_size=60
+    ),
+    most=st.integers(2, 70),
+    list_mode=st.booleans(),
+)
+def test_every_sequence_gives_each_point_its_dwell_after_its_settling(
+    places: list[tuple[float, float, float]], most: int, list_mode: bool
+) -> None:
+    points = [ScanPoint(n, None, None, x, y, dwell_s) for n, (x, y, dwell_s) in enumerate(places)]
+    angles = [MirrorAngles(x, y) for x, y, _ in places]
+    made = stepping(points, angles, MODEL.settle_s, most, list_mode)
+    assert 1 <= made.count <= len(points)
+    assert len(made.index) <= most
+    assert [i for i in made.index if i >= 0] == list(range(made.count))
+    assert len(set(made.numbers)) == len(made.numbers)
+    where, still_s = made.angles[0], np.inf
+    for index, target, dwell_s in zip(made.index, made.angles, made.dwells_s, strict=True):
+        if target != where:
+            still_s = -MODEL.settle_s(where, target)
+            where = target
+        still_s += made.blanking_s
+        if index >= 0:
+            assert target == angles[index]
+            assert dwell_s == points[index].dwell_s
+            assert still_s > -1e-9
+        still_s += dwell_s
+    if list_mode:
+        assert len(set(made.dwells_s)) == 1
+
+
+def light(bench: Bench) -> bool:
+    assert bench.simulated is not None
+    return bench.simulated.shutter_open
+
+
+def test_the_light_is_off_when_a_clocked_scan_is_given_up(bench_settings: Benches, small_plan: Plans) -> None:
+    with open_bench(bench_settings()) as bench:
+        samples = scan(small_plan(12, 12), bench, scheme=Scheme.CLOCKED)
+        next(samples)
+        assert light(bench)
+        samples.close()
+        assert not light(bench)
+        assert len(list(scan(small_plan(), bench, scheme=Scheme.STEPPED))) == 36
