@@ -16,7 +16,7 @@ from drivers.simulated.bench import SimulatedBench
 from drivers.simulated.serial_cable import SerialCable, SerialFirmware
 
 _LOOK_S = 0.01  # how often a closed port is looked at
-_SETTLED_S = 0.05  # a host that opens a port empties it first; what the device says must come after
+_SETTLED_S = 0.2  # a host that opens a port empties it first; what the device says must come after
 _POLL_S = 0.5
 
 

@@ -42,7 +42,7 @@ def test_a_mirror_moves_through_a_real_port_and_is_lost_with_it(
         with pytest.raises(DeviceBusy, match="another program"):
             open_mirror(settings, SystemClock())
         mirror.close()
-        time.sleep(0.2)  # a host that leaves is noticed by looking
+        time.sleep(0.5)  # a host that leaves is noticed by looking
         mirror = open_mirror(settings, SystemClock())
     with pytest.raises(DeviceLost, match="went away"):
         mirror.move_to(ASIDE)
