@@ -115,7 +115,10 @@ def open_bench(
                 inner = TtlShutter(mirror)
             shutter = closing.shutter = GuardedShutter(inner, counter, settings.safety, events)
             shutter.close()
-            yield Bench(settings, mirror, counter, shutter, clock, events, simulated)
+            bench = Bench(settings, mirror, counter, shutter, clock, events, simulated)
+            for warning in bench.warnings:
+                events.report("warning", warning)
+            yield bench
 
 
 class _Closing:

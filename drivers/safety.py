@@ -105,7 +105,7 @@ class GuardedShutter:
         raise SafetyTrip("shutter", f"closed by a trip: {why}.", "Find the cause before clearing it.")
 
     def clear_trip(self, who: str) -> None:
-        """A person's decision to go on after a trip; it is reported with that person's name."""
-        if self._trip is not None:
-            self._events.report("override", f"{who} cleared the trip: {self._trip}")
+        """A person's decision to go on after a trip, here and in the instrument; reported with that person's name."""
+        self._counter.clear_trip()
+        self._events.report("override", f"{who} cleared the trip: {self._trip or 'the instrument had it'}")
         self._trip = None

@@ -167,6 +167,10 @@ class HistogramCounter(Protocol):
         """Tells the watchdog that the host is alive."""
         ...
 
+    def clear_trip(self) -> None:
+        """Forgets a latched trip. Called where a person says so, never by itself."""
+        ...
+
     def close(self) -> None:
         """Releases the instrument. May be called twice, and after any error."""
         ...

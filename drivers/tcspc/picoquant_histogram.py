@@ -221,6 +221,9 @@ class Picoquant:
     def kick(self) -> None:
         """There is no watchdog to kick."""
 
+    def clear_trip(self) -> None:
+        """The instrument latches none."""
+
     def close(self) -> None:
         try:
             self.abort()

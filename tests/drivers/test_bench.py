@@ -152,6 +152,23 @@ def test_a_trip_stays_until_a_person_clears_it() -> None:
     assert "A. Person" in events[3][1]
 
 
+def test_a_trip_of_the_instrument_stays_until_a_person_clears_it() -> None:
+    fault = Fault(name="U14", parameters={"cause": "over_count"})
+    with bench(faults=(fault,)) as (opened, events):
+        opened.shutter.open()
+        assert opened.simulated is not None
+        with pytest.raises(SafetyTrip):
+            measure(opened)
+        assert not opened.simulated.shutter_open
+        with pytest.raises(SafetyTrip):
+            opened.shutter.open()
+        assert not opened.simulated.shutter_open
+        opened.shutter.clear_trip("A. Person")
+        opened.shutter.open()
+        assert measure(opened)[0].total_count > 200
+    assert ("override", "A. Person cleared the trip: the instrument had it") in events
+
+
 def test_a_pulled_serial_cable_still_closes_the_shutter() -> None:
     def work(opened: Bench) -> None:
         opened.shutter.open()
@@ -233,5 +250,7 @@ def test_a_bench_without_shutter_or_watchdog_says_so() -> None:
         opened.shutter.close()
         assert not opened.simulated.shutter_open
     without = ttl | {"shutter": {"model": "none"}, "safety": {"watchdog_s": 0.0}}
+    events: list[tuple[str, str]] = []
     with open_bench(BenchSettings.model_validate_json(json.dumps(without))) as opened:
-        assert any("no shutter" in text for text in opened.warnings)
+        opened.on_event = lambda kind, text: events.append((kind, text))
+        assert ("warning", "this bench has no shutter: nothing here can shut off the light") in events
