@@ -5,7 +5,9 @@ from typing import Annotated
 import torch
 from pydantic import Field
 
+from acquisition.transient import TimeAxis
 from configs.settings import Settings
+from recon.noise import estimate, without_background
 from recon.transport.conventions import Conventions
 
 
@@ -22,9 +24,25 @@ class PhysicsSettings(Settings):
     """`physical`, or `authors` for comparison with the published programs."""
 
 
-def rates(counts: torch.Tensor, exposure_s: torch.Tensor | None) -> torch.Tensor:
+def prepare(
+    counts: torch.Tensor, exposure_s: torch.Tensor | None, settings: PhysicsSettings, time: TimeAxis
+) -> tuple[torch.Tensor, torch.Tensor | None, float | torch.Tensor]:
+    """Counts (B, C, T, H, W) as signal alone, the part of the falloff to undo (B,) and the snr.
+
+    Exposure is divided out, the background subtracted, and both choices follow from the noise found. Under the
+    authors' conventions nothing is subtracted and all of the falloff undone.
+    """
+    rates = equally_exposed(counts, exposure_s)
+    noise = estimate(rates, None if exposure_s is None else exposure_s > 0, time)
+    snr: float | torch.Tensor = noise.snr() if settings.snr is None else settings.snr
+    if settings.conventions == "authors":
+        return rates, None, snr
+    return without_background(rates, noise.background), noise.undone(), snr
+
+
+def equally_exposed(counts: torch.Tensor, exposure_s: torch.Tensor | None) -> torch.Tensor:
     """Counts (B, C, T, H, W) as if every point had been exposed for the mean exposure; 0 where none was measured."""
-    if exposure_s is None:
+    if exposure_s is None or bool((exposure_s == exposure_s[:, :1, :1]).all()):
         return counts
     measured = exposure_s > 0
     mean = exposure_s.sum((-2, -1), keepdim=True) / measured.sum((-2, -1), keepdim=True).clamp(min=1)

@@ -6,7 +6,7 @@ from torch import nn
 from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
 from configs.settings import Settings as AnySettings
-from recon.physics import PhysicsSettings, rates
+from recon.physics import PhysicsSettings, prepare
 from recon.transport.conventions import depths_m
 from recon.transport.falloff import Falloff
 from recon.transport.light_cone import LightConeConvolution
@@ -22,7 +22,7 @@ class LightConeTransform(nn.Module):
 
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
         super().__init__()
-        self.settings = settings
+        self.settings, self.time = settings, time
         self.depths_m = depths_m(time, settings.conventions)
         self.falloff = Falloff(time, settings.falloff, settings.conventions)
         self.resample = LightConeResampling(time, settings.conventions)
@@ -30,9 +30,9 @@ class LightConeTransform(nn.Module):
 
     def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
         """The albedo volume, not below 0."""
-        on_cone = self.resample(self.falloff(rates(counts, exposure_s)))
-        snr = 0.1 if self.settings.snr is None else self.settings.snr
-        return self.resample.adjoint(self.cone.wiener(on_cone, snr)).clamp_(min=0)
+        rates, undone, snr = prepare(counts, exposure_s, self.settings, self.time)
+        on_cone = self.resample(self.falloff(rates, undone))
+        return self.resample.adjoint(self.cone.wiener(on_cone, snr)).clamp(min=0)
 
 
 def build(settings: AnySettings, wall: WallGrid, time: TimeAxis) -> LightConeTransform:

@@ -14,22 +14,25 @@ class Falloff(nn.Module):
     (B, C, T, H, W) -> the same. Source: O'Toole et al. 2018, eq. 1.
     """
 
-    weight: torch.Tensor
+    distance: torch.Tensor
 
     def __init__(self, time: TimeAxis, exponent: float = 4.0, conventions: Conventions = "physical") -> None:
         super().__init__()
         check_supported(time, conventions)
+        self.exponent = exponent
         if conventions == "authors":
             relative = np.linspace(0.0, 1.0, time.bins)
         else:
             relative = np.maximum(depths_m(time, conventions), 0.0) / range_m(time, conventions)
-        weight = torch.from_numpy(relative**exponent)
-        self.register_buffer("weight", weight[:, None, None], persistent=False)
+        self.register_buffer("distance", torch.from_numpy(relative)[:, None, None], persistent=False)
 
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """x with its falloff removed."""
-        return x * self.weight.to(x.dtype)
+    def forward(self, x: torch.Tensor, undone: torch.Tensor | None = None) -> torch.Tensor:
+        """x with its falloff removed; of the exponent only the part `undone` (B,) where given."""
+        if undone is None:
+            return x * (self.distance**self.exponent).to(x.dtype)
+        exponent = self.exponent * undone.to(self.distance).view(-1, 1, 1, 1, 1)
+        return x * (self.distance**exponent).to(x.dtype)
 
-    def adjoint(self, y: torch.Tensor) -> torch.Tensor:
+    def adjoint(self, y: torch.Tensor, undone: torch.Tensor | None = None) -> torch.Tensor:
         """The same: the operator is diagonal and real."""
-        return self.forward(y)
+        return self.forward(y, undone)

@@ -50,6 +50,25 @@ def _wrapped(array: npt.NDArray[Any]) -> torch.Tensor:
     return tensor
 
 
+def fft(x: Any, size: int, axis: int) -> Any:
+    """Complex FFT of an array or a tensor along `axis`, zero-padded to `size`."""
+    if isinstance(x, np.ndarray):
+        return scipy.fft.fft(x, n=size, axis=axis)
+    return torch.fft.fft(x, n=size, dim=axis)
+
+
+def ifft(x: Any, axis: int) -> Any:
+    """Inverse complex FFT of an array or a tensor along `axis`; an array may be overwritten."""
+    if isinstance(x, np.ndarray):
+        return scipy.fft.ifft(x, axis=axis, overwrite_x=True)
+    return torch.fft.ifft(x, dim=axis)
+
+
+def cast(x: Any, kind: str) -> Any:
+    """An array or a tensor as "float32", "int64" ..."""
+    return x.astype(kind) if isinstance(x, np.ndarray) else x.to(getattr(torch, kind))
+
+
 def filter_planes(spectrum: torch.Tensor, padded: tuple[int, int], multiply: Multiply) -> torch.Tensor:
     """Circularly convolves every (H, W) plane of `spectrum` (N, F, H, W) in space, zero-padded to `padded`, in place.
 
@@ -107,12 +126,13 @@ def in_threads(work: Callable[[T], None], items: Iterable[T]) -> None:
 def multiply_quadrants_(block: Any, quadrant: Any) -> None:
     """block (..., Y, X) *= a filter even in both frequencies, given as its quadrant (..., Y // 2 + 1, X // 2 + 1)."""
     flip = np.flip if isinstance(block, np.ndarray) else torch.flip
-    for rows, rows_of in _halves(block.shape[-2]):
-        for cols, cols_of in _halves(block.shape[-1]):
+    for rows, rows_of in halves(block.shape[-2]):
+        for cols, cols_of in halves(block.shape[-1]):
             mirrored = tuple(axis for axis, half in ((-2, rows), (-1, cols)) if half.start)
             block[..., rows, cols] *= flip(quadrant[..., rows_of, cols_of], mirrored)
 
 
-def _halves(size: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+def halves(size: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Indices of the two halves of an even array of `size`, and where in its first half their values lie (mirrored)."""
     half = size // 2 + 1
     return (slice(0, half), slice(0, half)), (slice(half, size), slice(1, size - half + 1))
