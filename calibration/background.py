@@ -36,7 +36,7 @@ def before_pulse(counts: npt.ArrayLike, end_bins: npt.ArrayLike) -> Background:
     spread = float(np.mean((total[used] - pooled * length[used]) ** 2 - pooled * length[used]))
     between = max(spread / float(np.mean(length[used] ** 2)), 0.0)  # variance of the rate from point to point
     if pooled <= 0 or between <= 0:
-        return Background(np.full(points, pooled), np.full(points, np.sqrt(pooled / length.sum())))
+        return Background(np.full(points, pooled), np.full(points, np.sqrt(max(pooled, 0.0) / length.sum())))
     weight = pooled / between  # the prior is worth this many bins
     per_bin = (total + weight * pooled) / (length + weight)
     return Background(per_bin, np.sqrt(np.maximum(per_bin, 0) / (length + weight)))
@@ -76,7 +76,7 @@ def quiet_background(counts: npt.ArrayLike) -> Floats:
     length = np.diff(edges)[quiet].sum()
     pooled = max(totals[:, quiet].sum() / (length * points), 1e-9)
     drawn = (totals[:, quiet].sum(axis=1) + 1) / (length + 1 / pooled)
-    return np.maximum(drawn, 1e-3 * pooled)  # corrected counts may add up to less than 0
+    return np.asarray(np.maximum(drawn, 1e-3 * pooled))  # corrected counts may add up to less than 0
 
 
 def is_flat(counts: npt.ArrayLike) -> bool:

@@ -205,10 +205,13 @@ def undo_dead_time(
     dead = constants.dead_time_s if constants is not None else None
     if dead is None or not dead.value > 0 or period_s is None:
         return raw.counts, raw.counts
-    counts, variance = raw.counts.astype(np.float64), raw.counts.astype(np.float64)
     taken = raw.sync_count > 0
-    counts[taken], variance[taken] = correct_free_running(
-        raw.counts[taken], raw.sync_count[taken], raw.total_count[taken], raw.time.bin_width_s, period_s, dead.value
+    if not taken.all():
+        counts, variance = raw.counts.astype(np.float64), raw.counts.astype(np.float64)
+        counts[taken], variance[taken] = undo_dead_time(raw.select(taken), constants)
+        return counts, variance
+    counts, variance = correct_free_running(
+        raw.counts, raw.sync_count, raw.total_count, raw.time.bin_width_s, period_s, dead.value
     )
     assert constants is not None
     after, decay_s = constants.afterpulse_probability, constants.afterpulse_decay_s

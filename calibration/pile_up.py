@@ -5,6 +5,8 @@ the number of live pulses instead of all pulses gives the photon rate back; a bi
 N times saw -ln(1 - N / L) photons a pulse (Coates, J. Phys. E 1, 878, 1968, eq. 4).
 """
 
+from functools import lru_cache
+
 import numpy as np
 import numpy.typing as npt
 
@@ -59,20 +61,27 @@ def clicks_before(
     if bins > period + 0.5:
         raise ValueError(f"{bins} bins of {bin_width_s:g} s are more than the laser's period of {period_s:g} s")
     period = max(period, float(bins))
-    inside = recorded.sum(axis=1)
-    outside = np.clip(_per_point(total_count, points)[:, 0] - inside, 0, None)
-    running = np.concatenate([np.zeros((points, 1)), np.cumsum(recorded, axis=1)], axis=1)
-    knots = np.arange(bins + 1.0)
-    if period > bins:
-        knots = np.append(knots, period)
-        running = np.concatenate([running, (inside + outside)[:, None]], axis=1)
-    start = np.arange(bins) - span_s / bin_width_s
+    low, part, turns = _look_back(bins, period, span_s / bin_width_s)
+    running = np.empty((points, bins + 2))  # clicks before each bin, and before the period's end
+    running[:, 0] = 0
+    np.cumsum(recorded, axis=1, out=running[:, 1:-1])
+    running[:, -1] = np.maximum(running[:, -2], _per_point(total_count, points)[:, 0])
+    until = running[:, low]
+    until += (running[:, low + 1] - until) * part
+    return np.asarray(running[:, :bins] - until - turns * running[:, -1:])
+
+
+@lru_cache(maxsize=16)
+def _look_back(bins: int, period: float, span: float) -> tuple[npt.NDArray[np.intp], Floats, Floats]:
+    """Where `span` bins before the start of each bin lies: after which knot, how far between it and the next, and how
+    many periods ago. Knots are the edges of the bins and the period's end."""
+    knots = np.append(np.arange(bins + 1.0), period)
+    start = np.arange(bins) - span
     turns = np.floor(start / period)
     at = start - turns * period
-    low = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
-    part = (at - knots[low]) / (knots[low + 1] - knots[low])
-    until = running[:, low] * (1 - part) + running[:, low + 1] * part
-    return np.asarray(running[:, :bins] - until - turns * running[:, -1:])
+    low = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, bins)
+    low[(low == bins) & (period == bins)] = bins - 1
+    return low, (at - knots[low]) / (knots[low + 1] - knots[low]), turns
 
 
 def _photons(recorded: Floats, live: Floats, pulses: Floats) -> tuple[Floats, Floats]:
@@ -84,9 +93,10 @@ def _photons(recorded: Floats, live: Floats, pulses: Floats) -> tuple[Floats, Fl
             f"only {live[point, bin_]:.0f} laser pulses: the rate cannot be told. Attenuate the light, or check sync "
             "count and dead time."
         )
-    photons = -np.log1p(-recorded / live) * pulses
+    photons = np.log1p(-recorded / live) * -pulses
     return photons, pulses**2 * recorded / (live * (live - recorded))
 
 
 def _per_point(values: npt.ArrayLike, points: int) -> Floats:
-    return np.broadcast_to(np.asarray(values, dtype=np.float64).reshape(-1), (points,))[:, None]
+    each = np.asarray(values, dtype=np.float64).reshape(-1, 1)
+    return each if len(each) == points else np.broadcast_to(each, (points, 1))

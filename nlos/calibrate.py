@@ -1,0 +1,194 @@
+"""`nlos calibrate`: measures a bench's constants from recordings, says how good they are, draws every correction."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from nlos.exit_codes import ExitCode, Stopped
+from nlos.terminal import terminal
+
+if TYPE_CHECKING:
+    from acquisition.aim import Aim
+    from calibration.constants import BenchConstants
+    from calibration.measure import Measurement
+    from calibration.raw_points import RawPoints
+
+MM_PER_PS = 0.299792458 / 2
+"""Depth of a picosecond there and back."""
+
+
+def calibrate(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Raw scans; runs with the shutter closed too.")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="CONSTANTS.h5", help="Default: constants/RUN.h5.")
+    ] = None,
+    dead_time_ns: Annotated[
+        float | None, typer.Option(min=0, help="The detector's, where no histogram over the laser's period tells it.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
+) -> None:
+    """Measures the bench's constants from recordings and says how good they are."""
+    from datetime import UTC, datetime
+
+    from calibration.constants import Quantity, save
+    from calibration.measure import measure_constants
+    from nlos.calibration_pictures import write_pictures
+
+    target = output or Path("constants") / f"{runs[0].stem}.h5"
+    if target.exists() and not overwrite:
+        raise FileExistsError(f"{target}: exists. Choose another name with -o, or say --overwrite.")
+    loaded = [_load(run) for run in runs]
+    devices = _common_devices(runs, [names for _, names, _ in loaded])
+    found = measure_constants(
+        [raw for raw, _, _ in loaded],
+        devices=devices,
+        sources=[str(run) for run in runs],
+        measured_utc=datetime.now(UTC).isoformat(timespec="seconds"),
+        aim=next((aim for _, _, aim in loaded if aim is not None), None),
+        dead_time=None if dead_time_ns is None else Quantity(dead_time_ns * 1e-9, 0.0),
+    )
+    for line, values in _lines(found):
+        terminal.result(line, **values)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    pictures = write_pictures(found, target.with_suffix(""))
+    for picture in pictures:
+        terminal.result(str(picture))
+    terminal.document["pictures"] = [str(picture) for picture in pictures]
+    _refuse_poor(found.constants)
+    save(found.constants, target, overwrite)
+    terminal.result(str(target), constants=str(target))
+
+
+def _load(run: Path) -> "tuple[RawPoints, dict[str, str], Aim | None]":
+    """Points, devices (role -> model and serial) and what the scan was aimed by."""
+    from acquisition.aim import Aim
+    from acquisition.importers.formats import is_recording, read_any
+    from acquisition.recording import Recording
+    from calibration.errors import InvalidData
+    from calibration.raw_points import from_samples, from_transient
+
+    if not is_recording(run):
+        scan = read_any(run)
+        if scan.rectified:
+            raise InvalidData(
+                f"{run}: is rectified already (time 0 is the direct arrival); there is nothing to measure."
+            )
+        return from_transient(scan.transient), {}, None
+    with Recording.open(run) as recording:
+        try:
+            raw = from_samples(recording.samples())
+        except InvalidData as error:
+            raise type(error)(f"{run}: {error}") from error
+        names = {role: f"{device.model} {device.serial}".strip() for role, device in recording.header.devices.items()}
+        geometry = json.loads(recording.header.bench_json).get("geometry")
+    aim = None
+    if isinstance(geometry, dict) and geometry.get("wall_distance_m"):
+        aim = Aim(float(geometry["wall_distance_m"]), float(geometry.get("mirror_separation_m", 0.0)))
+    return raw, names, aim
+
+
+def _common_devices(runs: list[Path], each: list[dict[str, str]]) -> Mapping[str, str]:
+    """The devices that all runs name. Raises `ForeignConstants` where two runs come from different ones."""
+    from calibration.errors import ForeignConstants
+
+    common: dict[str, str] = {}
+    for run, names in zip(runs, each, strict=True):
+        for role, name in names.items():
+            if common.setdefault(role, name) != name:
+                raise ForeignConstants(
+                    f"{run}: its {role} is {name}, the other runs' is {common[role]}. Calibrate one bench at a time."
+                )
+    return common
+
+
+def _refuse_poor(constants: "BenchConstants") -> None:
+    """Ends the command when the constants are not good enough to keep; what they are was printed before."""
+    from calibration.errors import PoorCalibration
+
+    try:
+        constants.check()
+    except PoorCalibration as error:
+        raise Stopped(ExitCode.DATA, f"nothing was saved: {error}") from error
+
+
+def _lines(found: "Measurement") -> "list[tuple[str, dict[str, object]]]":
+    """What is printed, each line with its part of the JSON document."""
+    constants, lines = found.constants, []
+    if found.corrected is not None:
+        report = found.corrected.report()
+        lines += _timing_lines(report, constants)
+    else:
+        lines.append(("no laser light in these runs: taken as runs with the shutter closed", {}))
+    if found.geometry is not None:
+        lines += _geometry_lines(found)
+    for name, unit, scale in (
+        ("dark_hz", "clicks/s in the dark", 1.0),
+        ("ambient_hz", "clicks/s of ambient light", 1.0),
+        ("dead_time_s", "ns dead time", 1e9),
+        ("afterpulse_probability", "% afterpulses", 100.0),
+    ):
+        quantity = getattr(constants, name)
+        if quantity is not None:
+            text = f"{quantity.value * scale:.2f} +- {quantity.error * scale:.2f} {unit}"
+            lines.append((text, {name: quantity.value, f"{name}_error": quantity.error}))
+    return lines
+
+
+def _timing_lines(report: Mapping[str, object], constants: "BenchConstants") -> "list[tuple[str, dict[str, object]]]":
+    rms_ps = report["offset_rms_ps"]
+    assert isinstance(rms_ps, float)
+    assert constants.arrivals is not None
+    position, error = constants.arrivals.scanner_position_m, constants.arrivals.covariance.diagonal() ** 0.5
+    delay_ns, delay_error_ns = constants.arrivals.delay_s * 1e9, error[3] * 1e9
+    return [
+        (
+            f"time offsets: {rms_ps:.2f} ps = {rms_ps * MM_PER_PS:.3f} mm RMS about the wall's fit "
+            f"({report['offset_rms_bins']:.3f} bins; {report['points_off_the_wall_fit']} of {report['points']} points "
+            f"off the fit, {report['points_without_direct_peak']} without a direct peak)",
+            {key: report[key] for key in report if key.startswith(("offset", "points"))},
+        ),
+        (
+            f"scanner at {position[0]:+.4f}, {position[1]:+.4f}, {position[2]:.4f} m of the wall's centre "
+            f"(+- {error[0] * 1e3:.1f}, {error[1] * 1e3:.1f}, {error[2] * 1e3:.1f} mm), "
+            f"delay {delay_ns:.4f} +- {delay_error_ns:.4f} ns",
+            {
+                "scanner_position_m": position.tolist(), "scanner_position_error_m": error[:3].tolist(),
+                "electronic_delay_ns": delay_ns, "electronic_delay_error_ns": delay_error_ns,
+            },
+        ),
+        (
+            f"impulse response {report['response_fwhm_ps']:.0f} ps FWHM; direct light masked for "
+            f"{report['direct_masked_ns']:.2f} ns, its tail decays in {report['direct_tail_ps']:.0f} ps",
+            {key: report[key] for key in ("response_fwhm_ps", "direct_masked_ns", "direct_tail_ps")},
+        ),
+    ]  # fmt: skip
+
+
+def _geometry_lines(found: "Measurement") -> "list[tuple[str, dict[str, object]]]":
+    import numpy as np
+
+    fit = found.geometry
+    assert fit is not None
+    height_mm = fit.height_m[fit.accepted] * 1e3
+    rms_mm = float(np.sqrt(np.mean(height_mm**2)))
+    degrees = {name: np.rad2deg(getattr(fit.geometry, name)) for name in ("wall_pitch_rad", "wall_yaw_rad")}
+    errors = {name: np.rad2deg(fit.errors[name]) for name in degrees}
+    return [
+        (
+            f"wall at {fit.geometry.wall_distance_m:.4f} +- {fit.errors['wall_distance_m']:.4f} m, pitch "
+            f"{degrees['wall_pitch_rad']:+.3f} +- {errors['wall_pitch_rad']:.3f} deg, yaw "
+            f"{degrees['wall_yaw_rad']:+.3f} +- {errors['wall_yaw_rad']:.3f} deg; "
+            f"{rms_mm:.3f} mm = {rms_mm / MM_PER_PS:.2f} ps RMS off the plane",
+            {
+                "wall_distance_m": fit.geometry.wall_distance_m,
+                "wall_pitch_deg": float(degrees["wall_pitch_rad"]),
+                "wall_yaw_deg": float(degrees["wall_yaw_rad"]),
+                "geometry_errors": dict(fit.errors),
+                "wall_rms_mm": rms_mm,
+                "wall_rms_ps": rms_mm / MM_PER_PS,
+            },
+        )
+    ]

@@ -1,0 +1,120 @@
+"""`nlos calibrate`, from recordings of the simulated bench and from a plain file."""
+
+import json
+import re
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from acquisition.engine import record, scan
+from acquisition.provenance import Header
+from acquisition.recording_writer import RecordingWriter
+from acquisition.scan_settings import ScanSettings
+from calibration.constants import load
+from configs.load import load as load_settings
+from drivers.bench import BenchSettings, open_bench
+from nlos.__main__ import run as nlos
+from nlos.terminal import terminal
+from tests.calibration.conftest import make_raw_scan
+
+SCAN = """wall: {width_m: 1.0, height_m: 1.0, rows: 12, cols: 12}
+pattern: serpentine
+dwell_ms: 8
+histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a recording `run.h5`, one with the shutter closed, `dark.h5`, and a plain file, `plain.h5`."""
+    path = tmp_path_factory.mktemp("calibrate")
+    (path / "scan.yaml").write_text(SCAN)
+    plan = load_settings("scan", str(path / "scan.yaml"), ScanSettings).settings.plan()
+    lit = load_settings("bench", "zero_latency", BenchSettings).settings
+    assert lit.simulation is not None
+    unlit = lit.simulation.scene.model_copy(update={"direct_cps": 0.0, "hidden_cps": 0.0})
+    dark = lit.model_copy(update={"simulation": lit.simulation.model_copy(update={"scene": unlit})})
+    for name, settings in (("run.h5", lit), ("dark.h5", dark)):
+        with open_bench(settings) as bench:
+            devices = {"mirror": bench.mirror.identity, "counter": bench.counter.identity}
+            header = Header(bench_json=settings.model_dump_json(), devices=devices)
+            with RecordingWriter.create(path / name, plan, header) as writer:
+                record(scan(plan, bench), writer)
+    with h5py.File(path / "plain.h5", "w") as file:
+        plain = make_raw_scan()
+        file["histograms"] = plain.counts.reshape(16, 16, -1)
+        file.attrs["bin_width_s"], file.attrs["wall_size_m"], file.attrs["rectified"] = plain.bin_width_s, 2.0, False
+    return path
+
+
+def called(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, dict[str, object]]:
+    """Exit code and JSON document of `nlos calibrate`."""
+    terminal.document.clear()
+    code = nlos(["calibrate", *map(str, arguments), "--json"])
+    terminal.as_json = False
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_constants_pictures_and_residuals_come_out(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, told = called(capsys, folder / "run.h5", folder / "dark.h5", "-o", folder / "c.h5")
+    assert code == 0, told
+    assert told["offset_rms_bins"] < 0.5  # type: ignore[operator]
+    assert told["offset_rms_mm"] == pytest.approx(told["offset_rms_ps"] * 0.299792458 / 2)  # type: ignore[operator]
+    assert told["wall_distance_m"] == pytest.approx(2.0, abs=0.02)
+    assert abs(told["electronic_delay_ns"] - 0.35) < 4 * told["electronic_delay_error_ns"]  # type: ignore[operator]
+    assert told["dark_hz"] > 0  # type: ignore[operator]
+    names = {Path(str(picture)).name for picture in told["pictures"]}  # type: ignore[attr-defined]
+    assert names == {"time_offset.png", "background.png", "direct_light.png", "wall.png"}
+    constants = load(folder / "c.h5")
+    assert constants.devices["counter"] == "tcspc488 SIM0001"
+    assert constants.geometry is not None
+    assert len(constants.sources) == 2
+
+
+def test_nothing_is_overwritten_unasked(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "mine.h5").write_text("mine")
+    assert called(capsys, folder / "plain.h5", "-o", folder / "mine.h5")[0] == 6
+    assert (folder / "mine.h5").read_text() == "mine"
+
+
+def test_a_plain_raw_file_is_calibrated_too(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, told = called(capsys, folder / "plain.h5", "-o", folder / "p.h5", "--dead-time-ns", "77")
+    assert code == 0, told
+    assert told["scanner_position_m"] == pytest.approx([0.1, -0.2, 2.0], abs=0.02)
+
+
+def test_a_dark_run_alone_tells_the_dark_rate(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, told = called(capsys, folder / "dark.h5", "-o", folder / "d.h5")
+    assert code == 0, told
+    assert abs(told["dark_hz"] - 600) < 4 * told["dark_hz_error"]  # type: ignore[operator]
+    assert told["pictures"] == []
+
+
+@pytest.mark.parametrize(
+    ("harm", "reason"),
+    [
+        ("nan", r"point 21 at .* bin 7 is nan"),
+        ("negative", r"point 21 at .* bin 7 is -1"),
+        ("saturated", r"point 21 at .* bin 7 holds 65535"),
+        ("rectified", "is rectified already"),
+        ("scattered", "nothing was saved: direct arrivals scatter by"),
+    ],
+)
+def test_bad_input_is_refused_by_point_and_reason(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], harm: str, reason: str
+) -> None:
+    with h5py.File(folder / "plain.h5") as file:
+        counts, attributes = file["histograms"][:].astype(np.float32), dict(file.attrs)
+    if harm == "scattered":
+        shifts = np.random.default_rng(0).integers(-3, 4, (16, 16))
+        counts = np.array([[np.roll(counts[r, c], shifts[r, c]) for c in range(16)] for r in range(16)])
+    counts[1, 5, 7] = {"nan": np.nan, "negative": -1, "saturated": 65535}.get(harm, counts[1, 5, 7])
+    with h5py.File(tmp_path / "bad.h5", "w") as file:
+        file["histograms"] = counts
+        file.attrs.update(attributes | {"rectified": harm == "rectified"})
+    code, told = called(capsys, tmp_path / "bad.h5", "-o", tmp_path / "c.h5")
+    assert code == 7
+    assert re.search(reason, told["error"]["message"]), told  # type: ignore[index,call-overload]
+    assert not (tmp_path / "c.h5").exists()
