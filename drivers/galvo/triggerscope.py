@@ -2,7 +2,7 @@
 
 import contextlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
@@ -112,12 +112,7 @@ class TriggerScope:
         codes = self._codes(angles)
         self._check_usable()
         with self._motion():
-            try:
-                self._set_codes(codes)
-            except RangeChanged as changed:
-                self.warnings.append(str(changed))
-                self._centre()
-                self._set_codes(codes)
+            self._again_if_range_changed(lambda: self._set_codes(codes))
             self._arrive(angles)
 
     def wait_settled(self) -> None:
@@ -141,12 +136,7 @@ class TriggerScope:
             *wire.load_masks(0, wire.marker_masks(len(codes))),
         ]
         with self._motion():
-            for _ in range(2):
-                self._clear()
-                if self._controller.upload(lines):
-                    break
-            else:
-                raise ProtocolError(DEVICE, "twice it kept another part of the sequence than was sent.", REOPEN)
+            self._again_if_range_changed(lambda: self._upload(lines))
         self._sequence = tuple(sequence)
 
     def start(self) -> None:
@@ -179,6 +169,7 @@ class TriggerScope:
             self._controller.recover()
             self._disarm()
             self._centre()
+        self._sequence = ()
         self.wait_settled()
 
     def set_shutter_line(self, is_open: bool) -> None:
@@ -214,7 +205,6 @@ class TriggerScope:
         x_rad, y_rad = (wire.angle_for(wire.CENTRE, axis.volts_per_degree, axis.offset_v) for axis in self._axes)
         self._region = self._anywhere
         self._arrive(MirrorAngles(x_rad, y_rad))
-        self._sequence = ()
 
     def _disarm(self) -> None:
         for axis in self._axes:
@@ -223,10 +213,22 @@ class TriggerScope:
         self._controller.command(wire.set_mask(0, 0))
         self._armed = False
 
-    def _clear(self) -> None:
-        for axis in self._axes:
-            self._controller.command(wire.clear_states(axis.dac))
-        self._controller.command(wire.clear_masks(0))
+    def _upload(self, lines: Sequence[tuple[bytes, bytes]]) -> None:
+        for _ in range(2):
+            for axis in self._axes:
+                self._controller.command(wire.clear_states(axis.dac))
+            self._controller.command(wire.clear_masks(0))
+            if self._controller.upload(lines):
+                return
+        raise ProtocolError(DEVICE, "twice it kept another part of the sequence than was sent.", REOPEN)
+
+    def _again_if_range_changed(self, act: Callable[[], None]) -> None:
+        try:
+            act()
+        except RangeChanged as changed:
+            self.warnings.append(str(changed))
+            self._centre()
+            act()
 
     def _codes(self, angles: MirrorAngles) -> tuple[int, int]:
         limit_deg = 2.0 * self._settings.max_mechanical_deg

@@ -247,6 +247,8 @@ class SerialLine:
             if not waiting and self._port.timeout != timeout_s:
                 self._port.timeout = timeout_s
             data: bytes = self._port.read(min(waiting, 4096) or 1)
+            if data and not waiting:
+                data += self._port.read(min(self._port.in_waiting, 4096))
         except _PORT_ERRORS as error:
             raise self._gone(error) from error
         if data and self._wire_log:

@@ -228,6 +228,21 @@ def test_a_range_changed_behind_our_back_is_put_right_and_the_move_made(lab: Lab
     assert any("changed the range" in warning for warning in mirror.warnings)
 
 
+@pytest.mark.parametrize("skip", [0, 4, 6])
+def test_a_range_changed_between_segments_is_put_right_too(lab: Lab, skip: int) -> None:
+    """Before the upload, in its middle, and as the mirror goes to the first position."""
+    bench, mirror = lab(Fault(name="A7", after_s=AFTER_OPENING_S, skip=skip))
+    path = [ASIDE, ELSEWHERE, ASIDE]
+    mirror.load(path)
+    mirror.start()
+    for angles in path:
+        bench.edge("pixel_clock", bench.clock.now())
+        bench.clock.sleep(0.02)
+        assert bench.beam.x_rad == pytest.approx(angles.x_rad, abs=3e-5)
+    mirror.stop()
+    assert len(mirror.warnings) == 1
+
+
 def test_a_closing_shutter_gets_past_a_lost_reply_within_its_time(lab: Lab) -> None:
     bench, mirror = lab(later("G1"), shutter_pin=9)
     bench.set_shutter(True)
