@@ -21,10 +21,14 @@ from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
 from configs.settings import Settings
 from recon.training.detector import DetectorSettings, measure
+from recon.training.impulse_responses import read_impulse_response
 from recon.training.rendering import render
-from recon.training.scenes import GENERATOR, front_view, make_scene, surfels
+from recon.training.scenes import GENERATOR, Scene, front_view, make_scene, surfels
+from recon.training.second_bounce import render_second_bounce, thinned
 from recon.training.shapes import Array
+from recon.training.visibility import visibility
 
+BOUNCING = 160
 TRUTH = ("intensity", "albedo", "depth_m", "coverage")
 
 
@@ -42,6 +46,9 @@ class DatasetSettings(Settings):
     bins: int = 256
     bin_width_ps: float = 64.0
     retroreflective: bool = False
+    shadows: bool = False  # surfaces hide each other from the wall
+    second_bounce: bool = False
+    impulse_responses: tuple[str, ...] = ()  # measured ones: HDF5 files, see `impulse_responses.py`
     detector: DetectorSettings = DetectorSettings()
 
     @property
@@ -99,9 +106,10 @@ def sample(settings: DatasetSettings, index: int, cache: Path | None = None) -> 
 def cache_folder(settings: DatasetSettings, cache: Path) -> Path:
     """Where samples of these settings lie in `cache`: the name changes with anything that changes them.
 
-    The number of scenes does not: a longer run uses what a shorter one made.
+    The number of scenes does not: a longer run uses what a shorter one made. Nor do settings at their defaults, so a
+    new one leaves old caches good.
     """
-    described = settings.model_dump(mode="json", exclude={"scenes"}) | {"generator": GENERATOR}
+    described = settings.model_dump(mode="json", exclude={"scenes"}, exclude_defaults=True) | {"generator": GENERATOR}
     return cache / hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -123,20 +131,28 @@ def _make(
     scene = make_scene(settings.seed, scene_number, settings.wall, held_out=settings.held_out, kinds=settings.kinds)
     view = front_view(scene, settings.wall)
     rng = np.random.default_rng((settings.seed, scene_number, int(settings.held_out), 1))
-    transient = render(
-        surfels(scene, rng), settings.wall, settings.time, retroreflective=settings.retroreflective
-    ).numpy()
+    transient = _transient(settings, scene, rng)
+    responses = [read_impulse_response(Path(name), settings.time.bin_width_s) for name in settings.impulse_responses]
     arrays: dict[str, npt.NDArray[np.generic]] = {name: getattr(view, name) for name in TRUTH}
     arrays["normal"] = view.normal
     words = {"kind": scene.kind}
     for k in wanted:
         draw = np.random.default_rng((settings.seed, scene_number, int(settings.held_out), 2, k))
-        got = measure(transient, settings.time, settings.detector, draw)
+        got = measure(transient, settings.time, settings.detector, draw, responses)
         small = got.counts.max() <= np.iinfo(np.uint8).max
         arrays[f"counts_{k}"] = got.counts.astype(np.uint8) if small else got.counts
         arrays[f"exposure_{k}"], arrays[f"noise_map_{k}"] = got.exposure, got.noise_map
         words[f"measured_{k}"] = json.dumps([got.background, got.noise_level, got.condition])
     return {name: np.ascontiguousarray(array) for name, array in arrays.items()}, words
+
+
+def _transient(settings: DatasetSettings, scene: Scene, rng: np.random.Generator) -> Array:
+    pieces = surfels(scene, rng)
+    seen = visibility(scene, pieces, settings.wall) if settings.shadows else None
+    transient = render(pieces, settings.wall, settings.time, retroreflective=settings.retroreflective, seen=seen)
+    if settings.second_bounce:
+        transient = transient + render_second_bounce(thinned(pieces, BOUNCING, rng), settings.wall, settings.time)
+    return np.asarray(transient.numpy(), dtype=np.float32)
 
 
 def _unpack(arrays: dict[str, npt.NDArray[np.generic]], words: dict[str, str], which: int) -> TrainingSample:

@@ -282,11 +282,11 @@ def _go_on(
     if not (folder / STATE).exists():
         return 0, 0.0
     state = read_weights(folder / STATE)
-    free = {"max_minutes", "checkpoint_minutes", "cache"}
-    given = (state.about["settings"], settings.model_dump(mode="json"))
-    before, now = ({key: value for key, value in one.items() if key not in free} for one in given)
+    free = {"max_minutes": None, "checkpoint_minutes": 1.0, "cache": ""}  # may change on the way
+    given = (TrainSettings.model_validate_json(json.dumps(state.about["settings"])), settings)
+    before, now = (one.model_copy(update=free).model_dump() for one in given)
     if before != now:
-        changed = ", ".join(sorted(key for key in now if before.get(key) != now[key]))
+        changed = ", ".join(sorted(key for key in now if before[key] != now[key]))
         raise ValueError(f"{folder} holds a run with other settings ({changed}). Choose another folder, or remove it.")
 
     def under(prefix: str) -> dict[str, torch.Tensor]:

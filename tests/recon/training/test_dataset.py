@@ -3,12 +3,14 @@
 import dataclasses
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 from acquisition.transient import TimeAxis
 from recon.training.dataset import DatasetSettings, TrainingSample, cache_folder, collate, sample
 from recon.training.detector import DetectorSettings, measure, pile_up, respond, shift_points
+from recon.training.impulse_responses import read_impulse_response
 
 SMALL = DatasetSettings(seed=2, scenes=4, degradations=2, rows=16, cols=16, bins=128, bin_width_ps=128.0)
 PLAIN = DetectorSettings(
@@ -119,3 +121,48 @@ def test_pile_up_takes_late_light_and_vanishes_at_low_flux() -> None:
 def test_a_transient_without_light_is_refused() -> None:
     with pytest.raises(ValueError, match="no light"):
         measure(PULSE * 0, TIME, PLAIN, np.random.default_rng(0))
+
+
+def test_a_measured_pulse_is_rebinned_around_its_peak(tmp_path: Path) -> None:
+    pulse = np.full(4000, 7.0)
+    pulse[1000:1004] += [100, 1000, 400, 100]
+    with h5py.File(tmp_path / "irf.h5", "w") as file:
+        file["counts"] = pulse
+        file.attrs["bin_width_s"] = 8e-12
+    fine = read_impulse_response(tmp_path / "irf.h5", 8e-12)
+    np.testing.assert_allclose(fine, np.array([0, 100, 1000, 400, 100]) / 1600, atol=1e-9)
+    coarse = read_impulse_response(tmp_path / "irf.h5", 64e-12)
+    assert coarse.size % 2 == 1
+    assert coarse.sum() == pytest.approx(1)
+    assert coarse.argmax() == coarse.size // 2
+    with h5py.File(tmp_path / "flat.h5", "w") as file:
+        file["counts"] = np.full(100, 3.0)
+        file.attrs["bin_width_s"] = 8e-12
+    with pytest.raises(ValueError, match="no pulse"):
+        read_impulse_response(tmp_path / "flat.h5", 8e-12)
+
+
+MEASURED = Path(__file__).parents[4] / "shared" / "data" / "tcspc"
+
+
+@pytest.mark.skipif(not MEASURED.exists(), reason="needs ../shared/data/tcspc beside the repository")
+@pytest.mark.parametrize(("name", "fwhm_ps"), [("irf_direct_cdt", 48), ("irf_spad_cmu", 36)])
+def test_real_detectors_pulses_are_read_in_their_width(name: str, fwhm_ps: float) -> None:
+    response = read_impulse_response(MEASURED / f"{name}.h5", 4e-12)
+    above = np.flatnonzero(response > response.max() / 2)
+    assert 4 * (above[-1] - above[0] + 1) == pytest.approx(fwhm_ps, abs=12)
+
+
+@pytest.mark.parametrize("option", [{"shadows": True}, {"second_bounce": True}, {"retroreflective": True}])
+def test_options_of_the_renderer_change_the_counts_and_the_cache(option: dict[str, bool], tmp_path: Path) -> None:
+    plain = SMALL.model_copy(update={"kinds": ("bodies", "tubes"), "degradations": 1})
+    changed = plain.model_copy(update=option)
+    assert cache_folder(changed, tmp_path) != cache_folder(plain, tmp_path)
+    pairs = [(sample(changed, i), sample(plain, i)) for i in range(len(plain))]
+    assert not all(np.array_equal(a.counts, b.counts) for a, b in pairs)
+    assert all(np.array_equal(a.intensity, b.intensity) for a, b in pairs)
+
+
+def test_a_setting_at_its_default_leaves_caches_good(tmp_path: Path) -> None:
+    written = DatasetSettings.model_validate({"shadows": False, "seed": 1})
+    assert cache_folder(written, tmp_path) == cache_folder(DatasetSettings(), tmp_path)
