@@ -7,11 +7,11 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c const
 
 .venv/run-ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(PIP) -e '.[recon]'
+	$(PIP) -e '.[recon,live]'
 	touch $@
 
 .venv/test-ready: .venv/run-ready
-	$(PIP) -e '.[recon,test]'
+	$(PIP) -e '.[recon,live,cluster,test]'
 	$(PIP) --no-deps y-tal nptyping  # its own pins do not fit beside ours; only its file reader is used
 	touch $@
 

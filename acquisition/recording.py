@@ -167,14 +167,19 @@ class Recording:
             for row in rows[rows["kind"] != b""]
         ]
 
+    def counts_of(self, first: int, end: int) -> npt.NDArray[np.uint32]:
+        """Histograms of rows `first` up to `end`, shape (n, T); zeros where the disk gives nothing back."""
+        try:
+            counts: npt.NDArray[np.uint32] = self._count_rows[first:end]
+        except (OSError, RuntimeError):
+            counts = np.zeros((end - first, self.plan.axis.bins), dtype=np.uint32)
+        return counts
+
     def blocks(self, first: int = 0) -> Iterator[tuple[int, npt.NDArray[np.uint32], npt.NDArray[np.bool_]]]:
         """(first row, counts (n, T), which of them are intact), block after block, from row `first` to the last."""
         for start in range(first, len(self._records), BLOCK_ROWS):
             end = min(start + BLOCK_ROWS, len(self._records))
-            try:
-                counts = self._count_rows[start:end]
-            except (OSError, RuntimeError):
-                counts = np.zeros((end - start, self.plan.axis.bins), dtype=np.uint32)
+            counts = self.counts_of(start, end)
             yield start, counts, self._intact(start, counts)
 
     def _intact(self, start: int, counts: npt.NDArray[np.uint32]) -> npt.NDArray[np.bool_]:
