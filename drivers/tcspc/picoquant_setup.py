@@ -23,6 +23,10 @@ class AxisCodes:
 
 def axis_codes(device: str, family: Family, base_s: float, axis: HistogramAxis, t3: bool) -> AxisCodes:
     """Raises `LimitError` where the instrument cannot take `axis` exactly. In T3 mode the offset is cut off later."""
+    if axis.bins < 1 or axis.offset_s < 0:
+        raise LimitError(
+            device, f"{axis.bins} bins from {axis.offset_s * 1e9:g} ns; at least 1 bin from 0 ns on is needed."
+        )
     ratio = axis.bin_width_s / base_s
     binning = max(0, round(ratio).bit_length() - 1) if ratio >= 0.5 else 0
     if abs(ratio - (1 << binning)) > 1e-6 * ratio or binning >= family.most_binning_codes:

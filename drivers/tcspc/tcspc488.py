@@ -134,7 +134,7 @@ class Tcspc488:
     def wait_points(self, count: int, timeout_s: float) -> CounterStatus:
         deadline_s = self.clock.now() + timeout_s
         by_host = self._trigger is Trigger.HOST
-        due_s = self._gate_due_s if by_host else self._due_s[min(count, len(self._due_s)) - 1]
+        due_s = self._due(count)
         again_s = 0.0005
         look_s = self.clock.now() + _EARLY_S if self._stops else due_s
         while True:
@@ -150,6 +150,14 @@ class Tcspc488:
             look_s = now_s + _EARLY_S if self._stops else due_s
             if now_s >= due_s:
                 due_s, again_s = now_s + again_s, min(2 * again_s, _POLL_S)
+
+    def _due(self, count: int) -> float:
+        """When the gates of that many points should have closed. Raises `CommandRejected` for one not triggered."""
+        if self._trigger is Trigger.CLOCK:
+            return self._due_s[min(count, len(self._due_s)) - 1]
+        if count > self._triggered:
+            raise CommandRejected(self._device, f"{count} points wanted, {self._triggered} triggered.", "Trigger.")
+        return self._gate_due_s
 
     def _running_or_done(self, status: Status) -> None:
         if status.tripped:

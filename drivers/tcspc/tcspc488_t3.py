@@ -56,9 +56,7 @@ class Tcspc488T3(Tcspc488):
 
     def wait_points(self, count: int, timeout_s: float) -> CounterStatus:
         deadline_s = self.clock.now() + timeout_s
-        by_host = self._trigger is Trigger.HOST
-        due_s = self._gate_due_s if by_host else self._due_s[min(count, len(self._due_s)) - 1]
-        due_s += self._disorder_s + GENERIC.wrap / self._sync_hz  # time is told in wraps
+        due_s = self._due(count) + self._disorder_s + GENERIC.wrap / self._sync_hz  # time is told in wraps
         while True:
             self._pause(min(due_s, deadline_s))
             status = self._drain()

@@ -1,0 +1,221 @@
+"""What every counter that a bench file may name does, each on its simulated instrument, in each of its modes."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter
+
+from drivers.errors import CommandRejected, DeviceError, DeviceTimeout, LimitError
+from drivers.simulated.beam import BeamPath
+from drivers.simulated.bench import SimulatedBench
+from drivers.simulated.picoquant_library import PicoquantLibrary
+from drivers.simulated.scene import SceneLight, SceneSettings
+from drivers.simulated.spad import DetectorSettings
+from drivers.simulated.tcspc488_firmware import Tcspc488Firmware
+from drivers.simulated.usb_backend import SimulatedUsb
+from drivers.tcspc.counter import Histogram, HistogramAxis, HistogramCounter, HistogramFlag, Trigger
+from drivers.tcspc.models import CounterSettings, open_counter
+
+SETTINGS: TypeAdapter[CounterSettings] = TypeAdapter(CounterSettings)
+SYNC_HZ = 10e6
+DWELL_S = 0.008
+BLANKING_S = 0.0005
+NUMBERS = [7, 3, 12, 4]
+PICOQUANT = {"model": "picoquant", "library": "simulated"}
+COUNTERS = {
+    "tcspc488": {"model": "tcspc488", "usb": "simulated", "markers": True},
+    "tcspc488 t3": {"model": "tcspc488", "usb": "simulated", "markers": True, "mode": "t3"},
+    "picoharp300": {**PICOQUANT, "device": "picoharp300"},
+    "hydraharp400": {**PICOQUANT, "device": "hydraharp400"},
+    "multiharp150": {**PICOQUANT, "device": "multiharp150"},
+    "multiharp150 t3": {**PICOQUANT, "device": "multiharp150", "mode": "t3"},
+}
+BINS = 512
+
+
+@dataclass
+class Lab:
+    """A counter on a bench with light, whose pixel clock comes back as step markers, as from a mirror controller."""
+
+    bench: SimulatedBench
+    counter: HistogramCounter
+    axis: HistogramAxis
+    sent: list[bytes] = field(default_factory=list)
+    steps: int = 0
+
+    def step(self, when_s: float) -> None:
+        self.steps += 1
+        self.bench.edge(f"marker_{2 - self.steps % 2}", when_s)
+
+    def one_by_one(self, points: int = len(NUMBERS)) -> list[Histogram]:
+        self.counter.arm([DWELL_S] * points, NUMBERS[:points])
+        histograms = []
+        for k in range(points):
+            self.counter.trigger()
+            status = self.counter.wait_points(k + 1, 1.0)
+            assert status.points_done == k + 1
+            histograms += self.counter.read(k, 1)
+        return histograms
+
+
+@pytest.fixture(params=COUNTERS)
+def lab(request: pytest.FixtureRequest) -> Iterator[Lab]:
+    settings = SETTINGS.validate_python(COUNTERS[request.param])
+    light = SceneLight(
+        SceneSettings(direct_cps=2e5), DetectorSettings(dead_time_ns=0.0), BeamPath(2.0), SYNC_HZ, seed=5
+    )
+    bench = SimulatedBench(light)
+    bench.set_shutter(True)
+    if settings.model == "picoquant":
+        backend: object = PicoquantLibrary(bench, settings.device, SYNC_HZ)
+    else:
+        backend = SimulatedUsb([Tcspc488Firmware(bench)], bench.clock)
+    width_ps = 40 if "multiharp" in request.param else 32
+    this = Lab(bench, None, HistogramAxis(BINS, width_ps * 1e-12, 8e-9))  # type: ignore[arg-type]
+    this.counter = open_counter(
+        settings, bench.clock, backend, lambda device, way, data: this.sent.append(data) if way == ">" else None
+    )
+    this.counter.configure(this.axis)
+    bench.wire("pixel_clock", this.step)
+    yield this
+    this.counter.close()
+
+
+def test_it_says_who_it_is(lab: Lab) -> None:
+    identity = lab.counter.identity
+    assert identity.model in ("tcspc488", "picoquant")
+    assert all((identity.vendor, identity.product, identity.serial, identity.firmware))
+    assert lab.counter.max_points >= 1
+
+
+def test_a_point_is_a_histogram_with_its_times(lab: Lab) -> None:
+    histograms = lab.one_by_one()
+    for histogram in histograms:
+        assert histogram.counts.shape == (BINS,)
+        assert histogram.counts.dtype == np.uint32
+        assert histogram.counts.sum() > 100
+        assert histogram.total_count >= histogram.counts.sum()
+        assert histogram.live_time_s == pytest.approx(DWELL_S, rel=1e-3)
+        assert histogram.sync_count == pytest.approx(DWELL_S * SYNC_HZ, rel=1e-3)
+        assert histogram.bin_width_s == lab.axis.bin_width_s
+        assert histogram.offset_s == lab.axis.offset_s
+        assert histogram.flags == HistogramFlag.NONE
+    opened_s = [histogram.gate_opened_s for histogram in histograms]
+    assert all(np.diff(opened_s) >= DWELL_S * 0.99)
+
+
+def test_reading_again_gives_the_same(lab: Lab) -> None:
+    first = lab.one_by_one()
+    for one, other in zip(first, lab.counter.read(0, len(NUMBERS)), strict=True):
+        np.testing.assert_array_equal(one.counts, other.counts)
+
+
+def test_what_it_cannot_do_exactly_is_refused_and_nothing_is_sent(lab: Lab) -> None:
+    lab.sent.clear()
+    for axis, dwell_s in [
+        (HistogramAxis(0, 32e-12), DWELL_S),
+        (HistogramAxis(10**7, 32e-12), DWELL_S),
+        (HistogramAxis(BINS, 33.3e-12), DWELL_S),
+        (HistogramAxis(BINS, lab.axis.bin_width_s, -1e-9), DWELL_S),
+        (lab.axis, 0.0),
+        (lab.axis, -1.0),
+        (lab.axis, 1e9),
+    ]:
+        with pytest.raises(LimitError):
+            lab.counter.check(axis, dwell_s)
+    assert lab.sent == []
+    lab.counter.check(lab.axis, DWELL_S)
+
+
+def test_arming_takes_as_many_numbers_as_dwells_and_no_more_than_it_can(lab: Lab) -> None:
+    for dwells_s, numbers in [([], []), ([DWELL_S], [1, 2]), ([DWELL_S] * 2, [1])]:
+        with pytest.raises(LimitError):
+            lab.counter.arm(dwells_s, numbers)
+    too_many = lab.counter.max_points + 1
+    if too_many < 200_000:
+        with pytest.raises(LimitError):
+            lab.counter.arm([DWELL_S] * too_many, range(too_many))
+
+
+def test_no_more_points_are_triggered_than_armed(lab: Lab) -> None:
+    lab.one_by_one(2)
+    with pytest.raises(CommandRejected):
+        lab.counter.trigger()
+
+
+def test_a_point_that_was_not_triggered_is_not_waited_for(lab: Lab) -> None:
+    lab.counter.arm([DWELL_S] * 2, [1, 2])
+    with pytest.raises(CommandRejected):
+        lab.counter.wait_points(1, 0.5)
+
+
+def test_a_point_that_takes_longer_than_it_may_is_a_timeout(lab: Lab) -> None:
+    lab.counter.arm([5.0] * 2, [1, 2])
+    lab.counter.trigger()
+    start_s = lab.bench.clock.now()
+    with pytest.raises(DeviceTimeout):
+        lab.counter.wait_points(1, 0.5)
+    assert 0.4 <= lab.bench.clock.now() - start_s <= 0.7
+
+
+def test_points_that_are_not_complete_cannot_be_read(lab: Lab) -> None:
+    lab.one_by_one(1)
+    with pytest.raises(DeviceError):
+        lab.counter.read(1, 1)
+    lab.counter.arm([DWELL_S] * 2, [1, 2])
+    with pytest.raises(DeviceError):
+        lab.counter.read(0, 1)
+
+
+def test_after_an_abort_it_starts_afresh(lab: Lab) -> None:
+    lab.counter.arm([DWELL_S] * 3, [1, 2, 3])
+    lab.counter.trigger()
+    lab.bench.clock.sleep(DWELL_S / 2)
+    lab.counter.abort()
+    assert len(lab.one_by_one()) == len(NUMBERS)
+
+
+def test_rates_are_those_of_the_inputs(lab: Lab) -> None:
+    rates = lab.counter.rates()
+    assert rates.sync_hz == pytest.approx(SYNC_HZ, rel=1e-3)
+    assert rates.detector_hz == pytest.approx(2e5, rel=0.5)
+
+
+def test_its_pixel_clock_steps_once_per_point_and_points_come_in_their_order(lab: Lab) -> None:
+    if not lab.counter.has_pixel_clock:
+        with pytest.raises(LimitError):
+            lab.counter.arm([DWELL_S] * 4, NUMBERS, Trigger.CLOCK, BLANKING_S)
+        return
+    lab.counter.arm([DWELL_S] * 4, NUMBERS, Trigger.CLOCK, BLANKING_S)
+    start_s = lab.bench.clock.now()
+    status = lab.counter.wait_points(4, 1.0)
+    assert status.points_done == 4
+    assert status.lost == 0
+    assert status.markers in (4, None)
+    assert (status.markers is not None) == lab.counter.counts_markers
+    assert lab.bench.clock.now() - start_s == pytest.approx(4 * (DWELL_S + BLANKING_S), abs=0.07)
+    histograms = lab.counter.read(0, 4)
+    assert [histogram.counts.sum() > 100 for histogram in histograms] == [True] * 4
+    opened_s = [histogram.gate_opened_s for histogram in histograms]
+    np.testing.assert_allclose(np.diff(opened_s), DWELL_S + BLANKING_S, rtol=1e-3)
+
+
+def test_a_watchdog_that_is_not_kicked_shuts_the_light(lab: Lab) -> None:
+    if not lab.counter.has_watchdog:
+        return
+    lab.counter.arm_watchdog(0.5)
+    lab.counter.kick()
+    lab.bench.clock.sleep(0.4)
+    lab.counter.kick()
+    lab.counter.arm_watchdog(0.0)
+    lab.bench.clock.sleep(2.0)
+    lab.counter.kick()
+
+
+def test_closing_twice_is_quiet(lab: Lab) -> None:
+    lab.counter.arm([DWELL_S], [0])
+    lab.counter.trigger()
+    lab.counter.close()
+    lab.counter.close()
