@@ -1,0 +1,40 @@
+"""The published profile and the page about wiring say what the code does."""
+
+import re
+from pathlib import Path
+
+from configs.load import load
+from drivers.bench import BenchSettings
+from drivers.simulated.bench import SimulatedBench
+from drivers.simulated.instruments import light_of
+from drivers.simulated.tcspc488_firmware import Tcspc488Firmware
+from drivers.udev import ST_VENDOR_ID, TEENSY_VENDOR_ID, tty_rule, usb_rule
+
+PAGE = (Path(__file__).parents[2] / "docs" / "instruments.md").read_text("utf-8")
+
+
+def headers_of_the_profile() -> set[str]:
+    """Every header of the table, with the common root written out (`INP:SYNC:LEV`, `:EDGE` -> `INP:SYNC:EDGE`)."""
+    table = PAGE[PAGE.index("| command (query with") : PAGE.index("**Record**")]
+    found: set[str] = set()
+    for row in table.splitlines()[2:]:
+        root = ""
+        for word in re.findall(r"`([*:A-Z][A-Z:?]+)", row.split(" | ")[0]):
+            header = word.removesuffix("?")
+            if header.startswith(":"):
+                header = root + header
+            root = header.rpartition(":")[0]
+            found.add(header)
+    return found
+
+
+def test_every_command_of_the_firmware_is_published_and_no_other() -> None:
+    firmware = Tcspc488Firmware(SimulatedBench(light_of(load("bench", "simulated", BenchSettings).settings)))
+    known = {header.removesuffix("?") for header in firmware._handlers()} - {"SYST:ERR:NEXT"}
+    assert headers_of_the_profile() == known
+
+
+def test_the_udev_rules_are_those_that_the_program_advises() -> None:
+    assert usb_rule(0x1209, 0x0001) in PAGE
+    assert tty_rule(TEENSY_VENDOR_ID, "triggerscope") in PAGE
+    assert tty_rule(ST_VENDOR_ID, "optotune") in PAGE
