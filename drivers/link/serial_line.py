@@ -139,11 +139,7 @@ class SerialLine:
     def receive(self, wanted: Callable[[bytes], bool], timeout_s: float | None = None) -> tuple[bytes, bytes]:
         """Lines that come by themselves, until the wanted one: (that line, what came before it)."""
         with self._lock:
-            deadline_s = self._deadline(timeout_s)
-            before = b""
-            while not wanted(line := self._message(deadline_s, take_line, "what was waited for did not come")):
-                before += line
-            return line, before
+            return self._line(wanted, self._deadline(timeout_s), "what was waited for did not come")
 
     def interject(self, command: bytes, answer: bytes, timeout_s: float = 0.1) -> None:
         """Sends a command that cannot wait and returns when `answer` confirms it.
@@ -161,15 +157,14 @@ class SerialLine:
             if self._in_flight:
                 with contextlib.suppress(DeviceTimeout, ProtocolError):
                     others = self._message(self._deadline(timeout_s / 2), take_line, "") + b"\r\n"
-            while self._buffer or self._waiting():  # an old reply must not confirm the new command
-                self.in_step = False
+            while (self._buffer or self._waiting()) and self._clock.now() < deadline_s:
+                self.in_step = False  # an old reply must not confirm the new command
                 self._buffer.clear()
                 self._fill(0.0)
             self.write(command)
-            while (line := self._message(deadline_s, take_line, f"{command!r} was not confirmed")) != answer:
-                others += line + b"\r\n"
+            _, before = self._line(lambda line: line == answer, deadline_s, f"{command!r} was not confirmed")
             if self._in_flight:
-                self._buffer[:0] = others
+                self._buffer[:0] = others + before
         finally:
             self._lock.release()
 
@@ -219,6 +214,15 @@ class SerialLine:
 
     def _deadline(self, timeout_s: float | None) -> float:
         return self._clock.now() + (self.timeout_s if timeout_s is None else timeout_s)
+
+    def _line(self, wanted: Callable[[bytes], bool], deadline_s: float, what: str) -> tuple[bytes, bytes]:
+        before = b""
+        while not wanted(line := self._message(deadline_s, take_line, what)):
+            before += line + b"\r\n"
+            if self._clock.now() >= deadline_s:
+                self.in_step = False
+                raise DeviceTimeout(self.device, f"{what} in time among {len(before)} bytes.")
+        return line, before
 
     def _message(self, deadline_s: float, take: Take, what: str) -> bytes:
         while True:

@@ -24,7 +24,7 @@ from drivers.simulated.instruments import FIRMWARES
 from drivers.simulated.serial_port import plug, plugged, unplug
 
 SETTINGS: TypeAdapter[MirrorSettings] = TypeAdapter(MirrorSettings)
-CASES = 2500 if os.environ.get("NLOS_SOAK") else 100  # of each of the two models
+CASES = 2500 if os.environ.get("NLOS_SOAK") else 400  # of each of the two models
 TIMEOUT_S = 0.2
 LONGEST_CALL_S = 8.0  # some thirty exchanges, one of which may fail and be put right, each in 4 timeouts at most
 MODELS: dict[str, dict[str, Any]] = {

@@ -197,6 +197,23 @@ def test_an_old_reply_does_not_confirm_an_interjected_command(dark_bench: Bench)
         line.interject(b"now\n", b"NOW")
 
 
+def test_a_device_that_never_stops_talking_is_a_timeout(dark_bench: Bench, chopped: Callable[..., object]) -> None:
+    bench = dark_bench()
+    line = line_to_repeater(bench)
+    cable = plugged("repeater")
+    cable.mangle = chopped(6, gap_s=0.001)  # type: ignore[assignment]
+    for act in (
+        lambda: line.receive(lambda reply: reply == b"WHO"),
+        lambda: line.interject(b"now\n", b"NOW"),
+        lambda: line.exchange(b"one\n"),
+    ):
+        cable._reply(b"BLAH\r\n" * 10_000, bench.clock.now())
+        began_s = bench.clock.now()
+        with pytest.raises(DeviceTimeout):
+            act()
+        assert bench.clock.now() - began_s < 3 * TIMEOUT_S
+
+
 def test_this_computers_ports_can_be_listed() -> None:
     assert all(port.port for port in available_ports())
 
