@@ -24,14 +24,29 @@ def load_bench(word: str | None) -> "Loaded[BenchSettings]":
     return load("bench", word or DEFAULT_BENCH, BenchSettings)
 
 
+def twin(loaded: "Loaded[BenchSettings]") -> "Loaded[BenchSettings]":
+    """A simulated bench with the limits, geometry and settling of this one; a simulated bench is its own twin."""
+    from dataclasses import replace
+
+    from drivers.bench_settings import SimulationSettings
+
+    bench = loaded.settings
+    if bench.simulated:
+        return loaded
+    mirror = bench.mirror.model_copy(update={"port": f"sim://{bench.mirror.model}"})
+    counter = bench.counter.model_copy(update={"usb": "simulated"})
+    parts = {"mirror": mirror, "counter": counter, "simulation": SimulationSettings()}
+    return replace(loaded, settings=bench.model_copy(update=parts))
+
+
 @contextmanager
-def opened(loaded: "Loaded[BenchSettings]", scene: Path | None = None) -> Iterator["Bench"]:
+def opened(loaded: "Loaded[BenchSettings]", scene: Path | None = None, quiet: bool = False) -> Iterator["Bench"]:
     """The open bench; `scene` is a recorded scan that stands in for a simulated bench's light."""
     from drivers.bench import open_bench
 
     with _wire_log() as log, open_bench(loaded.settings, scene=_scene(scene), wire_log=log) as bench:
         for warning in bench.warnings:
-            terminal.log(f"warning: {warning}")
+            terminal.log(f"warning: {warning}", 1 if quiet else 0)
         yield bench
 
 

@@ -13,6 +13,7 @@ from nlos.terminal import terminal
 if TYPE_CHECKING:
     from acquisition.aim import Aim
     from calibration.constants import BenchConstants
+    from calibration.geometry import ScannerGeometry
     from calibration.measure import Measurement
     from calibration.raw_points import RawPoints
 
@@ -28,12 +29,15 @@ def calibrate(
     dead_time_ns: Annotated[
         float | None, typer.Option(min=0, help="The detector's, where no histogram over the laser's period tells it.")
     ] = None,
+    response: Annotated[
+        Path | None, typer.Option(metavar="FILE.h5", help="Impulse response; measured from the scan by default.")
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Measures the bench's constants from recordings and says how good they are."""
     from datetime import UTC, datetime
 
-    from calibration.constants import Quantity, save
+    from calibration.constants import Quantity, load_response, save
     from calibration.measure import measure_constants
     from nlos.calibration_pictures import write_pictures
 
@@ -49,6 +53,7 @@ def calibrate(
         measured_utc=datetime.now(UTC).isoformat(timespec="seconds"),
         aim=next((aim for _, _, aim in loaded if aim is not None), None),
         dead_time=None if dead_time_ns is None else Quantity(dead_time_ns * 1e-9, 0.0),
+        response=None if response is None else load_response(response),
     )
     for line, values in _lines(found):
         terminal.result(line, **values)
@@ -62,9 +67,8 @@ def calibrate(
     terminal.result(str(target), constants=str(target))
 
 
-def _load(run: Path) -> "tuple[RawPoints, dict[str, str], Aim | None]":
+def _load(run: Path) -> "tuple[RawPoints, dict[str, str], Aim | ScannerGeometry | None]":
     """Points, devices (role -> model and serial) and what the scan was aimed by."""
-    from acquisition.aim import Aim
     from acquisition.importers.formats import is_recording, read_any
     from acquisition.recording import Recording
     from calibration.errors import InvalidData
@@ -83,11 +87,20 @@ def _load(run: Path) -> "tuple[RawPoints, dict[str, str], Aim | None]":
         except InvalidData as error:
             raise type(error)(f"{run}: {error}") from error
         names = {role: f"{device.model} {device.serial}".strip() for role, device in recording.header.devices.items()}
-        geometry = json.loads(recording.header.bench_json).get("geometry")
-    aim = None
-    if isinstance(geometry, dict) and geometry.get("wall_distance_m"):
-        aim = Aim(float(geometry["wall_distance_m"]), float(geometry.get("mirror_separation_m", 0.0)))
+        aim = _aimed_by(recording.header.constants_json, recording.header.bench_json)
     return raw, names, aim
+
+
+def _aimed_by(constants_json: str, bench_json: str) -> "Aim | ScannerGeometry | None":
+    """The earlier constants' geometry where they took part in the scan, else the bench file's; None without either."""
+    from acquisition.aim import Aim
+    from calibration.geometry import ScannerGeometry
+
+    fitted = json.loads(constants_json).get("geometry")
+    if fitted:
+        return ScannerGeometry(**fitted)
+    drawn = json.loads(bench_json).get("geometry")
+    return Aim(drawn["wall_distance_m"], drawn.get("mirror_separation_m", 0.0)) if drawn else None
 
 
 def _common_devices(runs: list[Path], each: list[dict[str, str]]) -> Mapping[str, str]:

@@ -84,9 +84,12 @@ def _acquire(
     from acquisition.engine import aim_of, checked_angles
     from acquisition.engine import scan as run
     from acquisition.recording import Status
+    from acquisition.schemes import choose
     from drivers.errors import DeviceError, SafetyTrip
 
-    checked_angles(plan, bench, aim_of(bench))
+    choice = choose(plan, bench, checked_angles(plan, bench, aim_of(bench)))
+    forecast_s = choice.forecast.total_s
+    terminal.log(f"scheme {choice.scheme.value}, {forecast_s:.1f} s expected; {choice.why}")
     roles = {"mirror": bench.mirror.identity, "counter": bench.counter.identity}
     header = replace(header, devices=roles, warnings=tuple(bench.warnings)).stamped()
     begun = _begin(target, plan, header, resume, overwrite)
@@ -124,9 +127,11 @@ def _acquire(
             writer.finish(status)
     duration_s = bench.clock.now() - start_s
     terminal.result(
-        f"{target}: {writer.acknowledged} of {len(plan)} points in {duration_s:.1f} s of bench time",
+        f"{target}: {writer.acknowledged} of {len(plan)} points in {duration_s:.1f} s of bench time "
+        f"({forecast_s:.1f} s predicted)",
         recording=str(target), taken=writer.acknowledged - len(begun.taken), points=writer.acknowledged,
-        planned=len(plan), bench_s=duration_s, status=status.name.lower(),
+        planned=len(plan), bench_s=duration_s, predicted_s=forecast_s,
+        scheme=choice.scheme.value, status=status.name.lower(),
     )  # fmt: skip
     if status is not Status.COMPLETE:
         raise Stopped(ExitCode.INTERRUPTED, f"ended by Ctrl-C. {_safe(writer, target)}")
