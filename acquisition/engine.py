@@ -133,7 +133,8 @@ class _Run:
                     return
             self._dark("the scan is complete")
             control.enter(ScanState.COMPLETE)
-        except SafetyTrip:
+        except SafetyTrip as error:
+            bench.report("trip", str(error))
             control.enter(ScanState.STOPPED)
             raise
         except DeviceError:

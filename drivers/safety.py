@@ -52,18 +52,18 @@ class GuardedShutter:
         if self.has_watchdog:
             self._counter.arm_watchdog(self._settings.watchdog_s)
             self._watching = True
+        was_open = self._open
         # From here on the light may be on, whatever the instrument's answer will be.
         self._open = True
         try:
             self._shutter.open()
-        except SafetyTrip as error:
-            self._open = False
-            self._events.report("trip", f"the shutter refused to open: {error}")
-            raise
-        except DeviceError:
+        except DeviceError as error:
+            if isinstance(error, SafetyTrip):
+                self._events.report("trip", f"the shutter refused to open: {error}")
             self.close("its opening was not confirmed")
             raise
-        self._events.report("shutter", "opened")
+        if not was_open:
+            self._events.report("shutter", "opened")
 
     def close(self, why: str = "") -> None:
         """As `LaserShutter.close`; then the watchdog, which has nothing left to watch, is turned off."""
