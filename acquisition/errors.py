@@ -7,3 +7,7 @@ class InvalidData(ValueError):
 
 class StorageError(OSError):
     """The disk is full, a file may not be written, or it would be overwritten."""
+
+
+class PlanRefused(ValueError):
+    """A scan file asks for what wall, pattern and exposure cannot give together; the message says what to change."""

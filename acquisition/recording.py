@@ -32,6 +32,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition.errors import InvalidData
+from acquisition.exposure import unbiased_live_s
 from acquisition.recording_header import plain_dataset, read_header, read_plan
 from acquisition.sample import Sample
 from acquisition.transient import TimeAxis, Transient
@@ -238,7 +239,8 @@ class Recording:
         return self.plan.pending(self.photons())
 
     def transient(self) -> Transient:
-        """Raw counts on the wall grid, passes added up; time starts at the sync pulse. Raises `InvalidData` for free
+        """Raw counts on the wall grid, passes added up; time starts at the sync pulse. The exposure of points that were
+        stopped at N counts is such that counts / exposure is (N - 1)/T. Raises `InvalidData` for free
         positions, which belong on a grid only after gridding, and for cubes above 8 GiB."""
         wall, axis = self.plan.wall, self.plan.axis
         if not self.on_grid:
@@ -251,10 +253,11 @@ class Recording:
             good = np.flatnonzero(intact)
             records = self._records[start : start + len(counts)][good]
             row, col = self.plan.positions.row[records["number"]], self.plan.positions.col[records["number"]]
+            live_s = unbiased_live_s(records["live_time_s"], records["flags"], self.plan.stop)
             for one_pass in np.unique(self.plan.pass_[records["number"]]):
                 of_pass = self.plan.pass_[records["number"]] == one_pass
                 cube[:, row[of_pass], col[of_pass]] += counts[good[of_pass]].T
-                exposure_s[row[of_pass], col[of_pass]] += records["live_time_s"][of_pass]
+                exposure_s[row[of_pass], col[of_pass]] += live_s[of_pass]
         return Transient(cube, exposure_s, wall, TimeAxis(axis.bins, axis.bin_width_s, axis.offset_s))
 
 

@@ -1,15 +1,21 @@
 """The scan file: wall, pattern, dwell and histogram, and the plan that they make."""
 
+from typing import Literal
+
+import numpy as np
 from pydantic import Field
 
+from acquisition.errors import PlanRefused
 from acquisition.exposure import Exposure, Uniform
-from acquisition.patterns import Pattern
+from acquisition.ordering import strips, two_opt
+from acquisition.patterns import SCATTERED, Pattern
 from acquisition.plan import ScanPlan
+from acquisition.positions import Positions
 from acquisition.wall import WallGrid
 from configs.settings import Settings
 from drivers.tcspc.counter import HistogramAxis
 
-MAX_POINTS = 4096 * 4096
+EDGE_M = 1e-9
 
 
 class WallSettings(Settings):
@@ -30,18 +36,45 @@ class HistogramSettings(Settings):
 
 
 class ScanSettings(Settings):
-    """A scan file. `dwell_ms` is each point's time before the exposure policy distributes it."""
+    """A scan file. `dwell_ms` is each point's time before the exposure policy distributes it.
+
+    `order`: `pattern` as the pattern lists them, `strips` boustrophedon strips, `two_opt` shorter still and slower to
+    find; without it, scattered points are visited in strips and the others as their pattern lists them.
+    """
 
     wall: WallSettings
     pattern: Pattern
     dwell_ms: float = Field(ge=0.001, le=10_000)
     histogram: HistogramSettings
     exposure: Exposure = Uniform()
+    order: Literal["pattern", "strips", "two_opt"] | None = None
 
     def plan(self) -> ScanPlan:
-        """The plan: positions in order, and a dwell for each visit."""
+        """The plan. Raises `PlanRefused` where pattern, exposure and wall do not fit together."""
         wall = WallGrid(self.wall.width_m, self.wall.height_m, self.wall.rows, self.wall.cols)
-        positions = self.pattern.points(wall)
-        visits = self.exposure.visits(positions, self.dwell_ms * 1e-3)
         axis = HistogramAxis(self.histogram.bins, self.histogram.bin_width_ps * 1e-12, self.histogram.offset_ns * 1e-9)
-        return ScanPlan(wall, axis, positions.take(visits.index), visits.dwell_s, visits.pass_)
+        positions = self._ordered(self.pattern.points(wall))
+        beyond = np.maximum(np.abs(positions.x_m) / wall.width_m, np.abs(positions.y_m) / wall.height_m)
+        if beyond.max() > 0.5 + EDGE_M:
+            first = int(np.argmax(beyond))
+            raise PlanRefused(
+                f"point {first} at ({positions.x_m[first]:g}, {positions.y_m[first]:g}) m lies outside the wall of "
+                f"{wall.width_m:g} x {wall.height_m:g} m"
+            )
+        visits = self.exposure.visits(positions, wall, self.dwell_ms * 1e-3)
+        return ScanPlan(
+            wall,
+            axis,
+            positions.take(visits.index),
+            visits.dwell_s,
+            visits.pass_,
+            self.exposure.stop(axis),
+            self.exposure.revisit_below,
+        )
+
+    def _ordered(self, positions: Positions) -> Positions:
+        order = self.order or ("strips" if isinstance(self.pattern, SCATTERED) else "pattern")
+        if order == "pattern":
+            return positions
+        find = strips if order == "strips" else two_opt
+        return positions.take(find(positions.x_m, positions.y_m))

@@ -44,7 +44,14 @@ def exit_code(error: BaseException) -> ExitCode:
     table: list[tuple[type[BaseException] | tuple[type[BaseException], ...], ExitCode]] = [
         (KeyboardInterrupt, ExitCode.INTERRUPTED),
         (
-            (ConfigError, UsageError, recon.errors.InvalidSettings, FileNotFoundError, IsADirectoryError),
+            (
+                ConfigError,
+                UsageError,
+                acquisition.errors.PlanRefused,
+                recon.errors.InvalidSettings,
+                FileNotFoundError,
+                IsADirectoryError,
+            ),
             ExitCode.USAGE,
         ),
         ((drivers.errors.LimitError, drivers.errors.SafetyTrip), ExitCode.REFUSED),

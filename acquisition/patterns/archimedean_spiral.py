@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from acquisition.errors import PlanRefused
 from acquisition.positions import Positions, free
 from acquisition.wall import WallGrid
 from configs.settings import Settings
@@ -24,13 +25,13 @@ class ArchimedeanSpiral(Settings):
     tilt_deg: float = 0.0
 
     def points(self, wall: WallGrid) -> Positions:
-        """From the centre out to the wall's nearer edges. Raises `ValueError` for more than a million points."""
+        """From the centre out to the wall's nearer edges. Raises `PlanRefused` for more than a million points."""
         growth_m = self.dr_m / (2 * math.pi)
         end_m = min(wall.width_m, wall.height_m) / 2
         spacing_m = self.spacing_m or self.dr_m
         length_m = float(_length_m(np.array(end_m / growth_m), growth_m))
         if length_m / spacing_m > 1e6:
-            raise ValueError(f"a spiral of {length_m:.3g} m has too many points {spacing_m:g} m apart")
+            raise PlanRefused(f"a spiral of {length_m:.3g} m has too many points {spacing_m:g} m apart")
         along_m = np.arange(int(length_m / spacing_m) + 1) * spacing_m
         theta = np.sqrt(2 * along_m / growth_m)
         for _ in range(8):  # Newton: d length / d theta = a sqrt(1 + theta^2)

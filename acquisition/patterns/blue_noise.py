@@ -5,6 +5,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from acquisition.errors import PlanRefused
 from acquisition.positions import Positions, pixels
 from acquisition.wall import WallGrid
 from configs.settings import Settings
@@ -23,10 +24,10 @@ class BlueNoise(Settings):
     def points(self, wall: WallGrid) -> Positions:
         """In the order drawn, so that a shorter list is the beginning of a longer one with the same seed.
 
-        Raises `ValueError` where the grid has fewer pixels.
+        Raises `PlanRefused` where the grid has fewer pixels.
         """
         if self.count > wall.rows * wall.cols:
-            raise ValueError(f"{self.count} different pixels are more than {wall.rows} x {wall.cols}")
+            raise PlanRefused(f"{self.count} different pixels are more than {wall.rows} x {wall.cols}")
         draw = np.random.default_rng(self.seed)
         nearest = _Nearest(wall)
         chosen = np.empty((self.count, 2), dtype=np.int64)

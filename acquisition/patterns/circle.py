@@ -5,6 +5,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from acquisition.errors import PlanRefused
 from acquisition.positions import Positions, free
 from acquisition.wall import WallGrid
 from configs.settings import Settings
@@ -20,8 +21,8 @@ class Circle(Settings):
     y_m: float = 0.0
 
     def points(self, wall: WallGrid) -> Positions:
-        """Anticlockwise from the right. Raises `ValueError` where the circle leaves the wall."""
+        """Anticlockwise from the right. Raises `PlanRefused` where the circle leaves the wall."""
         if abs(self.x_m) + self.radius_m > wall.width_m / 2 or abs(self.y_m) + self.radius_m > wall.height_m / 2:
-            raise ValueError(f"a circle of {self.radius_m:g} m around ({self.x_m:g}, {self.y_m:g}) m leaves the wall")
+            raise PlanRefused(f"a circle of {self.radius_m:g} m around ({self.x_m:g}, {self.y_m:g}) m leaves the wall")
         angle = 2 * np.pi * np.arange(self.count) / self.count
         return free(self.x_m + self.radius_m * np.cos(angle), self.y_m + self.radius_m * np.sin(angle))

@@ -5,6 +5,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from acquisition.errors import PlanRefused
 from acquisition.positions import Positions, free
 from acquisition.wall import WallGrid
 from configs.settings import Settings
@@ -18,10 +19,10 @@ class ConcentricCircles(Settings):
     count: int = Field(ge=1, le=1_000_000, alias="points")
 
     def points(self, wall: WallGrid) -> Positions:
-        """From the innermost circle outwards, each turn in the other direction. Raises `ValueError` for fewer points
+        """From the innermost circle outwards, each turn in the other direction. Raises `PlanRefused` for fewer points
         than circles."""
         if self.count < self.circles:
-            raise ValueError(f"{self.count} points do not reach for {self.circles} circles")
+            raise PlanRefused(f"{self.count} points do not reach for {self.circles} circles")
         radius_m = min(wall.width_m, wall.height_m) / 2 * np.arange(1, self.circles + 1) / self.circles
         until = np.round(np.cumsum(radius_m) / radius_m.sum() * (self.count - self.circles)).astype(int)
         counts = 1 + np.diff(until, prepend=0)

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from acquisition.errors import PlanRefused
 from acquisition.positions import Positions, free
 from acquisition.wall import WallGrid
 from configs.settings import Settings
@@ -26,11 +27,11 @@ class FermatSpiral(Settings):
     tilt_deg: float = 0.0
 
     def points(self, wall: WallGrid) -> Positions:
-        """From the centre outwards, as the flower grows. Raises `ValueError` for more than a million points."""
+        """From the centre outwards, as the flower grows. Raises `PlanRefused` for more than a million points."""
         reach_m = math.hypot(wall.width_m, wall.height_m) / 2
         count = int((reach_m * self.factor / self.dr_m) ** 2) + 1
         if count > 1_000_000:
-            raise ValueError(f"dr of {self.dr_m:g} m and factor {self.factor:g} make more than a million points")
+            raise PlanRefused(f"dr of {self.dr_m:g} m and factor {self.factor:g} make more than a million points")
         n = np.arange(count)
         radius_m = self.dr_m * np.sqrt(n) / self.factor
         angle = n * GOLDEN_ANGLE + math.radians(self.tilt_deg)

@@ -5,6 +5,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from acquisition.errors import PlanRefused
 from acquisition.positions import Positions, pixels
 from acquisition.wall import WallGrid
 from configs.settings import Settings
@@ -19,9 +20,9 @@ class Jittered(Settings):
     seed: int = Field(default=0, ge=0)
 
     def points(self, wall: WallGrid) -> Positions:
-        """Drawn cell by cell. Raises `ValueError` where a cell would hold no pixel."""
+        """Drawn cell by cell. Raises `PlanRefused` where a cell would hold no pixel."""
         if self.rows > wall.rows or self.cols > wall.cols:
-            raise ValueError(f"{self.rows} x {self.cols} cells are too many for {wall.rows} x {wall.cols} pixels")
+            raise PlanRefused(f"{self.rows} x {self.cols} cells are too many for {wall.rows} x {wall.cols} pixels")
         draw = np.random.default_rng(self.seed)
         row, col = np.divmod(np.arange(self.rows * self.cols), self.cols)
         top, bottom = row * wall.rows // self.rows, (row + 1) * wall.rows // self.rows

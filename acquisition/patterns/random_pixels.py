@@ -5,6 +5,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from acquisition.errors import PlanRefused
 from acquisition.positions import Positions, pixels
 from acquisition.wall import WallGrid
 from configs.settings import Settings
@@ -18,8 +19,8 @@ class RandomPixels(Settings):
     seed: int = Field(default=0, ge=0)
 
     def points(self, wall: WallGrid) -> Positions:
-        """Drawn without replacement. Raises `ValueError` where the grid has fewer pixels."""
+        """Drawn without replacement. Raises `PlanRefused` where the grid has fewer pixels."""
         if self.count > wall.rows * wall.cols:
-            raise ValueError(f"{self.count} different pixels are more than {wall.rows} x {wall.cols}")
+            raise PlanRefused(f"{self.count} different pixels are more than {wall.rows} x {wall.cols}")
         chosen = np.random.default_rng(self.seed).choice(wall.rows * wall.cols, self.count, replace=False)
         return pixels(wall, *np.divmod(chosen, wall.cols))

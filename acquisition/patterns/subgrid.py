@@ -5,6 +5,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from acquisition.errors import PlanRefused
 from acquisition.positions import Positions, pixels
 from acquisition.wall import WallGrid
 from configs.settings import Settings
@@ -18,9 +19,9 @@ class Subgrid(Settings):
     cols: int = Field(ge=1, le=4096)
 
     def points(self, wall: WallGrid) -> Positions:
-        """Pixels floor((i + 0.5) H / R). Raises `ValueError` where the wall's grid has fewer."""
+        """Pixels floor((i + 0.5) H / R). Raises `PlanRefused` where the wall's grid has fewer."""
         if self.rows > wall.rows or self.cols > wall.cols:
-            raise ValueError(f"a sub-grid of {self.rows} x {self.cols} is no part of {wall.rows} x {wall.cols} pixels")
+            raise PlanRefused(f"a sub-grid of {self.rows} x {self.cols} is no part of {wall.rows} x {wall.cols} pixels")
         row, along = np.divmod(np.arange(self.rows * self.cols), self.cols)
         col = np.where(row % 2 == 0, along, self.cols - 1 - along)
         return pixels(wall, (2 * row + 1) * wall.rows // (2 * self.rows), (2 * col + 1) * wall.cols // (2 * self.cols))

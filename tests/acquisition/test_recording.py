@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from acquisition.errors import InvalidData, StorageError
-from acquisition.patterns.serpentine import Serpentine
 from acquisition.plan import ScanPlan
 from acquisition.provenance import Header
 from acquisition.recording import Recording, Status
@@ -246,11 +245,3 @@ def test_open_refuses_what_is_no_scan_file(tmp_path: Path, damage: str) -> None:
             del file["samples/records"]
     with pytest.raises(InvalidData, match=r"run\.h5"):
         Recording.open(path)
-
-
-def test_serpentine_never_steps_further_than_a_pixel() -> None:
-    plan = plan_of(5, 7)
-    positions = Serpentine().points(plan.wall)
-    steps = np.hypot(np.diff(positions.x_m) * 7 / 1.0, np.diff(positions.y_m) * 5 / 1.2)
-    assert steps.max() == pytest.approx(1.0)
-    assert len(set(zip(positions.row.tolist(), positions.col.tolist(), strict=True))) == 35

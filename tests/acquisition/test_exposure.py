@@ -1,0 +1,123 @@
+"""Every exposure policy spends the time it was given, where it should."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from acquisition.engine import record, scan
+from acquisition.errors import InvalidData, PlanRefused
+from acquisition.plan import ScanPlan
+from acquisition.provenance import Header
+from acquisition.recording import Recording
+from acquisition.recording_writer import RecordingWriter
+from drivers.bench import BenchSettings, open_bench
+from drivers.tcspc.counter import HistogramFlag
+
+Benches = Callable[..., BenchSettings]
+Plans = Callable[..., ScanPlan]
+
+
+def test_a_budget_is_split_equally_to_the_microsecond(small_plan: Plans) -> None:
+    plan = small_plan(5, 7, exposure={"kind": "budget", "total_s": 0.1})
+    assert len(set(plan.dwell_s.tolist())) == 1
+    assert 0.1 - 35e-6 < plan.dwell_total_s <= 0.1
+
+
+def test_a_budget_beyond_need_is_refused(small_plan: Plans) -> None:
+    with pytest.raises(PlanRefused, match="more than dwell_ms"):
+        small_plan(5, 7, exposure={"kind": "budget", "total_s": 10.0})
+
+
+@pytest.mark.parametrize("falloff", [2, 4])
+def test_dwell_follows_the_distance(small_plan: Plans, falloff: int) -> None:
+    target = {"kind": "by_distance", "x_m": 0.3, "y_m": 0.0, "z_m": 0.5, "falloff": falloff}
+    plan = small_plan(8, 8, exposure=target)
+    distance_m = np.sqrt((plan.positions.x_m - 0.3) ** 2 + plan.positions.y_m**2 + 0.25)
+    ratio = plan.dwell_s / distance_m**falloff
+    assert np.ptp(ratio) / ratio.mean() < 1e-2
+    assert plan.dwell_s.mean() == pytest.approx(0.008, rel=1e-3)
+
+
+def test_dwell_follows_a_map_and_zero_leaves_points_out(small_plan: Plans, tmp_path: Path) -> None:
+    path = tmp_path / "map.csv"
+    path.write_text("0,1\n2,3\n", encoding="utf-8")
+    plan = small_plan(4, 4, exposure={"kind": "by_map", "file": str(path)})
+    assert len(plan) == 12
+    for point in plan:
+        assert point.row is not None
+        assert point.col is not None
+        assert point.dwell_s == pytest.approx(0.008 / 2 * [[0, 1], [2, 3]][point.row // 2][point.col // 2])
+
+
+@pytest.mark.parametrize("text", ["1,2\n3\n", "a,b\n", "-1,2\n", "0,0\n", "nan,1\n"])
+def test_a_bad_map_is_refused_by_name(small_plan: Plans, tmp_path: Path, text: str) -> None:
+    path = tmp_path / "map.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InvalidData, match=r"map\.csv"):
+        small_plan(4, 4, exposure={"kind": "by_map", "file": str(path)})
+
+
+def test_points_stop_at_their_nth_count_and_the_rate_is_unbiased(
+    bench_settings: Benches, small_plan: Plans, run_path: Path
+) -> None:
+    axis = {"bins": 1024, "bin_width_ps": 64, "offset_ns": 10}
+    stop = {"kind": "stop_at_counts", "counts": 20, "from_ns": 10.0, "to_ns": 70.0}
+    long = small_plan(6, 6, histogram=axis, dwell_ms=100)
+    plan = small_plan(6, 6, histogram=axis, dwell_ms=100, exposure=stop)
+    with open_bench(bench_settings()) as bench:
+        reference = [s.histogram.counts.sum() / s.histogram.live_time_s for s in scan(long, bench)]
+        with RecordingWriter.create(run_path, plan, Header()) as writer:
+            record(scan(plan, bench), writer)
+    with Recording.open(run_path) as recording:
+        transient = recording.transient()
+        flags = recording.records["flags"]
+        live_s = recording.records["live_time_s"]
+    assert (flags & HistogramFlag.STOPPED_EARLY != 0).all()
+    assert live_s.max() < 0.1
+    assert (transient.counts.sum(axis=0) >= 20).all()
+    rates = transient.counts.sum(axis=0, dtype=np.float64) / transient.exposure_s
+    assert rates.mean() == pytest.approx(np.mean(reference), rel=4 / np.sqrt(20 * 36))
+
+
+def test_a_stop_window_off_the_time_axis_is_refused(small_plan: Plans) -> None:
+    with pytest.raises(PlanRefused, match="not within the histogram"):
+        small_plan(exposure={"kind": "stop_at_counts", "counts": 20, "from_ns": 0.0, "to_ns": 15.0})
+
+
+def two_pass(small_plan: Plans, below: int, **extra: Any) -> ScanPlan:
+    return small_plan(6, 6, exposure={"kind": "two_pass", "counts": below, "again_ms": 20}, **extra)
+
+
+@pytest.mark.parametrize("name", ["zero_latency", "simulated"])
+def test_the_second_pass_returns_to_the_points_that_fell_short(
+    bench_settings: Benches, small_plan: Plans, run_path: Path, name: str
+) -> None:
+    with open_bench(bench_settings(name=name)) as bench:
+        first = {s.point.number: int(s.histogram.counts.sum()) for s in scan(small_plan(), bench)}
+        below = int(np.median(list(first.values())))
+        plan = two_pass(small_plan, below)
+        with RecordingWriter.create(run_path, plan, Header()) as writer:
+            record(scan(plan, bench), writer)
+    short = [number for number, counts in first.items() if counts < below]
+    assert 5 < len(short) < 31
+    with Recording.open(run_path) as recording:
+        samples = list(recording.samples())
+        assert recording.missing() == []
+        assert [s.point.number for s in samples] == [*range(36), *(36 + number for number in short)]
+        assert [s.point.dwell_s for s in samples[36:]] == [pytest.approx(0.02)] * len(short)
+        exposure_s = recording.transient().exposure_s
+    assert sorted(set(np.round(exposure_s.ravel(), 6).tolist())) == [0.008, 0.028]
+
+
+def test_a_scan_in_two_passes_resumes_in_either(bench_settings: Benches, small_plan: Plans) -> None:
+    plan = two_pass(small_plan, 250)
+    with open_bench(bench_settings()) as bench:
+        whole = list(scan(plan, bench))
+        for until in (10, 36, len(whole) - 1):
+            taken = {s.point.number: int(s.histogram.counts.sum()) for s in whole[:until]}
+            rest = list(scan(plan, bench, taken=taken))
+            assert [s.point for s in rest] == [s.point for s in whole[until:]]
+            assert np.array_equal([s.histogram.counts for s in rest], [s.histogram.counts for s in whole[until:]])
