@@ -186,12 +186,14 @@ class Optotune:
     def _wait_stable(self) -> None:
         deadline_s = self._clock.now() + self._settings.settle_timeout_s
         stable = 0
-        while stable < 2:
+        while True:
             status = self._controller.status()
             if status.faults:
                 raise _fault(status.faults)
             stable = 0 if status & Status.NOT_STABLE else stable + 1
-            if stable < 2 and self._clock.now() >= deadline_s:
+            if stable == 2:
+                return
+            if self._clock.now() >= deadline_s:
                 raise SettleTimeout(
                     DEVICE,
                     f"not stable after {self._settings.settle_timeout_s:g} s: STATUS 0x{status:08x}, {self._board()}.",

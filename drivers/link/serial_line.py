@@ -173,7 +173,7 @@ class SerialLine:
         with self._lock:
             try:
                 self._resynchronise(self, self.drain())
-            except DeviceError:
+            except BaseException:
                 self.in_step = False
                 raise
             self.in_step = True

@@ -105,6 +105,8 @@ class TriggerScopeFirmware:
     def reboot(self) -> bytes:
         self._power_up()
         self._move(self._bench.clock.now())
+        if self._shutter_pin is not None:  # its outputs are low again
+            self._bench.set_shutter(False)
         return b"done.\r\n" + self.opened()
 
     def receive(self, data: bytes, when_s: float) -> bytes:

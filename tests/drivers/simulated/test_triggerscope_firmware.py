@@ -157,3 +157,6 @@ def test_a_pin_drives_the_shutter(bench: SimulatedBench) -> None:
     assert bench.shutter_open
     firmware.receive(b"SDO1-0\n", 0.0)
     assert not bench.shutter_open
+    firmware.receive(b"SDO1-1\n", 0.0)
+    firmware.reboot()
+    assert not bench.shutter_open
