@@ -1,8 +1,8 @@
 """The catalogue of methods: this folder. One file is one method is one word on the command line.
 
 A method's file has a first docstring line for the catalogue, a `Settings` class, and `build(settings, wall, time)`,
-which returns an `nn.Module`. Called with counts (B, C, T, H, W) and exposure (B, H, W) or None, a physics method returns the
-volume (B, C, D, H, W); a learned one returns albedo (B, H, W), depth in metres (B, H, W) and a volume or None. The
+which returns an `nn.Module`. It is called with counts (B, C, T, H, W) and exposure (B, H, W) or None. A physics method
+returns the volume (B, C, D, H, W); a learned one albedo (B, H, W), depth in metres (B, H, W) and a volume or None. The
 module's `depths_m`, (D,), says where the planes of its volume lie.
 """
 

@@ -19,6 +19,7 @@ Multiply = Callable[[Any, slice], None]
 
 CPU_BLOCK_BYTES = 4 << 20  # what the padded planes under way may take: about one core's share of the cache
 CUDA_BLOCK_BYTES = 1 << 30
+TIME_BLOCK_BYTES = 64 << 20  # what transforms along time may take beside their operands
 
 
 def good_size(at_least: int) -> int:
@@ -67,6 +68,13 @@ def ifft(x: Any, axis: int) -> Any:
 def cast(x: Any, kind: str) -> Any:
     """An array or a tensor as "float32", "int64" ..."""
     return x.astype(kind) if isinstance(x, np.ndarray) else x.to(getattr(torch, kind))
+
+
+def row_blocks(x: torch.Tensor, padded: int) -> list[slice]:
+    """Rows of (N, T, H, W) to transform at a time along T, so that what is padded or cropped stays small."""
+    samples, _, rows, cols = x.shape
+    step = max(1, min(rows, TIME_BLOCK_BYTES // (samples * padded * cols * x.element_size())))
+    return [slice(first, min(first + step, rows)) for first in range(0, rows, step)]
 
 
 def filter_planes(spectrum: torch.Tensor, padded: tuple[int, int], multiply: Multiply) -> torch.Tensor:

@@ -6,6 +6,7 @@ Fourier transform along v into exp(-i w x^2) exp(-i w y^2): a product of two Fre
 function is, for each frequency along v, an outer product of two short vectors; nothing three-dimensional is ever built.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -19,11 +20,13 @@ from torch import nn
 from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
 from recon.transport.conventions import Conventions, check_supported, range_m
-from recon.transport.fourier import filter_planes, good_size, irfft, multiply_quadrants_, rfft
+from recon.transport.fourier import filter_planes, good_size, irfft, multiply_quadrants_, rfft, row_blocks
 from recon.transport.linear import linear
 from recon.transport.resampling import resampling_matrix
 
 Snr = float | torch.Tensor
+Gain = Callable[[Any, slice], Any]
+"""(|H|^2 at some planes, those planes) -> a real factor; arrays on a CPU, tensors elsewhere."""
 
 
 class LightConeConvolution(nn.Module):
@@ -48,13 +51,15 @@ class LightConeConvolution(nn.Module):
             self.register_buffer("rows_chirp", rows_chirp, persistent=False)
             self.register_buffer("cols_chirp", cols_chirp, persistent=False)
 
-    def forward(self, u: torch.Tensor) -> torch.Tensor:
-        """What the wall sees of albedo `u`: H u."""
-        return linear(u, lambda x: self._filtered(x, None, False), lambda y: self._filtered(y, None, True))
+    def forward(self, u: torch.Tensor, gain: torch.Tensor | None = None) -> torch.Tensor:
+        """What the wall sees of albedo `u`: H u; each frequency along v times a real `gain` (F,) where given."""
+        weight = None if gain is None else _plane_gain(gain.to(u.device, u.dtype))
+        return linear(u, lambda x: self._filtered(x, False, weight), lambda y: self._filtered(y, True, weight))
 
-    def adjoint(self, y: torch.Tensor) -> torch.Tensor:
-        """Back-projection on the light cone: H* y."""
-        return linear(y, lambda x: self._filtered(x, None, True), lambda x: self._filtered(x, None, False))
+    def adjoint(self, y: torch.Tensor, gain: torch.Tensor | None = None) -> torch.Tensor:
+        """Back-projection on the light cone: H* y; each frequency along v times a real `gain` (F,) where given."""
+        weight = None if gain is None else _plane_gain(gain.to(y.device, y.dtype))
+        return linear(y, lambda x: self._filtered(x, True, weight), lambda x: self._filtered(x, False, weight))
 
     def wiener(self, y: torch.Tensor, snr: Snr) -> torch.Tensor:
         """The Wiener inverse conj(H) / (|H|^2 + 1 / snr) applied to `y`.
@@ -67,8 +72,8 @@ class LightConeConvolution(nn.Module):
             return result
         if not snr > 0:
             raise ValueError(f"snr is {snr:g}; it must be above 0 (try 0.1)")
-        level = torch.full((y.shape[0] * y.shape[1],), snr, dtype=y.dtype, device=y.device)
-        return linear(y, lambda x: self._filtered(x, level, True), lambda x: self._filtered(x, level, False))
+        gain = _wiener_gain(torch.full((y.shape[0] * y.shape[1],), snr, dtype=y.dtype, device=y.device))
+        return linear(y, lambda x: self._filtered(x, True, gain), lambda x: self._filtered(x, False, gain))
 
     def transfer(self, planes: slice = slice(None)) -> torch.Tensor:
         """H at `planes` of the half spectrum along v: its quadrant (f, Y // 2 + 1, X // 2 + 1), even in both; float64.
@@ -80,37 +85,39 @@ class LightConeConvolution(nn.Module):
         rows, cols = torch.view_as_complex(self.rows_chirp[planes]), torch.view_as_complex(self.cols_chirp[planes])
         return rows[:, :, None] * cols[:, None, :]
 
-    def _filtered(
-        self, x: torch.Tensor, snr: torch.Tensor | None, conjugate: bool, by_snr: bool = False
-    ) -> torch.Tensor:
-        """x * H, or x * conj(H); with `snr` (B * C,) divided by |H|^2 + 1 / snr; `by_snr`: its derivative in snr."""
+    def _filtered(self, x: torch.Tensor, conjugate: bool, gain: Gain | None = None) -> torch.Tensor:
+        """x * H, or x * conj(H), times a gain that may depend on |H|^2."""
         batch, channels, cells, rows, cols = x.shape
         if (cells, rows, cols) != (self.cells, self.wall.rows, self.wall.cols):
             raise ValueError(
                 f"the light cone was built for {self.cells} x {self.wall.rows} x {self.wall.cols} (V, H, W), "
                 f"the data are {cells} x {rows} x {cols}. Build it for the wall and time axis of the data."
             )
-        spectrum = rfft(x.detach().reshape(batch * channels, cells, rows, cols), self.padded[0], 1)
-        noise = None if snr is None else _like(spectrum, (1 / snr.detach()).to(x.dtype))[:, None, None, None]
+        flat = x.detach().reshape(batch * channels, cells, rows, cols)
+        kind = torch.complex128 if x.dtype == torch.float64 else torch.complex64
+        spectrum = torch.empty((len(flat), self.padded[0] // 2 + 1, rows, cols), dtype=kind, device=x.device)
+        for some in row_blocks(flat, self.padded[0]):
+            spectrum[:, :, some] = rfft(flat[:, :, some], self.padded[0], 1)
         if self.conventions == "authors":
-            whole = _like(spectrum, _published_transfer(self.wall, self.time).to(spectrum.dtype))
+            whole = _like(spectrum, _published_transfer(self.wall, self.time).to(kind))
         else:
-            rows_chirp = _like(spectrum, torch.view_as_complex(self.rows_chirp).to(spectrum.dtype))[:, :, None]
-            cols_chirp = _like(spectrum, torch.view_as_complex(self.cols_chirp).to(spectrum.dtype))[:, None, :]
+            rows_chirp = _like(spectrum, torch.view_as_complex(self.rows_chirp).to(kind))[:, :, None]
+            cols_chirp = _like(spectrum, torch.view_as_complex(self.cols_chirp).to(kind))[:, None, :]
 
         def multiply(block: Any, planes: slice) -> None:
             h = whole[planes] if self.conventions == "authors" else rows_chirp[planes] * cols_chirp[planes]
             w = h.conj() if conjugate else h
-            if noise is not None:
-                power = h.real**2 + h.imag**2 + noise
-                w = w * (noise / power) ** 2 if by_snr else w / power
+            if gain is not None:
+                w = w * gain(h.real**2 + h.imag**2, planes)
             if self.conventions == "authors":
                 block *= w
             else:
                 multiply_quadrants_(block, w)
 
         filter_planes(spectrum, self.padded[1:], multiply)
-        done = irfft(spectrum, self.padded[0], 1)[:, :cells]
+        done = torch.empty_like(flat)
+        for some in row_blocks(flat, self.padded[0]):
+            done[:, :, some] = irfft(spectrum[:, :, some], self.padded[0], 1)[:, :cells]
         return done.reshape(x.shape)
 
 
@@ -122,18 +129,41 @@ class _Wiener(torch.autograd.Function):
         y = y.float() if y.dtype in (torch.float16, torch.bfloat16) else y
         ctx.save_for_backward(y, snr)
         ctx.cone = cone
-        return cone._filtered(y, snr, True)
+        return cone._filtered(y, True, _wiener_gain(snr.to(y.dtype)))
 
     @staticmethod
     def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor | None, torch.Tensor | None, None]:
         y, snr = ctx.saved_tensors
         cone: LightConeConvolution = ctx.cone
-        of_data = cone._filtered(gradients[0], snr, False) if ctx.needs_input_grad[0] else None
-        of_snr = None
+        of_data = of_snr = None
+        if ctx.needs_input_grad[0]:
+            of_data = cone._filtered(gradients[0], False, _wiener_gain(snr.to(y.dtype)))
         if ctx.needs_input_grad[1]:
-            slope = cone._filtered(y, snr, True, by_snr=True)
+            slope = cone._filtered(y, True, _wiener_slope(snr.to(y.dtype)))
             of_snr = (gradients[0] * slope).sum((2, 3, 4)).reshape(snr.shape).to(snr.dtype)
         return of_data, of_snr, None
+
+
+def _wiener_gain(snr: torch.Tensor) -> Gain:
+    """1 / (|H|^2 + 1 / snr) for one snr a sample, (N,)."""
+    noise = (1 / snr.detach())[:, None, None, None]
+    return lambda power, planes: 1 / (power + _beside(power, noise))
+
+
+def _wiener_slope(snr: torch.Tensor) -> Gain:
+    """The derivative of `_wiener_gain` in snr."""
+    noise = (1 / snr.detach())[:, None, None, None]
+    return lambda power, planes: (_beside(power, noise) / (power + _beside(power, noise))) ** 2
+
+
+def _plane_gain(gain: torch.Tensor) -> Gain:
+    """The same at every lateral frequency, (F,)."""
+    values = gain[:, None, None]
+    return lambda power, planes: _beside(power, values)[planes]
+
+
+def _beside(power: Any, constants: torch.Tensor) -> Any:
+    return constants.numpy() if isinstance(power, np.ndarray) else constants
 
 
 def _like(spectrum: torch.Tensor, constants: torch.Tensor) -> Any:

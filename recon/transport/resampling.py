@@ -12,7 +12,7 @@ from torch import nn
 
 from acquisition.transient import TimeAxis
 from recon.transport.conventions import Conventions, check_supported
-from recon.transport.linear import linear
+from recon.transport.linear import along_time, linear
 
 
 class LightConeResampling(nn.Module):
@@ -32,11 +32,11 @@ class LightConeResampling(nn.Module):
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """From time to its square."""
-        return linear(x, lambda y: _along_time(self.matrix, y), lambda y: _along_time(self.transposed, y))
+        return linear(x, lambda y: along_time(self.matrix, y), lambda y: along_time(self.transposed, y))
 
     def adjoint(self, y: torch.Tensor) -> torch.Tensor:
         """From the square of time back to time."""
-        return linear(y, lambda x: _along_time(self.transposed, x), lambda x: _along_time(self.matrix, x))
+        return linear(y, lambda x: along_time(self.transposed, x), lambda x: along_time(self.matrix, x))
 
 
 @lru_cache(maxsize=16)
@@ -57,18 +57,3 @@ def resampling_matrix(time: TimeAxis, conventions: Conventions) -> scipy.sparse.
     cell = np.clip((middle / end) ** 2 * cells, 0, cells - 1).astype(np.int64)
     column = np.clip(middle - start, 0, time.bins - 1).astype(np.int64)
     return scipy.sparse.csr_array((2 * np.diff(edges) / end, (cell, column)), shape=(cells, time.bins))
-
-
-def _along_time(matrix: scipy.sparse.csr_array, x: torch.Tensor) -> torch.Tensor:
-    batch, channels, length, rows, cols = x.shape
-    flat = x.reshape(batch * channels, length, rows * cols)
-    if x.device.type == "cpu":
-        held = matrix.astype(flat.numpy().dtype)
-        done = torch.from_numpy(np.stack([held @ sample for sample in flat.numpy()]))
-    else:
-        entries = matrix.tocoo()
-        index = torch.from_numpy(np.stack([entries.row, entries.col])).to(x.device)
-        values = torch.from_numpy(entries.data).to(x.device, x.dtype)
-        held = torch.sparse_coo_tensor(index, values, matrix.shape, check_invariants=False)
-        done = torch.stack([torch.sparse.mm(held, sample) for sample in flat])
-    return done.reshape(batch, channels, matrix.shape[0], rows, cols)

@@ -1,0 +1,45 @@
+"""Filtered back-projection: spreads every count over the sphere it came from; the oldest method and a robust one."""
+
+from typing import Annotated
+
+import torch
+from pydantic import Field
+from torch import nn
+
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+from configs.settings import Settings as AnySettings
+from recon.physics import PhysicsSettings, prepare
+from recon.transport.backprojection import BackProjection
+from recon.transport.conventions import depths_m
+from recon.transport.falloff import Falloff
+
+
+class Settings(PhysicsSettings):
+    """Settings of filtered back-projection. It has no inverse filter: `snr` changes nothing."""
+
+    sharpen_cells: Annotated[float, Field(ge=0, le=100)] = 2.0
+    """Sigma of the sharpening filter, in cells of the light cone; 0 for none."""
+
+
+class Filtered(nn.Module):
+    """(B, C, T, H, W) counts -> (B, C, D, H, W), not below 0. Source: Velten et al., Nature Communications 3, 2012."""
+
+    def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
+        super().__init__()
+        self.settings, self.time = settings, time
+        self.depths_m = depths_m(time, settings.conventions)
+        self.falloff = Falloff(time, settings.falloff, settings.conventions)
+        self.project = BackProjection(wall, time, settings.sharpen_cells, settings.conventions)
+
+    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
+        """The sharpened back-projection."""
+        rates, undone, _ = prepare(counts, exposure_s, self.settings, self.time)
+        volume: torch.Tensor = self.project(self.falloff(rates, undone))
+        return volume.clamp(min=0)
+
+
+def build(settings: AnySettings, wall: WallGrid, time: TimeAxis) -> Filtered:
+    """The back-projection for one geometry."""
+    assert isinstance(settings, Settings)
+    return Filtered(settings, wall, time)

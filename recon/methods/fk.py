@@ -1,0 +1,40 @@
+"""f-k migration: runs the measured light back as a wave; robust for glossy and mixed surfaces."""
+
+import torch
+from torch import nn
+
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+from configs.settings import Settings as AnySettings
+from recon.physics import PhysicsSettings, prepare
+from recon.transport.conventions import depths_m
+from recon.transport.falloff import Falloff
+from recon.transport.fk_migration import FkMigration
+
+
+class Settings(PhysicsSettings):
+    """Settings of f-k migration. It has no inverse filter: `snr` changes nothing."""
+
+
+class Migration(nn.Module):
+    """(B, C, T, H, W) counts -> (B, C, D, H, W) squared magnitude. Source: Lindell et al., ACM TOG 38(4), 2019."""
+
+    def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
+        super().__init__()
+        self.settings, self.time = settings, time
+        self.depths_m = depths_m(time, settings.conventions)
+        self.falloff = Falloff(time, settings.falloff, settings.conventions)
+        self.migrate = FkMigration(wall, time, settings.conventions)
+
+    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
+        """The intensity of the migrated wave, whose amplitude at the wall is the root of the counts."""
+        rates, undone, _ = prepare(counts, exposure_s, self.settings, self.time)
+        amplitude = self.falloff(rates, undone).clamp(min=0).sqrt()
+        field: torch.Tensor = self.migrate(amplitude)
+        return field.real.square() + field.imag.square()
+
+
+def build(settings: AnySettings, wall: WallGrid, time: TimeAxis) -> Migration:
+    """The migration for one geometry."""
+    assert isinstance(settings, Settings)
+    return Migration(settings, wall, time)

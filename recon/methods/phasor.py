@@ -1,0 +1,99 @@
+"""Phasor field: a virtual camera behind the wall, focused on every voxel; good with noise and clutter."""
+
+from typing import Annotated, Literal
+
+import numpy as np
+import torch
+from pydantic import Field
+from torch import nn
+
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+from configs.settings import Settings as AnySettings
+from recon.errors import InvalidSettings
+from recon.physics import PhysicsSettings, prepare
+from recon.transport.conventions import depths_m, range_m
+from recon.transport.falloff import Falloff
+from recon.transport.light_cone import LightConeConvolution
+from recon.transport.phasor_field import ConfocalRsd
+from recon.transport.resampling import LightConeResampling
+from recon.transport.virtual_wave import VirtualWave
+
+
+class Settings(PhysicsSettings):
+    """Settings of the phasor field. It has no inverse filter: `snr` changes nothing."""
+
+    variant: Literal["rsd", "light_cone"] = "rsd"
+    """The exact confocal propagator, or the approximation in light-cone space (the authors' conventions use that)."""
+    wavelength_m: Annotated[float, Field(gt=0)] | None = None
+    """Of the virtual wave, along the light's path; four wall pixels unless given."""
+    cycles: Annotated[float, Field(ge=1, le=50)] = 4.0
+    """In the pulse. Fewer see finer depth, more suppress noise."""
+    planes: Annotated[int, Field(ge=2)] = 128
+    """Depth planes of the exact propagator."""
+    near_m: Annotated[float, Field(gt=0)] | None = None
+    far_m: Annotated[float, Field(gt=0)] | None = None
+    """Where its first and last plane lie; all of the time axis unless given."""
+
+
+class Camera(nn.Module):
+    """(B, C, T, H, W) counts -> (B, C, D, H, W) magnitude of the exact propagator's field."""
+
+    def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
+        super().__init__()
+        self.settings, self.time = settings, time
+        bins_m = depths_m(time, "physical")
+        near_m = max(bins_m[0], bins_m[-1] / settings.planes) if settings.near_m is None else settings.near_m
+        far_m = bins_m[-1] if settings.far_m is None else settings.far_m
+        if not near_m < far_m:
+            raise InvalidSettings(f"near_m is {near_m:g} m and far_m {far_m:g} m; near must lie before far")
+        self.depths_m = np.linspace(near_m, far_m, min(settings.planes, time.bins))
+        self.falloff = Falloff(time, settings.falloff)
+        self.propagate = ConfocalRsd(wall, time, self.depths_m, _wavelength_m(settings, wall), settings.cycles)
+
+    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
+        """The magnitude of the field in focus."""
+        rates, undone, _ = prepare(counts, exposure_s, self.settings, self.time)
+        field: torch.Tensor = self.propagate(self.falloff(rates, undone))
+        return field.abs()
+
+
+class LightConeCamera(nn.Module):
+    """(B, C, T, H, W) counts -> (B, C, D, H, W) magnitude, back-projected on the light cone. Falloff is left alone."""
+
+    def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
+        super().__init__()
+        self.settings, self.time = settings, time
+        self.depths_m = depths_m(time, settings.conventions)
+        self.wave = VirtualWave(time, _wavelength_m(settings, wall), settings.cycles, settings.conventions)
+        self.resample = LightConeResampling(time, settings.conventions)
+        self.cone = LightConeConvolution(wall, time, settings.conventions)
+
+    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
+        """The magnitude on the light cone, resampled to depth."""
+        rates, _, _ = prepare(counts, exposure_s, self.settings, self.time)
+        phasors = self.wave(rates)
+        real, imaginary = (self.cone.adjoint(self.resample(part)) for part in (phasors.real, phasors.imag))
+        return self.resample.adjoint(torch.hypot(real, imaginary))
+
+
+def build(settings: AnySettings, wall: WallGrid, time: TimeAxis) -> nn.Module:
+    """The camera for one geometry. Raises `InvalidSettings` where the wave does not fit it."""
+    assert isinstance(settings, Settings)
+    wavelength_m, path_m = _wavelength_m(settings, wall), 2 * range_m(time, "physical")
+    if settings.cycles * wavelength_m > path_m:
+        raise InvalidSettings(
+            f"a pulse of {settings.cycles:g} cycles of {wavelength_m:g} m is longer than the time axis, {path_m:g} m "
+            "of light path. Choose a smaller wavelength_m or fewer cycles."
+        )
+    lightcone = settings.variant == "light_cone" or settings.conventions == "authors"
+    return LightConeCamera(settings, wall, time) if lightcone else Camera(settings, wall, time)
+
+
+def _wavelength_m(settings: Settings, wall: WallGrid) -> float:
+    """Four pixels: twice what the wall samples at two points a wave, out and back."""
+    if settings.wavelength_m is not None:
+        return settings.wavelength_m
+    if settings.conventions == "authors":
+        return 4 * wall.width_m / (wall.cols - 1)
+    return 4 * max(wall.width_m / wall.cols, wall.height_m / wall.rows)
