@@ -20,7 +20,7 @@ import numpy.typing as npt
 from acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 from calibration.errors import ForeignConstants, InvalidData, PoorCalibration
 from calibration.geometry import ScannerGeometry
-from calibration.impulse_response import ImpulseResponse
+from calibration.impulse_response import ImpulseResponse, from_histogram
 
 Floats = npt.NDArray[np.float64]
 FORMAT, VERSION = "nlos-constants", 1
@@ -96,6 +96,18 @@ class BenchConstants:
                     "Calibrate with a recording of this bench."
                 )
 
+    def summary(self) -> dict[str, object]:
+        """The numbers as plain JSON values: what a recording keeps of the constants that took part in its scan."""
+        numbers = {name: getattr(self, name) for name in _QUANTITIES}
+        return {
+            "measured_utc": self.measured_utc,
+            "sources": list(self.sources),
+            "devices": dict(self.devices),
+            "geometry": None if self.geometry is None else asdict(self.geometry),
+            "delay_s": None if self.arrivals is None else self.arrivals.delay_s,
+            **{name: None if q is None else asdict(q) for name, q in numbers.items()},
+        }
+
     def check(self) -> None:
         """Raises `PoorCalibration` where a number is worse than its own limits."""
         arrivals = self.arrivals
@@ -161,6 +173,35 @@ def load(path: Path) -> BenchConstants:
         if isinstance(error, InvalidData):
             raise
         raise InvalidData(f"{path}: not a readable constants file ({error})") from error
+
+
+def load_response(path: Path) -> ImpulseResponse:
+    """An impulse response from a file: a constants file, or HDF5 with one histogram of a sharp reflection, `counts`
+    over `time_s` or `sum` with the attribute `bin_width_s`. The median is taken as background. Raises `InvalidData`."""
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    try:
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("format") == FORMAT:
+                response = _read(file).response
+                if response is None:
+                    raise InvalidData(f"{path}: these constants hold no impulse response")
+                return response
+            name = "counts" if "counts" in file else "sum"
+            counts = _array(file[name], 1)
+            if "time_s" in file:
+                time_s = _array(file["time_s"], 1)
+                width_s = float(np.ptp(time_s)) / max(len(time_s) - 1, 1)
+                even = time_s[0] + np.arange(len(time_s)) * width_s
+                if len(time_s) != len(counts) or np.abs(time_s - even).max() > 0.1 * width_s:
+                    raise InvalidData(f"{path}: time_s is not {len(counts)} even steps, one for each of counts")
+            else:
+                width_s = _finite(file.attrs["bin_width_s"])
+        return from_histogram(counts - np.median(counts), width_s).cropped(0.01)
+    except (OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+        if isinstance(error, InvalidData):
+            raise
+        raise InvalidData(f"{path}: not a readable impulse response ({error})") from error
 
 
 def newest_that_fits(folder: Path, devices: Mapping[str, str], bin_width_s: float | None = None) -> Path | None:

@@ -1,7 +1,11 @@
 """What can be wrong with raw counts and with constants; every message names the point, the reason and the way out."""
 
 
-class InvalidData(ValueError):
+class CalibrationError(ValueError):
+    """Anything that calibration refuses to do."""
+
+
+class InvalidData(CalibrationError):
     """Counts or constants that no correction may be computed from. Nothing was changed, nothing was written."""
 
 

@@ -39,15 +39,16 @@ def measure_constants(
     devices: Mapping[str, str],
     sources: Sequence[str],
     measured_utc: str,
-    aim: Aim | None = None,
+    aim: Aim | ScannerGeometry | None = None,
     dead_time: Quantity | None = None,
     response: ImpulseResponse | None = None,
 ) -> Measurement:
     """Constants from one or more runs of one bench; runs whose counts are flat in time are dark runs.
 
-    `aim`: what the scans were aimed by, for wall distance and tilt. `dead_time`, `response`: where they are known from
-    elsewhere; a histogram over the laser's whole period tells the dead time by itself. Raises `InvalidData` for bad
-    counts, `NoDirectPeak`, and `PoorCalibration` where the points do not determine the arrivals.
+    `aim`: what the scans were aimed by, for wall distance and tilt: the drawing, or an earlier fit. `dead_time`,
+    `response`: where they are known from elsewhere; a histogram over the laser's whole period tells the dead time by
+    itself. Raises `InvalidData` for bad counts, `NoDirectPeak`, and `PoorCalibration` where the points do not
+    determine the arrivals.
     """
     for run in runs:
         run.check()
@@ -151,10 +152,10 @@ def _before(counts: npt.NDArray[np.generic], end: npt.NDArray[np.int64]) -> floa
     return float(sum(row[:n].sum(dtype=np.float64) for row, n in zip(counts, end, strict=True)))
 
 
-def fit_scanner(raw: RawPoints, offsets: TimeOffsets, aim: Aim) -> GeometryFit | None:
+def fit_scanner(raw: RawPoints, offsets: TimeOffsets, aim: Aim | ScannerGeometry) -> GeometryFit | None:
     """Wall distance, tilt and delay by the commanded angles and direct arrivals; None where they do not tell."""
     x_rad, y_rad = aim.angles_rad(raw.x_m, raw.y_m)
-    start = ScannerGeometry(aim.wall_distance_m, aim.mirror_separation_m)
+    start = aim if isinstance(aim, ScannerGeometry) else ScannerGeometry(aim.wall_distance_m, aim.mirror_separation_m)
     arrival_s = raw.time.start_s + offsets.measured_bins * raw.time.bin_width_s
     try:
         return fit_geometry(

@@ -7,7 +7,7 @@ import pytest
 
 from acquisition.sample import Sample, ScanPoint
 from acquisition.transient import TimeAxis
-from calibration.constants import Arrivals, BenchConstants, Quantity, load, newest_that_fits, save
+from calibration.constants import Arrivals, BenchConstants, Quantity, load, load_response, newest_that_fits, save
 from calibration.correct import common_bins, correct_known, correct_points, correct_sample
 from calibration.errors import ForeignConstants, InvalidData, PoorCalibration
 from calibration.geometry import ScannerGeometry
@@ -15,6 +15,7 @@ from calibration.raw_points import RawPoints
 from drivers.tcspc.counter import Histogram, HistogramFlag
 from tests.calibration.conftest import RawScan
 
+TCSPC = Path(__file__).parents[3] / "shared" / "data" / "tcspc"
 BENCH = {"mirror": "triggerscope T-1", "counter": "tcspc488 C-7"}
 
 
@@ -161,3 +162,27 @@ def test_constants_without_arrivals_do_not_align(constants: BenchConstants, raw_
         correct_known(points(raw_scan), replace(constants, arrivals=None))
     with pytest.raises(InvalidData, match=r"bins of 16\.00 ps, the data have 32\.00 ps"):
         correct_known(points(raw_scan), replace(constants, bin_width_s=16e-12))
+
+
+@pytest.mark.skipif(not TCSPC.exists(), reason="../shared is not here")
+@pytest.mark.parametrize(("name", "fwhm_ps"), [("irf_direct_cdt.h5", 48), ("irf_spad_cmu.h5", 36)])
+def test_measured_impulse_responses_are_read(name: str, fwhm_ps: float) -> None:
+    response = load_response(TCSPC / name)
+    assert response.fwhm_s() == pytest.approx(fwhm_ps * 1e-12, abs=8e-12)
+    assert response.start_s < 0 < response.end_s
+
+
+def test_constants_lend_their_response(constants: BenchConstants, tmp_path: Path) -> None:
+    save(constants, tmp_path / "c.h5")
+    assert constants.response is not None
+    assert np.allclose(load_response(tmp_path / "c.h5").density, constants.response.density)
+
+
+@pytest.mark.parametrize("harm", ["empty", "uneven", "flat"])
+def test_a_file_that_holds_no_response_is_refused(tmp_path: Path, harm: str) -> None:
+    with h5py.File(tmp_path / "r.h5", "w") as file:
+        if harm != "empty":
+            file["counts"] = np.ones(20) if harm == "flat" else np.arange(20.0)
+            file["time_s"] = np.arange(20.0) ** (2 if harm == "uneven" else 1)
+    with pytest.raises(InvalidData, match=r"r\.h5"):
+        load_response(tmp_path / "r.h5")
