@@ -105,7 +105,7 @@ class PointHistograms:
         self.started: npt.NDArray[np.int64] = np.zeros(points, dtype=np.int64)
         """Pulse at which each point's window began."""
         self.lost: npt.NDArray[np.bool_] = np.zeros(points, dtype=np.bool_)
-        """Points during which records were lost."""
+        """Points during which records were lost, or that the next step cut short."""
         self.complete = 0
         """Points before this one will not change any more."""
         self.between = 0
@@ -158,6 +158,7 @@ class PointHistograms:
                 found.unfinished_since,
             )
             self._flag(found)
+            self._cut_short()
         since = self._windows.unfinished_since
         if since is not None and not final:
             horizon = min(horizon, since)
@@ -199,6 +200,13 @@ class PointHistograms:
         keys += np.minimum(delays - np.uint32(self._first_bin), np.uint32(bins))
         table = np.bincount(keys, minlength=(len(point) + 1) * (bins + 1)).reshape(len(point) + 1, bins + 1)
         self.counts[point] += table[:-1, :-1].astype(np.uint32)
+
+    def _cut_short(self) -> None:
+        """A step that came too early ended the dwell before it: that point is not what was asked for."""
+        early = self._windows.stop[:-1] > self._windows.start[1:]
+        if early.any():
+            self.lost[self._windows.point[:-1][early]] = True
+            np.minimum(self._windows.stop[:-1], self._windows.start[1:], out=self._windows.stop[:-1])
 
     def _flag(self, windows: Windows) -> None:
         for since, until in self._losses:

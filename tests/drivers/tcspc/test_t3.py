@@ -194,6 +194,19 @@ def test_points_exposed_while_records_were_lost_are_flagged() -> None:
     assert histograms.lost.tolist() == [False, True, False]
 
 
+@pytest.mark.parametrize("piece", [4, 10_000])
+def test_a_step_that_comes_too_early_cuts_its_point_short_and_flags_it(piece: int) -> None:
+    histograms = PointHistograms(4, 8, StepMarkers(np.full(4, 1000), 100), disorder=0)
+    events = [(0, 1, 0), (500, 0, 3), (600, 2, 0), (650, 0, 3), (900, 0, 3), (1900, 1, 0), (1900, 2, 0), (2500, 0, 1)]
+    data = stream(GENERIC, events)
+    decoder = T3Decoder(GENERIC)
+    for at in range(0, len(data), piece):
+        histograms.add(decoder.feed(data[at : at + piece]))
+    histograms.finish()
+    assert histograms.lost.tolist() == [True, False, True, False]
+    assert histograms.totals.tolist() == [2, 1, 0, 1]
+
+
 def test_photons_of_other_channels_are_left_out() -> None:
     words = [marker(GENERIC, 0, 1), photon(GENERIC, 5, 2, channel=0), photon(GENERIC, 6, 2, channel=3)]
     for channel, expected in ((None, 2), (0, 1), (3, 1), (2, 0)):
