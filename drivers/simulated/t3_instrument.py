@@ -125,7 +125,9 @@ class T3Instrument:
         late = 0
         if (fault := self._bench.faults.strikes("U20", self._done_s, "marker")) is not None:
             late = int(fault.parameters.get("late_pulses", 100))
-        at = np.concatenate((wraps, markers[:, 0] + late, pulses))
+        # Late within its wrap: behind the next overflow record it would mean another time.
+        place = np.minimum(markers[:, 0] + late, markers[:, 0] | (wrap - 1))
+        at = np.concatenate((wraps, place, pulses))
         records = np.concatenate(
             (
                 np.full(len(wraps), self._overflow(), dtype=np.uint32),
