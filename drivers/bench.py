@@ -63,6 +63,8 @@ class Bench:
             own.append("this bench has no shutter: nothing here can shut off the light")
         elif not self.shutter.has_watchdog:
             own.append("no watchdog: if this computer hangs, the shutter stays as it is")
+        if self.settings.safety.dry_run:
+            own.append("dry run: the shutter stays closed")
         return (*own, *(text for device in (self.mirror, self.counter) for text in getattr(device, "warnings", ())))
 
     @property

@@ -5,6 +5,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from configs.settings import Settings
+from drivers.errors import LimitError
 from drivers.galvo.models import MirrorSettings
 from drivers.safety import SafetySettings
 from drivers.simulated.beam import Misalignment
@@ -20,11 +21,38 @@ class ShutterSettings(Settings):
     model: Literal["tcspc488", "triggerscope_ttl", "none"]
 
 
+class AllowedArea(Settings):
+    """The part of the wall's plane that the beam may be sent to, in wall coordinates."""
+
+    left_m: float
+    right_m: float
+    bottom_m: float
+    top_m: float
+
+    @model_validator(mode="after")
+    def _has_an_inside(self) -> Self:
+        if not (self.left_m < self.right_m and self.bottom_m < self.top_m):
+            raise ValueError("left_m must lie below right_m, and bottom_m below top_m")
+        return self
+
+    def check(self, x_m: float, y_m: float) -> None:
+        """Raises `LimitError` outside."""
+        if not (self.left_m <= x_m <= self.right_m and self.bottom_m <= y_m <= self.top_m):
+            raise LimitError(
+                "wall",
+                f"x = {x_m:+.3f} m, y = {y_m:+.3f} m lies outside the allowed area ({self.left_m:+g} to "
+                f"{self.right_m:+g} m by {self.bottom_m:+g} to {self.top_m:+g} m).",
+                "Shrink the wall in the plan, or widen geometry.allowed in the bench file.",
+            )
+
+
 class GeometrySettings(Settings):
-    """Where the relay wall is: `wall_distance_m` from the second mirror, straight ahead."""
+    """Where the relay wall is: `wall_distance_m` from the second mirror, straight ahead. Without `allowed` the mirror's
+    own limits are all that holds the beam."""
 
     wall_distance_m: float = Field(gt=0, le=100)
     mirror_separation_m: float = Field(default=0.0, ge=0, le=1)
+    allowed: AllowedArea | None = None
 
 
 class LaserSettings(Settings):

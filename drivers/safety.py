@@ -13,8 +13,9 @@ from drivers.tcspc.counter import Histogram, HistogramCounter
 
 
 class SafetySettings(Settings):
-    """When the light is shut off without anybody asking."""
+    """When the light is shut off without anybody asking. `dry_run`: it never goes on, everything else happens."""
 
+    dry_run: bool = False
     watchdog_s: float = Field(default=2.0, ge=0, le=60)
     """The instrument closes the shutter when the host has been silent for so long; 0: never."""
     trip_cps: float = Field(default=5e6, gt=0)
@@ -46,9 +47,13 @@ class GuardedShutter:
         return self._counter.has_watchdog and self._settings.watchdog_s > 0
 
     def open(self) -> None:
-        """Raises `SafetyTrip` after a trip, until `clear_trip`, and where the interlock is open."""
+        """Raises `SafetyTrip` after a trip, until `clear_trip`, and where the interlock is open. In a dry run nothing
+        opens."""
         if self._trip is not None:
             raise SafetyTrip("shutter", f"stays closed after a trip ({self._trip}).", "Find the cause, then clear it.")
+        if self._settings.dry_run:
+            self._events.report("shutter", "asked to open: stays closed in a dry run")
+            return
         if self.has_watchdog:
             self._counter.arm_watchdog(self._settings.watchdog_s)
             self._watching = True

@@ -9,6 +9,7 @@ import pytest
 
 from configs.load import ConfigError, load, names, parse
 from drivers.bench import Bench, BenchSettings, open_bench
+from drivers.bench_settings import AllowedArea
 from drivers.errors import DeviceBusy, DeviceError, LimitError, SafetyTrip
 from drivers.galvo.mirror import MirrorAngles
 from drivers.simulated.faults import Fault
@@ -206,6 +207,25 @@ def test_a_position_out_of_reach_is_refused_with_nothing_sent() -> None:
         assert len(sent) == before
 
 
+def test_a_dry_run_moves_everything_but_the_shutter() -> None:
+    chosen = settings()
+    dry = chosen.model_copy(update={"safety": chosen.safety.model_copy(update={"dry_run": True})})
+    with open_bench(dry) as opened:
+        assert opened.simulated is not None
+        opened.shutter.open()
+        assert measure(opened)[0].total_count < 20
+        assert not opened.simulated.shutter_open
+        assert "dry run: the shutter stays closed" in opened.warnings
+
+
+def test_the_allowed_area_is_checked_on_every_side() -> None:
+    area = AllowedArea(left_m=-0.5, right_m=0.4, bottom_m=-0.3, top_m=0.2)
+    area.check(-0.5, 0.2)
+    for x_m, y_m in ((-0.51, 0.0), (0.41, 0.0), (0.0, -0.31), (0.0, 0.21), (float("nan"), 0.0)):
+        with pytest.raises(LimitError, match="outside the allowed area"):
+            area.check(x_m, y_m)
+
+
 def test_one_bench_at_a_time() -> None:
     with bench(), pytest.raises(DeviceBusy), bench():
         pass
@@ -229,6 +249,7 @@ geometry: {wall_distance_m: 2.0}
         ("/dev/ttyACM0", "auto", "triggerscope_ttl", "", "needs mirror triggerscope with its shutter_pin"),
         ("/dev/ttyACM0", "auto", "none", "safety: {watchdog_s: 0.05}", "at least 0.1 s"),
         ("/dev/ttyACM0", "auto", "lid", "", "triggerscope_ttl"),
+        ("/dev/ttyACM0", "auto", "none", "safety: {dry_run: 1}", "dry_run"),
     ],
 )
 def test_a_bench_file_that_does_not_fit_together_is_refused(
