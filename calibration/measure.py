@@ -12,7 +12,8 @@ from calibration.background import dark_rate_per_bin, is_flat
 from calibration.constants import Arrivals, BenchConstants, Quantity
 from calibration.correct import WHOLE_PERIOD, CorrectedPoints, correct_points, undo_dead_time
 from calibration.errors import InvalidData, PoorCalibration
-from calibration.geometry import GeometryFit, ScannerGeometry, fit_geometry
+from calibration.geometry import ScannerGeometry
+from calibration.geometry_fit import DirectTimes, GeometryFit, Spots, fit_geometry
 from calibration.impulse_response import ImpulseResponse
 from calibration.raw_points import RawPoints, joined
 from calibration.time_offset import TimeOffsets, measure_time_offsets
@@ -42,13 +43,14 @@ def measure_constants(
     aim: Aim | ScannerGeometry | None = None,
     dead_time: Quantity | None = None,
     response: ImpulseResponse | None = None,
+    spots: Spots | None = None,
 ) -> Measurement:
     """Constants from one or more runs of one bench; runs whose counts are flat in time are dark runs.
 
     `aim`: what the scans were aimed by, for wall distance and tilt: the drawing, or an earlier fit. `dead_time`,
     `response`: where they are known from elsewhere; a histogram over the laser's whole period tells the dead time by
-    itself. Raises `InvalidData` for bad counts, `NoDirectPeak`, and `PoorCalibration` where the points do not
-    determine the arrivals.
+    itself. `spots`: where on the wall the beam was seen, for the mirrors' gains. Raises `InvalidData` for bad counts,
+    `NoDirectPeak`, and `PoorCalibration` where the points do not determine the arrivals.
     """
     for run in runs:
         run.check()
@@ -80,7 +82,7 @@ def measure_constants(
             f"{len(raw.counts)} points do not tell wall distance and delay apart: take nine or more that span the wall "
             "and arrive at different times (a rectified scan does not)."
         )
-    fit = None if aim is None else fit_scanner(raw, offsets, aim)
+    fit = None if aim is None else fit_scanner(raw, offsets, aim, spots)
     found = replace(
         found,
         arrivals=_arrivals(raw, offsets),
@@ -152,16 +154,20 @@ def _before(counts: npt.NDArray[np.generic], end: npt.NDArray[np.int64]) -> floa
     return float(sum(row[:n].sum(dtype=np.float64) for row, n in zip(counts, end, strict=True)))
 
 
-def fit_scanner(raw: RawPoints, offsets: TimeOffsets, aim: Aim | ScannerGeometry) -> GeometryFit | None:
-    """Wall distance, tilt and delay by the commanded angles and direct arrivals; None where they do not tell."""
+def fit_scanner(
+    raw: RawPoints, offsets: TimeOffsets, aim: Aim | ScannerGeometry, spots: Spots | None = None
+) -> GeometryFit | None:
+    """Wall distance, tilt and delay by the commanded angles and direct arrivals, with `spots` the mirrors' gains and
+    offsets too; None where the points do not tell. Raises `InvalidData` for spots that do not."""
     x_rad, y_rad = aim.angles_rad(raw.x_m, raw.y_m)
     start = aim if isinstance(aim, ScannerGeometry) else ScannerGeometry(aim.wall_distance_m, aim.mirror_separation_m)
-    arrival_s = raw.time.start_s + offsets.measured_bins * raw.time.bin_width_s
+    width_s = raw.time.bin_width_s
+    arrival_s = raw.time.start_s + offsets.measured_bins * width_s
     try:
-        return fit_geometry(
-            start, x_rad, y_rad, arrival_s=arrival_s, arrival_error_s=offsets.error_bins * raw.time.bin_width_s
-        )
+        return fit_geometry(start, DirectTimes(x_rad, y_rad, arrival_s, offsets.error_bins * width_s), spots)
     except InvalidData:
+        if spots is not None:
+            raise
         return None
 
 

@@ -14,11 +14,13 @@ if TYPE_CHECKING:
     from acquisition.aim import Aim
     from calibration.constants import BenchConstants
     from calibration.geometry import ScannerGeometry
+    from calibration.geometry_fit import Spots
     from calibration.measure import Measurement
     from calibration.raw_points import RawPoints
 
 MM_PER_PS = 0.299792458 / 2
 """Depth of a picosecond there and back."""
+_GAINS = ("x_gain", "y_gain")
 
 
 def calibrate(
@@ -31,6 +33,10 @@ def calibrate(
     ] = None,
     response: Annotated[
         Path | None, typer.Option(metavar="FILE.h5", help="Impulse response; measured from the scan by default.")
+    ] = None,
+    spots: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.csv", help="Measured spots: columns x_deg, y_deg (commanded, optical), x_m, y_m."),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
@@ -54,6 +60,7 @@ def calibrate(
         aim=next((aim for _, _, aim in loaded if aim is not None), None),
         dead_time=None if dead_time_ns is None else Quantity(dead_time_ns * 1e-9, 0.0),
         response=None if response is None else load_response(response),
+        spots=None if spots is None else _read_spots(spots),
     )
     for line, values in _lines(found):
         terminal.result(line, **values)
@@ -89,6 +96,33 @@ def _load(run: Path) -> "tuple[RawPoints, dict[str, str], Aim | ScannerGeometry 
         names = {role: f"{device.model} {device.serial}".strip() for role, device in recording.header.devices.items()}
         aim = _aimed_by(recording.header.constants_json, recording.header.bench_json)
     return raw, names, aim
+
+
+def _read_spots(path: Path) -> "Spots":
+    """Spots from a table with a header line. Raises `InvalidData` naming file, line and column."""
+    import csv
+
+    import numpy as np
+
+    from calibration.errors import InvalidData
+    from calibration.geometry_fit import Spots
+
+    columns = ("x_deg", "y_deg", "x_m", "y_m")
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        table = csv.DictReader(file, skipinitialspace=True)
+        missing = [name for name in columns if name not in (table.fieldnames or ())]
+        if missing:
+            raise InvalidData(f"{path}: has no column {', '.join(missing)}; expected {', '.join(columns)}")
+        rows = []
+        for row in table:
+            try:
+                rows.append([float(row[name]) for name in columns])
+            except (TypeError, ValueError):
+                raise InvalidData(f"{path}:{table.line_num}: {dict(row)} does not hold four numbers") from None
+    x_deg, y_deg, x_m, y_m = np.array(rows, dtype=np.float64).reshape(-1, 4).T
+    if not np.isfinite(rows).all():
+        raise InvalidData(f"{path}: holds numbers that are not finite")
+    return Spots(np.deg2rad(x_deg), np.deg2rad(y_deg), x_m, y_m)
 
 
 def _aimed_by(constants_json: str, bench_json: str) -> "Aim | ScannerGeometry | None":
@@ -189,7 +223,7 @@ def _geometry_lines(found: "Measurement") -> "list[tuple[str, dict[str, object]]
     rms_mm = float(np.sqrt(np.mean(height_mm**2)))
     degrees = {name: np.rad2deg(getattr(fit.geometry, name)) for name in ("wall_pitch_rad", "wall_yaw_rad")}
     errors = {name: np.rad2deg(fit.errors[name]) for name in degrees}
-    return [
+    lines: list[tuple[str, dict[str, object]]] = [
         (
             f"wall at {fit.geometry.wall_distance_m:.4f} +- {fit.errors['wall_distance_m']:.4f} m, pitch "
             f"{degrees['wall_pitch_rad']:+.3f} +- {errors['wall_pitch_rad']:.3f} deg, yaw "
@@ -199,9 +233,15 @@ def _geometry_lines(found: "Measurement") -> "list[tuple[str, dict[str, object]]
                 "wall_distance_m": fit.geometry.wall_distance_m,
                 "wall_pitch_deg": float(degrees["wall_pitch_rad"]),
                 "wall_yaw_deg": float(degrees["wall_yaw_rad"]),
+                "geometry": vars(fit.geometry),
                 "geometry_errors": dict(fit.errors),
                 "wall_rms_mm": rms_mm,
                 "wall_rms_ps": rms_mm / MM_PER_PS,
             },
         )
     ]
+    if len(fit.spot_residual_m):
+        spots_mm = float(np.sqrt(np.mean(fit.spot_residual_m**2))) * 1e3
+        gains = ", ".join(f"{name} {getattr(fit.geometry, name):.5f} +- {fit.errors[name]:.5f}" for name in _GAINS)
+        lines.append((f"{gains}; spots {spots_mm:.2f} mm RMS off the model", {"spots_rms_mm": spots_mm}))
+    return lines

@@ -13,6 +13,7 @@ from acquisition.provenance import Header
 from acquisition.recording_writer import RecordingWriter
 from acquisition.scan_settings import ScanSettings
 from calibration.constants import load
+from calibration.geometry import ScannerGeometry
 from configs.load import load as load_settings
 from drivers.bench import BenchSettings, open_bench
 from nlos.__main__ import run as nlos
@@ -83,6 +84,23 @@ def test_a_plain_raw_file_is_calibrated_too(folder: Path, capsys: pytest.Capture
     code, told = called(capsys, folder / "plain.h5", "-o", folder / "p.h5", "--dead-time-ns", "77")
     assert code == 0, told
     assert told["scanner_position_m"] == pytest.approx([0.1, -0.2, 2.0], abs=0.02)
+
+
+def test_spots_tell_the_mirrors_gains(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    angles = np.linspace(-12, 12, 5)
+    x_deg, y_deg = (a.ravel() for a in np.meshgrid(angles, angles))
+    true = ScannerGeometry(2.0, x_gain=1.0)
+    x_m, y_m, _ = true.spots(np.deg2rad(x_deg), np.deg2rad(y_deg))
+    rows = [f"{a},{b},{x:.4f},{y:.4f}" for a, b, x, y in zip(x_deg, y_deg, x_m, y_m, strict=True)]
+    (tmp_path / "spots.csv").write_text("\n".join(["x_deg,y_deg,x_m,y_m", *rows]))
+    code, told = called(capsys, folder / "run.h5", "-o", tmp_path / "c.h5", "--spots", tmp_path / "spots.csv")
+    assert code == 0, told
+    assert told["geometry"]["x_gain"] == pytest.approx(1.0, abs=0.01)  # type: ignore[index]
+    assert told["spots_rms_mm"] < 0.1  # type: ignore[operator]
+    (tmp_path / "spots.csv").write_text("x_deg,y_deg,x_m,y_m\n1,2,3,far\n")
+    code, told = called(capsys, folder / "run.h5", "-o", tmp_path / "d.h5", "--spots", tmp_path / "spots.csv")
+    assert code == 7
+    assert "spots.csv:2" in told["error"]["message"]  # type: ignore[index]
 
 
 def test_a_dark_run_alone_tells_the_dark_rate(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from acquisition.aim import Aim
 from calibration.errors import InvalidData
-from calibration.geometry import ScannerGeometry, fit_geometry
+from calibration.geometry import ScannerGeometry
+from calibration.geometry_fit import DirectTimes, Spots, fit_geometry
 from calibration.homography import (
     angles_from_volts,
     apply_homography,
@@ -82,7 +83,7 @@ def test_direct_times_tell_distance_tilt_and_delay() -> None:
     arrival = 2 * path / C - 6e-9 + random.normal(0, 2e-12, len(AX))
     arrival[[3, 40]] += 1e-9
     start = dataclasses.replace(TRUE, wall_distance_m=2.0, wall_pitch_rad=0.0, wall_yaw_rad=0.0)
-    fit = fit_geometry(start, AX, AY, arrival_s=arrival, arrival_error_s=2e-12)
+    fit = fit_geometry(start, DirectTimes(AX, AY, arrival, np.full(81, 2e-12)))
     for name, error in fit.errors.items():
         truth = -6e-9 if name == "delay_s" else getattr(TRUE, name)
         found = fit.delay_s if name == "delay_s" else getattr(fit.geometry, name)
@@ -97,7 +98,9 @@ def test_spots_and_times_tell_the_whole_geometry() -> None:
     spots = np.column_stack([x, y]) + random.normal(0, 5e-4, (len(AX), 2))
     arrival = 2 * path / C - 6e-9 + random.normal(0, 1e-12, len(AX))
     start = ScannerGeometry(2.0, TRUE.mirror_separation_m)
-    fit = fit_geometry(start, AX, AY, spots_m=spots, spot_error_m=5e-4, arrival_s=arrival, arrival_error_s=1e-12)
+    seen = slice(0, 81, 2)
+    spots = Spots(AX[seen], AY[seen], *spots[seen].T, error_m=5e-4)
+    fit = fit_geometry(start, DirectTimes(AX, AY, arrival, np.full(81, 1e-12)), spots)
     for name, error in fit.errors.items():
         truth = -6e-9 if name == "delay_s" else getattr(TRUE, name)
         found = fit.delay_s if name == "delay_s" else getattr(fit.geometry, name)
@@ -108,14 +111,14 @@ def test_spots_and_times_tell_the_whole_geometry() -> None:
 def test_a_bump_shows_in_the_height_map() -> None:
     x, y, path = TRUE.spots(AX, AY)
     bump = (np.hypot(x - 0.3, y) < 0.1) * 0.02
-    fit = fit_geometry(TRUE, AX, AY, arrival_s=2 * (path - bump / 0.95) / C, arrival_error_s=1e-12)
+    fit = fit_geometry(TRUE, DirectTimes(AX, AY, 2 * (path - bump / 0.95) / C, np.full(81, 1e-12)))
     assert np.abs(fit.height_m - bump)[bump == 0].max() < 1e-3
     assert fit.height_m[bump > 0] == pytest.approx(0.02, rel=0.12)
 
 
 def test_too_few_and_degenerate_points_are_refused() -> None:
     with pytest.raises(InvalidData, match="needs nine"):
-        fit_geometry(TRUE, AX[:8], AY[:8], arrival_s=AX[:8])
+        fit_geometry(TRUE, DirectTimes(AX[:8], AY[:8], AX[:8], np.ones(8)))
     line = np.zeros(20)
     with pytest.raises(InvalidData, match="do not determine"):
-        fit_geometry(TRUE, np.linspace(-0.3, 0.3, 20), line, arrival_s=np.linspace(0, 1e-9, 20))
+        fit_geometry(TRUE, DirectTimes(np.linspace(-0.3, 0.3, 20), line, np.linspace(0, 1e-9, 20), np.full(20, 1e-12)))
