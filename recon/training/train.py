@@ -284,7 +284,7 @@ def _go_on(
     state = read_weights(folder / STATE)
     free = {"max_minutes": None, "checkpoint_minutes": 1.0, "cache": ""}  # may change on the way
     given = (TrainSettings.model_validate_json(json.dumps(state.about["settings"])), settings)
-    before, now = (one.model_copy(update=free).model_dump() for one in given)
+    before, now = (one.model_copy(update=free).model_dump(mode="json") for one in given)
     if before != now:
         changed = ", ".join(sorted(key for key in now if before[key] != now[key]))
         raise ValueError(f"{folder} holds a run with other settings ({changed}). Choose another folder, or remove it.")
