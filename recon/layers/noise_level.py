@@ -6,7 +6,10 @@ from torch import Tensor, nn
 
 from recon.layers.unet import UNet
 
+WINDOWS = ((1, 1), (1, 3), (3, 3), (3, 7), (5, 15))  # bins, wall points
+DIM = (0.7, 2.0, 100.0)  # in mean rates: the dim part, all but the peaks, everything
 MEAN_OVER_PEAK = -1.45  # log10 of the mean net rate over the mean peak, in a middling scene
+FLOOR = 1e-6
 
 
 class NoiseLevel(nn.Module):
@@ -14,44 +17,86 @@ class NoiseLevel(nn.Module):
 
     The noise level is the standard deviation of a time bin's rate over the mean peak of the signal, as the training
     data define it. Input: rates (B, 1, T, H, W) in units of the mean net rate, background included, and exposure
-    (B, H, W), 0 where nothing was measured; there the map is +inf. Neighbouring bins differ by noise far more than by
-    signal: half the mean square of their difference is the first guess, which the network corrects for what the
-    signal adds and for the peak that the noise is told against.
+    (B, H, W), 0 where nothing was measured; there the map is +inf. Where a scan is dim, neighbouring bins differ by
+    noise alone; half their mean square difference over their mean is what one photon counts. The root of that and of
+    the mean rate is the first guess, which the network corrects, from the same in brighter parts and from the peaks
+    of averages over ever larger windows (the noise is told against the mean peak).
     """
 
     def __init__(self, widths: tuple[int, ...] = (8, 16, 24)):
         super().__init__()
-        self.network = UNet(3, 3, widths[0], widths, stride=(4, 2, 2))
+        self.network = UNet(3, 3, widths[0], widths, stride=(2, 2, 2))
         last = nn.Linear(32, 1)
         nn.init.zeros_(last.weight)
         nn.init.constant_(last.bias, MEAN_OVER_PEAK)
-        self.scalar = nn.Sequential(nn.Linear(2 * widths[-1] + 3, 32), nn.GELU(), last)
-        self.map = nn.Sequential(nn.Conv2d(2 * widths[0], 16, 3, padding=1), nn.ReLU(), nn.Conv2d(16, 1, 1))
+        known = 1 + 2 * len(DIM) + len(WINDOWS)
+        self.scalar = nn.Sequential(nn.Linear(2 * widths[-1] + known, 32), nn.GELU(), last)
+        end = nn.Conv2d(16, 1, 1)
+        nn.init.zeros_(end.weight)
+        nn.init.zeros_(end.bias)  # type: ignore[arg-type]
+        self.map = nn.Sequential(nn.Conv2d(2 * widths[0] + 2, 16, 3, padding=1), nn.ReLU(), end)
 
     def forward(self, rates: Tensor, exposure: Tensor) -> tuple[Tensor, Tensor]:
         measured = (exposure > 0).float()[:, None, None]  # (B, 1, 1, H, W)
-        difference = torch.diff(rates, dim=2, prepend=rates[:, :, :1]).square()
-        weight = (exposure[:, None, None] * measured).expand_as(rates)
-        inputs = torch.cat((torch.log1p(rates.clamp(min=0)), torch.log1p(difference), weight), dim=1)
-        levels = self.network.encode(inputs)
-        coarse = levels[-1]
-        share = F.adaptive_avg_pool3d(measured, (1, *coarse.shape[3:]))
-        share = share / share.mean(dim=(3, 4), keepdim=True).clamp(min=1e-6)
-        pooled = (coarse.float() * share).mean(dim=(2, 3, 4))
-        points = measured.sum(dim=(1, 2, 3, 4)).clamp(min=1)
-        statistics = torch.stack(  # of the measured points alone
-            (
-                (0.5 * difference.sum(dim=(1, 2, 3, 4)) / points / rates.shape[2] + 1e-6).log10(),
-                (rates.sum(dim=(1, 2, 3, 4)) / points / rates.shape[2] + 1e-6).log10(),
-                measured.mean(dim=(1, 2, 3, 4)).clamp(min=1e-6).log10(),
-            ),
-            dim=1,
-        )
-        summary = torch.cat((pooled, torch.log1p(pooled.abs()), statistics), dim=1)
-        eta = 0.5 * statistics[:, 0] + self.scalar(summary)[:, 0]
-        fine = self.network.decode(levels)
-        shape = self.map(torch.cat((fine.mean(dim=2), fine.amax(dim=2)), dim=1))
-        shape = F.interpolate(shape.float(), size=exposure.shape[1:], mode="bilinear", align_corners=False)[:, 0]
-        # a longer dwell averages noise away; what is left to the network is the rest
-        noise = eta[:, None, None] + shape - 0.5 * exposure.clamp(min=1e-6).log10()
+        difference = 0.5 * torch.diff(rates, dim=2, prepend=rates[:, :, :1]).square()
+        seen = (exposure[:, None, None] * measured).expand_as(rates)
+        inputs = torch.cat((torch.log1p(rates.clamp(min=0)), torch.log1p(difference), seen), dim=1)
+        features = self.network.encode(inputs)
+        share = F.adaptive_avg_pool3d(measured, (1, *features[-1].shape[3:]))
+        share = share / share.mean(dim=(3, 4), keepdim=True).clamp(min=FLOOR)
+        pooled = (features[-1].float() * share).mean(dim=(2, 3, 4))
+
+        points = measured.mean(dim=(1, 2, 3, 4)).clamp(min=FLOOR)
+        mean = rates.mean(dim=(1, 2, 3, 4)) / points
+        each_bin = [field.mean(dim=(1, 3, 4)) / points[:, None] for field in (rates, difference)]  # (B, T)
+        parts = [part_below(limit * mean, *each_bin) for limit in DIM]
+        counted = [part[1] / part[0].clamp(min=FLOOR) for part in parts]
+        photon = torch.where(counted[0] > 0, counted[0], counted[-1])
+        statistics = [points, *(value for part in parts for value in part)]
+        statistics += [mean_peak(rates, measured, *window) for window in WINDOWS]
+        known = torch.stack([(value + FLOOR).log10() for value in statistics], dim=1)
+        guess = 0.5 * (photon * mean + FLOOR).log10()
+        rest = self.scalar(torch.cat((pooled, torch.log1p(pooled.abs()), known), dim=1))[:, 0].float()
+        eta = guess + rest
+
+        each = (slice(None), None, None, None)
+        fine = self.network.decode(features)
+        bright = blurred(rates.mean(dim=2), measured[:, :, 0]) / mean.clamp(min=FLOOR)[each]
+        spread = blurred(difference.mean(dim=2), measured[:, :, 0]) / (photon * mean).clamp(min=FLOOR)[each]
+        local = (0.5 * (torch.cat((bright, spread), dim=1) + 1e-3).log10()).clamp(-2, 2)
+        coarse = F.adaptive_avg_pool2d(local, (fine.shape[3], fine.shape[4]))
+        shape = self.map(torch.cat((fine.mean(dim=2), fine.amax(dim=2), coarse), dim=1)).float()
+        shape = F.interpolate(shape, size=exposure.shape[1:], mode="bilinear", align_corners=False)[:, 0]
+        # Poisson noise goes with the root of the rate, and a longer dwell averages it away
+        noise = eta[:, None, None] + local[:, 0] + shape - 0.5 * exposure.clamp(min=FLOOR).log10()
         return eta, torch.where(exposure > 0, noise, torch.inf)
+
+
+def part_below(limit: Tensor, profile: Tensor, spread: Tensor) -> tuple[Tensor, Tensor]:
+    """Means (B,) of both, (B, T), over the time bins around which `profile` is below `limit`."""
+    around = F.avg_pool1d(profile[:, None], 9, stride=1, padding=4, count_include_pad=False)[:, 0]
+    dim = (around < limit[:, None]).float()
+    count = dim.sum(dim=1).clamp(min=1)
+    return (profile * dim).sum(dim=1) / count, (spread * dim).sum(dim=1) / count
+
+
+def averaged(field: Tensor, bins: int, points: int) -> Tensor:
+    """Box averages of (B, 1, T, H, W), along one axis after the other, so that the cost stays linear."""
+    points = min(points, (min(field.shape[3:]) - 1) // 2 * 2 + 1)
+    for window in ((bins, 1, 1), (1, points, 1), (1, 1, points)):
+        padding = (window[0] // 2, window[1] // 2, window[2] // 2)
+        field = F.avg_pool3d(field, window, stride=1, padding=padding)
+    return field
+
+
+def mean_peak(rates: Tensor, measured: Tensor, bins: int, points: int) -> Tensor:
+    """(B,) mean over the wall of the highest rate along time, after averages over `bins` x `points` x `points`."""
+    mean = averaged(rates, bins, points) / averaged(measured, 1, points).clamp(min=0.25 / points**2)
+    peak = mean.amax(dim=2, keepdim=True) * measured
+    return peak.sum(dim=(1, 2, 3, 4)) / measured.sum(dim=(1, 2, 3, 4)).clamp(min=1)
+
+
+def blurred(picture: Tensor, measured: Tensor) -> Tensor:
+    """(B, 1, H, W) averaged over 5 x 5 points, of those that were measured."""
+    mean = F.avg_pool2d(picture * measured, 5, stride=1, padding=2)
+    return mean / F.avg_pool2d(measured, 5, stride=1, padding=2).clamp(min=0.01)
