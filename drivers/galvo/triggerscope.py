@@ -66,7 +66,8 @@ class TriggerScope:
         self._unknown: BaseException | None = None
         limit_rad = math.radians(2.0 * settings.max_mechanical_deg)
         self._anywhere = (MirrorAngles(-limit_rad, -limit_rad), MirrorAngles(limit_rad, limit_rad))
-        self._region = self._anywhere  # opposite corners of where the mirror may be before the next move
+        self._region: tuple[MirrorAngles, ...] = self._anywhere  # the move under way began within these corners
+        self._target: MirrorAngles | None = None
         self._settled_at_s = 0.0
         self._sequence: tuple[MirrorAngles, ...] = ()
         self._armed = False
@@ -161,6 +162,7 @@ class TriggerScope:
         xs = [angles.x_rad for angles in self._sequence]
         ys = [angles.y_rad for angles in self._sequence]
         self._region = (MirrorAngles(min(xs), min(ys)), MirrorAngles(max(xs), max(ys)))
+        self._target = None
         self._sequence = ()
 
     def park(self) -> None:
@@ -203,7 +205,7 @@ class TriggerScope:
             self._controller.command(wire.set_range(axis.dac))
             self._controller.command(wire.set_code(axis.dac, wire.CENTRE))
         x_rad, y_rad = (wire.angle_for(wire.CENTRE, axis.volts_per_degree, axis.offset_v) for axis in self._axes)
-        self._region = self._anywhere
+        self._region, self._target = self._anywhere, None
         self._arrive(MirrorAngles(x_rad, y_rad))
 
     def _disarm(self) -> None:
@@ -249,9 +251,12 @@ class TriggerScope:
             self._controller.command(wire.set_code(axis.dac, code))
 
     def _arrive(self, angles: MirrorAngles) -> None:
-        settle_s = max(self.settle_s(corner, angles) for corner in self._region)
-        self._settled_at_s = self._clock.now() + settle_s
-        self._region = (angles, angles)
+        """A move may begin before the one before has settled: then from anywhere on its way."""
+        now_s = self._clock.now()
+        if self._target is not None:
+            self._region = (self._target,) if now_s >= self._settled_at_s else (*self._region, self._target)
+        self._settled_at_s = now_s + max(self.settle_s(corner, angles) for corner in self._region)
+        self._target = angles
 
     def _check_known(self) -> None:
         if self._unknown is not None:
