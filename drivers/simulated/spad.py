@@ -69,7 +69,7 @@ def distort(per_pulse: Array, bin_width_s: float, settings: DetectorSettings) ->
 
     `per_pulse` (P,) are expected photons over one whole laser period. Bin b detects mu_b (1 - sum of the detections
     within the preceding dead time, cyclically), the steady state whose inverse is Coates' correction for a
-    free-running detector (Coates 1968; Rapp et al. 2019, eq. 5); found by fixed-point iteration.
+    free-running detector (Coates 1968, with the sum over the dead time instead of the start of the period).
     """
     period = len(per_pulse)
     dead = round(settings.dead_time_ns * 1e-9 / bin_width_s)
@@ -86,7 +86,8 @@ def distort(per_pulse: Array, bin_width_s: float, settings: DetectorSettings) ->
     for _ in range(200):
         change = step * (wanted * (1 - _preceding(detected, dead)) - detected)
         detected = detected + change
-        if np.abs(change).max() <= 1e-5 * detected.max():
+        # Each step leaves about `load` of the last change as the error.
+        if min(load, 1.0) * np.abs(change).max() <= 1e-5 * detected.max():
             break
     return detected
 
