@@ -45,7 +45,7 @@ def reconstruct(
         albedo, depth_m = learned_albedo[0].cpu().numpy(), learned_depth_m[0].cpu().numpy()
         volume = None
         if learned_volume is not None:
-            volume = Volume(learned_volume[0, 0].cpu().numpy(), np.asarray(module.depths_m), rebinned.wall)
+            volume = Volume(learned_volume[0].cpu().numpy(), np.asarray(module.depths_m), rebinned.wall)
     seconds = clock.perf_counter() - began
     return Reconstruction(
         albedo=albedo.astype(np.float32),

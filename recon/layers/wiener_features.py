@@ -58,6 +58,7 @@ def counted(counts: Tensor, exposure: Tensor | None, together: int = 1) -> Count
     counts = sums(counts.float(), together)
     if exposure is None:
         exposure = torch.ones_like(counts[:, 0, 0])
+    exposure = exposure.to(counts)
     measured = (exposure > 0).float()
     points = measured.sum(dim=(1, 2)).clamp(min=1)
     exposure = exposure / (exposure.sum(dim=(1, 2)) / points).clamp(min=1e-30)[:, None, None]

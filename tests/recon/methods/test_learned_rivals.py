@@ -2,12 +2,14 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
-from acquisition.transient import TimeAxis
+from acquisition.transient import TimeAxis, Transient
 from acquisition.wall import WallGrid
 from recon.methods import find
+from recon.reconstruct import reconstruct
 
 SMALL: dict[str, dict[str, Any]] = {
     "lfe": {"features": 2, "renderer_width": 4},
@@ -109,3 +111,13 @@ def test_checkpointed_attention_has_the_same_gradient() -> None:
         model(counts(16, 16, 128), None)[0].square().mean().backward()
         gradients.append(model.embedding[0].weight.grad)
     torch.testing.assert_close(gradients[0], gradients[1])
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_the_common_way_to_a_reconstruction_takes_them(name: str) -> None:
+    wall, time = WallGrid(2.0, 2.0, 16, 16), TimeAxis(128, 128e-12)
+    transient = Transient(counts(16, 16, 128)[0, 0].numpy(), np.full((16, 16), 0.008), wall, time)
+    seen = reconstruct(transient, name, {"weights": None} | SMALL[name])
+    assert seen.albedo.shape == seen.depth_m.shape == (16, 16)
+    assert seen.volume is not None
+    assert seen.volume.albedo.shape == (len(seen.volume.depths_m), 16, 16)
