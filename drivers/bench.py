@@ -133,6 +133,7 @@ class _Closing:
         self._events = events
         self._reason = ""
         self._error: BaseException | None = None
+        self._dark = True
 
     @contextmanager
     def on_error(self) -> Iterator[None]:
@@ -157,28 +158,34 @@ class _Closing:
             self._events.deferred = False
 
     def close(self) -> None:
-        """Light, gate, mirror, links. A failure stops none of the later steps; the first is raised at the end, or noted
-        on the exception that is already on its way."""
+        """Light, gate, mirror, links. A failure, of whatever kind, stops none of the later steps. The first that a
+        device reports is raised at the end, or noted on the exception that is already on its way."""
         failures: list[DeviceError] = []
-        dark = self.shutter is None or self._done(failures, partial(self.shutter.close, self._reason))
-        if not dark:
-            _log.critical("THE LASER SHUTTER IS NOT CONFIRMED CLOSED (%s). Shut the laser off by hand.", failures[0])
-        if self.counter is not None:
-            self._done(failures, self.counter.abort)
-        if self.mirror is not None:
-            if dark:
-                self._done(failures, self.mirror.park)
-            else:
-                self._events.report("warning", "not parked: the shutter is not confirmed closed")
-            self._done(failures, self.mirror.close)
-        if self.counter is not None:
-            self._done(failures, self.counter.close)
-        self._events.deliver()
+        with ExitStack() as later:  # runs what it holds from last to first, come what may
+            later.callback(self._events.deliver)
+            if self.counter is not None:
+                later.callback(self._done, failures, self.counter.close)
+            if self.mirror is not None:
+                later.callback(self._done, failures, self.mirror.close)
+                later.callback(self._park, failures, self.mirror)
+            if self.counter is not None:
+                later.callback(self._done, failures, self.counter.abort)
+            if self.shutter is not None:
+                self._dark = False
+                self._dark = self._done(failures, partial(self.shutter.close, self._reason))
+                if not self._dark:
+                    _log.critical("THE LASER SHUTTER IS NOT CONFIRMED CLOSED (%s). Shut the laser off.", failures[0])
         if failures and self._error is None:
             raise failures[0]
         for failure in failures:
             if self._error is not None:
                 self._error.add_note(str(failure))
+
+    def _park(self, failures: list[DeviceError], mirror: GalvoMirror) -> None:
+        if self._dark:
+            self._done(failures, mirror.park)
+        else:
+            self._events.report("warning", "not parked: the shutter is not confirmed closed")
 
     def _done(self, failures: list[DeviceError], step: Callable[[], object]) -> bool:
         try:
