@@ -62,12 +62,12 @@ class ScanControl:
             raise RuntimeError(f"a scan that is {self._state.value} cannot become {state.value}")
         self._state = state
 
-    def pause(self) -> bool:
-        """Paused until somebody decides; True: running again."""
+    def pause(self, otherwise: ScanState = ScanState.ENDED) -> bool:
+        """Paused until somebody decides; True: running again, False: `otherwise`."""
         why, self._wanted = self._wanted, ""
         self.enter(ScanState.PAUSED)
         if not self._ask(why):
-            self.enter(ScanState.ENDED)
+            self.enter(otherwise)
             return False
         self.enter(ScanState.RUNNING)
         return True

@@ -10,12 +10,14 @@ from typing import Protocol
 
 from acquisition import clocked, stepped
 from acquisition.aim import Aim
+from acquisition.alarms import Action, AlarmRaised, Alarms, Trouble
 from acquisition.control import ScanControl, ScanState
+from acquisition.outlook import aim_of, checked_angles
 from acquisition.plan import ScanPlan
 from acquisition.sample import Sample
 from acquisition.schemes import Choice, Scheme, choose, forecast
 from drivers.bench import Bench
-from drivers.errors import DeviceError, DeviceFault, DeviceTimeout, LimitError, SafetyTrip
+from drivers.errors import DeviceError, DeviceFault, DeviceTimeout, SafetyTrip
 from drivers.galvo.mirror import MirrorAngles
 from drivers.tcspc.counter import HistogramFlag
 
@@ -37,29 +39,6 @@ class Sink(Protocol):
     def write(self, sample: Sample) -> None: ...
 
 
-def aim_of(bench: Bench) -> Aim:
-    """The ideal geometry that the bench file states."""
-    geometry = bench.settings.geometry
-    return Aim(geometry.wall_distance_m, geometry.mirror_separation_m)
-
-
-def checked_angles(plan: ScanPlan, bench: Bench, aim: Aim) -> list[MirrorAngles]:
-    """The mirror angles of every point. Raises `LimitError` where a point, a dwell or the time axis is out of the
-    devices' reach; nothing has been sent or moved then."""
-    x_rad, y_rad = aim.angles_rad(plan.positions.x_m, plan.positions.y_m)
-    angles = [MirrorAngles(x, y) for x, y in zip(x_rad.tolist(), y_rad.tolist(), strict=True)]
-    for number, each in enumerate(angles):
-        try:
-            bench.mirror.check(each)
-        except LimitError as error:
-            point = plan[number]
-            what = f"wall point x = {point.x_m:+.3f} m, y = {point.y_m:+.3f} m: {error.what}"
-            raise LimitError(error.device, what, error.remedy) from error
-    for dwell_s in set(plan.dwell_s.tolist()):
-        bench.counter.check(plan.axis, dwell_s)
-    return angles
-
-
 def scan(
     plan: ScanPlan,
     bench: Bench,
@@ -68,20 +47,22 @@ def scan(
     taken: Mapping[int, int] | None = None,
     scheme: Scheme | None = None,
     control: ScanControl | None = None,
+    alarms: Alarms | None = None,
     decide: Callable[[], bool] | None = None,
     elapsed_s: float = 0.0,
 ) -> Generator[Sample, None, None]:
     """Checks the plan at once (`LimitError`), then yields its samples as they are taken.
 
     `taken`: point number -> photons of what an earlier recording already holds, `elapsed_s` how long that took.
-    `scheme`: the fastest that bench and plan allow, unless told. `decide` is asked after every sample whether the scan
-    may end early. Raises `DeviceError` with the shutter closed.
+    `scheme`: the fastest that bench and plan allow, unless told. `alarms` may pause, postpone
+    or end. `decide` is asked after every sample whether the scan may end early. Raises `DeviceError` with the shutter
+    closed.
     """
     angles = checked_angles(plan, bench, aim or aim_of(bench))
     choice = choose(plan, bench, angles)
     if scheme is not None and scheme is not choice.scheme:
         choice = Choice(scheme, "as asked for", forecast(scheme, plan, bench, angles))
-    run = _Run(plan, bench, angles, dict(taken or {}), control or ScanControl(), decide or (lambda: False), elapsed_s)
+    run = _Run(plan, bench, angles, dict(taken or {}), control or ScanControl(), alarms, decide, elapsed_s)
     return run.samples(choice)
 
 
@@ -107,15 +88,18 @@ class _Run:
         angles: Sequence[MirrorAngles],
         photons: dict[int, int],
         control: ScanControl,
-        decide: Callable[[], bool],
+        alarms: Alarms | None,
+        decide: Callable[[], bool] | None,
         elapsed_s: float,
     ) -> None:
         self._plan, self._bench, self._angles = plan, bench, angles
-        self._photons, self._control, self._decide = photons, control, decide
+        self._photons, self._control, self._alarms, self._decide = photons, control, alarms, decide
         self._start_s = bench.clock.now() - elapsed_s
         self._attempts: dict[int, int] = {}
         self._take = stepped.take
         self._first, self._stuck = -1, 0
+        self._alarm = ""
+        self._skipped: dict[int, int] = {}
 
     def samples(self, choice: Choice) -> Generator[Sample, None, None]:
         control, bench = self._control, self._bench
@@ -123,10 +107,12 @@ class _Run:
         self._take = stepped.take if choice.scheme is Scheme.STEPPED else clocked.take
         control.enter(ScanState.RUNNING)
         try:
+            self._look_around()
             bench.counter.configure(self._plan.axis, self._plan.stop)
-            while todo := self._plan.pending(self._photons):
-                yield from self._segment(todo[: bench.counter.max_points])
-                self._check_progress(todo[0])
+            while todo := self._todo():
+                if not control.wanted:
+                    yield from self._segment(todo[: bench.counter.max_points])
+                    self._check_progress(todo[0])
                 if control.state is ScanState.RUNNING and control.wanted:
                     self._pause()
                 if control.state is not ScanState.RUNNING:
@@ -135,7 +121,8 @@ class _Run:
             control.enter(ScanState.COMPLETE)
         except SafetyTrip as error:
             bench.report("trip", str(error))
-            control.enter(ScanState.STOPPED)
+            if control.state is not ScanState.STOPPED:
+                control.enter(ScanState.STOPPED)
             raise
         except DeviceError:
             control.enter(ScanState.FAILED)
@@ -155,10 +142,13 @@ class _Run:
             if self._is_spoilt(sample):
                 return
             self._bench.shutter.watch(sample.histogram)
+            if self._alarms is not None and (trouble := self._alarms.judge(sample)) is not None:
+                self._meet(trouble, sample.point.number)
+                return
             counts = sample.histogram.counts
             self._photons[sample.point.number] = int(counts.sum()) if self._plan.revisit_below is not None else 0
             yield sample
-            if self._decide():
+            if self._decide is not None and self._decide():
                 self._bench.report("scan", "ended early: nothing is left to gain")
                 self._control.enter(ScanState.ENDED)
                 return
@@ -199,12 +189,41 @@ class _Run:
         self._bench.report("sample", f"point {number} {verdict}: {flags.name}")
         return again
 
+    def _todo(self) -> list[int]:
+        """What is still to take, in order; points that an alarm skipped come last."""
+        todo = self._plan.pending(self._photons)
+        if self._skipped:
+            todo.sort(key=lambda number: self._skipped.get(number, 0))
+        return todo
+
+    def _look_around(self) -> None:
+        """What the alarms say while the shutter is closed."""
+        if self._alarms is not None and (trouble := self._alarms.before(self._bench)) is not None:
+            self._meet(trouble, None)
+
+    def _meet(self, trouble: Trouble, number: int | None) -> None:
+        """Does what the alarm says. Raises `AlarmRaised` where that ends the scan."""
+        self._bench.report("alarm", f"{trouble.name}: {trouble.text}; {trouble.action.value}")
+        times = self._skipped.get(number, 0) + 1 if number is not None else ATTEMPTS
+        if trouble.action is Action.PAUSE:
+            self._alarm = trouble.text
+            self._control.interrupt(f"alarm: {trouble.text}")
+        elif trouble.action is Action.SKIP and number is not None and times < ATTEMPTS:
+            self._skipped[number] = times
+        else:
+            raise AlarmRaised("alarm", f"{trouble.text}.", "Mend it, then go on with --resume.")
+
     def _pause(self) -> None:
-        """Light off, gate closed, then somebody decides."""
-        why = self._control.wanted
+        """Light off, gate closed, then somebody decides. Raises `AlarmRaised` where an alarm's pause ends the scan."""
+        why, alarm, self._alarm = self._control.wanted, self._alarm, ""
         self._dark(why)
         self._bench.report("scan", f"paused: {why}")
-        self._bench.report("scan", "goes on" if self._control.pause() else "ended while paused")
+        going = self._control.pause(ScanState.STOPPED if alarm else ScanState.ENDED)
+        self._bench.report("scan", "goes on" if going else "ended while paused")
+        if going:
+            self._look_around()
+        elif alarm:
+            raise AlarmRaised("alarm", f"{alarm}.", "Mend it, then go on with --resume.")
 
     def _dark(self, why: str) -> None:
         """Shutter first, then the gate, then the mirror's stepping."""

@@ -5,6 +5,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from acquisition.alarms import AlarmSettings
 from acquisition.errors import PlanRefused
 from acquisition.exposure import Exposure, Uniform
 from acquisition.ordering import strips, two_opt
@@ -47,6 +48,7 @@ class ScanSettings(Settings):
     dwell_ms: float = Field(ge=0.001, le=10_000)
     histogram: HistogramSettings
     exposure: Exposure = Uniform()
+    alarms: AlarmSettings = AlarmSettings()
     order: Literal["pattern", "strips", "two_opt"] | None = None
 
     def plan(self) -> ScanPlan:

@@ -19,6 +19,8 @@ SEQUENCE_COMMANDS = 13
 """Commands beside the uploads that clear, start and stop a sequence."""
 SEQUENCE_QUESTIONS = 10
 """Exchanges with the counter that arm one sequence, settings read back."""
+LISTING_S = 0.016
+"""How long the last photons of a sequence take out of a list-mode counter, which is asked every 10 ms."""
 POINT_QUESTIONS = 1.5
 """A trigger, one way, and one question there and back per point taken by the host."""
 COMMANDS_PER_MOVE = {"triggerscope": 2, "optotune": 3}
@@ -115,7 +117,7 @@ def clocked_forecast(
             whole,
             dwell_s=whole.dwell_s + dwell_s,
             settle_s=whole.settle_s + part.duration_s - dwell_s + bench.mirror.settle_s(where, part.angles[0]),
-            links_s=whole.links_s + links.sequence_s,
+            links_s=whole.links_s + links.sequence_s + (LISTING_S if bench.counter.list_mode else 0.0),
             upload_s=whole.upload_s + len(part.index) * links.entry_s,
         )
         first, where = first + part.count, part.angles[-1]

@@ -163,7 +163,8 @@ def dark_counts(bench: "Bench") -> Iterator[Finding]:
 
 def small_scan(bench: "Bench", folder: Path) -> Iterator[Finding]:
     """4 x 4 points of 8 ms, recorded, read back, and reconstructed."""
-    from acquisition.engine import aim_of, record, scan
+    from acquisition.engine import record, scan
+    from acquisition.outlook import aim_of
     from acquisition.plan import ScanPlan
     from acquisition.provenance import Header
     from acquisition.recording import Recording, Status

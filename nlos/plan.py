@@ -21,7 +21,7 @@ def plan(
 ) -> None:
     """Checks everything that `scan` would; duration with its parts, disk, photons to expect. Moves nothing: a real
     bench is not even opened, its simulated twin is asked."""
-    from acquisition.engine import aim_of, checked_angles
+    from acquisition.outlook import aim_of, checked_angles
     from acquisition.scan_settings import ScanSettings
     from acquisition.schemes import choose
     from configs.load import load

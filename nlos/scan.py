@@ -14,6 +14,7 @@ from nlos.scan_progress import ScanProgress
 from nlos.terminal import terminal
 
 if TYPE_CHECKING:
+    from acquisition.alarms import AlarmSettings
     from acquisition.plan import ScanPlan
     from acquisition.provenance import Header
     from acquisition.recording_writer import RecordingWriter
@@ -63,7 +64,7 @@ def scan(
     )
     target.parent.mkdir(parents=True, exist_ok=True)
     with Interrupts().caught() as interrupts, opened(table, scene) as open_bench:
-        _acquire(plan, header, open_bench, target, resume, overwrite, interrupts)
+        _acquire(plan, header, open_bench, target, resume, overwrite, interrupts, wanted.settings.alarms)
     if reconstruct is not None:
         _reconstruct(target, reconstruct, overwrite)
 
@@ -76,13 +77,15 @@ def _acquire(
     resume: bool,
     overwrite: bool,
     interrupts: Interrupts,
+    alarms: "AlarmSettings",
 ) -> None:
     """Checks, then scans into `target`. Whatever happens, the shutter is closed before the recording is."""
     from dataclasses import replace
 
+    from acquisition.alarms import Alarms
     from acquisition.control import ScanControl, ScanState
-    from acquisition.engine import aim_of, checked_angles
     from acquisition.engine import scan as run
+    from acquisition.outlook import aim_of, check_disk, checked_angles
     from acquisition.recording import Status
     from acquisition.schemes import choose
     from drivers.errors import DeviceError, SafetyTrip
@@ -90,6 +93,8 @@ def _acquire(
     choice = choose(plan, bench, checked_angles(plan, bench, aim_of(bench)))
     forecast_s = choice.forecast.total_s
     terminal.log(f"scheme {choice.scheme.value}, {forecast_s:.1f} s expected; {choice.why}")
+    check_disk(plan, target)
+    watch = Alarms(alarms, bench.settings.laser.repetition_hz, target.parent)
     roles = {"mirror": bench.mirror.identity, "counter": bench.counter.identity}
     header = replace(header, devices=roles, warnings=tuple(bench.warnings)).stamped()
     begun = _begin(target, plan, header, resume, overwrite)
@@ -101,7 +106,7 @@ def _acquire(
     interrupts.pauses(control)
     start_s = bench.clock.now() - begun.elapsed_s
     with progress:
-        samples = run(plan, bench, taken=begun.taken, control=control, elapsed_s=begun.elapsed_s)
+        samples = run(plan, bench, taken=begun.taken, control=control, alarms=watch, elapsed_s=begun.elapsed_s)
         bench.on_event = lambda kind, text: writer.log(kind, text, bench.clock.now() - start_s)
         status = Status.FAILED
         try:

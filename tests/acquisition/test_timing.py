@@ -1,0 +1,141 @@
+"""Predicted durations are those of the bench, for every pattern and scheme, and learned where nobody knows."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from acquisition.engine import record, scan
+from acquisition.errors import StorageError
+from acquisition.outlook import (
+    ExpectedRates,
+    aim_of,
+    check_disk,
+    check_light,
+    checked_angles,
+    disk_bytes,
+    expectation,
+)
+from acquisition.plan import ScanPlan
+from acquisition.provenance import Header
+from acquisition.recording import Recording
+from acquisition.recording_writer import RecordingWriter
+from acquisition.schemes import Scheme, forecast
+from acquisition.timing import Pace, learned_links, links_of, moves_s
+from drivers.bench import BenchSettings, open_bench
+from drivers.errors import LimitError
+
+Benches = Callable[..., BenchSettings]
+Plans = Callable[..., ScanPlan]
+
+PATTERNS: list[dict[str, Any]] = [
+    {"kind": "raster"},
+    {"kind": "serpentine"},
+    {"kind": "subgrid", "rows": 7, "cols": 9},
+    {"kind": "jittered", "rows": 10, "cols": 10},
+    {"kind": "random", "points": 150},
+    {"kind": "blue_noise", "points": 150},
+    {"kind": "circle", "points": 120, "radius_m": 0.4},
+    {"kind": "concentric_circles", "circles": 5, "points": 150},
+    {"kind": "archimedean_spiral", "dr_m": 0.08},
+    {"kind": "fermat_spiral", "dr_m": 0.09},
+    {"kind": "coarse_to_fine"},
+    {"kind": "coarse_to_fine", "batch": 16},
+]
+
+
+@pytest.mark.parametrize("scheme", Scheme)
+@pytest.mark.parametrize("pattern", PATTERNS, ids=lambda pattern: "-".join(map(str, pattern.values())))
+def test_predicted_time_is_within_2_percent_of_the_benches(
+    bench_settings: Benches, small_plan: Plans, pattern: dict[str, Any], scheme: Scheme
+) -> None:
+    listed = scheme is Scheme.LISTED
+    axis = {"bins": 64, "bin_width_ps": 320 if listed else 256, "offset_ns": 9.6}
+    plan = small_plan(14, 14, pattern=pattern, histogram=axis)
+    with open_bench(bench_settings(name="multiharp" if listed else "simulated")) as bench:
+        angles = checked_angles(plan, bench, aim_of(bench))
+        predicted = forecast(scheme, plan, bench, angles)
+        started_s = bench.clock.now()
+        for _ in scan(plan, bench, scheme=scheme):
+            pass
+        actual_s = bench.clock.now() - started_s
+    assert predicted.dwell_s == pytest.approx(plan.dwell_total_s)
+    assert predicted.total_s == pytest.approx(actual_s, rel=0.02)
+    low_s, high_s = predicted.band_s
+    assert low_s <= actual_s <= high_s
+
+
+@pytest.mark.parametrize("scheme", [Scheme.STEPPED, Scheme.CLOCKED])
+def test_after_a_tenth_of_a_scan_its_end_is_known_within_5_percent(
+    bench_settings: Benches, small_plan: Plans, scheme: Scheme
+) -> None:
+    """The mirror takes three times as long to settle as anybody told the planner, and cables are slow."""
+    plan = small_plan(20, 20, pattern={"kind": "random", "points": 300, "seed": 4})
+    settings = bench_settings(name="simulated")
+    slow = settings.mirror.settle.model_copy(
+        update={
+            "table": tuple(
+                point.model_copy(update={"settle_ms": 3 * point.settle_ms}) for point in settings.mirror.settle.table
+            )
+        }
+    )
+    with open_bench(settings) as bench:
+        told_s = moves_s(bench, checked_angles(plan, bench, aim_of(bench)))
+    pace = Pace(plan, told_s)
+    settings = settings.model_copy(update={"mirror": settings.mirror.model_copy(update={"settle": slow})})
+    with open_bench(settings) as bench:
+        started_s, at_tenth = bench.clock.now(), (0.0, 0.0)
+        for done, sample in enumerate(scan(plan, bench, scheme=scheme), 1):
+            pace.step(sample)
+            if done == len(plan) // 10:
+                at_tenth = (sample.taken_s + sample.histogram.live_time_s, pace.remaining_s())
+        actual_s = bench.clock.now() - started_s
+    assert sum(at_tenth) == pytest.approx(actual_s, rel=0.05)
+
+
+def test_links_are_learned_from_a_past_scan(bench_settings: Benches, small_plan: Plans) -> None:
+    plan = small_plan(10, 10)
+    with open_bench(bench_settings(name="simulated")) as bench:
+        angles = checked_angles(plan, bench, aim_of(bench))
+        samples = list(scan(plan, bench, scheme=Scheme.STEPPED))
+        true = links_of(bench)
+        learned = learned_links(
+            true.__class__(0.0, true.point_s, 0.0, 0.0, 0.15), samples, Pace(plan, moves_s(bench, angles))
+        )
+    assert learned.move_s == pytest.approx(true.move_s, rel=0.02)
+
+
+def test_a_disk_without_room_is_refused(small_plan: Plans, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = small_plan(100, 100)
+    assert disk_bytes(plan) == pytest.approx(100 * 100 * (64 * 4 + 51), rel=0.5)
+    check_disk(plan, tmp_path / "run.h5")
+    huge = ScanPlan(plan.wall, plan.axis.__class__(65536, 16e-12), plan.positions, plan.dwell_s, plan.pass_)
+    monkeypatch.setattr("shutil.disk_usage", lambda folder: type("Usage", (), {"free": 10**9})())
+    with pytest.raises(StorageError, match=r"needs 262. MB, the disk has 1000 MB"):
+        check_disk(huge, tmp_path / "run.h5")
+
+
+def test_rates_learned_from_a_recording_predict_counts_and_refuse_pile_up(
+    bench_settings: Benches, small_plan: Plans, run_path: Path
+) -> None:
+    axis = {"bins": 1024, "bin_width_ps": 64, "offset_ns": 10}
+    plan = small_plan(8, 8, histogram=axis)
+    with (
+        open_bench(bench_settings(name="simulated")) as bench,
+        RecordingWriter.create(run_path, plan, Header()) as writer,
+    ):
+        record(scan(plan, bench), writer)
+    with Recording.open(run_path) as recording:
+        rates = ExpectedRates.of_recording(recording)
+        counts = np.array([s.histogram.counts.sum() for s in recording.samples()])
+    assert rates.direct_hz == pytest.approx(40e3, rel=0.25)
+    assert rates.background_hz == pytest.approx(600 * 65.5e-9 * 10e6, rel=0.6)
+    expected = expectation(plan, rates)
+    assert expected.direct + expected.indirect + expected.background == pytest.approx(counts.mean(), rel=0.01)
+    longer = expectation(small_plan(8, 8, dwell_ms=32), rates)
+    assert longer.signal_to_noise == pytest.approx(2 * expected.signal_to_noise, rel=1e-6)
+    check_light(rates, 10e6)
+    with pytest.raises(LimitError, match=r"pile-up.*Attenuate"):
+        check_light(rates, 1e6)
