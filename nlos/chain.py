@@ -13,7 +13,9 @@ from nlos.terminal import terminal
 
 if TYPE_CHECKING:
     from acquisition.recording import Recording
+    from acquisition.sample import Sample
     from acquisition.transient import Transient
+    from acquisition.wall import WallGrid
     from recon.volume import Reconstruction
 
 
@@ -83,6 +85,23 @@ def calibrate_scan(scan: LoadedScan, use_file_offsets: bool = False) -> "Transie
             f"direct light masked up to {report['direct_masked_ns']:.2f} ns"
         )
     return corrected.transient
+
+
+def transient_of(samples: "Sequence[Sample]", wall: "WallGrid") -> "Transient":
+    """Samples as a calibrated transient on the wall's grid; dead time is undone where laser pulses were counted."""
+    from acquisition.transient import Transient
+    from calibration import raw_points
+    from calibration.correct import correct_points
+
+    done = correct_points(raw_points.from_samples(samples))
+    # One row of `done` for each place, in the order in which the places were first taken.
+    places = list(dict.fromkeys((sample.point.row, sample.point.col) for sample in samples))
+    row, col = (np.array(side) for side in zip(*places, strict=True))
+    cube = np.zeros((done.time.bins, wall.rows, wall.cols), dtype=np.float32)
+    cube[:, row, col] = done.counts.T
+    exposure_s = np.zeros((wall.rows, wall.cols))
+    exposure_s[row, col] = done.exposure_s
+    return Transient(cube, exposure_s, wall, done.time)
 
 
 def on_wall(scan: LoadedScan, side_m: object) -> LoadedScan:
