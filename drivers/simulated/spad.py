@@ -56,7 +56,7 @@ class Response:
         return first, np.diff(np.interp(edges_s, self._edges_s, self._cumulative))
 
     def kernel(self, bin_width_s: float) -> tuple[int, Array]:
-        """The same for light spread evenly around a bin's centre: what a sampled rate is convolved with."""
+        """The same for light at the centre of bin 0: what a sampled rate is convolved with."""
         if bin_width_s not in self._kernels:
             first, fractions = self.pulse(0.5, bin_width_s)
             keep = np.flatnonzero(fractions > 1e-7)

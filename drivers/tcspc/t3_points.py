@@ -86,7 +86,7 @@ class PointHistograms:
     """Histograms of scan points from a stream, as far as it has come.
 
     Markers may be recorded later than photons of the same time, by up to `disorder` pulses; so photons are sorted
-    only when the stream is that far past them. With `disorder` None everything waits for `finish`.
+    only when the stream is that far past them. Windows of more points than there are leave their photons out.
     """
 
     def __init__(
@@ -149,15 +149,17 @@ class PointHistograms:
             order = np.argsort(pulses[ready], kind="stable")
             found = self._find_windows(pulses[ready][order], bits[ready][order])
             self._markers = (pulses[~ready], bits[~ready])
-            self.started[found.point] = found.start
+            known = found.point < len(self.counts)
+            point, start, stop = found.point[known], found.start[known], found.stop[known]
+            self.started[point] = start
             old = self._windows
             self._windows = Windows(
-                np.concatenate((old.point, found.point)),
-                np.concatenate((old.start, found.start)),
-                np.concatenate((old.stop, found.stop)),
+                np.concatenate((old.point, point)),
+                np.concatenate((old.start, start)),
+                np.concatenate((old.stop, stop)),
                 found.unfinished_since,
             )
-            self._flag(found)
+            self._flag(self._windows)
             self._cut_short()
         since = self._windows.unfinished_since
         if since is not None and not final:

@@ -207,6 +207,14 @@ def test_a_step_that_comes_too_early_cuts_its_point_short_and_flags_it(piece: in
     assert histograms.totals.tolist() == [2, 1, 0, 1]
 
 
+def test_lines_beyond_the_image_are_left_out() -> None:
+    histograms = PointHistograms(4, 2, LineMarkers(2, 1, 2), disorder=0)
+    events = [(k * 100, bit, 0) for k in range(4) for bit in (2, 1)] + [(350, 0, 1), (400, 2, 0)]
+    histograms.add(T3Decoder(GENERIC).feed(stream(GENERIC, events)))
+    histograms.finish()
+    assert (histograms.complete, histograms.between) == (4, 1)
+
+
 def test_photons_of_other_channels_are_left_out() -> None:
     words = [marker(GENERIC, 0, 1), photon(GENERIC, 5, 2, channel=0), photon(GENERIC, 6, 2, channel=3)]
     for channel, expected in ((None, 2), (0, 1), (3, 1), (2, 0)):
