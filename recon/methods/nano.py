@@ -54,6 +54,9 @@ class Settings(AnySettings):
     whiten: bool = True
     noise_weights: str | None = None
     """Noise level estimation from these weights, frozen."""
+    symmetries: bool = True
+    """Average over the flips (and, on a square grid, the transpose) of the wall once trained: eight times the operator,
+    not the physics."""
     stage: Literal["whole", "noise"] = "whole"
     """What is trained: the operator with frozen noise estimation, or noise estimation alone."""
 
@@ -126,7 +129,10 @@ class Nano(nn.Module):
         eta = conditions(log_noise, rates)
         maps = confidence(log_noise, noise_map, rates.exposure)
         lifted = None if self.lifted is None else self.lifted(rates.net, log_noise)
-        seen = self.iterate(volumes, eta, maps, lifted)
+        if self.settings.symmetries and not self.training:
+            seen = self.over_symmetries(volumes, eta, maps, lifted)
+        else:
+            seen = self.iterate(volumes, eta, maps, lifted)
         present = rates.presence[:, None, None]
         albedo = seen.albedo * present
         dark = albedo < DIMMEST * albedo.amax(dim=(1, 2), keepdim=True).clamp(min=1e-12)
@@ -165,6 +171,20 @@ class Nano(nn.Module):
         last = to_grid(u[:, None] * (u.shape[1] / self.size[0]), self.size)
         own = (features[:, : OWN_FEATURES - 1], last, features[:, OWN_FEATURES:])
         return torch.cat(own, dim=1).contiguous(memory_format=torch.channels_last_3d)
+
+    def over_symmetries(self, volumes: Tensor, eta: Tensor, maps: Tensor, lifted: Tensor | None) -> Projection:
+        """The mean of what the operator makes of every mirror image of the measurement, mirrored back."""
+        pitch = self.physics.pitch
+        square = volumes.shape[3] == volumes.shape[4] and pitch[1] == pitch[2]
+        images = [(flips, turned) for flips in ((), (-1,), (-2,), (-1, -2)) for turned in ((False, True)[: 1 + square])]
+        total: list[Tensor] = []
+        for flips, turned in images:
+            there = [None if x is None else mirrored(x, flips, turned) for x in (volumes, maps, lifted)]
+            seen = self.iterate(cast(Tensor, there[0]), eta, cast(Tensor, there[1]), there[2])
+            back = [mirrored_back(x, flips, turned) for x in (seen.albedo, seen.depth, seen.volume)]
+            total = back if not total else [a + b for a, b in zip(total, back, strict=True)]
+        albedo, depth, volume = (x / len(images) for x in total)
+        return Projection(albedo, depth, volume)
 
     def features(self, volumes: Tensor, maps: Tensor, lifted: Tensor | None) -> Tensor:
         """B_l: what is lifted to u^0, u_g and F_st, on the operator's own metric grid, (B, F, d, h, w)."""
@@ -214,6 +234,17 @@ def confidence(log_noise: Tensor, noise_map: Tensor, exposure: Tensor) -> Tensor
     """(B, 2, H, W): exposure, and the mean noise over that of each wall point; both 0 where nothing was measured."""
     sure = 10 ** (log_noise[:, None, None] - noise_map)
     return torch.stack((exposure.clamp(max=4), sure.clamp(max=3)), dim=1)
+
+
+def mirrored(x: Tensor, flips: tuple[int, ...], turned: bool) -> Tensor:
+    """Flipped along the wall axes named, then transposed if turned."""
+    flipped = x.flip(flips) if flips else x
+    return flipped.transpose(-1, -2) if turned else flipped
+
+
+def mirrored_back(x: Tensor, flips: tuple[int, ...], turned: bool) -> Tensor:
+    """The inverse of `mirrored`."""
+    return mirrored(x.transpose(-1, -2) if turned else x, flips, False)
 
 
 def to_grid(field: Tensor, size: tuple[int, int, int], highest: bool = False) -> Tensor:

@@ -86,7 +86,7 @@ def settings_of(row: Row, samples: int) -> TrainSettings:
     """The training of one row: only what the row names differs from the others."""
     return TrainSettings(
         method="nano",
-        method_settings={"noise_weights": "nano"} | row.switches,
+        method_settings={"noise_weights": "nano", "symmetries": False} | row.switches,
         data=DATA,
         validation=VALIDATION,
         loss=row.loss,

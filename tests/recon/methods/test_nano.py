@@ -87,6 +87,18 @@ def test_one_set_of_weights_serves_every_geometry(wall: WallGrid, time: TimeAxis
     assert torch.isfinite(albedo).all()
 
 
+@pytest.mark.parametrize("dim", [-1, -2])
+def test_a_mirrored_scan_gives_the_mirrored_picture(dim: int) -> None:
+    method, counts = network(), shell(WALL, TIME)
+    with torch.no_grad():
+        albedo, depth_m, volume = method(counts)
+        mirror = method(counts.flip(dim))
+        turned = method(counts.transpose(-1, -2))
+    torch.testing.assert_close(mirror[0], albedo.flip(dim), rtol=1e-3, atol=1e-3)
+    torch.testing.assert_close(mirror[1], depth_m.flip(dim), rtol=1e-3, atol=1e-3, equal_nan=True)
+    torch.testing.assert_close(turned[2], volume.transpose(-1, -2), rtol=1e-3, atol=1e-3)
+
+
 def test_depths_lie_where_the_light_says() -> None:
     method = network()
     with torch.no_grad():
