@@ -28,6 +28,8 @@ class Gate:
     number: int | None = None
     stop_counts: int = 0
     stop_window: tuple[int, int] | None = None
+    kept: bool = True
+    """False for a look at the rate meter and for photons of a beam in flight: no measurement holds them."""
 
 
 @dataclass(frozen=True)

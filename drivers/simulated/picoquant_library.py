@@ -248,6 +248,6 @@ class PicoquantLibrary:
     def _GetCountRate(self, channel: int, rate: Any) -> int:
         if self._family.prefix == "PH" and channel == 0:
             return self._GetSyncRate(rate)
-        seen = self._bench.expose(Gate(self._bench.clock.now(), 0.1, 1024, self._bin_width_s, 0.0))
+        seen = self._bench.expose(Gate(self._bench.clock.now(), 0.1, 1024, self._bin_width_s, 0.0, kept=False))
         _write(rate, round(seen.total_count / seen.live_s))
         return 0

@@ -59,6 +59,10 @@ class RecordedLight:
         pulses = round(gate.dwell_s * self._repetition_hz)
         if not shutter_open:
             return Exposure(np.zeros(gate.bins, dtype=np.uint32), gate.dwell_s, pulses, 0, False)
+        rng = spad.generator(self._seed, gate, beam, _SALT)
+        if not gate.kept:
+            shown = int(rng.poisson(self._rate_cps(beam) * gate.dwell_s))
+            return Exposure(np.zeros(gate.bins, dtype=np.uint32), gate.dwell_s, pulses, shown, False)
         point = self._nearest(beam)
         recorded_s = float(self._scan.exposure_s[point])
         # Exposures are stored in whole microseconds by some instruments.
@@ -68,15 +72,26 @@ class RecordedLight:
                 f"a dwell of {gate.dwell_s * 1e3:g} ms is longer than the {recorded_s * 1e3:g} ms recorded there.",
                 "Shorten dwell_ms in the plan; photons that were never measured cannot be handed out.",
             )
-        rng = spad.generator(self._seed, gate, beam, _SALT)
         part = min(1.0, gate.dwell_s / recorded_s)
         recorded = self._scan.counts[point]
         kept = rng.binomial(recorded, part)
-        total = int(kept.sum())
-        if self._scan.total_count is not None:
-            total += int(rng.binomial(max(0, int(self._scan.total_count[point]) - int(recorded.sum())), part))
+        outside = self._detections(point) - int(recorded.sum(dtype=np.int64))
+        total = int(kept.sum()) + int(rng.binomial(outside, part))
         counts = rebin(kept, self._scan.bin_width_s, self._scan.offset_s, gate).astype(np.uint32)
         return spad.stop_at_counts(Exposure(counts, gate.dwell_s, pulses, total, False), gate, rng)
+
+    def _detections(self, point: int) -> int:
+        """All that were recorded at a point, those outside the time window included where they are known."""
+        inside = int(self._scan.counts[point].sum(dtype=np.int64))
+        return inside if self._scan.total_count is None else max(inside, int(self._scan.total_count[point]))
+
+    def _rate_cps(self, beam: MirrorAngles) -> float:
+        """What a rate meter shows there; 0 where nothing was recorded."""
+        try:
+            point = self._nearest(beam)
+        except LimitError:
+            return 0.0
+        return self._detections(point) / float(self._scan.exposure_s[point])
 
     def _nearest(self, beam: MirrorAngles) -> int:
         spot = self._path.spot(beam)

@@ -95,7 +95,7 @@ class T3Instrument:
         at_rest, settled_s = self._bench.beam_at(until_s), start_s
         pulses, delays = [], []
         while settled_s < until_s and self._bench.beam_at(settled_s) != at_rest:
-            moving, delays_moving = self._photons(settled_s, min(_SLICE_S, until_s - settled_s))
+            moving, delays_moving = self._photons(settled_s, min(_SLICE_S, until_s - settled_s), kept=False)
             pulses.append(moving + self._pulse(settled_s))
             delays.append(delays_moving)
             settled_s += _SLICE_S
@@ -106,10 +106,12 @@ class T3Instrument:
         self._record(np.concatenate(pulses), np.concatenate(delays), self._pulse(until_s))
         self._done_s = until_s
 
-    def _photons(self, when_s: float, dwell_s: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    def _photons(
+        self, when_s: float, dwell_s: float, kept: bool = True
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
         """Laser pulse (counted from 0) and delay of the photons from where the beam points at `when_s`."""
         bins = min(1 << self._layout.delay_bits, int(1 / (self._repetition_hz * self._bin_width_s)) + 1)
-        gate = Gate(when_s, dwell_s, bins, self._bin_width_s, 0.0)
+        gate = Gate(when_s, dwell_s, bins, self._bin_width_s, 0.0, kept=kept)
         rng = spad.generator(self._seed, gate, self._bench.beam_at(when_s), _SALT)
         return spad.arrivals(self._bench.expose(gate), rng)
 

@@ -148,7 +148,7 @@ class Acquisition:
         """What inputs and detector do in the instrument's own rate window."""
         this = self.settings
         return self._bench.expose(
-            Gate(now_s, RATE_WINDOW_S, this.bins, this.bin_width_ps * 1e-12, this.offset_ps * 1e-12)
+            Gate(now_s, RATE_WINDOW_S, this.bins, this.bin_width_ps * 1e-12, this.offset_ps * 1e-12, kept=False)
         )
 
     def sync_hz(self, now_s: float) -> float:

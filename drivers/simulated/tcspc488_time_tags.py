@@ -56,7 +56,9 @@ class TimeTags:
         opened = self.pulse(gate.opened_s)
         at, shown = [pulses + opened], [delays]
         if blanking_s > 0:
-            moving = Gate(gate.opened_s - blanking_s, blanking_s, gate.bins, gate.bin_width_s, gate.offset_s)
+            moving = Gate(
+                gate.opened_s - blanking_s, blanking_s, gate.bins, gate.bin_width_s, gate.offset_s, kept=False
+            )
             pulses, delays = spad.arrivals(self._bench.expose(moving), rng)
             at.append(pulses + self.pulse(moving.opened_s))
             shown.append(delays)

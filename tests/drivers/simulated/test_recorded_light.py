@@ -1,5 +1,7 @@
 """A recorded scan handed out again, thinned to the dwell asked for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -53,6 +55,14 @@ def test_a_longer_dwell_and_an_unrecorded_place_are_refused() -> None:
         light(gate(11e-3), at(0.0, 0.0), True)
     with pytest.raises(LimitError, match=r"nothing was recorded at x = \+0\.5000 m"):
         light(gate(5e-3), at(0.5, 0.0), True)
+
+
+def test_a_rate_meter_may_look_longer_than_was_recorded() -> None:
+    scan = recorded()
+    look = replace(gate(0.1), kept=False)
+    assert source(scan)(look, at(3.0, 0.0), True).total_count == 0
+    shown = source(scan)(look, at(0.0, 0.0), True)
+    assert shown.total_count == pytest.approx(int(scan.counts[4].sum()) * 10, rel=0.02)
 
 
 def test_time_axes_are_regrouped_whole_bins_at_a_time() -> None:
