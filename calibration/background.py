@@ -45,14 +45,18 @@ def before_pulse(counts: npt.ArrayLike, end_bins: npt.ArrayLike) -> Background:
 def dark_rate_per_bin(counts: npt.ArrayLike, exposure_s: npt.ArrayLike) -> tuple[Floats, Floats]:
     """Counts per second in each bin and its standard error, both (T,), from a scan with the shutter closed.
 
-    `counts` (N, T), `exposure_s` (N,). The error of an empty bin is that of one count.
+    `counts` (N, T), `exposure_s` (N,). Bins differ (in width, or by what couples in) as far as their counts vary more
+    than chance has it; what is chance is drawn to the mean of all bins.
     """
-    recorded = np.asarray(counts, dtype=np.float64)
-    total_s = float(np.sum(exposure_s))
-    if not total_s > 0:
+    total = np.asarray(counts).sum(axis=0, dtype=np.float64)
+    seconds = float(np.sum(exposure_s))
+    if not seconds > 0:
         raise ValueError("a dark rate needs some exposure")
-    total = recorded.sum(axis=0)
-    return total / total_s, np.sqrt(np.maximum(total, 1.0)) / total_s
+    mean = float(total.mean())
+    between = max(float(total.var()) - mean, 0.0)
+    own = between / (between + mean) if mean > 0 else 0.0
+    per_bin = own * total + (1 - own) * mean
+    return per_bin / seconds, np.sqrt(own * np.maximum(per_bin, 1.0) + max(mean, 1.0) / len(total)) / seconds
 
 
 def subtract(counts: npt.ArrayLike, per_bin: npt.ArrayLike) -> npt.NDArray[np.float32]:

@@ -23,6 +23,8 @@ from calibration.time_offset import TimeOffsets, measure_time_offsets
 Floats = npt.NDArray[np.float64]
 WHOLE_PERIOD = 0.01
 """A histogram covers the laser's period when its length differs by no more than this share."""
+LEAD_S = 300e-12
+"""How long before its arrival a direct pulse may begin, where its impulse response was not measured."""
 Report = dict[str, float | int | list[float] | None]
 
 
@@ -121,9 +123,10 @@ def correct_points(
             if constants is None or constants.arrivals is None:
                 raise
             arrival = known_arrival_bins(constants, raw.x_m, raw.y_m, raw.time)
-    lead = 0.0 if offsets is None else -offsets.response.start_s / raw.time.bin_width_s
+    lead_s = LEAD_S if offsets is None else -2 * offsets.response.start_s
     counts = subtract_dark(counts, raw, constants)
-    background = before_pulse(counts, np.where(np.isfinite(arrival), arrival - max(2.0, 2 * lead), 0))
+    dark_end = arrival - max(2.0, lead_s / raw.time.bin_width_s)
+    background = before_pulse(counts, np.where(np.isfinite(arrival), dark_end, 0))
     return _finish(raw, counts, variance, arrival, background, None, offsets, remove_direct, circshift)
 
 

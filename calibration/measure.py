@@ -105,7 +105,7 @@ def _with_dark(constants: BenchConstants, run: RawPoints) -> BenchConstants:
     return replace(
         constants,
         dark_hz=Quantity(first * clicks / seconds, first * float(np.sqrt(max(clicks, 1.0))) / seconds),
-        dark_per_bin_hz=first * np.full(len(per_bin), per_bin.mean()),
+        dark_per_bin_hz=first * per_bin,
     )
 
 

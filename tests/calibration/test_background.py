@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+from calibration.background import before_pulse, dark_rate_per_bin, is_flat, quiet_background, subtract
+
+
+def test_points_with_one_rate_share_their_estimate() -> None:
+    counts = np.random.default_rng(0).poisson(0.02, (400, 100))
+    found = before_pulse(counts, np.full(400, 60.0))
+    assert np.ptp(found.per_bin) < 0.01
+    assert found.per_bin.mean() == pytest.approx(0.02, rel=0.1)
+
+
+def test_points_with_rates_of_their_own_keep_them() -> None:
+    rate = np.linspace(1, 20, 200)
+    counts = np.random.default_rng(1).poisson(rate[:, None], (200, 300))
+    found = before_pulse(counts, np.full(200, 250.0))
+    assert np.abs((found.per_bin - rate) / found.error).max() < 5
+    assert np.std((found.per_bin - rate) / found.error) == pytest.approx(1, abs=0.2)
+
+
+def test_without_bins_before_the_pulse_nothing_is_known() -> None:
+    found = before_pulse(np.ones((5, 20)), np.array([0, -3, 7, np.nan, 2]))
+    assert not found.per_bin.any()
+    assert np.isinf(found.error).all()
+
+
+def test_bright_bins_are_told_from_chance() -> None:
+    random = np.random.default_rng(2)
+    even, _ = dark_rate_per_bin(random.poisson(0.5, (50, 200)), np.full(50, 0.1))
+    assert even.std() < 0.1 * even.mean()
+    rate = np.full(200, 0.5)
+    rate[40] = 5.0
+    hot, error = dark_rate_per_bin(random.poisson(rate, (50, 200)), np.full(50, 0.1))
+    assert abs(hot[40] - 50) < 4 * error[40]
+
+
+def test_subtraction_keeps_the_mean_and_does_not_clip() -> None:
+    counts = np.random.default_rng(3).poisson(0.3, (50, 500))
+    left = subtract(counts, np.full(50, 0.3))
+    assert abs(left.mean()) < 0.02
+    assert left.min() < 0
+
+
+def test_only_steady_counts_are_flat() -> None:
+    random = np.random.default_rng(4)
+    assert is_flat(random.poisson(0.1, (100, 512)))
+    lit = random.poisson(0.1, (100, 512))
+    lit[:, 200] += random.poisson(3.0, 100)
+    assert not is_flat(lit)
+    assert quiet_background(lit).mean() == pytest.approx(0.1, rel=0.2)
