@@ -9,12 +9,13 @@ import numpy as np
 import torch
 from torch import nn
 
-from acquisition.transient import TimeAxis, Transient
+from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from acquisition.wall import WallGrid
 from configs.settings import Settings
 from recon.errors import InvalidData
 from recon.front_view import depth_map, front_view
 from recon.methods import find, parse_settings
+from recon.physics import PhysicsSettings
 from recon.volume import Reconstruction, Volume
 
 
@@ -28,8 +29,7 @@ def reconstruct(
     """
     chosen = parse_settings(method, dict(settings or {}))
     check(transient)
-    width_ps = getattr(chosen, "bin_width_ps", None)
-    rebinned = transient if width_ps is None else rebin(transient, width_ps * 1e-12)
+    rebinned = rebin(transient, _bin_width_s(chosen, transient))
     began = clock.perf_counter()
     module = _module(method, chosen, rebinned.wall, rebinned.time).to(device)
     with torch.inference_mode():
@@ -56,6 +56,23 @@ def reconstruct(
         settings=chosen.model_dump(mode="json"),
         volume=volume,
     )
+
+
+def _bin_width_s(chosen: Settings, transient: Transient) -> float:
+    """The width asked for; else the data's own, doubled while a bin stays thinner than a quarter of the wall's pixels.
+
+    Thinner bins than that resolve nothing more - the pixels blur it - and let noise of the unused frequencies in.
+    """
+    width_s = transient.time.bin_width_s
+    if not isinstance(chosen, PhysicsSettings):
+        return width_s
+    if chosen.bin_width_ps is not None:
+        return chosen.bin_width_ps * 1e-12
+    wall = transient.wall
+    pitch_m = min(wall.width_m / wall.cols, wall.height_m / wall.rows)
+    while chosen.conventions == "physical" and SPEED_OF_LIGHT_M_PER_S * (2 * width_s) / 2 <= pitch_m / 4:
+        width_s *= 2
+    return width_s
 
 
 @lru_cache(maxsize=4)
