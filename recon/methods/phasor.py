@@ -27,8 +27,8 @@ class Settings(PhysicsSettings):
     """The exact confocal propagator, or the approximation in light-cone space (the authors' conventions use that)."""
     wavelength_m: Annotated[float, Field(gt=0)] | None = None
     """Of the virtual wave, along the light's path; four wall pixels unless given."""
-    cycles: Annotated[float, Field(ge=1, le=50)] = 4.0
-    """In the pulse. Fewer see finer depth, more suppress noise."""
+    cycles: Annotated[float, Field(ge=1, le=50)] | None = None
+    """In the pulse; 4 unless given, 5 as published. Fewer see finer depth, more suppress noise."""
     planes: Annotated[int, Field(ge=2)] = 128
     """Depth planes of the exact propagator."""
     near_m: Annotated[float, Field(gt=0)] | None = None
@@ -49,7 +49,7 @@ class Camera(nn.Module):
             raise InvalidSettings(f"near_m is {near_m:g} m and far_m {far_m:g} m; near must lie before far")
         self.depths_m = np.linspace(near_m, far_m, min(settings.planes, time.bins))
         self.falloff = Falloff(time, settings.falloff)
-        self.propagate = ConfocalRsd(wall, time, self.depths_m, _wavelength_m(settings, wall), settings.cycles)
+        self.propagate = ConfocalRsd(wall, time, self.depths_m, _wavelength_m(settings, wall), _cycles(settings))
 
     def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
         """The magnitude of the field in focus."""
@@ -65,7 +65,7 @@ class LightConeCamera(nn.Module):
         super().__init__()
         self.settings, self.time = settings, time
         self.depths_m = depths_m(time, settings.conventions)
-        self.wave = VirtualWave(time, _wavelength_m(settings, wall), settings.cycles, settings.conventions)
+        self.wave = VirtualWave(time, _wavelength_m(settings, wall), _cycles(settings), settings.conventions)
         self.resample = LightConeResampling(time, settings.conventions)
         self.cone = LightConeConvolution(wall, time, settings.conventions)
 
@@ -81,9 +81,9 @@ def build(settings: AnySettings, wall: WallGrid, time: TimeAxis) -> nn.Module:
     """The camera for one geometry. Raises `InvalidSettings` where the wave does not fit it."""
     assert isinstance(settings, Settings)
     wavelength_m, path_m = _wavelength_m(settings, wall), 2 * range_m(time, "physical")
-    if settings.cycles * wavelength_m > path_m:
+    if _cycles(settings) * wavelength_m > path_m:
         raise InvalidSettings(
-            f"a pulse of {settings.cycles:g} cycles of {wavelength_m:g} m is longer than the time axis, {path_m:g} m "
+            f"a pulse of {_cycles(settings):g} cycles of {wavelength_m:g} m is longer than the time axis, {path_m:g} m "
             "of light path. Choose a smaller wavelength_m or fewer cycles."
         )
     lightcone = settings.variant == "light_cone" or settings.conventions == "authors"
@@ -97,3 +97,9 @@ def _wavelength_m(settings: Settings, wall: WallGrid) -> float:
     if settings.conventions == "authors":
         return 4 * wall.width_m / (wall.cols - 1)
     return 4 * max(wall.width_m / wall.cols, wall.height_m / wall.rows)
+
+
+def _cycles(settings: Settings) -> float:
+    if settings.cycles is not None:
+        return settings.cycles
+    return 5.0 if settings.conventions == "authors" else 4.0

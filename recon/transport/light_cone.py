@@ -1,26 +1,22 @@
-"""Light transport on the light cone: a convolution, and its Wiener inverse.
+"""Light transport on the light cone: a convolution, and its regularised inverses.
 
 Where v = (c t / 2)^2 and s = z^2, light from (x, y, s) reaches the wall point at lateral distance rho at v = s + rho^2
-(O'Toole et al., Nature 2018, eq. 3). The kernel delta(v - x^2 - y^2), integrated over a wall pixel, turns under a
-Fourier transform along v into exp(-i w x^2) exp(-i w y^2): a product of two Fresnel chirps. So the whole transfer
-function is, for each frequency along v, an outer product of two short vectors; nothing three-dimensional is ever built.
+(O'Toole et al., Nature 2018, eq. 3): a convolution with delta(v - x^2 - y^2), whose spectrum `light_cone_kernel.py`
+has in closed form.
 """
 
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-import scipy.fft
 import torch
-from scipy.special import fresnel
 from torch import nn
 
 from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
-from recon.transport.conventions import Conventions, check_supported, range_m
-from recon.transport.fourier import filter_planes, good_size, irfft, multiply_quadrants_, rfft, row_blocks
+from recon.transport.conventions import Conventions, check_supported
+from recon.transport.fourier import filter_planes, irfft, multiply_quadrants_, rfft, row_blocks
+from recon.transport.light_cone_kernel import chirps, published_transfer
 from recon.transport.linear import linear
 from recon.transport.resampling import resampling_matrix
 
@@ -47,7 +43,7 @@ class LightConeConvolution(nn.Module):
         if conventions == "authors":
             self.padded = (2 * self.cells, 2 * wall.rows, 2 * wall.cols)
         else:
-            self.padded, rows_chirp, cols_chirp = _chirps(wall, time, self.cells)
+            self.padded, rows_chirp, cols_chirp = chirps(wall, time, self.cells)
             self.register_buffer("rows_chirp", rows_chirp, persistent=False)
             self.register_buffer("cols_chirp", cols_chirp, persistent=False)
 
@@ -75,13 +71,33 @@ class LightConeConvolution(nn.Module):
         gain = _wiener_gain(torch.full((y.shape[0] * y.shape[1],), snr, dtype=y.dtype, device=y.device))
         return linear(y, lambda x: self._filtered(x, True, gain), lambda x: self._filtered(x, False, gain))
 
+    def gram_inverse(self, y: torch.Tensor, snr: torch.Tensor, flatness: float) -> torch.Tensor:
+        """(H* H + (flatness + G) / snr)^-1 H* y: the Gram operator's inverse under a prior of small gradients.
+
+        G is the spectrum of the squared gradient, mean 1/2 a direction; `snr` (B,), (B, 1) or (B, C). Source: Ahn et
+        al., ICCV 2019, whose convolution H* H becomes exact on the light cone.
+        """
+        sizes = (self.padded[0] // 2 + 1, self.padded[1] // 2 + 1, self.padded[2] // 2 + 1)
+        along = [
+            torch.sin(torch.arange(count) * (torch.pi / size)).square().to(y.device, y.dtype)
+            for count, size in zip(sizes, self.padded, strict=True)
+        ]
+        lateral = flatness + along[1][:, None] + along[2]
+        noise = (1 / _one_each(snr.to(y.device, y.dtype), y))[:, None, None, None]
+
+        def gain(power: Any, planes: slice) -> Any:
+            prior = _beside(power, lateral) + _beside(power, along[0])[planes][:, None, None]
+            return 1 / (power + prior * _beside(power, noise))
+
+        return linear(y, lambda x: self._filtered(x, True, gain), lambda x: self._filtered(x, False, gain))
+
     def transfer(self, planes: slice = slice(None)) -> torch.Tensor:
         """H at `planes` of the half spectrum along v: its quadrant (f, Y // 2 + 1, X // 2 + 1), even in both; float64.
 
         Of the authors' conventions, whose kernel is not even, the whole (f, Y, X) in complex64.
         """
         if self.conventions == "authors":
-            return _published_transfer(self.wall, self.time)[planes]
+            return published_transfer(self.wall, self.time)[planes]
         rows, cols = torch.view_as_complex(self.rows_chirp[planes]), torch.view_as_complex(self.cols_chirp[planes])
         return rows[:, :, None] * cols[:, None, :]
 
@@ -99,7 +115,7 @@ class LightConeConvolution(nn.Module):
         for some in row_blocks(flat, self.padded[0]):
             spectrum[:, :, some] = rfft(flat[:, :, some], self.padded[0], 1)
         if self.conventions == "authors":
-            whole = _like(spectrum, _published_transfer(self.wall, self.time).to(kind))
+            whole = _like(spectrum, published_transfer(self.wall, self.time).to(kind))
         else:
             rows_chirp = _like(spectrum, torch.view_as_complex(self.rows_chirp).to(kind))[:, :, None]
             cols_chirp = _like(spectrum, torch.view_as_complex(self.cols_chirp).to(kind))[:, None, :]
@@ -177,66 +193,3 @@ def _one_each(snr: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
     if snr.ndim == 1:
         snr = snr[:, None]
     return snr.expand(batch, channels).reshape(batch * channels)
-
-
-@lru_cache(maxsize=8)
-def _chirps(wall: WallGrid, time: TimeAxis, cells: int) -> tuple[tuple[int, int, int], torch.Tensor, torch.Tensor]:
-    """The padded size (P, Y, X) and the spectra of both chirps, (F, Y // 2 + 1, 2) and (F, X // 2 + 1, 2), float64."""
-    cell_m2 = range_m(time, "physical") ** 2 / cells
-    pitches = [wall.height_m / wall.rows / cell_m2**0.5, wall.width_m / wall.cols / cell_m2**0.5]  # in root cells
-    # Offsets whose delay alone is beyond the last cell are never seen together.
-    delays = [
-        min(((count - 1) * pitch) ** 2, cells) for count, pitch in zip((wall.rows, wall.cols), pitches, strict=True)
-    ]
-    padded_cells = good_size(cells + int(np.ceil(sum(delays))) + 1)
-    cycles = np.arange(padded_cells // 2 + 1) / padded_cells  # per cell
-    spectra, powers = [], []
-    for count, pitch in zip((wall.rows, wall.cols), pitches, strict=True):
-        padded = good_size(2 * count)
-        # Farther offsets than the wall's are never seen together, but the inverse needs the kernel to go on: one that
-        # ends abruptly has nulls in its spectrum, which come back as a veil at small depths.
-        offset = np.arange(padded // 2 + 1) * pitch
-        chirp = _fresnel_integral(offset - pitch / 2, offset + pitch / 2, 2 * np.pi * cycles[:, None]) / pitch
-        chirp[:, offset**2 > cells] = 0
-        chirp *= np.sinc(cycles)[:, None]  # albedo and counts are means over cells: one factor for each, shared by both
-        kernel = np.zeros((len(cycles), padded), dtype=np.complex128)
-        kernel[:, : padded // 2 + 1] = chirp
-        kernel[:, padded // 2 :] += chirp[:, :0:-1]
-        spectrum = scipy.fft.fft(kernel, axis=1)
-        powers.append(np.mean(np.abs(spectrum) ** 2, axis=1))
-        spectra.append((padded, spectrum[:, : padded // 2 + 1]))
-    both_sides = np.full(len(cycles), 2.0)
-    both_sides[[0, -1]] = 1
-    norm = np.sqrt(np.sum(powers[0] * powers[1] * both_sides) / padded_cells)
-    (rows, rows_spectrum), (cols, cols_spectrum) = spectra
-    return (padded_cells, rows, cols), _real_view(rows_spectrum / norm), _real_view(cols_spectrum)
-
-
-def _fresnel_integral(
-    a: npt.NDArray[np.float64], b: npt.NDArray[np.float64], w: npt.NDArray[np.float64]
-) -> npt.NDArray[np.complex128]:
-    """The integral of exp(-i w x^2) from a to b, w >= 0."""
-    scale = np.sqrt(2 * np.maximum(w, 1e-12) / np.pi)
-    (sine_a, cosine_a), (sine_b, cosine_b) = fresnel(scale * a), fresnel(scale * b)
-    return np.asarray(((cosine_b - cosine_a) - 1j * (sine_b - sine_a)) / scale, dtype=np.complex128)
-
-
-def _real_view(x: npt.NDArray[np.complex128]) -> torch.Tensor:
-    return torch.view_as_real(torch.from_numpy(np.ascontiguousarray(x)))
-
-
-@lru_cache(maxsize=2)
-def _published_transfer(wall: WallGrid, time: TimeAxis) -> torch.Tensor:
-    """The published kernel's spectrum, (M + 1, 2 H, 2 W): one voxel a column, half a sample off towards +row, -col."""
-    cells = time.bins
-    reach = range_m(time, "authors")
-    y = np.linspace(-1, 1, 2 * wall.rows) * (wall.height_m / reach)
-    x = np.linspace(-1, 1, 2 * wall.cols) * (wall.width_m / reach)
-    delay = np.linspace(0, 2, 2 * cells)
-    nearest = np.stack([np.abs((row**2 + x**2)[:, None] - delay).argmin(-1) for row in y])
-    kernel = np.zeros((2 * cells, 2 * wall.rows, 2 * wall.cols), dtype=np.float32)
-    rows, cols = np.indices(nearest.shape)
-    kernel[nearest, rows, cols] = 1 / np.sqrt(nearest.size)
-    kernel = np.roll(kernel, (wall.rows, wall.cols), axis=(1, 2))
-    mirrored = np.roll(kernel[:, :, ::-1], 1, axis=2)  # they scan columns from the right
-    return torch.from_numpy(scipy.fft.rfftn(mirrored, axes=(1, 2, 0)))

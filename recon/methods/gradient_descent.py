@@ -1,0 +1,110 @@
+"""Steepest descent on the Tikhonov problem: the plain iteration that learned unfoldings start from."""
+
+from typing import Annotated
+
+import torch
+from pydantic import Field
+from torch import nn
+
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+from configs.settings import Settings as AnySettings
+from recon.physics import PhysicsSettings, prepare
+from recon.transport.conventions import depths_m
+from recon.transport.falloff import Falloff
+from recon.transport.light_cone import LightConeConvolution
+from recon.transport.resampling import LightConeResampling
+
+AXES = (-3, -2, -1)
+SMOOTHED = 0.01  # gradients below this part of the albedo's maximum are not kept sharp by total variation
+
+
+class Settings(PhysicsSettings):
+    """Settings of steepest descent; 1 / snr is the weight of the Tikhonov term."""
+
+    iterations: Annotated[int, Field(ge=1, le=10_000)] = 30
+    momentum: bool = False
+    """Conjugate directions in place of the plain gradient."""
+    tv: Annotated[float, Field(ge=0)] = 0.0
+    """Weight of total variation, relative to the Tikhonov term at the albedo's own level."""
+
+
+class GradientDescent(nn.Module):
+    """(B, C, T, H, W) counts -> (B, C, D, H, W), not below 0.
+
+    Minimises |H u - y|^2 / 2 + |u|^2 / (2 snr) + tv TV(u) on the light cone, from u = 0, with the exact step of the
+    quadratic (that majorises TV where there is one). Source: the unfolded iteration u - dt (H*(H u - y) + u / snr).
+    """
+
+    def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
+        super().__init__()
+        self.settings, self.time = settings, time
+        self.depths_m = depths_m(time, settings.conventions)
+        self.falloff = Falloff(time, settings.falloff, settings.conventions)
+        self.resample = LightConeResampling(time, settings.conventions)
+        self.cone = LightConeConvolution(wall, time, settings.conventions)
+
+    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
+        """The albedo after all iterations."""
+        rates, undone, snr = prepare(counts, exposure_s, self.settings, self.time)
+        y = self.resample(self.falloff(rates, undone))
+        ridge = (1 / torch.as_tensor(snr, dtype=y.dtype, device=y.device)).expand(len(y)).view(-1, 1, 1, 1, 1)
+        return self.resample.adjoint(self._descend(y, ridge)).clamp(min=0)
+
+    def _descend(self, y: torch.Tensor, ridge: torch.Tensor) -> torch.Tensor:
+        u = torch.zeros_like(y)
+        residual = -y
+        direction, before = torch.zeros_like(y), torch.ones_like(ridge)
+        for _ in range(self.settings.iterations):
+            gradient = self.cone.adjoint(residual) + ridge * u
+            weights = self._tv_weights(u, ridge)
+            if weights is not None:
+                gradient = gradient - _divergence(weights * _gradient(u))
+            squared = _dot(gradient, gradient)
+            keep = squared / before if self.settings.momentum else torch.zeros_like(squared)
+            direction, before = keep * direction - gradient, squared.clamp(min=1e-30)
+            seen = self.cone(direction)
+            curvature = _dot(seen, seen) + ridge * _dot(direction, direction)
+            if weights is not None:
+                curvature = curvature + (weights * _gradient(direction).square()).sum((0, 2, 3, 4, 5)).view_as(ridge)
+            step = -_dot(gradient, direction) / curvature.clamp(min=1e-30)
+            u, residual = u + step * direction, residual + step * seen
+        return u
+
+    def _tv_weights(self, u: torch.Tensor, ridge: torch.Tensor) -> torch.Tensor | None:
+        """Lagged diffusivity: the weights with which |gradient|^2 touches smoothed total variation from above."""
+        if self.settings.tv == 0:
+            return None
+        level = u.abs().amax((1, 2, 3, 4), keepdim=True)
+        magnitude = (_gradient(u) / level.clamp(min=1e-30)).square().sum(0) + SMOOTHED**2
+        return (level > 0) * self.settings.tv * ridge / magnitude.sqrt()
+
+
+def _dot(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+    return (a * b).sum((1, 2, 3, 4), keepdim=True)
+
+
+def _gradient(u: torch.Tensor) -> torch.Tensor:
+    """Forward differences with 0 at the far edges, (3, B, C, V, H, W)."""
+    parts = []
+    for axis in AXES:
+        part = torch.zeros_like(u)
+        part.narrow(axis, 0, u.shape[axis] - 1).copy_(u.diff(dim=axis))
+        parts.append(part)
+    return torch.stack(parts)
+
+
+def _divergence(field: torch.Tensor) -> torch.Tensor:
+    """Minus the transpose of `_gradient`."""
+    total = torch.zeros_like(field[0])
+    for part, axis in zip(field, AXES, strict=True):
+        inner = part.narrow(axis, 0, part.shape[axis] - 1)
+        total.narrow(axis, 0, inner.shape[axis]).add_(inner)
+        total.narrow(axis, 1, inner.shape[axis]).sub_(inner)
+    return total
+
+
+def build(settings: AnySettings, wall: WallGrid, time: TimeAxis) -> GradientDescent:
+    """The iteration for one geometry."""
+    assert isinstance(settings, Settings)
+    return GradientDescent(settings, wall, time)

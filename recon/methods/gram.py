@@ -1,0 +1,51 @@
+"""Convolutional Gram operator: least squares with a prior of smooth surfaces, on the light cone."""
+
+from typing import Annotated
+
+import torch
+from pydantic import Field
+from torch import nn
+
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+from configs.settings import Settings as AnySettings
+from recon.errors import InvalidSettings
+from recon.physics import PhysicsSettings, prepare
+from recon.transport.conventions import depths_m
+from recon.transport.falloff import Falloff
+from recon.transport.light_cone import LightConeConvolution
+from recon.transport.resampling import LightConeResampling
+
+
+class Settings(PhysicsSettings):
+    """Settings of the Gram operator."""
+
+    flatness: Annotated[float, Field(gt=0, le=10)] = 0.1
+    """How much of the prior falls on the albedo itself beside its gradient."""
+
+
+class Gram(nn.Module):
+    """(B, C, T, H, W) counts -> (B, C, D, H, W), not below 0. Source: Ahn et al., ICCV 2019."""
+
+    def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
+        super().__init__()
+        if settings.conventions == "authors":
+            raise InvalidSettings("gram knows only the physical conventions; leave out conventions=authors")
+        self.settings, self.time = settings, time
+        self.depths_m = depths_m(time, "physical")
+        self.falloff = Falloff(time, settings.falloff)
+        self.resample = LightConeResampling(time)
+        self.cone = LightConeConvolution(wall, time)
+
+    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
+        """The smooth least-squares albedo."""
+        rates, undone, snr = prepare(counts, exposure_s, self.settings, self.time)
+        on_cone = self.resample(self.falloff(rates, undone))
+        level = torch.as_tensor(snr, dtype=on_cone.dtype).expand(len(on_cone))
+        return self.resample.adjoint(self.cone.gram_inverse(on_cone, level, self.settings.flatness)).clamp(min=0)
+
+
+def build(settings: AnySettings, wall: WallGrid, time: TimeAxis) -> Gram:
+    """The operator for one geometry."""
+    assert isinstance(settings, Settings)
+    return Gram(settings, wall, time)

@@ -1,0 +1,82 @@
+"""The light cone's transfer function, from the geometry: exact and separable, or as published.
+
+delta(v - x^2 - y^2), integrated over a wall pixel, becomes under a Fourier transform along v exp(-i w x^2)
+exp(-i w y^2): a product of two Fresnel chirps. The spectrum of the kernel is therefore, for each frequency along v, an
+outer product of two short vectors; nothing three-dimensional is ever built.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+import scipy.fft
+import torch
+from scipy.special import fresnel
+
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+from recon.transport.conventions import range_m
+from recon.transport.fourier import good_size
+
+
+@lru_cache(maxsize=8)
+def chirps(wall: WallGrid, time: TimeAxis, cells: int) -> tuple[tuple[int, int, int], torch.Tensor, torch.Tensor]:
+    """The padded size (P, Y, X) and the spectra of both chirps, (F, Y // 2 + 1, 2) and (F, X // 2 + 1, 2), float64."""
+    cell_m2 = range_m(time, "physical") ** 2 / cells
+    pitches = [wall.height_m / wall.rows / cell_m2**0.5, wall.width_m / wall.cols / cell_m2**0.5]  # in root cells
+    # Offsets whose delay alone is beyond the last cell are never seen together.
+    delays = [
+        min(((count - 1) * pitch) ** 2, cells) for count, pitch in zip((wall.rows, wall.cols), pitches, strict=True)
+    ]
+    padded_cells = good_size(cells + int(np.ceil(sum(delays))) + 1)
+    cycles = np.arange(padded_cells // 2 + 1) / padded_cells  # per cell
+    spectra, powers = [], []
+    for count, pitch in zip((wall.rows, wall.cols), pitches, strict=True):
+        padded = good_size(2 * count)
+        # Farther offsets than the wall's are never seen together, but the inverse needs the kernel to go on: one that
+        # ends abruptly has nulls in its spectrum, which come back as a veil at small depths.
+        offset = np.arange(padded // 2 + 1) * pitch
+        chirp = _fresnel_integral(offset - pitch / 2, offset + pitch / 2, 2 * np.pi * cycles[:, None]) / pitch
+        chirp[:, offset**2 > cells] = 0
+        chirp *= np.sinc(cycles)[:, None]  # albedo and counts are means over cells: one factor for each, shared by both
+        kernel = np.zeros((len(cycles), padded), dtype=np.complex128)
+        kernel[:, : padded // 2 + 1] = chirp
+        kernel[:, padded // 2 :] += chirp[:, :0:-1]
+        spectrum = scipy.fft.fft(kernel, axis=1)
+        powers.append(np.mean(np.abs(spectrum) ** 2, axis=1))
+        spectra.append((padded, spectrum[:, : padded // 2 + 1]))
+    both_sides = np.full(len(cycles), 2.0)
+    both_sides[[0, -1]] = 1
+    norm = np.sqrt(np.sum(powers[0] * powers[1] * both_sides) / padded_cells)
+    (rows, rows_spectrum), (cols, cols_spectrum) = spectra
+    return (padded_cells, rows, cols), _real_view(rows_spectrum / norm), _real_view(cols_spectrum)
+
+
+def _fresnel_integral(
+    a: npt.NDArray[np.float64], b: npt.NDArray[np.float64], w: npt.NDArray[np.float64]
+) -> npt.NDArray[np.complex128]:
+    """The integral of exp(-i w x^2) from a to b, w >= 0."""
+    scale = np.sqrt(2 * np.maximum(w, 1e-12) / np.pi)
+    (sine_a, cosine_a), (sine_b, cosine_b) = fresnel(scale * a), fresnel(scale * b)
+    return np.asarray(((cosine_b - cosine_a) - 1j * (sine_b - sine_a)) / scale, dtype=np.complex128)
+
+
+def _real_view(x: npt.NDArray[np.complex128]) -> torch.Tensor:
+    return torch.view_as_real(torch.from_numpy(np.ascontiguousarray(x)))
+
+
+@lru_cache(maxsize=2)
+def published_transfer(wall: WallGrid, time: TimeAxis) -> torch.Tensor:
+    """The published kernel's spectrum, (M + 1, 2 H, 2 W): one voxel a column, half a sample off towards +row, -col."""
+    cells = time.bins
+    reach = range_m(time, "authors")
+    y = np.linspace(-1, 1, 2 * wall.rows) * (wall.height_m / reach)
+    x = np.linspace(-1, 1, 2 * wall.cols) * (wall.width_m / reach)
+    delay = np.linspace(0, 2, 2 * cells)
+    nearest = np.stack([np.abs((row**2 + x**2)[:, None] - delay).argmin(-1) for row in y])
+    kernel = np.zeros((2 * cells, 2 * wall.rows, 2 * wall.cols), dtype=np.float32)
+    rows, cols = np.indices(nearest.shape)
+    kernel[nearest, rows, cols] = 1 / np.sqrt(nearest.size)
+    kernel = np.roll(kernel, (wall.rows, wall.cols), axis=(1, 2))
+    mirrored = np.roll(kernel[:, :, ::-1], 1, axis=2)  # they scan columns from the right
+    return torch.from_numpy(scipy.fft.rfftn(mirrored, axes=(1, 2, 0)))
