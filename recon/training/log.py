@@ -9,10 +9,11 @@ from typing import Any
 class Log:
     """The JSONL log; lines written after the checkpoint that a run goes on from are dropped."""
 
-    def __init__(self, path: Path, step: int, active: bool):
+    def __init__(self, path: Path, step: int, active: bool, tensorboard: bool = False):
         self.path, self.active = path, active
         self.sums: dict[str, float] = {}
         self.count = 0
+        self.board = _board(path.parent, step) if active and tensorboard else None
         if active:
             path.parent.mkdir(parents=True, exist_ok=True)
             lines = path.read_text().splitlines() if path.exists() else []
@@ -34,6 +35,21 @@ class Log:
         if self.active:
             with self.path.open("a") as file:
                 file.write(json.dumps(values) + "\n")
+        if self.board is not None:
+            shown = {**values, **values.get("validation", {})}
+            for name, value in shown.items():
+                if isinstance(value, float):
+                    self.board.add_scalar(name, value, values["step"])
+            self.board.flush()
+
+
+def _board(folder: Path, step: int) -> Any:
+    """A TensorBoard writer that goes on after `step`. Raises ValueError where TensorBoard is not installed."""
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError as error:
+        raise ValueError("tensorboard: true needs TensorBoard: pip install 'nlos[tensorboard]'") from error
+    return SummaryWriter(str(folder / "tensorboard"), purge_step=step)
 
 
 def plot(log: Path) -> None:

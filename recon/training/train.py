@@ -80,7 +80,7 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
     )
     average = [p.detach().clone() for p in parameters]
     step, spent_s = _go_on(settings, folder, model, optimiser, average)
-    log = Log(folder / LOG, step, rank == 0)
+    log = Log(folder / LOG, step, rank == 0, settings.tensorboard)
     began, saved = clock.monotonic() - spent_s, clock.monotonic()
     started = clock.monotonic()
     report(
@@ -282,7 +282,7 @@ def _go_on(
     if not (folder / STATE).exists():
         return 0, 0.0
     state = read_weights(folder / STATE)
-    free = {"max_minutes": None, "checkpoint_minutes": 1.0, "cache": ""}  # may change on the way
+    free = {"max_minutes": None, "checkpoint_minutes": 1.0, "tensorboard": False, "cache": ""}  # may change on the way
     given = (TrainSettings.model_validate_json(json.dumps(state.about["settings"])), settings)
     before, now = (one.model_copy(update=free).model_dump(mode="json") for one in given)
     if before != now:

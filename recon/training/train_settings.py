@@ -36,6 +36,7 @@ class TrainSettings(Settings):
     start_from: str | None = None  # weights to begin with
     checkpoint_minutes: float = 2.0
     max_minutes: float | None = None  # stops there, resumable
+    tensorboard: bool = False  # beside the log; needs the extra of that name
     cache: str = "runs/scenes"  # the folder where rendered samples are kept
 
     @property

@@ -161,3 +161,13 @@ def test_finished_weights_are_shipped_with_a_card_and_unfinished_ones_are_not(tm
     for words in ("`unet`", "24 in 12 steps", "6 scenes x 3", "16 x 16 points", "commit", "light cone"):
         assert words in card
     assert read_weights(path).tensors.keys() == read_weights(tmp_path / "run" / WEIGHTS).tensors.keys()
+
+
+def test_tensorboard_shows_the_same_figures(tmp_path: Path, cache: Path) -> None:
+    events = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator", reason="an extra")
+    train(settings(cache, tensorboard=True), tmp_path, quiet)
+    seen = events.EventAccumulator(str(tmp_path / "tensorboard")).Reload()
+    lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    losses = [line["loss"] for line in lines if "loss" in line]
+    assert [event.value for event in seen.Scalars("loss")] == pytest.approx(losses, rel=1e-6)
+    assert seen.Scalars("psnr")
