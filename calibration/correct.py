@@ -51,7 +51,9 @@ class CorrectedPoints:
         return {
             "points": len(self.counts),
             "points_without_direct_peak": int((~offsets.found & measured).sum()) if offsets else None,
-            "points_off_the_wall_fit": int((~wall.accepted & measured).sum()) if wall else None,
+            "points_off_the_wall_fit": int((~wall.accepted & offsets.found & measured).sum())
+            if offsets and wall
+            else None,
             "offset_rms_bins": offsets.rms_bins if offsets and wall else None,
             "offset_rms_ps": rms_s * 1e12 if rms_s is not None else None,
             "offset_rms_mm": rms_s * SPEED_OF_LIGHT_M_PER_S / 2 * 1e3 if rms_s is not None else None,

@@ -8,6 +8,7 @@ from calibration.impulse_response import ImpulseResponse
 Floats = npt.NDArray[np.float64]
 FINE_STEPS = 8
 """Trial shifts a bin; the vertex of a parabola resolves finer."""
+ROWS_AT_ONCE = 2048
 DETECTION_NEARBY = 4.0
 """Gain in log-likelihood from which on a pulse is believed within the few bins that are searched."""
 
@@ -37,34 +38,43 @@ def match(
     """The most likely arrival within `radius` bins of `centre`, and its standard error: infinite where there is no
     maximum inside, or no more than background under it."""
     before, after = _support(template, width)
-    whole = np.floor(centre).astype(np.int64)
     shifts = np.arange(-radius * FINE_STEPS, radius * FINE_STEPS + 1) / FINE_STEPS
     length = before + after + 2 * radius
     shares = template.in_bins(-(before + radius + shifts) * width, length, width)  # (S, length)
-    windows = _windows(recorded, whole - before - radius, length)
-    signal = windows.sum(axis=1) - length * background
-    floor = max(float(np.median(background) / max(np.median(signal), 1e-9)), 1e-3 * float(shares.max()))
-    score = windows @ np.log1p(shares / floor).T  # (N, S)
-    top = np.argmax(score, axis=1)
-    inside = (top > 0) & (top < len(shifts) - 1)
-    step = max(FINE_STEPS // 4, 1)
-    rows, mid = np.arange(len(recorded)), np.clip(top, step, len(shifts) - 1 - step)
-    low, high, best = score[rows, mid - step], score[rows, mid + step], score[rows, mid]
-    bend = np.minimum(low - 2 * best + high, -1e-9)
-    turn = np.where(mid == top, np.clip(0.5 * (low - high) / bend, -1, 1), 0.0)
-    arrival = whole + shifts[top] + turn * step / FINE_STEPS
-    likelihood = np.exp(score - score.max(axis=1, keepdims=True))
-    likelihood /= likelihood.sum(axis=1, keepdims=True)
-    mean = likelihood @ shifts
-    spread = np.sqrt(np.maximum(likelihood @ shifts**2 - mean**2, 0.0))
-    several = spread > 1.0  # a few photons fit at several places: their mean is the better guess
-    arrival = np.where(several, whole + mean, arrival)
-    error = np.where(several, spread, np.sqrt((step / FINE_STEPS) ** 2 / -bend))
+    whole = np.floor(centre).astype(np.int64)
+    signal = float(np.median(_windows(recorded, whole - before - radius, length).sum(axis=1) - length * background))
+    floor = max(float(np.median(background)) / max(signal, 1e-9), 1e-3 * float(shares.max()))
+    weights = np.log1p(shares / floor).T  # (length, S)
+    arrival, error, inside = np.zeros(len(whole)), np.zeros(len(whole)), np.zeros(len(whole), bool)
+    for start in range(0, len(whole), ROWS_AT_ONCE):
+        rows = slice(start, start + ROWS_AT_ONCE)
+        score = _windows(recorded[rows], whole[rows] - before - radius, length) @ weights
+        arrival[rows], error[rows], inside[rows] = _best(score, shifts)
+    arrival += whole
     held = window_counts(recorded, arrival, np.zeros_like(background), template, width)
     expected = (before + after) * background
     gain = held * np.log(np.maximum(held, 1e-9) / expected) - (held - expected)
     good = inside & (held > expected) & (gain > DETECTION_NEARBY)
     return arrival, np.where(good, error, np.inf)
+
+
+def _best(score: Floats, shifts: Floats) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
+    """Where each row of log-likelihoods (N, S) has its maximum, its standard error, and whether it lies inside."""
+    top = np.argmax(score, axis=1)
+    inside = (top > 0) & (top < len(shifts) - 1)
+    step = max(FINE_STEPS // 4, 1)
+    rows, mid = np.arange(len(score)), np.clip(top, step, len(shifts) - 1 - step)
+    low, high, best = score[rows, mid - step], score[rows, mid + step], score[rows, mid]
+    bend = np.minimum(low - 2 * best + high, -1e-9)
+    turn = np.where(mid == top, np.clip(0.5 * (low - high) / bend, -1, 1), 0.0)
+    arrival = shifts[top] + turn * step / FINE_STEPS
+    likelihood = np.exp(score - score.max(axis=1, keepdims=True))
+    likelihood /= likelihood.sum(axis=1, keepdims=True)
+    mean = likelihood @ shifts
+    spread = np.sqrt(np.maximum(likelihood @ shifts**2 - mean**2, 0.0))
+    several = spread > 1.0  # a few photons fit at several places: their mean is the better guess
+    error = np.sqrt((step / FINE_STEPS) ** 2 / -bend)
+    return np.where(several, mean, arrival), np.where(several, spread, error), inside
 
 
 def window_counts(

@@ -56,6 +56,8 @@ class RawPoints:
         if not np.isfinite(exposed).all() or (exposed < 0).any():
             point = int(np.argmax(~(exposed >= 0) | np.isinf(exposed)))
             raise InvalidData(f"{self._name(point)} has an exposure of {exposed[point]:g} s.")
+        if not (exposed > 0).any():
+            raise InvalidData(f"none of {len(exposed)} points was exposed.")
         counts = self.counts
         if counts.dtype.kind == "f":
             finite = np.isfinite(counts.sum(axis=1, dtype=np.float64))

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from acquisition.transient import TimeAxis
 from calibration.background import is_flat, quiet_background
-from calibration.errors import NoDirectPeak, ShutterClosed
+from calibration.errors import InvalidData, NoDirectPeak, ShutterClosed
 from calibration.impulse_response import ImpulseResponse, from_histogram, stack
 from calibration.matched_filter import boxcar_arrival, match, window_counts
 from calibration.wall_timing import WallTiming, fit_wall_timing
@@ -85,8 +85,10 @@ def measure_time_offsets(
     x, y = np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64)
     lit = np.ones(len(recorded), bool) if exposed is None else np.asarray(exposed, dtype=bool)
     width = time.bin_width_s
-    background = quiet_background(recorded)
     box = max(3, round(BOX_S / width))
+    if recorded.shape[1] <= 2 * box:
+        raise InvalidData(f"histograms of {recorded.shape[1]} bins are too short to find a pulse of {box} bins in.")
+    background = quiet_background(recorded)
     first, gain = boxcar_arrival(recorded, background, box)
     bright = lit & (gain > DETECTION)
     if not bright.sum() >= max(1.0, FEWEST_SHARE * lit.sum()):
@@ -99,6 +101,8 @@ def measure_time_offsets(
         centre = _centre(arrival, error, wall, predicted, first, width)
         if response is None:
             trusted = np.isfinite(error) & (wall.accepted if wall else True)
+            if not trusted.any():
+                raise _no_direct_peak(recorded, lit, trusted, gain)
             template = _stacked_response(recorded[trusted], centre[trusted], background[trusted], width)
         assert template is not None
         previous = arrival

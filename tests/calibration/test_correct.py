@@ -83,3 +83,14 @@ def test_a_wrong_exposure_is_refused_by_point(raw_scan: RawScan) -> None:
     exposure[3] = np.nan
     with pytest.raises(InvalidData, match=r"point 3 at .* has an exposure of nan"):
         correct_points(raw(raw_scan, exposure_s=exposure))
+
+
+def test_a_scan_of_nothing_is_refused(raw_scan: RawScan) -> None:
+    with pytest.raises(InvalidData, match="none of 256 points was exposed"):
+        correct_points(raw(raw_scan, exposure_s=np.zeros(256)))
+
+
+def test_histograms_too_short_for_a_pulse_are_refused() -> None:
+    points = RawPoints(np.ones((9, 5)), *np.zeros((2, 9)), np.ones(9), *np.zeros((2, 9)), TimeAxis(5, 32e-12))
+    with pytest.raises(InvalidData, match="5 bins are too short"):
+        correct_points(points)
