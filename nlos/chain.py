@@ -1,6 +1,6 @@
 """From a file to a picture: read, calibrate, reconstruct, write. What `scan --reconstruct` and `reconstruct` share."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from acquisition.sample import Sample
     from acquisition.transient import Transient
     from acquisition.wall import WallGrid
+    from calibration.constants import BenchConstants
     from recon.volume import Reconstruction
 
 
@@ -24,6 +25,10 @@ class LoadedScan:
     """A scan from any file, before calibration."""
 
     transient: "Transient"
+    devices: Mapping[str, str]
+    """Role -> model and serial number; empty where the file does not say."""
+    sync_count: npt.NDArray[np.float64]  # (H, W); 0 where not counted
+    total_count: npt.NDArray[np.float64]  # (H, W)
     rectified: bool
     direct_cut_bins: int | None
     """The file's own cut; None where the direct light has to be found."""
@@ -44,8 +49,23 @@ def load_scan(path: Path) -> LoadedScan:
     scan = read_isolated(path)
     for note in scan.notes:
         terminal.log(f"{path}: {note}", 1)
+    check_raw(path, scan.transient)
     cut = scan.direct_cut_bins if scan.direct_cut_bins > 0 else None
-    return LoadedScan(scan.transient, scan.rectified, cut, scan.falloff, scan.time_offset_bins)
+    nothing = np.zeros_like(scan.transient.exposure_s)
+    return LoadedScan(scan.transient, {}, nothing, nothing, scan.rectified, cut, scan.falloff, scan.time_offset_bins)
+
+
+def check_raw(path: Path, transient: "Transient") -> None:
+    """Raises `InvalidData` for a file whose counts nobody can have counted, naming the first bad point."""
+    from acquisition.errors import InvalidData
+
+    for bad, what in ((~np.isfinite(transient.counts), "not a number"), (transient.counts < 0, "negative")):
+        if bad.any():
+            bin_, row, col = (int(i) for i in np.argwhere(bad)[0])
+            raise InvalidData(
+                f"{path}: histograms: row {row}, column {col}, bin {bin_} is {what} "
+                f"({transient.counts[bin_, row, col]:g}). Mend or leave out that point (exposure 0)."
+            )
 
 
 def _load_recording(recording: "Recording") -> LoadedScan:
@@ -54,8 +74,17 @@ def _load_recording(recording: "Recording") -> LoadedScan:
 
     said = said_by_source(recording)
     cut, falloff, offsets = said.get("direct_cut_bins"), said.get("falloff"), said.get("time_offset_bins")
+    transient = recording.transient()
+    sync_count, total_count = np.zeros_like(transient.exposure_s), np.zeros_like(transient.exposure_s)
+    numbers = recording.records["number"]
+    place = recording.plan.positions.row[numbers], recording.plan.positions.col[numbers]
+    np.add.at(sync_count, place, recording.records["sync_count"])
+    np.add.at(total_count, place, recording.records["total_count"])
     return LoadedScan(
-        recording.transient(),
+        transient,
+        {role: f"{who.model} {who.serial}".strip() for role, who in recording.header.devices.items()},
+        sync_count,
+        total_count,
         bool(said.get("rectified", False)),
         cut if isinstance(cut, int) and cut > 0 else None,
         falloff if isinstance(falloff, int) else None,
@@ -63,7 +92,24 @@ def _load_recording(recording: "Recording") -> LoadedScan:
     )
 
 
-def calibrate_scan(scan: LoadedScan, use_file_offsets: bool = False) -> "Transient":
+def constants_for(scan: LoadedScan, given: Path | None) -> "BenchConstants | None":
+    """The constants named, or the newest in `constants/` that fit this scan's devices. Raises `ForeignConstants`."""
+    from calibration.constants import load, newest_that_fits
+
+    path = given
+    if path is None and scan.devices and Path("constants").is_dir():
+        path = newest_that_fits(Path("constants"), scan.devices, scan.transient.time.bin_width_s)
+    if path is None:
+        return None
+    constants = load(path)
+    constants.refuse_other_devices(scan.devices)
+    terminal.log(f"constants: {path}, measured {constants.measured_utc}")
+    return constants
+
+
+def calibrate_scan(
+    scan: LoadedScan, use_file_offsets: bool = False, constants: "BenchConstants | None" = None
+) -> "Transient":
     """The transient that the physics can use: time 0 at the direct arrival, direct light removed.
 
     A rectified file that states its cut gets that cut; one that states none is left as it is.
@@ -77,7 +123,7 @@ def calibrate_scan(scan: LoadedScan, use_file_offsets: bool = False) -> "Transie
         if scan.offset_bins is None:
             raise UsageError("offsets=file: the file has no time_offset_bins")
         return correct(transient, offset_bins=scan.offset_bins).transient
-    corrected = correct(transient)
+    corrected = correct(transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
     report = corrected.report()
     if report["offset_rms_ps"] is not None:
         terminal.log(
@@ -127,6 +173,7 @@ def reconstruct_file(
     settings: dict[str, object],
     folder: Path,
     *,
+    constants: Path | None = None,
     device: str = "cpu",
     html: bool = False,
     volume: bool = True,
@@ -146,7 +193,7 @@ def reconstruct_file(
         raise UsageError(f"offsets={offsets}: only `offsets=file` is known")
     if (side_m := chosen.pop("wall_size_m", None)) is not None:
         scan = on_wall(scan, side_m)
-    transient = calibrate_scan(scan, offsets == "file")
+    transient = calibrate_scan(scan, offsets == "file", constants_for(scan, constants))
     if scan.falloff is not None:
         chosen.setdefault("falloff", scan.falloff)
     result = reconstruct(transient, method, chosen, device)

@@ -13,6 +13,10 @@ def reconstruct(
     method: Annotated[str, typer.Option(help="A word of `nlos methods`.")] = "lct",
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR")] = Path("out"),
     settings: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
+    constants: Annotated[
+        Path | None,
+        typer.Option(metavar="CONSTANTS.h5", help="Default: the newest in constants/ that fits the scan's devices."),
+    ] = None,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     html: Annotated[bool, typer.Option("--html", help="Also a rotatable 3D view in one file.")] = False,
     volume: Annotated[bool, typer.Option("--volume/--no-volume", help="Keep the volume in the result.")] = True,
@@ -27,7 +31,7 @@ def reconstruct(
         folder = output / run.stem if len(runs) > 1 else output
         terminal.log(f"{run}: {method}")
         done = reconstruct_file(
-            run, method, chosen, folder, device=device, html=html, volume=volume,
+            run, method, chosen, folder, constants=constants, device=device, html=html, volume=volume,
             overwrite=overwrite,
         )  # fmt: skip
         results.append({"run": str(run), "folder": str(folder), "seconds": done.seconds})
