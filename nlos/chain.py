@@ -13,9 +13,7 @@ from nlos.terminal import terminal
 
 if TYPE_CHECKING:
     from acquisition.recording import Recording
-    from acquisition.sample import Sample
     from acquisition.transient import Transient
-    from acquisition.wall import WallGrid
     from calibration.constants import BenchConstants
     from recon.volume import Reconstruction
 
@@ -45,7 +43,7 @@ def load_scan(path: Path) -> LoadedScan:
 
     if is_recording(path):
         with Recording.open(path) as recording:
-            return _load_recording(recording)
+            return as_recorded(recording, recording.transient())
     scan = read_isolated(path)
     for note in scan.notes:
         terminal.log(f"{path}: {note}", 1)
@@ -68,8 +66,8 @@ def check_raw(path: Path, transient: "Transient") -> None:
             )
 
 
-def _load_recording(recording: "Recording") -> LoadedScan:
-    """A recording of our own; one that was imported keeps what its source said."""
+def as_recorded(recording: "Recording", transient: "Transient") -> LoadedScan:
+    """All or some of a recording's samples; one that was imported keeps what its source said."""
     from acquisition.importers.to_recording import said_by_source
 
     said = said_by_source(recording)
@@ -112,13 +110,15 @@ def calibrate_scan(
 ) -> "Transient":
     """The transient that the physics can use: time 0 at the direct arrival, direct light removed.
 
-    A rectified file that states its cut gets that cut; one that states none is left as it is.
+    A rectified file that states its cut gets that cut; in one that states none, direct light is looked for.
     """
     from calibration.correct import correct
 
     transient = scan.transient
+    if scan.rectified and scan.direct_cut_bins is not None:
+        return cut_direct(transient, scan.direct_cut_bins)
     if scan.rectified:
-        return cut_direct(transient, scan.direct_cut_bins or 0)
+        return correct(transient, rectified=True).transient
     if use_file_offsets:
         if scan.offset_bins is None:
             raise UsageError("offsets=file: the file has no time_offset_bins")
@@ -133,23 +133,6 @@ def calibrate_scan(
     return corrected.transient
 
 
-def transient_of(samples: "Sequence[Sample]", wall: "WallGrid") -> "Transient":
-    """Samples as a calibrated transient on the wall's grid; dead time is undone where laser pulses were counted."""
-    from acquisition.transient import Transient
-    from calibration import raw_points
-    from calibration.correct import correct_points
-
-    done = correct_points(raw_points.from_samples(samples))
-    # One row of `done` for each place, in the order in which the places were first taken.
-    places = list(dict.fromkeys((sample.point.row, sample.point.col) for sample in samples))
-    row, col = (np.array(side) for side in zip(*places, strict=True))
-    cube = np.zeros((done.time.bins, wall.rows, wall.cols), dtype=np.float32)
-    cube[:, row, col] = done.counts.T
-    exposure_s = np.zeros((wall.rows, wall.cols))
-    exposure_s[row, col] = done.exposure_s
-    return Transient(cube, exposure_s, wall, done.time)
-
-
 def on_wall(scan: LoadedScan, side_m: object) -> LoadedScan:
     """The same scan on a square wall, for files that do not store its size. Raises `UsageError`."""
     if not isinstance(side_m, int | float) or not 0 < side_m <= 100:
@@ -160,8 +143,6 @@ def on_wall(scan: LoadedScan, side_m: object) -> LoadedScan:
 
 def cut_direct(transient: "Transient", bins: int) -> "Transient":
     """The same transient with its first `bins` set to zero."""
-    if bins == 0:
-        return transient
     counts = transient.counts.copy()
     counts[:bins] = 0
     return replace(transient, counts=counts)
