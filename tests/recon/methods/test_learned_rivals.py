@@ -10,6 +10,11 @@ from acquisition.transient import TimeAxis, Transient
 from acquisition.wall import WallGrid
 from recon.methods import find
 from recon.reconstruct import reconstruct
+from recon.training.checkpoint import OWN_FOLDER
+from recon.training.dataset import DatasetSettings, collate, sample
+from recon.training.losses import picture_of, psnr
+from recon.training.train_settings import TrainSettings
+from recon.training.validation import light_cone_pictures
 
 SMALL: dict[str, dict[str, Any]] = {
     "lfe": {"features": 2, "renderer_width": 4},
@@ -121,3 +126,23 @@ def test_the_common_way_to_a_reconstruction_takes_them(name: str) -> None:
     assert seen.albedo.shape == seen.depth_m.shape == (16, 16)
     assert seen.volume is not None
     assert seen.volume.albedo.shape == (len(seen.volume.depths_m), 16, 16)
+
+
+@pytest.mark.parametrize("name", [name for name in SMALL if (OWN_FOLDER / f"{name}.safetensors").exists()])
+def test_shipped_weights_beat_the_light_cone_on_kinds_they_never_saw(name: str) -> None:
+    path = OWN_FOLDER / f"{name}.safetensors"
+    assert path.stat().st_size <= 5_000_000
+    assert "samples seen" in path.with_suffix(".md").read_text()
+    data = DatasetSettings(
+        seed=5, scenes=8, degradations=1, held_out=True, rows=32, cols=32, bins=128, bin_width_ps=128.0
+    )
+    settings = TrainSettings(method=name, validation=data)
+    model = find(name).build(find(name).Settings(), data.wall, data.time)
+    own, rival = [], []
+    for index in range(len(data)):
+        batch = collate([sample(data, index)])
+        truth = picture_of(batch)
+        with torch.no_grad():
+            own.append(float(psnr(model(batch["counts"], batch["exposure"])[0], truth)))
+        rival.append(max(float(psnr(picture, truth)) for picture in light_cone_pictures(batch, settings)))
+    assert np.mean(own) > np.mean(rival) + 1
