@@ -161,6 +161,7 @@ def reconstruct_file(
     overwrite: bool = False,
 ) -> "Reconstruction":
     """One file to one folder of results. `settings` are the method's, except `offsets=file` and `wall_size_m`."""
+    from recon.methods import find
     from recon.reconstruct import reconstruct
     from recon.results import NAMES, write_results
 
@@ -175,7 +176,7 @@ def reconstruct_file(
     if (side_m := chosen.pop("wall_size_m", None)) is not None:
         scan = on_wall(scan, side_m)
     transient = calibrate_scan(scan, offsets == "file", constants_for(scan, constants))
-    if scan.falloff is not None:
+    if scan.falloff is not None and "falloff" in find(method).Settings.model_fields:  # a learned method has none
         chosen.setdefault("falloff", scan.falloff)
     result = reconstruct(transient, method, chosen, device)
     write_results(folder, result, overwrite=overwrite, keep_volume=volume)
