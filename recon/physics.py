@@ -1,18 +1,22 @@
 """What the physics methods share: their settings, and the way counts become what their operators expect."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import torch
 from pydantic import Field
 
 from acquisition.transient import TimeAxis
 from configs.settings import Settings
+from recon.gridding import fill_unmeasured
 from recon.noise import estimate, without_background
 from recon.transport.conventions import Conventions
 
 
 class PhysicsSettings(Settings):
     """Settings that every physics method knows."""
+
+    has_inverse_filter: ClassVar[bool] = True
+    """Whether `snr` means anything to the method."""
 
     snr: Annotated[float, Field(gt=0)] | None = None
     """Signal to noise ratio for the inverse; picked from the data unless given."""
@@ -29,15 +33,18 @@ def prepare(
 ) -> tuple[torch.Tensor, torch.Tensor | None, float | torch.Tensor]:
     """Counts (B, C, T, H, W) as signal alone, the part of the falloff to undo (B,) and the snr.
 
-    Exposure is divided out, the background subtracted, and both choices follow from the noise found. Under the
-    authors' conventions nothing is subtracted and all of the falloff undone.
+    Exposure is divided out, the background subtracted, points that were not measured are interpolated, and both
+    choices follow from the noise found. Under the authors' conventions nothing is subtracted and all falloff undone.
     """
     rates = equally_exposed(counts, exposure_s)
     noise = estimate(rates, None if exposure_s is None else exposure_s > 0, time)
     snr: float | torch.Tensor = noise.snr() if settings.snr is None else settings.snr
-    if settings.conventions == "authors":
-        return rates, None, snr
-    return without_background(rates, noise.background), noise.undone(), snr
+    undone: torch.Tensor | None = None
+    if settings.conventions == "physical":
+        rates, undone = without_background(rates, noise.background), noise.undone()
+    if exposure_s is not None:
+        rates = fill_unmeasured(rates, exposure_s > 0)
+    return rates, undone, snr
 
 
 def equally_exposed(counts: torch.Tensor, exposure_s: torch.Tensor | None) -> torch.Tensor:

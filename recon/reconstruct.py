@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch import nn
 
@@ -38,14 +39,14 @@ def reconstruct(
         seen = module(counts, exposure_s)
     if isinstance(seen, torch.Tensor):
         albedo_volume = seen[0, 0].cpu().numpy()
-        volume = Volume(albedo_volume, np.asarray(module.depths_m), rebinned.wall)
+        volume = Volume(albedo_volume, _depths_m(module), rebinned.wall)
         albedo, depth_m = front_view(volume), depth_map(volume)
     else:
         learned_albedo, learned_depth_m, learned_volume = seen
         albedo, depth_m = learned_albedo[0].cpu().numpy(), learned_depth_m[0].cpu().numpy()
         volume = None
         if learned_volume is not None:
-            volume = Volume(learned_volume[0].cpu().numpy(), np.asarray(module.depths_m), rebinned.wall)
+            volume = Volume(learned_volume[0].cpu().numpy(), _depths_m(module), rebinned.wall)
     seconds = clock.perf_counter() - began
     return Reconstruction(
         albedo=albedo.astype(np.float32),
@@ -73,6 +74,11 @@ def _bin_width_s(chosen: Settings, transient: Transient) -> float:
     while chosen.conventions == "physical" and SPEED_OF_LIGHT_M_PER_S * (2 * width_s) / 2 <= pitch_m / 4:
         width_s *= 2
     return width_s
+
+
+def _depths_m(module: nn.Module) -> npt.NDArray[np.float64]:
+    depths_m = module.depths_m
+    return np.asarray(depths_m.cpu() if isinstance(depths_m, torch.Tensor) else depths_m, dtype=np.float64)
 
 
 @lru_cache(maxsize=4)

@@ -2,8 +2,8 @@
 
 A method's file has a first docstring line for the catalogue, a `Settings` class, and `build(settings, wall, time)`,
 which returns an `nn.Module`. It is called with counts (B, C, T, H, W) and exposure (B, H, W) or None. A physics method
-returns the volume (B, C, D, H, W); a learned one albedo (B, H, W), depth in metres (B, H, W) and a volume or None. The
-module's `depths_m`, (D,), says where the planes of its volume lie.
+returns the volume (B, C, D, H, W); a learned one albedo (B, H, W), depth in metres (B, H, W) and a volume (B, D, H, W)
+or None. The module's `depths_m`, (D,), says where the planes of its volume lie.
 """
 
 import ast

@@ -1,6 +1,6 @@
 """Filtered back-projection: spreads every count over the sphere it came from; the oldest method and a robust one."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import torch
 from pydantic import Field
@@ -17,6 +17,8 @@ from recon.transport.falloff import Falloff
 
 class Settings(PhysicsSettings):
     """Settings of filtered back-projection. It has no inverse filter: `snr` changes nothing."""
+
+    has_inverse_filter: ClassVar[bool] = False
 
     sharpen_cells: Annotated[float, Field(ge=0, le=100)] = 2.0
     """Sigma of the sharpening filter, in cells of the light cone; 0 for none."""

@@ -1,5 +1,7 @@
 """f-k migration: runs the measured light back as a wave; robust for glossy and mixed surfaces."""
 
+from typing import ClassVar
+
 import torch
 from torch import nn
 
@@ -14,6 +16,8 @@ from recon.transport.fk_migration import FkMigration
 
 class Settings(PhysicsSettings):
     """Settings of f-k migration. It has no inverse filter: `snr` changes nothing."""
+
+    has_inverse_filter: ClassVar[bool] = False
 
 
 class Migration(nn.Module):

@@ -1,6 +1,6 @@
 """Phasor field: a virtual camera behind the wall, focused on every voxel; good with noise and clutter."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 import torch
@@ -22,6 +22,8 @@ from recon.transport.virtual_wave import VirtualWave
 
 class Settings(PhysicsSettings):
     """Settings of the phasor field. It has no inverse filter: `snr` changes nothing."""
+
+    has_inverse_filter: ClassVar[bool] = False
 
     variant: Literal["rsd", "light_cone"] = "rsd"
     """The exact confocal propagator, or the approximation in light-cone space (the authors' conventions use that)."""

@@ -1,0 +1,230 @@
+"""Methods on scenes with ground truth: every method under every condition, each physics method at its best snr.
+
+A scene is an HDF5 file with histograms [H, W, T] under the conditions' names (`transient`, `counts_p20` ...),
+attributes `bin_width_s` and `wall_size_m`, and the truth on the same grid: `gt_intensity`, `gt_depth` (m), `gt_mask`.
+"""
+
+import resource
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+
+from acquisition.transient import TimeAxis, Transient
+from acquisition.wall import WallGrid
+from recon.errors import InvalidData, InvalidSettings, ReconError
+from recon.methods import find, parse_settings
+from recon.metrics import depth_scores, image_scores
+from recon.physics import PhysicsSettings
+from recon.reconstruct import reconstruct
+from recon.subsets import measured_points
+from recon.volume import Reconstruction
+
+CONDITIONS = ("transient", "counts_p20", "counts_p5", "counts_p1", "counts_p5@16x16")
+SNR_CHOICES = (1.0, 0.1, 0.03, 0.01, 0.003)
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A file's truth, and where its measurements are."""
+
+    name: str
+    path: Path
+    intensity: npt.NDArray[np.float32]  # (H, W)
+    depth_m: npt.NDArray[np.float32]  # (H, W), 0 = background
+    mask: npt.NDArray[np.bool_]  # (H, W)
+    wall: WallGrid
+    bin_width_s: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """One scene, method and condition: the scores and what they cost."""
+
+    scene: str
+    method: str
+    settings: dict[str, Any]
+    condition: str
+    psnr: float
+    ssim: float
+    psnr_max: float
+    ssim_max: float
+    corr: float
+    depth_rmse_m: float
+    depth_mad_m: float
+    depth_median_abs_m: float
+    depth_missing: float
+    seconds: float
+    peak_rss_mb: float
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """All rows, the scenes, and the front view and depth behind each row."""
+
+    rows: list[Row]
+    scenes: list[Scene]
+    pictures: dict[tuple[str, str, str], Reconstruction]  # (scene, method, condition), without volumes
+
+
+def evaluate(
+    paths: Sequence[Path],
+    methods: Sequence[str],
+    conditions: Sequence[str] = CONDITIONS,
+    *,
+    settings: dict[str, object] | None = None,
+    fixed: bool = False,
+    device: str = "cpu",
+    say: Say = print,
+) -> Evaluation:
+    """Runs every method on every scene under every condition; conditions that a scene lacks are left out and said.
+
+    A physics method with an inverse filter runs at each of `SNR_CHOICES` and keeps, per condition, the one with the
+    best mean psnr; `fixed` leaves its snr to the method. `settings` go to every method that knows them. Raises
+    `InvalidData` where no scene has a truth, `InvalidSettings` for a method or condition that does not exist.
+    """
+    scenes = list(find_scenes(paths, say))
+    if not scenes:
+        raise InvalidData(f"no scene with ground truth (gt_intensity, gt_depth, gt_mask) in {_listed(paths)}.")
+    rows, pictures = [], {}
+    for condition in conditions:
+        having = [scene for scene in scenes if has_condition(scene, condition)]
+        if not having:
+            known = ", ".join(sorted(datasets(scenes[0])))
+            raise InvalidSettings(f"no scene has the condition '{condition}'; {scenes[0].name} has: {known}")
+        if len(having) < len(scenes):
+            say(f"{condition}: only in {', '.join(scene.name for scene in having)}")
+        transients = [transient_of(scene, condition) for scene in having]
+        for method in methods:
+            best: list[tuple[Row, Reconstruction]] = []
+            for chosen in choices(method, settings or {}, fixed):
+                runs = [_run(*pair, method, chosen, condition, device) for pair in zip(having, transients, strict=True)]
+                if not best or _mean_psnr(runs) > _mean_psnr(best):
+                    best = runs
+            say(f"{condition:18} {method:16} psnr {_mean_psnr(best):6.2f} dB  {best[0][0].settings.get('snr', '')}")
+            for row, picture in best:
+                rows.append(row)
+                pictures[row.scene, row.method, row.condition] = picture
+    return Evaluation(rows, scenes, pictures)
+
+
+def choices(method: str, settings: dict[str, object], fixed: bool) -> list[dict[str, object]]:
+    """The settings that a method is tried with."""
+    known = find(method).Settings
+    own = {key: value for key, value in settings.items() if key in known.model_fields}
+    parse_settings(method, own)
+    tuned = issubclass(known, PhysicsSettings) and known.has_inverse_filter and not fixed and "snr" not in own
+    return [{**own, "snr": snr} for snr in SNR_CHOICES] if tuned else [own]
+
+
+def find_scenes(paths: Sequence[Path], say: Say) -> Iterator[Scene]:
+    """Every scene with a truth among files and folders, in the order of their names; the others are said."""
+    for path in paths:
+        if not path.exists():
+            raise InvalidData(f"{path} does not exist.")
+        for file in sorted(path.glob("*.h5")) if path.is_dir() else [path]:
+            scene = read_scene(file)
+            if scene is None:
+                say(f"{file.name}: no ground truth, left out")
+            else:
+                yield scene
+
+
+def read_scene(path: Path) -> Scene | None:
+    """The scene in `path`, or None where it has no truth. Raises `InvalidData` where its truth cannot be used."""
+    try:
+        with h5py.File(path, "r") as file:
+            if not {"gt_intensity", "gt_depth", "gt_mask"} <= set(file):
+                return None
+            sizes = np.atleast_1d(np.asarray(file.attrs["wall_size_m"], dtype=np.float64))
+            intensity = file["gt_intensity"][()].astype(np.float32)
+            return Scene(
+                name=path.stem,
+                path=path,
+                intensity=intensity,
+                depth_m=file["gt_depth"][()].astype(np.float32),
+                mask=file["gt_mask"][()] > 0,
+                wall=WallGrid(float(sizes[0]), float(sizes[-1]), *intensity.shape),
+                bin_width_s=float(file.attrs["bin_width_s"]),
+            )
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        raise InvalidData(f"{path}: {error}. A scene needs bin_width_s, wall_size_m and gt_* of [H, W].") from error
+
+
+def datasets(scene: Scene) -> list[str]:
+    """The names of the scene's histograms."""
+    with h5py.File(scene.path, "r") as file:
+        return [name for name, held in file.items() if getattr(held, "ndim", 0) == 3]
+
+
+def has_condition(scene: Scene, condition: str) -> bool:
+    """Whether the scene has the dataset that `condition` names."""
+    return condition.partition("@")[0] in datasets(scene)
+
+
+def transient_of(scene: Scene, condition: str) -> Transient:
+    """The scene's histograms under a condition; points that it leaves out have exposure 0 and no counts."""
+    dataset, _, subset = condition.partition("@")
+    with h5py.File(scene.path, "r") as file:
+        counts = np.moveaxis(file[dataset][()], 2, 0).astype(np.float32)
+    measured = measured_points(subset, scene.wall.rows, scene.wall.cols)
+    time = TimeAxis(counts.shape[0], scene.bin_width_s)
+    return Transient(np.ascontiguousarray(counts * measured), measured.astype(np.float64), scene.wall, time)
+
+
+def _run(
+    scene: Scene, transient: Transient, method: str, settings: dict[str, object], condition: str, device: str
+) -> tuple[Row, Reconstruction]:
+    _forget_peak()
+    try:
+        done = reconstruct(transient, method, settings, device)
+    except ReconError as error:
+        raise type(error)(f"{scene.name}, {condition}, {method}: {error}") from error
+    row = Row(
+        scene=scene.name,
+        method=method,
+        settings=done.settings,
+        condition=condition,
+        **image_scores(done.albedo, scene.intensity),
+        **depth_scores(done.depth_m, scene.depth_m, scene.mask),
+        seconds=done.seconds,
+        peak_rss_mb=_peak_rss_mb(),
+    )
+    light = Reconstruction(done.albedo, done.depth_m, done.wall, done.method, done.seconds, done.settings)
+    return row, light
+
+
+def _mean_psnr(runs: list[tuple[Row, Reconstruction]]) -> float:
+    return float(np.mean([row.psnr for row, _ in runs]))
+
+
+def as_json(rows: list[Row]) -> list[dict[str, Any]]:
+    """The rows as plain values; NaN (no depth at all) becomes null."""
+    return [{key: None if value != value else value for key, value in asdict(row).items()} for row in rows]
+
+
+def _forget_peak() -> None:
+    """Linux: starts the peak of resident memory anew. Elsewhere the peak stays that of the whole process."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+    except OSError:
+        return
+
+
+def _peak_rss_mb() -> float:
+    try:
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return float(line.split()[1]) / 1024
+    except OSError:
+        pass
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def _listed(paths: Sequence[Path]) -> str:
+    return ", ".join(str(path) for path in paths)

@@ -1,0 +1,141 @@
+"""results.json, results.md and gallery.png: what `nlos evaluate` leaves behind."""
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TypeVar
+
+import matplotlib
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from recon.evaluate import Evaluation, Row, as_json
+from recon.results import software
+
+T = TypeVar("T")
+NAMES = ("results.json", "results.md", "gallery.png")
+COLUMNS: tuple[tuple[str, str, float, str], ...] = (
+    ("psnr", "PSNR, dB", 1, "{:.2f}"),
+    ("ssim", "SSIM", 1, "{:.3f}"),
+    ("psnr_max", "PSNR max, dB", 1, "{:.2f}"),
+    ("ssim_max", "SSIM max", 1, "{:.3f}"),
+    ("corr", "corr", 1, "{:.3f}"),
+    ("depth_rmse_m", "depth RMSE, mm", 1e3, "{:.1f}"),
+    ("depth_mad_m", "depth MAD, mm", 1e3, "{:.1f}"),
+    ("depth_median_abs_m", "depth median, mm", 1e3, "{:.1f}"),
+    ("depth_missing", "no depth, %", 100, "{:.1f}"),
+    ("seconds", "s", 1, "{:.2f}"),
+    ("peak_rss_mb", "peak MB", 1, "{:.0f}"),
+)
+
+
+def write_evaluation(folder: Path, evaluation: Evaluation, overwrite: bool = False) -> list[Path]:
+    """Writes the three files and returns their paths. Raises FileExistsError unless `overwrite`."""
+    paths = [folder / name for name in NAMES]
+    for path in paths:
+        if path.exists() and not overwrite:
+            raise FileExistsError(f"{path} is there already. Choose another folder, or allow it with --overwrite.")
+    folder.mkdir(parents=True, exist_ok=True)
+    paths[0].write_text(json.dumps(as_json(evaluation.rows), indent=1) + "\n", encoding="utf-8")
+    paths[1].write_text(table(evaluation), encoding="utf-8")
+    gallery(evaluation, paths[2])
+    return paths
+
+
+def table(evaluation: Evaluation) -> str:
+    """Means over the scenes for each condition and method, then every scene, as Markdown."""
+    rows = evaluation.rows
+    names = ", ".join(scene.name for scene in evaluation.scenes)
+    lines = [
+        "# Methods on scenes with ground truth",
+        "",
+        f"Scenes: {names}. PSNR and SSIM on the full image, truth divided by its maximum, prediction by its best",
+        "least-squares scale; `max`: prediction divided by its own maximum, as papers do. `corr`: correlation with the",
+        "truth. Depth over the truth's mask, where a depth was found. Means over the scenes. `snr` is the best of 1,",
+        "0.1, 0.03, 0.01 and 0.003 for that condition, where the method has an inverse filter and none was given.",
+        f"Software: {software()}.",
+        "",
+    ]
+    for condition in _unique(row.condition for row in rows):
+        lines += [f"## {condition}", "", _header("method", "settings")]
+        for method in _unique(row.method for row in rows):
+            chosen = [row for row in rows if row.condition == condition and row.method == method]
+            if chosen:
+                lines.append(_line([method, _settings(chosen[0])], chosen))
+        lines.append("")
+    lines += ["## Every scene", "", _header("condition", "scene", "method")]
+    for row in rows:
+        lines.append(_line([row.condition, row.scene, row.method], [row]))
+    return "\n".join(lines) + "\n"
+
+
+def gallery(evaluation: Evaluation, path: Path) -> None:
+    """Front views and depths: a line a scene and condition, the truth first, then a column a method."""
+    methods = _unique(row.method for row in evaluation.rows)
+    pairs = _unique((row.condition, row.scene) for row in evaluation.rows)
+    truth = {scene.name: scene for scene in evaluation.scenes}
+    columns = 2 * (1 + len(methods))
+    figure = Figure(figsize=(1.15 * columns, 1.15 * len(pairs) + 0.5), layout="constrained")
+    figure.get_layout_engine().set(w_pad=0.01, h_pad=0.01, wspace=0, hspace=0)  # type: ignore[union-attr, call-arg]
+    grid = figure.subplots(len(pairs), columns, squeeze=False)
+    for line, (condition, name) in zip(grid, pairs, strict=True):
+        scene = truth[name]
+        seen = scene.depth_m[scene.mask]
+        span = (float(seen.min()) - 0.05, float(seen.max()) + 0.05) if seen.size else (0.0, 1.0)
+        _intensity(line[0], scene.intensity)
+        _depth(line[1], np.where(scene.mask, scene.depth_m, np.nan), span)
+        line[0].set_ylabel(f"{name}\n{condition}", fontsize=6)
+        for k, method in enumerate(methods, start=1):
+            picture = evaluation.pictures.get((name, method, condition))
+            if picture is None:
+                line[2 * k].axis("off")
+                line[2 * k + 1].axis("off")
+                continue
+            _intensity(line[2 * k], picture.albedo)
+            _depth(line[2 * k + 1], picture.depth_m, span)
+    for k, title in enumerate(["truth", *methods]):
+        grid[0][2 * k].set_title(title, fontsize=8)
+        grid[0][2 * k + 1].set_title("depth", fontsize=8)
+    FigureCanvasAgg(figure)
+    figure.savefig(path, dpi=110, metadata={"Software": "nlos"})
+
+
+def _intensity(axes: Axes, image: npt.NDArray[np.float32]) -> None:
+    top = float(np.quantile(image, 0.999)) or 1.0
+    axes.imshow(image, cmap="gray", vmin=0, vmax=top, interpolation="nearest")
+    axes.set(xticks=[], yticks=[])
+
+
+def _depth(axes: Axes, depth_m: npt.NDArray[np.float32], span: tuple[float, float]) -> None:
+    colours = matplotlib.colormaps["viridis_r"].with_extremes(bad="0.85")
+    axes.imshow(np.ma.masked_invalid(depth_m), cmap=colours, vmin=span[0], vmax=span[1], interpolation="nearest")
+    axes.set(xticks=[], yticks=[])
+
+
+def _unique(items: Iterable[T]) -> list[T]:
+    return list(dict.fromkeys(items))
+
+
+def _settings(row: Row) -> str:
+    told = {key: value for key, value in row.settings.items() if value is not None}
+    return ", ".join(
+        f"{key} {value:g}" if isinstance(value, float) else f"{key} {value}" for key, value in told.items()
+    )
+
+
+def _mean(rows: list[Row], key: str) -> float:
+    values = np.array([float(getattr(row, key)) for row in rows])
+    return float(np.nanmean(values)) if np.isfinite(values).any() else float("nan")
+
+
+def _header(*first: str) -> str:
+    titles = [*first, *(title for _, title, _, _ in COLUMNS)]
+    return "| " + " | ".join(titles) + " |\n|" + "---|" * len(titles)
+
+
+def _line(first: list[str], rows: list[Row]) -> str:
+    cells = [form.format(_mean(rows, key) * factor) for key, _, factor, form in COLUMNS]
+    return "| " + " | ".join([*first, *cells]) + " |"
