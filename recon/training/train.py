@@ -59,21 +59,9 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
     rank, world = (0, 1) if alone else _join()
     if settings.batch % world:
         raise ValueError(f"a batch of {settings.batch} does not divide among {world} processes")
-    share = settings.batch // world
-    part = slice(rank * share, (rank + 1) * share)
+    part = slice(rank * (settings.batch // world), (rank + 1) * (settings.batch // world))
     device = f"cuda:{os.environ.get('LOCAL_RANK', 0)}" if torch.cuda.is_available() else "cpu"
-    model = build(settings, settings.data.wall, settings.data.time).to(device)
-    if settings.start_from:
-        load_weights(model, settings.start_from)
-    halved = None
-    if settings.pooled_share:
-        half = WallGrid(
-            settings.data.wall.width_m,
-            settings.data.wall.height_m,
-            settings.data.rows // 2,
-            settings.data.cols // 2,
-        )
-        halved = share_parameters(model, build(settings, half, settings.data.time).to(device))
+    model, halved = _networks(settings, device)
     parameters = [p for p in model.parameters() if p.requires_grad]
     optimiser = torch.optim.AdamW(
         parameters, lr=settings.learning_rate, betas=(0.9, 0.98), weight_decay=settings.weight_decay
@@ -81,18 +69,17 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
     average = [p.detach().clone() for p in parameters]
     step, spent_s = _go_on(settings, folder, model, optimiser, average)
     log = Log(folder / LOG, step, rank == 0, settings.tensorboard)
-    began, saved = clock.monotonic() - spent_s, clock.monotonic()
-    started = clock.monotonic()
-    report(
-        f"{settings.method}: {sum(p.numel() for p in parameters):,} parameters, from step {step} of {settings.steps}"
-    )
+    count = sum(p.numel() for p in parameters)
+    report(f"{settings.method}: {count:,} parameters, from step {step} of {settings.steps}")
+    started = saved = clock.monotonic()
+    elapsed, late = spent_s, False
 
     def load(at: int) -> dict[str, torch.Tensor]:
         return batch_at(settings.data, Path(settings.cache), settings.seed, at, settings.batch, part)
 
     with ThreadPoolExecutor(1) as loader:
         ahead = loader.submit(load, step)
-        while step < settings.steps:
+        while step < settings.steps and not late:
             batch = {name: x.to(device) for name, x in ahead.result().items()}
             ahead = loader.submit(load, min(step + 1, settings.steps - 1))
             torch.manual_seed(hash((settings.seed, step, rank)))
@@ -109,35 +96,25 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
             terms = objective(network, batch, settings, device)
             terms["loss"].backward()  # type: ignore[no-untyped-call]
             norm = _step(parameters, optimiser, settings.clip, world)
-            values = _mean(torch.stack([value.detach().float() for value in terms.values()]), world)
             keep = min(settings.average, (1 + step) / (10 + step))
             torch._foreach_lerp_(average, [p.detach() for p in parameters], 1 - keep)
             step += 1
-            elapsed = clock.monotonic() - began
-            log.terms(
-                step,
-                dict(zip(terms, values.tolist(), strict=True)),
-                rate,
-                norm,
-                elapsed,
-                every=max(1, settings.steps // LINES),
-            )
-            out_of_time = settings.max_minutes is not None and clock.monotonic() - started > 60 * settings.max_minutes
-            if step % max(1, settings.steps // VALIDATIONS) == 0 and step < settings.steps and rank == 0:
+            values = _mean(torch.stack([value.detach().float() for value in terms.values()]), world)
+            now = clock.monotonic()
+            elapsed = spent_s + now - started
+            told = dict(zip(terms, values.tolist(), strict=True))
+            log.terms(step, told, rate, norm, elapsed, every=max(1, settings.steps // LINES))
+            if settings.max_minutes is not None:
+                late = not _everywhere(now - started < 60 * settings.max_minutes, world, device)
+            done = late or step == settings.steps
+            if rank == 0 and not done and step % max(1, settings.steps // VALIDATIONS) == 0:
                 figures = _with(average, parameters, lambda: validate(model, settings, device))
                 log.line({"step": step, "seconds": elapsed, "validation": figures})
                 report(f"step {step}/{settings.steps}, {elapsed / 60:.1f} min: " + _told(figures))
-            if out_of_time or step == settings.steps or clock.monotonic() - saved > 60 * settings.checkpoint_minutes:
-                if rank == 0:
-                    _save(settings, folder, model, optimiser, average, step, elapsed)
-                saved = clock.monotonic()
-            if out_of_time:
-                break
-    summary: dict[str, Any] = {
-        "step": step,
-        "samples": step * settings.batch,
-        "minutes": (clock.monotonic() - began) / 60,
-    }
+            if rank == 0 and (done or now - saved > 60 * settings.checkpoint_minutes):
+                _save(settings, folder, model, optimiser, average, step, elapsed)
+                saved = now
+    summary: dict[str, Any] = {"step": step, "samples": step * settings.batch, "minutes": elapsed / 60}
     if rank == 0:
         figures = _with(average, parameters, lambda: validate(model, settings, device, against_lct=True))
         summary |= {"validation": figures, "finished": step == settings.steps}
@@ -148,6 +125,18 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
         dist.barrier()
         dist.destroy_process_group()
     return summary
+
+
+def _networks(settings: TrainSettings, device: str) -> tuple[nn.Module, nn.Module | None]:
+    """The network for the grid of the data, and the same parameters on half that grid if steps are to see it."""
+    wall, time = settings.data.wall, settings.data.time
+    model = build(settings, wall, time).to(device)
+    if settings.start_from:
+        load_weights(model, settings.start_from)
+    if not settings.pooled_share:
+        return model, None
+    half = WallGrid(wall.width_m, wall.height_m, wall.rows // 2, wall.cols // 2)
+    return model, share_parameters(model, build(settings, half, time).to(device))
 
 
 def build(settings: TrainSettings, wall: WallGrid, time: TimeAxis) -> nn.Module:
