@@ -8,7 +8,8 @@ from recon.layers.unet import UNet
 
 WINDOWS = ((1, 1), (1, 3), (3, 3), (3, 7), (5, 15))  # bins, wall points
 DIM = (0.7, 2.0, 100.0)  # in mean rates: the dim part, all but the peaks, everything
-MEAN_OVER_PEAK = -1.45  # log10 of the mean net rate over the mean peak, in a middling scene
+LAGS = (1, 2, 4, 8)  # bins
+MIDDLING = -0.07  # log10 of the signal's contraharmonic mean over its mean peak, in a middling scene
 FLOOR = 1e-6
 
 
@@ -19,8 +20,9 @@ class NoiseLevel(nn.Module):
     data define it. Input: rates (B, 1, T, H, W) in units of the mean net rate, background included, and exposure
     (B, H, W), 0 where nothing was measured; there the map is +inf. Where a scan is dim, neighbouring bins differ by
     noise alone; half their mean square difference over their mean is what one photon counts. The root of that and of
-    the mean rate is the first guess, which the network corrects, from the same in brighter parts and from the peaks
-    of averages over ever larger windows (the noise is told against the mean peak).
+    the mean rate, over the mean square of the signal (from products of different bins, which noise does not bias), is
+    the first guess. The network corrects it, from the same in brighter parts, over longer lags, and from the peaks of
+    averages over ever larger windows.
     """
 
     def __init__(self, widths: tuple[int, ...] = (8, 16, 24)):
@@ -28,9 +30,10 @@ class NoiseLevel(nn.Module):
         self.network = UNet(3, 3, widths[0], widths, stride=(2, 2, 2))
         last = nn.Linear(32, 1)
         nn.init.zeros_(last.weight)
-        nn.init.constant_(last.bias, MEAN_OVER_PEAK)
-        known = 1 + 2 * len(DIM) + len(WINDOWS)
-        self.scalar = nn.Sequential(nn.Linear(2 * widths[-1] + known, 32), nn.GELU(), last)
+        nn.init.constant_(last.bias, MIDDLING)
+        known = 1 + 2 * len(DIM) + len(LAGS) + len(WINDOWS)
+        inputs = 2 * widths[-1] + known
+        self.scalar = nn.Sequential(nn.Linear(inputs, 32), nn.GELU(), nn.Linear(32, 32), nn.GELU(), last)
         end = nn.Conv2d(16, 1, 1)
         nn.init.zeros_(end.weight)
         nn.init.zeros_(end.bias)  # type: ignore[arg-type]
@@ -52,10 +55,11 @@ class NoiseLevel(nn.Module):
         parts = [part_below(limit * mean, *each_bin) for limit in DIM]
         counted = [part[1] / part[0].clamp(min=FLOOR) for part in parts]
         photon = torch.where(counted[0] > 0, counted[0], counted[-1])
-        statistics = [points, *(value for part in parts for value in part)]
+        powers = [signal_power(rates, points, mean - 1, lag) for lag in LAGS]
+        statistics = [points, *(value for part in parts for value in part), *powers]
         statistics += [mean_peak(rates, measured, *window) for window in WINDOWS]
         known = torch.stack([(value + FLOOR).log10() for value in statistics], dim=1)
-        guess = 0.5 * (photon * mean + FLOOR).log10()
+        guess = 0.5 * (photon * mean + FLOOR).log10() - (powers[0] + FLOOR).log10()
         rest = self.scalar(torch.cat((pooled, torch.log1p(pooled.abs()), known), dim=1))[:, 0].float()
         eta = guess + rest
 
@@ -78,6 +82,12 @@ def part_below(limit: Tensor, profile: Tensor, spread: Tensor) -> tuple[Tensor, 
     dim = (around < limit[:, None]).float()
     count = dim.sum(dim=1).clamp(min=1)
     return (profile * dim).sum(dim=1) / count, (spread * dim).sum(dim=1) / count
+
+
+def signal_power(rates: Tensor, points: Tensor, background: Tensor, lag: int) -> Tensor:
+    """(B,) mean product of the signal with itself `lag` bins later, in units of its mean; at least 1."""
+    product = (rates[:, :, lag:] * rates[:, :, :-lag]).mean(dim=(1, 2, 3, 4)) / points
+    return (product - background.square() - 2 * background).clamp(min=1)
 
 
 def averaged(field: Tensor, bins: int, points: int) -> Tensor:
