@@ -5,7 +5,7 @@ import numpy.typing as npt
 
 from recon.volume import Volume
 
-SEEN_FRACTION = 0.1  # of the bright parts' level; what is darker has no depth
+LEAST_SEEN, MOST_HIDDEN = 0.1, 0.3  # of the bright parts' level: darker has no depth, brighter always has one
 
 
 def front_view(volume: Volume) -> npt.NDArray[np.float32]:
@@ -14,7 +14,7 @@ def front_view(volume: Volume) -> npt.NDArray[np.float32]:
 
 
 def depth_map(volume: Volume) -> npt.NDArray[np.float32]:
-    """Depth of the maximum in metres, (H, W), between planes by a parabola; NaN where nothing is seen."""
+    """Depth of the maximum in metres, (H, W), between planes by a parabola; NaN where there is only noise."""
     albedo, depths_m = volume.albedo, volume.depths_m
     peak = albedo.argmax(axis=0)
     depth_m = depths_m[peak]
@@ -28,5 +28,10 @@ def depth_map(volume: Volume) -> npt.NDArray[np.float32]:
         pitch_m = (depths_m[-1] - depths_m[0]) / (len(depths_m) - 1)
         depth_m = depths_m[middle] + np.clip(offset, -1, 1) * pitch_m
     front = albedo.max(axis=0)
-    bright = np.quantile(front, 0.99)
-    return np.where(front > SEEN_FRACTION * bright, depth_m, np.nan).astype(np.float32)
+    return np.where(front > _floor(front), depth_m, np.nan).astype(np.float32)
+
+
+def _floor(front: npt.NDArray[np.float32]) -> float:
+    """The level above which a pixel holds more than noise, judged by the spread of the darkest third of the picture."""
+    darkest, dark, bright = (float(level) for level in np.quantile(front, [0.1, 0.3, 0.99]))
+    return min(max(darkest + 4 * (dark - darkest), LEAST_SEEN * bright), MOST_HIDDEN * bright)

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from recon.errors import InvalidData
 from recon.volume import Reconstruction
 
 DOTS_PER_INCH = 150
@@ -44,6 +45,31 @@ def depth_picture(reconstruction: Reconstruction, path: Path) -> None:
     )  # fmt: skip
     figure.colorbar(drawn, ax=axes, label="depth from the wall (m)", shrink=0.85)
     _label(axes, f"{reconstruction.method}: depth")
+    _save(figure, path)
+
+
+def slices_picture(reconstruction: Reconstruction, path: Path) -> None:
+    """Three slices through the brightest voxel - from the front, from above, from the side - as PNG.
+
+    Raises `InvalidData` where the reconstruction holds no volume.
+    """
+    volume = reconstruction.volume
+    if volume is None:
+        raise InvalidData(f"this {reconstruction.method} reconstruction holds no volume. Make it without --no-volume.")
+    plane, row, col = (int(i) for i in np.unravel_index(int(volume.albedo.argmax()), volume.albedo.shape))
+    left, right, bottom, top = _extent(reconstruction)
+    near, far = float(volume.depths_m[0]), float(volume.depths_m[-1])
+    x_m, y_m, z_m = volume.wall.x_m()[col], volume.wall.y_m()[row], volume.depths_m[plane]
+    brightest = float(volume.albedo.max()) or 1.0
+    figure = Figure(figsize=(11, 4), layout="constrained")
+    views = (
+        (volume.albedo[plane], (left, right, bottom, top), f"front, z = {z_m:.3f} m", "x (m)", "y (m)"),
+        (volume.albedo[:, row], (left, right, far, near), f"from above, y = {y_m:.3f} m", "x (m)", "z (m)"),
+        (volume.albedo[:, :, col].T, (near, far, bottom, top), f"from the side, x = {x_m:.3f} m", "z (m)", "y (m)"),
+    )
+    for axes, (image, extent, title, across, up) in zip(figure.subplots(1, 3), views, strict=True):
+        axes.imshow(image / brightest, cmap="gray", vmin=0, vmax=1, extent=extent, interpolation="nearest")
+        axes.set(title=title, xlabel=across, ylabel=up)
     _save(figure, path)
 
 

@@ -20,22 +20,39 @@ NAMES = ("reconstruction.h5", "albedo.png", "depth.png")
 
 
 def write_results(
-    folder: Path, reconstruction: Reconstruction, overwrite: bool = False, keep_volume: bool = True
+    folder: Path,
+    reconstruction: Reconstruction,
+    overwrite: bool = False,
+    keep_volume: bool = True,
+    html: bool = False,
 ) -> list[Path]:
-    """Writes the three files into `folder` and returns their paths. Raises FileExistsError unless `overwrite`."""
-    from recon.pictures import albedo_picture, depth_picture
+    """Writes the files into `folder` and returns their paths: three, slices.png where there is a volume, view3d.html.
+
+    Raises FileExistsError unless `overwrite`, before anything is written.
+    """
+    from recon.pictures import albedo_picture, depth_picture, slices_picture
+    from recon.view3d import write_view3d
 
     paths = [folder / name for name in NAMES]
-    present = [path for path in paths if path.exists()]
+    with_slices = keep_volume and reconstruction.volume is not None
+    more = [folder / "slices.png"] * with_slices + [folder / "view3d.html"] * html
+    present = [path for path in (*paths, *more) if path.exists()]
     if present and not overwrite:
         raise FileExistsError(f"{present[0]} is there already. Choose another folder, or allow it with --overwrite.")
     folder.mkdir(parents=True, exist_ok=True)
     partial = paths[0].with_suffix(".h5.partial")
-    write_reconstruction(partial, reconstruction, keep_volume)
-    partial.replace(paths[0])
+    try:
+        write_reconstruction(partial, reconstruction, keep_volume)
+        partial.replace(paths[0])
+    finally:
+        partial.unlink(missing_ok=True)
     albedo_picture(reconstruction, paths[1])
     depth_picture(reconstruction, paths[2])
-    return paths
+    if with_slices:
+        slices_picture(reconstruction, folder / "slices.png")
+    if html:
+        write_view3d(folder / "view3d.html", reconstruction)
+    return [*paths, *more]
 
 
 def write_reconstruction(path: Path, reconstruction: Reconstruction, keep_volume: bool = True) -> None:

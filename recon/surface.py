@@ -1,0 +1,39 @@
+"""The front surface of a reconstruction as points and quadrilaterals, for those who draw or export it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from recon.volume import Reconstruction
+
+STEP_LIMIT = 4.0  # neighbours farther apart in depth than this many pixels belong to different surfaces
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Pixels that have a depth, and the quadrilaterals between neighbouring ones."""
+
+    points_m: npt.NDArray[np.float32]  # (N, 3): x, y, z from the wall
+    albedo: npt.NDArray[np.float32]  # (N,), 0 to 1
+    quads: npt.NDArray[np.int32]  # (M, 4), counter-clockwise seen from the wall
+
+
+def front_surface(reconstruction: Reconstruction) -> Surface:
+    """What is seen from the wall; empty where nothing is."""
+    wall, depth_m = reconstruction.wall, reconstruction.depth_m
+    seen = np.isfinite(depth_m)
+    x, y = np.meshgrid(wall.x_m(), wall.y_m())
+    points = np.stack([x[seen], y[seen], depth_m[seen]], axis=1).astype(np.float32)
+    top = float(np.quantile(reconstruction.albedo, 0.999)) or 1.0
+    albedo = np.clip(reconstruction.albedo[seen] / top, 0, 1).astype(np.float32)
+    number = np.full(depth_m.shape, -1, dtype=np.int32)
+    number[seen] = np.arange(int(seen.sum()), dtype=np.int32)
+    corners = [number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]]
+    depths = np.stack([depth_m[:-1, :-1], depth_m[1:, :-1], depth_m[1:, 1:], depth_m[:-1, 1:]])
+    whole = np.all([corner >= 0 for corner in corners], axis=0)
+    pitch_m = max(wall.width_m / wall.cols, wall.height_m / wall.rows)
+    step = np.zeros(whole.shape)
+    step[whole] = np.ptp(depths[:, whole], axis=0)
+    kept = whole & (step <= STEP_LIMIT * pitch_m)
+    return Surface(points, albedo, np.stack([corner[kept] for corner in corners], axis=1).astype(np.int32))

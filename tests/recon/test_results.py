@@ -1,0 +1,142 @@
+"""What is left behind can be read by others: HDF5 layout, pictures, PLY, VTI and the 3D view."""
+
+import base64
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from acquisition.wall import WallGrid
+from recon.errors import InvalidData
+from recon.export_ply import write_ply
+from recon.export_vti import write_vti
+from recon.front_view import depth_map, front_view
+from recon.pictures import slices_picture
+from recon.results import read_reconstruction, write_results
+from recon.view3d import write_view3d
+from recon.volume import Reconstruction, Volume
+
+WALL = WallGrid(1.2, 0.8, 8, 12)
+
+
+@pytest.fixture
+def made() -> Reconstruction:
+    """One bright square, upper left, at 0.55 m; nothing elsewhere."""
+    depths = 0.05 + 0.1 * np.arange(10)
+    albedo = np.full((10, 8, 12), 1e-4, dtype=np.float32)
+    albedo[5, 1:4, 2:6] = 1
+    albedo[[4, 6], 1:4, 2:6] = 0.5
+    volume = Volume(albedo, depths, WALL)
+    return Reconstruction(front_view(volume), depth_map(volume), WALL, "lct", 0.5, {"snr": 0.1}, volume)
+
+
+def test_depth_lies_between_planes_where_the_light_does() -> None:
+    depths = 0.3 + 0.01 * np.arange(60)
+    for z in (0.4512, 0.4555, 0.4599):
+        profile = np.exp(-0.5 * ((depths - z) / 0.012) ** 2).astype(np.float32)
+        volume = Volume(np.broadcast_to(profile[:, None, None], (60, 4, 4)).copy(), depths, WallGrid(1, 1, 4, 4))
+        assert np.allclose(depth_map(volume), z, atol=2e-4)
+
+
+def test_nothing_seen_has_no_depth(made: Reconstruction) -> None:
+    assert np.isfinite(made.depth_m).sum() == 12
+    assert np.allclose(made.depth_m[1:4, 2:6], 0.55)
+    rng = np.random.default_rng(0)
+    noisy = rng.gamma(20, 0.01, (10, 8, 12)).astype(np.float32)
+    noisy[5, 1:4, 2:6] = 2
+    seen = np.isfinite(depth_map(Volume(noisy, 0.05 + 0.1 * np.arange(10), WALL)))
+    assert seen[1:4, 2:6].all()
+    assert seen.sum() < 12 + 84 / 5  # every pixel's noise is above a tenth of the bright square
+
+
+def test_the_file_holds_what_its_layout_says(made: Reconstruction, tmp_path: Path) -> None:
+    paths = write_results(tmp_path / "out", made, html=True)
+    assert [path.name for path in paths] == [
+        "reconstruction.h5", "albedo.png", "depth.png", "slices.png", "view3d.html",
+    ]  # fmt: skip
+    with h5py.File(paths[0]) as file:
+        assert {name: file[name].shape for name in file} == {
+            "albedo": (8, 12), "depth_m": (8, 12), "volume": (10, 8, 12), "depths_m": (10,), "x_m": (12,), "y_m": (8,),
+        }  # fmt: skip
+        assert file.attrs["method"] == "lct"
+        assert json.loads(file.attrs["settings"]) == {"snr": 0.1}
+        assert file["y_m"][0] > file["y_m"][-1]
+        assert file["x_m"][0] < file["x_m"][-1]
+        assert "torch" in file.attrs["software"]
+    again = read_reconstruction(paths[0])
+    assert np.array_equal(again.albedo, made.albedo)
+    assert np.array_equal(again.depth_m, made.depth_m, equal_nan=True)
+    assert again.volume is not None
+    assert all(imread(path).std() > 0 for path in paths[1:4])
+
+
+def test_nothing_is_overwritten_unasked_and_the_volume_may_stay_away(made: Reconstruction, tmp_path: Path) -> None:
+    write_results(tmp_path, made, keep_volume=False)
+    with h5py.File(tmp_path / "reconstruction.h5") as file:
+        assert "volume" not in file
+    with pytest.raises(FileExistsError, match="--overwrite"):
+        write_results(tmp_path, made)
+    write_results(tmp_path, made, overwrite=True)
+
+
+def test_a_file_that_is_no_reconstruction_is_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["histograms"] = np.zeros((2, 2, 2))
+    with pytest.raises(InvalidData, match="is not a reconstruction"):
+        read_reconstruction(tmp_path / "other.h5")
+
+
+def test_ply_holds_the_surface_in_metres(made: Reconstruction, tmp_path: Path) -> None:
+    write_ply(tmp_path / "s.ply", made)
+    header, _, body = (tmp_path / "s.ply").read_bytes().partition(b"end_header\n")
+    assert b"element vertex 12" in header
+    assert b"element face 6" in header
+    vertices = np.frombuffer(body, dtype=[("xyz", "<f4", 3), ("albedo", "<f4"), ("grey", "u1", 3)], count=12)
+    assert np.allclose(vertices["xyz"][0], (WALL.x_m()[2], WALL.y_m()[1], 0.55))
+    faces = np.frombuffer(body[12 * 19 :], dtype=[("count", "u1"), ("corners", "<i4", 4)])
+    assert len(faces) == 6
+    assert faces["corners"].max() == 11
+
+
+def test_vti_holds_the_volume_with_y_upwards(made: Reconstruction, tmp_path: Path) -> None:
+    write_vti(tmp_path / "v.vti", made)
+    header, _, body = (tmp_path / "v.vti").read_bytes().partition(b'encoding="raw">_')
+    assert b'WholeExtent="0 11 0 7 0 9"' in header
+    origin = [float(word) for word in re.search(rb'Origin="([^"]*)"', header)[1].split()]  # type: ignore[index]
+    assert np.allclose(origin, (WALL.x_m()[0], WALL.y_m()[-1], 0.05))
+    size = int(np.frombuffer(body, "<u8", 1)[0])
+    values = np.frombuffer(body[8 : 8 + size], "<f4").reshape(10, 8, 12)
+    assert made.volume is not None
+    assert np.array_equal(values[:, ::-1], made.volume.albedo)
+    with pytest.raises(InvalidData, match="no volume"):
+        write_vti(tmp_path / "w.vti", replace(made, volume=None))
+    with pytest.raises(InvalidData, match="no volume"):
+        slices_picture(replace(made, volume=None), tmp_path / "s.png")
+
+
+@pytest.mark.parametrize("with_volume", [True, False])
+def test_the_3d_view_is_one_file_that_loads_nothing(made: Reconstruction, tmp_path: Path, with_volume: bool) -> None:
+    write_view3d(tmp_path / "v.html", made if with_volume else replace(made, volume=None), title="<b>&")
+    page = (tmp_path / "v.html").read_text()
+    assert "&lt;b&gt;&amp;" in page
+    assert not re.search(r"(src|href)\s*=|https?://|import\s", page)
+    scene = json.loads(re.search(r"const scene = (\{.*\});", page)[1])  # type: ignore[index]
+    packed = np.frombuffer(base64.b64decode(scene["points"]), "<u2").reshape(-1, 4) / 65535
+    points = np.array(scene["low"]) + packed[:, :3] * (np.array(scene["high"]) - np.array(scene["low"]))
+    assert len(points) == 12
+    assert np.allclose(points[:, 2], 0.55, atol=1e-3)
+    assert np.allclose(points[0, :2], (WALL.x_m()[2], WALL.y_m()[1]), atol=1e-3)
+
+
+def test_an_empty_reconstruction_can_still_be_written(tmp_path: Path) -> None:
+    nothing = Reconstruction(
+        np.zeros((8, 12), np.float32), np.full((8, 12), np.nan, np.float32), WALL, "lct", 0.1, {},
+        Volume(np.zeros((10, 8, 12), np.float32), 0.05 + 0.1 * np.arange(10), WALL),
+    )  # fmt: skip
+    write_results(tmp_path, nothing, html=True)
+    write_ply(tmp_path / "s.ply", nothing)
