@@ -52,13 +52,22 @@ def enlarged(x: Tensor, size: tuple[int, int]) -> Tensor:
     return F.interpolate(x, size=size, mode="bilinear", align_corners=False)
 
 
-def projected(volume: Tensor, sharpness: Tensor | None) -> Tensor:
-    """(B, C, D, H, W) -> (B, 2 C, H, W): the maximum along depth and where it is, 1 nearest, 0 farthest.
+def nearness(depths: Tensor, ends: tuple[float, float]) -> Tensor:
+    """1 at the first of the two depths `ends`, 0 at the second, straight on beyond them."""
+    return (ends[1] - depths) / (ends[1] - ends[0])
+
+
+def depth_of(near: Tensor, ends: tuple[float, float]) -> Tensor:
+    """The inverse of `nearness`."""
+    return ends[1] - near * (ends[1] - ends[0])
+
+
+def projected(volume: Tensor, sharpness: Tensor | None, place: Tensor) -> Tensor:
+    """(B, C, D, H, W) -> (B, 2 C, H, W): the maximum along depth, and the `place` (D,) where it is.
 
     With `sharpness` (C,) both are attention-weighted means, softmax(sharpness x volume), which have a gradient along
     the whole ray; without it, the bare maximum, whose place has none.
     """
-    place = torch.linspace(1, 0, volume.shape[2], device=volume.device)
     if sharpness is None:
         highest, index = volume.max(dim=2)
         return torch.cat((highest, place[index]), dim=1)

@@ -19,6 +19,8 @@ QUANTILE = 0.98
 SHARE_WEIGHT = 0.4
 FINEST_BIN_WIDTHS = 0.0048  # in wall widths of depth: finer bins are added up
 BLOCKS = 32
+LEAST_GAIN = 0.3  # variance over mean below which numbers cannot be counts, calibrated ones included
+NOISELESS_PEAK = 20_000.0  # counts that a transient in other units is then taken for: the scale of training
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,7 @@ def rebinned(time: TimeAxis, together: int) -> TimeAxis:
 def counted(counts: Tensor, exposure: Tensor | None, together: int = 1) -> Counted:
     """From counts (B, 1, T, H, W) and exposure (B, H, W) in any unit, 0 = not measured; None: all alike."""
     counts = sums(counts.float(), together)
+    counts = counts * unit(counts)[:, None, None, None, None]
     if exposure is None:
         exposure = torch.ones_like(counts[:, 0, 0])
     exposure = exposure.to(counts)
@@ -68,6 +71,17 @@ def counted(counts: Tensor, exposure: Tensor | None, together: int = 1) -> Count
     net = (rate.sum(dim=(1, 2, 3)) / points).clamp(min=1.0)
     level = torch.log10(net) + SHARE_WEIGHT * torch.log10(points / measured[0].numel())
     return Counted(rate[:, None], measured, background, net, level)
+
+
+def unit(counts: Tensor) -> Tensor:
+    """What one unit of these numbers is in counts, (B,): 1, unless they are less noisy than counts can be.
+
+    Noise is white along time and light is not, so the second difference along time is nearly all noise.
+    """
+    second = counts[:, :, 2:] - 2 * counts[:, :, 1:-1] + counts[:, :, :-2]
+    variance = second.square().mean(dim=(1, 2, 3, 4)) / 6
+    mean, peak = counts.mean(dim=(1, 2, 3, 4)), counts.amax(dim=(1, 2, 3, 4))
+    return torch.where(variance < LEAST_GAIN * mean, NOISELESS_PEAK / peak.clamp(min=1e-30), 1.0)
 
 
 def background_rate(counts: Tensor, exposure: Tensor) -> Tensor:

@@ -15,12 +15,13 @@ from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
 from configs.settings import Settings as BaseSettings
 from recon.layers.light_cone_layer import LightConeLayer
-from recon.layers.renderer import Renderer, enlarged, projected, where_seen
+from recon.layers.renderer import Renderer, depth_of, enlarged, nearness, projected, where_seen
 from recon.layers.transient_encoder import Stride, TransientEncoder
 from recon.layers.wiener_features import SNR_FACTORS, bins_together, counted, normalised, rebinned
 
 PAPER_SNR = 0.1
 TYPICAL_PULSE_BINS = 16
+NEARNESS_ENDS = (0.12951, 0.89698)  # in wall widths: nearness 1 and 0, the first and last slice in training
 
 
 class Settings(BaseSettings):
@@ -52,7 +53,7 @@ class LearnedFeatureEmbeddings(nn.Module):
 
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
         super().__init__()
-        self.paper = settings.paper
+        self.paper, self.width_m = settings.paper, wall.width_m
         self.together = bins_together(wall, time)
         coarse, stride = coarser(wall, rebinned(time, self.together), settings.lateral_stride)
         self.stride = stride
@@ -81,21 +82,21 @@ class LearnedFeatureEmbeddings(nn.Module):
         else:
             x = seen.rate * (TYPICAL_PULSE_BINS / seen.net)[:, None, None, None, None]
         encoded = self.encoder(padded_to(x, self.stride))
+        place = nearness(self.depths_m / self.width_m, NEARNESS_ENDS)
         ones = torch.ones_like(encoded[:, :, 0, 0, 0], dtype=torch.float32)
         if self.paper:
             volume = min_max(F.relu(self.light_cone(encoded, 4 * ones[:, 0], PAPER_SNR * ones)))
-            maps = projected(volume, None)
+            maps = projected(volume, None, place)
         else:
             snr = seen.snr[:, None] * self.snr_factors * ones
             volume = normalised(F.relu(self.light_cone(encoded, seen.exponent, snr))).clamp(max=4)
             measured = F.interpolate(seen.measured[:, None], size=volume.shape[3:], mode="area")
             level = (0.25 * seen.level)[:, None, None, None].expand_as(measured)
-            maps = with_context(projected(volume, self.log_sharpness.exp()), measured, level)
+            maps = with_context(projected(volume, self.log_sharpness.exp(), place), measured, level)
         size = (volume.shape[3] * self.stride[1], volume.shape[4] * self.stride[2])
         albedo = self.intensity(maps, size)[:, :rows, :cols]
-        nearness = self.depth(maps, size)[:, :rows, :cols].float()
-        depths = self.depths_m
-        depth_m = where_seen(albedo, depths[-1] + nearness * (depths[0] - depths[-1]), self.training)
+        depth_m = self.width_m * depth_of(self.depth(maps, size)[:, :rows, :cols].float(), NEARNESS_ENDS)
+        depth_m = where_seen(albedo, depth_m, self.training)
         return albedo, depth_m, enlarged(volume[:, 0], size)[:, :, :rows, :cols]
 
 

@@ -16,7 +16,7 @@ from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
 from configs.settings import Settings as BaseSettings
 from recon.layers.light_cone_layer import LightConeLayer
-from recon.layers.renderer import Renderer, projected, where_seen
+from recon.layers.renderer import Renderer, depth_of, nearness, projected, where_seen
 from recon.layers.space_depth_attention import CrossDecoder, GlobalEncoder, LocalEncoder
 from recon.layers.transient_encoder import LeakyBlock, LearnedAverage, TransientEncoder
 from recon.layers.wiener_features import SNR_FACTORS, bins_together, counted, normalised, rebinned
@@ -24,6 +24,7 @@ from recon.methods.lfe import PAPER_SNR, TYPICAL_PULSE_BINS, coarser, min_max, p
 
 DEPTH_STRIDE = 16
 STEM_FEATURES = 3
+NEARNESS_ENDS = (0.13431, 0.88260)  # in wall widths: nearness 1 and 0, the first and last plane in training
 
 
 class Settings(BaseSettings):
@@ -93,7 +94,7 @@ class Nlost(nn.Module):
 
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
         super().__init__()
-        self.paper, self.checkpointing = settings.paper, settings.checkpointing
+        self.paper, self.checkpointing, self.width_m = settings.paper, settings.checkpointing, wall.width_m
         self.together = bins_together(wall, time)
         coarse, self.stride = coarser(wall, rebinned(time, self.together), settings.lateral_stride)
         stem, channels = STEM_FEATURES + 1, settings.channels
@@ -146,6 +147,7 @@ class Nlost(nn.Module):
         else:
             x = seen.rate * (TYPICAL_PULSE_BINS / seen.net)[:, None, None, None, None]
         encoded = self.encoder(padded_to(x, self.stride))
+        place = nearness(self.depths_m / self.width_m, NEARNESS_ENDS)
         ones = torch.ones_like(encoded[:, :, 0, 0, 0], dtype=torch.float32)
         if self.paper:
             volume = min_max(F.relu(self.light_cone(encoded, 4 * ones[:, 0], PAPER_SNR * ones)))
@@ -154,19 +156,18 @@ class Nlost(nn.Module):
             volume = normalised(F.relu(self.light_cone(encoded, seen.exponent, snr))).clamp(max=4)
         refined = self.refine(volume)
         if self.paper:
-            maps = projected(refined, None)
+            maps = projected(refined, None, place)
         else:
             # The head begins as a small correction: attention starts from the light cone's own volumes.
             level = (0.25 * seen.level)[:, None, None, None].expand(-1, 1, *volume.shape[3:])
             measured = F.interpolate(seen.measured[:, None], size=volume.shape[3:], mode="area")
-            maps = with_context(projected(refined, self.log_sharpness.exp()), measured, level)
+            maps = with_context(projected(refined, self.log_sharpness.exp(), place), measured, level)
         size = (volume.shape[3] * self.stride[1], volume.shape[4] * self.stride[2])
         albedo = self.intensity(maps, size)[:, :rows, :cols]
-        nearness = self.depth(maps, size)[:, :rows, :cols].float()
+        depth_m = self.width_m * depth_of(self.depth(maps, size)[:, :rows, :cols].float(), NEARNESS_ENDS)
         planes = self.depths_m
         fine = F.interpolate(refined[:, :1].float(), size=(len(planes), *size), mode="trilinear", align_corners=False)
-        depth_m = where_seen(albedo, planes[-1] + nearness * (planes[0] - planes[-1]), self.training)
-        return albedo, depth_m, fine[:, 0, :, :rows, :cols]
+        return albedo, where_seen(albedo, depth_m, self.training), fine[:, 0, :, :rows, :cols]
 
     def refine(self, volume: Tensor) -> Tensor:
         """(B, 4, D, H, W) -> the same, through the two branches of attention."""

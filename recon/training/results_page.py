@@ -90,7 +90,9 @@ def training(methods: Iterable[str], folder: Path = OWN_FOLDER) -> str:
         count = sum(tensor.numel() for tensor in weights.tensors.values())
         found = about.get("validation", {}).get("psnr")
         where = f"{about['device']}, threads: {about['threads']}"
-        body.append([method, f"{count:,}", f"{about['samples']:,}", f"{about['hours']:.2f}", where, shown(found, 2)])
+        samples = about["samples"] + about.get("samples_before", 0)
+        hours = about["hours"] + about.get("hours_before", 0.0)
+        body.append([method, f"{count:,}", f"{samples:,}", f"{hours:.2f}", where, shown(found, 2)])
     if not body:
         return "No weights are shipped with these methods.\n"
     return table(["training", "parameters", "samples seen", "hours", "on", "validation PSNR, dB"], body)

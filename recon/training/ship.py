@@ -54,7 +54,7 @@ def card(name: str, about: dict[str, Any], tensors: dict[str, Any], size: int) -
         "method": f"`{about['method']}`, settings `{json.dumps(settings['method_settings'])}`",
         "parameters": f"{count:,} ({size:,} bytes)",
         "data": f"{made}; {grid}; kinds: {', '.join(data['kinds']) or 'all that are not held out'}",
-        "samples seen": f"{about['samples']:,} in {about['step']:,} steps, seed {settings['seed']}",
+        "samples seen": f"{about['samples']:,} in {about['step']:,} steps, seed {settings['seed']}{_before(about)}",
         "time": f"{about['hours']:.2f} hours on {about['device']}, threads: {about['threads']}, torch {about['torch']}",
         "recipe": recipe,
         "code": f"commit {about['commit']}",
@@ -63,6 +63,14 @@ def card(name: str, about: dict[str, Any], tensors: dict[str, Any], size: int) -
     }
     table = "".join(f"| {key} | {text} |\n" for key, text in rows.items())
     return f"# {name}: weights of the method `{about['method']}`\n\n| | |\n|---|---|\n{table}" + NOTE.format(name=name)
+
+
+def _before(about: dict[str, Any]) -> str:
+    samples, hours = about.get("samples_before", 0), about.get("hours_before", 0.0)
+    if not samples:
+        return ""
+    name = Path(about["settings"]["start_from"]).parent.name
+    return f", after {samples:,} samples and {hours:.2f} hours of the run `{name}`"
 
 
 if __name__ == "__main__":

@@ -61,7 +61,7 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
         raise ValueError(f"a batch of {settings.batch} does not divide among {world} processes")
     part = slice(rank * (settings.batch // world), (rank + 1) * (settings.batch // world))
     device = f"cuda:{os.environ.get('LOCAL_RANK', 0)}" if torch.cuda.is_available() else "cpu"
-    model, halved = _networks(settings, device)
+    model, halved, before = _networks(settings, device)
     parameters = [p for p in model.parameters() if p.requires_grad]
     optimiser = torch.optim.AdamW(
         parameters, lr=settings.learning_rate, betas=(0.9, 0.98), weight_decay=settings.weight_decay
@@ -112,7 +112,7 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
                 log.line({"step": step, "seconds": elapsed, "validation": figures})
                 report(f"step {step}/{settings.steps}, {elapsed / 60:.1f} min: " + _told(figures))
             if rank == 0 and (done or now - saved > 60 * settings.checkpoint_minutes):
-                _save(settings, folder, model, optimiser, average, step, elapsed)
+                _save(settings, folder, model, optimiser, average, step, elapsed, before)
                 saved = now
     summary: dict[str, Any] = {"step": step, "samples": step * settings.batch, "minutes": elapsed / 60}
     if rank == 0:
@@ -127,16 +127,16 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
     return summary
 
 
-def _networks(settings: TrainSettings, device: str) -> tuple[nn.Module, nn.Module | None]:
-    """The network for the grid of the data, and the same parameters on half that grid if steps are to see it."""
+def _networks(settings: TrainSettings, device: str) -> tuple[nn.Module, nn.Module | None, dict[str, Any]]:
+    """The network for the grid of the data, the same parameters on half that grid if steps are to see it, and what
+    was said about the weights that it begins with."""
     wall, time = settings.data.wall, settings.data.time
     model = build(settings, wall, time).to(device)
-    if settings.start_from:
-        load_weights(model, settings.start_from)
+    before = load_weights(model, settings.start_from) if settings.start_from else {}
     if not settings.pooled_share:
-        return model, None
+        return model, None, before
     half = WallGrid(wall.width_m, wall.height_m, wall.rows // 2, wall.cols // 2)
-    return model, share_parameters(model, build(settings, half, time).to(device))
+    return model, share_parameters(model, build(settings, half, time).to(device)), before
 
 
 def build(settings: TrainSettings, wall: WallGrid, time: TimeAxis) -> nn.Module:
@@ -239,6 +239,7 @@ def _save(
     average: list[torch.Tensor],
     step: int,
     seconds: float,
+    before: Mapping[str, Any],
 ) -> None:
     trained = [name for name, p in model.named_parameters() if p.requires_grad]
     mean = dict(zip(trained, average, strict=True))
@@ -249,6 +250,8 @@ def _save(
         "step": step,
         "samples": step * settings.batch,
         "hours": seconds / 3600,
+        "samples_before": before.get("samples", 0) + before.get("samples_before", 0),
+        "hours_before": before.get("hours", 0.0) + before.get("hours_before", 0.0),
         "commit": commit(),
         "torch": torch.__version__,
         "device": str(next(iter(whole.values())).device),

@@ -9,10 +9,10 @@ import torch.nn.functional as F
 from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
 from recon.layers.light_cone_layer import LightConeLayer
-from recon.layers.renderer import Renderer, projected, where_seen
+from recon.layers.renderer import Renderer, depth_of, nearness, projected, where_seen
 from recon.layers.space_depth_attention import Attention, CompactNonLocal, CrossDecoder, LocalEncoder
 from recon.layers.transient_encoder import LearnedAverage, TransientEncoder
-from recon.layers.wiener_features import WienerFeatures, background_rate, counted, interpolate
+from recon.layers.wiener_features import WienerFeatures, background_rate, counted, interpolate, unit
 
 
 def test_the_learned_average_begins_as_a_plain_one() -> None:
@@ -40,10 +40,12 @@ def test_published_width_gives_the_published_parameter_count() -> None:
 def test_projection_finds_the_brightest_voxel_softly_and_hard() -> None:
     volume = torch.zeros(1, 1, 11, 1, 1)
     volume[0, 0, 2] = 1.0
-    hard = projected(volume, None)
+    place = nearness(torch.linspace(0.5, 1.5, 11), (0.5, 1.5))
+    hard = projected(volume, None, place)
     assert hard.flatten().tolist() == pytest.approx([1.0, 0.8])
-    soft = projected(volume, torch.tensor([50.0]))
+    soft = projected(volume, torch.tensor([50.0]), place)
     assert soft.flatten().tolist() == pytest.approx([1.0, 0.8], abs=1e-6)
+    assert float(depth_of(place[2], (0.5, 1.5))) == pytest.approx(0.7)
 
 
 def test_depth_is_nowhere_where_the_picture_is_dark() -> None:
@@ -137,6 +139,15 @@ def test_background_is_found_beside_a_signal_and_cut_bins() -> None:
     assert float(background_rate(counts, torch.ones(1, 16, 16))[0]) == pytest.approx(0.4, rel=0.1)
     seen = counted(counts, None)
     assert float(seen.net[0]) == pytest.approx(400, rel=0.05)
+
+
+def test_a_transient_in_other_units_is_taken_as_noiseless_and_counts_are_not() -> None:
+    torch.manual_seed(0)
+    rate = torch.zeros(1, 1, 256, 16, 16)
+    rate[:, :, 100:110] = torch.hann_window(10)[:, None, None]
+    assert float(unit(rate)[0]) == pytest.approx(20_000 / float(rate.max()))
+    for level in (0.3, 3.0, 300.0):
+        assert float(unit(torch.poisson(rate * level + 0.01))[0]) == 1
 
 
 def test_interpolation_is_constant_beyond_its_knots() -> None:
