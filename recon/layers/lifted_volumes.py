@@ -19,7 +19,7 @@ class LiftedVolumes(nn.Module):
 
     The paper resamples F_st and transforms it; here it is inverted as well, so that lifted features lie where the
     surfaces are and a network in space can use them. net rates (B, 1, bins, H, W) -> (B, 4, slices, rows, cols), of
-    root mean square 1, on a grid of half the operator's `points` (rows, cols).
+    root mean square 1, at the operator's depths and half its `points` (rows, cols) along the wall.
     """
 
     def __init__(self, kind: LiftingName, physics: WienerVolumes, points: tuple[int, int]):
@@ -29,8 +29,8 @@ class LiftedVolumes(nn.Module):
         self.points = points
         rows, cols = (points[0] + 1) // 2, (points[1] + 1) // 2
         wall = WallGrid(physics.wall.width_m, physics.wall.height_m, rows, cols)
-        self.slices = physics.slices
-        extent_s = 2 * self.slices * physics.pitch[0] * physics.unit_m / SPEED_OF_LIGHT_M_PER_S
+        self.slices = (physics.slices + 1) // 2
+        extent_s = 2 * physics.slices * physics.pitch[0] * physics.unit_m / SPEED_OF_LIGHT_M_PER_S
         self.first = physics.first
         time = TimeAxis(self.slices, extent_s / self.slices)
         self.resampling = LightConeResampling(time)

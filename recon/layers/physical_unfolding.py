@@ -129,8 +129,8 @@ class PhysicalUnfolding(nn.Module):
         for scale, steps in enumerate(self.iterations):
             if scale:
                 size = tuple((n + 1) // 2 for n in size)
-                u = resample_field(self.restrict_u[scale - 1](u), size)
-                guide = resample_field(self.restrict_g[scale - 1](guide), size)
+                u = self.restrict_u[scale - 1](resample_field(u, size))
+                guide = self.restrict_g[scale - 1](resample_field(guide, size))
             gains = self.gains[scale](eta)
             here = (extent[0] / size[0], extent[1] / size[1], extent[2] / size[2])
             for step in cast(nn.ModuleList, steps):

@@ -1,6 +1,7 @@
 """Coarser and finer grids by keeping or adding frequencies: restriction and prolongation without aliasing."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import torch
 from torch import Tensor
@@ -17,13 +18,6 @@ def resample_axis(spectrum: Tensor, size: int, dim: int) -> Tensor:
     return torch.cat((positive, spectrum.new_zeros(gap), negative), dim=dim)
 
 
-def resample_half_axis(spectrum: Tensor, old: int, size: int) -> Tensor:
-    """The same for the last axis of a real FFT of `old` samples: to size // 2 + 1 frequencies."""
-    kept = (min(old, size) - 1) // 2
-    gap = [*spectrum.shape[:-1], size // 2 - kept]
-    return torch.cat((spectrum[..., : kept + 1], spectrum.new_zeros(gap)), dim=-1)
-
-
 def resample_spectrum(spectrum: Tensor, size: Sequence[int]) -> Tensor:
     """(B, C, D, H, W) complex, full FFT with norm "ortho", -> that of the same field on a grid of `size`."""
     factor = 1.0
@@ -33,16 +27,25 @@ def resample_spectrum(spectrum: Tensor, size: Sequence[int]) -> Tensor:
     return spectrum * factor
 
 
+@lru_cache(maxsize=64)
+def resampling_matrix(old: int, new: int) -> Tensor:
+    """(new, old) float32: what cutting or padding the spectrum of `old` samples does to them, so no FFT is needed."""
+    spectrum = torch.fft.fft(torch.eye(old, dtype=torch.float64), dim=0, norm="forward")
+    matrix: Tensor = torch.fft.ifft(resample_axis(spectrum, new, 0), dim=0, norm="forward").real.float()
+    return matrix
+
+
 def resample_field(field: Tensor, size: Sequence[int]) -> Tensor:
-    """(B, C, D, H, W) real -> the same band-limited field on a grid of `size` over the same extent; float32.
+    """(B, C, D, H, W) real -> the same band-limited field on a grid of `size` over the same extent.
 
     Constants are kept; so are all frequencies that both grids hold below their Nyquist frequency.
     """
     if tuple(field.shape[2:]) == tuple(size):
         return field
-    with torch.autocast(field.device.type, enabled=False):
-        spectrum = torch.fft.rfftn(field.float(), dim=(2, 3, 4), norm="forward")
-        spectrum = resample_half_axis(spectrum, field.shape[4], size[2])
-        spectrum = resample_axis(resample_axis(spectrum, size[0], 2), size[1], 3)
-        resampled: Tensor = torch.fft.irfftn(spectrum, s=tuple(size), dim=(2, 3, 4), norm="forward")
-        return resampled
+    along = [resampling_matrix(n, m).to(field.device) for n, m in zip(field.shape[2:], size, strict=True)]
+    x = field.permute(0, 2, 3, 4, 1)  # (B, D, H, W, C), contiguous where channels come last in memory
+    batch, depth, rows, cols, channels = x.shape
+    x = along[0] @ x.reshape(batch, depth, rows * cols * channels)
+    x = along[1] @ x.reshape(batch, size[0], rows, cols * channels)
+    x = along[2] @ x.reshape(batch, size[0], size[1], cols, channels)
+    return x.permute(0, 4, 1, 2, 3)
