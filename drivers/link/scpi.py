@@ -12,6 +12,8 @@ from drivers.errors import CommandRejected, DataCorrupt, DeviceTimeout, Protocol
 _ERROR = re.compile(rb'([+-]?\d{1,6}),"((?:[^"]|"")*)"\n?\Z')
 _NO_ERROR = b'0,"No error"\n'
 _QUEUE_LENGTH = 16
+_EXCHANGE = {-410, -420, -430}
+"""Interrupted, unterminated, deadlocked: the link's mishaps, not the command's."""
 
 
 class MessageLink(Protocol):
@@ -92,22 +94,27 @@ def split_error(answer: bytes) -> tuple[bytes, ScpiError | None]:
     return body[:-1], error
 
 
-def split_block(answer: bytes) -> tuple[bytes, memoryview | None, ScpiError | None]:
-    """Text, definite block if there is one, and error of an answer that ends in an error report.
+@dataclass(frozen=True)
+class BlockAnswer:
+    """What a message with one block query brought: text before the block, the block if one came, text after it."""
 
-    Raises ValueError where they do not fit together.
-    """
+    before: bytes
+    block: memoryview | None
+    after: bytes
+    error: ScpiError | None
+
+
+def split_block(answer: bytes) -> BlockAnswer:
+    """Reads an answer that ends in an error report. Raises ValueError where its parts do not fit together."""
     mark = answer.find(b"#")
     if mark < 0:
         body, error = split_error(answer)
-        return body, None, error
+        return BlockAnswer(body, None, b"", error)
     block, end = decode_block(answer, mark)
     if answer[end : end + 1] != b";" or answer[max(0, mark - 1) : mark] not in (b";", b""):
         raise ValueError(f"the block ends in {answer[end : end + 20]!r}")
-    body, error = split_error(answer[end + 1 :])
-    if body:
-        raise ValueError(f"the block is followed by {body[:20]!r}")
-    return answer[: max(0, mark - 1)], block, error
+    after, error = split_error(answer[end + 1 :])
+    return BlockAnswer(answer[: max(0, mark - 1)], block, after, error)
 
 
 class Scpi:
@@ -135,10 +142,8 @@ class Scpi:
             raise ProtocolError(self._device, f"{body[:60]!r} does not answer {b';:'.join(units)!r}.")
         return answers
 
-    def query_block(
-        self, *units: bytes, expected: int, retry: bool = True
-    ) -> tuple[bytes, memoryview | None, ScpiError | None]:
-        """The answer to text queries followed by one that gives a definite block: the text, the block, the error.
+    def query_block(self, *units: bytes, expected: int, retry: bool = True) -> BlockAnswer:
+        """The answer to queries one of which gives a definite block.
 
         The block is None where the instrument gave none. Nothing is raised for a reported error: data and error are
         for the caller to weigh. A damaged or lost answer is asked for once more, unless `retry` is False because the
@@ -147,12 +152,14 @@ class Scpi:
         message = b";:".join(units) + b";:SYST:ERR?\n"
         while True:
             try:
-                return split_block(self._retried(message, expected + 64, retry))
+                answer = split_block(self._retried(message, expected + 64, retry))
+                if not (retry and answer.error is not None and answer.error.code in _EXCHANGE):
+                    return answer
             except ValueError as problem:
                 self._link.clear()  # what else the damaged answer had to say is not worth hearing
                 if not retry:
                     raise DataCorrupt(self._device, f"{problem}.") from problem
-                retry = False
+            retry = False
 
     def drain_errors(self) -> tuple[ScpiError, ...]:
         """Empties the error queue; oldest first."""
@@ -165,15 +172,19 @@ class Scpi:
         raise ProtocolError(self._device, f"its error queue does not end ({errors[-1]}).")
 
     def _ask(self, message: bytes, expected: int, retry: bool) -> bytes:
-        answer = self._retried(message + b";:SYST:ERR?\n", expected, retry)
         try:
-            body, error = split_error(answer)
+            body, error = split_error(self._retried(message + b";:SYST:ERR?\n", expected, retry))
         except ValueError as problem:
+            self._link.clear()
+            if retry:
+                return self._ask(message, expected, False)
             raise ProtocolError(self._device, f"{problem}.") from problem
-        if error is not None:
-            shown = message[:60].decode("ascii", "replace")
-            raise ErrorsReported(self._device, shown, (error, *self.drain_errors()))
-        return body
+        if error is None:
+            return body
+        errors = (error, *self.drain_errors())
+        if retry and {each.code for each in errors} <= _EXCHANGE:
+            return self._ask(message, expected, False)
+        raise ErrorsReported(self._device, message[:60].decode("ascii", "replace"), errors)
 
     def _retried(self, message: bytes, expected: int, retry: bool) -> bytes:
         try:

@@ -127,6 +127,7 @@ class Tcspc488Firmware:
             "INIT": self._initiate, "ABOR": lambda a: acquisition.abort(),
             "ACQ:STAT?": self._status, "ACQ:MARK?": lambda a: b"%d,%d,%d" % tuple(acquisition.markers),
             "ACQ:DATA?": self._data, "TTAG:DATA?": self._time_tags,
+            "TTAG:CRC?": lambda a: b"%d" % acquisition.tags.checksum,
             "ACQ:DWEL": lambda a: self._set(dwells_us=[integer(a, 1, 10**7)]),
             "ACQ:DWEL?": lambda a: b"%d" % acquisition.settings.dwells_us[0],
             "ACQ:DWEL:LIST": lambda a: self._set(dwells_us=self._list(a, 1, 10**7)),

@@ -3,6 +3,8 @@
 Each gate also leaves a record of its own: marker bit 8, at the laser pulse with which it opens.
 """
 
+import zlib
+
 import numpy as np
 import numpy.typing as npt
 
@@ -35,6 +37,8 @@ class TimeTags:
         self._started_s = self._sync_hz = 0.0
         self._wraps = 0
         self.lost = 0
+        self.checksum = 0
+        """CRC-32 of what `take` gave last."""
 
     def start(self, now_s: float, sync_hz: float) -> None:
         self._fifo.clear()
@@ -119,6 +123,7 @@ class TimeTags:
         self._fifo = [records[most:]]
         self._waiting = len(self._fifo[0])
         data = records[:most].astype("<u4").tobytes()
+        self.checksum = zlib.crc32(data)
         if data and self._bench.faults.strikes("U20", now_s, "block"):
             data = data[:-2]
         return data

@@ -102,6 +102,10 @@ class SimulatedUsb(usb.backend.IBackend):  # type: ignore[misc]
         """Plugs it in again: the same device under a new address."""
         self._plug(self._port(serial))
 
+    def device(self, serial: str) -> UsbtmcDevice:
+        """The far end of the cable, for whoever wants to do harm there."""
+        return self._port(serial).device
+
     def _port(self, serial: str) -> _Port:
         return next(port for port in self._ports if port.usb.serial == serial)
 

@@ -5,6 +5,7 @@ Transfers towards the host are kept whole and sliced only as the host reads them
 
 import struct
 from collections import deque
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -14,6 +15,10 @@ _HEADER = struct.Struct("<BBBBIBBH")
 HEADER_BYTES = 12
 SUCCESS, PENDING, FAILED, NOT_IN_PROGRESS = 0x01, 0x02, 0x80, 0x81
 EVERLASTING_S = float("inf")
+
+
+Mangle = Callable[[str, bytes], Iterable[tuple[float, bytes]]]
+"""(">" to the device or "<" from it, one bulk transfer) -> what comes of it: (seconds later, bytes) each."""
 
 
 class Stall(Exception):
@@ -70,6 +75,7 @@ class UsbtmcDevice:
         self.transfers: deque[Transfer] = deque()
         self.notifications: deque[bytes] = deque()
         self.halted: set[str] = set()
+        self.mangle: Mangle | None = None
         self._faults = faults
         self._incoming = bytearray()
         self._message = bytearray()
@@ -83,6 +89,13 @@ class UsbtmcDevice:
 
     def receive(self, data: bytes, now_s: float) -> None:
         """Bytes from the host: part of a transfer, or a whole one."""
+        if self.mangle is None:
+            self._take(data, now_s)
+        else:
+            for _, piece in self.mangle(">", data):
+                self._take(piece, now_s)
+
+    def _take(self, data: bytes, now_s: float) -> None:
         if "out" in self.halted:
             raise Stall
         if self._faults.strikes("U3", now_s, "out"):
@@ -188,7 +201,8 @@ class UsbtmcDevice:
         if fault := strikes("U2", now_s):
             data = data[: int(fault.parameters.get("packets", 1)) * self.packet_bytes]
             ends_short = False
-        self.transfers.append(Transfer(data, now_s + delay_s, ends_short))
+        for later_s, piece in [(0.0, data)] if self.mangle is None else self.mangle("<", data):
+            self.transfers.append(Transfer(piece, now_s + delay_s + later_s, ends_short))
 
     # Control endpoint
 
@@ -220,7 +234,7 @@ class UsbtmcDevice:
         if request == 7:
             return bytes([SUCCESS, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0b101, 0b1111]) + bytes(8)
         if request == 128:
-            self.notifications.append(bytes([0x80 | value & 0x7F, self.instrument.status_byte()]))
+            self.notifications.append(bytes([0x80 | value & 0x7F, self._status_byte()]))
             return bytes([SUCCESS, value & 0xFF, 0])
         if request in (160, 161, 162):
             raise Stall  # remote/local control is not offered
@@ -263,10 +277,9 @@ class UsbtmcDevice:
         self.notifications.clear()
         self._pending_replies = 0
 
-    @property
-    def has_answer(self) -> bool:
-        """Message available, for the status byte."""
-        return len(self._response) > 0 or bool(self.transfers)
+    def _status_byte(self) -> int:
+        """The instrument's, with bit 4 for an answer that waits."""
+        return self.instrument.status_byte() | (16 if self._response or self.transfers else 0)
 
 
 def _spoil_header(header: bytearray, field: str) -> None:

@@ -25,7 +25,7 @@ __all__ = ["Tcspc488", "Tcspc488Settings", "Tcspc488Shutter"]
 _SHORT_WAIT_S = 0.01
 _EARLY_S = 0.002
 """How often a gate that may end early is looked at."""
-_POLL_S = 0.05
+POLL_S = 0.05
 """Longest time between two looks at the status: a lost service request costs no more (20 Hz)."""
 
 
@@ -149,7 +149,7 @@ class Tcspc488:
                 raise DeviceTimeout(self._device, f"{status.done} of {count} points complete after {timeout_s:g} s.")
             look_s = now_s + _EARLY_S if self._stops else due_s
             if now_s >= due_s:
-                due_s, again_s = now_s + again_s, min(2 * again_s, _POLL_S)
+                due_s, again_s = now_s + again_s, min(2 * again_s, POLL_S)
 
     def _due(self, count: int) -> float:
         """When the gates of that many points should have closed. Raises `CommandRejected` for one not triggered."""
@@ -171,7 +171,7 @@ class Tcspc488:
         if left_s <= _SHORT_WAIT_S:
             self.clock.sleep(left_s)
         else:
-            self.instrument.pause(min(left_s - 0.5 * _SHORT_WAIT_S, _POLL_S))
+            self.instrument.pause(min(left_s - 0.5 * _SHORT_WAIT_S, POLL_S))
 
     def _poll(self, wanted: int | None) -> Status:
         """The status, with the record of point `wanted` brought along if it is complete."""

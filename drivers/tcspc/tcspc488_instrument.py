@@ -3,14 +3,15 @@
 Whatever is said to it, a trip that its answer shows is answered first, with the shutter command.
 """
 
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
 from drivers.clock import Clock
-from drivers.errors import DeviceError, DeviceReset, LimitError
+from drivers.errors import DataCorrupt, DeviceError, DeviceReset, LimitError, ProtocolError
 from drivers.identity import DeviceIdentity
-from drivers.link.scpi import ErrorsReported, Scpi, ScpiError
+from drivers.link.scpi import BlockAnswer, ErrorsReported, Scpi, ScpiError
 from drivers.link.usb488 import Usb488
 from drivers.link.usbtmc import UsbtmcInterface, WireLog, find_usb
 from drivers.tcspc.counter import CountRates
@@ -80,19 +81,37 @@ class Instrument:
     def trigger(self) -> None:
         self.link.trigger(self.scpi.timeout_s)
 
-    def look(self, data: bytes = b"", expected: int = 0, retry: bool = True) -> tuple[Status, memoryview | None]:
+    def look(self, data: bytes = b"", expected: int = 0) -> tuple[Status, memoryview | None]:
         """Status, and the block of about `expected` bytes that `data` asks for if it is there."""
         units = [*self._kick_if_due(), *self._status_units]
         if data:
             units.append(data)
-        text, block, error = self.scpi.query_block(*units, expected=256 + expected, retry=retry)
-        status = decode_status(self.device, text.decode("ascii", "replace"))
+        answer = self.scpi.query_block(*units, expected=256 + expected)
+        if answer.after:
+            raise DataCorrupt(self.device, f"{answer.after[:20]!r} came after its data.")
+        return self._status(answer), answer.block
+
+    def take_records(self, most: int) -> tuple[Status, bytes]:
+        """Status, and the T3 records that wait. Raises `DataCorrupt` where they do not have their checksum.
+
+        The instrument tells each record once: nothing is asked for again.
+        """
+        units = [*self._kick_if_due(), *self._status_units, b"TTAG:DATA? %d" % most, b"TTAG:CRC?"]
+        answer = self.scpi.query_block(*units, expected=256 + 4 * most, retry=False)
+        status, data = self._status(answer), bytes(answer.block or b"")
+        if answer.after != b"%d" % zlib.crc32(data):
+            raise DataCorrupt(self.device, f"{len(data)} bytes of records came without their checksum.")
+        return status, data
+
+    def _status(self, answer: BlockAnswer) -> Status:
+        """Whatever was asked, a trip is seen and answered before the data is looked at."""
+        status = decode_status(self.device, answer.before.decode("ascii", "replace"))
         if status.tripped and not self.trip_reported:
-            self.tripped((error,) if error else ())
-        if error is not None and error.code not in (_NOT_READY, _OVERRUN):
+            self.tripped((answer.error,) if answer.error else ())
+        if answer.error is not None and answer.error.code not in (_NOT_READY, _OVERRUN):
             with self.errors_named():
-                raise ErrorsReported(self.device, "acquiring", (error, *self.scpi.drain_errors()))
-        return status, block
+                raise ErrorsReported(self.device, "acquiring", (answer.error, *self.scpi.drain_errors()))
+        return status
 
     def pause(self, seconds: float) -> None:
         """Until a service request, the next kick, or for so long."""
@@ -115,7 +134,10 @@ class Instrument:
     def arm_watchdog(self, timeout_s: float) -> None:
         if timeout_s != 0 and not 0.1 <= timeout_s <= 60:
             raise LimitError(self.device, f"watchdog time {timeout_s:g} s is outside 0.1 to 60 s.", "0 turns it off.")
-        self.call(f"SYST:WDOG {timeout_s:g}".encode())
+        with self.errors_named():
+            kept = self.scpi.query(f"SYST:WDOG {timeout_s:g}".encode(), b"SYST:WDOG?")[0]
+        if kept != f"{timeout_s:g}":
+            raise ProtocolError(self.device, f"its watchdog was set to {timeout_s:g} s and says {kept!r}.")
         self._watchdog_s = timeout_s
         self._kicked_s = self.clock.now()
 

@@ -49,7 +49,7 @@ class Setup:
         return wrong + [header for header, values in lists.items() if self._list(header, 4 * len(values)) != values]
 
     def _list(self, header: str, expected: int) -> Sequence[int]:
-        _, block, error = self._scpi.query_block(f"{header}?".encode(), expected=expected)
-        if error is not None:
-            raise ErrorsReported(self._device, f"{header}?", (error,))
-        return block.cast("I").tolist() if block is not None and len(block) % 4 == 0 else []
+        answer = self._scpi.query_block(f"{header}?".encode(), expected=expected)
+        if answer.error is not None:
+            raise ErrorsReported(self._device, f"{header}?", (answer.error,))
+        return answer.block.cast("I").tolist() if answer.block is not None and len(answer.block) % 4 == 0 else []

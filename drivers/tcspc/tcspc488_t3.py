@@ -12,13 +12,12 @@ from drivers.errors import CommandRejected, DeviceLost, DeviceTimeout, LimitErro
 from drivers.tcspc.counter import CounterStatus, Histogram, HistogramFlag, Trigger
 from drivers.tcspc.t3 import GENERIC, T3Decoder
 from drivers.tcspc.t3_points import PointHistograms, StepMarkers
-from drivers.tcspc.tcspc488 import Tcspc488
+from drivers.tcspc.tcspc488 import POLL_S, Tcspc488
 from drivers.tcspc.tcspc488_messages import Status
 
 _MOST_RECORDS = 65_000
 """Per question: 260 kB, so that the link is soon free again."""
 _GATE_MARKER = 0b1000
-_LOOK_S = 0.0005
 
 
 class Tcspc488T3(Tcspc488):
@@ -57,6 +56,7 @@ class Tcspc488T3(Tcspc488):
     def wait_points(self, count: int, timeout_s: float) -> CounterStatus:
         deadline_s = self.clock.now() + timeout_s
         due_s = self._due(count) + self._disorder_s + GENERIC.wrap / self._sync_hz  # time is told in wraps
+        again_s = 0.0005
         while True:
             self._pause(min(due_s, deadline_s))
             status = self._drain()
@@ -67,20 +67,19 @@ class Tcspc488T3(Tcspc488):
             if now_s >= deadline_s:
                 raise DeviceTimeout(self._device, f"{done} of {count} points complete after {timeout_s:g} s.")
             if now_s >= due_s:
-                due_s = now_s + _LOOK_S
+                due_s, again_s = now_s + again_s, min(2 * again_s, POLL_S)
 
     def _drain(self) -> Status:
         """Takes all records that wait."""
         while not self._broken:
             try:
-                status, block = self.instrument.look(b"TTAG:DATA? %d" % _MOST_RECORDS, 4 * _MOST_RECORDS, retry=False)
+                status, data = self.instrument.take_records(_MOST_RECORDS)
             except DeviceLost:
                 raise
             except (DeviceTimeout, ProtocolError):
                 self._lose_the_rest()
                 break
             self._running_or_done(status)
-            data = b"" if block is None else bytes(block)
             events = self._decoder.feed(np.frombuffer(data, "<u4", len(data) // 4))
             self._points.add(events)
             if len(data) % 4 or status.lost:  # cut short, or the FIFO was full: gate marks may be missing too

@@ -101,10 +101,11 @@ def test_an_answer_that_does_not_fit_the_question_is_a_protocol_error(answer: by
 
 def test_a_block_is_handed_over_with_the_text_before_it_and_the_error_behind_it() -> None:
     message = b"S?;:D?;:SYST:ERR?\n"
-    text, block, error = scpi((message, b"RUN,3;#3004\n;#;;" + GOOD)).query_block(b"S?", b"D?", expected=4)
-    assert (text, bytes(block or b""), error) == (b"RUN,3", b"\n;#;", None)
-    text, block, error = scpi((message, b'RUN,3;-230,"Data corrupt or stale"\n')).query_block(b"S?", b"D?", expected=4)
-    assert (text, block, error) == (b"RUN,3", None, ScpiError(-230, "Data corrupt or stale"))
+    answer = scpi((message, b"RUN,3;#3004\n;#;;7;" + GOOD)).query_block(b"S?", b"D?", expected=4)
+    assert (answer.before, bytes(answer.block or b""), answer.after, answer.error) == (b"RUN,3", b"\n;#;", b"7", None)
+    answer = scpi((message, b'RUN,3;-230,"Data corrupt or stale"\n')).query_block(b"S?", b"D?", expected=4)
+    assert (answer.before, answer.block, answer.after) == (b"RUN,3", None, b"")
+    assert answer.error == ScpiError(-230, "Data corrupt or stale")
     for wrong in (
         b"RUN,3;#3009abcd;" + GOOD,
         b"RUN,3;#14abcde;" + GOOD,
