@@ -37,7 +37,7 @@ SERIAL = (
     FaultRow("G5", "the echo names another axis or value",
              "`ProtocolError`; the position counts as unknown, nothing moves until the bench is opened again",
              _ALL),
-    FaultRow("G6", "the controller restarts in mid-session",
+    FaultRow("G6", "the controller restarts while in use",
              "`DeviceReset`, shutter closed; its settings are gone",
              _ALL),
     FaultRow("G7", "replies cut into pieces or run together",
