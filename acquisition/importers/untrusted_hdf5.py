@@ -23,20 +23,12 @@ def open_hdf5(path: Path) -> Iterator[h5py.File]:
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
     try:
-        with _open(path) as file:
+        with h5py.File(path, "r", locking="best-effort") as file:
             yield file
     except (OSError, RuntimeError) as error:
         if isinstance(error, FileNotFoundError):
             raise
         raise InvalidData(f"{path}: not a readable HDF5 file ({error}). Is the copy complete?") from error
-
-
-def _open(path: Path) -> h5py.File:
-    try:
-        return h5py.File(path, "r", locking="best-effort")
-    except OSError:
-        # A file that is being written in SWMR mode, or whose writer was killed, opens only so.
-        return h5py.File(path, "r", libver="latest", swmr=True, locking="best-effort")
 
 
 def find_dataset(file: h5py.File, name: str) -> h5py.Dataset | None:
