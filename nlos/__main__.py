@@ -52,6 +52,8 @@ def report(error: BaseException) -> int:
         terminal.log("nlos: this is a bug; please report it with the lines above.", -9)
     else:
         terminal.log(f"nlos: {str(error) or code.name.lower()}", -9)
+        for note in getattr(error, "__notes__", ()):
+            terminal.log(f"nlos: {note}", -9)
         if terminal.verbosity > 0:
             traceback.print_exception(error)
     terminal.document["error"] = {"message": str(error), "kind": type(error).__name__, "exit_code": int(code)}
