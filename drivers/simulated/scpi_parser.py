@@ -25,6 +25,12 @@ ERROR_TEXTS = {
     104: "Slot overrun",
     105: "Watchdog",
 }
+_LONG_FORMS = {
+    "SYSTEM": "SYST", "ERROR": "ERR", "INPUT": "INP", "LEVEL": "LEV", "ACQUIRE": "ACQ", "POINTS": "POIN",
+    "DWELL": "DWEL", "STATUS": "STAT", "OUTPUT": "OUTP", "SHUTTER": "SHUT", "ABORT": "ABOR", "INITIATE": "INIT",
+    "HISTOGRAM": "HIST", "OFFSET": "OFFS", "FORMAT": "FORM", "TRIGGER": "TRIG", "SOURCE": "SOUR", "NUMBERS": "NUMB",
+    "BLANKING": "BLAN", "PROTECTION": "PROT", "CLEAR": "CLE", "COUNTS": "COUN", "WINDOW": "WIND", "MARKERS": "MARK",
+}  # fmt: skip
 Handler = Callable[[bytes], bytes | None]
 
 
@@ -96,9 +102,8 @@ def split_units(message: bytes) -> list[bytes]:
 class ScpiParser:
     """Finds the handler of each unit, in short or long form, relative to the unit before it or absolute."""
 
-    def __init__(self, handlers: Mapping[str, Handler], long_forms: Mapping[str, str]) -> None:
+    def __init__(self, handlers: Mapping[str, Handler]) -> None:
         self._handlers = handlers
-        self._long_forms = long_forms
         self._found: dict[tuple[str, bytes], tuple[Handler, str]] = {}
 
     def execute(self, message: bytes, refuse: Callable[[int], None]) -> bytes:
@@ -143,7 +148,7 @@ class ScpiParser:
     def _short(self, word: str) -> str:
         query = word.endswith("?")
         word = word.rstrip("?")
-        return self._long_forms.get(word, word) + ("?" if query else "")
+        return _LONG_FORMS.get(word, word) + ("?" if query else "")
 
 
 def integer(argument: bytes, low: int, high: int) -> int:

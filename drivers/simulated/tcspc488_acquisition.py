@@ -9,14 +9,13 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from drivers.simulated.bench import Exposure, Gate, SimulatedBench
+from drivers.simulated.tcspc488_protection import INTERLOCK, NEVER_S, SYNC, Protection
 from drivers.simulated.tcspc488_time_tags import TimeTags
 from drivers.tcspc.counter import HistogramFlag
 
-NEVER_S = float("inf")
 RATE_WINDOW_S = 0.1
 SLOTS = 4096
 MAX_POINTS = 65536
-TRIPS = {101: "OVER", 102: "INTL", 103: "SYNC", 105: "WDOG"}
 _SLACK_S = 1e-9
 
 
@@ -68,7 +67,7 @@ class Acquisition:
         self._signal = signal
         self.settings = AcquisitionSettings()
         self.state = "IDLE"
-        self.trip = 0
+        self.protection = Protection(bench)
         self.done = 0
         self.lost = 0
         self.flags = 0
@@ -81,12 +80,7 @@ class Acquisition:
         self._edge_s = NEVER_S
         self._edges = 0
         self._missed = 0
-        self._trip_event = (NEVER_S, 0)
-        self._over_since_s = NEVER_S
-        self._watchdog_s = 0.0
-        self._watchdog_due_s = NEVER_S
         self._next_s = NEVER_S
-        self.shutter_commanded = False
         self._advancing = False
         bench.follow(self.advance)
         for k, line in enumerate(("marker_1", "marker_2", "marker_4")):
@@ -102,23 +96,19 @@ class Acquisition:
         """Everything due by `now_s`, in order."""
         if self._advancing:
             return  # a step of ours moved the bench, which asks whether we are up to date
-        if self.shutter_commanded and not self._bench.interlock_closed:
-            self._trip(102)
         now_s += _SLACK_S
         self._advancing = True
         try:
             while self._next_s <= now_s:
                 self._step(self._next_s)
+            if self.protection.interlock_opened:
+                self._trip(INTERLOCK)
         finally:
             self._advancing = False
 
     def _step(self, when_s: float) -> None:
-        if self._trip_event[0] <= when_s:
-            self._trip(self._trip_event[1])
-        elif self._watchdog_due_s <= when_s:
-            self._watchdog_due_s = NEVER_S
-            if self.shutter_commanded:
-                self._trip(105)
+        if code := self.protection.due(when_s):
+            self._trip(code)
         elif self._gate is not None and self._gate.closes_s <= when_s:
             self._close_gate()
         elif self._edge_s <= when_s:
@@ -127,7 +117,7 @@ class Acquisition:
 
     def _schedule(self) -> None:
         closes_s = self._gate.closes_s if self._gate else NEVER_S
-        self._next_s = min(self._trip_event[0], self._watchdog_due_s, closes_s, self._edge_s)
+        self._next_s = min(self.protection.next_s, closes_s, self._edge_s)
 
     # Arming and triggering
 
@@ -136,7 +126,6 @@ class Acquisition:
         self.done = self.lost = self.flags = self._read_until = self._edges = self._missed = 0
         self.markers = [0, 0, 0]
         self._ring.clear()
-        self._over_since_s = NEVER_S
         self.armed_s = self._ready_s = now_s
         self.state = "ARMED"
         if self.settings.mode == "T3":
@@ -159,7 +148,7 @@ class Acquisition:
         self.tags.stop(self._bench.clock.now())
         self._gate = None
         self._edge_s = NEVER_S
-        self._trip_event = (NEVER_S, 0)
+        self.protection.gate_closed()
         if self.state in ("ARMED", "RUN", "DONE"):
             self.state = "IDLE"
         self._schedule()
@@ -230,27 +219,11 @@ class Acquisition:
         closes_s = opens_s + (exposure.live_s if exposure.stopped_early else dwell_s)
         if (fault := self._bench.faults.strikes("U15", opens_s)) is not None:
             flags |= {"missed": 64, "late": 32, "overrun": 16}[str(fault.parameters.get("what", "missed"))]
-        self._watch_light(exposure, opens_s, closes_s)
+        self.protection.watch(exposure, opens_s, closes_s, settings.trip_rate_hz, settings.trip_time_ms)
         self._gate = _OpenGate(Slot(index, number, gate, exposure, flags), closes_s)
         if settings.source == "IMM" and index + 1 < settings.points:
             period_s = settings.clock_100ns * 1e-7
             self._edge_s = max(closes_s, edge_s + period_s)
-
-    def _watch_light(self, exposure: Exposure, opens_s: float, closes_s: float) -> None:
-        """Schedules the trip that this gate's light or a fault U14 will cause."""
-        settings = self.settings
-        if settings.trip_rate_hz:
-            if exposure.total_count > settings.trip_rate_hz * exposure.live_s:
-                self._over_since_s = min(self._over_since_s, opens_s)
-                trips_s = self._over_since_s + settings.trip_time_ms * 1e-3
-                if trips_s <= closes_s:
-                    self._trip_event = (max(trips_s, opens_s), 101)
-            else:
-                self._over_since_s = NEVER_S
-        if (fault := self._bench.faults.strikes("U14", opens_s)) is not None:
-            cause = {"over_count": 101, "interlock": 102, "sync": 103, "watchdog": 105}
-            at_s = opens_s + 0.5 * (closes_s - opens_s)
-            self._trip_event = (at_s, cause[str(fault.parameters.get("cause", "over_count"))])
 
     def _close_gate(self) -> None:
         assert self._gate is not None
@@ -298,31 +271,18 @@ class Acquisition:
     # Protection
 
     def kick_watchdog(self, now_s: float, period_s: float | None = None) -> None:
-        """Restarts the watchdog, with a new period (0: off) where one is given."""
-        if period_s is not None:
-            self._watchdog_s = period_s
-        self._watchdog_due_s = now_s + self._watchdog_s if self._watchdog_s else NEVER_S
+        self.protection.kick(now_s, period_s)
         self._schedule()
-
-    @property
-    def watchdog_s(self) -> float:
-        return self._watchdog_s
-
-    def command_shutter(self, is_open: bool) -> None:
-        self.shutter_commanded = is_open
-        self._bench.set_shutter(is_open)
 
     def _trip(self, code: int) -> None:
         """Shutter shut, gate shut, latched until a person clears it."""
         self.abort()
-        self.command_shutter(False)
-        self.trip = code
-        self.state = "FAULT" if code == 103 else "TRIP"
+        self.protection.trip(code)
+        self.state = "FAULT" if code == SYNC else "TRIP"
         self._report(code)
         self._signal()
 
     def clear_trip(self) -> None:
-        self.trip = 0
-        self._over_since_s = NEVER_S
+        self.protection.clear()
         if self.state in ("TRIP", "FAULT"):
             self.state = "IDLE"

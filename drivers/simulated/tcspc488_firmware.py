@@ -9,21 +9,15 @@ from drivers.simulated.tcspc488_acquisition import (
     MAX_POINTS,
     RATE_WINDOW_S,
     SLOTS,
-    TRIPS,
     Acquisition,
     AcquisitionSettings,
 )
 from drivers.simulated.tcspc488_data import answer_block, answer_records, encode_block
+from drivers.simulated.tcspc488_protection import TRIPS
 from drivers.simulated.usb_descriptors import UsbDescription
 
 BASE_PS = 4
 MAX_BINS = 65536
-_LONG_FORMS = {
-    "SYSTEM": "SYST", "ERROR": "ERR", "INPUT": "INP", "LEVEL": "LEV", "ACQUIRE": "ACQ", "POINTS": "POIN",
-    "DWELL": "DWEL", "STATUS": "STAT", "OUTPUT": "OUTP", "SHUTTER": "SHUT", "ABORT": "ABOR", "INITIATE": "INIT",
-    "HISTOGRAM": "HIST", "OFFSET": "OFFS", "FORMAT": "FORM", "TRIGGER": "TRIG", "SOURCE": "SOUR", "NUMBERS": "NUMB",
-    "BLANKING": "BLAN", "PROTECTION": "PROT", "CLEAR": "CLE", "COUNTS": "COUN", "WINDOW": "WIND", "MARKERS": "MARK",
-}  # fmt: skip
 _INPUTS = {
     "INP:SYNC:LEV": (-1200, 1200, -100), "INP:SYNC:DIV": (1, 16, 1), "INP:SYNC:DEL": (-99999, 99999, 0),
     "INP:DET:LEV": (-1200, 1200, -100), "INP:DET:DEL": (-99999, 99999, 0), "INP:DET:DTIM": (800, 160000, 800),
@@ -46,7 +40,7 @@ class Tcspc488Firmware:
         self._firmware = "1.0.0"
         self.acquisition = Acquisition(bench, self._refuse, self._operation_event)
         self._power_up()
-        self._parser = ScpiParser(self._handlers(), _LONG_FORMS)
+        self._parser = ScpiParser(self._handlers())
 
     def _power_up(self) -> None:
         self._inputs = {name: default for name, (_, _, default) in _INPUTS.items()}
@@ -86,7 +80,7 @@ class Tcspc488Firmware:
         return asked
 
     def status_byte(self) -> int:
-        status = (4 if len(self._errors) else 0) | (8 if self.acquisition.trip else 0)
+        status = (4 if len(self._errors) else 0) | (8 if self.acquisition.protection.tripped else 0)
         status |= (32 if self._events & self._enable["*ESE"] else 0) | (128 if self._operation else 0)
         return status | (64 if status & self._enable["*SRE"] else 0)
 
@@ -105,7 +99,7 @@ class Tcspc488Firmware:
         self._operation = self._srq = False
         if new_identity:
             self._firmware = "0.9.0"
-        self.acquisition.command_shutter(False)
+        self.acquisition.protection.command_shutter(False)
         self.acquisition.kick_watchdog(self._now_s, 0.0)
         self._power_up()
 
@@ -121,7 +115,7 @@ class Tcspc488Firmware:
             "*TRG": lambda a: self.acquisition.trigger(self._now_s),
             "SYST:ERR?": lambda a: self._errors.pop(), "SYST:ERR:NEXT?": lambda a: self._errors.pop(),
             "SYST:CAPS?": lambda a: f"{BASE_PS},{MAX_BINS},{SLOTS},{MAX_POINTS},{self._firmware}".encode(),
-            "SYST:WDOG": self._watchdog, "SYST:WDOG?": lambda a: f"{acquisition.watchdog_s:g}".encode(),
+            "SYST:WDOG": self._watchdog, "SYST:WDOG?": lambda a: f"{acquisition.protection.watchdog_s:g}".encode(),
             "SYST:WDOG:KICK": lambda a: acquisition.kick_watchdog(self._now_s),
             "INP:RATE?": self._rates,
             "INIT": self._initiate, "ABOR": lambda a: acquisition.abort(),
@@ -143,7 +137,7 @@ class Tcspc488Firmware:
             "ACQ:MODE?": lambda a: acquisition.settings.mode.encode(),
             "ACQ:TRIG:SOUR": lambda a: self._set(source=word(a, ("IMM", "BUS", "EXT"))),
             "ACQ:TRIG:SOUR?": lambda a: acquisition.settings.source.encode(),
-            "PROT:TRIP?": lambda a: TRIPS.get(acquisition.trip, "NONE").encode(),
+            "PROT:TRIP?": lambda a: TRIPS.get(acquisition.protection.tripped, "NONE").encode(),
             "PROT:CLE": lambda a: acquisition.clear_trip(),
             "OUTP:SHUT": self._shutter, "OUTP:SHUT?": self._shutter_state,
             "INTL?": lambda a: b"OK" if self._bench.interlock_closed else b"OPEN",
@@ -242,8 +236,8 @@ class Tcspc488Firmware:
     def _initiate(self, argument: bytes) -> None:
         acquisition = self.acquisition
         settings = acquisition.settings
-        if acquisition.trip:
-            raise ScpiFault(acquisition.trip)
+        if acquisition.protection.tripped:
+            raise ScpiFault(acquisition.protection.tripped)
         if acquisition.state in ("ARMED", "RUN"):
             raise ScpiFault(-213)
         if any(1 < len(each) != settings.points for each in (settings.dwells_us, settings.numbers)):
@@ -284,15 +278,16 @@ class Tcspc488Firmware:
 
     def _shutter(self, argument: bytes) -> None:
         opens = word(argument, ("OPEN", "CLOS", "CLOSE")) == "OPEN"
-        if opens and self.acquisition.trip:
-            raise ScpiFault(self.acquisition.trip)
+        if opens and self.acquisition.protection.tripped:
+            raise ScpiFault(self.acquisition.protection.tripped)
         if opens and not self._bench.interlock_closed:
             raise ScpiFault(102)
-        self.acquisition.command_shutter(opens)
+        self.acquisition.protection.command_shutter(opens)
 
     def _shutter_state(self, argument: bytes) -> bytes:
         return b"%s,%s" % tuple(
-            b"OPEN" if each else b"CLOS" for each in (self.acquisition.shutter_commanded, self._bench.shutter_open)
+            b"OPEN" if each else b"CLOS"
+            for each in (self.acquisition.protection.shutter_commanded, self._bench.shutter_open)
         )
 
     def _clear_status(self, argument: bytes) -> None:

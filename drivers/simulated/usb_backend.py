@@ -168,9 +168,6 @@ class SimulatedUsb(usb.backend.IBackend):  # type: ignore[misc]
     def set_configuration(self, dev_handle: _Handle, config_value: int) -> None:
         self._port_of(dev_handle)
 
-    def set_interface_altsetting(self, dev_handle: _Handle, intf: int, altsetting: int) -> None:
-        self._port_of(dev_handle)
-
     def claim_interface(self, dev_handle: _Handle, intf: int) -> None:
         port = self._port_of(dev_handle)
         if port.kernel_driver or port.claimed_by not in (None, dev_handle):
