@@ -13,6 +13,7 @@ VERBS = {
     "scan": "Acquire; by default on the simulated bench.",
     "calibrate": "Measure the bench's constants from recordings and say how good they are.",
     "reconstruct": "From recordings to pictures of what is behind the corner.",
+    "serve": "Serve a recording's samples to another machine while it grows.",
     "replay": "Play recorded samples through the same path as a live scan.",
     "import": "Read other people's formats into a recording.",
     "export": "Write a recording or a reconstruction in other people's formats.",

@@ -43,7 +43,7 @@ def load_scan(path: Path) -> LoadedScan:
 
     if is_recording(path):
         with Recording.open(path) as recording:
-            return as_recorded(recording, recording.transient())
+            return _load_recording(recording)
     scan = read_isolated(path)
     for note in scan.notes:
         terminal.log(f"{path}: {note}", 1)
@@ -66,18 +66,29 @@ def check_raw(path: Path, transient: "Transient") -> None:
             )
 
 
-def as_recorded(recording: "Recording", transient: "Transient") -> LoadedScan:
+def _load_recording(recording: "Recording") -> LoadedScan:
+    """A whole recording."""
+    transient = recording.transient()
+    sync_count, total_count = np.zeros_like(transient.exposure_s), np.zeros_like(transient.exposure_s)
+    for start, counts, intact in recording.blocks():
+        records = recording.records[start : start + len(counts)][intact]
+        place = recording.plan.positions.row[records["number"]], recording.plan.positions.col[records["number"]]
+        np.add.at(sync_count, place, records["sync_count"])
+        np.add.at(total_count, place, records["total_count"])
+    return as_recorded(recording, transient, sync_count, total_count)
+
+
+def as_recorded(
+    recording: "Recording",
+    transient: "Transient",
+    sync_count: npt.NDArray[np.float64],
+    total_count: npt.NDArray[np.float64],
+) -> LoadedScan:
     """All or some of a recording's samples; one that was imported keeps what its source said."""
     from acquisition.importers.to_recording import said_by_source
 
     said = said_by_source(recording)
     cut, falloff, offsets = said.get("direct_cut_bins"), said.get("falloff"), said.get("time_offset_bins")
-    transient = recording.transient()
-    sync_count, total_count = np.zeros_like(transient.exposure_s), np.zeros_like(transient.exposure_s)
-    numbers = recording.records["number"]
-    place = recording.plan.positions.row[numbers], recording.plan.positions.col[numbers]
-    np.add.at(sync_count, place, recording.records["sync_count"])
-    np.add.at(total_count, place, recording.records["total_count"])
     return LoadedScan(
         transient,
         {role: f"{who.model} {who.serial}".strip() for role, who in recording.header.devices.items()},

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition.transient import Transient
+from recon.methods import find
 from recon.reconstruct import reconstruct
 from recon.volume import Reconstruction
 
@@ -19,7 +20,7 @@ class LivePicture:
 
     `change`: how much the front view differs from the one before, relative L2 after scaling both to their best fit;
     1 for the first. `error`: its expected relative error from the number of photons alone (Poisson).
-    `confidence` (H, W), 0 to 1: measured here, and still where it was in the picture before.
+    `confidence` (H, W), 0 to 1: measured here, still where it was in the picture before, with light enough.
     """
 
     reconstruction: Reconstruction
@@ -41,9 +42,13 @@ class LiveReconstruction:
         self._device = device
         self._before: Picture | None = None
 
-    def update(self, transient: Transient, samples: int) -> LivePicture:
-        """The picture of `transient`, which holds `samples` samples. Raises what `reconstruct` raises."""
-        result = reconstruct(transient, self.method, self._settings, self._device)
+    def update(self, transient: Transient, samples: int, falloff: int | None = None) -> LivePicture:
+        """The picture of `transient`, which holds `samples` samples; `falloff` where its file says one, for methods
+        that have it. Raises what `reconstruct` raises."""
+        settings = dict(self._settings)
+        if falloff is not None and "falloff" in find(self.method).Settings.model_fields:
+            settings.setdefault("falloff", falloff)
+        result = reconstruct(transient, self.method, settings, self._device)
         now = np.nan_to_num(result.albedo)
         before, self._before = self._before, now
         measured = transient.exposure_s > 0
@@ -53,7 +58,7 @@ class LiveReconstruction:
         lit = max(int(np.count_nonzero(now > 0.1 * float(now.max(initial=0.0)))), 1)
         error = 1.0 / float(np.sqrt(max(photons / lit, 1.0)))
         nearness = _nearness(measured)
-        return LivePicture(result, samples, change, error, (nearness * still).astype(np.float32))
+        return LivePicture(result, samples, change, error, (nearness * still / (1.0 + error)).astype(np.float32))
 
 
 def relative_change(before: Picture, now: Picture) -> float:

@@ -33,6 +33,8 @@ class SampleServer:
         self._inode = 0
         self._intact: list[int] = []
         self._looked_at = 0
+        self.answers = 0
+        """How many questions were answered."""
         self._context = zmq.Context()
         server_public, server_secret = new_keys()
         client_public, client_secret = new_keys()
@@ -81,6 +83,7 @@ class SampleServer:
         except (InvalidData, FileNotFoundError):
             return
         self._socket.send_multipart([frames[0], *reply], flags=zmq.NOBLOCK)
+        self.answers += 1
 
     def _reply(self, request: Request) -> list[bytes]:
         recording = self._refreshed()

@@ -1,0 +1,123 @@
+"""A scan followed while it is written ends in the picture of the finished recording, wherever it is followed from."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from acquisition.gathering import Gathering
+from acquisition.recording import Recording, Status
+from acquisition.recording_writer import RecordingWriter
+
+Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
+
+COARSE_TO_FINE = """\
+wall: {width_m: 1.0, height_m: 1.0, rows: 16, cols: 16}
+pattern: {kind: coarse_to_fine, batch: 8}
+dwell_ms: 20
+histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
+"""
+
+
+@pytest.fixture
+def run(nlos: Nlos, tmp_path: Path) -> Path:
+    (tmp_path / "scan.yaml").write_text(COARSE_TO_FINE)
+    done = nlos("scan", "scan.yaml", "-o", "run.h5")
+    assert done.returncode == 0, done.stderr
+    return tmp_path / "run.h5"
+
+
+def albedo(folder: Path) -> np.ndarray:
+    with h5py.File(folder / "reconstruction.h5") as file:
+        return np.asarray(file["albedo"])
+
+
+def test_samples_in_any_order_add_up_to_the_same_transient(run: Path) -> None:
+    with Recording.open(run) as recording:
+        whole, samples = recording.transient(), list(recording.samples())
+        plan = recording.plan
+    gathering = Gathering(plan)
+    for index in np.random.default_rng(1).permutation(len(samples)):
+        gathering.add(samples[index])
+        gathering.add(samples[index])  # a second copy changes nothing
+    assert len(gathering) == len(samples)
+    assert np.array_equal(gathering.transient().counts, whole.counts)
+    assert np.array_equal(gathering.transient().exposure_s, whole.exposure_s)
+
+
+def test_following_a_shuffled_growing_file_ends_in_the_batch_result(nlos: Nlos, run: Path, tmp_path: Path) -> None:
+    assert nlos("reconstruct", "run.h5", "-o", "batch").returncode == 0
+    with Recording.open(run) as recording:
+        samples, plan, header = list(recording.samples()), recording.plan, recording.header
+    writer = RecordingWriter.create(tmp_path / "grows.h5", plan, header)
+    follower = subprocess.Popen(
+        [sys.executable, "-m", "nlos", "reconstruct", "grows.h5", "--follow", "-o", "live", "--json"],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    for count, index in enumerate(np.random.default_rng(2).permutation(len(samples))):
+        writer.write(samples[index])
+        if count % 64 == 63:
+            writer.flush()
+            time.sleep(0.3)
+    writer.finish(Status.COMPLETE)
+    out, err = follower.communicate(timeout=60)
+    assert follower.returncode == 0, err
+    assert '"points": 256' in out
+    expected = albedo(tmp_path / "batch")
+    assert np.abs(albedo(tmp_path / "live") - expected).max() <= 1e-5 * expected.max()
+    left = {path.name for path in (tmp_path / "live").iterdir()}
+    assert {"albedo.png", "depth.png", "reconstruction.h5"} <= left
+    assert not [name for name in left if name.startswith(".")]
+
+
+def test_what_is_served_is_followed_by_its_ticket(nlos: Nlos, run: Path, tmp_path: Path) -> None:
+    server = subprocess.Popen(
+        [sys.executable, "-m", "nlos", "serve", "run.h5"], cwd=tmp_path, stdout=subprocess.PIPE, text=True
+    )
+    assert server.stdout is not None
+    assert "tcp://127.0.0.1:" in server.stdout.readline()
+    assert os.stat(tmp_path / "run.ticket").st_mode & 0o077 == 0
+    done = nlos("reconstruct", "run.ticket", "--follow", "-o", "far")
+    server.send_signal(signal.SIGTERM)
+    assert server.wait(20) == 0
+    assert done.returncode == 0, done.stderr
+    with Recording.open(tmp_path / "far" / "run.h5") as far, Recording.open(run) as near:
+        assert np.array_equal(far.records, near.records)
+    assert not (tmp_path / "run.ticket").exists()
+    assert nlos("reconstruct", "run.h5", "-o", "batch").returncode == 0
+    assert np.allclose(albedo(tmp_path / "far"), albedo(tmp_path / "batch"), rtol=0, atol=1e-5)
+
+
+def test_recordings_on_two_workers_of_which_one_dies_come_out_as_on_one_machine(run: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed", reason="the `cluster` extra is not installed")
+    from nlos.archive import reconstruct_on
+    from nlos.chain import reconstruct_file
+
+    count = 20 if os.environ.get("NLOS_SOAK") else 4
+    reconstruct_file(run, "lct", {}, tmp_path / "serial")
+    jobs = [(run, tmp_path / "many" / str(number)) for number in range(count)]
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, local_directory=str(tmp_path)
+    ) as cluster:
+        victim = next(iter(cluster.workers.values())).pid
+        first = jobs[0][1] / "reconstruction.h5"
+
+        def kill_one() -> None:
+            while not first.exists():
+                time.sleep(0.02)
+            os.kill(victim, signal.SIGKILL)
+
+        threading.Thread(target=kill_one, daemon=True).start()
+        seconds = reconstruct_on(cluster.scheduler_address, jobs, "lct", {})
+    assert len(seconds) == count
+    expected = albedo(tmp_path / "serial")
+    for _, folder in jobs:
+        assert np.array_equal(albedo(folder), expected)
