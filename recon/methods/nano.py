@@ -34,12 +34,12 @@ class Settings(AnySettings):
     weights: str | None = "nano"
     reading: Literal["physical", "literal"] = "physical"
     """Multipliers of physical frequency, or small complex kernels over the frequency grid."""
-    lifting: LiftingName = "none"
+    lifting: LiftingName = "both"
     projection: bool = True
     """Attention and a 2D network (literal: maximum and residual convolutions); False: the bare maximum."""
     nle: bool = True
     """Estimate the noise and adapt to it; False: one middling level for all."""
-    sfe: bool = False
+    sfe: bool = True
     sfe_bandwidth: Annotated[int, Field(ge=1)] = 64
     outer_iterations: Annotated[int, Field(ge=1, le=6)] = 1
     """S of algorithm 1."""
