@@ -53,6 +53,8 @@ class Usb488:
         self._preemptions = 0
         self._seen_preemptions = 0
         self._busy = False
+        self._unfinished = False
+        """An exchange was left half-way, by an interrupt say: the link is put in step before the next one."""
         self.lock = threading.RLock()
         try:
             usbtmc_recovery.recover(pipes, clock, 1, 1, recovery_s)
@@ -119,11 +121,9 @@ class Usb488:
         """
         owned = self.lock.acquire(timeout=_BUSY_S)
         try:
-            if self._busy or not owned:
+            if self._busy or self._unfinished or not owned:
                 self._preemptions += 1
-                usbtmc_recovery.recover(
-                    self._pipes, self._clock, self._request_tag, self._earlier_tag, self._recovery_s
-                )
+                self._recover()
             self._send(message, timeout_s)
         finally:
             if owned:
@@ -133,23 +133,28 @@ class Usb488:
         self._pipes.close()
 
     def _exchange(self, work: Callable[[], _Answer]) -> _Answer:
+        if self._unfinished:
+            self._recover()
         preemptions = self._seen_preemptions = self._preemptions
-        self._busy = True
+        self._busy = self._unfinished = True
         try:
             answer = work()
+            self._unfinished = False
         except DeviceLost:
             raise
         except DeviceError:
             if preemptions == self._preemptions:
-                usbtmc_recovery.recover(
-                    self._pipes, self._clock, self._request_tag, self._earlier_tag, self._recovery_s
-                )
+                self._recover()
             raise
         finally:
             self._busy = False
         if preemptions != self._preemptions:
             raise DeviceTimeout(self._pipes.device, "an urgent command broke into this exchange.")
         return answer
+
+    def _recover(self) -> None:
+        usbtmc_recovery.recover(self._pipes, self._clock, self._request_tag, self._earlier_tag, self._recovery_s)
+        self._unfinished = False
 
     def _send(self, message: bytes, timeout_s: float) -> None:
         self._tag = next_tag(self._tag)

@@ -79,7 +79,10 @@ class Instrument:
             self.arm_watchdog(self._watchdog_s)
 
     def trigger(self) -> None:
-        self.link.trigger(self.scpi.timeout_s)
+        if self.link.capabilities.takes_trigger:
+            self.link.trigger(self.scpi.timeout_s)
+        else:
+            self.link.write(b"*TRG\n", self.scpi.timeout_s)
 
     def look(self, data: bytes = b"", expected: int = 0) -> tuple[Status, memoryview | None]:
         """Status, and the block of about `expected` bytes that `data` asks for if it is there."""

@@ -202,6 +202,28 @@ def test_an_urgent_message_goes_past_an_answer_under_way(cable: Callable) -> Non
     check_usable(rig)
 
 
+@pytest.mark.parametrize("way", ["<", ">"])
+@pytest.mark.parametrize("at", [0, 1])
+def test_an_exchange_cut_short_by_an_interrupt_leaves_no_stale_answer(cable: Callable, way: str, at: int) -> None:
+    rig = cable()
+    left = [at]
+
+    def interrupt(device: str, direction: str, data: bytes) -> None:
+        if direction == way:
+            left[0] -= 1
+            if left[0] == -1:
+                raise KeyboardInterrupt
+
+    rig.link._pipes._log = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        [rig.link.ask(b"700", 1.0) for _ in range(3)]
+    rig.link._pipes._log = None
+    rig.link.urgent(b"shut!", 1.0)
+    assert rig.parrot.messages[-1] == b"shut!"
+    check_usable(rig)
+    assert -410 not in rig.parrot.errors
+
+
 ANY_FAULT = st.one_of(
     st.sampled_from([each for each, _ in FAULTS.values()]),
     st.builds(lambda size, times: fault("U6", times, what="split", size=size), st.integers(1, 600), st.integers(1, 9)),
