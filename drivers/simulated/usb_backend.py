@@ -7,24 +7,22 @@ waits moves the clock to the moment when there is something to read, or to its t
 import array
 import errno
 from collections.abc import Sequence
-from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import NoReturn, Protocol
+from typing import NoReturn
 
 import usb.backend
 import usb.core
 
 from drivers.clock import Clock
-from drivers.simulated.faults import FaultPlan
 from drivers.simulated.usb_descriptors import (
-    UsbDescription,
     configuration_descriptor,
     device_descriptor,
     endpoint_descriptor,
     interface_descriptor,
     string_descriptor,
 )
-from drivers.simulated.usbtmc_device import Instrument, Stall, UsbtmcDevice
+from drivers.simulated.usb_ports import UsbHandle, UsbInstrument, UsbPort
+from drivers.simulated.usbtmc_device import Stall, UsbtmcDevice
 
 _ERRORS = {  # libusb's code, errno and words, as on Linux
     "io": (-1, errno.EIO, "Input/Output Error"),
@@ -34,35 +32,6 @@ _ERRORS = {  # libusb's code, errno and words, as on Linux
     "overflow": (-8, errno.EOVERFLOW, "Overflow"),
     "stall": (-9, errno.EPIPE, "Pipe error"),
 }
-
-
-class UsbInstrument(Instrument, Protocol):
-    """A firmware that can be plugged in."""
-
-    @property
-    def usb(self) -> UsbDescription: ...
-
-    @property
-    def faults(self) -> FaultPlan: ...
-
-
-@dataclass(eq=False)
-class _Port:
-    number: int
-    device: UsbtmcDevice
-    usb: UsbDescription
-    faults: FaultPlan
-    address: int
-    plugged: bool = True
-    claimed_by: object | None = None
-    kernel_driver: bool = False
-    replug_s: float | None = None
-
-
-@dataclass(eq=False)
-class _Handle:
-    port: _Port
-    address: int
 
 
 def _fail(kind: str) -> NoReturn:
@@ -88,7 +57,7 @@ class SimulatedUsb(usb.backend.IBackend):  # type: ignore[misc]
         self._latency_s = latency_s
         self._s_per_byte = 1.0 / bytes_per_s
         self._ports = [
-            _Port(k + 1, UsbtmcDevice(each, each.faults, each.usb.packet_bytes), each.usb, each.faults, k + 2)
+            UsbPort(k + 1, UsbtmcDevice(each, each.faults, each.usb.packet_bytes), each.usb, each.faults, k + 2)
             for k, each in enumerate(devices)
         ]
 
@@ -106,45 +75,45 @@ class SimulatedUsb(usb.backend.IBackend):  # type: ignore[misc]
         """The far end of the cable, for whoever wants to do harm there."""
         return self._port(serial).device
 
-    def _port(self, serial: str) -> _Port:
+    def _port(self, serial: str) -> UsbPort:
         return next(port for port in self._ports if port.usb.serial == serial)
 
-    def _pull(self, port: _Port) -> None:
+    def _pull(self, port: UsbPort) -> None:
         port.plugged = False
         port.claimed_by = None
         port.device.reset()
 
-    def _plug(self, port: _Port) -> None:
+    def _plug(self, port: UsbPort) -> None:
         port.plugged = True
         port.replug_s = None
         port.address += 1
 
     # Descriptors
 
-    def enumerate_devices(self) -> list[_Port]:
+    def enumerate_devices(self) -> list[UsbPort]:
         for port in self._ports:
             if port.replug_s is not None and self._clock.now() >= port.replug_s:
                 self._plug(port)
         return [port for port in self._ports if port.plugged]
 
-    def get_parent(self, dev: _Port) -> None:
+    def get_parent(self, dev: UsbPort) -> None:
         return None
 
-    def get_device_descriptor(self, dev: _Port) -> SimpleNamespace:
+    def get_device_descriptor(self, dev: UsbPort) -> SimpleNamespace:
         return device_descriptor(dev.usb, dev.address, dev.number)
 
-    def get_configuration_descriptor(self, dev: _Port, config: int) -> SimpleNamespace:
+    def get_configuration_descriptor(self, dev: UsbPort, config: int) -> SimpleNamespace:
         return configuration_descriptor(config)
 
-    def get_interface_descriptor(self, dev: _Port, intf: int, alt: int, config: int) -> SimpleNamespace:
+    def get_interface_descriptor(self, dev: UsbPort, intf: int, alt: int, config: int) -> SimpleNamespace:
         return interface_descriptor(intf, alt)
 
-    def get_endpoint_descriptor(self, dev: _Port, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
+    def get_endpoint_descriptor(self, dev: UsbPort, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
         return endpoint_descriptor(dev.usb, ep)
 
     # Opening and claiming
 
-    def open_device(self, dev: _Port) -> _Handle:
+    def open_device(self, dev: UsbPort) -> UsbHandle:
         if not dev.plugged:
             _fail("gone")
         fault = dev.faults.strikes("U17", self._clock.now())
@@ -155,40 +124,40 @@ class SimulatedUsb(usb.backend.IBackend):  # type: ignore[misc]
             dev.claimed_by = "another program"
         if what == "kernel_driver":
             dev.kernel_driver = True
-        return _Handle(dev, dev.address)
+        return UsbHandle(dev, dev.address)
 
-    def close_device(self, dev_handle: _Handle) -> None:
+    def close_device(self, dev_handle: UsbHandle) -> None:
         if dev_handle.port.claimed_by is dev_handle:
             dev_handle.port.claimed_by = None
 
-    def get_configuration(self, dev_handle: _Handle) -> int:
+    def get_configuration(self, dev_handle: UsbHandle) -> int:
         self._port_of(dev_handle)
         return 1
 
-    def set_configuration(self, dev_handle: _Handle, config_value: int) -> None:
+    def set_configuration(self, dev_handle: UsbHandle, config_value: int) -> None:
         self._port_of(dev_handle)
 
-    def claim_interface(self, dev_handle: _Handle, intf: int) -> None:
+    def claim_interface(self, dev_handle: UsbHandle, intf: int) -> None:
         port = self._port_of(dev_handle)
         if port.kernel_driver or port.claimed_by not in (None, dev_handle):
             _fail("busy")
         port.claimed_by = dev_handle
 
-    def release_interface(self, dev_handle: _Handle, intf: int) -> None:
+    def release_interface(self, dev_handle: UsbHandle, intf: int) -> None:
         self._port_of(dev_handle).claimed_by = None
 
-    def is_kernel_driver_active(self, dev_handle: _Handle, intf: int) -> bool:
+    def is_kernel_driver_active(self, dev_handle: UsbHandle, intf: int) -> bool:
         return self._port_of(dev_handle).kernel_driver
 
-    def detach_kernel_driver(self, dev_handle: _Handle, intf: int) -> None:
+    def detach_kernel_driver(self, dev_handle: UsbHandle, intf: int) -> None:
         self._port_of(dev_handle).kernel_driver = False
 
-    def attach_kernel_driver(self, dev_handle: _Handle, intf: int) -> None:
+    def attach_kernel_driver(self, dev_handle: UsbHandle, intf: int) -> None:
         self._port_of(dev_handle).kernel_driver = True
 
     # Transfers
 
-    def bulk_write(self, dev_handle: _Handle, ep: int, intf: int, data: "array.array[int]", timeout: int) -> int:
+    def bulk_write(self, dev_handle: UsbHandle, ep: int, intf: int, data: "array.array[int]", timeout: int) -> int:
         port = self._port_of(dev_handle, "write")
         self._spend(len(data), 0.5 * self._latency_s)
         now_s = self._clock.now()
@@ -199,7 +168,7 @@ class SimulatedUsb(usb.backend.IBackend):  # type: ignore[misc]
             _fail("stall")
         return len(data)
 
-    def bulk_read(self, dev_handle: _Handle, ep: int, intf: int, buff: "array.array[int]", timeout: int) -> int:
+    def bulk_read(self, dev_handle: UsbHandle, ep: int, intf: int, buff: "array.array[int]", timeout: int) -> int:
         port = self._port_of(dev_handle, "read")
         device, packet = port.device, port.usb.packet_bytes
         if "in" in device.halted:
@@ -234,7 +203,7 @@ class SimulatedUsb(usb.backend.IBackend):  # type: ignore[misc]
             if ends_with_short_packet or got == room:
                 return got
 
-    def intr_read(self, dev_handle: _Handle, ep: int, intf: int, buff: "array.array[int]", timeout: int) -> int:
+    def intr_read(self, dev_handle: UsbHandle, ep: int, intf: int, buff: "array.array[int]", timeout: int) -> int:
         device = self._port_of(dev_handle).device
         deadline_s = self._clock.now() + timeout / 1000.0
         while True:
@@ -252,7 +221,7 @@ class SimulatedUsb(usb.backend.IBackend):  # type: ignore[misc]
 
     def ctrl_transfer(
         self,
-        dev_handle: _Handle,
+        dev_handle: UsbHandle,
         bmRequestType: int,
         bRequest: int,
         wValue: int,
@@ -280,17 +249,17 @@ class SimulatedUsb(usb.backend.IBackend):  # type: ignore[misc]
         memoryview(data)[:count] = reply[:count]
         return count
 
-    def clear_halt(self, dev_handle: _Handle, ep: int) -> None:
+    def clear_halt(self, dev_handle: UsbHandle, ep: int) -> None:
         self._port_of(dev_handle).device.clear_halt("in" if ep & 0x80 else "out")
 
-    def reset_device(self, dev_handle: _Handle) -> None:
+    def reset_device(self, dev_handle: UsbHandle) -> None:
         port = self._port_of(dev_handle)
         port.device.reset()
         if port.faults.strikes("U4", self._clock.now()):
             self._pull(port)
             _fail("gone")
 
-    def _port_of(self, handle: _Handle, doing: str = "") -> _Port:
+    def _port_of(self, handle: UsbHandle, doing: str = "") -> UsbPort:
         """The port behind an open handle, unless its cable is pulled; U11 pulls it."""
         port = handle.port
         if not port.plugged or port.address != handle.address:
