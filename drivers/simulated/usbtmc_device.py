@@ -236,9 +236,7 @@ class UsbtmcDevice:
         if request == 128:
             self.notifications.append(bytes([0x80 | value & 0x7F, self._status_byte()]))
             return bytes([SUCCESS, value & 0xFF, 0])
-        if request in (160, 161, 162):
-            raise Stall  # remote/local control is not offered
-        raise Stall
+        raise Stall  # among others remote/local control, which the capabilities do not offer
 
     def _initiate_abort_in(self, tag: int, now_s: float) -> bytes:
         if self._in_tag is None:

@@ -1,5 +1,6 @@
 """Whole messages over USBTMC, whatever the cable and the device do to them (faults U1 to U11, U17, U19)."""
 
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -199,6 +200,26 @@ def test_an_urgent_message_goes_past_an_answer_under_way(cable: Callable) -> Non
     rig.link.urgent(b"shut!", 1.0)
     assert rig.parrot.messages == [b"shut!"]
     rig.link._busy = False
+    check_usable(rig)
+
+
+def test_an_urgent_message_does_not_wait_for_a_thread_that_holds_the_link(cable: Callable) -> None:
+    rig = cable()
+    held, done = threading.Event(), threading.Event()
+
+    def hold() -> None:
+        with rig.link.lock:
+            held.set()
+            done.wait(30)
+
+    other = threading.Thread(target=hold)
+    other.start()
+    held.wait(30)
+    rig.link.urgent(b"shut!", 1.0)
+    assert rig.parrot.messages == [b"shut!"]
+    assert not done.is_set()
+    done.set()
+    other.join()
     check_usable(rig)
 
 
