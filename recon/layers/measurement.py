@@ -106,9 +106,10 @@ def rates_of(counts: Tensor, exposure: Tensor | None) -> Rates:
     counts = counts.float()
     if exposure is None:
         exposure = counts.new_ones(counts.shape[0], *counts.shape[3:])
+    exposure = exposure.to(counts)
     measured = exposure > 0
     points = measured.sum(dim=(1, 2)).clamp(min=1)
-    exposure = exposure.float() / (exposure.sum(dim=(1, 2)) / points).clamp(min=1e-30)[:, None, None]
+    exposure = exposure / (exposure.sum(dim=(1, 2)) / points).clamp(min=1e-30)[:, None, None]
     counts = torch.where(measured[:, None, None], counts, 0.0)  # whatever stands where nothing was measured
     raw = counts / exposure.clamp(min=1e-6)[:, None, None]
     profile = counts.sum(dim=(1, 3, 4)) / points[:, None]  # weighted by exposure, so by precision

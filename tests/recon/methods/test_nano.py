@@ -108,12 +108,12 @@ def test_depths_lie_where_the_light_says() -> None:
 
 
 def test_points_that_were_not_measured_are_not_looked_at() -> None:
-    exposure = torch.ones(1, 16, 16)
+    exposure = torch.ones(1, 16, 16, dtype=torch.float64)
     exposure[:, 1::2] = 0
     counts = shell(WALL, TIME)
     wrong = torch.where(exposure[:, None, None] > 0, counts, 1e4)
     with torch.no_grad():
-        a, b = network()(counts * exposure[:, None, None], exposure), network()(wrong, exposure)
+        a, b = network()((counts * exposure[:, None, None]).float(), exposure), network()(wrong, exposure)
     torch.testing.assert_close(a[0], b[0])
 
 
