@@ -62,11 +62,12 @@ class Gathering:
         """Detections per second of live time, (H, W); NaN where nothing was measured."""
         live_s = self._live_s.sum(axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.where(live_s > 0, self.total_count / live_s, np.nan), dtype=np.float32)
+            rates: npt.NDArray[np.float32] = np.where(live_s > 0, self.total_count / live_s, np.nan).astype(np.float32)
+        return rates
 
     def histogram(self, row: int, col: int) -> npt.NDArray[np.float32]:
         """Counts of one point so far, (T,). Raises `IndexError` off the wall."""
         wall = self.plan.wall
         if not (0 <= row < wall.rows and 0 <= col < wall.cols):
             raise IndexError(f"row {row}, column {col} of {wall.rows} x {wall.cols}")
-        return self._counts[row, col].copy()
+        return np.array(self._counts[row, col])

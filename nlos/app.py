@@ -14,6 +14,7 @@ VERBS = {
     "calibrate": "Measure the bench's constants from recordings and say how good they are.",
     "reconstruct": "From recordings to pictures of what is behind the corner.",
     "serve": "Serve a recording's samples to another machine while it grows.",
+    "live": "A read-only page that shows a scan while it runs.",
     "replay": "Play recorded samples through the same path as a live scan.",
     "import": "Read other people's formats into a recording.",
     "export": "Write a recording or a reconstruction in other people's formats.",

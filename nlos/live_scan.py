@@ -52,6 +52,7 @@ class LiveScan:
         self._stopped = threading.Event()
         self._news = threading.Event()
         self._ended = threading.Event()
+        self._growing = True
         for target in (self._follow, self._paint):
             threading.Thread(target=target, daemon=True).start()
 
@@ -80,12 +81,14 @@ class LiveScan:
         from acquisition.errors import InvalidData, StorageError
         from acquisition.follow import follow
         from acquisition.gathering import Gathering
-        from acquisition.recording import Recording
+        from acquisition.recording import Recording, Status
 
         try:
             for sample in follow(self.run, patience_s=self.patience_s):
                 if self.gathering is None:
                     with Recording.open(self.run) as recording:
+                        # Of a finished recording there is one picture, not one in passing.
+                        self._growing = recording.status is Status.RUNNING
                         self.gathering = Gathering(recording.plan)
                 with self._lock:
                     self.gathering.add(sample)
@@ -108,8 +111,9 @@ class LiveScan:
                 last, count = self.read, len(self.gathering or ())
                 step = max(1, int(self.every_fraction * len(self.gathering.plan))) if self.gathering else 1
                 late = count > painted and time.monotonic() - painted_s >= self.every_s
-                if count - painted >= step or late or (last and count > painted):
-                    self.skipped += max(0, (count - painted) // step - 1)
+                if (self._growing and (count - painted >= step or late)) or (last and count > painted):
+                    if self._growing:
+                        self.skipped += max(0, (count - painted) // step - 1)
                     painted, painted_s = self._picture(), time.monotonic()
                 if last and len(self.gathering or ()) <= painted:
                     self.over = True

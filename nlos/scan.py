@@ -9,7 +9,9 @@ import typer
 
 from nlos.benches import load_bench, opened
 from nlos.exit_codes import ExitCode, Stopped, UsageError
+from nlos.good_enough import Enough, parse_until
 from nlos.interrupts import Interrupts
+from nlos.live_process import start_live
 from nlos.scan_progress import ScanProgress
 from nlos.terminal import terminal
 
@@ -32,6 +34,12 @@ def scan(
         Path | None, typer.Option(metavar="RUN.h5", help="A recorded scan as the simulated bench's light.")
     ] = None,
     no_shutter: Annotated[bool, typer.Option("--no-shutter", help="Agree to a bench without a shutter.")] = False,
+    live: Annotated[
+        bool, typer.Option("--live", help="A read-only page of the scan, from a process of its own.")
+    ] = False,
+    until: Annotated[
+        str | None, typer.Option(metavar="stable[:LEVEL]", help="End when the picture changes and errs by less.")
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Acquires. Ctrl-C closes the shutter and pauses; Enter goes on, a second Ctrl-C ends the scan cleanly."""
@@ -49,6 +57,7 @@ def scan(
         from recon.methods import find
 
         find(reconstruct)
+    level = None if until is None else parse_until(until)
     plan = wanted.settings.plan()
     target = output or Path(f"{wanted.path.stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}.h5")
     if _is_complete(target, plan, resume):
@@ -64,7 +73,10 @@ def scan(
     )
     target.parent.mkdir(parents=True, exist_ok=True)
     with Interrupts().caught() as interrupts, opened(table, scene) as open_bench:
-        _acquire(plan, header, open_bench, target, resume, overwrite, interrupts, wanted.settings.alarms)
+        _acquire(
+            plan, header, open_bench, target, resume, overwrite, interrupts, wanted.settings.alarms,
+            reconstruct or "lct", live, level,
+        )  # fmt: skip
     if reconstruct is not None:
         _reconstruct(target, reconstruct, overwrite)
 
@@ -78,6 +90,9 @@ def _acquire(
     overwrite: bool,
     interrupts: Interrupts,
     alarms: "AlarmSettings",
+    method: str,
+    live: bool,
+    level: float | None,
 ) -> None:
     """Checks, then scans into `target`. Whatever happens, the shutter is closed before the recording is."""
     from dataclasses import replace
@@ -101,12 +116,19 @@ def _acquire(
     writer = begun.writer
     if writer is None:
         return
+    enough = None
+    if live or (level is not None and not bench.settings.simulated):
+        start_live(target, method)
+    if level is not None:
+        enough = Enough(target, plan, level, method, bench)
     progress = ScanProgress(len(plan), len(begun.taken))
     control = ScanControl(lambda why: _ask(interrupts, progress, why))
     interrupts.pauses(control)
     start_s = bench.clock.now() - begun.elapsed_s
     with progress:
-        samples = run(plan, bench, taken=begun.taken, control=control, alarms=watch, elapsed_s=begun.elapsed_s)
+        samples = run(
+            plan, bench, taken=begun.taken, control=control, alarms=watch, decide=enough, elapsed_s=begun.elapsed_s
+        )
         bench.on_event = lambda kind, text: writer.log(kind, text, bench.clock.now() - start_s)
         status = Status.FAILED
         try:
@@ -114,6 +136,8 @@ def _acquire(
                 for sample in samples:
                     writer.write(sample)
                     progress.step()
+                    if enough is not None:
+                        enough.add(sample)
             complete = control.state is ScanState.COMPLETE
             status = Status.COMPLETE if complete else Status.INTERRUPTED
         except SafetyTrip as error:
@@ -138,7 +162,7 @@ def _acquire(
         planned=len(plan), bench_s=duration_s, predicted_s=forecast_s,
         scheme=choice.scheme.value, status=status.name.lower(),
     )  # fmt: skip
-    if status is not Status.COMPLETE:
+    if status is not Status.COMPLETE and not (enough is not None and enough.reached):
         raise Stopped(ExitCode.INTERRUPTED, f"ended by Ctrl-C. {_safe(writer, target)}")
 
 

@@ -38,14 +38,14 @@ class LiveReconstruction:
 
     def __init__(self, method: str, settings: Mapping[str, object] | None = None, device: str = "cpu") -> None:
         self.method = method
-        self._settings = dict(settings or {})
+        self.settings = dict(settings or {})
         self._device = device
         self._before: Picture | None = None
 
     def update(self, transient: Transient, samples: int, falloff: int | None = None) -> LivePicture:
         """The picture of `transient`, which holds `samples` samples; `falloff` where its file says one, for methods
         that have it. Raises what `reconstruct` raises."""
-        settings = dict(self._settings)
+        settings = dict(self.settings)
         if falloff is not None and "falloff" in find(self.method).Settings.model_fields:
             settings.setdefault("falloff", falloff)
         result = reconstruct(transient, self.method, settings, self._device)

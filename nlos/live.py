@@ -1,0 +1,72 @@
+"""`nlos live`: a page on this machine that shows a scan while it runs, or a finished one along its time."""
+
+import contextlib
+import os
+import secrets
+import socket
+import threading
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from nlos.exit_codes import UsageError
+from nlos.terminal import terminal
+
+
+def live(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A recording, growing or finished.")],
+    port: Annotated[int, typer.Option(min=0, max=65535, help="0 takes a free one.")] = 0,
+    method: Annotated[str, typer.Option(help="A word of `nlos methods`.")] = "lct",
+    idle_s: Annotated[
+        float | None, typer.Option(metavar="S", help="Ends so long after the scan and the last question.")
+    ] = None,
+) -> None:
+    """A read-only page on 127.0.0.1. Whoever has its address may look; nobody can control anything. Ctrl-C ends it."""
+    import uvicorn
+
+    from nlos.live_page import LivePage, application
+    from nlos.live_process import SOCKET, TOKEN, state_file, write_state
+    from nlos.live_scan import LiveScan
+    from recon.live import LiveReconstruction
+    from recon.methods import find
+
+    find(method)
+    inherited = os.environ.pop(SOCKET, "")
+    token = os.environ.pop(TOKEN, "") or secrets.token_urlsafe(24)
+    door = socket.socket(fileno=int(inherited)) if inherited else listening(port)
+    number = door.getsockname()[1]
+    state = state_file(run) if inherited else None
+    scan = LiveScan(
+        run, LiveReconstruction(method), on_picture=None if state is None else lambda p: write_state(state, p)
+    )
+    page = LivePage(scan)
+    hosts = {f"127.0.0.1:{number}", f"localhost:{number}"}
+    config = uvicorn.Config(application(page, token, hosts), log_level="warning", lifespan="off", server_header=False)
+    server = uvicorn.Server(config)
+    url = f"http://127.0.0.1:{number}/{token}/"
+    terminal.result(url, url=url)
+    scan.start()
+
+    def end_when_idle() -> None:
+        while idle_s is not None and not (scan.over and time.monotonic() - page.asked_s > idle_s):
+            time.sleep(0.5)
+        server.should_exit = idle_s is not None
+
+    threading.Thread(target=end_when_idle, daemon=True).start()
+    try:
+        with contextlib.suppress(KeyboardInterrupt):
+            server.run(sockets=[door])
+    finally:
+        scan.stop()
+        if state is not None:
+            state.unlink(missing_ok=True)
+
+
+def listening(port: int) -> socket.socket:
+    """A socket on the loopback interface. Raises `UsageError` where the port is taken."""
+    try:
+        return socket.create_server(("127.0.0.1", port))
+    except OSError as error:
+        raise UsageError(f"--port {port}: {error.strerror}. Choose another, or 0 for a free one.") from error
