@@ -17,12 +17,14 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import nn
 
+from recon.errors import InvalidSettings
+
 OWN_FOLDER = Path(__file__).parents[1] / "weights"
 SHOWN = 5
 
 
-class WeightsError(ValueError):
-    """Weights that cannot be used: unreadable, or not those of this network."""
+class WeightsError(InvalidSettings):
+    """Weights that cannot be used: not there, unreadable, or not those of this network."""
 
 
 @dataclass(frozen=True)
