@@ -103,7 +103,9 @@ class _Run:
 
     def samples(self, choice: Choice) -> Generator[Sample, None, None]:
         control, bench = self._control, self._bench
-        bench.report("scheme", f"{choice.scheme.value}, {choice.forecast.total_s:.1f} s expected; {choice.why}")
+        most = "" if choice.forecast.certain == 1.0 else "at most "
+        expected = f"{most}{choice.forecast.total_s:.1f} s expected"
+        bench.report("scheme", f"{choice.scheme.value}, {expected}; {choice.why}")
         self._take = stepped.take if choice.scheme is Scheme.STEPPED else clocked.take
         control.enter(ScanState.RUNNING)
         try:

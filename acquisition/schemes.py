@@ -38,7 +38,7 @@ def choose(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: 
     if obstacle := _obstacle(bench):
         return Choice(Scheme.STEPPED, obstacle, stepped)
     scheme = Scheme.LISTED if bench.counter.list_mode else Scheme.CLOCKED
-    clocked = clocked_forecast(list(plan), bench, angles, links)
+    clocked = clocked_forecast(plan, bench, angles, links)
     if clocked.total_s < stepped.total_s:
         return Choice(scheme, f"stepped by the host it would take {stepped.total_s:.1f} s", clocked)
     return Choice(Scheme.STEPPED, f"clocked it would take {clocked.total_s:.1f} s", stepped)
@@ -51,7 +51,7 @@ def forecast(
     links = links or links_of(bench)
     if scheme is Scheme.STEPPED:
         return stepped_forecast(plan, bench, angles, links)
-    return clocked_forecast(list(plan), bench, angles, links)
+    return clocked_forecast(plan, bench, angles, links)
 
 
 def _obstacle(bench: Bench) -> str:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from acquisition.clocked import stepping
 from acquisition.plan import ScanPlan
-from acquisition.sample import Sample, ScanPoint
+from acquisition.sample import Sample
 from drivers.bench import Bench
 from drivers.galvo.mirror import MirrorAngles
 
@@ -65,13 +65,15 @@ def links_of(bench: Bench) -> Links:
 
 @dataclass(frozen=True)
 class Forecast:
-    """Predicted duration by parts, and how far off it may be."""
+    """Predicted duration by parts, and how far off it may be. Where points stop at N counts or a second pass takes only
+    what fell short, the light decides: then the parts are the most it can be, and `certain` the share that is sure."""
 
     dwell_s: float
     settle_s: float
     links_s: float
     upload_s: float
     margin: float
+    certain: float = 1.0
 
     @property
     def total_s(self) -> float:
@@ -79,9 +81,19 @@ class Forecast:
 
     @property
     def band_s(self) -> tuple[float, float]:
-        """The dwell is certain; the rest may be off by `margin` of the whole."""
+        """Shortest and longest: beyond the certain dwell, the parts may be off by `margin` of the whole."""
         slack_s = self.margin * self.total_s
-        return max(self.dwell_s, self.total_s - slack_s), self.total_s + slack_s
+        least_s = self.certain * (self.total_s - slack_s)
+        return max(self.certain * self.dwell_s, least_s), self.total_s + slack_s
+
+
+def certain_share(plan: ScanPlan) -> float:
+    """The share of a plan's time that passes whatever the light does."""
+    if plan.stop is not None:
+        return 0.0
+    if plan.revisit_below is not None:
+        return float(plan.dwell_s[plan.pass_ == 0].sum()) / plan.dwell_total_s
+    return 1.0
 
 
 def moves_s(bench: Bench, angles: Sequence[MirrorAngles]) -> npt.NDArray[np.float64]:
@@ -100,15 +112,15 @@ def stepped_forecast(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles
         links_s=len(plan) * (links.move_s + links.point_s) + arms * links.sequence_s / 2,
         upload_s=0.0,
         margin=links.margin,
+        certain=certain_share(plan),
     )
 
 
-def clocked_forecast(
-    points: Sequence[ScanPoint], bench: Bench, angles: Sequence[MirrorAngles], links: Links
-) -> Forecast:
+def clocked_forecast(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links) -> Forecast:
     """Schemes S2 and S3: points pay for blanking, sequences for upload and start."""
+    points = list(plan)
     most = min(bench.mirror.max_sequence, bench.counter.max_points)
-    whole = Forecast(0.0, 0.0, 0.0, 0.0, links.margin)
+    whole = Forecast(0.0, 0.0, 0.0, 0.0, links.margin, certain_share(plan))
     first, where = 0, MirrorAngles(0.0, 0.0)
     while first < len(points):
         part = stepping(points[first:], angles[first:], bench.mirror.settle_s, most, bench.counter.list_mode)

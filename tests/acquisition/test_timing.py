@@ -95,6 +95,29 @@ def test_after_a_tenth_of_a_scan_its_end_is_known_within_5_percent(
     assert sum(at_tenth) == pytest.approx(actual_s, rel=0.05)
 
 
+@pytest.mark.parametrize("scheme", [Scheme.STEPPED, Scheme.CLOCKED])
+@pytest.mark.parametrize(
+    "exposure",
+    [
+        {"kind": "two_pass", "counts": 700, "again_ms": 20},
+        {"kind": "stop_at_counts", "counts": 50, "from_ns": 10.0, "to_ns": 26.0},
+    ],
+    ids=lambda exposure: exposure["kind"],
+)
+def test_where_the_light_decides_the_band_holds_what_it_decided(
+    bench_settings: Benches, small_plan: Plans, exposure: dict[str, Any], scheme: Scheme
+) -> None:
+    plan = small_plan(10, 10, exposure=exposure)
+    with open_bench(bench_settings(name="simulated")) as bench:
+        predicted = forecast(scheme, plan, bench, checked_angles(plan, bench, aim_of(bench)))
+        started_s = bench.clock.now()
+        taken = len(list(scan(plan, bench, scheme=scheme)))
+        actual_s = bench.clock.now() - started_s
+    low_s, high_s = predicted.band_s
+    assert taken < len(plan) or plan.stop is not None
+    assert low_s < actual_s < high_s
+
+
 def test_links_are_learned_from_a_past_scan(bench_settings: Benches, small_plan: Plans) -> None:
     plan = small_plan(10, 10)
     with open_bench(bench_settings(name="simulated")) as bench:
