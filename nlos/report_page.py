@@ -140,6 +140,7 @@ def _map(
 
 def _pictures(result: "Reconstruction") -> str:
     from recon.pictures import albedo_picture, depth_picture
+    from recon.view3d import write_view3d
 
     figures = []
     with tempfile.TemporaryDirectory(prefix="nlos-report-") as folder:
@@ -147,10 +148,14 @@ def _pictures(result: "Reconstruction") -> str:
             image = Path(folder) / "picture.png"
             draw(result, image)
             figures.append(_embedded(image.read_bytes(), f"{result.method}: {name}"))
+        page = Path(folder) / "view.html"
+        write_view3d(page, result)
+        # In a sandbox: the view's script turns points, and reaches nothing else of the page.
+        view = f'<iframe sandbox="allow-scripts" title="3D view" srcdoc="{escape(page.read_text(encoding="utf-8"))}">'
     settings = ", ".join(f"{key} {value}" for key, value in result.settings.items())
     return (
         f"<h2>{escape(result.method)}</h2><p>{result.seconds:.2f} s; {escape(settings)}</p>"
-        f'<div class="pictures">{"".join(figures)}</div>'
+        f'<div class="pictures">{"".join(figures)}</div>{view}</iframe>'
     )
 
 
