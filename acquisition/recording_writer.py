@@ -103,6 +103,7 @@ class RecordingWriter:
         self._block = np.zeros(BLOCK_SAMPLES, dtype=RECORD)
         self._block_counts = np.zeros((BLOCK_SAMPLES, plan.axis.bins), dtype="<u4")
         self._filled = 0
+        self._failure: Exception | None = None
         self._flushed_s = self._synced_s = self._clock.now()
         self._set_status(Status.RUNNING)
         self._flush()
@@ -155,6 +156,8 @@ class RecordingWriter:
 
     def flush(self) -> None:
         """Writes what was taken so far and acknowledges it. Raises `StorageError` where the disk refuses."""
+        if self._failure is not None:
+            raise self._refused(self._failure) from self._failure
         if self._filled:
             first, end = self.acknowledged, self.acknowledged + self._filled
             if end > len(self.plan):
@@ -171,8 +174,11 @@ class RecordingWriter:
         self._flushed_s = self._clock.now()
 
     def log(self, kind: str, text: str, bench_s: float = 0.0, unix_s: float | None = None) -> None:
-        """Adds a line to the event log and flushes it. A log that is full keeps its lines and says so in the last."""
-        if self._events >= EVENT_ROWS:
+        """Adds a line to the event log and flushes it. A log that is full keeps its lines and says so in the last.
+
+        Never raises: events come while light is being shut off, which nothing may hold up. A disk that refuses an event
+        is reported by the next `flush`."""
+        if self._events >= EVENT_ROWS or self._file is None:
             return
         if self._events == EVENT_ROWS - 1:
             kind, text = "log_full", "further events are not kept"
@@ -181,10 +187,10 @@ class RecordingWriter:
         line["kind"], line["text"] = kind.encode()[:24], _shortened(text, EVENT["text"].itemsize)
         try:
             self._event_rows[self._events] = line
+            self._flush()
         except (OSError, RuntimeError) as error:
-            raise self._refused(error) from error
+            self._failure = error
         self._events += 1
-        self._flush()
 
     def finish(self, status: Status) -> None:
         """Flushes, notes how the scan ended, syncs and closes. Raises `StorageError`."""

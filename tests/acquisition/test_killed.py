@@ -71,16 +71,24 @@ def facts(path: Path) -> list[tuple[Any, ...]]:
         ]
 
 
-@pytest.fixture(scope="module")
+BENCHES = {"stepped": {"markers": False}, "clocked": {"name": "simulated"}}
+
+
+@pytest.fixture(scope="module", params=BENCHES)
 def undisturbed(
-    tmp_path_factory: pytest.TempPathFactory, small_plan: Callable[..., ScanPlan], bench_settings: Any
-) -> tuple[list[tuple[Any, ...]], float]:
+    request: pytest.FixtureRequest,
+    tmp_path_factory: pytest.TempPathFactory,
+    small_plan: Callable[..., ScanPlan],
+    bench_settings: Any,
+) -> tuple[BenchSettings, list[tuple[Any, ...]], float]:
+    """A bench whose scans are stepped by the host or by the counter's clock, what a scan on it holds, and its time."""
+    settings = bench_settings(**BENCHES[request.param])
     path = tmp_path_factory.mktemp("undisturbed") / "run.h5"
-    go_on(path, small_plan(12, 12), bench_settings())
+    go_on(path, small_plan(12, 12), settings)
     started = time.monotonic()
     path.unlink()
-    go_on(path, small_plan(12, 12), bench_settings())
-    return facts(path), time.monotonic() - started
+    go_on(path, small_plan(12, 12), settings)
+    return settings, facts(path), time.monotonic() - started
 
 
 def killed_after(seconds: float, *args: Any) -> None:
@@ -94,11 +102,11 @@ def killed_after(seconds: float, *args: Any) -> None:
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", range(300 if SOAK else 3))
 def test_killed_at_a_random_moment_and_resumed_equals_undisturbed(
-    run_path: Path, small_plan: Any, bench_settings: Any, undisturbed: Any, seed: int
+    run_path: Path, small_plan: Any, undisturbed: Any, seed: int
 ) -> None:
-    expected, duration_s = undisturbed
+    settings, expected, duration_s = undisturbed
     draw = random.Random(seed)
-    plan, settings, told = small_plan(12, 12), bench_settings(), FORK.Value("q", 0, lock=False)
+    plan, told = small_plan(12, 12), FORK.Value("q", 0, lock=False)
     for _ in range(draw.choice([1, 1, 2, 3])):
         killed_after(draw.uniform(0.0, 1.2 * duration_s), run_path, plan, settings, told, draw.random() < 0.5)
         if told.value:
@@ -176,6 +184,7 @@ def test_a_disk_that_fills_up_stops_the_scan_and_takes_nothing_away(
         with open_bench(settings) as bench:
             try:
                 with writer:
+                    bench.on_event = writer.log
                     record(scan(plan, bench), Acknowledging(writer, told, False))
             except StorageError as error:
                 assert bench.simulated is not None
