@@ -172,6 +172,8 @@ def transient_of(scene: Scene, condition: str) -> Transient:
     dataset, _, subset = condition.partition("@")
     with h5py.File(scene.path, "r") as file:
         counts = np.moveaxis(file[dataset][()], 2, 0).astype(np.float32)
+    if (counts < 0).any():
+        raise InvalidData(f"{scene.path}: {dataset} holds {int((counts < 0).sum())} counts below 0.")
     measured = measured_points(subset, scene.wall.rows, scene.wall.cols)
     time = TimeAxis(counts.shape[0], scene.bin_width_s)
     return Transient(np.ascontiguousarray(counts * measured), measured.astype(np.float64), scene.wall, time)

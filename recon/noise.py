@@ -9,6 +9,7 @@ from acquisition.transient import TimeAxis
 
 REFERENCE_BIN_S = 32e-12
 REFERENCE_POINTS = 64 * 64
+MOST_LINES = 32  # of a wall measured everywhere, in each direction; more tell no more about its noise
 WINDOWS = 20  # the background is the darkest of this many stretches of the time axis
 
 # Measured on seven scenes of a foreign renderer, noiseless and at 20, 5 and 1 peak counts: log10 of the quality, the
@@ -41,24 +42,30 @@ def estimate(rates: torch.Tensor, measured: torch.Tensor | None, time: TimeAxis)
     Noise is white along time and light is not, so the second difference along time is nearly all noise. Bins that
     are 0 everywhere at the beginning (cut, or gated) take no part.
     """
-    first = first_lit_bin(rates)
-    batch = rates.shape[0]
-    if measured is None:
-        measured = torch.ones(batch, *rates.shape[-2:], dtype=torch.bool, device=rates.device)
-    weight = measured[:, None, None].to(rates.dtype)
-    points = weight.sum((1, 2, 3, 4))
-    lit = rates[:, :, first:]
-    mean = (lit * weight).sum((1, 3, 4)) / (points * rates.shape[1])[:, None]  # (B, T)
-    stretch = max(min(8, mean.shape[1]), mean.shape[1] // WINDOWS)
-    background = mean.unfold(1, stretch, 1).mean(-1).amin(1)
-    energy = ((lit - background.view(-1, 1, 1, 1, 1)).square() * weight).mean((1, 2, 3, 4))
+    found = [_estimate(sample, None if measured is None else measured[b], time) for b, sample in enumerate(rates)]
+    background, quality = torch.tensor(found, dtype=torch.float64).T
+    return Noise(background.to(rates.device, rates.dtype), quality.to(rates.device, rates.dtype))
+
+
+def _estimate(sample: torch.Tensor, measured: torch.Tensor | None, time: TimeAxis) -> tuple[float, float]:
+    if measured is None or bool(measured.all()):
+        rows, cols = (_spread(size).to(sample.device) for size in sample.shape[-2:])
+        chosen = sample[..., rows[:, None], cols].flatten(2)
+        points = sample.shape[-2] * sample.shape[-1]
+    else:
+        chosen = sample[..., measured]
+        points = int(measured.sum())
+    x = chosen.detach().cpu().numpy()  # (C, T, N); a few MB, for which NumPy on one core is quickest
+    lit = x[:, first_lit_bin(chosen[None, ..., None]) :]
+    mean = lit.mean(axis=(0, 2), dtype=np.float64)
+    stretch = max(min(8, len(mean)), len(mean) // WINDOWS)
+    background = float(np.convolve(mean, np.full(stretch, 1 / stretch), mode="valid").min())
+    energy = float(np.mean((lit - np.float32(background)) ** 2, dtype=np.float64))
     noise = energy
-    if lit.shape[2] > 2:
-        second = lit[:, :, 2:] - 2 * lit[:, :, 1:-1] + lit[:, :, :-2]
-        noise = (second.square() * weight).mean((1, 2, 3, 4)) / 6
-    ratio = ((energy - noise) / noise.clamp(min=1e-30)).clamp(1e-3, 1e6)
-    per_reference = (REFERENCE_BIN_S / time.bin_width_s) * points / REFERENCE_POINTS
-    return Noise(background, torch.log10(ratio * per_reference))
+    if lit.shape[1] > 2:
+        noise = float(np.mean(np.diff(lit, 2, axis=1) ** 2, dtype=np.float64)) / 6
+    ratio = min(max((energy - noise) / max(noise, 1e-300), 1e-3), 1e6)
+    return background, float(np.log10(ratio * (REFERENCE_BIN_S / time.bin_width_s) * (points / REFERENCE_POINTS)))
 
 
 def without_background(rates: torch.Tensor, background: torch.Tensor) -> torch.Tensor:
@@ -70,8 +77,18 @@ def without_background(rates: torch.Tensor, background: torch.Tensor) -> torch.T
 
 def first_lit_bin(rates: torch.Tensor) -> int:
     """The first bin that is not 0 everywhere; 0 if all are."""
-    lit = rates.ne(0).any(-1).any(-1).any(1).any(0)
-    return int(lit.to(torch.uint8).argmax())
+    for k in range(rates.shape[2]):
+        if rates[:, :, k].any():
+            return k
+    return 0
+
+
+def _spread(size: int) -> torch.Tensor:
+    """Up to `MOST_LINES` indices below `size`, evenly spread and the same from either end."""
+    if size <= MOST_LINES:
+        return torch.arange(size)
+    half = (2 * torch.arange(MOST_LINES // 2) + 1) * size // (2 * MOST_LINES)
+    return torch.cat([half, size - 1 - half.flip(0)])
 
 
 def _interpolate(x: torch.Tensor, values: tuple[float, ...]) -> torch.Tensor:

@@ -6,10 +6,14 @@ import torch
 from pydantic import Field
 
 from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
 from configs.settings import Settings
 from recon.gridding import fill_unmeasured
+from recon.memory import cube_bytes
 from recon.noise import estimate, without_background
 from recon.transport.conventions import Conventions
+from recon.transport.falloff import Falloff
+from recon.transport.light_cone_kernel import padded_cells
 
 
 class PhysicsSettings(Settings):
@@ -27,24 +31,63 @@ class PhysicsSettings(Settings):
     conventions: Conventions = "physical"
     """`physical`, or `authors` for comparison with the published programs."""
 
+    cubes: ClassVar[float] = 3.5
+    """Peak memory beside the program itself, in float32 volumes of the counts' size, measured."""
+
+    def bytes_needed(self, wall: WallGrid, time: TimeAxis) -> int:
+        """Peak memory beside the program itself."""
+        return int(self.cubes * cube_bytes(wall, time))
+
+    def smaller(self, wall: WallGrid, time: TimeAxis, free: int) -> dict[str, int]:
+        """Settings that would take less, the gentlest first: setting -> bytes."""
+        wider = (TimeAxis(max(time.bins // k, 1), time.bin_width_s * k, time.start_s) for k in (2, 4, 8, 16))
+        return {f"bin_width_ps={axis.bin_width_s * 1e12:g}": self.bytes_needed(wall, axis) for axis in wider}
+
+
+class LightConeSettings(PhysicsSettings):
+    """Settings of the methods that work on the light cone."""
+
+    tile: Annotated[int, Field(ge=1)] | None = None
+    """Frequencies held at a time, to save memory; all of them unless given. The result is the same."""
+
+    def bytes_needed(self, wall: WallGrid, time: TimeAxis) -> int:
+        """Peak memory beside the program itself: counts, both ends of the filter, and the spectrum held."""
+        frequencies = padded_cells(wall, time, self.conventions) // 2 + 1
+        held = min(self.tile or frequencies, frequencies)
+        return int(self.cubes * cube_bytes(wall, time)) + 8 * held * wall.rows * wall.cols
+
+    def smaller(self, wall: WallGrid, time: TimeAxis, free: int) -> dict[str, int]:
+        """The settings that would take less, largest first: setting -> bytes."""
+        frequencies = padded_cells(wall, time, self.conventions) // 2 + 1
+        beside = int(self.cubes * cube_bytes(wall, time))
+        tile = min((free - beside) // (8 * wall.rows * wall.cols), frequencies - 1)
+        tiled = {f"tile={tile}": beside + 8 * tile * wall.rows * wall.cols} if tile >= 1 else {}
+        return tiled | super().smaller(wall, time, free)
+
 
 def prepare(
-    counts: torch.Tensor, exposure_s: torch.Tensor | None, settings: PhysicsSettings, time: TimeAxis
-) -> tuple[torch.Tensor, torch.Tensor | None, float | torch.Tensor]:
-    """Counts (B, C, T, H, W) as signal alone, the part of the falloff to undo (B,) and the snr.
+    counts: torch.Tensor,
+    exposure_s: torch.Tensor | None,
+    settings: PhysicsSettings,
+    time: TimeAxis,
+    falloff: Falloff | None,
+) -> tuple[torch.Tensor, float | torch.Tensor]:
+    """Counts (B, C, T, H, W) as signal alone with its falloff undone, and the snr.
 
-    Exposure is divided out, the background subtracted, points that were not measured are interpolated, and both
-    choices follow from the noise found. Under the authors' conventions nothing is subtracted and all falloff undone.
+    Exposure is divided out, the background subtracted, points that were not measured are interpolated; how much of the
+    falloff is undone and the snr follow from the noise found. Under the authors' conventions nothing is subtracted and
+    all falloff undone.
     """
     rates = equally_exposed(counts, exposure_s)
     noise = estimate(rates, None if exposure_s is None else exposure_s > 0, time)
     snr: float | torch.Tensor = noise.snr() if settings.snr is None else settings.snr
-    undone: torch.Tensor | None = None
-    if settings.conventions == "physical":
-        rates, undone = without_background(rates, noise.background), noise.undone()
+    physical = settings.conventions == "physical"
+    signal = without_background(rates, noise.background) if physical else rates.clone()
+    if falloff is not None:
+        signal *= falloff.weights(noise.undone() if physical else None).to(signal.dtype)
     if exposure_s is not None:
-        rates = fill_unmeasured(rates, exposure_s > 0)
-    return rates, undone, snr
+        signal = fill_unmeasured(signal, exposure_s > 0)
+    return signal, snr
 
 
 def equally_exposed(counts: torch.Tensor, exposure_s: torch.Tensor | None) -> torch.Tensor:

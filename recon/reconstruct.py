@@ -13,8 +13,9 @@ from torch import nn
 from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from acquisition.wall import WallGrid
 from configs.settings import Settings
-from recon.errors import InvalidData
+from recon.errors import InvalidData, ReconstructionFailed
 from recon.front_view import depth_map, front_view
+from recon.memory import available_bytes, refusal
 from recon.methods import find, parse_settings
 from recon.physics import PhysicsSettings
 from recon.volume import Reconstruction, Volume
@@ -31,6 +32,12 @@ def reconstruct(
     chosen = parse_settings(method, dict(settings or {}))
     check(transient)
     rebinned = rebin(transient, _bin_width_s(chosen, transient))
+    if isinstance(chosen, PhysicsSettings) and device == "cpu":
+        free = available_bytes()
+        needed = chosen.bytes_needed(rebinned.wall, rebinned.time)
+        remedies = chosen.smaller(rebinned.wall, rebinned.time, free)
+        if why := refusal(method, rebinned.wall, rebinned.time, needed, free, remedies):
+            raise ReconstructionFailed(why)
     began = clock.perf_counter()
     module = _module(method, chosen, rebinned.wall, rebinned.time).to(device)
     with torch.inference_mode():
@@ -87,7 +94,10 @@ def _module(method: str, settings: Settings, wall: WallGrid, time: TimeAxis) -> 
 
 
 def check(transient: Transient) -> None:
-    """Raises `InvalidData` for counts that are not finite, negative, or nothing but zeros, saying where."""
+    """Raises `InvalidData` for counts that are not finite or hold no light, saying where.
+
+    Single counts may be below 0: corrections subtract a mean background.
+    """
     counts = transient.counts
     finite = np.isfinite(counts)
     if not finite.all():
@@ -99,6 +109,12 @@ def check(transient: Transient) -> None:
     if not counts.any():
         raise InvalidData(
             "every count is 0. Check that the shutter was open and that the direct cut does not remove everything."
+        )
+    total = float(counts.sum(dtype=np.float64))
+    if total < 0:
+        raise InvalidData(
+            f"the counts add up to {total:g}, below 0: there is no light above the background that was subtracted. "
+            "Check the background, or that these are counts."
         )
     if not (np.isfinite(transient.exposure_s).all() and (transient.exposure_s >= 0).all()):
         raise InvalidData("exposures must be finite and not negative; 0 marks a point as not measured.")

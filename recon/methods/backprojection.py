@@ -9,16 +9,17 @@ from torch import nn
 from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
 from configs.settings import Settings as AnySettings
-from recon.physics import PhysicsSettings, prepare
+from recon.physics import LightConeSettings, prepare
 from recon.transport.backprojection import BackProjection
 from recon.transport.conventions import depths_m
 from recon.transport.falloff import Falloff
 
 
-class Settings(PhysicsSettings):
+class Settings(LightConeSettings):
     """Settings of filtered back-projection. It has no inverse filter: `snr` changes nothing."""
 
     has_inverse_filter: ClassVar[bool] = False
+    cubes: ClassVar[float] = 4.3
 
     sharpen_cells: Annotated[float, Field(ge=0, le=100)] = 2.0
     """Sigma of the sharpening filter, in cells of the light cone; 0 for none."""
@@ -32,13 +33,13 @@ class Filtered(nn.Module):
         self.settings, self.time = settings, time
         self.depths_m = depths_m(time, settings.conventions)
         self.falloff = Falloff(time, settings.falloff, settings.conventions)
-        self.project = BackProjection(wall, time, settings.sharpen_cells, settings.conventions)
+        self.project = BackProjection(wall, time, settings.sharpen_cells, settings.conventions, settings.tile)
 
     def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
         """The sharpened back-projection."""
-        rates, undone, _ = prepare(counts, exposure_s, self.settings, self.time)
-        volume: torch.Tensor = self.project(self.falloff(rates, undone))
-        return volume.clamp(min=0)
+        signal, _ = prepare(counts, exposure_s, self.settings, self.time, self.falloff)
+        volume: torch.Tensor = self.project(signal)
+        return volume.clamp_(min=0)
 
 
 def build(settings: AnySettings, wall: WallGrid, time: TimeAxis) -> Filtered:

@@ -18,6 +18,7 @@ class Settings(PhysicsSettings):
     """Settings of f-k migration. It has no inverse filter: `snr` changes nothing."""
 
     has_inverse_filter: ClassVar[bool] = False
+    cubes: ClassVar[float] = 8.5
 
 
 class Migration(nn.Module):
@@ -32,10 +33,10 @@ class Migration(nn.Module):
 
     def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
         """The intensity of the migrated wave, whose amplitude at the wall is the root of the counts."""
-        rates, undone, _ = prepare(counts, exposure_s, self.settings, self.time)
-        amplitude = self.falloff(rates, undone).clamp(min=0).sqrt()
+        signal, _ = prepare(counts, exposure_s, self.settings, self.time, self.falloff)
+        amplitude = signal.clamp_(min=0).sqrt_()
         field: torch.Tensor = self.migrate(amplitude)
-        return field.real.square() + field.imag.square()
+        return field.real.square().addcmul_(field.imag, field.imag)
 
 
 def build(settings: AnySettings, wall: WallGrid, time: TimeAxis) -> Migration:

@@ -1,6 +1,6 @@
 """Steepest descent on the Tikhonov problem: the plain iteration that learned unfoldings start from."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import torch
 from pydantic import Field
@@ -9,7 +9,7 @@ from torch import nn
 from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
 from configs.settings import Settings as AnySettings
-from recon.physics import PhysicsSettings, prepare
+from recon.physics import LightConeSettings, prepare
 from recon.transport.conventions import depths_m
 from recon.transport.falloff import Falloff
 from recon.transport.light_cone import LightConeConvolution
@@ -19,8 +19,10 @@ AXES = (-3, -2, -1)
 SMOOTHED = 0.01  # gradients below this part of the albedo's maximum are not kept sharp by total variation
 
 
-class Settings(PhysicsSettings):
+class Settings(LightConeSettings):
     """Settings of steepest descent; 1 / snr is the weight of the Tikhonov term."""
+
+    cubes: ClassVar[float] = 9.5
 
     iterations: Annotated[int, Field(ge=1, le=10_000)] = 30
     momentum: bool = False
@@ -42,14 +44,14 @@ class GradientDescent(nn.Module):
         self.depths_m = depths_m(time, settings.conventions)
         self.falloff = Falloff(time, settings.falloff, settings.conventions)
         self.resample = LightConeResampling(time, settings.conventions)
-        self.cone = LightConeConvolution(wall, time, settings.conventions)
+        self.cone = LightConeConvolution(wall, time, settings.conventions, settings.tile)
 
     def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
         """The albedo after all iterations."""
-        rates, undone, snr = prepare(counts, exposure_s, self.settings, self.time)
-        y = self.resample(self.falloff(rates, undone))
+        signal, snr = prepare(counts, exposure_s, self.settings, self.time, self.falloff)
+        y = self.resample(signal)
         ridge = (1 / torch.as_tensor(snr, dtype=y.dtype, device=y.device)).expand(len(y)).view(-1, 1, 1, 1, 1)
-        return self.resample.adjoint(self._descend(y, ridge)).clamp(min=0)
+        return self.resample.adjoint(self._descend(y, ridge)).clamp_(min=0)
 
     def _descend(self, y: torch.Tensor, ridge: torch.Tensor) -> torch.Tensor:
         u = torch.zeros_like(y)

@@ -10,14 +10,14 @@ from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
 from configs.settings import Settings as AnySettings
 from recon.errors import InvalidSettings
-from recon.physics import PhysicsSettings, prepare
+from recon.physics import LightConeSettings, prepare
 from recon.transport.conventions import depths_m
 from recon.transport.falloff import Falloff
 from recon.transport.light_cone import LightConeConvolution
 from recon.transport.resampling import LightConeResampling
 
 
-class Settings(PhysicsSettings):
+class Settings(LightConeSettings):
     """Settings of the Gram operator."""
 
     flatness: Annotated[float, Field(gt=0, le=10)] = 0.1
@@ -35,14 +35,14 @@ class Gram(nn.Module):
         self.depths_m = depths_m(time, "physical")
         self.falloff = Falloff(time, settings.falloff)
         self.resample = LightConeResampling(time)
-        self.cone = LightConeConvolution(wall, time)
+        self.cone = LightConeConvolution(wall, time, tile=settings.tile)
 
     def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
         """The smooth least-squares albedo."""
-        rates, undone, snr = prepare(counts, exposure_s, self.settings, self.time)
-        on_cone = self.resample(self.falloff(rates, undone))
-        level = torch.as_tensor(snr, dtype=on_cone.dtype).expand(len(on_cone))
-        return self.resample.adjoint(self.cone.gram_inverse(on_cone, level, self.settings.flatness)).clamp(min=0)
+        signal, snr = prepare(counts, exposure_s, self.settings, self.time, self.falloff)
+        signal = self.resample(signal)
+        level = torch.as_tensor(snr, dtype=signal.dtype).expand(len(signal))
+        return self.resample.adjoint(self.cone.gram_inverse(signal, level, self.settings.flatness)).clamp_(min=0)
 
 
 def build(settings: AnySettings, wall: WallGrid, time: TimeAxis) -> Gram:

@@ -6,14 +6,14 @@ from torch import nn
 from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
 from configs.settings import Settings as AnySettings
-from recon.physics import PhysicsSettings, prepare
+from recon.physics import LightConeSettings, prepare
 from recon.transport.conventions import depths_m
 from recon.transport.falloff import Falloff
 from recon.transport.light_cone import LightConeConvolution
 from recon.transport.resampling import LightConeResampling
 
 
-class Settings(PhysicsSettings):
+class Settings(LightConeSettings):
     """Settings of the light-cone transform."""
 
 
@@ -26,13 +26,13 @@ class LightConeTransform(nn.Module):
         self.depths_m = depths_m(time, settings.conventions)
         self.falloff = Falloff(time, settings.falloff, settings.conventions)
         self.resample = LightConeResampling(time, settings.conventions)
-        self.cone = LightConeConvolution(wall, time, settings.conventions)
+        self.cone = LightConeConvolution(wall, time, settings.conventions, settings.tile)
 
     def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
         """The albedo volume, not below 0."""
-        rates, undone, snr = prepare(counts, exposure_s, self.settings, self.time)
-        on_cone = self.resample(self.falloff(rates, undone))
-        return self.resample.adjoint(self.cone.wiener(on_cone, snr)).clamp(min=0)
+        signal, snr = prepare(counts, exposure_s, self.settings, self.time, self.falloff)
+        signal = self.resample(signal)
+        return self.resample.adjoint(self.cone.wiener(signal, snr)).clamp_(min=0)
 
 
 def build(settings: AnySettings, wall: WallGrid, time: TimeAxis) -> LightConeTransform:

@@ -11,11 +11,12 @@ from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
 from configs.settings import Settings as AnySettings
 from recon.errors import InvalidSettings
+from recon.memory import cube_bytes
 from recon.physics import PhysicsSettings, prepare
 from recon.transport.conventions import depths_m, range_m
 from recon.transport.falloff import Falloff
 from recon.transport.light_cone import LightConeConvolution
-from recon.transport.phasor_field import ConfocalRsd
+from recon.transport.phasor_field import KEPT_FILTER_BYTES, ConfocalRsd, frequencies_per_m
 from recon.transport.resampling import LightConeResampling
 from recon.transport.virtual_wave import VirtualWave
 
@@ -37,6 +38,22 @@ class Settings(PhysicsSettings):
     far_m: Annotated[float, Field(gt=0)] | None = None
     """Where its first and last plane lie; all of the time axis unless given."""
 
+    def bytes_needed(self, wall: WallGrid, time: TimeAxis) -> int:
+        """Of the exact propagator: every frequency's padded wall three times over, and a plane's kernels a thread."""
+        if self.variant == "light_cone" or self.conventions == "authors":
+            return 10 * cube_bytes(wall, time)
+        count = len(frequencies_per_m(time, _wavelength_m(self, wall), _cycles(self)))
+        kernels = 8 * wall.rows * wall.cols * count  # of one plane: a quarter of the padded wall
+        kept = kernels * self.planes if kernels * self.planes <= KEPT_FILTER_BYTES else 0
+        return 3 * cube_bytes(wall, time) + kernels * (12 + 4 * torch.get_num_threads()) + kept
+
+    def smaller(self, wall: WallGrid, time: TimeAxis, free: int) -> dict[str, int]:
+        """Longer waves need fewer frequencies."""
+        if self.variant == "light_cone" or self.conventions == "authors":
+            return super().smaller(wall, time, free)
+        longer = [self.model_copy(update={"wavelength_m": _wavelength_m(self, wall) * k}) for k in (2, 4, 8)]
+        return {f"wavelength_m={other.wavelength_m:g}": other.bytes_needed(wall, time) for other in longer}
+
 
 class Camera(nn.Module):
     """(B, C, T, H, W) counts -> (B, C, D, H, W) magnitude of the exact propagator's field."""
@@ -55,8 +72,8 @@ class Camera(nn.Module):
 
     def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
         """The magnitude of the field in focus."""
-        rates, undone, _ = prepare(counts, exposure_s, self.settings, self.time)
-        field: torch.Tensor = self.propagate(self.falloff(rates, undone))
+        signal, _ = prepare(counts, exposure_s, self.settings, self.time, self.falloff)
+        field: torch.Tensor = self.propagate(signal)
         return field.abs()
 
 
@@ -73,8 +90,8 @@ class LightConeCamera(nn.Module):
 
     def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
         """The magnitude on the light cone, resampled to depth."""
-        rates, _, _ = prepare(counts, exposure_s, self.settings, self.time)
-        phasors = self.wave(rates)
+        signal, _ = prepare(counts, exposure_s, self.settings, self.time, None)
+        phasors = self.wave(signal)
         real, imaginary = (self.cone.adjoint(self.resample(part)) for part in (phasors.real, phasors.imag))
         return self.resample.adjoint(torch.hypot(real, imaginary))
 

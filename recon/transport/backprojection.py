@@ -23,11 +23,16 @@ class BackProjection(nn.Module):
     """
 
     def __init__(
-        self, wall: WallGrid, time: TimeAxis, sharpen_cells: float = 0.0, conventions: Conventions = "physical"
+        self,
+        wall: WallGrid,
+        time: TimeAxis,
+        sharpen_cells: float = 0.0,
+        conventions: Conventions = "physical",
+        tile: int | None = None,
     ) -> None:
         super().__init__()
         self.resample = LightConeResampling(time, conventions)
-        self.cone = LightConeConvolution(wall, time, conventions)
+        self.cone = LightConeConvolution(wall, time, conventions, tile)
         self.gain: torch.Tensor | None = None
         if sharpen_cells > 0:
             radians = 2 * np.pi * np.arange(self.cone.padded[0] // 2 + 1) / self.cone.padded[0]  # a cell

@@ -26,12 +26,15 @@ class Falloff(nn.Module):
             relative = np.maximum(depths_m(time, conventions), 0.0) / range_m(time, conventions)
         self.register_buffer("distance", torch.from_numpy(relative)[:, None, None], persistent=False)
 
-    def forward(self, x: torch.Tensor, undone: torch.Tensor | None = None) -> torch.Tensor:
-        """x with its falloff removed; of the exponent only the part `undone` (B,) where given."""
+    def weights(self, undone: torch.Tensor | None = None) -> torch.Tensor:
+        """(T, 1, 1); of the exponent only the part `undone` (B,) where given, then (B, 1, T, 1, 1)."""
         if undone is None:
-            return x * (self.distance**self.exponent).to(x.dtype)
-        exponent = self.exponent * undone.to(self.distance).view(-1, 1, 1, 1, 1)
-        return x * (self.distance**exponent).to(x.dtype)
+            return self.distance**self.exponent
+        return self.distance ** (self.exponent * undone.to(self.distance).view(-1, 1, 1, 1, 1))
+
+    def forward(self, x: torch.Tensor, undone: torch.Tensor | None = None) -> torch.Tensor:
+        """x with its falloff, or the part `undone` (B,) of it, removed."""
+        return x * self.weights(undone).to(x.dtype)
 
     def adjoint(self, y: torch.Tensor, undone: torch.Tensor | None = None) -> torch.Tensor:
         """The same: the operator is diagonal and real."""

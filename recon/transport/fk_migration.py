@@ -5,19 +5,20 @@ spectrum that migration uses, and both lateral frequencies stay on the grid, so 
 frequency to depth frequency is a one-dimensional linear interpolation.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
-import scipy.fft
 import torch
 from torch import nn
 
 from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
 from recon.transport.conventions import Conventions, check_supported, speed_m_per_s
-from recon.transport.fourier import cast, fft, good_size, ifft, in_threads, irfft, rfft
+from recon.transport.fourier import Array, add_signal_, array_of, cast, each, fft, good_size, half_spectrum, ifft
 from recon.transport.linear import linear
+
+PLANES_AT_ONCE = 8
 
 
 class FkMigration(nn.Module):
@@ -52,22 +53,28 @@ class FkMigration(nn.Module):
         return linear(image, self._unmigrate, self._migrate)
 
     def _migrate(self, field: torch.Tensor) -> torch.Tensor:
+        samples = self._samples(field)
         images = []
-        for sample in self._samples(field):
-            spectrum = rfft(sample * self._gain(sample), self.padded[0], 0)  # (F, H, W)
+        for sample in samples:
+            spectrum = half_spectrum((sample * self._gain(sample))[None], self.padded[0], self.padded[1])[
+                0
+            ]  # (F, Y, W)
             spectrum *= self._about_middle(spectrum)
             images.append(self._to_depth(self._stolt(spectrum, _gather)))
-        return torch.stack(images).reshape(field.shape)
+        return (images[0][None] if len(images) == 1 else torch.stack(images)).reshape(field.shape)
 
     def _unmigrate(self, image: torch.Tensor) -> torch.Tensor:
         fields = []
         for sample in self._samples(image):
-            spectrum = torch.fft.fft(sample, n=self.padded[0], dim=0)[: self.padded[0] // 2 + 1].contiguous()
-            spectrum = self._stolt(spectrum, _scatter)
+            spectrum = torch.fft.fft(sample, n=self.padded[0], dim=0)[: self.padded[0] // 2 + 1]
+            wide = spectrum.new_zeros((len(spectrum), self.padded[1], self.wall.cols))
+            wide[:, : self.wall.rows] = spectrum
+            spectrum = self._stolt(wide, _scatter)[:, : self.wall.rows]
             spectrum *= self._about_middle(spectrum).conj()
             spectrum[1:-1] /= 2  # the transpose of a real FFT counts each frequency once, its inverse twice
-            sample_field = irfft(spectrum, self.padded[0], 0)[: self.time.bins]
-            fields.append(sample_field * self._gain(sample_field))
+            sample_field = spectrum.real.new_zeros((1, self.time.bins, *spectrum.shape[1:]))
+            add_signal_(sample_field, spectrum[None], self.padded[0])
+            fields.append(sample_field[0] * self._gain(sample_field))
         return torch.stack(fields).reshape(image.shape)
 
     def _samples(self, x: torch.Tensor) -> Iterable[torch.Tensor]:
@@ -91,42 +98,42 @@ class FkMigration(nn.Module):
         return torch.from_numpy(np.exp(2j * np.pi * cycles)).to(like.device, like.dtype)[:, None, None]
 
     def _to_depth(self, spectrum: torch.Tensor) -> torch.Tensor:
-        """Half spectrum along depth (F, H, W) -> complex field (D, H, W), a row at a time."""
-        planes = self.time.bins
-        if spectrum.device.type != "cpu":
-            field: torch.Tensor = torch.fft.ifft(spectrum, n=self.padded[0], dim=0)[:planes]
-            return field
-        image = torch.empty((planes, *spectrum.shape[1:]), dtype=spectrum.dtype)
-        half, whole = spectrum.numpy(), image.numpy()
+        """Half spectrum along depth (F, Y, W) -> complex field (D, H, W): in its place, a row at a time."""
+        planes, rows = self.time.bins, self.wall.rows
+        half = array_of(spectrum)
 
         def work(row: int) -> None:
-            whole[:, row] = scipy.fft.ifft(half[:, row], n=self.padded[0], axis=0)[:planes]
+            half[:planes, row] = ifft(half[:, row], 0, self.padded[0])[:planes]
 
-        in_threads(work, range(half.shape[1]))
-        return image
+        each(work, range(rows), half)
+        return spectrum[:planes, :rows]
 
-    def _stolt(self, spectrum: torch.Tensor, move: Any) -> torch.Tensor:
-        """Time frequency -> depth frequency of (F, H, W) by `_gather`, back by its transpose `_scatter`."""
-        rows, cols = spectrum.shape[1:]
-        on_cpu = spectrum.device.type == "cpu"
-        wide = fft(spectrum.numpy() if on_cpu else spectrum, self.padded[1], 1)  # (F, Y, W)
+    def _stolt(self, spectrum: torch.Tensor, move: Callable[[Array, Array, Array, Array], Array]) -> torch.Tensor:
+        """Time frequency -> depth frequency of (F, Y, W) by `_gather`, back by its transpose `_scatter`; in place."""
+        cols = spectrum.shape[2]
+        wide = array_of(spectrum)
+
+        def across(planes: slice) -> None:
+            wide[planes] = fft(wide[planes], 1)
 
         def work(ky: int) -> None:
             below, weight, factor = self._table(ky, wide)
             for row in {ky, -ky % self.padded[1]}:
-                plane = fft(wide[:, row], self.padded[2], 1)  # (F, X)
+                plane = fft(wide[:, row], 1, self.padded[2])  # (F, X)
                 wide[:, row] = ifft(move(plane, below, weight, factor), 1)[:, :cols]
 
-        if on_cpu:
-            in_threads(work, range(self.padded[1] // 2 + 1))
-            return torch.from_numpy(ifft(wide, 1)[:, :rows])
-        for ky in range(self.padded[1] // 2 + 1):
-            work(ky)
-        moved: torch.Tensor = ifft(wide, 1)[:, :rows]
-        return moved
+        def back(planes: slice) -> None:
+            wide[planes] = ifft(wide[planes], 1)
 
-    def _table(self, ky: int, like: Any) -> tuple[Any, Any, Any]:
+        some = [slice(first, first + PLANES_AT_ONCE) for first in range(0, len(wide), PLANES_AT_ONCE)]
+        each(across, some, wide)
+        each(work, range(self.padded[1] // 2 + 1), wide)
+        each(back, some, wide)
+        return spectrum
+
+    def _table(self, ky: int, like: Array) -> tuple[Array, Array, Array]:
         """For a row of lateral frequencies: flat index below, weight of the one above and factor, each (F, X)."""
+        xp: Any
         xp, place = (np, {}) if isinstance(like, np.ndarray) else (torch, {"device": like.device})
         frequencies, last = like.shape[0], like.shape[0] - (2 if self.conventions == "authors" else 1)
         kz = xp.arange(frequencies, dtype=xp.float64, **place)[:, None]
@@ -144,7 +151,7 @@ class FkMigration(nn.Module):
         return index, cast(source - below, real)[:, mirrored], factor[:, mirrored]
 
 
-def _gather(plane: Any, below: Any, weight: Any, factor: Any) -> Any:
+def _gather(plane: Array, below: Array, weight: Array, factor: Array) -> Array:
     """Linear interpolation along the first axis of `plane` (F, X), then times `factor`."""
     flat = plane.reshape(-1)
     under, over = flat[below], flat[below + plane.shape[1]]
@@ -155,7 +162,7 @@ def _gather(plane: Any, below: Any, weight: Any, factor: Any) -> Any:
     return over
 
 
-def _scatter(plane: Any, below: Any, weight: Any, factor: Any) -> Any:
+def _scatter(plane: Array, below: Array, weight: Array, factor: Array) -> Array:
     """The conjugate transpose of `_gather`."""
     value = plane * factor.conj()
     index = [below.reshape(-1), (below + plane.shape[1]).reshape(-1)]

@@ -15,7 +15,15 @@ from torch import nn
 from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
 from recon.transport.conventions import Conventions, check_supported
-from recon.transport.fourier import filter_planes, irfft, multiply_quadrants_, rfft, row_blocks
+from recon.transport.fourier import (
+    Array,
+    Multiply,
+    add_signal_,
+    array_of,
+    filter_planes_,
+    half_spectrum,
+    multiply_even_,
+)
 from recon.transport.light_cone_kernel import chirps, published_transfer
 from recon.transport.linear import linear
 from recon.transport.resampling import resampling_matrix
@@ -29,16 +37,19 @@ class LightConeConvolution(nn.Module):
     """The light-cone kernel over (B, C, V, H, W), V the cells of `LightConeResampling`; unit L2 norm.
 
     Zero-padded so far that nothing wraps around: twice in space, and along v by the largest delay between two wall
-    points. `transfer` gives its spectrum to those who compute there.
+    points. `transfer` gives its spectrum to those who compute there. `tile` frequencies along v are held at once, all
+    unless given; the result is the same.
     """
 
     rows_chirp: torch.Tensor  # (F, Y // 2 + 1, 2) real and imaginary part, physical only
     cols_chirp: torch.Tensor  # (F, X // 2 + 1, 2)
 
-    def __init__(self, wall: WallGrid, time: TimeAxis, conventions: Conventions = "physical") -> None:
+    def __init__(
+        self, wall: WallGrid, time: TimeAxis, conventions: Conventions = "physical", tile: int | None = None
+    ) -> None:
         super().__init__()
         check_supported(time, conventions)
-        self.wall, self.time, self.conventions = wall, time, conventions
+        self.wall, self.time, self.conventions, self.tile = wall, time, conventions, tile
         self.cells = resampling_matrix(time, conventions).shape[0]
         if conventions == "authors":
             self.padded = (2 * self.cells, 2 * wall.rows, 2 * wall.cols)
@@ -110,31 +121,44 @@ class LightConeConvolution(nn.Module):
                 f"the data are {cells} x {rows} x {cols}. Build it for the wall and time axis of the data."
             )
         flat = x.detach().reshape(batch * channels, cells, rows, cols)
-        kind = torch.complex128 if x.dtype == torch.float64 else torch.complex64
-        spectrum = torch.empty((len(flat), self.padded[0] // 2 + 1, rows, cols), dtype=kind, device=x.device)
-        for some in row_blocks(flat, self.padded[0]):
-            spectrum[:, :, some] = rfft(flat[:, :, some], self.padded[0], 1)
-        if self.conventions == "authors":
-            whole = _like(spectrum, published_transfer(self.wall, self.time).to(kind))
-        else:
-            rows_chirp = _like(spectrum, torch.view_as_complex(self.rows_chirp).to(kind))[:, :, None]
-            cols_chirp = _like(spectrum, torch.view_as_complex(self.cols_chirp).to(kind))[:, None, :]
-
-        def multiply(block: Any, planes: slice) -> None:
-            h = whole[planes] if self.conventions == "authors" else rows_chirp[planes] * cols_chirp[planes]
-            w = h.conj() if conjugate else h
-            if gain is not None:
-                w = w * gain(h.real**2 + h.imag**2, planes)
-            if self.conventions == "authors":
-                block *= w
-            else:
-                multiply_quadrants_(block, w)
-
-        filter_planes(spectrum, self.padded[1:], multiply)
-        done = torch.empty_like(flat)
-        for some in row_blocks(flat, self.padded[0]):
-            done[:, :, some] = irfft(spectrum[:, :, some], self.padded[0], 1)[:, :cells]
+        done = torch.zeros_like(flat)
+        frequencies = self.padded[0] // 2 + 1
+        tile = min(self.tile or frequencies, frequencies)
+        for first in range(0, frequencies, tile):
+            planes = slice(first, min(first + tile, frequencies))
+            spectrum = half_spectrum(flat, self.padded[0], planes=planes)
+            filter_planes_(spectrum, self.padded[1:], self._multiplier(spectrum, conjugate, gain, first))
+            add_signal_(done, spectrum, self.padded[0], planes)
         return done.reshape(x.shape)
+
+    def _multiplier(self, spectrum: torch.Tensor, conjugate: bool, gain: Gain | None, first: int) -> Multiply:
+        """What multiplies padded planes of the spectrum, which begins at frequency `first`, by H or its conjugate."""
+        if self.conventions == "authors":
+            published = _like(spectrum, published_transfer(self.wall, self.time).to(spectrum.dtype))
+
+            def by_published(block: Array, here: slice) -> None:
+                planes = slice(first + here.start, first + here.stop)
+                h = published[planes]
+                w = h.conj() if conjugate else h
+                block *= w if gain is None else w * gain(h.real**2 + h.imag**2, planes)
+
+            return by_published
+        rows, cols = (
+            _like(spectrum, torch.view_as_complex(chirp).to(spectrum.dtype))
+            for chirp in (self.rows_chirp, self.cols_chirp)
+        )
+        rows_power, cols_power = (part.real**2 + part.imag**2 for part in (rows, cols))
+        if conjugate:
+            rows, cols = rows.conj(), cols.conj()
+
+        def by_chirps(block: Array, here: slice) -> None:
+            planes = slice(first + here.start, first + here.stop)
+            w = rows[planes, :, None] * cols[planes, None, :]
+            if gain is not None:
+                w = w * gain(rows_power[planes, :, None] * cols_power[planes, None, :], planes)
+            multiply_even_(block, w)
+
+        return by_chirps
 
 
 class _Wiener(torch.autograd.Function):
@@ -182,9 +206,9 @@ def _beside(power: Any, constants: torch.Tensor) -> Any:
     return constants.numpy() if isinstance(power, np.ndarray) else constants
 
 
-def _like(spectrum: torch.Tensor, constants: torch.Tensor) -> Any:
-    """The constants where the spectrum is filtered: a NumPy array on a CPU, else a tensor on its device."""
-    return constants.numpy() if spectrum.device.type == "cpu" else constants.to(spectrum.device)
+def _like(spectrum: torch.Tensor, constants: torch.Tensor) -> Array:
+    """The constants where the spectrum is filtered."""
+    return array_of(constants.to(spectrum.device))
 
 
 def _one_each(snr: torch.Tensor, y: torch.Tensor) -> torch.Tensor:

@@ -15,27 +15,36 @@ from scipy.special import fresnel
 
 from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
-from recon.transport.conventions import range_m
+from recon.transport.conventions import Conventions, range_m
 from recon.transport.fourier import good_size
+from recon.transport.resampling import resampling_matrix
+
+
+def padded_cells(wall: WallGrid, time: TimeAxis, conventions: Conventions = "physical") -> int:
+    """The padded length along v: cells of `LightConeResampling`, and the largest delay between two wall points."""
+    cells = resampling_matrix(time, conventions).shape[0]
+    if conventions == "authors":
+        return 2 * cells
+    pitches = _pitches(wall, time, cells)
+    # Offsets whose delay alone is beyond the last cell are never seen together.
+    delays = [
+        min(((count - 1) * pitch) ** 2, cells) for count, pitch in zip((wall.rows, wall.cols), pitches, strict=True)
+    ]
+    return good_size(cells + int(np.ceil(sum(delays))) + 1)
 
 
 @lru_cache(maxsize=8)
 def chirps(wall: WallGrid, time: TimeAxis, cells: int) -> tuple[tuple[int, int, int], torch.Tensor, torch.Tensor]:
     """The padded size (P, Y, X) and the spectra of both chirps, (F, Y // 2 + 1, 2) and (F, X // 2 + 1, 2), float64."""
-    cell_m2 = range_m(time, "physical") ** 2 / cells
-    pitches = [wall.height_m / wall.rows / cell_m2**0.5, wall.width_m / wall.cols / cell_m2**0.5]  # in root cells
-    # Offsets whose delay alone is beyond the last cell are never seen together.
-    delays = [
-        min(((count - 1) * pitch) ** 2, cells) for count, pitch in zip((wall.rows, wall.cols), pitches, strict=True)
-    ]
-    padded_cells = good_size(cells + int(np.ceil(sum(delays))) + 1)
-    cycles = np.arange(padded_cells // 2 + 1) / padded_cells  # per cell
+    pitches = _pitches(wall, time, cells)
+    padded_v = padded_cells(wall, time)
+    cycles = np.arange(padded_v // 2 + 1) / padded_v  # per cell
     spectra, powers = [], []
     for count, pitch in zip((wall.rows, wall.cols), pitches, strict=True):
         padded = good_size(2 * count)
         # Farther offsets than the wall's are never seen together, but the inverse needs the kernel to go on: one that
         # ends abruptly has nulls in its spectrum, which come back as a veil at small depths.
-        offset = np.arange(padded // 2 + 1) * pitch
+        offset = np.arange(padded // 2 + 1, dtype=np.float64) * pitch
         chirp = _fresnel_integral(offset - pitch / 2, offset + pitch / 2, 2 * np.pi * cycles[:, None]) / pitch
         chirp[:, offset**2 > cells] = 0
         chirp *= np.sinc(cycles)[:, None]  # albedo and counts are means over cells: one factor for each, shared by both
@@ -47,9 +56,15 @@ def chirps(wall: WallGrid, time: TimeAxis, cells: int) -> tuple[tuple[int, int, 
         spectra.append((padded, spectrum[:, : padded // 2 + 1]))
     both_sides = np.full(len(cycles), 2.0)
     both_sides[[0, -1]] = 1
-    norm = np.sqrt(np.sum(powers[0] * powers[1] * both_sides) / padded_cells)
+    norm = np.sqrt(np.sum(powers[0] * powers[1] * both_sides) / padded_v)
     (rows, rows_spectrum), (cols, cols_spectrum) = spectra
-    return (padded_cells, rows, cols), _real_view(rows_spectrum / norm), _real_view(cols_spectrum)
+    return (padded_v, rows, cols), _real_view(rows_spectrum / norm), _real_view(cols_spectrum)
+
+
+def _pitches(wall: WallGrid, time: TimeAxis, cells: int) -> tuple[float, float]:
+    """A wall pixel's height and width, in square roots of a cell."""
+    cell_m = range_m(time, "physical") / cells**0.5
+    return wall.height_m / wall.rows / cell_m, wall.width_m / wall.cols / cell_m
 
 
 def _fresnel_integral(

@@ -14,7 +14,7 @@ from torch import nn
 
 from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from acquisition.wall import WallGrid
-from recon.transport.fourier import fft, good_size, halves, ifft, in_threads
+from recon.transport.fourier import Array, array_of, each, fft, good_size, ifft
 from recon.transport.linear import linear
 
 KEPT_FILTER_BYTES = 1 << 30  # filters of one geometry are kept between calls up to this; beyond, made as they are used
@@ -37,10 +37,7 @@ class ConfocalRsd(nn.Module):
         self.padded = (good_size(2 * wall.rows), good_size(2 * wall.cols))
         path_m = time.centres_s() * SPEED_OF_LIGHT_M_PER_S
         sigma_m = cycles * wavelength_m / 6
-        spacing = 1 / (path_m[-1] - path_m[0] + 6 * sigma_m)  # cycles a metre: nothing in the window wraps into it
-        reach = 3 / (2 * np.pi * sigma_m)
-        nearest = np.arange(np.ceil((1 / wavelength_m - reach) / spacing), (1 / wavelength_m + reach) / spacing)
-        cycles_per_m = nearest[nearest > 0] * spacing
+        cycles_per_m = frequencies_per_m(time, wavelength_m, cycles)
         pulse = np.exp(-0.5 * ((cycles_per_m - 1 / wavelength_m) * 2 * np.pi * sigma_m) ** 2)
         self.wavenumbers = 2 * np.pi * cycles_per_m  # of the light path, radians a metre
         self.analysis = pulse[:, None] * np.exp(-1j * self.wavenumbers[:, None] * path_m)  # (K, T)
@@ -68,20 +65,15 @@ class ConfocalRsd(nn.Module):
                 torch.tensordot(analysis.real, sample, dims=1), torch.tensordot(analysis.imag, sample, dims=1)
             )
             field = torch.empty((len(self.depths_m), rows, cols), dtype=phasors.dtype, device=phasors.device)
-            on_cpu = sample.device.type == "cpu"
-            aperture = phasors.numpy() if on_cpu else phasors  # (K, H, W)
-            spectra = fft(fft(aperture, self.padded[1], 2), self.padded[0], 1)
-            seen = field.numpy() if on_cpu else field
+            folded = _folded(fft(fft(array_of(phasors), 2, self.padded[1]), 1, self.padded[0]))
+            seen = array_of(field)
 
-            def work(plane: int, spectra: Any = spectra, seen: Any = seen) -> None:
-                focused = _sum_of_products(self._filter(plane, spectra), spectra)
+            def work(plane: int, folded: Array = folded, seen: Array = seen) -> None:
+                kernel = self._filter(plane, folded)
+                focused = _unfolded(kernel.reshape(-1, 1, kernel.shape[2]) @ folded, self.padded)
                 seen[plane] = ifft(ifft(focused, 0)[:rows], 1)[:, :cols]
 
-            if on_cpu:
-                in_threads(work, range(len(self.depths_m)))
-            else:
-                for plane in range(len(self.depths_m)):
-                    work(plane)
+            each(work, range(len(self.depths_m)), seen)
             fields.append(field)
         return torch.stack(fields).reshape(*transient.shape[:2], *fields[0].shape)
 
@@ -89,17 +81,16 @@ class ConfocalRsd(nn.Module):
         rows, cols = self.wall.rows, self.wall.cols
         transients = []
         for sample in field.detach().reshape(-1, len(self.depths_m), rows, cols):
-            seen = sample.numpy() if sample.device.type == "cpu" else sample
-            spectra: Any = 0
+            seen = array_of(sample)
+            spectra: Array = 0  # (Y, X, K)
             for plane in range(len(self.depths_m)):
-                spectrum = fft(fft(seen[plane], self.padded[1], 1), self.padded[0], 0)
-                spectra = spectra + _whole(self._filter(plane, spectrum).conj(), self.padded) * spectrum
-            aperture = ifft(ifft(spectra, 1)[:, :rows], 2)[:, :, :cols]
-            phasors = torch.as_tensor(aperture, device=sample.device)
+                spectrum = fft(fft(seen[plane], 1, self.padded[1]), 0, self.padded[0])
+                spectra = spectra + _whole(self._filter(plane, spectrum).conj(), self.padded) * spectrum[..., None]
+            phasors = torch.as_tensor(ifft(ifft(spectra, 0)[:rows], 1)[:, :cols], device=sample.device)
             analysis = self._analysis(phasors.real)
+            real, imaginary = (part.permute(2, 0, 1) for part in (phasors.real, phasors.imag))
             transients.append(
-                torch.tensordot(analysis.real.T, phasors.real, dims=1)
-                + torch.tensordot(analysis.imag.T, phasors.imag, dims=1)
+                torch.tensordot(analysis.real.T, real, dims=1) + torch.tensordot(analysis.imag.T, imaginary, dims=1)
             )
         return torch.stack(transients).reshape(*field.shape[:2], *transients[0].shape)
 
@@ -107,46 +98,69 @@ class ConfocalRsd(nn.Module):
         complex_kind = torch.complex128 if like.dtype == torch.float64 else torch.complex64
         return torch.from_numpy(self.analysis).to(like.device, complex_kind)
 
-    def _filter(self, plane: int, like: Any) -> Any:
-        """The kernel's spectra at one depth, all frequencies: the quadrant (K, Y // 2 + 1, X // 2 + 1)."""
+    def _filter(self, plane: int, like: Array) -> Array:
+        """The kernel's spectra at one depth, all frequencies: the quadrant (Y // 2 + 1, X // 2 + 1, K)."""
         key = (plane, str(like.dtype), str(getattr(like, "device", "cpu")))
         if self._filters is not None and key in self._filters:
             return self._filters[key]
         distance_m = np.sqrt(self.offsets_m2 + self.depths_m[plane] ** 2)
-        double = like.dtype in (np.complex128, torch.complex128)
-        real = np.float64 if double else np.float32
-        phase = self.wavenumbers[:, None, None].astype(real) * (2 * distance_m).astype(real)
-        fading = (1 / distance_m**2).astype(real)
+        real = np.float64 if like.dtype in (np.complex128, torch.complex128) else np.float32
+        phase = (2 * distance_m).astype(real)[..., None] * self.wavenumbers.astype(real)
+        fading = (1 / distance_m**2).astype(real)[..., None]
         if isinstance(like, np.ndarray):
             # An even kernel's FFT is a cosine transform of its quadrant.
-            real_part = scipy.fft.dctn(np.cos(phase) * fading, type=1, axes=(1, 2), overwrite_x=True)
             done = np.empty(phase.shape, dtype=like.dtype)
-            done.real = real_part
-            done.imag = scipy.fft.dctn(np.sin(phase) * fading, type=1, axes=(1, 2), overwrite_x=True)
+            done.real = scipy.fft.dctn(np.cos(phase) * fading, type=1, axes=(0, 1), overwrite_x=True)
+            done.imag = scipy.fft.dctn(np.sin(phase) * fading, type=1, axes=(0, 1), overwrite_x=True)
         else:
             angle = torch.from_numpy(phase).to(like.device)
             kernel = torch.polar(torch.from_numpy(fading).to(like.device).expand(angle.shape).contiguous(), angle)
-            spectrum = torch.fft.fft2(_whole(kernel, self.padded))
-            done = spectrum[:, : self.padded[0] // 2 + 1, : self.padded[1] // 2 + 1].contiguous()
+            spectrum = torch.fft.fft2(_whole(kernel, self.padded), dim=(0, 1))
+            done = spectrum[: self.padded[0] // 2 + 1, : self.padded[1] // 2 + 1].contiguous()
         if self._filters is not None:
             self._filters[key] = done
         return done
 
 
-def _sum_of_products(quadrant: Any, spectra: Any) -> Any:
-    """The sum over frequencies of an even filter's quadrant (K, ...) times whole spectra (K, Y, X): (Y, X)."""
-    numpy = isinstance(spectra, np.ndarray)
-    einsum, flip = (np.einsum, np.flip) if numpy else (torch.einsum, torch.flip)
-    result = np.empty(spectra.shape[1:], spectra.dtype) if numpy else torch.empty_like(spectra[0])
-    for rows, rows_of in halves(spectra.shape[1]):
-        for cols, cols_of in halves(spectra.shape[2]):
-            mirrored = tuple(axis for axis, half in ((1, rows), (2, cols)) if half.start)
-            part = flip(quadrant[:, rows_of, cols_of], mirrored)
-            result[rows, cols] = einsum("kyx,kyx->yx", part, spectra[:, rows, cols])
-    return result
+def frequencies_per_m(time: TimeAxis, wavelength_m: float, cycles: float) -> npt.NDArray[np.float64]:
+    """The frequencies of the pulse, in cycles a metre of light path: so close that nothing wraps within the window."""
+    sigma_m = cycles * wavelength_m / 6
+    spacing = 1 / (SPEED_OF_LIGHT_M_PER_S * time.bin_width_s * (time.bins - 1) + 6 * sigma_m)
+    reach = 3 / (2 * np.pi * sigma_m)
+    nearest = np.arange(np.ceil((1 / wavelength_m - reach) / spacing), (1 / wavelength_m + reach) / spacing)
+    return np.asarray(nearest[nearest > 0] * spacing, dtype=np.float64)
 
 
-def _whole(quadrant: Any, padded: tuple[int, int]) -> Any:
-    """The even array (K, Y, X) that a quadrant determines."""
+def _folded(spectra: Array) -> Array:
+    """(K, Y, X) -> (quadrant's Y * X, K, 4): what an even filter multiplies by the same number, side by side."""
+    xp = np if isinstance(spectra, np.ndarray) else torch
+    parts = [
+        spectra[:, rows][:, :, cols] for rows in _both_ways(spectra.shape[1]) for cols in _both_ways(spectra.shape[2])
+    ]
+    stacked = xp.stack(parts, -1).reshape(len(spectra), -1, 4)
+    return np.ascontiguousarray(stacked.transpose(1, 0, 2)) if xp is np else stacked.permute(1, 0, 2).contiguous()
+
+
+def _unfolded(products: Array, padded: tuple[int, int]) -> Array:
+    """The inverse for one sum over frequencies: (quadrant's Y * X, 1, 4) -> (Y, X)."""
+    quadrants = products.reshape(padded[0] // 2 + 1, padded[1] // 2 + 1, 4)
+    xp: Any = np if isinstance(products, np.ndarray) else torch
+    whole = xp.empty(padded, dtype=products.dtype, **({} if xp is np else {"device": products.device}))
+    k = 0
+    for rows in _both_ways(padded[0]):
+        for cols in _both_ways(padded[1]):
+            whole[rows[:, None], cols] = quadrants[..., k]
+            k += 1
+    return whole
+
+
+def _both_ways(size: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """The indices of the first half of a spectrum, and those of its mirror image."""
+    half = np.arange(size // 2 + 1)
+    return half, -half % size
+
+
+def _whole(quadrant: Array, padded: tuple[int, int]) -> Array:
+    """The even array (Y, X, K) that a quadrant determines."""
     rows, cols = (np.minimum(np.arange(size), size - np.arange(size)) for size in padded)
-    return quadrant[:, rows][:, :, cols]
+    return quadrant[rows][:, cols]

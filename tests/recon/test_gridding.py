@@ -56,9 +56,7 @@ def test_samples_in_one_pixel_are_weighted_by_exposure_and_unmeasured_ones_left_
 
 
 def test_confidence_falls_with_the_distance_to_the_nearest_sample() -> None:
-    gridded = grid_samples(
-        WALL.x_m()[[3]], WALL.y_m()[[4]], np.ones((1, 5), np.float32), np.ones(1), WALL, TIME
-    )
+    gridded = grid_samples(WALL.x_m()[[3]], WALL.y_m()[[4]], np.ones((1, 5), np.float32), np.ones(1), WALL, TIME)
     assert gridded.confidence[4, 3] == 1
     assert gridded.confidence[4, 4] > gridded.confidence[4, 5] > gridded.confidence[0, 11]
     assert np.allclose(gridded.transient.counts, 1)  # the only one there is

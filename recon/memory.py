@@ -1,0 +1,66 @@
+"""Whether a reconstruction fits into memory, asked before it starts and not found out by the machine's standstill."""
+
+import os
+import resource
+from collections.abc import Mapping
+from pathlib import Path
+
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+
+GIB = 1 << 30
+
+
+def available_bytes() -> int:
+    """Memory that may still be taken: of the machine, the control group and this process's own limit."""
+    limits = [_of_machine()]
+    group = _number("/sys/fs/cgroup/memory.max")
+    if group is not None:
+        limits.append(group - (_number("/sys/fs/cgroup/memory.current") or 0))
+    own, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if own != resource.RLIM_INFINITY:
+        pages = int(Path("/proc/self/statm").read_text().split()[0]) if Path("/proc/self/statm").exists() else 0
+        limits.append(own - pages * os.sysconf("SC_PAGE_SIZE"))
+    return max(min(limits), 0)
+
+
+def cube_bytes(wall: WallGrid, time: TimeAxis) -> int:
+    """One float32 volume of (T, H, W)."""
+    return 4 * time.bins * wall.rows * wall.cols
+
+
+def refusal(
+    method: str, wall: WallGrid, time: TimeAxis, needed: int, free: int, remedies: Mapping[str, int]
+) -> str | None:
+    """Why `needed` bytes are too many, and the first of `remedies` (setting -> bytes) that fits; None if they fit."""
+    if needed <= free:
+        return None
+    what = (
+        f"{method} of {wall.rows} x {wall.cols} points x {time.bins} bins takes {_gib(needed)}, {_gib(free)} are free"
+    )
+    for setting, bytes_then in remedies.items():
+        if bytes_then <= free:
+            return f"{what}. Use --set {setting} ({_gib(bytes_then)})."
+    return f"{what}, and no setting makes that enough. Crop the time axis, or use a machine with more memory."
+
+
+def _of_machine() -> int:
+    try:
+        for line in Path("/proc/meminfo").read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) * 1024
+    except OSError:
+        pass
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def _number(path: str) -> int | None:
+    try:
+        text = Path(path).read_text().strip()
+    except OSError:
+        return None
+    return int(text) if text.isdigit() else None
+
+
+def _gib(count: int) -> str:
+    return f"{count / GIB:.1f} GiB"
