@@ -4,7 +4,7 @@
     /header/NAME      fixed-length UTF-8 text: scan_text and bench_text (the files as given), scan_json and bench_json
                       (resolved), constants_json, devices, software, git_hash, started_utc, warnings
     /plan             attributes: width_m, height_m, rows, cols, bins, bin_width_s, offset_s, stop (counts, first_bin,
-                      end_bin; 0 = off), revisit_below (0 = off), digest
+                      end_bin; 0 = off), revisit_below (0 = off), lag_s (only where lines may be continuous), digest
     /plan/row, col    (N,) int32, -1 off the grid       /plan/x_m, y_m, dwell_s   (N,) float64     /plan/pass (N,) int32
     /status           (1,) state, acknowledged, updated_unix_s
     /events           (1024,) unix_s, bench_s, kind, text; unused rows have an empty kind
@@ -170,11 +170,14 @@ class Recording:
 
     def counts_of(self, first: int, end: int) -> npt.NDArray[np.uint32]:
         """Histograms of rows `first` up to `end`, shape (n, T); zeros where the disk gives nothing back."""
-        try:
-            counts: npt.NDArray[np.uint32] = self._count_rows[first:end]
-        except (OSError, RuntimeError):
-            counts = np.zeros((end - first, self.plan.axis.bins), dtype=np.uint32)
-        return counts
+        for _ in range(2):
+            try:
+                counts: npt.NDArray[np.uint32] = self._count_rows[first:end]
+                return counts
+            except (OSError, RuntimeError):
+                # Where this process has the file open twice, a refresh through one handle upsets the other (HDF5 2.0).
+                self._count_rows.id.refresh()
+        return np.zeros((end - first, self.plan.axis.bins), dtype=np.uint32)
 
     def blocks(self, first: int = 0) -> Iterator[tuple[int, npt.NDArray[np.uint32], npt.NDArray[np.bool_]]]:
         """(first row, counts (n, T), which of them are intact), block after block, from row `first` to the last."""

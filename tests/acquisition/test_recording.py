@@ -10,15 +10,17 @@ import pytest
 
 from acquisition.errors import InvalidData, StorageError
 from acquisition.plan import ScanPlan
+from acquisition.positions import pixels
 from acquisition.provenance import Header
 from acquisition.recording import Recording, Status
 from acquisition.recording_writer import RecordingWriter
 from acquisition.salvage import ResumeRefused, recover, resume, verify
 from acquisition.sample import Sample
 from acquisition.scan_settings import ScanSettings
+from acquisition.wall import WallGrid
 from drivers.clock import VirtualClock
 from drivers.identity import DeviceIdentity
-from drivers.tcspc.counter import Histogram, HistogramFlag
+from drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
 
 COUNTER = DeviceIdentity("tcspc488", "NLOS", "TCSPC-488", "0001", "1.0")
 HEADER = Header(scan_text="wall: …", bench_text="mirror: …", devices={"counter": COUNTER})
@@ -245,3 +247,21 @@ def test_open_refuses_what_is_no_scan_file(tmp_path: Path, damage: str) -> None:
             del file["samples/records"]
     with pytest.raises(InvalidData, match=r"run\.h5"):
         Recording.open(path)
+
+
+def test_a_second_handle_of_the_same_process_takes_nothing_from_the_first(tmp_path: Path) -> None:
+    wall = WallGrid(1.0, 1.0, 20, 20)
+    row, col = np.divmod(np.arange(400), 20)
+    many = ScanPlan(
+        wall, HistogramAxis(64, 16e-12), pixels(wall, row, col), np.full(400, 1e-3), np.zeros(400, np.int32)
+    )
+    with RecordingWriter.create(tmp_path / "run.h5", many, Header()) as writer:
+        for point in many:
+            counts = np.full(64, point.number, np.uint32)
+            flags = HistogramFlag.NONE
+            writer.write(Sample(point, Histogram(counts, 16e-12, 0.0, 1e-3, 10, int(counts.sum()), flags, 0.0), 0.0))
+    with Recording.open(tmp_path / "run.h5") as first:
+        samples = first.samples()
+        next(samples)
+        Recording.open(tmp_path / "run.h5").close()
+        assert sum(1 for _ in samples) == 399
