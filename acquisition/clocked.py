@@ -30,6 +30,8 @@ WAITING_NUMBER = 0xFFFF_FFFF
 LOOKS = 3
 
 Settle = Callable[[MirrorAngles, MirrorAngles], float]
+Sequencer = Callable[[Sequence[ScanPoint], Sequence[MirrorAngles], Settle, int, bool], "Stepping"]
+"""(points, their angles, settling time of a move, most entries, list mode) -> the next sequence"""
 
 
 @dataclass(frozen=True)
@@ -93,13 +95,18 @@ def _whole_us(seconds: float) -> int:
 
 
 def take(
-    bench: Bench, points: Sequence[ScanPoint], angles: Sequence[MirrorAngles], control: ScanControl, start_s: float
+    bench: Bench,
+    points: Sequence[ScanPoint],
+    angles: Sequence[MirrorAngles],
+    control: ScanControl,
+    start_s: float,
+    sequencer: Sequencer = stepping,
 ) -> Iterator[Sample]:
     """Takes as many of `points` as one sequence holds; the counter must be configured. Ends early once `control` wants
     a pause or the markers disagree. The shutter is opened here and left to the caller to close."""
     mirror, counter, clock = bench.mirror, bench.counter, bench.clock
     most = min(mirror.max_sequence, counter.max_points)
-    plan = stepping(points, angles, mirror.settle_s, most, counter.list_mode)
+    plan = sequencer(points, angles, mirror.settle_s, most, counter.list_mode)
     counter.abort()  # where the sequence before was given up, its clock still runs
     mirror.stop()
     mirror.load(plan.angles)

@@ -6,6 +6,7 @@ before anything else happens.
 
 import contextlib
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Protocol
 
 from acquisition import clocked, stepped
@@ -15,7 +16,7 @@ from acquisition.control import ScanControl, ScanState
 from acquisition.outlook import aim_of, checked_angles
 from acquisition.plan import ScanPlan
 from acquisition.sample import Sample
-from acquisition.schemes import Choice, Scheme, choose, forecast
+from acquisition.schemes import Choice, Scheme, choose, forecast, sequencer
 from drivers.bench import Bench
 from drivers.errors import DeviceError, DeviceFault, DeviceTimeout, SafetyTrip
 from drivers.galvo.mirror import MirrorAngles
@@ -96,7 +97,7 @@ class _Run:
         self._photons, self._control, self._alarms, self._decide = photons, control, alarms, decide
         self._start_s = bench.clock.now() - elapsed_s
         self._attempts: dict[int, int] = {}
-        self._take = stepped.take
+        self._take: Callable[..., Iterator[Sample]] = stepped.take
         self._first, self._stuck = -1, 0
         self._alarm = ""
         self._skipped: dict[int, int] = {}
@@ -106,7 +107,8 @@ class _Run:
         most = "" if choice.forecast.certain == 1.0 else "at most "
         expected = f"{most}{choice.forecast.total_s:.1f} s expected"
         bench.report("scheme", f"{choice.scheme.value}, {expected}; {choice.why}")
-        self._take = stepped.take if choice.scheme is Scheme.STEPPED else clocked.take
+        if choice.scheme is not Scheme.STEPPED:
+            self._take = partial(clocked.take, sequencer=sequencer(choice.scheme, self._plan))
         control.enter(ScanState.RUNNING)
         try:
             self._look_around()

@@ -31,6 +31,8 @@ class ScanPlan:
     pass_: npt.NDArray[np.int32]  # (N,)
     stop: StopAtCounts | None = None
     revisit_below: int | None = None
+    lag_s: float | None = None
+    """The mirror may be kept moving along lines, and then trails its commands by this; None: it settles on points."""
 
     def __post_init__(self) -> None:
         if not len(self.positions) == len(self.dwell_s) == len(self.pass_):
@@ -101,12 +103,14 @@ class ScanPlan:
 
     def digest(self) -> str:
         """SHA-256 over everything that the plan says: equal digests are equal plans."""
-        scalars = {
+        scalars: dict[str, object] = {
             "wall": asdict(self.wall),
             "axis": asdict(self.axis),
             "stop": asdict(self.stop) if self.stop else None,
             "revisit_below": self.revisit_below,
         }
+        if self.lag_s is not None:
+            scalars["lag_s"] = self.lag_s
         digest = hashlib.sha256(json.dumps(scalars, sort_keys=True).encode())
         for array in self.columns().values():
             digest.update(array.tobytes())

@@ -36,6 +36,12 @@ class HistogramSettings(Settings):
     offset_ns: float = Field(default=0.0, ge=0, le=1e8)
 
 
+class ContinuousSettings(Settings):
+    """Lines may be swept without settling. `lag_ms`: by how much the mirror trails a ramp, as measured on it."""
+
+    lag_ms: float = Field(ge=0, le=10)
+
+
 class ScanSettings(Settings):
     """A scan file. `dwell_ms` is each point's time before the exposure policy distributes it.
 
@@ -49,6 +55,7 @@ class ScanSettings(Settings):
     histogram: HistogramSettings
     exposure: Exposure = Uniform()
     alarms: AlarmSettings = AlarmSettings()
+    continuous: ContinuousSettings | None = None
     order: Literal["pattern", "strips", "two_opt"] | None = None
 
     def plan(self) -> ScanPlan:
@@ -63,6 +70,9 @@ class ScanSettings(Settings):
                 f"point {first} at ({positions.x_m[first]:g}, {positions.y_m[first]:g}) m lies outside the wall of "
                 f"{wall.width_m:g} x {wall.height_m:g} m"
             )
+        stop = self.exposure.stop(axis)
+        if stop is not None and self.continuous is not None:
+            raise PlanRefused("points that stop at N counts make an uneven pace; take out `continuous` or the exposure")
         visits = self.exposure.visits(positions, wall, self.dwell_ms * 1e-3)
         return ScanPlan(
             wall,
@@ -70,8 +80,9 @@ class ScanSettings(Settings):
             positions.take(visits.index),
             visits.dwell_s,
             visits.pass_,
-            self.exposure.stop(axis),
+            stop,
             self.exposure.revisit_below,
+            self.continuous.lag_ms * 1e-3 if self.continuous else None,
         )
 
     def _ordered(self, positions: Positions) -> Positions:

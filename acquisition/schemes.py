@@ -3,10 +3,16 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 
+import numpy as np
+
+from acquisition.clocked import Sequencer, stepping
 from acquisition.plan import ScanPlan
-from acquisition.timing import Forecast, Links, clocked_forecast, links_of, stepped_forecast
+from acquisition.sweeping import sweep
+from acquisition.timing import Forecast, Links, clocked_forecast, links_of, moves_s, stepped_forecast
 from drivers.bench import Bench
+from drivers.errors import LimitError
 from drivers.galvo.mirror import MirrorAngles
 
 
@@ -19,6 +25,8 @@ class Scheme(Enum):
     """The counter's pixel clock steps the mirror through an uploaded sequence."""
     LISTED = "S3"
     """The same, with histograms sorted out of a stream of photons by the mirror's markers."""
+    SWEPT = "S2, continuous lines"
+    """The clock keeps the mirror moving along lines: for plans that allow it, with dwells below the settling time."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +47,13 @@ def choose(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: 
         return Choice(Scheme.STEPPED, obstacle, stepped)
     scheme = Scheme.LISTED if bench.counter.list_mode else Scheme.CLOCKED
     clocked = clocked_forecast(plan, bench, angles, links)
+    if plan.lag_s is not None and np.median(plan.dwell_s) < np.median(moves_s(bench, angles)):
+        try:
+            swept = clocked_forecast(plan, bench, angles, links, sequencer(Scheme.SWEPT, plan))
+        except LimitError as error:
+            return Choice(scheme, f"not in continuous lines: {error.what}", clocked)
+        if swept.total_s < min(clocked.total_s, stepped.total_s):
+            return Choice(Scheme.SWEPT, f"settling at every point it would take {clocked.total_s:.1f} s", swept)
     if clocked.total_s < stepped.total_s:
         return Choice(scheme, f"stepped by the host it would take {stepped.total_s:.1f} s", clocked)
     return Choice(Scheme.STEPPED, f"clocked it would take {clocked.total_s:.1f} s", stepped)
@@ -51,7 +66,17 @@ def forecast(
     links = links or links_of(bench)
     if scheme is Scheme.STEPPED:
         return stepped_forecast(plan, bench, angles, links)
-    return clocked_forecast(plan, bench, angles, links)
+    return clocked_forecast(plan, bench, angles, links, sequencer(scheme, plan))
+
+
+def sequencer(scheme: Scheme, plan: ScanPlan) -> Sequencer:
+    """How a clocked scheme makes sequences of points. Raises `ValueError` for continuous lines that the plan does not
+    allow."""
+    if scheme is not Scheme.SWEPT:
+        return stepping
+    if plan.lag_s is None:
+        raise ValueError("the plan does not allow continuous lines: it states no lag")
+    return partial(sweep, lag_s=plan.lag_s)
 
 
 def _obstacle(bench: Bench) -> str:

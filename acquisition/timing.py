@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.clocked import stepping
+from acquisition.clocked import Sequencer, stepping
 from acquisition.plan import ScanPlan
 from acquisition.sample import Sample
 from drivers.bench import Bench
@@ -116,14 +116,19 @@ def stepped_forecast(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles
     )
 
 
-def clocked_forecast(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links) -> Forecast:
-    """Schemes S2 and S3: points pay for blanking, sequences for upload and start."""
+def clocked_forecast(
+    plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links, sequencer: Sequencer = stepping
+) -> Forecast:
+    """Schemes S2 and S3: points pay for blanking, sequences for upload and start. Raises `LimitError` where a run-up
+    leaves the mirror's reach."""
     points = list(plan)
     most = min(bench.mirror.max_sequence, bench.counter.max_points)
     whole = Forecast(0.0, 0.0, 0.0, 0.0, links.margin, certain_share(plan))
     first, where = 0, MirrorAngles(0.0, 0.0)
     while first < len(points):
-        part = stepping(points[first:], angles[first:], bench.mirror.settle_s, most, bench.counter.list_mode)
+        part = sequencer(points[first:], angles[first:], bench.mirror.settle_s, most, bench.counter.list_mode)
+        for each in part.angles:
+            bench.mirror.check(each)
         dwell_s = sum(point.dwell_s for point in points[first : first + part.count])
         whole = replace(
             whole,
