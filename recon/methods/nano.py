@@ -65,7 +65,7 @@ class Nano(nn.Module):
     """G_eta = B_p . Phi_eta . B_l after noise level estimation, then volume projection (Wang et al., section IV).
 
     counts (B, 1, T, H, W) in any unit, exposure (B, H, W) in any unit, 0 = not measured, or None for an even one ->
-    albedo (B, H, W) with a brightest point near 1, depth_m (B, H, W), NaN where nothing is seen, volume (B, D, H, W).
+    albedo (B, H, W) from 0 to 1 at the brightest point, depth_m (B, H, W), NaN where nothing is seen, volume (B, D, H, W).
     The parameters do not depend on wall or time axis; `noise` gives the predicted noise.
     """
 
@@ -134,10 +134,11 @@ class Nano(nn.Module):
         else:
             seen = self.iterate(volumes, eta, maps, lifted)
         present = rates.presence[:, None, None]
-        albedo = seen.albedo * present
-        dark = albedo < DIMMEST * albedo.amax(dim=(1, 2), keepdim=True).clamp(min=1e-12)
-        nothing = dark if not self.training else torch.zeros_like(dark)
-        depth_m = torch.where(nothing, torch.nan, seen.depth * self.physics.unit_m)
+        albedo, depth_m = seen.albedo * present, seen.depth * self.physics.unit_m
+        if not self.training:  # a picture's brightest point is 1 and its darkest 0, by definition
+            albedo = albedo.clamp(0, 1)
+            dark = albedo < DIMMEST * albedo.amax(dim=(1, 2), keepdim=True).clamp(min=1e-12)
+            depth_m = torch.where(dark, torch.nan, depth_m)
         return albedo, depth_m, seen.volume * present[..., None]
 
     # A. Noise level estimation
