@@ -96,6 +96,10 @@ class Alarms:
         self._blank_s = 0.0
         self._count, self._count_s = 0, 0.0
 
+    def wait_for_rates(self, bench: Bench) -> None:
+        """A counter that has just been set up measures its rates first: before a scan's clock starts."""
+        bench.counter.rates()
+
     def before(self, bench: Bench) -> Trouble | None:
         """Looks at everything that can be known with the shutter still closed."""
         rates = bench.counter.rates()

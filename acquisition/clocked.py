@@ -20,6 +20,8 @@ from drivers.tcspc.counter import CounterStatus, Trigger
 
 BLOCK_S = 0.4
 """How long a block of points lasts: how often the watchdog is kicked, samples appear and a pause is noticed."""
+BLOCK_POINTS = 64
+"""Read while the others are taken, so that little is left to read when the sequence ends."""
 GRACE_S = 2.0
 SEGMENT_US = 80_000
 """What starting another sequence costs, roughly: it decides whether a jump is worth a sequence of its own."""
@@ -115,7 +117,7 @@ def take(
     armed_s = clock.now() - start_s
     counter.arm(plan.dwells_s, plan.numbers, Trigger.CLOCK, plan.blanking_s)
     entries = len(plan.index)
-    block = max(1, min(round(entries * BLOCK_S / plan.duration_s), entries))
+    block = max(1, min(round(entries * BLOCK_S / plan.duration_s), BLOCK_POINTS))
     held: list[Sample] = []
     for first in range(0, entries, block):
         count = min(block, entries - first)

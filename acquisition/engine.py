@@ -108,7 +108,7 @@ class _Run:
         expected = f"{most}{choice.forecast.total_s:.1f} s expected"
         bench.report("scheme", f"{choice.scheme.value}, {expected}; {choice.why}")
         if choice.scheme is not Scheme.STEPPED:
-            self._take = partial(clocked.take, sequencer=sequencer(choice.scheme, self._plan))
+            self._take = partial(clocked.take, sequencer=sequencer(choice.scheme, self._plan, self._angles))
         control.enter(ScanState.RUNNING)
         try:
             self._look_around()

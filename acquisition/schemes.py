@@ -9,7 +9,7 @@ import numpy as np
 
 from acquisition.clocked import Sequencer, stepping
 from acquisition.plan import ScanPlan
-from acquisition.sweeping import sweep
+from acquisition.sweeping import Lines, sweep
 from acquisition.timing import Forecast, Links, clocked_forecast, links_of, moves_s, stepped_forecast
 from drivers.bench import Bench
 from drivers.errors import LimitError
@@ -49,7 +49,7 @@ def choose(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: 
     clocked = clocked_forecast(plan, bench, angles, links)
     if plan.lag_s is not None and np.median(plan.dwell_s) < np.median(moves_s(bench, angles)):
         try:
-            swept = clocked_forecast(plan, bench, angles, links, sequencer(Scheme.SWEPT, plan))
+            swept = clocked_forecast(plan, bench, angles, links, sequencer(Scheme.SWEPT, plan, angles))
         except LimitError as error:
             return Choice(scheme, f"not in continuous lines: {error.what}", clocked)
         if swept.total_s < min(clocked.total_s, stepped.total_s):
@@ -66,17 +66,17 @@ def forecast(
     links = links or links_of(bench)
     if scheme is Scheme.STEPPED:
         return stepped_forecast(plan, bench, angles, links)
-    return clocked_forecast(plan, bench, angles, links, sequencer(scheme, plan))
+    return clocked_forecast(plan, bench, angles, links, sequencer(scheme, plan, angles))
 
 
-def sequencer(scheme: Scheme, plan: ScanPlan) -> Sequencer:
+def sequencer(scheme: Scheme, plan: ScanPlan, angles: Sequence[MirrorAngles]) -> Sequencer:
     """How a clocked scheme makes sequences of points. Raises `ValueError` for continuous lines that the plan does not
     allow."""
     if scheme is not Scheme.SWEPT:
         return stepping
     if plan.lag_s is None:
         raise ValueError("the plan does not allow continuous lines: it states no lag")
-    return partial(sweep, lag_s=plan.lag_s)
+    return partial(sweep, lines=Lines(plan, angles, plan.lag_s))
 
 
 def _obstacle(bench: Bench) -> str:

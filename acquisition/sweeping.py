@@ -7,21 +7,53 @@ counter's points are thrown away. What this costs is sharpness: a point is smear
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition.clocked import WAITING_NUMBER, Settle, Stepping
+from acquisition.plan import ScanPlan
 from acquisition.sample import ScanPoint
 from drivers.errors import LimitError
 from drivers.galvo.mirror import MirrorAngles
 
 EVEN = 0.1
 """How much one step of a line may differ from the one before, as a fraction."""
+LONGEST = 4096
+"""Points of the longest line that is looked for."""
 REST = 0.1
 """Pixels that the trailing may still be off when the run-up is over."""
 
-Angles = npt.NDArray[np.float64]
+Floats = npt.NDArray[np.float64]
+
+
+class Lines:
+    """The lines of a plan: which points lie evenly on one straight line, with the same dwell."""
+
+    def __init__(self, plan: ScanPlan, angles: Sequence[MirrorAngles], lag_s: float) -> None:
+        self.place = np.array([(each.x_rad, each.y_rad) for each in angles])  # (N, 2)
+        self.dwell_s = plan.dwell_s
+        self.lag_s = lag_s
+        self.first, self.end = np.empty(len(plan), dtype=np.intp), np.empty(len(plan), dtype=np.intp)
+        first = 0
+        while first < len(plan):
+            end = first + line_length(self.place[first : first + LONGEST], plan.dwell_s[first : first + LONGEST])
+            self.first[first:end], self.end[first:end] = first, end
+            first = end
+
+    def commands(self, first: int, end: int, settle: Settle) -> list[MirrorAngles]:
+        """What the mirror is told for the points `first` up to `end`, run-up included. Raises `LimitError` for a line
+        that it could not even jump across in its time."""
+        ends = MirrorAngles(*self.place[first]), MirrorAngles(*self.place[end - 1])
+        jump_s, line_s = settle(*ends), float(self.dwell_s[first:end].sum())
+        if jump_s > line_s:
+            raise LimitError(
+                "mirror",
+                f"cannot follow a line in {line_s * 1e3:.3g} ms that takes it {jump_s * 1e3:.3g} ms in one jump.",
+                "Raise dwell_ms, scan a smaller wall, or take `continuous` out of the scan file.",
+            )
+        return _line(self.place[first:end], self.lag_s / float(self.dwell_s[first]))
 
 
 def sweep(
@@ -30,64 +62,58 @@ def sweep(
     settle: Settle,
     most: int,
     list_mode: bool,
-    lag_s: float,
+    lines: Lines,
 ) -> Stepping:
-    """As many whole lines of `points` as fit `most` entries, without blanking. In list mode, whose clock has one
-    period, waiting takes several entries, and another dwell ends the sequence. Raises `LimitError` for a line that
-    does not fit, or that the mirror could not even jump across in its time."""
-    place = np.array([(each.x_rad, each.y_rad) for each in angles[:most]])
+    """As many lines of `points` as fit `most` entries, without blanking. A line of which points are already taken is
+    swept whole, so that the beam's way does not depend on what was measured. In list mode, whose clock has one period,
+    waiting takes several entries, and another dwell ends the sequence. Raises `LimitError` for a line that does not fit
+    or is too fast."""
     made = Stepping([], [], [], [], 0.0, 0)
-    first = 0
-    while first < len(place):
-        end = first + line_length(place[first:], [point.dwell_s for point in points[first : len(place)]])
-        whole = end < len(place) or len(place) == len(points)
-        dwell_s = points[first].dwell_s
-        _check_pace(settle(angles[first], angles[end - 1]), (end - first) * dwell_s)
-        line = _line(place[first:end], lag_s / dwell_s)
-        wait_s = settle(made.angles[-1], line[0]) if made.angles else 0.0
+    at = 0
+    while at < len(points):
+        number = points[at].number
+        first, end = int(lines.first[number]), int(lines.end[number])
+        wanted = {}
+        while at < len(points) and first <= points[at].number < end and points[at].number not in wanted:
+            wanted[points[at].number] = at
+            at += 1
+        dwell_s = float(lines.dwell_s[first])
+        commands = lines.commands(first, end, settle)
+        wait_s = settle(made.angles[-1], commands[0]) if made.angles else 0.0
         waits = math.ceil(wait_s / dwell_s - 1e-9) if list_mode else int(wait_s > 0)
-        entries = waits + len(line)
-        if len(made.index) + entries > most or not whole or (list_mode and first and dwell_s != points[0].dwell_s):
-            if first == 0:
-                raise LimitError(
-                    "mirror",
-                    f"a continuous line of {end} points with its run-up takes {entries} positions; it holds {most}.",
-                    "Plan shorter lines, or take `continuous` out of the scan file.",
-                )
-            break
-        made.angles.extend([line[0]] * waits + line)
-        made.dwells_s.extend([dwell_s if list_mode else _whole_us(wait_s)] * waits + [dwell_s] * len(line))
-        run_up = len(line) - (end - first)
-        unused = waits + run_up
-        made.numbers.extend(WAITING_NUMBER - len(made.index) - k for k in range(unused))
-        made.numbers.extend(point.number for point in points[first:end])
-        made.index.extend([-1] * unused + list(range(first, end)))
-        first = end
-    return Stepping(made.angles, made.dwells_s, made.numbers, made.index, 0.0, first)
+        entries = waits + len(commands)
+        if len(made.index) + entries > most or (list_mode and made.count and dwell_s != made.dwells_s[0]):
+            if made.count:
+                break
+            raise LimitError(
+                "mirror",
+                f"holds {most} positions; a continuous line of {end - first} points takes {entries} with its run-up.",
+                "Plan shorter lines, or take `continuous` out of the scan file.",
+            )
+        run_up = len(commands) - (end - first)
+        index = [-1] * (waits + run_up) + [wanted.get(each, -1) for each in range(first, end)]
+        made.numbers.extend(
+            points[k].number if k >= 0 else WAITING_NUMBER - entry for entry, k in enumerate(index, len(made.index))
+        )
+        made.angles.extend([commands[0]] * waits + commands)
+        made.dwells_s.extend([dwell_s if list_mode else _whole_us(wait_s)] * waits + [dwell_s] * len(commands))
+        made.index.extend(index)
+        made = replace(made, count=at)
+    return made
 
 
-def line_length(place: Angles, dwells_s: Sequence[float]) -> int:
+def line_length(place: Floats, dwells_s: Floats) -> int:
     """How many points from the first on lie evenly on one straight line and have the same dwell."""
     if len(place) < 2 or dwells_s[1] != dwells_s[0]:
         return 1
     steps = np.diff(place, axis=0)
     change = np.hypot(*np.diff(steps, axis=0).T)
     uneven = change > EVEN * np.hypot(*steps[:-1].T)
-    other = np.array([b != dwells_s[0] for b in dwells_s[2:]], dtype=np.bool_)
-    breaks = np.flatnonzero(uneven | other)
+    breaks = np.flatnonzero(uneven | (dwells_s[2:] != dwells_s[0]))
     return int(breaks[0]) + 2 if len(breaks) else len(place)
 
 
-def _check_pace(jump_s: float, line_s: float) -> None:
-    if jump_s > line_s:
-        raise LimitError(
-            "mirror",
-            f"cannot follow a line in {line_s * 1e3:.3g} ms that takes it {jump_s * 1e3:.3g} ms in one jump.",
-            "Raise dwell_ms, scan a smaller wall, or take `continuous` out of the scan file.",
-        )
-
-
-def _line(place: Angles, lag: float) -> list[MirrorAngles]:
+def _line(place: Floats, lag: float) -> list[MirrorAngles]:
     """Commands for a line that the beam trails by `lag` points: run-up, then one for each point."""
     if len(place) == 1:
         return [MirrorAngles(*place[0])]

@@ -110,6 +110,7 @@ def _acquire(
     terminal.log(f"scheme {choice.scheme.value}, {forecast_s:.1f} s expected; {choice.why}")
     check_disk(plan, target)
     watch = Alarms(alarms, bench.settings.laser.repetition_hz, target.parent)
+    watch.wait_for_rates(bench)
     roles = {"mirror": bench.mirror.identity, "counter": bench.counter.identity}
     header = replace(header, devices=roles, warnings=tuple(bench.warnings)).stamped()
     begun = _begin(target, plan, header, resume, overwrite)

@@ -14,7 +14,7 @@ from acquisition.provenance import Header
 from acquisition.recording import Recording
 from acquisition.recording_writer import RecordingWriter
 from acquisition.schemes import Scheme, choose, forecast
-from acquisition.sweeping import line_length, sweep
+from acquisition.sweeping import Lines, line_length, sweep
 from drivers.bench import Bench, BenchSettings, open_bench
 from drivers.errors import LimitError
 from drivers.simulated.faults import Fault
@@ -47,7 +47,7 @@ def test_the_beam_crosses_every_point_in_the_middle_of_its_dwell(
     plan = fast_plan(small_plan, pattern=pattern)
     with open_bench(bench_settings()) as bench:
         angles = checked_angles(plan, bench, aim_of(bench))
-        made = sweep(list(plan), angles, bench.mirror.settle_s, bench.mirror.max_sequence, False, LAG_MS * 1e-3)
+        made = sweep(list(plan), angles, bench.mirror.settle_s, 1200, False, Lines(plan, angles, LAG_MS * 1e-3))
         edges = beam_at_edges(bench)
         samples = list(scan(plan, bench, scheme=Scheme.SWEPT))
     assert [sample.point for sample in samples] == list(plan)
@@ -94,6 +94,17 @@ def test_a_lost_step_is_noticed_on_the_way(bench_settings: Benches, small_plan: 
     assert np.array_equal(*results)
 
 
+def test_a_line_begun_in_the_middle_is_swept_whole(bench_settings: Benches, small_plan: Plans) -> None:
+    plan = fast_plan(small_plan)
+    with open_bench(bench_settings()) as bench:
+        whole = list(scan(plan, bench, scheme=Scheme.SWEPT))
+        taken = {number: 0 for number in range(len(plan)) if number < 100 or number % 7 == 0}
+        rest = list(scan(plan, bench, scheme=Scheme.SWEPT, taken=taken))
+    expected = [sample for sample in whole if sample.point.number not in taken]
+    assert [s.point for s in rest] == [s.point for s in expected]
+    assert np.array_equal([s.histogram.counts for s in rest], [s.histogram.counts for s in expected])
+
+
 def test_a_plan_that_states_no_lag_or_stops_at_counts_is_not_swept(bench_settings: Benches, small_plan: Plans) -> None:
     with open_bench(bench_settings()) as bench, pytest.raises(ValueError, match="states no lag"):
         scan(small_plan(), bench, scheme=Scheme.SWEPT)
@@ -132,10 +143,10 @@ def test_a_recording_keeps_that_its_lines_were_continuous(small_plan: Plans, run
 
 def test_lines_end_where_steps_or_dwells_change() -> None:
     place = np.array([(0, 0), (1, 0), (2, 0), (3, 0), (3, 1), (2, 1), (1, 1)], dtype=float)
-    dwells = [1.0] * 7
+    dwells = np.ones(7)
     assert line_length(place, dwells) == 4
     assert line_length(place[3:], dwells[3:]) == 2
     assert line_length(place[4:], dwells[4:]) == 3
     assert line_length(place[:1], dwells[:1]) == 1
-    assert line_length(place, [1.0, 1.0, 2.0, *dwells[3:]]) == 2
-    assert line_length(place, [1.0, 2.0, *dwells[2:]]) == 1
+    assert line_length(place, np.array([1.0, 1.0, 2.0, 1.0, 1.0, 1.0, 1.0])) == 2
+    assert line_length(place, np.array([1.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0])) == 1
