@@ -18,7 +18,10 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c const
 demo: .venv/run-ready
 	$(BIN)/nlos scan demo -o runs/demo.h5 --overwrite --reconstruct lct
 	$(BIN)/nlos reconstruct runs/demo.h5 --method nano -o runs/demo-nano --overwrite
-	$(BIN)/nlos report runs/demo.h5 --methods lct,nano -o runs/demo.html --overwrite
+	$(BIN)/nlos report runs/demo.h5 -o runs/demo.html --overwrite
+	rm -rf runs/live.h5 runs/live
+	$(BIN)/nlos scan anytime -o runs/live.h5 --until stable & \
+	$(BIN)/nlos reconstruct runs/live.h5 --follow -o runs/live; wait
 
 test: .venv/test-ready
 	$(BIN)/python -m pytest -n 2 --dist loadfile

@@ -10,6 +10,8 @@ from acquisition.writer_lock import is_locked
 from drivers.clock import Clock, SystemClock
 
 POLL_S = 0.2
+LAST_LOOKS = 5
+"""How often the end of a finished scan is looked at anew before a sample counts as damaged."""
 LEFT_ALONE_S = 5.0
 """A file that nobody holds any more gets so long to change before its writer is taken for dead."""
 
@@ -21,7 +23,7 @@ def follow(path: Path, *, patience_s: float = 60.0, clock: Clock | None = None) 
     included. Goes on through a crash and `--resume`. Raises `StorageError` where the writer is gone for good.
     """
     clock = clock or SystemClock()
-    given = 0
+    given = looks = 0
     while True:
         with _opened(path, patience_s, clock) as recording:
             identity = path.stat().st_ino
@@ -30,9 +32,11 @@ def follow(path: Path, *, patience_s: float = 60.0, clock: Clock | None = None) 
             while True:
                 over = recording.status is not Status.RUNNING
                 recording.refresh()
+                whole = True
                 for sample in recording.rows(row):
-                    if sample is None and not over:
-                        break  # still on its way to the disk
+                    if sample is None and not (over and looks >= LAST_LOOKS):
+                        whole = False  # still on its way to the disk, or to this handle
+                        break
                     row += 1
                     alone_since_s = clock.now()
                     if sample is not None and skip:
@@ -40,8 +44,13 @@ def follow(path: Path, *, patience_s: float = 60.0, clock: Clock | None = None) 
                     elif sample is not None:
                         given += 1
                         yield sample
-                if over:
+                if over and ((whole and row >= recording.acknowledged) or looks >= LAST_LOOKS):
                     return
+                if over:
+                    # What another handle of this process has cached may be older than the end of the scan.
+                    looks += 1
+                    clock.sleep(POLL_S)
+                    break
                 if not path.exists() or path.stat().st_ino != identity:
                     break
                 if is_locked(path):
