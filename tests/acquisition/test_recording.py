@@ -265,3 +265,29 @@ def test_a_second_handle_of_the_same_process_takes_nothing_from_the_first(tmp_pa
         next(samples)
         Recording.open(tmp_path / "run.h5").close()
         assert sum(1 for _ in samples) == 399
+
+
+def test_the_file_format_page_names_everything_that_is_in_a_file(tmp_path: Path) -> None:
+    write_all(tmp_path / "run.h5", plan_of())
+    page = (Path(__file__).parents[2] / "docs" / "file-format.md").read_text(encoding="utf-8")
+    with h5py.File(tmp_path / "run.h5", "r") as file:
+        places: list[str] = []
+        file.visititems(lambda name, item: places.append(name) if isinstance(item, h5py.Dataset) else None)
+        fields = [field for name in ("status", "events", "samples/records") for field in file[name].dtype.names]
+        attributes = [*file.attrs, *file["plan"].attrs]
+    assert len(places) == 20
+    for place in places:
+        assert f"`/{place}`" in page
+    for word in fields + attributes:
+        assert f"`{word}`" in page
+
+
+def test_the_file_format_pages_recipe_reads_a_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_all(tmp_path / "run.h5", plan_of(), 17)
+    page = (Path(__file__).parents[2] / "docs" / "file-format.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    found: dict[str, np.ndarray] = {}
+    exec(page.split("```python")[1].split("```")[0], found)
+    assert found["counts"].shape == found["rate"].shape == (17, 64)
+    assert (found["counts"][3] == sample_of(plan_of(), 3).histogram.counts).all()
+    assert found["x"][16] == plan_of()[16].x_m
