@@ -1,11 +1,22 @@
 """From a point on the wall to mirror angles and back, for a two-mirror head in front of a flat wall."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from drivers.galvo.mirror import MirrorAngles
+
+
+class Aiming(Protocol):
+    """Whatever knows where mirror angles put the beam: the ideal geometry below, or a measured one."""
+
+    def angles_rad(
+        self, x_m: npt.NDArray[np.float64], y_m: npt.NDArray[np.float64]
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Optical angles (x_rad, y_rad) for wall points, arrays of one shape."""
+        ...
 
 
 @dataclass(frozen=True)

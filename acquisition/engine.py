@@ -10,7 +10,7 @@ from functools import partial
 from typing import Protocol
 
 from acquisition import clocked, stepped
-from acquisition.aim import Aim
+from acquisition.aim import Aiming
 from acquisition.alarms import Action, AlarmRaised, Alarms, Trouble
 from acquisition.control import ScanControl, ScanState
 from acquisition.outlook import aim_of, checked_angles
@@ -44,7 +44,7 @@ def scan(
     plan: ScanPlan,
     bench: Bench,
     *,
-    aim: Aim | None = None,
+    aim: Aiming | None = None,
     taken: Mapping[int, int] | None = None,
     scheme: Scheme | None = None,
     control: ScanControl | None = None,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition.aim import Aim
+from acquisition.aim import Aim, Aiming
 from acquisition.errors import StorageError
 from acquisition.plan import ScanPlan
 from acquisition.recording import EVENT, EVENT_ROWS, RECORD, Recording
@@ -28,7 +28,7 @@ def aim_of(bench: Bench) -> Aim:
     return Aim(geometry.wall_distance_m, geometry.mirror_separation_m)
 
 
-def checked_angles(plan: ScanPlan, bench: Bench, aim: Aim) -> list[MirrorAngles]:
+def checked_angles(plan: ScanPlan, bench: Bench, aim: Aiming) -> list[MirrorAngles]:
     """The mirror angles of every point. Raises `LimitError` where a point, a dwell or the time axis is out of the
     devices' reach; nothing has been sent or moved then."""
     x_rad, y_rad = aim.angles_rad(plan.positions.x_m, plan.positions.y_m)

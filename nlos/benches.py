@@ -1,6 +1,6 @@
 """Opens the bench that a command names, with the wire log, and writes what happens on it into a recording."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 from nlos.terminal import terminal
 
 if TYPE_CHECKING:
+    from calibration.constants import BenchConstants
     from configs.load import Loaded
     from drivers.bench import Bench, BenchSettings
+    from drivers.identity import DeviceIdentity
     from drivers.simulated.recorded import RecordedScan
 
 DEFAULT_BENCH = "simulated"
@@ -37,6 +39,28 @@ def twin(loaded: "Loaded[BenchSettings]") -> "Loaded[BenchSettings]":
     counter = bench.counter.model_copy(update={"usb": "simulated"})
     parts = {"mirror": mirror, "counter": counter, "simulation": SimulationSettings()}
     return replace(loaded, settings=bench.model_copy(update=parts))
+
+
+def measured_constants(given: Path | None, devices: "Mapping[str, DeviceIdentity]") -> "BenchConstants | None":
+    """The constants named; else the newest in `constants/` for these devices whose aim rests on measured spots.
+
+    Raises `ForeignConstants` where the constants named are of another bench.
+    """
+    from calibration.constants import load, newest_that_fits
+
+    names = {role: f"{who.model} {who.serial}".strip() for role, who in devices.items()}
+    path = given
+    if path is None and Path("constants").is_dir():
+        path = newest_that_fits(Path("constants"), names)
+    if path is None:
+        return None
+    constants = load(path)
+    constants.refuse_other_devices(names)
+    # Without spots, mirror gain and wall distance are not told apart: a person has to ask for such an aim.
+    if given is None and "x_gain" not in constants.geometry_errors:
+        return None
+    terminal.log(f"constants: {path}, measured {constants.measured_utc}")
+    return constants
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """`nlos scan`: acquires a plan on a bench into a recording that nothing can take away."""
 
+import json
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
@@ -7,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from nlos.benches import load_bench, opened
+from nlos.benches import load_bench, measured_constants, opened
 from nlos.exit_codes import ExitCode, Stopped, UsageError
 from nlos.good_enough import Enough, parse_until
 from nlos.interrupts import Interrupts
@@ -32,6 +33,10 @@ def scan(
     resume: Annotated[bool, typer.Option("--resume", help="Take only what is missing.")] = False,
     scene: Annotated[
         Path | None, typer.Option(metavar="RUN.h5", help="A recorded scan as the simulated bench's light.")
+    ] = None,
+    constants: Annotated[
+        Path | None,
+        typer.Option(metavar="CONSTANTS.h5", help="What the scan is aimed by; default: the newest in constants/."),
     ] = None,
     no_shutter: Annotated[bool, typer.Option("--no-shutter", help="Agree to a bench without a shutter.")] = False,
     live: Annotated[
@@ -75,7 +80,7 @@ def scan(
     with Interrupts().caught() as interrupts, opened(table, scene) as open_bench:
         _acquire(
             plan, header, open_bench, target, resume, overwrite, interrupts, wanted.settings.alarms,
-            reconstruct or "lct", live, level,
+            reconstruct or "lct", live, level, constants,
         )  # fmt: skip
     if reconstruct is not None:
         _reconstruct(target, reconstruct, overwrite)
@@ -93,6 +98,7 @@ def _acquire(
     method: str,
     live: bool,
     level: float | None,
+    constants: Path | None,
 ) -> None:
     """Checks, then scans into `target`. Whatever happens, the shutter is closed before the recording is."""
     from dataclasses import replace
@@ -105,14 +111,17 @@ def _acquire(
     from acquisition.schemes import choose
     from drivers.errors import DeviceError, SafetyTrip
 
-    choice = choose(plan, bench, checked_angles(plan, bench, aim_of(bench)))
+    roles = {"mirror": bench.mirror.identity, "counter": bench.counter.identity}
+    known = measured_constants(constants, roles)
+    aim = known.geometry if known is not None and known.geometry is not None else aim_of(bench)
+    choice = choose(plan, bench, checked_angles(plan, bench, aim))
     forecast_s = choice.forecast.total_s
     terminal.log(f"scheme {choice.scheme.value}, {forecast_s:.1f} s expected; {choice.why}")
     check_disk(plan, target)
     watch = Alarms(alarms, bench.settings.laser.repetition_hz, target.parent)
     watch.wait_for_rates(bench)
-    roles = {"mirror": bench.mirror.identity, "counter": bench.counter.identity}
-    header = replace(header, devices=roles, warnings=tuple(bench.warnings)).stamped()
+    used = "{}" if known is None else json.dumps(known.summary(), default=str)
+    header = replace(header, devices=roles, warnings=tuple(bench.warnings), constants_json=used).stamped()
     begun = _begin(target, plan, header, resume, overwrite)
     writer = begun.writer
     if writer is None:
@@ -128,8 +137,9 @@ def _acquire(
     start_s = bench.clock.now() - begun.elapsed_s
     with progress:
         samples = run(
-            plan, bench, taken=begun.taken, control=control, alarms=watch, decide=enough, elapsed_s=begun.elapsed_s
-        )
+            plan, bench, aim=aim, taken=begun.taken, control=control, alarms=watch, decide=enough,
+            elapsed_s=begun.elapsed_s,
+        )  # fmt: skip
         bench.on_event = lambda kind, text: writer.log(kind, text, bench.clock.now() - start_s)
         status = Status.FAILED
         try:

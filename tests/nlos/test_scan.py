@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from acquisition.recording import Recording
+
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
 
 
@@ -76,3 +78,20 @@ def test_the_wire_log_holds_every_byte(nlos: Nlos, small: Path, tmp_path: Path) 
     assert any("OUTP:SHUT OPEN" in line for line in lines)
     shut = [line for line in lines if "OUTP:SHUT" in line and ">" in line]
     assert "CLOS" in shut[-1] or "?" in shut[-1]
+
+
+def test_a_scan_is_aimed_by_measured_constants_and_refuses_those_of_another_bench(
+    nlos: Nlos, small: Path, tmp_path: Path
+) -> None:
+    small.write_text(small.read_text().replace("rows: 4, cols: 4", "rows: 12, cols: 12").replace("0.5", "1.0"))
+    assert nlos("scan", str(small), "-o", "run.h5").returncode == 0
+    assert nlos("calibrate", "run.h5", "-o", "mine.h5").returncode == 0
+    done = nlos("scan", str(small), "-o", "again.h5", "--constants", "mine.h5")
+    assert done.returncode == 0, done.stderr
+    assert "constants: mine.h5" in done.stderr
+    with Recording.open(tmp_path / "again.h5") as recording:
+        assert json.loads(recording.header.constants_json)["sources"] == ["run.h5"]
+    other = nlos("scan", str(small), "--bench", "optotune", "-o", "other.h5", "--constants", "mine.h5")
+    assert other.returncode == 7
+    assert "Calibrate with a recording of this bench" in other.stderr
+    assert not (tmp_path / "other.h5").exists()
