@@ -110,8 +110,9 @@ class ConfocalRsd(nn.Module):
         if isinstance(like, np.ndarray):
             # An even kernel's FFT is a cosine transform of its quadrant.
             done = np.empty(phase.shape, dtype=like.dtype)
-            done.real = scipy.fft.dctn(np.cos(phase) * fading, type=1, axes=(0, 1), overwrite_x=True)
-            done.imag = scipy.fft.dctn(np.sin(phase) * fading, type=1, axes=(0, 1), overwrite_x=True)
+            for part, wave in ((done.real, np.cos(phase)), (done.imag, np.sin(phase, out=phase))):
+                wave *= fading
+                part[...] = scipy.fft.dctn(wave, type=1, axes=(0, 1), overwrite_x=True)
         else:
             angle = torch.from_numpy(phase).to(like.device)
             kernel = torch.polar(torch.from_numpy(fading).to(like.device).expand(angle.shape).contiguous(), angle)
