@@ -70,7 +70,6 @@ def _write_scan(run: Path, word: str, target: Path) -> list[str]:
 def _write_picture(run: Path, word: str, target: Path) -> list[str]:
     from recon.export_ply import write_ply
     from recon.export_vti import write_vti
-
     from recon.results import read_reconstruction
 
     result = read_reconstruction(run)

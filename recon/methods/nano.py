@@ -65,7 +65,8 @@ class Nano(nn.Module):
     """G_eta = B_p . Phi_eta . B_l after noise level estimation, then volume projection (Wang et al., section IV).
 
     counts (B, 1, T, H, W) in any unit, exposure (B, H, W) in any unit, 0 = not measured, or None for an even one ->
-    albedo (B, H, W) from 0 to 1 at the brightest point, depth_m (B, H, W), NaN where nothing is seen, volume (B, D, H, W).
+    albedo (B, H, W) from 0 to 1 at the brightest point, depth_m (B, H, W), NaN where nothing is seen, and the volume
+    (B, D, H, W).
     The parameters do not depend on wall or time axis; `noise` gives the predicted noise.
     """
 
