@@ -2,21 +2,26 @@
 light, and how much signal each point can expect."""
 
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from acquisition.aim import Aim, Aiming
-from acquisition.errors import StorageError
+from acquisition.errors import InvalidData, StorageError
 from acquisition.plan import ScanPlan
 from acquisition.recording import EVENT, EVENT_ROWS, RECORD, Recording
 from drivers.bench import Bench
 from drivers.errors import LimitError
 from drivers.galvo.mirror import MirrorAngles
+from drivers.simulated.bench import Gate, SimulatedBench
+from drivers.tcspc.counter import HistogramAxis
 
 PILE_UP = 0.05
 """Detector counts per laser pulse above which early photons hide late ones (TCSPC practice)."""
+LOOKS, LOOK_S = 16, 0.1
 DIRECT_HALF_WIDTH_S = 0.5e-9
 """Around the highest bin, what counts as the direct reflection."""
 HEADER_BYTES = 1 << 20
@@ -65,7 +70,7 @@ def check_disk(plan: ScanPlan, path: Path) -> None:
 
 @dataclass(frozen=True)
 class ExpectedRates:
-    """Detector rates in 1/s with the beam on the wall, as a recording of the same bench and scene showed them."""
+    """Detector rates in 1/s with the beam on the wall, the mean over it."""
 
     direct_hz: float
     indirect_hz: float
@@ -78,15 +83,33 @@ class ExpectedRates:
 
     @classmethod
     def of_recording(cls, recording: Recording) -> "ExpectedRates":
-        """From all samples together: the quietest sixteenth of the time axis is background, the highest peak is direct
-        light, the rest is indirect. Raises `ValueError` for a recording without samples."""
-        axis = recording.plan.axis
-        counts = np.zeros(axis.bins)
+        """As a recording of the same bench and scene showed them. Raises `InvalidData` for one without samples."""
+        counts = np.zeros(recording.plan.axis.bins)
         for _, block, intact in recording.blocks():
             counts += block[intact].sum(axis=0)
         live_s = float(recording.records["live_time_s"].sum())
         if not live_s > 0:
-            raise ValueError(f"{recording.path}: holds no samples to learn rates from")
+            raise InvalidData(f"{recording.path}: holds no samples to learn rates from")
+        return cls.of_histogram(counts, live_s, recording.plan.axis)
+
+    @classmethod
+    def of_simulation(
+        cls, plan: ScanPlan, simulated: SimulatedBench, angles: Sequence[MirrorAngles]
+    ) -> "ExpectedRates":
+        """As a simulated bench shows them, at some points of the plan: its own photons, before any scan."""
+        axis, counts = plan.axis, np.zeros(plan.axis.bins)
+        chosen = np.unique(np.linspace(0, len(plan) - 1, LOOKS).astype(int))
+        simulated.set_shutter(True)
+        for number in chosen.tolist():
+            simulated.steer(angles[number])
+            gate = Gate(simulated.clock.now(), LOOK_S, axis.bins, axis.bin_width_s, axis.offset_s, number)
+            counts += simulated.expose(gate).counts
+        simulated.set_shutter(False)
+        return cls.of_histogram(counts, len(chosen) * LOOK_S, axis)
+
+    @classmethod
+    def of_histogram(cls, counts: npt.NDArray[np.float64], live_s: float, axis: HistogramAxis) -> "ExpectedRates":
+        """The quietest sixteenth of the time axis is background, the highest peak direct light, the rest indirect."""
         rate_hz = counts / live_s
         quiet = np.convolve(rate_hz, np.ones(axis.bins // 16) / (axis.bins // 16), mode="valid").min()
         reach, peak = round(DIRECT_HALF_WIDTH_S / axis.bin_width_s), int(np.argmax(rate_hz))

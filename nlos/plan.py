@@ -9,19 +9,25 @@ from nlos.benches import load_bench, opened, twin
 from nlos.terminal import terminal
 
 if TYPE_CHECKING:
+    from acquisition.outlook import Expectation, ExpectedRates
     from acquisition.plan import ScanPlan
     from acquisition.schemes import Choice
+    from acquisition.timing import Links
+    from drivers.bench import Bench
 
 
 def plan(
     scan: Annotated[str, typer.Argument(metavar="SCAN", help="A YAML file, or the name of one in configs/scan.")],
     bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
+    like: Annotated[
+        Path | None, typer.Option(metavar="RUN.h5", help="A past scan of this bench: its photons and its pace.")
+    ] = None,
     picture: Annotated[Path | None, typer.Option(metavar="F.png", help="The mirror's path, coloured by time.")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Checks everything that `scan` would; duration with its parts, disk, photons to expect. Moves nothing: a real
     bench is not even opened, its simulated twin is asked."""
-    from acquisition.outlook import aim_of, checked_angles
+    from acquisition.outlook import ExpectedRates, aim_of, check_light, checked_angles, expectation
     from acquisition.scan_settings import ScanSettings
     from acquisition.schemes import choose
     from configs.load import load
@@ -32,8 +38,16 @@ def plan(
     planned = wanted.settings.plan()
     with opened(twin(table), quiet=True) as open_bench:
         angles = checked_angles(planned, open_bench, aim_of(open_bench))
-        choice = choose(planned, open_bench, angles)
+        rates, links = None, None
+        if like is not None:
+            rates, links = _learned(like, open_bench)
+        elif table.settings.simulated and open_bench.simulated is not None:
+            rates = ExpectedRates.of_simulation(planned, open_bench.simulated, angles)
+        choice = choose(planned, open_bench, angles, links)
     _tell(planned, choice)
+    if rates is not None:
+        _tell_light(expectation(planned, rates))
+        check_light(rates, table.settings.laser.repetition_hz)
     if picture is not None:
         from nlos.figures import path_picture
 
@@ -41,10 +55,40 @@ def plan(
         terminal.result(f"{picture}: the path over the wall and the dwell of every point", picture=str(picture))
 
 
+def _learned(like: Path, bench: "Bench") -> "tuple[ExpectedRates, Links]":
+    """Photon rates, and the cables' times if the past scan was stepped by the host."""
+    from acquisition.outlook import ExpectedRates, aim_of
+    from acquisition.recording import Recording
+    from acquisition.timing import Pace, learned_links, links_of, moves_s
+    from drivers.galvo.mirror import MirrorAngles
+
+    links = links_of(bench)
+    with Recording.open(like) as recording:
+        rates = ExpectedRates.of_recording(recording)
+        if any(event.kind == "scheme" and event.text.startswith("S1") for event in recording.events()):
+            positions = recording.plan.positions
+            aimed = aim_of(bench).angles_rad(positions.x_m, positions.y_m)
+            angles = [MirrorAngles(x, y) for x, y in zip(*(each.tolist() for each in aimed), strict=True)]
+            links = learned_links(links, list(recording.samples()), Pace(recording.plan, moves_s(bench, angles)))
+    return rates, links
+
+
+def _tell_light(expected: "Expectation") -> None:
+    counts = {"direct": expected.direct, "indirect": expected.indirect, "background": expected.background}
+    terminal.result(
+        "photons    "
+        + ", ".join(f"{name} {count:.3g}" for name, count in counts.items())
+        + f" a point; signal-to-noise of the indirect light {expected.signal_to_noise:.1f}",
+        counts_per_point=counts, signal_to_noise=expected.signal_to_noise,
+    )  # fmt: skip
+
+
 def _tell(plan: "ScanPlan", choice: "Choice") -> None:
+    from acquisition.outlook import disk_bytes
+
     forecast = choice.forecast
     low_s, high_s = forecast.band_s
-    disk = len(plan) * (plan.axis.bins * 4 + 64) + (1 << 20)
+    disk = disk_bytes(plan)
     parts = {"dwell_s": forecast.dwell_s, "settle_s": forecast.settle_s, "links_s": forecast.links_s,
              "upload_s": forecast.upload_s}  # fmt: skip
     wall = plan.wall

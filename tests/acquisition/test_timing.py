@@ -157,6 +157,12 @@ def test_rates_learned_from_a_recording_predict_counts_and_refuse_pile_up(
     assert rates.background_hz == pytest.approx(600 * 65.5e-9 * 10e6, rel=0.6)
     expected = expectation(plan, rates)
     assert expected.direct + expected.indirect + expected.background == pytest.approx(counts.mean(), rel=0.01)
+    with open_bench(bench_settings(name="simulated")) as bench:
+        assert bench.simulated is not None
+        angles = checked_angles(plan, bench, aim_of(bench))
+        simulated = ExpectedRates.of_simulation(plan, bench.simulated, angles)
+        assert not bench.simulated.shutter_open
+    assert simulated.total_hz == pytest.approx(rates.total_hz, rel=0.15)
     longer = expectation(small_plan(8, 8, dwell_ms=32), rates)
     assert longer.signal_to_noise == pytest.approx(2 * expected.signal_to_noise, rel=1e-6)
     check_light(rates, 10e6)
