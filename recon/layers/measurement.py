@@ -20,9 +20,11 @@ FINEST_BIN = 0.0049  # depth of a time bin in wall widths up to which neighbours
 SLICE = 0.0096  # depth of a slice of the Wiener volumes, 19 mm behind a wall of 2 m
 FARTHEST = 2.0
 NOISE_KNOTS = (-1.83, -1.53, -1.13, -0.83, -0.53, -0.33)  # log10 of the noise level
-FALLOFF_AT_KNOTS = (4.0, 3.5, 3.0, 2.4, 2.0, 1.6)
+FALLOFF_AT_KNOTS = (4.0, 3.5, 3.0, 2.4, 2.0, 1.6)  # of diffuse surfaces, whose light falls off with r^4
+DIFFUSE = 4.0
 LOG_SNR_AT_KNOTS = (0.8, 0.4, -0.4, -0.8, -1.2, -1.6)
 SNR_FACTORS = (0.4, 4.0)
+TREND = 3  # degree of what varies along the histogram without being a scene
 
 
 @dataclass(frozen=True)
@@ -72,20 +74,30 @@ def presence(rates: Tensor, exposure: Tensor) -> Tensor:
     """(B,) from 0 to 1: does the mean histogram vary more than its noise allows? An F test, so free of the count unit.
 
     Under a flat rate the variance of the mean over N points is 1/N of that of the points, whatever a photon counts.
-    Bins that are empty everywhere (cut by a calibration) say nothing and are left out.
+    Slow trends (a cubic along the window) are no signal: afterpulses and the pile-up of ambient light make them, a scene
+    adds structure to them. Bins that are empty everywhere (cut by a calibration) say nothing and are left out.
     """
     measured = (exposure > 0).float()[:, None]  # (B, 1, H, W)
     points = measured.sum(dim=(1, 2, 3)).clamp(min=2)
     x = rates[:, 0] * measured
     profile = x.sum(dim=(2, 3)) / points[:, None]  # (B, T)
     used = (profile != 0).float()
-    bins = used.sum(dim=1).clamp(min=2)
+    bins = used.sum(dim=1).clamp(min=TREND + 2)
     within = ((x - profile[..., None, None]).square() * measured).sum(dim=(2, 3)) / (points[:, None] - 1)
     within = (within * used).sum(dim=1) / bins
-    mean = (profile * used).sum(dim=1) / bins
-    between = ((profile - mean[:, None]).square() * used).sum(dim=1) / (bins - 1) * points
+    between = without_trend(profile, used).square().sum(dim=1) / (bins - 1 - TREND) * points
     spread = (2 / bins).sqrt()
     return ((between / within.clamp(min=1e-30) - 1 - 5 * spread) / (5 * spread)).clamp(0, 1)
+
+
+def without_trend(profile: Tensor, used: Tensor) -> Tensor:
+    """What the best polynomial of degree TREND leaves of (B, T) over the bins in use; 0 in the others."""
+    time = torch.linspace(-1, 1, profile.shape[1], dtype=torch.float64, device=profile.device)
+    powers = torch.stack([time**k for k in range(TREND + 1)], dim=1)[None] * used.double()[..., None]  # (B, T, K)
+    seen = (profile * used).double()[..., None]
+    normal = powers.transpose(1, 2) @ powers + 1e-9 * torch.eye(TREND + 1, dtype=torch.float64, device=profile.device)
+    fitted = powers @ torch.linalg.solve(normal, powers.transpose(1, 2) @ seen)
+    return (seen - fitted)[..., 0].to(profile)
 
 
 def estimate_background(profile: Tensor) -> Tensor:
@@ -133,11 +145,13 @@ class WienerVolumes(nn.Module):
     """Two Wiener inverses of the light cone, falloff and snr chosen by the noise: what the operator starts from.
 
     u_g of NANO (section IV-B2) with the falloff and snr that were best at each noise level. `time` is the axis of the
-    counts; `slices` depths of about SLICE wall widths come out, from the wall to the end of the axis.
+    counts; `slices` depths of about SLICE wall widths come out, from the wall to the end of the axis. `falloff` 2 is for
+    retroreflective surfaces, from which less has to be undone.
     """
 
-    def __init__(self, wall: WallGrid, time: TimeAxis):
+    def __init__(self, wall: WallGrid, time: TimeAxis, falloff: float = DIFFUSE):
         super().__init__()
+        self.falloff = falloff
         unit_m = max(wall.width_m, wall.height_m)
         bin_depth = SPEED_OF_LIGHT_M_PER_S * time.bin_width_s / 2 / unit_m
         self.factor = max(1, math.floor(FINEST_BIN / bin_depth + 1e-6))
@@ -170,7 +184,8 @@ class WienerVolumes(nn.Module):
 
     def forward(self, net: Tensor, log_noise: Tensor) -> Tensor:
         """net rates (B, 1, bins, H, W), log10 noise level (B,) -> (B, V, slices, H, W)."""
-        exponent = piecewise(log_noise, NOISE_KNOTS, FALLOFF_AT_KNOTS)
+        undone = piecewise(log_noise, NOISE_KNOTS, FALLOFF_AT_KNOTS)
+        exponent = (undone - (DIFFUSE - self.falloff)).clamp(min=0)
         snr = 10 ** piecewise(log_noise, NOISE_KNOTS, LOG_SNR_AT_KNOTS)
         weight = self.relative[None] ** exponent[:, None]  # (B, bins)
         light = self.resampling(net * weight[:, None, :, None, None])

@@ -73,6 +73,17 @@ def test_noise_alone_is_no_signal_in_any_count_unit(rate: float, unit: float) ->
     assert float(presence(unit * counts(rate, (1, 1, 64, 12, 12)), torch.ones(1, 12, 12))) == 0
 
 
+@pytest.mark.parametrize("level", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize(("ramp", "piled_up"), [(0.03, 0.0), (0.0, 0.3), (0.02, 1.0)])
+def test_background_that_changes_slowly_along_the_histogram_is_no_signal(
+    level: float, ramp: float, piled_up: float
+) -> None:
+    t = torch.linspace(0, 1, 256)
+    rate = level * (1 + ramp * (1 - 2 * t)) * torch.exp(-piled_up * t)
+    noise = torch.poisson(rate[:, None, None].expand(256, 32, 32), generator=torch.Generator().manual_seed(4))
+    assert float(presence(noise[None, None], torch.ones(1, 32, 32))) == 0
+
+
 def test_a_signal_is_one_in_any_count_unit() -> None:
     for unit in (1.0, 7.0, 1e-3):
         assert float(presence(unit * signal(), torch.ones(1, 12, 12))) == 1
