@@ -1,29 +1,33 @@
 """Trains every row of the paper's ablation, loss and iteration tables at one small budget and writes what they reach.
 
-`python -m recon.training.ablations [SAMPLES]` writes docs/ablations.md. Rows that are there already (runs/ablations)
-go on from where they are, so it can be stopped at any time. Equal samples, data, order and seed in every row.
+`python -m recon.training.ablations [SAMPLES]` writes docs/ablations.md after every row. Rows that are there already
+(runs/ablations) are not trained again, and one that was stopped goes on from where it is. Equal samples, data, order
+and seed in every row.
 """
 
+import json
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from recon.training.dataset import DatasetSettings
 from recon.training.losses import LossSettings
-from recon.training.train import train
+from recon.training.train import LOG, train
 from recon.training.train_settings import TrainSettings
 
-SAMPLES = 1200
+SAMPLES = 600
 FOLDER = Path("runs/ablations")
 PAGE = Path("docs/ablations.md")
 SMALL = {"rows": 32, "cols": 32, "bins": 128, "bin_width_ps": 128.0}
-DATA = DatasetSettings(seed=1, scenes=400, degradations=2, **SMALL)  # type: ignore[arg-type]
+DATA = DatasetSettings(seed=1, scenes=300, degradations=2, **SMALL)  # type: ignore[arg-type]
 VALIDATION = DatasetSettings(seed=2, scenes=48, degradations=1, held_out=True, **SMALL)  # type: ignore[arg-type]
 ALBEDO = LossSettings(picture=10.0, depth=0.0)
 DEPTH = LossSettings(picture=10.0, depth=0.3)
 BOTH = LossSettings(picture=10.0, depth=0.3, total_variation=0.3)
 SMOOTH = LossSettings(picture=10.0, depth=0.0, total_variation=0.3)
+Figures = Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,7 @@ class Row:
     loss: LossSettings = DEPTH
 
 
+NONE = float("nan")
 WHOLE = {"lifting": "both", "sfe": True}
 BARE = {"lifting": "none", "projection": False, "nle": False}
 TABLES = {
@@ -59,14 +64,22 @@ TABLES = {
         Row("IV: albedo and TV", 28.09, 0.021, WHOLE, SMOOTH),
     ),
     "Outer iterations (paper: table VII)": tuple(
-        Row(f"S = {s}", psnr, None, WHOLE | {"outer_iterations": s})
-        for s, psnr in zip(range(1, 7), (27.98, 28.26, 28.21, 28.21, 28.22, 28.36), strict=True)
+        Row(f"S = {s}", psnr, None, WHOLE | ({"outer_iterations": s} if s > 1 else {}))
+        for s, psnr in zip(range(6, 0, -1), (28.36, 28.22, 28.21, 28.21, 28.26, 27.98), strict=True)
+    ),
+    "One switch at a time (this project)": (
+        Row("no lifting", NONE, None, WHOLE | {"lifting": "none"}),
+        Row("MLP lifting", NONE, None, WHOLE | {"lifting": "mlp"}),
+        Row("no projection: the bare maximum", NONE, None, WHOLE | {"projection": False}),
+        Row("no NLE: one middling noise level", NONE, None, WHOLE | {"nle": False}),
+        Row("no lifting and no SFE", NONE, None, {"lifting": "none", "sfe": False}),
+        Row("whole", NONE, None, WHOLE),
     ),
     "Reading of the operator (this project)": (
-        Row("literal", float("nan"), None, WHOLE | {"reading": "literal", "channels": [16, 24, 32]}),
+        Row("literal", NONE, None, WHOLE | {"reading": "literal", "channels": [16, 24, 32]}),
         Row(
             "literal, as printed: PReLU, stride 2, no whitening",
-            float("nan"),
+            NONE,
             None,
             WHOLE
             | {
@@ -77,7 +90,7 @@ TABLES = {
                 "whiten": False,
             },
         ),
-        Row("physical", float("nan"), None, WHOLE),
+        Row("physical", NONE, None, WHOLE),
     ),
 }  # fmt: skip
 
@@ -103,8 +116,18 @@ def folder_of(row: Row, samples: int) -> Path:
     return FOLDER / str(samples) / "_".join(words).replace(" ", "").replace("[", "").replace("]", "").replace(",", "-")
 
 
-def page(results: dict[str, list[dict[str, float]]], samples: int) -> str:
-    """docs/ablations.md: own figures beside the paper's, each as the difference to the last row of its table."""
+def finished(folder: Path) -> Figures | None:
+    """What the finished run in `folder` reached; None where there is none."""
+    lines = (folder / LOG).read_text(encoding="utf-8").splitlines() if (folder / LOG).exists() else []
+    summaries = [json.loads(line) for line in lines if '"finished": true' in line]
+    return dict(summaries[-1]["validation"]) | {"minutes": summaries[-1]["minutes"]} if summaries else None
+
+
+def page(known: Mapping[Path, Figures], samples: int) -> str:
+    """docs/ablations.md: own figures beside the paper's, each as the difference to the last row of its table.
+
+    `known` holds the figures of the rows that are trained, by their folders.
+    """
     lines = [
         "# What each part of NANO is worth",
         "",
@@ -113,37 +136,52 @@ def page(results: dict[str, list[dict[str, float]]], samples: int) -> str:
         "kinds that none was trained on, at every noise level and sampling of the detector model. PSNR at the best "
         "least-squares scale. Differences are against the row named in brackets; the paper's are its own, from longer "
         "training on another set, so only sign and order can be compared. One seed: below about 0.3 dB nothing is "
-        "meant. Made by `make ablations`.",
+        "meant. Minutes are of one core with other work beside it. Made by `make ablations`, which goes on from what "
+        "is finished; `python -m recon.training.ablations SAMPLES` asks for a larger budget.",
     ]
+    found = [figures for figures in known.values() if "lct_psnr" in figures]
+    if found:
+        lines += ["", f"Light-cone transform on the same scenes, each at its best snr: {found[0]['lct_psnr']:.2f} dB."]
+    wanted = {folder_of(row, samples) for row in in_order()}
+    if missing := wanted - known.keys():
+        lines += ["", f"{len(missing)} of {len(wanted)} rows are not trained yet."]
     for title, rows in TABLES.items():
-        if title not in results:
-            continue
-        found = results[title]
-        last = found[-1]
-        lines += ["", f"## {title}", "", f"| row | PSNR dB | against [{rows[-1].name}] | paper | depth MAD m | paper |"]
-        lines += ["|---|---|---|---|---|---|"]
-        for row, got in zip(rows, found, strict=True):
-            paper = f"{row.paper_psnr - rows[-1].paper_psnr:+.2f}" if row.paper_psnr == row.paper_psnr else "-"
-            mad = "-" if row.paper_mad is None else f"{row.paper_mad:.3f}"
-            own = f"{got['psnr'] - last['psnr']:+.2f}"
-            lines.append(f"| {row.name} | {got['psnr']:.2f} | {own} | {paper} | {got['depth_mad_m']:.4f} | {mad} |")
+        head = f"| row | PSNR dB | against [{rows[-1].name}] | paper | depth MAD mm | paper mm | minutes |"
+        lines += ["", f"## {title}", "", head, "|---|---|---|---|---|---|---|"]
+        last = known.get(folder_of(rows[-1], samples))
+        for row in rows:
+            paper = "-" if row.paper_psnr != row.paper_psnr else f"{row.paper_psnr - rows[-1].paper_psnr:+.2f}"
+            mad = "-" if row.paper_mad is None else f"{1e3 * row.paper_mad:.0f}"
+            got = known.get(folder_of(row, samples))
+            if got is None:
+                lines.append(f"| {row.name} | not trained yet | | {paper} | | {mad} | |")
+                continue
+            own = "-" if last is None else f"{got['psnr'] - last['psnr']:+.2f}"
+            measured = f"| {row.name} | {got['psnr']:.2f} | {own} | {paper} | {1e3 * got['depth_mad_m']:.1f} | {mad} |"
+            lines.append(f"{measured} {got['minutes']:.1f} |")
     return "\n".join(lines) + "\n"
 
 
+def in_order() -> list[Row]:
+    """The row that all are compared with first, the dearest last."""
+    rows = [row for rows in TABLES.values() for row in rows]
+    return sorted(rows, key=lambda row: (row.switches.get("outer_iterations", 1), row.switches != WHOLE))
+
+
 def main(samples: int = SAMPLES) -> None:
-    """Train what is not there yet, table by table, and write the page after each."""
-    results: dict[str, list[dict[str, float]]] = {}
-    known: dict[Path, dict[str, float]] = {}
-    for title, rows in TABLES.items():
-        found = []
-        for row in rows:
-            folder = folder_of(row, samples)
-            if folder not in known:
-                print(f"{title}: {row.name}", file=sys.stderr, flush=True)
-                known[folder] = train(settings_of(row, samples), folder, lambda line: None)["validation"]
-            found.append(known[folder])
-        results[title] = found
-        PAGE.write_text(page(results, samples), encoding="utf-8")
+    """Train what is not there yet, and write the page after each row."""
+    known = {folder: figures for row in in_order() if (figures := finished(folder := folder_of(row, samples)))}
+    PAGE.write_text(page(known, samples), encoding="utf-8")
+    for row in in_order():
+        folder = folder_of(row, samples)
+        if folder in known:
+            continue
+        print(f"{row.name}: {folder.name}", file=sys.stderr, flush=True)
+        train(settings_of(row, samples), folder, lambda line: None)
+        reached = finished(folder)
+        assert reached is not None
+        known[folder] = reached
+        PAGE.write_text(page(known, samples), encoding="utf-8")
 
 
 if __name__ == "__main__":
