@@ -19,12 +19,14 @@ from recon.transport.resampling import LightConeResampling
 FINEST_BIN = 0.0049  # depth of a time bin in wall widths up to which neighbours are added
 SLICE = 0.0096  # depth of a slice of the Wiener volumes, 19 mm behind a wall of 2 m
 FARTHEST = 2.0
+TRAINED_SLICES = 128  # over which volumes are scaled
 NOISE_KNOTS = (-1.83, -1.53, -1.13, -0.83, -0.53, -0.33)  # log10 of the noise level
 FALLOFF_AT_KNOTS = (4.0, 3.5, 3.0, 2.4, 2.0, 1.6)  # of diffuse surfaces, whose light falls off with r^4
 DIFFUSE = 4.0
 LOG_SNR_AT_KNOTS = (0.8, 0.4, -0.4, -0.8, -1.2, -1.6)
 SNR_FACTORS = (0.4, 4.0)
-TREND = 3  # degree of what varies along the histogram without being a scene
+TREND = 3
+STEEPEST = 0.3
 
 
 @dataclass(frozen=True)
@@ -74,8 +76,8 @@ def presence(rates: Tensor, exposure: Tensor) -> Tensor:
     """(B,) from 0 to 1: does the mean histogram vary more than its noise allows? An F test, so free of the count unit.
 
     Under a flat rate the variance of the mean over N points is 1/N of that of the points, whatever a photon counts.
-    Slow trends (a cubic along the window) are no signal: afterpulses and the pile-up of ambient light make them, a scene
-    adds structure to them. Bins that are empty everywhere (cut by a calibration) say nothing and are left out.
+    Slow changes of a background are no signal (`without_trend`). Bins that are empty everywhere (cut by a calibration)
+    say nothing and are left out.
     """
     measured = (exposure > 0).float()[:, None]  # (B, 1, H, W)
     points = measured.sum(dim=(1, 2, 3)).clamp(min=2)
@@ -91,13 +93,20 @@ def presence(rates: Tensor, exposure: Tensor) -> Tensor:
 
 
 def without_trend(profile: Tensor, used: Tensor) -> Tensor:
-    """What the best polynomial of degree TREND leaves of (B, T) over the bins in use; 0 in the others."""
+    """Mean histograms (B, T) without their mean and slow trend, 0 in the bins that are not used.
+
+    The trend is a polynomial of degree TREND: what afterpulses and the pile-up of ambient light make of a flat
+    background. It is taken off as far as it lies within STEEPEST of the mean; light of a scene goes further.
+    """
     time = torch.linspace(-1, 1, profile.shape[1], dtype=torch.float64, device=profile.device)
     powers = torch.stack([time**k for k in range(TREND + 1)], dim=1)[None] * used.double()[..., None]  # (B, T, K)
     seen = (profile * used).double()[..., None]
     normal = powers.transpose(1, 2) @ powers + 1e-9 * torch.eye(TREND + 1, dtype=torch.float64, device=profile.device)
-    fitted = powers @ torch.linalg.solve(normal, powers.transpose(1, 2) @ seen)
-    return (seen - fitted)[..., 0].to(profile)
+    trend = powers @ torch.linalg.solve(normal, powers.transpose(1, 2) @ seen)
+    mean = seen.sum(dim=1, keepdim=True) / used.double().sum(dim=1).clamp(min=1)[:, None, None]
+    within = torch.minimum(torch.maximum(trend - mean, -STEEPEST * mean.abs()), STEEPEST * mean.abs())
+    rest: Tensor = (seen - mean - within)[..., 0].to(profile) * used
+    return rest
 
 
 def estimate_background(profile: Tensor) -> Tensor:
@@ -139,6 +148,20 @@ def rates_of(counts: Tensor, exposure: Tensor | None) -> Rates:
         kept=points / measured[0].numel(),
         presence=present,
     )
+
+
+def last_light(net: Tensor) -> int:
+    """The last time bin with light in any of (B, 1, T, H, W) net rates: mean histograms five deviations above 0.
+
+    Noise beyond it, magnified by r^4, would only drown what is nearer. T where nothing stands out.
+    """
+    profile = net.mean(dim=(1, 3, 4))  # (B, T)
+    around = F.avg_pool1d(profile[:, None], 9, stride=1, padding=4)[:, 0]
+    steps = profile.diff(dim=1)
+    deviation = 1.4826 / (2 * 9) ** 0.5 * steps.abs().median(dim=1, keepdim=True).values
+    lit = around > torch.maximum(5 * deviation, 0.01 * around.amax(dim=1, keepdim=True)).clamp(min=1e-12)
+    where = lit.any(dim=0).nonzero()
+    return int(where[-1]) + 1 if len(where) else profile.shape[1]
 
 
 class WienerVolumes(nn.Module):
