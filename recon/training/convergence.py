@@ -1,6 +1,7 @@
 """Does algorithm 1 converge? Relative changes of its passes and iterations, and Lipschitz estimates of its parts.
 
-`python -m recon.training.convergence FIGURE.png` measures the weights that come with the program on one simulated scan.
+`python -m recon.training.convergence FIGURE.png` measures on one simulated scan the weights that come with the program
+and, where `make ablations` has trained them, networks whose passes were trained through.
 """
 
 import json
@@ -9,26 +10,29 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import torch
 from torch import Tensor
 
-from recon.layers.measurement import rates_of
 from recon.layers.physical_unfolding import PhysicalUnfolding
-from recon.methods.nano import Nano, Settings, build, conditions, confidence
+from recon.methods.nano import Nano, Settings, build
+from recon.training.ablations import SAMPLES, VALIDATION, WHOLE, folder_of, in_order
+from recon.training.dataset import collate, sample
+from recon.training.train import WEIGHTS
 
 Map = Callable[[Tensor], Tensor]
 
 
 @dataclass(frozen=True)
 class Contraction:
-    """Local Lipschitz estimates, and C_p C_B^K C_l, which theorem 2 of the paper asks to be below 1."""
+    """Local Lipschitz estimates, C_p C_B^K C_l, which theorem 2 of the paper asks to be below 1, and changes."""
 
     lifting: float  # B_l: features -> u^0
     projection: float  # B_p: u^K -> logits and features
     iterations: tuple[float, ...]  # I - dt S of each iteration, finest scale first
     whole_pass: float  # u^{s-1} -> u^s
+    changes: tuple[float, ...]  # log10 |u^{k+1} - u^k| / |u^{k+1}| of each iteration
 
     @property
     def product(self) -> float:
@@ -52,7 +56,12 @@ def lipschitz(function: Map, at: Tensor, steps: int = 12, seed: int = 0) -> floa
 
 def relative_changes(states: list[Tensor]) -> list[float]:
     """log10 |u^{k+1} - u^k| / |u^{k+1}| of consecutive states (the paper's convergence curve)."""
-    return [float((b - a).norm().div(b.norm().clamp(min=1e-30)).log10()) for a, b in pairwise(states)]
+    return [relative_change(a, b) for a, b in pairwise(states)]
+
+
+def relative_change(a: Tensor, b: Tensor) -> float:
+    """log10 |b - a| / |b|, at least -16: they are then equal."""
+    return max(-16.0, float((b - a).norm().div(b.norm().clamp(min=1e-30)).log10()))
 
 
 @torch.no_grad()
@@ -83,6 +92,7 @@ def contraction(network: Nano, counts: Tensor, exposure: Tensor | None = None, s
     for hook in hooks:
         hook.remove()
     values: dict[torch.nn.Module, float] = {}
+    changes: dict[torch.nn.Module, float] = {}
     for module, (first, *others) in seen:
 
         def one(x: Tensor, module: torch.nn.Module = module, others: list[Tensor] = others) -> Tensor:
@@ -90,23 +100,22 @@ def contraction(network: Nano, counts: Tensor, exposure: Tensor | None = None, s
             return out
 
         values[module] = lipschitz(one, first.contiguous(), steps)
+        if module in watched:
+            with torch.no_grad():
+                changes[module] = relative_change(first, one(first))
     return Contraction(
         lifting=values[unfolding.lift_u],
         projection=values[network.head],
         iterations=tuple(values[module] for module in watched),
         whole_pass=lipschitz(run, run(start).detach(), steps),
+        changes=tuple(changes[module] for module in watched),
     )
 
 
 def _one_pass(network: Nano, counts: Tensor, exposure: Tensor | None) -> tuple[Tensor, Map]:
     """u^0 = 0 and the map u^{s-1} -> u^s of one measurement."""
     with torch.no_grad():
-        rates = rates_of(network.physics.rebin(counts), exposure)
-        log_noise, noise_map = network.noise(rates)
-        volumes = network.normalised(network.physics(rates.net, log_noise))
-        eta = conditions(log_noise, rates)
-        maps = confidence(log_noise, noise_map, rates.exposure)
-        lifted = None if network.lifted is None else network.lifted(rates.net, log_noise)
+        volumes, eta, maps, lifted, _ = network.prepared(counts, exposure)
         features = network.features(volumes, maps, lifted)
 
     def run(u: Tensor) -> Tensor:
@@ -115,33 +124,49 @@ def _one_pass(network: Nano, counts: Tensor, exposure: Tensor | None) -> tuple[T
     return torch.zeros_like(volumes[:, 0]), run
 
 
-def figure(states: list[Tensor], found: Contraction, path: Path) -> None:
-    """The curve of relative changes beside the Lipschitz estimates."""
+def networks() -> dict[str, Path | str]:
+    """Weights by what they are called in the figure: those that ship, and those of `make ablations` with S > 1."""
+    found: dict[str, Path | str] = {"nano": "nano"}
+    for row in in_order():
+        path = folder_of(row, SAMPLES) / WEIGHTS
+        if row.switches.keys() - WHOLE.keys() == {"outer_iterations"} and path.exists():
+            found[f"trained with {row.name}"] = path
+    return found
+
+
+def measure(path: Path, count: int = 12) -> dict[str, Any]:
+    """Every network on the first validation scan of the ablations; draws the figure to `path`."""
+    batch = collate([sample(VALIDATION, 0)])
+    curves, found = {}, {}
+    for name, weights in networks().items():
+        settings = Settings(weights=str(weights), outer_iterations=2)
+        network = build(settings, VALIDATION.wall, VALIDATION.time)
+        curves[name] = relative_changes(passes(network, batch["counts"], batch["exposure"], count))
+        found[name] = contraction(network, batch["counts"], batch["exposure"])
+    figure(curves, found, path)
+    return {name: asdict(one) | {"product": one.product, "log10_changes": curves[name]} for name, one in found.items()}
+
+
+def figure(curves: dict[str, list[float]], found: dict[str, Contraction], path: Path) -> None:
+    """The curves of relative changes beside the Lipschitz estimates."""
     from matplotlib.figure import Figure
 
     drawing = Figure(figsize=(9, 3.5), layout="constrained")
     left, right = drawing.subplots(1, 2)
-    left.plot(range(1, len(states)), relative_changes(states), "o-")
+    width = 0.8 / len(found)
+    for k, (name, one) in enumerate(found.items()):
+        left.plot(range(1, len(curves[name]) + 1), curves[name], "o-", label=name)
+        names = ["B_l", *(f"A_{j}" for j in range(len(one.iterations))), "B_p", "G"]
+        heights = [one.lifting, *one.iterations, one.projection, one.whole_pass]
+        right.bar([j + k * width for j in range(len(names))], heights, width)
+        right.set_xticks(range(len(names)), names)
     left.set(xlabel="pass s", ylabel="log10 |u(s+1) - u(s)| / |u(s+1)|", title="Algorithm 1")
-    names = ["B_l", *(f"A_{k}" for k in range(len(found.iterations))), "B_p", "G"]
-    right.bar(names, [found.lifting, *found.iterations, found.projection, found.whole_pass])
+    left.legend(fontsize=7)
     right.axhline(1.0, color="k", lw=0.8)
-    right.set(ylabel="local Lipschitz estimate", title=f"C_p C_B^K C_l = {found.product:.3g}")
-    drawing.savefig(path)
-
-
-def main(path: Path) -> None:
-    """Measure, draw, and print the estimates as JSON."""
-    from recon.training.dataset import DatasetSettings, collate, sample
-
-    data = DatasetSettings(seed=2, scenes=1, degradations=1, held_out=True)
-    batch = collate([sample(data, 0)])
-    network = build(Settings(), data.wall, data.time)
-    states = passes(network, batch["counts"], batch["exposure"], 12)
-    found = contraction(network, batch["counts"], batch["exposure"])
-    figure(states, found, path)
-    print(json.dumps(asdict(found) | {"product": found.product, "log10_changes": relative_changes(states)}))
+    right.set(ylabel="local Lipschitz estimate", title="Parts of the operator")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    drawing.savefig(path, dpi=90)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    print(json.dumps(measure(Path(sys.argv[1]))))

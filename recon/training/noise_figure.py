@@ -5,8 +5,11 @@
 
 import json
 import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -52,8 +55,8 @@ def held_out(detector: DetectorSettings, scenes: int) -> DatasetSettings:
     return DatasetSettings(seed=3, scenes=scenes, degradations=1, held_out=True, detector=detector)
 
 
-def main(path: Path, count: int = 60) -> None:
-    """Measure, draw, and print R^2 and the mean estimate at each level beyond the training range."""
+def measure(path: Path, count: int = 60) -> dict[str, Any]:
+    """R^2, and the mean true and estimated level at each exposure beyond the training range; draws both to `path`."""
     from matplotlib.figure import Figure
 
     data = held_out(INSIDE, count)
@@ -65,26 +68,27 @@ def main(path: Path, count: int = 60) -> None:
         beyond[peak] = estimate(network, held_out(detector, 8), 8)
     drawing = Figure(figsize=(5, 4.5), layout="constrained")
     axes = drawing.subplots()
-    for fit, mark, label in (
-        (inside, ".", f"training range, R² = {inside.r_squared:.3f}"),
-        (
-            NoiseFit(
-                np.concatenate([fit.true for fit in beyond.values()]),
-                np.concatenate([fit.estimated for fit in beyond.values()]),
-            ),
-            "x",
-            "beyond it",
-        ),
-    ):
-        axes.plot(fit.true, fit.estimated, mark, label=label)
+    outside = NoiseFit(
+        np.concatenate([fit.true for fit in beyond.values()]),
+        np.concatenate([fit.estimated for fit in beyond.values()]),
+    )
+    axes.plot(inside.true, inside.estimated, ".", label=f"training range, R² = {inside.r_squared:.3f}")
+    axes.plot(outside.true, outside.estimated, "x", label="beyond it")
     ends = [-2.5, 0.5]
     axes.plot(ends, ends, "k", lw=0.8)
     axes.set(xlabel="true noise level, log10", ylabel="estimated", title="Noise level estimation, held-out kinds")
     axes.legend()
-    drawing.savefig(path)
-    levels = {str(peak): [float(fit.true.mean()), float(fit.estimated.mean())] for peak, fit in beyond.items()}
-    print(json.dumps({"r_squared": inside.r_squared, "true_and_estimated_beyond": levels}))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    drawing.savefig(path, dpi=80)
+    levels = {f"{peak:g}": [float(fit.true.mean()), float(fit.estimated.mean())] for peak, fit in beyond.items()}
+    return {"r_squared": inside.r_squared, "beyond": levels}
+
+
+def monotone(levels: Mapping[str, Sequence[float]]) -> bool:
+    """Whether the estimate falls as exposure grows, through all exposures beyond the training range."""
+    estimated = [levels[peak][1] for peak in sorted(levels, key=float)]
+    return all(a > b for a, b in pairwise(estimated))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    print(json.dumps(measure(Path(sys.argv[1]))))

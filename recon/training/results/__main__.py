@@ -1,0 +1,171 @@
+"""Makes docs/results.md: `python -m recon.training.results [DATA] [DOCS]`, or `make results`.
+
+DATA is the folder with `synthetic` and `real`. What was measured before with the same weights, code and data is not
+measured again (runs/results).
+"""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from recon.results import software
+from recon.training import convergence, noise_figure
+from recon.training.results import studies
+from recon.training.results.kept import weights_path
+from recon.training.results.measured_scenes import METHODS as PICTURED
+from recon.training.results.measured_scenes import measured_scenes
+from recon.training.results.noiseless import noiseless
+from recon.training.results.quality import (
+    CONDITIONS,
+    LEARNED,
+    PHYSICS,
+    THRESHOLDED,
+    Quality,
+    draw_gallery,
+    measure_quality,
+    thresholded,
+    trained,
+)
+from recon.training.results.tables import (
+    FIGURES,
+    by_condition,
+    by_scene,
+    comparison,
+    margins,
+    samples_seen,
+    settings,
+    table,
+    training,
+    unique,
+)
+from recon.training.results.targets import against, of_quality, remarks, section
+from recon.training.scene_files import write_all
+
+HELD_OUT = Path("runs/held_out")
+HEAD = """Made by `make results`. PSNR and SSIM on the full picture, truth divided by its maximum, prediction by its
+best least-squares scale unless said otherwise; means over scenes. Methods with an inverse filter run at the best of
+five snr for every condition, so that nobody wins by a rival's bad setting. `counts_pN` has N counts in a point's
+brightest bin on average; `@16x16` and `@blue:256` are a sixteenth of the points. No network was trained on any of these
+scenes; every learned method saw simulated training scenes alone, as many as the table below says. Seconds are of the
+machine that made this page, busy or not."""
+HELD_OUT_AT = ("transient", "counts_p5", "counts_p1", "counts_p5@16x16")
+
+
+def quality_section(quality: Quality) -> str:
+    """All tables of one set of scenes."""
+    cut = thresholded(quality)
+    conditions = unique(row["condition"] for row in quality.rows)
+    parts = [margins(quality.rows)]
+    parts += [by_condition(quality.rows + (cut if figure == "ssim" else []), figure) for figure in FIGURES]
+    parts += ["By kind of scene:\n", *(by_scene(quality.rows, condition) for condition in conditions)]
+    return "\n".join(parts)
+
+
+def unet_text(quality: Quality) -> str:
+    """Where NANO is better than the plain U-Net, and where not."""
+    if not weights_path("unet").exists():
+        return "`unet` is not trained yet.\n"
+    differences, worse = comparison(quality.rows, "nano", ["unet"], ("psnr", "ssim", "depth_rmse_m", "depth_mad_m"))
+    return differences + (f"\nNot better: {worse}.\n" if worse else "\nBetter at every condition.\n")
+
+
+def equal_samples(quality: Quality, rivals: Sequence[str]) -> str:
+    """NANO against the rivals that are trained, with how much each has seen."""
+    figures = ("psnr", "ssim", "depth_rmse_m", "depth_mad_m", "depth_missing")
+    differences, worse = comparison(quality.rows, "nano", rivals, figures)
+    seen = {method: samples_seen(method) for method in ("nano", *rivals)}
+    told = ", ".join(f"{method} {count:,}" for method, count in seen.items() if count is not None)
+    text = f"Samples seen: {told}.\n"
+    if len({count for count in seen.values() if count is not None}) > 1:
+        text += "They are not equal; the margins are between the weights as they ship.\n"
+    return text + "\n" + differences + (f"\nNot better: {worse}.\n" if worse else "\nNANO is better in every cell.\n")
+
+
+def page(data: Path, docs: Path) -> str:
+    """Measures what is missing, draws, and returns the page."""
+    pictures = docs / "results"
+    pictures.mkdir(parents=True, exist_ok=True)
+    written = remarks(pictures / "remarks.md")
+    methods = [*PHYSICS, *trained(LEARNED)]
+    absent = [method for method in LEARNED if method not in methods]
+    rivals = [method for method in ("lfe", "nlost", "unet") if method in methods]
+    quality = measure_quality(data / "synthetic", methods, CONDITIONS)
+    write_all(HELD_OUT)
+    held_out = measure_quality(HELD_OUT, methods, HELD_OUT_AT)
+    for name, condition in (("full", "counts_p5"), ("sparse", "counts_p5@16x16")):
+        shown = [method for method in ("lct", "fk", "phasor", *LEARNED) if method in methods]
+        draw_gallery(quality, shown, [condition], pictures / f"{name}.png")
+    levels = studies.drawn("noise_level", noise_figure.measure, pictures)
+    others = [path for path in convergence.networks().values() if isinstance(path, Path)]
+    steps = studies.drawn("convergence", convergence.measure, pictures, others)
+    grid, fast = studies.grids(), studies.speed()
+    targets = of_quality(quality.rows, thresholded(quality))
+    targets += against(quality.rows, rivals) + studies.targets(levels, grid, fast)
+    grid_rows = [
+        [str(g["points"]), str(g["bins"]), f"{g['psnr']:.2f}", f"{g['psnr'] - grid[0]['psnr']:+.2f}",
+         f"{1e3 * g['depth_mad_m']:.1f}"] for g in grid
+    ]  # fmt: skip
+    say = written.get
+    return "\n".join(
+        [
+            "# Results\n",
+            f"{HEAD} Software: {software()}.\n",
+            f"Not trained yet: {', '.join(absent)}.\n" if absent else "",
+            "## Targets\n",
+            section(targets, written),
+            "## Rendered scenes (`synthetic`)\n",
+            quality_section(quality),
+            f"`{THRESHOLDED}`: the light-cone transform less 15 % of its maximum, which cuts its noise floor off.\n",
+            "counts_p5, front view and depth by each method:\n\n![counts_p5](results/full.png)\n",
+            "counts_p5 at 16 x 16 points:\n\n![counts_p5@16x16](results/sparse.png)\n",
+            "Settings:\n\n" + settings(quality.rows),
+            "## Kinds that no method was trained on\n",
+            "Simulated with shadows, one scene a kind that is held out from training.\n",
+            quality_section(held_out),
+            "## What training cost\n",
+            training(LEARNED),
+            say("training", ""),
+            "\n## NANO against LFE, NLOST and the U-Net\n",
+            equal_samples(quality, rivals),
+            "## The plain U-Net, and what it teaches\n",
+            unet_text(quality),
+            say("unet", ""),
+            "\n## Trained without noise\n",
+            noiseless(data / "synthetic", quality),
+            "## Noise level estimation\n",
+            f"R² = {levels.figures['r_squared']:.4f} on {60} scans of held-out kinds inside the training range.\n\n"
+            "![noise level](results/noise_level.png)\n",
+            table(
+                ["peak counts, beyond the training range", "true level, log10", "estimated"],
+                [[peak, f"{a:.2f}", f"{b:.2f}"] for peak, (a, b) in levels.figures["beyond"].items()],
+            ),
+            "## One set of weights on every grid\n",
+            f"{studies.SCENES_A_GRID} scenes of held-out kinds, the same photons on the same wall, window and scene.\n",
+            table(
+                ["points along the wall", "bins", "PSNR, dB", "against the trained grid", "depth MAD, mm"], grid_rows
+            ),
+            "## Convergence of algorithm 1\n",
+            "![convergence](results/convergence.png)\n",
+            studies.convergence_text(steps),
+            say("convergence", ""),
+            "\n## Speed and size\n",
+            table(
+                ["figure", "value", "target", "met"],
+                [[f["figure"], f"{f['value']:g} {f['unit']}", f["target"], "yes" if f["met"] else "no"] for f in fast],
+            ),
+            "## Measured scenes\n",
+            measured_scenes(data / "real", [m for m in PICTURED if m in methods], pictures),
+        ]
+    )
+
+
+def main(data: Path, docs: Path) -> None:
+    if not (data / "synthetic").is_dir():
+        raise SystemExit(f"{data / 'synthetic'} is not there. Give the folder that holds `synthetic` and `real`.")
+    made = page(data, docs)
+    (docs / "results.md").write_text(made, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    given = [Path(argument) for argument in sys.argv[1:3]]
+    main(*given, *(Path("../shared/data"), Path("docs"))[len(given) :])

@@ -1,0 +1,102 @@
+"""Held-out scene files in the layout that evaluation reads, and the page of results made from its figures."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import torch
+
+from acquisition.transient import TimeAxis
+from acquisition.wall import WallGrid
+from recon.training.checkpoint import save
+from recon.training.results.kept import kept
+from recon.training.results.measured_scenes import SCANS, scan_of
+from recon.training.results.tables import by_condition, by_scene, comparison, margins, training
+from recon.training.results.targets import Target, remarks, section
+from recon.training.scene_files import write_scene
+
+
+def row(method: str, scene: str, condition: str, psnr: float) -> dict[str, object]:
+    figures = {"psnr": psnr, "psnr_max": psnr - 1, "ssim": 0.5, "depth_mad_m": 0.01, "depth_rmse_m": None}
+    return {"method": method, "scene": scene, "condition": condition, **figures}
+
+
+ROWS = [row("lct", "a", "c1", 10), row("lct", "b", "c1", 20), row("nano", "a", "c1", 16), row("nano", "b", "c1", 18)]
+ROWS += [row("lct", "a", "c2", 9)]
+
+
+def test_tables_show_means_margins_and_gaps() -> None:
+    assert "| nano | +2.00 | - |" in margins(ROWS)
+    assert "| lct | 15.00 | 9.00 |" in by_condition(ROWS, "psnr")
+    assert "| a | 10.00 | 16.00 |" in by_scene(ROWS, "c1")
+    assert "| lct | - | - |" in by_condition(ROWS, "depth_rmse_m")  # none was measured
+
+
+def test_a_comparison_says_where_it_is_lost() -> None:
+    text, worse = comparison([*ROWS, row("nano", "a", "c2", 8)], "nano", ["lct"], ["psnr", "depth_mad_m"])
+    assert "| +2.00 | -1.00 worse |" in text
+    assert worse == "PSNR at the best scale, dB against lct at c2"
+
+
+def test_the_cost_of_training_comes_from_the_weights_themselves(tmp_path: Path) -> None:
+    about = {"samples": 3000, "hours": 0.5, "device": "cpu", "threads": 1, "validation": {"psnr": 18.25}}
+    save(tmp_path / "lfe.safetensors", {"a": torch.zeros(3, 4)}, about)
+    text = training(["lfe", "nlost"], tmp_path)
+    assert "| lfe | 12 | 3,000 | 0.50 | cpu, threads: 1 | 18.25 |" in text
+    assert "| nlost | not trained yet |" in text
+
+
+def test_a_target_says_what_is_missing_to_it() -> None:
+    missed = Target("margin", "PSNR over lct", 5, True, 4.5, "dB")
+    assert missed.line() == ["PSNR over lct", ">= 5 dB", "4.50", "-0.50", "missed"]
+    assert Target("depth", "MAD", 12, False, 9.0, "mm", 1).line()[2:] == ["9.0", "-3.0", "met"]
+    assert Target("speed", "gpu", 50, False, None, "ms").met is None
+    text = section([missed], {"margin": "longer training"})
+    assert "0 of 1 met" in text
+    assert "**margin**: longer training" in text
+
+
+def test_remarks_are_read_by_group(tmp_path: Path) -> None:
+    (tmp_path / "remarks.md").write_text("# By hand\n\n## margin\n\nTried a.\n\nNext b.\n\n## speed\nc\n")
+    assert remarks(tmp_path / "remarks.md") == {"margin": "Tried a.\n\nNext b.", "speed": "c"}
+    assert remarks(tmp_path / "none.md") == {}
+
+
+def test_what_is_measured_is_kept_until_something_changes(tmp_path: Path) -> None:
+    runs = []
+
+    def measure(_: Path) -> tuple[dict[str, int], dict[str, np.ndarray]]:
+        runs.append(1)
+        return {"n": len(runs)}, {"scene/albedo": np.eye(2, dtype=np.float32)}
+
+    for depends, expected in (({"weights": "a"}, 1), ({"weights": "a"}, 1), ({"weights": "b"}, 2)):
+        found = kept("x", depends, measure, tmp_path)
+        assert found.figures == {"n": expected}
+        assert (found.arrays["scene/albedo"] == np.eye(2)).all()
+
+
+def test_every_scan_of_a_measured_scene_has_its_share_of_points_and_photons(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "s.h5", "w") as file:
+        file["histograms"] = np.full((9, 9, 40), 20, np.uint16)
+        file.attrs.update({"bin_width_s": 4e-12, "wall_size_m": 1.0, "direct_cut_bins": 10})
+    full, quarter, sixteenth, photons = (scan_of(tmp_path / "s.h5", scan)[0] for scan in SCANS)
+    assert full.counts[:10].sum() == 0
+    assert (quarter.exposure_s > 0).sum() == 25
+    assert (sixteenth.exposure_s > 0).sum() == 9
+    assert photons.counts.sum() == pytest.approx(full.counts.sum() / 20, rel=0.05)
+
+
+@pytest.mark.parametrize("kind", ["signs", "shelves"])
+def test_a_held_out_scene_file_has_the_layout_of_the_test_scenes(tmp_path: Path, kind: str) -> None:
+    write_scene(tmp_path / "s.h5", kind, 0, WallGrid(2.0, 2.0, 16, 16), TimeAxis(128, 128e-12))
+    with h5py.File(tmp_path / "s.h5") as file:
+        assert file["transient"].shape == (16, 16, 128)
+        assert file["transient"][...].max() == 1
+        assert file.attrs["bin_width_s"] == 128e-12
+        peaks = {n: file[f"counts_p{n}"][...].max(axis=2).mean() for n in (20, 5, 1)}
+        assert peaks[20] > peaks[5] > peaks[1]
+        assert peaks[20] == pytest.approx(20, rel=0.35)
+        depth, mask = file["gt_depth"][...], file["gt_mask"][...]
+        assert (depth[mask > 0] > 0).all()
+        assert np.isfinite(file["gt_intensity"][...]).all()
