@@ -6,12 +6,12 @@ from torch import Tensor, nn
 
 from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from acquisition.wall import WallGrid
-from recon.layers.measurement import LOG_SNR_AT_KNOTS, NOISE_KNOTS, WienerVolumes, piecewise
+from recon.layers.measurement import DIFFUSE, LOG_SNR_AT_KNOTS, NOISE_KNOTS, WienerVolumes, piecewise
 from recon.layers.transient_lifting import LiftingName, TransientLifting
 from recon.transport.light_cone import LightConeConvolution
 from recon.transport.resampling import LightConeResampling
 
-FALLOFF = 3.0
+UNDONE = 3.0  # of the falloff of diffuse surfaces
 
 
 class LiftedVolumes(nn.Module):
@@ -19,7 +19,8 @@ class LiftedVolumes(nn.Module):
 
     The paper resamples F_st and transforms it; here it is inverted as well, so that lifted features lie where the
     surfaces are and a network in space can use them. net rates (B, 1, bins, H, W) -> (B, 4, slices, rows, cols), of
-    root mean square 1, at the operator's depths and half its `points` (rows, cols) along the wall.
+    root mean square 1 over the first `reach` slices, at the operator's depths and half its `points` (rows, cols) along
+    the wall.
     """
 
     def __init__(self, kind: LiftingName, physics: WienerVolumes, points: tuple[int, int]):
@@ -35,15 +36,16 @@ class LiftedVolumes(nn.Module):
         time = TimeAxis(self.slices, extent_s / self.slices)
         self.resampling = LightConeResampling(time)
         self.cone = LightConeConvolution(wall, time)
-        fall = ((torch.arange(self.slices) + 0.5) / self.slices) ** FALLOFF
+        fall = ((torch.arange(self.slices) + 0.5) / self.slices) ** max(0.0, UNDONE - (DIFFUSE - physics.falloff))
         self.register_buffer("fall", fall[:, None, None], persistent=False)
 
     fall: Tensor
 
-    def forward(self, net: Tensor, log_noise: Tensor) -> Tensor:
+    def forward(self, net: Tensor, log_noise: Tensor, reach: int) -> Tensor:
         tau = F.interpolate(net[:, :, self.first :], size=(self.slices, *self.points), mode="area")
         lifted = self.lifting(tau).float()
         snr = 10 ** piecewise(log_noise, NOISE_KNOTS, LOG_SNR_AT_KNOTS)
         solved = self.cone.wiener(self.resampling(lifted * self.fall), snr)
         volume = self.resampling.adjoint(solved)
-        return volume / volume.square().mean(dim=(1, 2, 3, 4), keepdim=True).sqrt().clamp(min=1e-12)
+        power = volume[:, :, : (reach + 1) // 2].square().mean(dim=(1, 2, 3, 4), keepdim=True)
+        return volume / power.sqrt().clamp(min=1e-12)

@@ -19,7 +19,7 @@ from recon.transport.resampling import LightConeResampling
 FINEST_BIN = 0.0049  # depth of a time bin in wall widths up to which neighbours are added
 SLICE = 0.0096  # depth of a slice of the Wiener volumes, 19 mm behind a wall of 2 m
 FARTHEST = 2.0
-TRAINED_SLICES = 128  # over which volumes are scaled
+TRAINED_SLICES = 128
 NOISE_KNOTS = (-1.83, -1.53, -1.13, -0.83, -0.53, -0.33)  # log10 of the noise level
 FALLOFF_AT_KNOTS = (4.0, 3.5, 3.0, 2.4, 2.0, 1.6)  # of diffuse surfaces, whose light falls off with r^4
 DIFFUSE = 4.0
@@ -123,7 +123,10 @@ def estimate_background(profile: Tensor) -> Tensor:
 
 
 def rates_of(counts: Tensor, exposure: Tensor | None) -> Rates:
-    """counts (B, 1, T, H, W) and exposure (B, H, W) or None for an even one -> Rates."""
+    """counts (B, 1, T, H, W) and exposure (B, H, W) or None for an even one -> Rates.
+
+    Before the first count of all and after the last there is no background either: those bins were cut.
+    """
     counts = counts.float()
     if exposure is None:
         exposure = counts.new_ones(counts.shape[0], *counts.shape[3:])
@@ -139,7 +142,8 @@ def rates_of(counts: Tensor, exposure: Tensor | None) -> Rates:
     present = presence(raw, exposure) * (level > 0)
     unit = torch.where(level > 0, level, 1.0)
     scale = unit[:, None, None, None, None]
-    flat = background[:, None, None, None, None] * exposure[:, None, None]
+    recorded = ((profile.cumsum(dim=1) > 0) & (profile.flip(1).cumsum(dim=1).flip(1) > 0)).to(counts)
+    flat = (background[:, None] * recorded)[:, None, :, None, None] * exposure[:, None, None]
     return Rates(
         net=fill((counts - flat) * measured[:, None, None], exposure) / scale,
         raw=raw / scale,
@@ -168,8 +172,8 @@ class WienerVolumes(nn.Module):
     """Two Wiener inverses of the light cone, falloff and snr chosen by the noise: what the operator starts from.
 
     u_g of NANO (section IV-B2) with the falloff and snr that were best at each noise level. `time` is the axis of the
-    counts; `slices` depths of about SLICE wall widths come out, from the wall to the end of the axis. `falloff` 2 is for
-    retroreflective surfaces, from which less has to be undone.
+    counts; `slices` depths of about SLICE wall widths come out, from the wall to the end of the axis. `falloff` 2 is
+    for retroreflective surfaces, from which less has to be undone.
     """
 
     def __init__(self, wall: WallGrid, time: TimeAxis, falloff: float = DIFFUSE):

@@ -14,7 +14,7 @@ from acquisition.wall import WallGrid
 from configs.settings import Settings as AnySettings
 from recon.layers.complex_activation import ActivationName
 from recon.layers.lifted_volumes import LiftedVolumes
-from recon.layers.measurement import SNR_FACTORS, Rates, WienerVolumes, rates_of
+from recon.layers.measurement import SLICE, SNR_FACTORS, TRAINED_SLICES, Rates, WienerVolumes, last_light, rates_of
 from recon.layers.noise_level import NoiseLevel
 from recon.layers.physical_unfolding import PhysicalUnfolding
 from recon.layers.spectral_unfolding import Restriction, SpectralUnfolding
@@ -25,6 +25,8 @@ POINTS = 32  # per wall width: the operator's own pitch, whatever the scan's
 CONDITIONS = 3
 OWN_FEATURES = 2 * len(SNR_FACTORS) + 3  # volumes averaged and at their maximum, depth, confidence, the last pass
 MIDDLE_NOISE = -1.0
+FEWEST_SLICES = 80
+MARGIN = 8  # slices behind the last light
 DIMMEST = 0.02  # of the brightest point; below it there is no depth
 
 
@@ -54,6 +56,8 @@ class Settings(AnySettings):
     whiten: bool = True
     noise_weights: str | None = None
     """Noise level estimation from these weights, frozen."""
+    falloff: Literal[2, 4] = 4
+    """The light's, 4 from diffuse and 2 from retroreflective surfaces: what is undone before the operator sees it."""
     symmetries: bool = True
     """Average over the flips (and, on a square grid, the transpose) of the wall once trained: eight times the operator,
     not the physics."""
@@ -73,14 +77,12 @@ class Nano(nn.Module):
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis):
         super().__init__()
         self.settings = settings
-        self.physics = WienerVolumes(wall, time)
+        self.physics = WienerVolumes(wall, time, settings.falloff)
         self.depths_m = self.physics.depths.double().numpy() * self.physics.unit_m
         pitch = self.physics.pitch
         rows, cols = max(4, round(wall.rows * pitch[1] * POINTS)), max(4, round(wall.cols * pitch[2] * POINTS))
-        self.size = (math.ceil(self.physics.slices / 2), rows, cols)
-        sizes = (self.physics.slices, wall.rows, wall.cols)
-        spacing = [n * step / own for n, step, own in zip(sizes, pitch, self.size, strict=True)]
-        self.pitch = (spacing[0], spacing[1], spacing[2])
+        self.points = (rows, cols)
+        self.pitch = (2 * pitch[0], wall.rows * pitch[1] / rows, wall.cols * pitch[2] / cols)
 
         self.noise_level = NoiseLevel()
         self.lifted = None
@@ -124,23 +126,30 @@ class Nano(nn.Module):
             parameter.requires_grad = name.startswith("noise_level.") == (trained is not None)
 
     def forward(self, counts: Tensor, exposure: Tensor | None = None) -> tuple[Tensor, Tensor, Tensor]:
-        rates = rates_of(self.physics.rebin(counts), exposure)
-        log_noise, noise_map = self.noise(rates)
-        volumes = self.normalised(self.physics(rates.net, log_noise))
-        eta = conditions(log_noise, rates)
-        maps = confidence(log_noise, noise_map, rates.exposure)
-        lifted = None if self.lifted is None else self.lifted(rates.net, log_noise)
+        volumes, eta, maps, lifted, presence = self.prepared(counts, exposure)
         if self.settings.symmetries and not self.training:
             seen = self.over_symmetries(volumes, eta, maps, lifted)
         else:
             seen = self.iterate(volumes, eta, maps, lifted)
-        present = rates.presence[:, None, None]
+        present = presence[:, None, None]
         albedo, depth_m = seen.albedo * present, seen.depth * self.physics.unit_m
         if not self.training:  # a picture's brightest point is 1 and its darkest 0, by definition
             albedo = albedo.clamp(0, 1)
             dark = albedo < DIMMEST * albedo.amax(dim=(1, 2), keepdim=True).clamp(min=1e-12)
             depth_m = torch.where(dark, torch.nan, depth_m)
-        return albedo, depth_m, seen.volume * present[..., None]
+        behind = self.physics.slices - seen.volume.shape[1]  # too far for any light
+        return albedo, depth_m, F.pad(seen.volume * present[..., None], (0, 0, 0, 0, 0, behind))
+
+    def prepared(self, counts: Tensor, exposure: Tensor | None) -> tuple[Tensor, Tensor, Tensor, Tensor | None, Tensor]:
+        """Volumes as deep as there is light, eta, confidence, lifted features, and the presence of any light (B,)."""
+        rates = rates_of(self.physics.rebin(counts), exposure)
+        log_noise, noise_map = self.noise(rates)
+        reach = self.reach(rates.net)
+        scaled = max(reach, TRAINED_SLICES)
+        volumes = self.normalised(self.physics(rates.net, log_noise)[:, :, :scaled])[:, :, :reach]
+        lifted = None if self.lifted is None else self.lifted(rates.net, log_noise, scaled)
+        maps = confidence(log_noise, noise_map, rates.exposure)
+        return volumes, conditions(log_noise, rates), maps, lifted, rates.presence
 
     # A. Noise level estimation
 
@@ -154,6 +163,12 @@ class Nano(nn.Module):
         return eta, noise_map
 
     # B. The operator, S times (algorithm 1)
+
+    def reach(self, net: Tensor) -> int:
+        """How many slices, an even number unless it is all of them, the light reaches into."""
+        physics = self.physics
+        share = (last_light(net) - physics.first) / (physics.bins - physics.first)
+        return min(physics.slices, max(FEWEST_SLICES, 2 * math.ceil(share * physics.slices / 2) + MARGIN))
 
     def normalised(self, volumes: Tensor) -> Tensor:
         """Every volume over the 0.98 quantile of its maximum projection: the count unit ends here."""
@@ -170,7 +185,8 @@ class Nano(nn.Module):
 
     def with_last(self, features: Tensor, u: Tensor) -> Tensor:
         """The features with the volume of the last pass, u^{s-1} (B, D, H, W), in its place among them."""
-        last = to_grid(u[:, None] * (u.shape[1] / self.size[0]), self.size)
+        size = features.shape[2:]
+        last = to_grid(u[:, None] * (u.shape[1] / size[0]), (size[0], size[1], size[2]))
         own = (features[:, : OWN_FEATURES - 1], last, features[:, OWN_FEATURES:])
         return torch.cat(own, dim=1).contiguous(memory_format=torch.channels_last_3d)
 
@@ -190,13 +206,15 @@ class Nano(nn.Module):
 
     def features(self, volumes: Tensor, maps: Tensor, lifted: Tensor | None) -> Tensor:
         """B_l: what is lifted to u^0, u_g and F_st, on the operator's own metric grid, (B, F, d, h, w)."""
-        batch = len(volumes)
-        depth = F.interpolate(self.physics.depths[None, None], size=self.size[0], mode="linear")[0, 0] - 0.5
-        depth = depth[None, None, :, None, None].expand(batch, 1, *self.size)
-        sure = F.interpolate(maps[:, 1:], size=self.size[1:], mode="area")[:, :, None].expand(batch, 1, *self.size)
-        parts = [to_grid(volumes, self.size), to_grid(volumes, self.size, highest=True), depth, sure, depth * 0]
+        batch, slices = len(volumes), volumes.shape[2]
+        size = (math.ceil(slices / 2), *self.points)
+        depth = F.interpolate(self.physics.depths[None, None, :slices], size=size[0], mode="linear")[0, 0]
+        depth = depth.clamp(max=TRAINED_SLICES * SLICE) - 0.5
+        depth = depth[None, None, :, None, None].expand(batch, 1, *size)
+        sure = F.interpolate(maps[:, 1:], size=self.points, mode="area")[:, :, None].expand(batch, 1, *size)
+        parts = [to_grid(volumes, size), to_grid(volumes, size, highest=True), depth, sure, depth * 0]
         if lifted is not None:
-            parts.append(F.interpolate(lifted, size=self.size, mode="trilinear"))
+            parts.append(F.interpolate(lifted[:, :, : size[0]], size=size, mode="trilinear"))
         return torch.cat(parts, dim=1).contiguous(memory_format=torch.channels_last_3d)
 
     def operator(self, features: Tensor, volumes: Tensor, eta: Tensor, maps: Tensor) -> Projection:
@@ -205,11 +223,11 @@ class Nano(nn.Module):
             u = self.unfolding(features, eta, self.pitch)
         else:
             u = self.unfolding(features, eta)
-        out = self.head(u).float()
+        out, depths = self.head(u).float(), self.physics.depths[: volumes.shape[2]]
         if isinstance(self.projection, AttentionProjection):
-            return cast(Projection, self.projection(out[:, 0], out[:, 1:], volumes, maps, self.physics.depths))
+            return cast(Projection, self.projection(out[:, 0], out[:, 1:], volumes, maps, depths))
         correction = F.interpolate(out[:, :1], size=volumes.shape[2:], mode="trilinear")[:, 0]
-        return cast(Projection, self.projection(0.8 * volumes[:, 0] + correction, self.physics.depths))
+        return cast(Projection, self.projection(0.8 * volumes[:, 0] + correction, depths))
 
     @property
     def training_loss(self) -> Callable[[Mapping[str, Tensor]], dict[str, Tensor]] | None:

@@ -156,3 +156,29 @@ def test_noise_estimation_trains_alone_and_can_be_taken_over(tmp_path: Path) -> 
     for a, b in zip(method.noise_level.parameters(), other.noise_level.parameters(), strict=True):
         assert torch.equal(a, b)
         assert not b.requires_grad
+
+
+def test_depths_behind_the_last_light_are_left_out() -> None:
+    wall, time = WallGrid(0.5, 0.5, 16, 16), TimeAxis(256, 32e-12)
+    torch.manual_seed(0)
+    method = build(Settings.model_validate(SMALL), wall, time).eval()
+    near = shell(wall, time)
+    assert method.reach(method.prepared(near, None)[0].new_zeros(1, 1, method.physics.bins, 16, 16)) == len(
+        method.depths_m
+    )
+    volumes = method.prepared(near, None)[0]
+    assert 80 <= volumes.shape[2] < len(method.depths_m)
+    with torch.no_grad():
+        _, _, volume = method(near)
+    assert volume.shape[1] == len(method.depths_m)
+    assert volume[:, volumes.shape[2] :].abs().max() == 0
+
+
+def test_less_falloff_is_undone_for_retroreflectors() -> None:
+    diffuse, retroreflective = (
+        build(Settings.model_validate(SMALL | {"falloff": f}), WALL, TIME).eval() for f in (4, 2)
+    )
+    signal, level = torch.rand(1, 1, diffuse.physics.bins, 16, 16), torch.tensor([-2.0])
+    squared = diffuse.physics.relative[:, None, None] ** 2
+    expected = diffuse.physics(signal / squared.clamp(min=1e-6), level)
+    torch.testing.assert_close(retroreflective.physics(signal, level), expected, rtol=1e-3, atol=1e-4)
