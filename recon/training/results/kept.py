@@ -57,9 +57,9 @@ def of_files(paths: Iterable[Path]) -> str:
 def of_code(method: str) -> str:
     """A digest of the code that a method runs."""
     folders = ("layers", "transport") if weights_path(method).exists() else ("transport",)
-    shared = [path for folder in folders for path in (CODE / folder).glob("*.py")]
-    own = [CODE / "methods" / f"{method}.py", *(CODE / f"{name}.py" for name in ("physics", "noise", "front_view"))]
-    return of_files([*shared, *own])
+    own = [f"methods/{method}.py", "physics.py", "noise.py", "front_view.py", "reconstruct.py"]
+    chosen = {name: digest for name, digest in SOURCES.items() if name.startswith(folders) or name in own}
+    return hashlib.sha256(json.dumps(chosen, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def weights_path(method: str) -> Path:
@@ -71,3 +71,7 @@ def of_method(method: str) -> dict[str, str]:
     """What a reconstruction by this method depends on, beside its input."""
     path = weights_path(method)
     return {"code": of_code(method), "weights": of_files([path]) if path.exists() else "none"}
+
+
+SOURCES = {path.relative_to(CODE).as_posix(): of_files([path]) for path in CODE.rglob("*.py")}
+"""Digests of the code as this process loaded it, whatever is edited while it runs."""
