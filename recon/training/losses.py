@@ -9,12 +9,16 @@ from configs.settings import Settings
 
 Prediction = tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]
 """Albedo (B, H, W) in units of the picture's maximum, depth (B, H, W) in metres, volume (B, D, H, W) or None."""
+LEAST_ERROR = 3e-4
+"""Mean square error below which a picture is as good as perfect: 35 dB."""
 
 
 class LossSettings(Settings):
     """Weights of the terms; 0 leaves one out."""
 
     picture: float = 10.0
+    log_picture: float = 0.0
+    """Of the logarithm of each picture's square error, halfway between its own and its best scale: mean decibels."""
     depth: float = 0.3
     total_variation: float = 0.0
 
@@ -36,7 +40,13 @@ def losses(
     albedo, depth, volume = (None if part is None else part.float() for part in prediction)
     assert albedo is not None
     assert depth is not None
-    terms = {"picture": settings.picture * F.mse_loss(albedo, picture_of(batch))}
+    truth, terms = picture_of(batch), {}
+    if settings.picture:
+        terms["picture"] = settings.picture * F.mse_loss(albedo, truth)
+    if settings.log_picture:
+        own = (albedo - truth).square().mean(dim=(1, 2))
+        error = 0.5 * (own + (best_scale(albedo, truth) * albedo - truth).square().mean(dim=(1, 2)))
+        terms["log_picture"] = settings.log_picture * (error + LEAST_ERROR).log().mean()
     if settings.depth:
         weight = batch["coverage"] * (batch["depth_m"] > 0)
         error = F.smooth_l1_loss(depth, batch["depth_m"], beta=0.05, reduction="none")
@@ -46,6 +56,12 @@ def losses(
         terms["total_variation"] = settings.total_variation * total_variation(volume)
     terms["loss"] = torch.stack(list(terms.values())).sum()
     return terms
+
+
+def best_scale(picture: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """The factor (B, 1, 1) that brings a picture nearest to the truth, within a factor of 5, without gradient."""
+    power = picture.square().sum(dim=(1, 2), keepdim=True).clamp(min=1e-6)
+    return ((picture * truth).sum(dim=(1, 2), keepdim=True) / power).detach().clamp(0.2, 5.0)
 
 
 def total_variation(volume: torch.Tensor) -> torch.Tensor:
