@@ -18,6 +18,7 @@ from safetensors.torch import save_file
 from torch import nn
 
 from recon.errors import InvalidSettings
+from recon.training.foreign_weights import SUFFIXES, ForeignWeightsError, read_foreign
 
 OWN_FOLDER = Path(__file__).parents[1] / "weights"
 SHOWN = 5
@@ -45,7 +46,12 @@ def find_weights(name: str) -> Path:
 
 
 def read_weights(path: Path) -> Weights:
-    """Raises WeightsError if the file is not a whole safetensors file."""
+    """Raises WeightsError if the file is not a whole safetensors file (or one of PyTorch's own, `foreign_weights`)."""
+    if path.suffix in SUFFIXES:
+        try:
+            return Weights(read_foreign(path), {})
+        except ForeignWeightsError as error:
+            raise WeightsError(str(error)) from error
     try:
         with safe_open(path, framework="pt") as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
