@@ -11,7 +11,7 @@ from pathlib import Path
 from recon.results import software
 from recon.training import convergence, noise_figure
 from recon.training.results import studies
-from recon.training.results.kept import weights_path
+from recon.training.results.kept import EQUAL
 from recon.training.results.measured_scenes import METHODS as PICTURED
 from recon.training.results.measured_scenes import measured_scenes
 from recon.training.results.noiseless import noiseless
@@ -61,23 +61,22 @@ def quality_section(quality: Quality) -> str:
     return "\n".join(parts)
 
 
-def unet_text(quality: Quality) -> str:
-    """Where NANO is better than the plain U-Net, and where not."""
-    if not weights_path("unet").exists():
-        return "`unet` is not trained yet.\n"
-    differences, worse = comparison(quality.rows, "nano", ["unet"], ("psnr", "ssim", "depth_rmse_m", "depth_mad_m"))
-    return differences + (f"\nNot better: {worse}.\n" if worse else "\nBetter at every condition.\n")
+def own_weights(methods: Sequence[str]) -> str:
+    """The weights of NANO that are compared at equal samples seen."""
+    return EQUAL if EQUAL in methods else "nano"
 
 
 def equal_samples(quality: Quality, rivals: Sequence[str]) -> str:
     """NANO against the rivals that are trained, with how much each has seen."""
+    if not rivals:
+        return "Nothing to compare with is trained yet.\n"
+    own = own_weights(unique(row["method"] for row in quality.rows))
     figures = ("psnr", "ssim", "depth_rmse_m", "depth_mad_m", "depth_missing")
-    differences, worse = comparison(quality.rows, "nano", rivals, figures)
-    seen = {method: samples_seen(method) for method in ("nano", *rivals)}
-    told = ", ".join(f"{method} {count:,}" for method, count in seen.items() if count is not None)
-    text = f"Samples seen: {told}.\n"
-    if len({count for count in seen.values() if count is not None}) > 1:
-        text += "They are not equal; the margins are between the weights as they ship.\n"
+    differences, worse = comparison(quality.rows, own, rivals, figures)
+    seen = {method: samples_seen(method) for method in (own, *rivals)}
+    text = f"Samples seen: {', '.join(f'{method} {count:,}' for method, count in seen.items() if count is not None)}.\n"
+    if own == "nano":
+        text += "The margins are between the weights as they ship, whatever they have seen.\n"
     return text + "\n" + differences + (f"\nNot better: {worse}.\n" if worse else "\nNANO is better in every cell.\n")
 
 
@@ -87,20 +86,20 @@ def page(data: Path, docs: Path) -> str:
     pictures.mkdir(parents=True, exist_ok=True)
     written = remarks(pictures / "remarks.md")
     methods = [*PHYSICS, *trained(LEARNED)]
-    absent = [method for method in LEARNED if method not in methods]
+    absent = [method for method in LEARNED if method not in (*methods, EQUAL)]
     rivals = [method for method in ("lfe", "nlost", "unet") if method in methods]
     quality = measure_quality(data / "synthetic", methods, CONDITIONS)
     write_all(HELD_OUT)
-    held_out = measure_quality(HELD_OUT, methods, HELD_OUT_AT)
+    held_out = measure_quality(HELD_OUT, [method for method in methods if method != EQUAL], HELD_OUT_AT)
     for name, condition in (("full", "counts_p5"), ("sparse", "counts_p5@16x16")):
-        shown = [method for method in ("lct", "fk", "phasor", *LEARNED) if method in methods]
+        shown = [method for method in ("lct", "fk", "phasor", "lfe", "nlost", "unet", "nano") if method in methods]
         draw_gallery(quality, shown, [condition], pictures / f"{name}.png")
     levels = studies.drawn("noise_level", noise_figure.measure, pictures)
     others = [path for path in convergence.networks().values() if isinstance(path, Path)]
     steps = studies.drawn("convergence", convergence.measure, pictures, others)
     grid, fast = studies.grids(), studies.speed()
     targets = of_quality(quality.rows, thresholded(quality))
-    targets += against(quality.rows, rivals) + studies.targets(levels, grid, fast)
+    targets += against(quality.rows, own_weights(methods), rivals) + studies.targets(levels, grid, fast)
     grid_rows = [
         [str(g["points"]), str(g["bins"]), f"{g['psnr']:.2f}", f"{g['psnr'] - grid[0]['psnr']:+.2f}",
          f"{1e3 * g['depth_mad_m']:.1f}"] for g in grid
@@ -123,12 +122,12 @@ def page(data: Path, docs: Path) -> str:
             "Simulated with shadows, one scene a kind that is held out from training.\n",
             quality_section(held_out),
             "## What training cost\n",
-            training(LEARNED),
+            training([method for method in LEARNED if method != EQUAL or method in methods]),
             say("training", ""),
-            "\n## NANO against LFE, NLOST and the U-Net\n",
-            equal_samples(quality, rivals),
+            "\n## NANO against LFE and NLOST, equal samples seen\n",
+            equal_samples(quality, [rival for rival in rivals if rival != "unet"]),
             "## The plain U-Net, and what it teaches\n",
-            unet_text(quality),
+            equal_samples(quality, [rival for rival in rivals if rival == "unet"]),
             say("unet", ""),
             "\n## Trained without noise\n",
             noiseless(data / "synthetic", quality),

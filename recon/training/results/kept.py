@@ -13,6 +13,10 @@ import numpy.typing as npt
 from recon.training.checkpoint import OWN_FOLDER
 
 FOLDER = Path("runs/results")
+EQUAL = "nano_equal"
+"""Weights of NANO after as many samples as its rivals have seen."""
+BASE = {EQUAL: "nano"}
+"""The method of weights that are not called like it."""
 CODE = Path(__file__).parents[2]  # recon/
 
 
@@ -57,7 +61,7 @@ def of_files(paths: Iterable[Path]) -> str:
 def of_code(method: str) -> str:
     """A digest of the code that a method runs."""
     folders = ("layers", "transport") if weights_path(method).exists() else ("transport",)
-    own = [f"methods/{method}.py", "physics.py", "noise.py", "front_view.py", "reconstruct.py"]
+    own = [f"methods/{BASE.get(method, method)}.py", "physics.py", "noise.py", "front_view.py", "reconstruct.py"]
     chosen = {name: digest for name, digest in SOURCES.items() if name.startswith(folders) or name in own}
     return hashlib.sha256(json.dumps(chosen, sort_keys=True).encode()).hexdigest()[:16]
 

@@ -11,11 +11,11 @@ import numpy.typing as npt
 from recon.evaluate import Evaluation, Row, Scene, as_json, evaluate, find_scenes
 from recon.evaluation_report import gallery
 from recon.metrics import image_scores
-from recon.training.results.kept import kept, of_files, of_method, weights_path
+from recon.training.results.kept import BASE, EQUAL, kept, of_files, of_method, weights_path
 from recon.volume import Reconstruction
 
 PHYSICS = ("lct", "fk", "phasor", "gram", "backprojection")
-LEARNED = ("lfe", "nlost", "unet", "nano")
+LEARNED = ("lfe", "nlost", "unet", EQUAL, "nano")
 CONDITIONS = (
     "transient",
     "counts_p20",
@@ -60,12 +60,13 @@ def measure_quality(data: Path, methods: Sequence[str], conditions: Sequence[str
 
 
 def _run(data: Path, method: str, condition: str) -> tuple[Any, dict[str, npt.NDArray[np.float32]]]:
-    done = evaluate([data], [method], [condition], say=print)
+    named: dict[str, object] = {"weights": method} if method in BASE else {}
+    done = evaluate([data], [BASE.get(method, method)], [condition], settings=named, say=print)
     arrays: dict[str, npt.NDArray[np.float32]] = {}
     for (scene, _, _), picture in done.pictures.items():
         top = float(np.abs(picture.albedo).max()) or 1.0
         arrays |= {f"{scene}/albedo": picture.albedo / top, f"{scene}/depth": picture.depth_m}
-    return as_json(done.rows), arrays
+    return [row | {"method": method} for row in as_json(done.rows)], arrays
 
 
 def thresholded(quality: Quality) -> list[dict[str, Any]]:
