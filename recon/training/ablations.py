@@ -25,8 +25,9 @@ DATA = DatasetSettings(seed=1, scenes=300, degradations=2, **SMALL)  # type: ign
 VALIDATION = DatasetSettings(seed=2, scenes=48, degradations=1, held_out=True, **SMALL)  # type: ignore[arg-type]
 ALBEDO = LossSettings(picture=10.0, depth=0.0)
 DEPTH = LossSettings(picture=10.0, depth=0.3)
-BOTH = LossSettings(picture=10.0, depth=0.3, total_variation=0.3)
-SMOOTH = LossSettings(picture=10.0, depth=0.0, total_variation=0.3)
+TOTAL_VARIATION = 30.0  # then a tenth of the loss: a volume that adds up to the picture along depth has small gradients
+BOTH = LossSettings(picture=10.0, depth=0.3, total_variation=TOTAL_VARIATION)
+SMOOTH = LossSettings(picture=10.0, depth=0.0, total_variation=TOTAL_VARIATION)
 Figures = Mapping[str, float]
 
 
