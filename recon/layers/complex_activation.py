@@ -20,7 +20,8 @@ class SplitActivation(nn.Module):
         self.sigma: nn.Module = nn.PReLU(init=0.25) if kind == "prelu" else nn.Tanh()
 
     def forward(self, h: Tensor) -> Tensor:
-        return torch.complex(self.sigma(h.real), self.sigma(h.imag))
+        real, imaginary = (self.sigma(part).to(part) for part in (h.real, h.imag))  # autocast makes halves of them
+        return torch.complex(real, imaginary)
 
 
 class ModReLU(nn.Module):
