@@ -1,5 +1,6 @@
 """From a transient to a reconstruction, by any method of the catalogue."""
 
+import hashlib
 import time as clock
 from collections.abc import Mapping
 from dataclasses import replace
@@ -63,7 +64,18 @@ def reconstruct(
         seconds=seconds,
         settings=chosen.model_dump(mode="json"),
         volume=volume,
+        weights_sha256=_weights_sha256(chosen),
     )
+
+
+def _weights_sha256(chosen: Settings) -> str | None:
+    """Of the weights file of a learned method."""
+    name = getattr(chosen, "weights", None)
+    if name is None:
+        return None
+    from recon.training.checkpoint import find_weights
+
+    return hashlib.sha256(find_weights(name).read_bytes()).hexdigest()
 
 
 def _bin_width_s(chosen: Settings, transient: Transient) -> float:

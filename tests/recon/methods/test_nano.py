@@ -1,14 +1,16 @@
 """NANO: the same picture for every count unit, wall and grid; nothing out of nothing; every switch trains."""
 
+import hashlib
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from acquisition.transient import TimeAxis
+from acquisition.transient import TimeAxis, Transient
 from acquisition.wall import WallGrid
 from recon.methods.nano import Nano, Settings, build
+from recon.reconstruct import reconstruct
 from recon.training.checkpoint import save
 
 WALL = WallGrid(2.0, 2.0, 16, 16)
@@ -182,3 +184,12 @@ def test_less_falloff_is_undone_for_retroreflectors() -> None:
     squared = diffuse.physics.relative[:, None, None] ** 2
     expected = diffuse.physics(signal / squared.clamp(min=1e-6), level)
     torch.testing.assert_close(retroreflective.physics(signal, level), expected, rtol=1e-3, atol=1e-4)
+
+
+def test_a_reconstruction_names_the_weights_it_was_made_with(tmp_path: Path) -> None:
+    path = tmp_path / "small.safetensors"
+    save(path, dict(network().named_parameters()), {})
+    transient = Transient(shell(WALL, TIME)[0, 0].numpy(), np.ones((16, 16)), WALL, TIME)
+    done = reconstruct(transient, "nano", SMALL | {"weights": str(path)})
+    assert done.weights_sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert reconstruct(transient, "lct").weights_sha256 is None
