@@ -113,7 +113,7 @@ def settings_of(row: Row, samples: int) -> TrainSettings:
 def folder_of(row: Row, samples: int) -> Path:
     """Rows that are the same in two tables are trained once."""
     words = [f"{key}-{value}" for key, value in sorted(row.switches.items())]
-    words += [f"{key}-{value:g}" for key, value in row.loss.model_dump().items()]
+    words += [f"{key}-{value:g}" for key, value in row.loss.model_dump(exclude_defaults=True).items()]
     return FOLDER / str(samples) / "_".join(words).replace(" ", "").replace("[", "").replace("]", "").replace(",", "-")
 
 
