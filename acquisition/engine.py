@@ -15,7 +15,7 @@ from acquisition.alarms import Action, AlarmRaised, Alarms, Trouble
 from acquisition.control import ScanControl, ScanState
 from acquisition.outlook import aim_of, checked_angles
 from acquisition.plan import ScanPlan
-from acquisition.sample import Sample
+from acquisition.sample import Sample, ScanPoint
 from acquisition.schemes import Choice, Scheme, choose, forecast, sequencer
 from drivers.bench import Bench
 from drivers.errors import DeviceError, DeviceFault, DeviceTimeout, SafetyTrip
@@ -56,8 +56,8 @@ def scan(
 
     `taken`: point number -> photons of what an earlier recording already holds, `elapsed_s` how long that took.
     `scheme`: the fastest that bench and plan allow, unless told. `alarms` may pause, postpone
-    or end. `decide` is asked after every sample whether the scan may end early. Raises `DeviceError` with the shutter
-    closed.
+    or end. `decide` is asked after every sample whether the scan may end early; where a first pass is
+    followed by a second, the first yes ends the first. Raises `DeviceError` with the shutter closed.
     """
     angles = checked_angles(plan, bench, aim or aim_of(bench))
     choice = choose(plan, bench, angles)
@@ -101,6 +101,7 @@ class _Run:
         self._first, self._stuck = -1, 0
         self._alarm = ""
         self._skipped: dict[int, int] = {}
+        self._first_pass_cut = False
 
     def samples(self, choice: Choice) -> Generator[Sample, None, None]:
         control, bench = self._control, self._bench
@@ -121,8 +122,8 @@ class _Run:
                     self._pause()
                 if control.state is not ScanState.RUNNING:
                     return
-            self._dark("the scan is complete")
-            control.enter(ScanState.COMPLETE)
+            self._dark("the scan is over" if self._first_pass_cut else "the scan is complete")
+            control.enter(ScanState.ENDED if self._first_pass_cut else ScanState.COMPLETE)
         except SafetyTrip as error:
             bench.report("trip", str(error))
             if control.state is not ScanState.STOPPED:
@@ -153,9 +154,17 @@ class _Run:
             self._photons[sample.point.number] = int(counts.sum()) if self._plan.revisit_below is not None else 0
             yield sample
             if self._decide is not None and self._decide():
-                self._bench.report("scan", "ended early: nothing is left to gain")
-                self._control.enter(ScanState.ENDED)
+                self._end_early(sample.point)
                 return
+
+    def _end_early(self, point: ScanPoint) -> None:
+        """Ends the first pass where another follows, else the scan."""
+        if self._plan.revisit_below is not None and point.pass_ == 0 and not self._first_pass_cut:
+            self._bench.report("scan", "the first pass is ended early: the second begins")
+            self._first_pass_cut = True
+            return
+        self._bench.report("scan", "ended early: nothing is left to gain")
+        self._control.enter(ScanState.ENDED)
 
     def _until_interrupted(self, source: Iterator[Sample]) -> Iterator[Sample]:
         """Ends where a signal handler, shutting the light, broke into the exchange of the point under way."""
@@ -195,7 +204,12 @@ class _Run:
 
     def _todo(self) -> list[int]:
         """What is still to take, in order; points that an alarm skipped come last."""
-        todo = self._plan.pending(self._photons)
+        photons = self._photons
+        if self._first_pass_cut and self._plan.revisit_below is not None:
+            # Points that the first pass did not come to are no business of the second.
+            left_out = range(self._plan.first_pass)
+            photons = {**dict.fromkeys(left_out, self._plan.revisit_below), **photons}
+        todo = self._plan.pending(photons)
         if self._skipped:
             todo.sort(key=lambda number: self._skipped.get(number, 0))
         return todo

@@ -37,11 +37,11 @@ class Gathering:
         """How many points are in."""
         return int(np.count_nonzero(self._have))
 
-    def add(self, sample: Sample) -> None:
-        """Adds one sample of the plan."""
+    def add(self, sample: Sample) -> bool:
+        """Adds one sample of the plan; False where that point was in already."""
         point, histogram = sample.point, sample.histogram
         if self._have[point.number]:
-            return
+            return False
         self._have[point.number] = True
         live_s = unbiased_live_s(
             np.array([histogram.live_time_s]), np.array([histogram.flags], dtype=np.uint16), self.plan.stop
@@ -50,6 +50,7 @@ class Gathering:
         self._live_s[point.pass_, point.row, point.col] += live_s[0]
         self.sync_count[point.row, point.col] += histogram.sync_count
         self.total_count[point.row, point.col] += histogram.total_count
+        return True
 
     def transient(self) -> Transient:
         """Raw counts so far; time starts at the sync pulse. A copy: adding more does not change it."""

@@ -43,7 +43,7 @@ def follow_to_folder(
         replace_results(folder, picture.reconstruction, volume)
         terminal.log(
             f"{picture.samples} points: change {picture.change:.3f}, photon noise {picture.error:.3f}, "
-            f"{picture.reconstruction.seconds:.2f} s"
+            f"{picture.reconstruction.seconds:.2f} s{', refined' if scan.live.refines and picture.refined else ''}"
         )
 
     with local_copy(run, folder) as local:
@@ -54,11 +54,20 @@ def follow_to_folder(
 
 
 def replace_results(folder: Path, reconstruction: "Reconstruction", keep_volume: bool) -> None:
-    """Writes results beside `folder`'s own and puts them in place one by one: no reader meets half a file."""
-    from recon.results import write_results
+    """Writes results beside `folder`'s own and puts them in place one by one, numbers before pictures: no reader meets
+    half a file, or waits for drawing."""
+    from recon.pictures import albedo_picture, depth_picture, slices_picture
+    from recon.results import NAMES, write_reconstruction
 
     with tempfile.TemporaryDirectory(dir=folder, prefix=".next-") as fresh:
-        for path in write_results(Path(fresh), reconstruction, keep_volume=keep_volume):
+        data, albedo, depth = (Path(fresh) / name for name in NAMES)
+        write_reconstruction(data, reconstruction, keep_volume)
+        data.replace(folder / data.name)
+        draw = [(albedo_picture, albedo), (depth_picture, depth)]
+        if keep_volume and reconstruction.volume is not None:
+            draw.append((slices_picture, Path(fresh) / "slices.png"))
+        for picture, path in draw:
+            picture(reconstruction, path)
             path.replace(folder / path.name)
 
 

@@ -1,4 +1,4 @@
-"""`scan --until stable`: ends a scan when its picture has stopped changing and holds light enough.
+"""`scan --until stable`: ends a scan, or its first pass, when its picture has stopped changing and holds light enough.
 
 The picture is made again whenever a quarter more points are in, so that "change" always means the same: what a
 quarter more of the scan did to it. On a simulated bench that happens between two points, at the same points in every
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 LEVEL = 0.1
 FIRST_FRACTION = 0.05
-GROWTH = 1.25
 AGAIN_S = 0.5
 
 
@@ -31,10 +30,11 @@ class Enough:
         from acquisition.gathering import Gathering
         from acquisition.recording import Recording
         from nlos.live_process import state_file
-        from recon.live import LiveReconstruction
+        from recon.live import GROWTH, LiveReconstruction
 
+        self._growth = GROWTH
         self.reached = False
-        """Whether the scan ended for being good enough."""
+        """Whether the scan, or the first of its passes, ended for being good enough."""
         self._run, self._level, self._bench = run, level, bench
         self._state = None if bench.settings.simulated else state_file(run)
         self._gathering = Gathering(plan)
@@ -57,18 +57,19 @@ class Enough:
         if figures is None:
             return False
         samples, change, error = figures
-        self.reached = change <= self._level and error <= self._level
-        verdict = "is good enough" if self.reached else "is not good enough yet"
+        enough = change <= self._level and error <= self._level
+        self.reached |= enough
+        verdict = "is good enough" if enough else "is not good enough yet"
         self._bench.report(
             "until", f"the picture of {samples} points {verdict}: change {change:.4f}, photon noise {error:.4f}, "
             f"level {self._level:g}"
         )  # fmt: skip
-        return self.reached
+        return enough
 
     def _computed(self) -> tuple[int, float, float] | None:
         if len(self._gathering) < self._next:
             return None
-        self._next = math.ceil(GROWTH * self._next)
+        self._next = math.ceil(self._growth * self._next)
         picture = self._picture()
         return None if picture is None else (picture.samples, picture.change, picture.error)
 
@@ -95,7 +96,7 @@ class Enough:
         self._looked_s = time.monotonic()
         found = read_state(self._state)
         samples, change, error = found.get("samples"), found.get("change"), found.get("error")
-        if not isinstance(samples, int) or samples < GROWTH * self._seen:
+        if not isinstance(samples, int) or samples < self._growth * self._seen:
             return None
         if not isinstance(change, float) or not isinstance(error, float):
             return None

@@ -18,7 +18,7 @@ from nlos.terminal import terminal
 def live(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A recording, growing or finished.")],
     port: Annotated[int, typer.Option(min=0, max=65535, help="0 takes a free one.")] = 0,
-    method: Annotated[str, typer.Option(help="A word of `nlos methods`.")] = "lct",
+    method: Annotated[str, typer.Option(help="A word of `nlos methods`.")] = "nano",
     idle_s: Annotated[
         float | None, typer.Option(metavar="S", help="Ends so long after the scan and the last question.")
     ] = None,

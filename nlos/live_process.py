@@ -22,6 +22,7 @@ def start_live(run: Path, method: str) -> "subprocess.Popen[bytes]":
     """Starts the page of `run` and says its address. The scan reads nothing from it and waits for nothing."""
     from nlos.live import listening
 
+    state_file(run).unlink(missing_ok=True)  # of an earlier scan, whose page was killed
     token = secrets.token_urlsafe(24)
     with listening(0) as door:
         command = [sys.executable, "-m", "nlos", "live", str(run), "--method", method, "--idle-s", str(IDLE_S)]

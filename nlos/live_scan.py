@@ -2,8 +2,12 @@
 
 Both only read the recording, in a process of their own: nothing here can slow or lose an acquisition. When pictures
 take longer than samples come, pictures are left out - and counted -, never samples.
+
+Where the bench's constants are known, pictures in passing are of samples corrected one by one as they came. When the
+last sample is in, there is one more picture in passing at once and then, refined, that of the finished recording.
 """
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -15,7 +19,9 @@ from nlos.terminal import terminal
 
 if TYPE_CHECKING:
     from acquisition.gathering import Gathering
+    from calibration.constants import BenchConstants
     from nlos.chain import LoadedScan
+    from nlos.live_calibration import SampleCalibration
     from recon.live import LivePicture, LiveReconstruction
 
 
@@ -53,6 +59,9 @@ class LiveScan:
         self._news = threading.Event()
         self._ended = threading.Event()
         self._growing = True
+        self._constants: BenchConstants | None = None
+        self._each: SampleCalibration | None = None
+        self._pace = Pace()
         for target in (self._follow, self._paint):
             threading.Thread(target=target, daemon=True).start()
 
@@ -67,40 +76,54 @@ class LiveScan:
             pass
         if self.error is not None:
             raise self.error
+        if not (self.over or self._stopped.is_set()):
+            from recon.errors import ReconstructionFailed
 
-    def scan(self) -> "LoadedScan":
-        """All samples so far, as read from a file. Raises `InvalidData` where there are none."""
-        from acquisition.errors import InvalidData
-
-        if self.gathering is None:
-            raise InvalidData(f"{self.run}: no sample yet")
-        with self._lock:
-            return loaded(self.run, self.gathering)
+            raise ReconstructionFailed(f"{self.run}: the pictures broke off, see above. The samples are all there.")
 
     def _follow(self) -> None:
         from acquisition.errors import InvalidData, StorageError
         from acquisition.follow import follow
-        from acquisition.gathering import Gathering
-        from acquisition.recording import Recording, Status
+        from calibration.errors import CalibrationError
 
         try:
             for sample in follow(self.run, patience_s=self.patience_s):
                 if self.gathering is None:
-                    with Recording.open(self.run) as recording:
-                        # Of a finished recording there is one picture, not one in passing.
-                        self._growing = recording.status is Status.RUNNING
-                        self.gathering = Gathering(recording.plan)
+                    self._begin()
+                assert self.gathering is not None
                 with self._lock:
-                    self.gathering.add(sample)
+                    if self.gathering.add(sample) and self._each is not None:
+                        self._each.add(sample)
                 self._news.set()
                 if self._stopped.is_set():
                     return
-        except (InvalidData, StorageError, TimeoutError) as error:
+        except (InvalidData, CalibrationError, StorageError, TimeoutError) as error:
             self.error = error
             self._say(str(error))
         finally:
             self.read = True
             self._news.set()
+
+    def _begin(self) -> None:
+        """Once the plan is known. Raises `ForeignConstants` for constants given that are of another bench."""
+        from acquisition.gathering import Gathering
+        from acquisition.recording import Recording, Status
+        from calibration.errors import CalibrationError
+        from nlos.chain import constants_for
+        from nlos.live_calibration import SampleCalibration
+
+        with Recording.open(self.run) as recording:
+            # Of a finished recording there is one picture, not one in passing.
+            self._growing = recording.status is Status.RUNNING
+            gathering = Gathering(recording.plan)
+        scan = loaded(self.run, gathering)
+        self._constants = constants_for(scan, self.constants)
+        if self._constants is not None and self._growing and not scan.rectified:
+            try:
+                self._each = SampleCalibration(gathering.plan, self._constants)
+            except CalibrationError as error:
+                self._say(f"samples are not corrected one by one: {error}")
+        self.gathering = gathering
 
     def _paint(self) -> None:
         painted, painted_s = 0, time.monotonic()
@@ -109,31 +132,56 @@ class LiveScan:
                 self._news.wait(0.2)
                 self._news.clear()
                 last, count = self.read, len(self.gathering or ())
-                step = max(1, int(self.every_fraction * len(self.gathering.plan))) if self.gathering else 1
-                late = count > painted and time.monotonic() - painted_s >= self.every_s
-                if (self._growing and (count - painted >= step or late)) or (last and count > painted):
-                    if self._growing:
-                        self.skipped += max(0, (count - painted) // step - 1)
-                    painted, painted_s = self._picture(), time.monotonic()
+                if count == 0:
+                    painted_s = time.monotonic()
+                if self._is_due(count, painted, painted_s, last):
+                    painted, painted_s = self._paint_next(painted), time.monotonic()
                 if last and len(self.gathering or ()) <= painted:
+                    if self.picture is not None and self.live.refines:
+                        self._picture(refined=True)
                     self.over = True
                     return
         finally:
             self._ended.set()
 
-    def _picture(self) -> int:
+    def _is_due(self, count: int, painted: int, painted_s: float, last: bool) -> bool:
+        """Whether to make a picture now. One that would not be ready before the last sample is left to the last."""
+        if last or self.gathering is None or not self._growing:
+            return last and count > painted
+        planned, now_s = len(self.gathering.plan), time.monotonic()
+        self._pace.saw(count, now_s)
+        late = count > painted and now_s - painted_s >= self.every_s
+        due = count - painted >= self._step() or late
+        return due and (painted == 0 or self._pace.left_s(planned - count) > self._pace.picture_s)
+
+    def _step(self) -> int:
+        assert self.gathering is not None
+        return max(1, int(self.every_fraction * len(self.gathering.plan)))
+
+    def _paint_next(self, painted: int) -> int:
         """Makes one picture of everything so far; returns of how many samples."""
+        assert self.gathering is not None
+        began_s = time.monotonic()
+        count = self._picture()
+        if self._growing:
+            self.skipped += max(0, (count - painted) // self._step() - 1)
+        self._pace.picture_s = time.monotonic() - began_s
+        return count
+
+    def _picture(self, refined: bool = False) -> int:
+        """One picture of everything so far, of how many samples it returns; refined: as of the finished recording."""
         from acquisition.errors import InvalidData as RecordingInvalid
         from calibration.errors import InvalidData
-        from nlos.chain import calibrate_scan, constants_for
+        from nlos.chain import calibrate_scan
         from recon.errors import ReconError
 
         assert self.gathering is not None
         with self._lock:
             count, scan = len(self.gathering), loaded(self.run, self.gathering)
+            corrected = None if self._each is None or self.read else self._each.transient()
         try:
-            transient = calibrate_scan(scan, constants=constants_for(scan, self.constants))
-            picture = self.live.update(transient, count, scan.falloff)
+            transient = corrected or calibrate_scan(scan, constants=self._constants)
+            picture = self.live.update(transient, count, scan.falloff, refined=refined)
         except (InvalidData, RecordingInvalid, ReconError) as error:
             self._say(f"no picture of {count} points yet: {error}")
         else:
@@ -145,6 +193,26 @@ class LiveScan:
     def _say(self, message: str) -> None:
         self.message = message
         terminal.log(message)
+
+
+class Pace:
+    """How fast samples come, over the last seconds, and how long a picture takes."""
+
+    OVER_S = 2.0
+
+    def __init__(self) -> None:
+        self._seen: list[tuple[float, int]] = []
+        self.picture_s = 0.0
+
+    def saw(self, count: int, now_s: float) -> None:
+        """`count` samples are in."""
+        self._seen = [entry for entry in self._seen if now_s - entry[0] <= self.OVER_S]
+        self._seen.append((now_s, count))
+
+    def left_s(self, samples: int) -> float:
+        """How long so many more samples take; infinite while none come."""
+        (first_s, first), (last_s, last) = self._seen[0], self._seen[-1]
+        return samples * (last_s - first_s) / (last - first) if last > first else math.inf
 
 
 def loaded(run: Path, gathering: "Gathering") -> "LoadedScan":

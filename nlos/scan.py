@@ -43,7 +43,10 @@ def scan(
         bool, typer.Option("--live", help="A read-only page of the scan, from a process of its own.")
     ] = False,
     until: Annotated[
-        str | None, typer.Option(metavar="stable[:LEVEL]", help="End when the picture changes and errs by less.")
+        str | None,
+        typer.Option(
+            metavar="stable[:LEVEL]", help="End (or go to the second pass) when the picture changes and errs by less."
+        ),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
@@ -80,7 +83,7 @@ def scan(
     with Interrupts().caught() as interrupts, opened(table, scene) as open_bench:
         _acquire(
             plan, header, open_bench, target, resume, overwrite, interrupts, wanted.settings.alarms,
-            reconstruct or "lct", live, level, constants,
+            reconstruct or "nano", live, level, constants,
         )  # fmt: skip
     if reconstruct is not None:
         _reconstruct(target, reconstruct, overwrite)
@@ -173,7 +176,7 @@ def _acquire(
         planned=len(plan), bench_s=duration_s, predicted_s=forecast_s,
         scheme=choice.scheme.value, status=status.name.lower(),
     )  # fmt: skip
-    if status is not Status.COMPLETE and not (enough is not None and enough.reached):
+    if status is not Status.COMPLETE and (interrupts.seen or enough is None or not enough.reached):
         raise Stopped(ExitCode.INTERRUPTED, f"ended by Ctrl-C. {_safe(writer, target)}")
 
 

@@ -7,20 +7,28 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition.transient import Transient
-from recon.methods import find
+from recon.methods import find, parse_settings
 from recon.reconstruct import reconstruct
 from recon.volume import Reconstruction
 
 Picture = npt.NDArray[np.float32]
+
+METHOD = "nano"
+GROWTH = 1.25
+"""Pictures are compared with one of so many times fewer samples: then "change" means the same from the first to the
+last, however often pictures are made."""
+IN_PASSING: dict[str, object] = {"symmetries": False}
+"""What a picture can do without until it is the last: refinements that cost several times the picture itself."""
 
 
 @dataclass(frozen=True)
 class LivePicture:
     """A reconstruction of the samples so far.
 
-    `change`: how much the front view differs from the one before, relative L2 after scaling both to their best fit;
-    1 for the first. `error`: its expected relative error from the number of photons alone (Poisson).
-    `confidence` (H, W), 0 to 1: measured here, still where it was in the picture before, with light enough.
+    `change`: how much the front view differs from the newest one of at most 1/`GROWTH` of the samples, relative L2
+    after scaling both to their best fit; 1 where there is none. `error`: its expected relative error from the number
+    of photons alone (Poisson). `confidence` (H, W), 0 to 1: measured here, still where it was in the picture before,
+    with light enough. `refined`: made as of a finished recording, nothing left out for speed.
     """
 
     reconstruction: Reconstruction
@@ -28,37 +36,59 @@ class LivePicture:
     change: float
     error: float
     confidence: Picture
+    refined: bool
 
 
 class LiveReconstruction:
-    """Reconstructs again whenever asked; remembers only the picture before.
+    """Reconstructs again whenever asked; remembers only the front views that the next ones are compared with.
 
-    Every picture is made from all samples so far, so that the last one equals that of the finished recording.
+    Every picture is made from all samples so far; refined, it equals that of a recording of just these samples.
     """
 
-    def __init__(self, method: str, settings: Mapping[str, object] | None = None, device: str = "cpu") -> None:
+    def __init__(self, method: str = METHOD, settings: Mapping[str, object] | None = None, device: str = "cpu") -> None:
+        """Raises `InvalidSettings` for a method or a setting that does not exist."""
         self.method = method
         self.settings = dict(settings or {})
+        parse_settings(method, self.settings)
         self._device = device
-        self._before: Picture | None = None
+        self._earlier: list[tuple[int, Picture]] = []
+        known = find(method).Settings.model_fields
+        self._in_passing = {
+            key: value for key, value in IN_PASSING.items() if key in known and key not in self.settings
+        }
+        self._knows_falloff = "falloff" in known
 
-    def update(self, transient: Transient, samples: int, falloff: int | None = None) -> LivePicture:
+    @property
+    def refines(self) -> bool:
+        """Whether a refined picture differs from one in passing."""
+        return bool(self._in_passing)
+
+    def update(
+        self, transient: Transient, samples: int, falloff: int | None = None, *, refined: bool = False
+    ) -> LivePicture:
         """The picture of `transient`, which holds `samples` samples; `falloff` where its file says one, for methods
         that have it. Raises what `reconstruct` raises."""
-        settings = dict(self.settings)
-        if falloff is not None and "falloff" in find(self.method).Settings.model_fields:
+        settings = dict(self.settings) if refined else {**self.settings, **self._in_passing}
+        if falloff is not None and self._knows_falloff:
             settings.setdefault("falloff", falloff)
         result = reconstruct(transient, self.method, settings, self._device)
         now = np.nan_to_num(result.albedo)
-        before, self._before = self._before, now
+        before = self._compared_with(samples, now)
         measured = transient.exposure_s > 0
         still = np.ones_like(now) if before is None else _stillness(before, now)
         change = 1.0 if before is None else relative_change(before, now)
         photons = float(np.clip(transient.counts, 0, None).sum(dtype=np.float64))
         lit = max(int(np.count_nonzero(now > 0.1 * float(now.max(initial=0.0)))), 1)
         error = 1.0 / float(np.sqrt(max(photons / lit, 1.0)))
-        nearness = _nearness(measured)
-        return LivePicture(result, samples, change, error, (nearness * still / (1.0 + error)).astype(np.float32))
+        confidence = (_nearness(measured) * still / (1.0 + error)).astype(np.float32)
+        return LivePicture(result, samples, change, error, confidence, refined or not self.refines)
+
+    def _compared_with(self, samples: int, now: Picture) -> Picture | None:
+        """The newest front view of few enough samples; those before it are forgotten."""
+        fewer = [entry for entry in self._earlier if entry[0] * GROWTH <= samples]
+        more = [entry for entry in self._earlier if entry[0] * GROWTH > samples]
+        self._earlier = [*fewer[-1:], *more, (samples, now)]
+        return fewer[-1][1] if fewer else None
 
 
 def relative_change(before: Picture, now: Picture) -> float:

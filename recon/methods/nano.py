@@ -194,14 +194,20 @@ class Nano(nn.Module):
         """The mean of what the operator makes of every mirror image of the measurement, mirrored back."""
         pitch = self.physics.pitch
         square = volumes.shape[3] == volumes.shape[4] and pitch[1] == pitch[2]
-        images = [(flips, turned) for flips in ((), (-1,), (-2,), (-1, -2)) for turned in ((False, True)[: 1 + square])]
         total: list[Tensor] = []
-        for flips, turned in images:
-            there = [None if x is None else mirrored(x, flips, turned) for x in (volumes, maps, lifted)]
-            seen = self.iterate(cast(Tensor, there[0]), eta, cast(Tensor, there[1]), there[2])
-            back = [mirrored_back(x, flips, turned) for x in (seen.albedo, seen.depth, seen.volume)]
-            total = back if not total else [a + b for a, b in zip(total, back, strict=True)]
-        albedo, depth, volume = (x / len(images) for x in total)
+        for turned in (False, True)[: 1 + square]:
+            for across in ((), (-2,)):
+                pair = (across, (*across, -1))  # together: a single small volume takes PyTorch's slow convolution
+                there = [
+                    None if x is None else torch.cat([mirrored(x, flips, turned) for flips in pair])
+                    for x in (volumes, maps, lifted)
+                ]
+                seen = self.iterate(cast(Tensor, there[0]), torch.cat((eta, eta)), cast(Tensor, there[1]), there[2])
+                for k, flips in enumerate(pair):
+                    fields = [x.chunk(2)[k] for x in (seen.albedo, seen.depth, seen.volume)]
+                    back = [mirrored_back(x, flips, turned) for x in fields]
+                    total = back if not total else [a + b for a, b in zip(total, back, strict=True)]
+        albedo, depth, volume = (x / (4 * (1 + square)) for x in total)
         return Projection(albedo, depth, volume)
 
     def features(self, volumes: Tensor, maps: Tensor, lifted: Tensor | None) -> Tensor:
