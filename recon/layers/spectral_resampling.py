@@ -30,8 +30,9 @@ def resample_spectrum(spectrum: Tensor, size: Sequence[int]) -> Tensor:
 @lru_cache(maxsize=64)
 def resampling_matrix(old: int, new: int) -> Tensor:
     """(new, old) float32: what cutting or padding the spectrum of `old` samples does to them, so no FFT is needed."""
-    spectrum = torch.fft.fft(torch.eye(old, dtype=torch.float64), dim=0, norm="forward")
-    matrix: Tensor = torch.fft.ifft(resample_axis(spectrum, new, 0), dim=0, norm="forward").real.float()
+    with torch.inference_mode(False):  # it is kept, and whoever asks next may need gradients
+        spectrum = torch.fft.fft(torch.eye(old, dtype=torch.float64), dim=0, norm="forward")
+        matrix: Tensor = torch.fft.ifft(resample_axis(spectrum, new, 0), dim=0, norm="forward").real.float()
     return matrix
 
 

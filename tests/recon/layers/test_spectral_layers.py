@@ -106,3 +106,11 @@ def test_the_literal_unfolding_keeps_odd_sizes_and_every_scale_is_used(literal: 
     assert out.shape == (2, 4, 9, 7, 10)
     out.square().mean().backward()
     assert all(p.grad is not None for p in network.parameters())
+
+
+def test_a_field_can_be_resampled_with_gradients_after_an_inference() -> None:
+    with torch.inference_mode():
+        resample_field(torch.randn(1, 2, 7, 5, 3), (3, 3, 3))
+    field = torch.randn(1, 2, 7, 5, 3, requires_grad=True)
+    resample_field(field, (3, 3, 3)).sum().backward()
+    assert field.grad is not None
