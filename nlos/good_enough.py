@@ -7,6 +7,7 @@ run; on a real one the live process makes the pictures, and only its figures are
 
 import math
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,6 @@ from nlos.exit_codes import UsageError
 if TYPE_CHECKING:
     from acquisition.plan import ScanPlan
     from acquisition.sample import Sample
-    from drivers.bench import Bench
     from recon.live import LivePicture
 
 LEVEL = 0.1
@@ -26,7 +26,10 @@ AGAIN_S = 0.5
 class Enough:
     """The engine's `decide`: fed with every sample, asked after every one."""
 
-    def __init__(self, run: Path, plan: "ScanPlan", level: float, method: str, bench: "Bench") -> None:
+    def __init__(
+        self, run: Path, plan: "ScanPlan", level: float, method: str, report: Callable[[str, str], None], watched: bool
+    ) -> None:
+        """`watched`: the live process of `run` makes the pictures, and its figures are read here."""
         from acquisition.gathering import Gathering
         from acquisition.recording import Recording
         from nlos.live_process import state_file
@@ -35,8 +38,8 @@ class Enough:
         self._growth = GROWTH
         self.reached = False
         """Whether the scan, or the first of its passes, ended for being good enough."""
-        self._run, self._level, self._bench = run, level, bench
-        self._state = None if bench.settings.simulated else state_file(run)
+        self._run, self._level, self._report = run, level, report
+        self._state = state_file(run) if watched else None
         self._gathering = Gathering(plan)
         self._live = LiveReconstruction(method)
         self._next = max(1, math.ceil(FIRST_FRACTION * len(plan)))
@@ -60,7 +63,7 @@ class Enough:
         enough = change <= self._level and error <= self._level
         self.reached |= enough
         verdict = "is good enough" if enough else "is not good enough yet"
-        self._bench.report(
+        self._report(
             "until", f"the picture of {samples} points {verdict}: change {change:.4f}, photon noise {error:.4f}, "
             f"level {self._level:g}"
         )  # fmt: skip
@@ -84,7 +87,7 @@ class Enough:
             transient = calibrate_scan(scan, constants=constants_for(scan, None))
             return self._live.update(transient, len(self._gathering), scan.falloff)
         except (InvalidData, ReconError) as error:
-            self._bench.report("until", f"no picture of {len(self._gathering)} points yet: {error}")
+            self._report("until", f"no picture of {len(self._gathering)} points yet: {error}")
             return None
 
     def _polled(self) -> tuple[int, float, float] | None:

@@ -133,7 +133,7 @@ def _acquire(
     if live or (level is not None and not bench.settings.simulated):
         start_live(target, method)
     if level is not None:
-        enough = Enough(target, plan, level, method, bench)
+        enough = Enough(target, plan, level, method, bench.report, watched=not bench.settings.simulated)
     progress = ScanProgress(len(plan), len(begun.taken))
     control = ScanControl(lambda why: _ask(interrupts, progress, why))
     interrupts.pauses(control)

@@ -124,6 +124,17 @@ def test_decide_ends_a_scan_early(bench_settings: Benches, small_plan: Plans) ->
     assert control.state is ScanState.ENDED
 
 
+def test_decide_ends_a_first_pass_then_the_scan(bench_settings: Benches, small_plan: Plans) -> None:
+    plan = small_plan(exposure={"kind": "two_pass", "counts": 10**6, "again_ms": 4})
+    for answers, taken in (([False, False, True, False, True], [0, 1, 2, 36, 37]), ([True, False], [0, 36])):
+        control, left = ScanControl(), iter(answers)
+        with open_bench(bench_settings()) as bench:
+            samples = list(scan(plan, bench, control=control, decide=lambda left=left: next(left)))
+            assert not light(bench)
+        assert [sample.point.number for sample in samples] == taken
+        assert control.state is ScanState.ENDED
+
+
 def test_only_what_is_missing_is_taken(bench_settings: Benches, small_plan: Plans) -> None:
     plan = small_plan()
     with open_bench(bench_settings()) as bench:

@@ -1,0 +1,132 @@
+"""Samples as they come add up to what the finished recording says, and a scan ends when that is good enough."""
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition.recording import Recording
+from calibration.constants import load
+from calibration.correct import common_bins, correct_known
+from calibration.raw_points import from_samples
+from nlos.chain import calibrate_scan, constants_for, load_scan
+from nlos.good_enough import Enough
+from nlos.live_calibration import SampleCalibration
+from nlos.live_process import state_file, write_state
+from nlos.live_scan import LiveScan, Pace
+from recon.live import LivePicture, LiveReconstruction
+from recon.reconstruct import reconstruct
+
+Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
+
+SCAN = """\
+wall: {width_m: 1.0, height_m: 1.0, rows: 16, cols: 16}
+pattern: {kind: coarse_to_fine, batch: 8}
+dwell_ms: 20
+histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
+"""
+TWO_PASS = SCAN + "exposure: {kind: two_pass, counts: 100000, again_ms: 20}\n"
+
+
+@pytest.fixture
+def run(nlos: Nlos, tmp_path: Path) -> Path:
+    (tmp_path / "scan.yaml").write_text(SCAN)
+    done = nlos("scan", "scan.yaml", "-o", "run.h5")
+    assert done.returncode == 0, done.stderr
+    return tmp_path / "run.h5"
+
+
+def test_samples_corrected_one_by_one_add_up_to_all_corrected_at_once(nlos: Nlos, run: Path, tmp_path: Path) -> None:
+    done = nlos("calibrate", "run.h5", "-o", "constants.h5")
+    assert done.returncode == 0, done.stderr
+    constants = load(tmp_path / "constants.h5")
+    with Recording.open(run) as recording:
+        plan, samples = recording.plan, list(recording.samples())
+    each = SampleCalibration(plan, constants)
+    for index in np.random.default_rng(3).permutation(len(samples)):
+        each.add(samples[index])
+    raw = from_samples(samples)
+    at_once = correct_known(raw, constants, common_bins(constants, raw.x_m, raw.y_m, raw.time))
+    rows, cols = [s.point.row for s in samples], [s.point.col for s in samples]
+    came = each.transient()
+    assert np.abs(came.counts[:, rows, cols].T - at_once.counts).max() <= 1e-5 * np.abs(at_once.counts).max()
+    assert np.allclose(came.exposure_s[rows, cols], at_once.exposure_s, rtol=1e-9, atol=0)
+    assert came.time == at_once.time
+
+
+@pytest.mark.parametrize("constants", [False, True])
+def test_the_last_picture_is_that_of_the_finished_recording(
+    nlos: Nlos, run: Path, tmp_path: Path, constants: bool
+) -> None:
+    known = None
+    if constants:
+        assert nlos("calibrate", "run.h5", "-o", "constants.h5").returncode == 0
+        known = tmp_path / "constants.h5"
+    pictures: list[LivePicture] = []
+    watched = LiveScan(run, LiveReconstruction(), known, on_picture=pictures.append)
+    watched.start()
+    watched.wait()
+    scan = load_scan(run)
+    batch = reconstruct(calibrate_scan(scan, constants=constants_for(scan, known)), "nano")
+    assert [(picture.samples, picture.refined) for picture in pictures] == [(256, False), (256, True)]
+    last = pictures[-1].reconstruction
+    assert np.abs(last.albedo - batch.albedo).max() <= 1e-5 * batch.albedo.max()
+    assert np.allclose(last.depth_m, batch.depth_m, rtol=0, atol=1e-5, equal_nan=True)
+
+
+def test_change_is_what_a_quarter_more_samples_did(run: Path) -> None:
+    transient = calibrate_scan(load_scan(run))
+    live = LiveReconstruction("lct", {"snr": 0.1})
+    changes = [live.update(transient, samples).change for samples in (100, 110, 124, 125, 200)]
+    assert changes[:3] == [1.0, 1.0, 1.0]
+    assert changes[3:] == pytest.approx([0.0, 0.0], abs=1e-6)
+
+
+def test_no_picture_is_begun_that_the_end_of_the_scan_would_overtake() -> None:
+    pace = Pace()
+    for tenth in range(50):
+        pace.saw(10 * tenth, tenth / 10)
+    assert pace.left_s(100) == pytest.approx(1.0)
+    for tenth in range(50, 80):
+        pace.saw(490, tenth / 10)
+    assert pace.left_s(100) == float("inf")  # the scan is paused
+
+
+def test_a_first_pass_that_is_good_enough_makes_room_for_the_second(nlos: Nlos, tmp_path: Path) -> None:
+    (tmp_path / "scan.yaml").write_text(TWO_PASS)
+    done = nlos("scan", "scan.yaml", "-o", "run.h5", "--reconstruct", "lct", "--until", "stable:0.5", "--json")
+    assert done.returncode == 0, done.stderr
+    with Recording.open(tmp_path / "run.h5") as recording:
+        numbers = recording.records["number"]
+        events = [(event.kind, event.text) for event in recording.events()]
+    assert 0 < np.count_nonzero(numbers < 256) < 256
+    assert np.count_nonzero(numbers >= 256)
+    assert set(numbers[numbers >= 256] - 256) <= set(numbers[numbers < 256])
+    assert ("scan", "the first pass is ended early: the second begins") in events
+    verdicts = [text for kind, text in events if kind == "until" and "is good enough: change" in text]
+    assert len(verdicts) == 2 or len(numbers) == 2 * np.count_nonzero(numbers < 256)
+    assert json.loads(done.stdout)["points"] == len(numbers)
+
+
+def test_a_real_bench_reads_the_figures_of_the_live_process(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("nlos.good_enough.AGAIN_S", 0.0)
+    said: list[str] = []
+    with Recording.open(run) as recording:
+        enough = Enough(run, recording.plan, 0.1, "lct", lambda kind, text: said.append(text), watched=True)
+    assert not enough()  # nobody has said anything
+    live = LiveReconstruction("lct")
+    picture = live.update(calibrate_scan(load_scan(run)), 200)
+    write_state(state_file(run), picture)
+    assert not enough()
+    assert "not good enough yet: change 1.0000" in said[-1]
+    write_state(state_file(run), live.update(calibrate_scan(load_scan(run)), 249))
+    assert not enough()  # not a quarter more
+    assert len(said) == 1
+    state_file(run).write_text('{"samples": "many"')
+    assert not enough()
+    write_state(state_file(run), live.update(calibrate_scan(load_scan(run)), 256))
+    assert enough()
+    assert enough.reached
