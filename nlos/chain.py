@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from acquisition.recording import Recording
     from acquisition.transient import Transient
     from calibration.constants import BenchConstants
+    from calibration.correct import Report
+    from calibration.raw_points import RawPoints
     from recon.volume import Reconstruction
 
 
@@ -33,6 +35,8 @@ class LoadedScan:
     falloff: int | None
     offset_bins: npt.NDArray[np.float64] | None  # (H, W)
     """The file's own time offsets."""
+    points: "RawPoints | None" = None
+    """Samples at free positions as they were taken; `transient` then has them in the pixels they lie in."""
 
 
 def load_scan(path: Path) -> LoadedScan:
@@ -43,7 +47,7 @@ def load_scan(path: Path) -> LoadedScan:
 
     if is_recording(path):
         with Recording.open(path) as recording:
-            return _load_recording(recording)
+            return _load_recording(recording) if recording.on_grid else _load_free(recording)
     scan = read_isolated(path)
     for note in scan.notes:
         terminal.log(f"{path}: {note}", 1)
@@ -76,6 +80,17 @@ def _load_recording(recording: "Recording") -> LoadedScan:
         np.add.at(sync_count, place, records["sync_count"])
         np.add.at(total_count, place, records["total_count"])
     return as_recorded(recording, transient, sync_count, total_count)
+
+
+def _load_free(recording: "Recording") -> LoadedScan:
+    """A whole recording of points off the grid: what was drawn along a spiral, a circle, a line."""
+    from calibration.raw_points import from_samples
+    from recon.gridding import grid_samples
+
+    points = from_samples(recording.samples())
+    transient = grid_samples(points.x_m, points.y_m, points.counts, points.exposure_s, recording.plan.wall, points.time)
+    nothing = np.zeros_like(transient.exposure_s)
+    return replace(as_recorded(recording, transient, nothing, nothing), points=points)
 
 
 def as_recorded(
@@ -123,9 +138,15 @@ def calibrate_scan(
 
     A rectified file that states its cut gets that cut; in one that states none, direct light is looked for.
     """
-    from calibration.correct import correct
+    from calibration.correct import correct, correct_points
 
     transient = scan.transient
+    if scan.points is not None:
+        from recon.gridding import grid_samples
+
+        done = correct_points(scan.points, constants)
+        _log_calibration(done.report())
+        return grid_samples(scan.points.x_m, scan.points.y_m, done.counts, done.exposure_s, transient.wall, done.time)
     if scan.rectified and scan.direct_cut_bins is not None:
         return cut_direct(transient, scan.direct_cut_bins)
     if scan.rectified:
@@ -135,13 +156,16 @@ def calibrate_scan(
             raise UsageError("offsets=file: the file has no time_offset_bins")
         return correct(transient, offset_bins=scan.offset_bins).transient
     corrected = correct(transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
-    report = corrected.report()
+    _log_calibration(corrected.report())
+    return corrected.transient
+
+
+def _log_calibration(report: "Report") -> None:
     if report["offset_rms_ps"] is not None:
         terminal.log(
             f"calibrated: offsets to {report['offset_rms_ps']:.1f} ps RMS of the wall fit, "
             f"direct light masked up to {report['direct_masked_ns']:.2f} ns"
         )
-    return corrected.transient
 
 
 def on_wall(scan: LoadedScan, side_m: object) -> LoadedScan:
@@ -176,7 +200,7 @@ def reconstruct_file(
     from recon.reconstruct import reconstruct
     from recon.results import NAMES, write_results
 
-    for name in NAMES:
+    for name in (*NAMES, "view3d.html") if html else NAMES:
         if (folder / name).exists() and not overwrite:
             raise FileExistsError(f"{folder / name}: exists. Choose another folder with -o, or say --overwrite.")
     scan = load_scan(run)
@@ -190,7 +214,7 @@ def reconstruct_file(
     if scan.falloff is not None and "falloff" in find(method).Settings.model_fields:  # a learned method has none
         chosen.setdefault("falloff", scan.falloff)
     result = reconstruct(transient, method, chosen, device)
-    write_results(folder, result, overwrite=overwrite, keep_volume=volume)
+    write_results(folder, result, overwrite=overwrite, keep_volume=volume, html=html)
     return result
 
 

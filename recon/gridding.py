@@ -1,11 +1,10 @@
 """From samples at any wall positions, or from part of a grid, to the regular grid that methods work on.
 
-Histograms are interpolated linearly between the nearest samples: along rows and columns where the samples form a grid
-of their own (as the paper does with its 32 x 32 and 64 x 64 scans), over Delaunay triangles where they do not. Outside
-of all samples the nearest one is taken, and the confidence map says how far away that was.
+A sample belongs to the pixel it lies in, with its counts and its exposure; pixels without one are marked as not
+measured and interpolated when their noise is known. Along rows and columns where the measured pixels form a grid of
+their own (as the paper does with its 32 x 32 and 64 x 64 scans), over Delaunay triangles where they do not.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -13,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 import torch
+from scipy.ndimage import distance_transform_edt
 from scipy.spatial import Delaunay, KDTree, QhullError
 
 from acquisition.transient import TimeAxis, Transient
@@ -21,44 +21,58 @@ from recon.errors import InvalidData
 from recon.transport.linear import linear
 
 Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 
-
-@dataclass(frozen=True)
-class Gridded:
-    """A transient on the wall's grid, and how far each of its points can be trusted, (H, W) in 0 to 1."""
-
-    transient: Transient
-    confidence: Floats
+HOLE_SPACINGS, HOLE_OF_WALL = 8.0, 0.25
+"""A triangle with a side longer than both, in spacings of the samples and in parts of the wall, is a hole."""
 
 
 def grid_samples(
-    x_m: Floats, y_m: Floats, counts: npt.NDArray[np.float32], exposure_s: Floats, wall: WallGrid, time: TimeAxis
-) -> Gridded:
-    """Samples at (x_m, y_m) (N,) with counts (N, T) and exposure_s (N,), unmeasured ones at 0, on the grid of `wall`.
+    x_m: Floats, y_m: Floats, counts: npt.NDArray[Any], exposure_s: Floats, wall: WallGrid, time: TimeAxis
+) -> Transient:
+    """Samples at (x_m, y_m) (N,) with counts (N, T) and exposure_s (N,) on the grid of `wall`, those of one pixel added
+    up; exposure 0 where there is none.
 
-    Samples in one wall pixel are added up at their mean position, weighted by exposure. Raises `InvalidData` where no
-    sample was measured or one is not finite.
+    Raises `InvalidData` where no sample was measured, one is not finite, or one lies beside the wall.
     """
     if not (np.isfinite(x_m).all() and np.isfinite(y_m).all() and np.isfinite(counts).all()):
         raise InvalidData("a sample's position or one of its counts is not finite; leave that sample out.")
     measured = exposure_s > 0
     if not measured.any():
         raise InvalidData("no sample was measured: every exposure is 0.")
-    col, row = _pixels(x_m[measured], y_m[measured], wall)
-    pixel = np.rint(row).astype(np.int64) * (4 * wall.cols) + np.rint(col).astype(np.int64)
-    _, which = np.unique(pixel, return_inverse=True)
-    merge = scipy.sparse.csr_array((np.ones(len(which)), (which, np.arange(len(which)))))
-    total_s = _times(merge, exposure_s[measured])
-    col = _times(merge, col * exposure_s[measured]) / total_s
-    row = _times(merge, row * exposure_s[measured]) / total_s
-    rates = _times(merge, counts[measured].astype(np.float64)) / total_s[:, None]
-    spread = interpolation(row, col, wall.rows, wall.cols)
-    on_grid_s = _times(spread, total_s).reshape(wall.rows, wall.cols)
-    on_grid = _times(spread, rates) * on_grid_s.reshape(-1, 1)
-    cube = np.ascontiguousarray(on_grid.T.reshape(time.bins, wall.rows, wall.cols), dtype=np.float32)
-    nearness = confidence(row, col, wall.rows, wall.cols)
-    enough = np.minimum(1.0, on_grid_s / np.median(total_s))
-    return Gridded(Transient(cube, on_grid_s, wall, time), nearness * enough)
+    col = np.rint((x_m[measured] / wall.width_m + 0.5) * wall.cols - 0.5).astype(np.int64)
+    row = np.rint((0.5 - y_m[measured] / wall.height_m) * wall.rows - 0.5).astype(np.int64)
+    # A position on the very edge of the wall may round to the pixel beside it.
+    beside = (row < -1) | (row > wall.rows) | (col < -1) | (col > wall.cols)
+    if beside.any():
+        first = int(np.flatnonzero(measured)[np.argmax(beside)])
+        raise InvalidData(
+            f"{int(beside.sum())} of {len(row)} samples lie beside the wall of {wall.width_m:g} x {wall.height_m:g} m, "
+            f"the first at ({x_m[first]:+.3f} m, {y_m[first]:+.3f} m). Give the size of the wall that was scanned."
+        )
+    pixel = np.clip(row, 0, wall.rows - 1) * wall.cols + np.clip(col, 0, wall.cols - 1)
+    points = wall.rows * wall.cols
+    merge = scipy.sparse.csr_array(
+        (np.ones(len(pixel), np.float32), (pixel, np.arange(len(pixel)))), (points, len(pixel))
+    )
+    summed = np.asarray(merge @ counts[measured].astype(np.float32))  # (H * W, T)
+    cube = np.ascontiguousarray(summed.T).reshape(time.bins, wall.rows, wall.cols)
+    on_grid_s = np.bincount(pixel, weights=exposure_s[measured], minlength=points)
+    return Transient(cube, on_grid_s.astype(np.float64).reshape(wall.rows, wall.cols), wall, time)
+
+
+def confidence(exposure_s: Floats) -> npt.NDArray[np.float32]:
+    """How far each pixel of a wall with exposures (H, W) can be trusted, 0 to 1.
+
+    exp(-d^2 / 2) of the distance d in pixels to the nearest measured one, times that one's exposure over the median,
+    at most 1; 0 where nothing was measured.
+    """
+    measured = exposure_s > 0
+    if not measured.any():
+        return np.zeros(exposure_s.shape, np.float32)
+    distance, (row, col) = distance_transform_edt(~measured, return_indices=True)
+    enough = np.minimum(1.0, exposure_s[row, col] / np.median(exposure_s[measured]))
+    return np.asarray(np.exp(-0.5 * distance**2) * enough, dtype=np.float32)
 
 
 def fill_unmeasured(rates: torch.Tensor, measured: torch.Tensor) -> torch.Tensor:
@@ -90,28 +104,22 @@ def _filled(sample: torch.Tensor, measured: torch.Tensor) -> torch.Tensor:
 def _fill_matrix(mask: bytes, rows: int, cols: int) -> scipy.sparse.csr_array:
     """(H * W, H * W): every grid point from the measured ones."""
     chosen = np.flatnonzero(np.frombuffer(mask, dtype=np.bool_))
-    row, col = (part.astype(np.float64) for part in np.divmod(chosen, cols))
+    row, col = np.divmod(chosen, cols)
     spread = interpolation(row, col, rows, cols).tocoo()
     return scipy.sparse.csr_array((spread.data, (spread.row, chosen[spread.col])), shape=(rows * cols, rows * cols))
 
 
-def interpolation(row: Floats, col: Floats, rows: int, cols: int) -> scipy.sparse.csr_array:
-    """The matrix (H * W, N) of linear interpolation from samples at fractional (row, col) to the grid."""
+def interpolation(row: Ints, col: Ints, rows: int, cols: int) -> scipy.sparse.csr_array:
+    """The matrix (H * W, N) of linear interpolation from the N different pixels (row, col) to all of the grid."""
     grid_rows, grid_cols = np.unique(row), np.unique(col)
-    if len(row) == len(grid_rows) * len(grid_cols) and len(set(zip(row, col, strict=True))) == len(row):
+    if len(row) == len(grid_rows) * len(grid_cols):
         order = np.lexsort((col, row))  # the samples as a grid of their own, row by row
         both = scipy.sparse.kron(_between(grid_rows, rows), _between(grid_cols, cols)).tocoo()
         return scipy.sparse.csr_array((both.data, (both.row, order[both.col])), shape=(rows * cols, len(row)))
-    return _over_triangles(np.stack([row, col], axis=1).astype(np.float64), rows, cols)
+    return _over_triangles(row, col, rows, cols)
 
 
-def confidence(row: Floats, col: Floats, rows: int, cols: int) -> Floats:
-    """exp(-d^2 / 2) of the distance d in pixels to the nearest sample, (H, W)."""
-    distance, _ = KDTree(np.stack([row, col], axis=1)).query(_points(rows, cols))
-    return np.exp(-0.5 * np.asarray(distance) ** 2).reshape(rows, cols)
-
-
-def _between(at: Floats, count: int) -> scipy.sparse.coo_array:
+def _between(at: Ints, count: int) -> scipy.sparse.coo_array:
     """Linear interpolation in one dimension from positions `at` to 0 .. count - 1, constant beyond the ends."""
     target = np.clip(np.arange(count), at[0], at[-1])
     if len(at) == 1:
@@ -125,16 +133,29 @@ def _between(at: Floats, count: int) -> scipy.sparse.coo_array:
     )
 
 
-def _over_triangles(samples: Floats, rows: int, cols: int) -> scipy.sparse.csr_array:
-    points = _points(rows, cols)
+def _over_triangles(row: Ints, col: Ints, rows: int, cols: int) -> scipy.sparse.csr_array:
+    """Linear interpolation inside the triangles between samples, 0 in holes; beyond all of them the nearest sample.
+
+    Samples around more hole than area lie along a curve, not on a surface: nothing is interpolated between those.
+    """
+    samples = np.stack([row, col], axis=1).astype(np.float64)
+    points = np.stack(np.divmod(np.arange(rows * cols), cols), axis=1).astype(np.float64)
     shape = (rows * cols, len(samples))
-    nearest = np.asarray(KDTree(samples).query(points)[1])
+    tree = KDTree(samples)
+    nearest = np.asarray(tree.query(points)[1])
     try:
         mesh = Delaunay(samples)
     except (QhullError, ValueError):  # too few, or all on a line: there are no triangles
         return scipy.sparse.csr_array((np.ones(len(points)), (np.arange(len(points)), nearest)), shape=shape)
+    spacing = float(np.median(np.asarray(tree.query(samples, k=2)[0])[:, 1]))
+    corners = samples[mesh.simplices]  # (M, 3, 2)
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    hole = longest > max(HOLE_SPACINGS * spacing, HOLE_OF_WALL * max(rows, cols))
+    area = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
+    if area[hole].sum() > area[~hole].sum():
+        return scipy.sparse.csr_array((np.ones(len(row)), (row * cols + col, np.arange(len(row)))), shape=shape)
     triangle = mesh.find_simplex(points, tol=1e-9)
-    inside = np.flatnonzero(triangle >= 0)
+    inside = np.flatnonzero((triangle >= 0) & ~hole[triangle])
     to_first_two = mesh.transform[triangle[inside]]
     weights = np.einsum("nij,nj->ni", to_first_two[:, :2], points[inside] - to_first_two[:, 2])
     weights = np.concatenate([weights, 1 - weights.sum(1, keepdims=True)], axis=1)
@@ -142,18 +163,3 @@ def _over_triangles(samples: Floats, rows: int, cols: int) -> scipy.sparse.csr_a
     index = np.concatenate([np.repeat(inside, 3), outside])
     column = np.concatenate([mesh.simplices[triangle[inside]].ravel(), nearest[outside]])
     return scipy.sparse.csr_array((np.concatenate([weights.ravel(), np.ones(len(outside))]), (index, column)), shape)
-
-
-def _times(matrix: scipy.sparse.csr_array, x: npt.NDArray[Any]) -> Floats:
-    return np.asarray(matrix @ x, dtype=np.float64)
-
-
-def _points(rows: int, cols: int) -> Floats:
-    return np.stack(np.meshgrid(np.arange(rows), np.arange(cols), indexing="ij"), axis=-1).reshape(-1, 2).astype(float)
-
-
-def _pixels(x_m: Floats, y_m: Floats, wall: WallGrid) -> tuple[Floats, Floats]:
-    """Fractional (col, row) of wall positions."""
-    col = (x_m / wall.width_m + 0.5) * wall.cols - 0.5
-    row = (0.5 - y_m / wall.height_m) * wall.rows - 0.5
-    return col, row

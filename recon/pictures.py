@@ -48,6 +48,20 @@ def depth_picture(reconstruction: Reconstruction, path: Path) -> None:
     _save(figure, path)
 
 
+def confidence_picture(reconstruction: Reconstruction, path: Path) -> None:
+    """How well the wall was measured at each point, 0 to 1, as PNG. Raises `InvalidData` where that is not known."""
+    if reconstruction.confidence is None:
+        raise InvalidData(f"this {reconstruction.method} reconstruction does not say how well the wall was measured.")
+    figure = Figure(figsize=(5.2, 4.6), layout="constrained")
+    axes = figure.add_subplot()
+    drawn = axes.imshow(
+        reconstruction.confidence, cmap="gray", vmin=0, vmax=1, extent=_extent(reconstruction), interpolation="nearest"
+    )
+    figure.colorbar(drawn, ax=axes, label="confidence (0 to 1)", shrink=0.85)
+    _label(axes, "where the wall was measured")
+    _save(figure, path)
+
+
 def slices_picture(reconstruction: Reconstruction, path: Path) -> None:
     """Three slices through the brightest voxel - from the front, from above, from the side - as PNG.
 

@@ -16,6 +16,7 @@ from acquisition.wall import WallGrid
 from configs.settings import Settings
 from recon.errors import InvalidData, ReconstructionFailed
 from recon.front_view import depth_map, front_view
+from recon.gridding import confidence
 from recon.memory import available_bytes, refusal
 from recon.methods import find, parse_settings
 from recon.physics import PhysicsSettings
@@ -65,6 +66,7 @@ def reconstruct(
         settings=chosen.model_dump(mode="json"),
         volume=volume,
         weights_sha256=_weights_sha256(chosen),
+        confidence=confidence(rebinned.exposure_s),
     )
 
 

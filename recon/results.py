@@ -1,8 +1,9 @@
 """reconstruction.h5 and its pictures: what `nlos reconstruct` leaves behind.
 
-Layout: `albedo` (H, W), `depth_m` (H, W, NaN where nothing is seen), `x_m` (W,), `y_m` (H,), and where the method has
-them `volume` (D, H, W) and `depths_m` (D,); attributes `method`, `settings` (JSON), `seconds`, `weights_sha256`,
-`software`. Row 0 is the top, column 0 the left, seen from the wall.
+Layout: `albedo` (H, W), `depth_m` (H, W, NaN where nothing is seen), `confidence` (H, W, 0 to 1: how well the wall was
+measured there), `x_m` (W,), `y_m` (H,), and where the method has them `volume` (D, H, W) and `depths_m` (D,);
+attributes `method`, `settings` (JSON), `seconds`, `weights_sha256`, `software`. Row 0 is the top, column 0 the left,
+seen from the wall.
 """
 
 import json
@@ -17,6 +18,7 @@ from recon.errors import InvalidData
 from recon.volume import Reconstruction, Volume
 
 NAMES = ("reconstruction.h5", "albedo.png", "depth.png")
+EVEN = 0.5  # where no point's confidence is lower there is no picture of it
 
 
 def write_results(
@@ -26,16 +28,19 @@ def write_results(
     keep_volume: bool = True,
     html: bool = False,
 ) -> list[Path]:
-    """Writes the files into `folder` and returns their paths: three, slices.png where there is a volume, view3d.html.
+    """Writes the files into `folder` and returns their paths: three, and where there is something to show
+    confidence.png (not every point measured alike), slices.png (a volume), and view3d.html if asked for.
 
     Raises FileExistsError unless `overwrite`, before anything is written.
     """
-    from recon.pictures import albedo_picture, depth_picture, slices_picture
+    from recon.pictures import albedo_picture, confidence_picture, depth_picture, slices_picture
     from recon.view3d import write_view3d
 
     paths = [folder / name for name in NAMES]
     with_slices = keep_volume and reconstruction.volume is not None
-    more = [folder / "slices.png"] * with_slices + [folder / "view3d.html"] * html
+    uneven = reconstruction.confidence is not None and float(reconstruction.confidence.min()) < EVEN
+    optional = {"confidence.png": uneven, "slices.png": with_slices, "view3d.html": html}
+    more = [folder / name for name, wanted in optional.items() if wanted]
     present = [path for path in (*paths, *more) if path.exists()]
     if present and not overwrite:
         raise FileExistsError(f"{present[0]} is there already. Choose another folder, or allow it with --overwrite.")
@@ -46,8 +51,12 @@ def write_results(
         partial.replace(paths[0])
     finally:
         partial.unlink(missing_ok=True)
+    for name in optional:
+        (folder / name).unlink(missing_ok=True)
     albedo_picture(reconstruction, paths[1])
     depth_picture(reconstruction, paths[2])
+    if uneven:
+        confidence_picture(reconstruction, folder / "confidence.png")
     if with_slices:
         slices_picture(reconstruction, folder / "slices.png")
     if html:
@@ -67,6 +76,8 @@ def write_reconstruction(path: Path, reconstruction: Reconstruction, keep_volume
         file.attrs["wall_size_m"] = (wall.width_m, wall.height_m)
         file["albedo"] = reconstruction.albedo
         file["depth_m"] = reconstruction.depth_m
+        if reconstruction.confidence is not None:
+            file["confidence"] = reconstruction.confidence
         file["x_m"], file["y_m"] = wall.x_m(), wall.y_m()
         if keep_volume and reconstruction.volume is not None:
             file.create_dataset("volume", data=reconstruction.volume.albedo, compression="gzip", compression_opts=1)
@@ -90,6 +101,7 @@ def read_reconstruction(path: Path) -> Reconstruction:
                 settings=json.loads(file.attrs["settings"]),
                 volume=volume,
                 weights_sha256=str(file.attrs["weights_sha256"]) or None,
+                confidence=file["confidence"][()] if "confidence" in file else None,
             )
     except (KeyError, OSError, ValueError) as error:
         raise InvalidData(f"{path} is not a reconstruction: {error}. Make one with `nlos reconstruct`.") from error

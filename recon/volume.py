@@ -31,3 +31,5 @@ class Reconstruction:
     volume: Volume | None = None
     weights_sha256: str | None = None
     """Of the weights file, for learned methods."""
+    confidence: npt.NDArray[np.float32] | None = None
+    """(H, W), 0 to 1: how well the wall was measured at each point; see `gridding.confidence`."""

@@ -16,7 +16,7 @@ from recon.errors import InvalidData
 from recon.export_ply import write_ply
 from recon.export_vti import write_vti
 from recon.front_view import depth_map, front_view
-from recon.pictures import slices_picture
+from recon.pictures import confidence_picture, slices_picture
 from recon.results import read_reconstruction, write_results
 from recon.view3d import write_view3d
 from recon.volume import Reconstruction, Volume
@@ -32,7 +32,10 @@ def made() -> Reconstruction:
     albedo[5, 1:4, 2:6] = 1
     albedo[[4, 6], 1:4, 2:6] = 0.5
     volume = Volume(albedo, depths, WALL)
-    return Reconstruction(front_view(volume), depth_map(volume), WALL, "lct", 0.5, {"snr": 0.1}, volume)
+    confidence = np.ones((8, 12), dtype=np.float32)
+    return Reconstruction(
+        front_view(volume), depth_map(volume), WALL, "lct", 0.5, {"snr": 0.1}, volume, None, confidence
+    )
 
 
 def test_depth_lies_between_planes_where_the_light_does() -> None:
@@ -61,7 +64,8 @@ def test_the_file_holds_what_its_layout_says(made: Reconstruction, tmp_path: Pat
     ]  # fmt: skip
     with h5py.File(paths[0]) as file:
         assert {name: file[name].shape for name in file} == {
-            "albedo": (8, 12), "depth_m": (8, 12), "volume": (10, 8, 12), "depths_m": (10,), "x_m": (12,), "y_m": (8,),
+            "albedo": (8, 12), "depth_m": (8, 12), "confidence": (8, 12), "volume": (10, 8, 12), "depths_m": (10,),
+            "x_m": (12,), "y_m": (8,),
         }  # fmt: skip
         assert file.attrs["method"] == "lct"
         assert json.loads(file.attrs["settings"]) == {"snr": 0.1}
@@ -72,6 +76,7 @@ def test_the_file_holds_what_its_layout_says(made: Reconstruction, tmp_path: Pat
     assert np.array_equal(again.albedo, made.albedo)
     assert np.array_equal(again.depth_m, made.depth_m, equal_nan=True)
     assert again.volume is not None
+    assert again.confidence is not None
     assert all(imread(path).std() > 0 for path in paths[1:4])
 
 
@@ -82,6 +87,19 @@ def test_nothing_is_overwritten_unasked_and_the_volume_may_stay_away(made: Recon
     with pytest.raises(FileExistsError, match="--overwrite"):
         write_results(tmp_path, made)
     write_results(tmp_path, made, overwrite=True)
+
+
+def test_a_wall_measured_here_and_there_has_a_picture_of_that(made: Reconstruction, tmp_path: Path) -> None:
+    uneven = np.ones((8, 12), dtype=np.float32)
+    uneven[:, 6:] = 0.1
+    paths = write_results(tmp_path, replace(made, confidence=uneven))
+    assert tmp_path / "confidence.png" in paths
+    assert imread(tmp_path / "confidence.png").std() > 0
+    write_results(tmp_path, made, overwrite=True, keep_volume=False)
+    assert not (tmp_path / "confidence.png").exists()  # nothing of another result stays beside this one
+    assert not (tmp_path / "slices.png").exists()
+    with pytest.raises(InvalidData, match="how well the wall was measured"):
+        confidence_picture(replace(made, confidence=None), tmp_path / "c.png")
 
 
 def test_a_file_that_is_no_reconstruction_is_refused(tmp_path: Path) -> None:
