@@ -97,13 +97,10 @@ def page(data: Path, docs: Path) -> str:
     levels = studies.drawn("noise_level", noise_figure.measure, pictures)
     others = [path for path in convergence.networks().values() if isinstance(path, Path)]
     steps = studies.drawn("convergence", convergence.measure, pictures, others)
-    grid, fast = studies.grids(), studies.speed()
+    grids = {method: studies.grids(method) for method in ("nano", "unet") if method in methods}
+    fast = studies.speed()
     targets = of_quality(quality.rows, thresholded(quality))
-    targets += against(quality.rows, own_weights(methods), rivals) + studies.targets(levels, grid, fast)
-    grid_rows = [
-        [str(g["points"]), str(g["bins"]), f"{g['psnr']:.2f}", f"{g['psnr'] - grid[0]['psnr']:+.2f}",
-         f"{1e3 * g['depth_mad_m']:.1f}"] for g in grid
-    ]  # fmt: skip
+    targets += against(quality.rows, own_weights(methods), rivals) + studies.targets(levels, grids["nano"], fast)
     say = written.get
     return "\n".join(
         [
@@ -140,9 +137,7 @@ def page(data: Path, docs: Path) -> str:
             ),
             "## One set of weights on every grid\n",
             f"{studies.SCENES_A_GRID} scenes of held-out kinds, the same photons on the same wall, window and scene.\n",
-            table(
-                ["points along the wall", "bins", "PSNR, dB", "against the trained grid", "depth MAD, mm"], grid_rows
-            ),
+            studies.grid_table(grids),
             "## Convergence of algorithm 1\n",
             "![convergence](results/convergence.png)\n",
             studies.convergence_text(steps),

@@ -20,14 +20,31 @@ from recon.training.results.targets import Target
 SCENES_A_GRID = 12
 
 
-def grids(scenes: int = SCENES_A_GRID) -> list[dict[str, Any]]:
-    """One set of weights of NANO on several grids and bin widths."""
+def grids(method: str, scenes: int = SCENES_A_GRID) -> list[dict[str, Any]]:
+    """One set of weights of a method on several grids and bin widths."""
 
     def measure(_: Path) -> tuple[Any, dict[str, Any]]:
-        return [asdict(reached) for reached in study("nano", scenes)], {}
+        return [asdict(reached) for reached in study(method, scenes)], {}
 
-    found: list[dict[str, Any]] = kept("grids", of_method("nano") | {"grids": GRIDS, "scenes": scenes}, measure).figures
+    name = "grids" if method == "nano" else f"grids-{method}"
+    depends = of_method(method) | {"grids": GRIDS, "scenes": scenes}
+    found: list[dict[str, Any]] = kept(name, depends, measure).figures
     return found
+
+
+def grid_table(found: dict[str, list[dict[str, Any]]]) -> str:
+    """PSNR on each grid, and against the trained one, by method."""
+    head = ["points along the wall", "bins"]
+    for method in found:
+        head += [f"{method}, dB", "against the trained grid", "depth MAD, mm"]
+    body = []
+    for k, grid in enumerate(next(iter(found.values()))):
+        line = [str(grid["points"]), str(grid["bins"])]
+        for own in found.values():
+            psnr, mad_mm = own[k]["psnr"], 1e3 * own[k]["depth_mad_m"]
+            line += [f"{psnr:.2f}", f"{psnr - own[0]['psnr']:+.2f}", f"{mad_mm:.1f}"]
+        body.append(line)
+    return table(head, body)
 
 
 def speed() -> list[dict[str, Any]]:
