@@ -97,7 +97,7 @@ def page(data: Path, docs: Path) -> str:
     levels = studies.drawn("noise_level", noise_figure.measure, pictures)
     others = [path for path in convergence.networks().values() if isinstance(path, Path)]
     steps = studies.drawn("convergence", convergence.measure, pictures, others)
-    grids = {method: studies.grids(method) for method in ("nano", "unet") if method in methods}
+    grids = {method: studies.grids(method) for method in trained(("nano", "unet"))}
     fast = studies.speed()
     targets = of_quality(quality.rows, thresholded(quality))
     targets += against(quality.rows, own_weights(methods), rivals) + studies.targets(levels, grids["nano"], fast)
