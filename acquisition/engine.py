@@ -125,7 +125,7 @@ class _Run:
             self._dark("the scan is over" if self._first_pass_cut else "the scan is complete")
             control.enter(ScanState.ENDED if self._first_pass_cut else ScanState.COMPLETE)
         except SafetyTrip as error:
-            bench.report("trip", str(error))
+            self._shut(error)
             if control.state is not ScanState.STOPPED:
                 control.enter(ScanState.STOPPED)
             raise
@@ -248,6 +248,19 @@ class _Run:
         self._bench.shutter.close(why)
         self._bench.counter.abort()
         self._bench.mirror.stop()
+
+    def _shut(self, trip: SafetyTrip) -> None:
+        """Light off before anything is written down; a trip, but not an alarm, keeps it off until a person clears it.
+        What fails here is tried again on the way out."""
+        shutter = self._bench.shutter
+        try:
+            if isinstance(trip, AlarmRaised):
+                shutter.close("an alarm")
+                self._bench.report("trip", str(trip))
+            else:
+                shutter.latch(str(trip))
+        except DeviceError as error:
+            self._bench.report("device", str(error))
 
     def _dark_whatever_happens(self) -> None:
         """On the way out after an error: what fails here is reported, and tried again as the bench is closed."""

@@ -39,8 +39,6 @@ def take(
 def _dwelt(bench: Bench, dwell_s: float, control: ScanControl) -> bool:
     """Sits through all but the last part of a long dwell; False where a pause is wanted."""
     left_s = dwell_s
-    while left_s > LOOK_S and not control.wanted:
-        bench.clock.sleep(LOOK_S)
-        bench.counter.kick()
+    while left_s > LOOK_S and not control.wanted and bench.counter.rest(LOOK_S):
         left_s -= LOOK_S
     return not control.wanted

@@ -63,9 +63,11 @@ class GuardedShutter:
         try:
             self._shutter.open()
         except DeviceError as error:
-            if isinstance(error, SafetyTrip):
-                self._events.report("trip", f"the shutter refused to open: {error}")
-            self.close("its opening was not confirmed")
+            try:
+                self.close("its opening was not confirmed")
+            finally:
+                if isinstance(error, SafetyTrip):
+                    self._events.report("trip", f"the shutter refused to open: {error}")
             raise
         if not was_open:
             self._events.report("shutter", "opened")
@@ -104,10 +106,16 @@ class GuardedShutter:
 
     def trip(self, why: str) -> None:
         """Closes the shutter and keeps it closed until `clear_trip`. Raises `SafetyTrip`."""
-        self._trip = why
-        self._events.report("trip", why)
-        self.close("trip")
+        self.latch(why)
         raise SafetyTrip("shutter", f"closed by a trip: {why}.", "Find the cause before clearing it.")
+
+    def latch(self, why: str) -> None:
+        """Closes the shutter, tells why, and keeps it closed until `clear_trip`."""
+        self._trip = why
+        try:
+            self.close("trip")
+        finally:
+            self._events.report("trip", why)
 
     def clear_trip(self, who: str) -> None:
         """A person's decision to go on after a trip, here and in the instrument; reported with that person's name."""

@@ -3,7 +3,7 @@
 import contextlib
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Self
 
 from drivers.clock import Clock
@@ -85,8 +85,7 @@ class Controller:
 
     def measured_position(self) -> tuple[float, float]:
         """Where the controller's own sensor sees the mirror, on the unit disc. Read twice: frames have no checksum."""
-        with self._pro_mode():
-            payloads = [self._get(wire.MEASURED_X, wire.MEASURED_Y) for _ in range(2)]
+        payloads = self._read(wire.MEASURED_X, wire.MEASURED_Y, times=2)
         try:
             (first_x, first_y), (x, y) = (wire.decode_position(payload) for payload in payloads)
         except ValueError as error:
@@ -99,14 +98,24 @@ class Controller:
 
     def board_faults(self) -> int:
         """The board's fault register."""
-        with self._pro_mode():
-            payload = self._get(wire.BOARD_FAULTS)
+        (payload,) = self._read(wire.BOARD_FAULTS)
         if len(payload) != 4:
             raise ProtocolError(DEVICE, f"{payload!r} is no 32-bit register.", REOPEN)
         return int.from_bytes(payload, "big")
 
     def close(self) -> None:
         self._line.close()
+
+    def _read(self, *registers: int, times: int = 1) -> list[bytes]:
+        """The registers' bytes. After a damaged frame they are asked for once more: reading changes nothing."""
+        try:
+            return self._read_once(registers, times)
+        except _FrameDamaged:
+            return self._read_once(registers, times)
+
+    def _read_once(self, registers: Sequence[int], times: int) -> list[bytes]:
+        with self._pro_mode():
+            return [self._ask(wire.GET_VALUE, wire.encode_registers(*registers)) for _ in range(times)]
 
     @contextlib.contextmanager
     def _pro_mode(self) -> Iterator[None]:
@@ -121,20 +130,32 @@ class Controller:
             self._line.in_step = False  # the next text command first proves that Simple mode is back
         self._line.resynchronise()
 
-    def _get(self, *registers: int) -> bytes:
-        return self._ask(wire.GET_VALUE, wire.encode_registers(*registers))
-
     def _ask(self, command: int, payload: bytes) -> bytes:
-        frame = self._line.exchange(wire.encode_frame(command, payload), take=wire.take_frame)
+        came = False
+
+        def take(buffer: bytearray) -> bytes | None:
+            nonlocal came
+            came = came or len(buffer) > 0
+            return wire.take_frame(buffer)
+
         try:
+            frame = self._line.exchange(wire.encode_frame(command, payload), take=take)
             answered, answer = wire.decode_frame(frame)
         except ValueError as error:
-            raise ProtocolError(DEVICE, f"{error}.", REOPEN) from error
+            raise _FrameDamaged(DEVICE, f"{error}.", REOPEN) from error
+        except DeviceTimeout as error:
+            if came:
+                raise _FrameDamaged(DEVICE, f"a frame has no end: {error.what}", REOPEN) from error
+            raise
         if answered == command | wire.REFUSED:
             raise CommandRejected(DEVICE, f"Pro-mode command 0x{command:02x} was refused: {answer.hex()}.", REOPEN)
         if answered != command:
             raise ProtocolError(DEVICE, f"command 0x{command:02x} was answered by 0x{answered:02x}.", REOPEN)
         return answer
+
+
+class _FrameDamaged(ProtocolError):
+    """A Pro-mode frame that did not come whole."""
 
 
 def _prove(line: SerialLine, stale: bytes) -> None:

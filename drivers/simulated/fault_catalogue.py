@@ -90,7 +90,8 @@ OPTOTUNE = (
              "`DeviceFault`, shutter closed; acknowledged by a person only",
              _ALL, "`bit`, `latched_only`"),
     FaultRow("B5", "stuck in Pro mode, a truncated or refused frame",
-             "nothing where Simple mode comes back, else `ProtocolError`",
+             "nothing where Simple mode comes back and the frame is whole the second time, else `ProtocolError`; "
+             "`CommandRejected` for a refused one",
              _SAME, "`place`: `stuck`, `truncated`, `refused`"),
     FaultRow("B6", "it points elsewhere than commanded",
              "a warning with both positions; `DeviceFault` above the hard limit",

@@ -69,6 +69,10 @@ class SerialCable:
             last_s = self._sent[-1][0] if self._sent else 0.0
             self._sent.append((max(last_s, self.clock.now() + delay_s), piece))
 
+    def say(self, data: bytes) -> None:
+        """The far end speaks unasked."""
+        self._reply(data, self.clock.now())
+
     def next_event_s(self) -> float | None:
         """When bytes next reach either end, None where none are on their way."""
         self.deliver()

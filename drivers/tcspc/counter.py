@@ -149,6 +149,11 @@ class HistogramCounter(Protocol):
         `DeviceTimeout`, and `SafetyTrip` as soon as the instrument reports one."""
         ...
 
+    def rest(self, seconds: float) -> bool:
+        """Sits through that much of an open gate, kicking the watchdog meanwhile. False as soon as all triggered
+        points are complete. Raises `SafetyTrip` as soon as the instrument reports one."""
+        ...
+
     def read(self, first: int, count: int) -> list[Histogram]:
         """The histograms of points `first`.. since `arm`, which must be complete. May be repeated."""
         ...

@@ -29,6 +29,7 @@ from drivers.tcspc.picoquant_setup import AxisCodes, axis_codes, set_up_inputs, 
 MODE_HISTOGRAM, MODE_T3 = 0, 3
 _RATES_SETTLE_S = 0.2
 _POLL_S = 0.002
+_WATCH_S = 0.01
 _MOST_POINTS = 65_536
 
 
@@ -149,7 +150,7 @@ class Picoquant:
             if not self._running:
                 raise CommandRejected(self._device, f"{count} points wanted, {self._triggered} triggered.", "Trigger.")
             due_s = self._started_s + self._dwells_s[self._triggered - 1]
-            self._clock.sleep(min(due_s, deadline_s) - self._clock.now())
+            self._watch_until(min(due_s, deadline_s))
             while not self._library.integer("CTCStatus"):
                 if self._clock.now() >= deadline_s:
                     self._stop()
@@ -159,8 +160,22 @@ class Picoquant:
             self._taken.append(self._finish())
         return CounterStatus(False, len(self._taken), 0, None)
 
+    def rest(self, seconds: float) -> bool:
+        if self._running and not self._library.integer("CTCStatus"):
+            self._watch_until(self._clock.now() + seconds)
+            return True
+        return False
+
+    def _watch_until(self, when_s: float) -> None:
+        """Sleeps, with an eye on what the instrument has to say."""
+        while (left_s := when_s - self._clock.now()) > _WATCH_S:
+            self._clock.sleep(_WATCH_S)
+            self._while_running()
+        self._clock.sleep(left_s)
+
     def _while_running(self) -> int:
         """What has to be done while a point is being measured; how much of it there was."""
+        self._flags()
         return 0
 
     def _finish(self) -> Histogram:

@@ -92,10 +92,13 @@ class Tcspc488:
         microseconds(self._device, dwell_s)
 
     def configure(self, axis: HistogramAxis, stop: StopAtCounts | None = None) -> None:
+        """Sets and reads back. A latched trip is `SafetyTrip` here, before anybody turns the light on."""
         commands = axis_commands(self._device, axis, self.instrument.capacity) | stop_commands(self._device, axis, stop)
         with self.instrument.errors_named():
             self.instrument.setup.apply(commands)
         self._axis, self._stops = axis, stop is not None
+        if self.instrument.look()[0].tripped:
+            self.instrument.tripped(())
 
     def arm(
         self,
@@ -150,6 +153,19 @@ class Tcspc488:
             look_s = now_s + _EARLY_S if self._stops else due_s
             if now_s >= due_s:
                 due_s, again_s = now_s + again_s, min(2 * again_s, POLL_S)
+
+    def rest(self, seconds: float) -> bool:
+        until_s = self.clock.now() + seconds
+        while self.clock.now() < until_s:
+            self._pause(until_s)
+            status = self._look()
+            self._running_or_done(status)
+            if status.done >= self._triggered:
+                return False
+        return True
+
+    def _look(self) -> Status:
+        return self.instrument.look()[0]
 
     def _due(self, count: int) -> float:
         """When the gates of that many points should have closed. Raises `CommandRejected` for one not triggered."""

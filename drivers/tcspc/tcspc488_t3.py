@@ -69,6 +69,9 @@ class Tcspc488T3(Tcspc488):
             if now_s >= due_s:
                 due_s, again_s = now_s + again_s, min(2 * again_s, POLL_S)
 
+    def _look(self) -> Status:
+        return self._drain()
+
     def _drain(self) -> Status:
         """Takes all records that wait."""
         while not self._broken:

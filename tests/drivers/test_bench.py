@@ -134,7 +134,7 @@ def test_an_open_interlock_keeps_the_shutter_closed() -> None:
         with pytest.raises(SafetyTrip, match="interlock"):
             opened.shutter.open()
         assert not opened.simulated.shutter_open
-    assert events[0][0] == "trip"
+    assert [kind for kind, _ in events] == ["shutter", "trip"]
 
 
 def test_a_trip_stays_until_a_person_clears_it() -> None:
@@ -149,7 +149,7 @@ def test_a_trip_stays_until_a_person_clears_it() -> None:
         opened.shutter.open()
         opened.shutter.watch(measure(opened)[0])
     kinds = [kind for kind, _ in events]
-    assert kinds == ["shutter", "trip", "shutter", "override", "shutter", "shutter"]
+    assert kinds == ["shutter", "shutter", "trip", "override", "shutter", "shutter"]
     assert "A. Person" in events[3][1]
 
 

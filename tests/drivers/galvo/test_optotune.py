@@ -254,15 +254,50 @@ def test_a_fault_found_on_opening_forbids_moves_and_can_be_acknowledged(lab: Lab
     Optotune.open(settings, bench.clock).move_to(ASIDE)
 
 
-@pytest.mark.parametrize(("place", "error"), [("refused", CommandRejected), ("truncated", DeviceTimeout)])
-def test_a_damaged_or_refused_frame_fails_loudly_and_simple_mode_comes_back(
+def test_a_frame_that_is_cut_short_is_asked_for_again(lab: Lab) -> None:
+    bench, mirror = lab(later("B5", place="truncated"))
+    mirror.move_to(ASIDE)
+    assert mirror.measured().x_rad == pytest.approx(ASIDE.x_rad, abs=1e-5)
+    mirror.park()
+    assert abs(bench.beam.x_rad) < 1e-6
+
+
+@pytest.mark.parametrize(("place", "error"), [("refused", CommandRejected), ("truncated", ProtocolError)])
+def test_a_refused_or_twice_damaged_frame_fails_loudly_and_simple_mode_comes_back(
     lab: Lab, place: str, error: type[DeviceError]
 ) -> None:
-    bench, mirror = lab(later("B5", place=place))
+    times = 1 if place == "refused" else 3  # the second is the answer to the way back to Simple mode
+    bench, mirror = lab(*[later("B5", place=place)] * times)
     with pytest.raises(error):
         mirror.measured()
     mirror.park()
     assert abs(bench.beam.x_rad) < 1e-6
+
+
+@pytest.mark.parametrize("unasked", [b"OK\r\n", b"00000000\r\n", b"NO\r\n", b"OU\r\n"])
+@pytest.mark.parametrize("act", ["begin_move", "wait_settled", "measured"])
+def test_an_answer_to_a_command_that_nobody_sent_is_never_taken_for_one_that_was(
+    lab: Lab, unasked: bytes, act: str
+) -> None:
+    bench, mirror = lab()
+    mirror.move_to(ASIDE)
+    port = plugged("steered")
+    port.say(unasked)
+    bench.clock.sleep(0.1)
+    with pytest.raises(ProtocolError, match="answered a command that nobody sent"):
+        mirror.begin_move(ASIDE) if act == "begin_move" else getattr(mirror, act)()
+    with pytest.raises(DeviceFault, match="not known any more"):
+        mirror.begin_move(ASIDE)
+    mirror.park()
+    assert abs(bench.beam.x_rad) < 1e-6
+
+
+def test_words_that_are_no_answer_are_thrown_away(lab: Lab) -> None:
+    bench, mirror = lab()
+    plugged("steered").say(b"\x00# hello\r\n")
+    bench.clock.sleep(0.1)
+    mirror.move_to(ASIDE)
+    assert bench.beam.x_rad == pytest.approx(ASIDE.x_rad, abs=1e-5)
 
 
 def test_a_mirror_away_from_where_it_was_sent_is_reported_or_stopped(lab: Lab) -> None:
