@@ -193,3 +193,17 @@ def test_a_reconstruction_names_the_weights_it_was_made_with(tmp_path: Path) -> 
     done = reconstruct(transient, "nano", SMALL | {"weights": str(path)})
     assert done.weights_sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
     assert reconstruct(transient, "lct").weights_sha256 is None
+
+
+def test_the_weights_that_ship_see_a_point_where_it_is_in_any_count_unit() -> None:
+    wall = WallGrid(2.0, 1.5, 24, 19)
+    method, counts = build(Settings(symmetries=False), wall, TIME), shell(wall, TIME)
+    with torch.no_grad():
+        one, many, none = method(counts), method(1000 * counts), method(torch.poisson(torch.full_like(counts, 3.0)))
+    row, col = divmod(int(one[0].argmax()), wall.cols)
+    assert abs(wall.x_m()[col] - 0.2) < 0.2
+    assert abs(wall.y_m()[row]) < 0.2
+    assert abs(float(one[1][0, row, col]) - 1.0) < 0.05
+    for a, b in zip(one, many, strict=True):
+        torch.testing.assert_close(a, b, rtol=1e-4, atol=1e-4, equal_nan=True)
+    assert none[0].abs().max() == 0
