@@ -121,7 +121,7 @@ def finished(folder: Path) -> Figures | None:
     """What the finished run in `folder` reached; None where there is none."""
     lines = (folder / LOG).read_text(encoding="utf-8").splitlines() if (folder / LOG).exists() else []
     summaries = [json.loads(line) for line in lines if '"finished": true' in line]
-    return dict(summaries[-1]["validation"]) | {"minutes": summaries[-1]["minutes"]} if summaries else None
+    return dict(summaries[-1]["validation"]) if summaries else None
 
 
 def page(known: Mapping[Path, Figures], samples: int) -> str:
@@ -137,8 +137,10 @@ def page(known: Mapping[Path, Figures], samples: int) -> str:
         "kinds that none was trained on, at every noise level and sampling of the detector model. PSNR at the best "
         "least-squares scale. Differences are against the row named in brackets; the paper's are its own, from longer "
         "training on another set, so only sign and order can be compared. One seed: below about 0.3 dB nothing is "
-        "meant. Minutes are of one core with other work beside it. Made by `make ablations`, which goes on from what "
-        "is finished; `python -m recon.training.ablations SAMPLES` asks for a larger budget.",
+        "meant. A row takes about three minutes of one core, several passes and the literal reading up to fifteen. "
+        "Lifting and random frequencies begin at zero, so at this budget they cannot show what they are worth. Made by "
+        "`make ablations`, which goes on from what is finished; `python -m recon.training.ablations SAMPLES` asks for a "
+        "larger budget.",
     ]
     found = [figures for figures in known.values() if "lct_psnr" in figures]
     if found:
@@ -147,19 +149,20 @@ def page(known: Mapping[Path, Figures], samples: int) -> str:
     if missing := wanted - known.keys():
         lines += ["", f"{len(missing)} of {len(wanted)} rows are not trained yet."]
     for title, rows in TABLES.items():
-        head = f"| row | PSNR dB | against [{rows[-1].name}] | paper | depth MAD mm | paper mm | minutes |"
-        lines += ["", f"## {title}", "", head, "|---|---|---|---|---|---|---|"]
+        head = f"| row | PSNR dB | against [{rows[-1].name}] | paper | depth MAD mm | paper mm |"
+        lines += ["", f"## {title}", "", head, "|---|---|---|---|---|---|"]
         last = known.get(folder_of(rows[-1], samples))
         for row in rows:
             paper = "-" if row.paper_psnr != row.paper_psnr else f"{row.paper_psnr - rows[-1].paper_psnr:+.2f}"
             mad = "-" if row.paper_mad is None else f"{1e3 * row.paper_mad:.0f}"
             got = known.get(folder_of(row, samples))
             if got is None:
-                lines.append(f"| {row.name} | not trained yet | | {paper} | | {mad} | |")
+                lines.append(f"| {row.name} | not trained yet | | {paper} | | {mad} |")
                 continue
             own = "-" if last is None else f"{got['psnr'] - last['psnr']:+.2f}"
-            measured = f"| {row.name} | {got['psnr']:.2f} | {own} | {paper} | {1e3 * got['depth_mad_m']:.1f} | {mad} |"
-            lines.append(f"{measured} {got['minutes']:.1f} |")
+            lines.append(
+                f"| {row.name} | {got['psnr']:.2f} | {own} | {paper} | {1e3 * got['depth_mad_m']:.1f} | {mad} |"
+            )
     return "\n".join(lines) + "\n"
 
 

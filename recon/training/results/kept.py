@@ -61,7 +61,8 @@ def of_files(paths: Iterable[Path]) -> str:
 def of_code(method: str) -> str:
     """A digest of the code that a method runs."""
     folders = ("layers", "transport") if weights_path(method).exists() else ("transport",)
-    own = [f"methods/{BASE.get(method, method)}.py", "physics.py", "noise.py", "front_view.py", "reconstruct.py"]
+    shared = ("physics.py", "noise.py", "front_view.py", "reconstruct.py", "metrics.py", "subsets.py")
+    own = (f"methods/{BASE.get(method, method)}.py", *shared)
     chosen = {name: digest for name, digest in SOURCES.items() if name.startswith(folders) or name in own}
     return hashlib.sha256(json.dumps(chosen, sort_keys=True).encode()).hexdigest()[:16]
 
