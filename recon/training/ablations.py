@@ -17,11 +17,11 @@ from recon.training.losses import LossSettings
 from recon.training.train import LOG, train
 from recon.training.train_settings import TrainSettings
 
-SAMPLES = 600
+SAMPLES = 240
 FOLDER = Path("runs/ablations")
 PAGE = Path("docs/ablations.md")
 SMALL = {"rows": 32, "cols": 32, "bins": 128, "bin_width_ps": 128.0}
-DATA = DatasetSettings(seed=1, scenes=300, degradations=2, **SMALL)  # type: ignore[arg-type]
+DATA = DatasetSettings(seed=1, scenes=120, degradations=2, **SMALL)  # type: ignore[arg-type]
 VALIDATION = DatasetSettings(seed=2, scenes=48, degradations=1, held_out=True, **SMALL)  # type: ignore[arg-type]
 ALBEDO = LossSettings(picture=10.0, depth=0.0)
 DEPTH = LossSettings(picture=10.0, depth=0.3)
@@ -106,7 +106,7 @@ def settings_of(row: Row, samples: int) -> TrainSettings:
         loss=row.loss,
         samples=samples,
         learning_rate=1.5e-3,
-        warm_up_steps=50,
+        warm_up_steps=20,
     )
 
 
@@ -137,10 +137,9 @@ def page(known: Mapping[Path, Figures], samples: int) -> str:
         "kinds that none was trained on, at every noise level and sampling of the detector model. PSNR at the best "
         "least-squares scale. Differences are against the row named in brackets; the paper's are its own, from longer "
         "training on another set, so only sign and order can be compared. One seed: below about 0.3 dB nothing is "
-        "meant. A row takes about three minutes of one core, several passes and the literal reading up to fifteen. "
-        "Lifting and random frequencies begin at zero, so at this budget they cannot show what they are worth. Made by "
-        "`make ablations`, which goes on from what is finished; `python -m recon.training.ablations SAMPLES` asks for a "
-        "larger budget.",
+        "meant. A row takes about a minute of one core, several passes and the literal reading up to four. Lifting and "
+        "the last pass come in from zero, so a budget this small shows little of them. Made by `make ablations`, which "
+        "goes on from what is finished; `python -m recon.training.ablations SAMPLES` asks for a larger budget.",
     ]
     found = [figures for figures in known.values() if "lct_psnr" in figures]
     if found:
