@@ -110,13 +110,15 @@ class Recording:
             raise FileNotFoundError(f"{path}: no such file")
         file = None
         try:
-            file = _open_swmr(path) if _unfinished(path) else h5py.File(path, "r", locking=False)
+            file = _open_swmr(path) if _unfinished(path) else _open_finished(path)
             return cls(path, file)
         except InvalidData:
-            _close_quietly(file)
+            if file is not None:
+                file.close()
             raise
         except (OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowError) as error:
-            _close_quietly(file)
+            if file is not None:
+                file.close()
             raise InvalidData(f"{path}: not a readable scan file ({error})") from error
 
     def close(self) -> None:
@@ -163,10 +165,10 @@ class Recording:
     def events(self) -> list[Event]:
         self._events.id.refresh()
         rows = self._events[:]
-        return [
-            Event(float(row["unix_s"]), float(row["bench_s"]), _text(row["kind"]), _text(row["text"]))
-            for row in rows[rows["kind"] != b""]
-        ]
+        rows = rows[rows["kind"] != b""]
+        words = ([bytes(word).decode(errors="replace") for word in rows[name]] for name in ("kind", "text"))
+        moments = zip(rows["unix_s"].tolist(), rows["bench_s"].tolist(), *words, strict=True)
+        return [Event(*moment) for moment in moments]
 
     def counts_of(self, first: int, end: int) -> npt.NDArray[np.uint32]:
         """Histograms of rows `first` up to `end`, shape (n, T); zeros where the disk gives nothing back."""
@@ -274,6 +276,17 @@ def _unfinished(path: Path) -> bool:
     return bool(start[11] & 0x04) or int.from_bytes(start[28:36], "little") > path.stat().st_size
 
 
+def _open_finished(path: Path) -> h5py.File:
+    """Opens without HDF5's lock, which would keep `--resume` out; unless a handle of this process is still open from
+    before the scan ended: all handles of a process must agree."""
+    try:
+        return h5py.File(path, "r", locking=False)
+    except OSError as error:
+        if "locking flag" not in str(error):
+            raise
+        return _open_swmr(path)
+
+
 def _open_swmr(path: Path) -> h5py.File:
     """Opens for reading what another process writes. In a file whose structure never changes, metadata that fails its
     checksum is damaged: HDF5 must not read it again and again, with growing pauses, for hours."""
@@ -283,12 +296,3 @@ def _open_swmr(path: Path) -> h5py.File:
     if set_attempts is not None:  # h5py has no call for it, and some platforms hide the library's own
         set_attempts(ctypes.c_int64(access.id), ctypes.c_uint(1))
     return h5py.File(h5py.h5f.open(os.fsencode(path), h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ, fapl=access))
-
-
-def _close_quietly(file: h5py.File | None) -> None:
-    if file is not None:
-        file.close()
-
-
-def _text(raw: bytes) -> str:
-    return raw.decode("utf-8", errors="replace")

@@ -23,8 +23,12 @@ if TYPE_CHECKING:
     from starlette.responses import Response
     from starlette.types import ASGIApp, Receive, Scope, Send
 
+    from acquisition.gathering import Gathering
+
 MOST_POINTS = 8000
 KEPT_PICTURES = 24
+ALARMS = {"alarm", "trip"}
+"""Kinds of events that are counted in the page's head."""
 
 
 class LivePage:
@@ -35,6 +39,8 @@ class LivePage:
         self.asked_s = time.monotonic()
         self._painting = threading.Lock()
         self._earlier: OrderedDict[int, dict[str, Any]] = OrderedDict()
+        self._reading = threading.Lock()
+        self._first: Gathering | None = None
 
     def state(self) -> dict[str, Any]:
         """Where the scan stands: counts, rates, time left, events."""
@@ -44,33 +50,36 @@ class LivePage:
         scan = self.scan
         answer: dict[str, Any] = {
             "run": scan.run.name, "method": scan.live.method, "samples": 0, "planned": 0, "pictures": scan.pictures,
-            "skipped": scan.skipped, "message": scan.message, "over": scan.over, "events": [], "status": "waiting",
+            "skipped": scan.skipped, "message": scan.message, "over": scan.over, "events": [], "alarms": 0,
+            "status": "waiting",
         }  # fmt: skip
         try:
             with Recording.open(scan.run) as recording:
                 plan, records = recording.plan, recording.records
                 newest = records[-64:]
-                done, planned = len(records), len(plan)
+                done, planned, events = len(records), len(plan), recording.events()
                 answer |= {
                     "samples": done, "planned": planned, "status": recording.status.name.lower(),
                     "wall": [plan.wall.width_m, plan.wall.height_m, plan.wall.rows, plan.wall.cols],
                     "elapsed_s": recording.elapsed_s,
                     "left_s": recording.elapsed_s / done * (planned - done) if done else None,
                     "rate_hz": float(newest["total_count"].sum() / max(newest["live_time_s"].sum(), 1e-9)),
-                    "events": [[round(e.bench_s, 2), e.kind, e.text] for e in recording.events()[-40:]],
+                    "events": [[round(e.bench_s, 2), e.kind, e.text] for e in events[-40:]],
+                    "alarms": sum(e.kind in ALARMS for e in events),
                 }  # fmt: skip
         except (FileNotFoundError, InvalidData) as error:
             answer["message"] = str(error)
         return answer
 
-    def rates(self) -> dict[str, Any]:
-        """Count rate at every point of the wall, null where not measured."""
-        gathering = self.scan.gathering
+    def rates(self, samples: int | None = None) -> dict[str, Any]:
+        """Count rate at every point of the wall, null where not measured; of a finished scan also as it was after its
+        first `samples`."""
+        gathering = self._gathered(samples)
         return {"rates_hz": None if gathering is None else rounded(gathering.rates_hz(), 0)}
 
-    def histogram(self, row: int, col: int) -> dict[str, Any]:
-        """Counts at one point of the wall. Raises `IndexError` off it."""
-        gathering = self.scan.gathering
+    def histogram(self, row: int, col: int, samples: int | None = None) -> dict[str, Any]:
+        """Counts at one point of the wall, of the first `samples` as in `rates`. Raises `IndexError` off the wall."""
+        gathering = self._gathered(samples)
         if gathering is None:
             raise IndexError("no sample yet")
         axis = gathering.plan.axis
@@ -95,21 +104,37 @@ class LivePage:
                     self._earlier.popitem(last=False)
             return self._earlier[samples]
 
-    def _of_first(self, samples: int) -> dict[str, Any]:
+    def _gathered(self, samples: int | None) -> "Gathering | None":
+        """Everything so far; of a finished scan its first `samples`, kept until others are asked for."""
+        everything = self.scan.gathering
+        if everything is None or samples is None or samples >= len(everything) or not self.scan.over:
+            return everything
+        with self._reading:
+            if self._first is None or len(self._first) != samples:
+                self._first = self._read_first(samples)
+            return self._first
+
+    def _read_first(self, samples: int) -> "Gathering":
         from itertools import islice
 
         from acquisition.gathering import Gathering
         from acquisition.recording import Recording
+
+        with Recording.open(self.scan.run) as recording:
+            gathering = Gathering(recording.plan)
+            for sample in islice(recording.samples(), samples):
+                gathering.add(sample)
+        return gathering
+
+    def _of_first(self, samples: int) -> dict[str, Any]:
         from calibration.errors import InvalidData
         from nlos.chain import calibrate_scan, constants_for
         from nlos.live_scan import loaded
         from recon.errors import ReconError
         from recon.live import LiveReconstruction
 
-        with Recording.open(self.scan.run) as recording:
-            gathering = Gathering(recording.plan)
-            for sample in islice(recording.samples(), samples):
-                gathering.add(sample)
+        gathering = self._gathered(samples)
+        assert gathering is not None
         try:
             scan = loaded(self.scan.run, gathering)
             transient = calibrate_scan(scan, constants=constants_for(scan, self.scan.constants))
@@ -166,14 +191,15 @@ def application(page: LivePage, token: str, hosts: set[str]) -> "ASGIApp":
     def histogram(request: "Request") -> "Response":
         row, col = number(request, "row"), number(request, "col")
         try:
-            return JSONResponse(page.histogram(-1 if row is None else row, -1 if col is None else col))
+            place = -1 if row is None else row, -1 if col is None else col
+            return JSONResponse(page.histogram(*place, number(request, "samples")))
         except IndexError as error:
             return JSONResponse({"message": str(error)}, status_code=404)
 
     routes = [
         Route("/", index, methods=["GET"]),
         Route("/state", lambda request: JSONResponse(page.state()), methods=["GET"]),
-        Route("/rates", lambda request: JSONResponse(page.rates()), methods=["GET"]),
+        Route("/rates", lambda request: JSONResponse(page.rates(number(request, "samples"))), methods=["GET"]),
         Route("/picture", lambda request: JSONResponse(page.picture(number(request, "samples"))), methods=["GET"]),
         Route("/histogram", histogram, methods=["GET"]),
     ]

@@ -10,8 +10,9 @@ last sample is in, there is one more picture in passing at once and then, refine
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -94,6 +95,7 @@ class LiveScan:
                 with self._lock:
                     if self.gathering.add(sample) and self._each is not None:
                         self._each.add(sample)
+                self._pace.saw(time.monotonic())
                 self._news.set()
                 if self._stopped.is_set():
                     return
@@ -116,7 +118,7 @@ class LiveScan:
             # Of a finished recording there is one picture, not one in passing.
             self._growing = recording.status is Status.RUNNING
             gathering = Gathering(recording.plan)
-        scan = loaded(self.run, gathering)
+        scan = self._file = loaded(self.run, gathering)
         self._constants = constants_for(scan, self.constants)
         if self._constants is not None and self._growing and not scan.rectified:
             try:
@@ -149,10 +151,9 @@ class LiveScan:
         if last or self.gathering is None or not self._growing:
             return last and count > painted
         planned, now_s = len(self.gathering.plan), time.monotonic()
-        self._pace.saw(count, now_s)
         late = count > painted and now_s - painted_s >= self.every_s
         due = count - painted >= self._step() or late
-        return due and (painted == 0 or self._pace.left_s(planned - count) > self._pace.picture_s)
+        return due and (painted == 0 or self._pace.left_s(planned - count, now_s) > 1.5 * self._pace.picture_s)
 
     def _step(self) -> int:
         assert self.gathering is not None
@@ -177,7 +178,7 @@ class LiveScan:
 
         assert self.gathering is not None
         with self._lock:
-            count, scan = len(self.gathering), loaded(self.run, self.gathering)
+            count, scan = len(self.gathering), gathered(self._file, self.gathering)
             corrected = None if self._each is None or self.read else self._each.transient()
         try:
             transient = corrected or calibrate_scan(scan, constants=self._constants)
@@ -201,18 +202,19 @@ class Pace:
     OVER_S = 2.0
 
     def __init__(self) -> None:
-        self._seen: list[tuple[float, int]] = []
+        self._came_s: deque[float] = deque()
         self.picture_s = 0.0
 
-    def saw(self, count: int, now_s: float) -> None:
-        """`count` samples are in."""
-        self._seen = [entry for entry in self._seen if now_s - entry[0] <= self.OVER_S]
-        self._seen.append((now_s, count))
+    def saw(self, now_s: float) -> None:
+        """One more sample."""
+        self._came_s.append(now_s)
+        while now_s - self._came_s[0] > self.OVER_S:
+            self._came_s.popleft()
 
-    def left_s(self, samples: int) -> float:
-        """How long so many more samples take; infinite while none come."""
-        (first_s, first), (last_s, last) = self._seen[0], self._seen[-1]
-        return samples * (last_s - first_s) / (last - first) if last > first else math.inf
+    def left_s(self, samples: int, now_s: float) -> float:
+        """How long so many more take, at least; infinite while none come."""
+        came_s = [at_s for at_s in tuple(self._came_s) if now_s - at_s <= self.OVER_S]
+        return samples * (now_s - came_s[0]) / len(came_s) if came_s else math.inf
 
 
 def loaded(run: Path, gathering: "Gathering") -> "LoadedScan":
@@ -222,3 +224,13 @@ def loaded(run: Path, gathering: "Gathering") -> "LoadedScan":
 
     with Recording.open(run) as recording:
         return as_recorded(recording, gathering.transient(), gathering.sync_count.copy(), gathering.total_count.copy())
+
+
+def gathered(scan: "LoadedScan", gathering: "Gathering") -> "LoadedScan":
+    """The same file once more samples are in, without opening it."""
+    return replace(
+        scan,
+        transient=gathering.transient(),
+        sync_count=gathering.sync_count.copy(),
+        total_count=gathering.total_count.copy(),
+    )

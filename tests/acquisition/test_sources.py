@@ -137,3 +137,20 @@ def test_following_goes_through_a_file_that_is_replaced(live: list[Sample], run_
             again.write(sample)
     thread.join(20)
     assert [everything(sample) for sample in followed] == [everything(sample) for sample in live]
+
+
+def test_other_handles_open_a_followed_file_when_its_scan_has_just_ended(
+    live: list[Sample], run_path: Path, small_plan: Plans
+) -> None:
+    path = run_path.with_name("followed.h5")
+    process = multiprocessing.get_context("fork").Process(
+        target=written_by_another_process, args=(live, small_plan(), path)
+    )
+    process.start()
+    source = follow(path)
+    followed = [next(source)]
+    process.join()
+    with Recording.open(path) as another:
+        assert another.status is Status.COMPLETE
+    followed.extend(source)
+    assert [everything(sample) for sample in followed] == [everything(sample) for sample in live]

@@ -1,9 +1,7 @@
-"""The live page, read-only and seen by a real browser; harmed viewers; scans that end when they are good enough."""
+"""The live page, read-only and sealed; scans that end when they are good enough."""
 
 import http.client
 import json
-import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -24,9 +22,6 @@ pattern: {kind: coarse_to_fine, batch: 8}
 dwell_ms: 20
 histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
 """
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-HEADLESS = """--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking
---disable-component-update --disable-sync --virtual-time-budget=8000 --dump-dom"""
 
 
 @pytest.fixture
@@ -64,10 +59,10 @@ def ask(url: str, what: str) -> dict[str, object]:
     return found
 
 
-def test_the_page_is_read_only_sealed_and_shown_by_a_browser(page: str, tmp_path: Path) -> None:
+def test_the_page_is_read_only_and_sealed(page: str) -> None:
     own = urlsplit(page).path
     state = ask(page, "state")
-    assert (state["samples"], state["planned"], state["pictures"], state["skipped"]) == (256, 256, 1, 0)
+    assert (state["samples"], state["planned"], state["skipped"]) == (256, 256, 0)
     picture = ask(page, "picture")
     assert (picture["samples"], len(picture["albedo"]), len(picture["confidence"])) == (256, 16, 16)  # type: ignore[arg-type]
     assert ask(page, "picture?samples=64")["samples"] == 64
@@ -83,39 +78,6 @@ def test_the_page_is_read_only_sealed_and_shown_by_a_browser(page: str, tmp_path
     assert get(page, own + "state", host="evil.example")[0] == 403
     for method in ("POST", "PUT", "DELETE", "OPTIONS", "HEAD"):
         assert get(page, own + "state", method)[0] == 405
-    if CHROMIUM is None:
-        pytest.skip("no Chromium on this machine")
-    done = subprocess.run(
-        [CHROMIUM, *HEADLESS.split(), f"--user-data-dir={tmp_path / 'browser'}", page],
-        capture_output=True, text=True, timeout=90,
-    )  # fmt: skip
-    assert 'data-picture="256"' in done.stdout, done.stderr
-    assert "256 of 256" in done.stdout
-
-
-@pytest.mark.parametrize("harm", ["killed", "stopped"])
-def test_a_scan_loses_nothing_when_its_viewer_is_harmed(nlos: Nlos, tmp_path: Path, harm: str) -> None:
-    (tmp_path / "scan.yaml").write_text(SCAN)
-    alone = json.loads(nlos("scan", "scan.yaml", "-o", "alone.h5", "--json").stdout)
-    watched = subprocess.Popen(
-        [sys.executable, "-m", "nlos", "scan", "scan.yaml", "-o", "watched.h5", "--live", "--json"],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    assert watched.stderr is not None
-    while "live: http" not in (line := watched.stderr.readline()):
-        assert line, "the scan ended without saying where its page is"
-    children = Path(f"/proc/{watched.pid}/task/{watched.pid}/children")
-    viewer = int(children.read_text().split()[0]) if children.exists() else 0
-    if viewer:
-        os.kill(viewer, signal.SIGKILL if harm == "killed" else signal.SIGSTOP)
-    out, err = watched.communicate(timeout=60)
-    assert watched.returncode == 0, err
-    answer = json.loads(out)
-    os.kill(answer["live"]["pid"], signal.SIGKILL)
-    assert answer["bench_s"] == pytest.approx(alone["bench_s"], abs=1e-6)
-    with Recording.open(tmp_path / "watched.h5") as one, Recording.open(tmp_path / "alone.h5") as other:
-        assert (one.counts_of(0, 256) == other.counts_of(0, 256)).all()
-        assert len(one) == len(other) == 256
 
 
 def test_a_scan_ends_when_its_picture_is_good_enough_and_says_so(nlos: Nlos, tmp_path: Path) -> None:

@@ -1,0 +1,157 @@
+"""What a person sees on the live page: the system's Chromium, driven by Playwright, on a scan and on a finished one."""
+
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine")
+
+SCAN = """\
+wall: {width_m: 1.0, height_m: 1.0, rows: 16, cols: 16}
+pattern: {kind: coarse_to_fine, batch: 8}
+dwell_ms: 20
+histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
+"""
+PATIENCE_MS = 90_000.0
+COLOURS = """id => { const c = document.getElementById(id);
+  return new Set(new Uint32Array(c.getContext("2d").getImageData(0, 0, c.width, c.height).data.buffer)).size; }"""
+PIXELS = "id => document.getElementById(id).toDataURL()"
+
+
+@pytest.fixture(scope="module")
+def folder() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory() as name:
+        there = Path(name)
+        (there / "scan.yaml").write_text(SCAN)
+        nlos(there, "scan", "scan.yaml", "-o", "run.h5")
+        yield there
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as started:
+        chromium = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
+
+
+def nlos(folder: Path, *arguments: str) -> str:
+    command = [sys.executable, "-m", "nlos", *arguments]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True, timeout=120).stdout
+
+
+@pytest.fixture
+def viewer(folder: Path) -> Iterator[str]:
+    """The address of the page of the finished scan."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "nlos", "live", "run.h5", "--method", "lct"],
+        cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    yield process.stdout.readline().strip()
+    process.send_signal(signal.SIGINT)
+    assert process.wait(20) == 0
+
+
+def opened(browser: Any, url: str) -> tuple[Any, list[str]]:
+    """A page, and what its scripts complain about."""
+    page, complaints = browser.new_page(), []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+    page.set_default_timeout(PATIENCE_MS)
+    page.goto(url)
+    return page, complaints
+
+
+def shows(page: Any, name: str, pattern: str) -> None:
+    """Waits for an element's text. The page's policy forbids what a browser would have to evaluate for `wait`."""
+    playwright.expect(page.locator(f"#{name}")).to_have_text(re.compile(pattern), timeout=PATIENCE_MS)
+
+
+def colours(page: Any, canvas: str) -> int:
+    """How many colours a canvas shows."""
+    return int(page.evaluate(COLOURS, canvas))
+
+
+def test_a_finished_scan_is_shown_whole_and_along_its_time(viewer: str, browser: Any) -> None:
+    page, complaints = opened(browser, viewer)
+    page.wait_for_selector('body[data-picture="256"]')
+    assert page.locator("#points").inner_text() == "256 of 256"
+    assert page.locator("#rate").inner_text().endswith("kcps")
+    for canvas in ("map", "albedo", "depth", "volume", "histo"):
+        assert colours(page, canvas) > 2, canvas
+    assert page.locator("#events tr").count() >= 3
+
+    wall = page.locator("#map").bounding_box()
+    page.mouse.move(wall["x"] + 0.03 * wall["width"], wall["y"] + 0.97 * wall["height"])
+    shows(page, "histotitle", r"row 15, column 0")
+
+    still = page.evaluate(PIXELS, "volume")
+    box = page.locator("#volume").bounding_box()
+    page.mouse.move(box["x"] + 60, box["y"] + 60)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 120, box["y"] + 40, steps=4)
+    page.mouse.up()
+    assert page.evaluate(PIXELS, "volume") != still
+
+    whole = colours(page, "map")
+    page.locator("#time").fill("5")
+    page.locator("#time").dispatch_event("change")
+    page.wait_for_selector('body[data-picture="64"]')
+    assert page.locator("#first").inner_text() == "64 points"
+    assert colours(page, "map") < whole
+    assert complaints == []
+    page.close()
+
+
+def test_a_scan_under_way_shows_what_is_left_and_ends(folder: Path, browser: Any) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "nlos", "live", "grows.h5", "--method", "lct"],
+        cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    page, complaints = opened(browser, process.stdout.readline().strip())
+    bench = subprocess.Popen(
+        [sys.executable, "-m", "nlos", "replay", "run.h5", "-o", "grows.h5", "-q"], cwd=folder,
+        stdout=subprocess.DEVNULL,
+    )  # fmt: skip
+    shows(page, "left", r" s$")
+    assert page.locator("#status").inner_text() == "running"
+    assert page.locator("#slider").is_hidden()
+    assert bench.wait(60) == 0
+    page.wait_for_selector('body[data-picture="256"]')
+    shows(page, "status", r"^complete$")
+    page.wait_for_selector("#slider", state="visible")
+    assert complaints == []
+    process.send_signal(signal.SIGINT)
+    assert process.wait(20) == 0
+    shows(page, "status", r"^no answer")
+    page.close()
+
+
+def test_a_report_needs_nothing_but_itself(folder: Path, browser: Any) -> None:
+    nlos(folder, "report", "run.h5", "-o", "run.html", "--methods", "lct,fk")
+    page, complaints = browser.new_page(), []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto((folder / "run.html").as_uri())
+    page.wait_for_load_state("load")
+    text = page.locator("body").inner_text()
+    for word in ("lct", "fk", "triggerscope", "tcspc488", "256", "shutter"):
+        assert word in text, word
+    assert page.locator("img").count() >= 4
+    assert page.evaluate("[...document.images].every(i => i.complete && i.naturalWidth > 0)")
+    assert [url for url in asked if not url.startswith(("file:", "data:", "blob:", "about:"))] == []
+    assert complaints == []
+    page.close()
