@@ -11,14 +11,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from nlos.chain import load_scan
+from nlos.chain import calibrate_scan, constants_for, load_scan
 from nlos.terminal import terminal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from acquisition.recording import Recording
+    from acquisition.transient import Transient
+    from calibration.constants import BenchConstants
     from calibration.correct import Corrected
+    from nlos.chain import LoadedScan
     from recon.volume import Reconstruction
 
 _STYLE = """
@@ -35,28 +38,32 @@ iframe { width: 100%; height: 32rem; border: 1px solid #d0d7de }
 
 
 def write_report(run: Path, target: Path, methods: Sequence[str]) -> None:
-    """Writes the report on `run` to `target`. Raises what reading, calibrating or reconstructing raises."""
+    """Writes the report on `run` to `target`: of a scan that has no picture, why. Raises what reading raises, and
+    `InvalidSettings` for a method that does not exist, before anything is computed."""
     from acquisition.recording import Recording
+    from calibration.errors import CalibrationError
+    from recon.errors import ReconError
+    from recon.methods import find
+    from recon.reconstruct import reconstruct
 
+    knows_falloff = {method: "falloff" in find(method).Settings.model_fields for method in methods}
     with Recording.open(run) as recording:
         parts = [_about(recording), _scan(recording)]
         events = _events(recording)
     scan = load_scan(run)
-    if scan.rectified:
-        parts.append("<h2>Calibration</h2><p>The source of this recording was rectified already.</p>")
-        transient = scan.transient
-    else:
-        from calibration.correct import correct
-
-        corrected = correct(scan.transient)
-        transient = corrected.transient
-        parts.append(_calibration(corrected))
-    from recon.reconstruct import reconstruct
-
-    for method in methods:
-        terminal.log(f"{run}: {method}")
-        settings: dict[str, object] = {} if scan.falloff is None else {"falloff": scan.falloff}
-        parts.append(_pictures(reconstruct(transient, method, settings)))
+    try:
+        constants = constants_for(scan, None)
+        transient, calibration = _calibrated(scan, constants)
+        parts.append(calibration)
+        for method in methods:
+            terminal.log(f"{run}: {method}")
+            settings: dict[str, object] = {}
+            if scan.falloff is not None and knows_falloff[method]:
+                settings["falloff"] = scan.falloff
+            parts.append(_pictures(reconstruct(transient, method, settings)))
+    except (CalibrationError, ReconError) as error:
+        terminal.log(f"{run}: no picture: {error}", -1)
+        parts.append(f"<h2>No picture</h2><p>{escape(str(error))}</p>")
     parts.append(events)
     page = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
@@ -110,23 +117,38 @@ def _scan(recording: "Recording") -> str:
     return f"<h2>Scan</h2>{_picture(figure, 'count rate over the wall, and the sum of all histograms')}"
 
 
-def _calibration(corrected: "Corrected") -> str:
+def _calibrated(scan: "LoadedScan", constants: "BenchConstants | None") -> tuple["Transient", str]:
+    """What `reconstruct` would work on, and a section on how it was calibrated."""
+    from calibration.correct import correct
+
+    if scan.rectified:
+        text = "<p>The source of this recording was rectified already.</p>"
+        return calibrate_scan(scan), f"<h2>Calibration</h2>{text}"
+    by = "the scan's own direct light"
+    if constants is not None:
+        by += f", and constants of the bench measured {constants.measured_utc}"
+    if scan.points is not None:
+        return calibrate_scan(scan, constants=constants), f"<h2>Calibration</h2><p>By {escape(by)}.</p>"
+    corrected = correct(scan.transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
+    return corrected.transient, f"<h2>Calibration</h2><p>By {escape(by)}.</p>{_residuals(corrected)}"
+
+
+def _residuals(corrected: "Corrected") -> str:
     from matplotlib.figure import Figure
 
     rows = {key.replace("_", " "): _number(value) for key, value in corrected.report().items() if value is not None}
     offsets = corrected.points.offsets
-    picture = ""
-    if offsets is not None:
-        wall = corrected.transient.wall
-        figure = Figure(figsize=(9, 3.4), layout="constrained")
-        left, right = figure.subplots(1, 2)
-        grid = offsets.offset_bins.reshape(wall.rows, wall.cols) * corrected.transient.time.bin_width_s * 1e12
-        _map(figure, left, grid, "Time offset (ps)", wall.width_m, wall.height_m)
-        if offsets.wall is not None:
-            residual_ps = offsets.residual_bins * corrected.transient.time.bin_width_s * 1e12
-            _map(figure, right, residual_ps.reshape(grid.shape), "Residual (ps)", wall.width_m, wall.height_m)
-        picture = _picture(figure, "time offset of every point, and what the wall fit leaves")
-    return f"<h2>Calibration</h2>{_table(rows)}{picture}"
+    if offsets is None:
+        return _table(rows)
+    wall, width_ps = corrected.transient.wall, corrected.transient.time.bin_width_s * 1e12
+    figure = Figure(figsize=(9, 3.4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    shape = (wall.rows, wall.cols)
+    _map(figure, left, offsets.offset_bins.reshape(shape) * width_ps, "Time offset (ps)", wall.width_m, wall.height_m)
+    if offsets.wall is not None:
+        residual_ps = offsets.residual_bins.reshape(shape) * width_ps
+        _map(figure, right, residual_ps, "Residual (ps)", wall.width_m, wall.height_m)
+    return _table(rows) + _picture(figure, "time offset of every point, and what the wall fit leaves")
 
 
 def _map(
