@@ -7,7 +7,7 @@ from functools import partial
 
 from drivers.bench_settings import BenchSettings
 from drivers.clock import Clock, SystemClock
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, DeviceLost
 from drivers.events import EventLog, OnEvent
 from drivers.exit_paths import ExitPaths
 from drivers.galvo.mirror import GalvoMirror
@@ -103,7 +103,7 @@ def open_bench(
             clock = simulated.clock
         elif scene is not None:
             raise ValueError(f"bench {settings.name} is real; a recorded scan stands in for simulated light only")
-        closing = _Closing(events)
+        closing = _Closing(events, clock)
         stack.enter_context(ExitPaths(closing.shut_light, closing.close))
         with closing.on_error():
             counter = closing.counter = open_counter(settings.counter, clock, backend=backend, wire_log=wire_log)
@@ -126,7 +126,8 @@ def open_bench(
 class _Closing:
     """What has been opened so far, and the order in which it is closed."""
 
-    def __init__(self, events: EventLog) -> None:
+    def __init__(self, events: EventLog, clock: Clock) -> None:
+        self._clock = clock
         self.counter: HistogramCounter | None = None
         self.mirror: GalvoMirror | None = None
         self.shutter: GuardedShutter | None = None
@@ -175,6 +176,8 @@ class _Closing:
                 self._dark = self._done(failures, partial(self.shutter.close, self._reason))
                 if not self._dark:
                     _log.critical("THE LASER SHUTTER IS NOT CONFIRMED CLOSED (%s). Shut the laser off.", failures[0])
+                    if isinstance(failures[0], DeviceLost):
+                        self._dark = self.shutter.outlast_watchdog(self._clock)
         if failures and self._error is None:
             raise failures[0]
         for failure in failures:

@@ -4,14 +4,17 @@
 class DeviceError(Exception):
     """Something went wrong with a device.
 
-    `device` names it as the bench file does, `what` says what happened and with what, `remedy` what to do next.
+    `device` names it as the bench file does, `what` says what happened and with what, `remedy` what to do next: where
+    nothing better is known, what usually helps against errors of that kind.
     """
+
+    usual_remedy = "Open the bench again."
 
     def __init__(self, device: str, what: str, remedy: str = "") -> None:
         self.device = device
         self.what = what
-        self.remedy = remedy
-        super().__init__(f"{device}: {what}" + (f" {remedy}" if remedy else ""))
+        self.remedy = remedy or self.usual_remedy
+        super().__init__(f"{device}: {what} {self.remedy}".rstrip())
 
 
 class DeviceNotFound(DeviceError):
@@ -29,6 +32,8 @@ class WrongDevice(DeviceError):
 class DeviceTimeout(DeviceError):
     """No complete answer within the deadline."""
 
+    usual_remedy = "Check its cable and power, then open the bench again."
+
 
 class SettleTimeout(DeviceTimeout):
     """The mirror did not report a stable position within the deadline. It is not moved again."""
@@ -36,6 +41,8 @@ class SettleTimeout(DeviceTimeout):
 
 class DeviceLost(DeviceError):
     """The cable was pulled, or the device left the bus."""
+
+    usual_remedy = "Check its cable and power, then open the bench again."
 
 
 class DeviceReset(DeviceError):
@@ -49,6 +56,8 @@ class DeviceFault(DeviceError):
 class ProtocolError(DeviceError):
     """Bytes arrived that the protocol does not allow. What they meant is not guessed."""
 
+    usual_remedy = "Check its cable, then open the bench again; --wire-log keeps every byte for a report."
+
 
 class DataCorrupt(ProtocolError):
     """A data record failed its checksum, length or index."""
@@ -57,9 +66,13 @@ class DataCorrupt(ProtocolError):
 class CommandRejected(DeviceError):
     """The device understood the command and refused it."""
 
+    usual_remedy = "Open the bench again; --wire-log keeps every byte for a report."
+
 
 class LimitError(DeviceError):
     """A position, rate or setting outside its allowed range. Nothing was sent, nothing moved."""
+
+    usual_remedy = "Correct the scan or bench file."
 
 
 class DataLoss(DeviceError):
@@ -68,6 +81,8 @@ class DataLoss(DeviceError):
 
 class SafetyTrip(DeviceError):
     """The light was shut off: over-count, open interlock or watchdog. Clearing it is a person's decision."""
+
+    usual_remedy = "Find the cause before anything is switched on again."
 
 
 class SyncLost(SafetyTrip):

@@ -12,3 +12,9 @@ class DeviceIdentity:
     product: str
     serial: str
     firmware: str
+
+    def __str__(self) -> str:
+        named = (
+            f"{self.vendor} {self.product}, serial {self.serial or 'unknown'}, firmware {self.firmware or 'unknown'}"
+        )
+        return named.strip()

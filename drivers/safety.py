@@ -6,10 +6,13 @@ This asks for the light to be shut off and checks that it was. The hard-wired in
 from pydantic import Field, field_validator
 
 from configs.settings import Settings
+from drivers.clock import Clock
 from drivers.errors import DeviceError, SafetyTrip
 from drivers.events import EventLog
 from drivers.shutter import LaserShutter, ShutterState
 from drivers.tcspc.counter import Histogram, HistogramCounter
+
+_SHUTTER_MOVES_S = 0.1
 
 
 class SafetySettings(Settings):
@@ -89,6 +92,15 @@ class GuardedShutter:
                 self._counter.arm_watchdog(0.0)
             except DeviceError as error:
                 self._events.report("watchdog", f"could not be turned off: {error}")
+
+    def outlast_watchdog(self, clock: Clock) -> bool:
+        """Where the shutter's cable is gone: keeps silent until the instrument's watchdog has closed it by itself.
+        False where no watchdog is armed."""
+        if not self._watching:
+            return False
+        clock.sleep(self._settings.watchdog_s + _SHUTTER_MOVES_S)
+        self._events.report("watchdog", f"silent for {self._settings.watchdog_s:g} s: its time to close the shutter")
+        return True
 
     def state(self) -> ShutterState:
         return self._shutter.state()

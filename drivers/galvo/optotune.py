@@ -9,7 +9,15 @@ from pydantic import Field, model_validator
 
 from configs.settings import Settings
 from drivers.clock import Clock
-from drivers.errors import CommandRejected, DeviceError, DeviceFault, LimitError, SettleTimeout
+from drivers.errors import (
+    CommandRejected,
+    DeviceError,
+    DeviceFault,
+    DeviceTimeout,
+    LimitError,
+    ProtocolError,
+    SettleTimeout,
+)
 from drivers.galvo import optotune_commands as wire
 from drivers.galvo.mirror import MirrorAngles
 from drivers.galvo.optotune_commands import Status
@@ -145,11 +153,18 @@ class Optotune:
         """Nothing to end: this mirror never steps by itself."""
 
     def park(self) -> None:
-        """Centre. Refused after a settle timeout or a fault: what does not settle is not sent elsewhere."""
+        """Centre. Refused after a settle timeout or a fault: what does not settle is not sent elsewhere. Where nothing
+        answers, the command is sent all the same before the error is raised."""
         if isinstance(self._unknown, SettleTimeout | DeviceFault):
             self._check_known()
         with self._motion():
-            self._controller.set_position(0.0, 0.0)
+            try:
+                if self._unknown is not None:
+                    self._controller.recover()
+                self._controller.set_position(0.0, 0.0)
+            except (DeviceTimeout, ProtocolError):
+                self._controller.centre_unheard()
+                raise
             self._target = MirrorAngles(0.0, 0.0)
             self._wait_stable()
 
@@ -215,7 +230,8 @@ class Optotune:
 
     def _check_known(self) -> None:
         if self._unknown is not None:
-            raise DeviceFault(DEVICE, f"where the mirror points is not known any more ({self._unknown}).", REOPEN)
+            cause = getattr(self._unknown, "what", self._unknown)
+            raise DeviceFault(DEVICE, f"where the mirror points is not known any more: {cause}", REOPEN)
 
     @contextlib.contextmanager
     def _motion(self) -> Iterator[None]:

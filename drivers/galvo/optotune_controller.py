@@ -103,6 +103,22 @@ class Controller:
             raise ProtocolError(DEVICE, f"{payload!r} is no 32-bit register.", REOPEN)
         return int.from_bytes(payload, "big")
 
+    def recover(self) -> None:
+        """In step again, after a restart too. Replies that are seconds late are waited for."""
+        for patience in range(3, -1, -1):
+            try:
+                with contextlib.suppress(DeviceReset):
+                    self._line.resynchronise()
+                return
+            except (DeviceTimeout, ProtocolError):
+                if not patience:
+                    raise
+
+    def centre_unheard(self) -> None:
+        """Sends the mirror to its centre although no replies come. Raises `DeviceLost`."""
+        with contextlib.suppress(DeviceTimeout):
+            self._line.write(wire.set_position(0.0, 0.0))
+
     def close(self) -> None:
         self._line.close()
 

@@ -9,13 +9,15 @@ from pydantic import Field, model_validator
 
 from configs.settings import Settings
 from drivers.clock import Clock
-from drivers.errors import CommandRejected, DeviceFault, LimitError, ProtocolError
+from drivers.errors import CommandRejected, DeviceFault, DeviceReset, DeviceTimeout, LimitError, ProtocolError
 from drivers.galvo import triggerscope_commands as wire
 from drivers.galvo.mirror import MirrorAngles
 from drivers.galvo.settle import SettleModel
 from drivers.galvo.triggerscope_controller import DEVICE, REOPEN, Controller, RangeChanged
 from drivers.identity import DeviceIdentity
 from drivers.link.serial_line import WireLog
+
+_PARKINGS = 6  # replies that are seconds late come within so many attempts
 
 
 class AxisSettings(Settings):
@@ -166,11 +168,19 @@ class TriggerScope:
         self._sequence = ()
 
     def park(self) -> None:
-        """Centre, from any state, and still. After an error this does not make the mirror usable again."""
-        with self._motion():
-            self._controller.recover()
-            self._disarm()
-            self._centre()
+        """Centre, from any state, and still. After an error this does not make the mirror usable again.
+
+        Replies that are seconds late are waited for; where none comes, the commands are sent all the same before the
+        error is raised.
+        """
+        for left in reversed(range(_PARKINGS)):
+            try:
+                self._park()
+                break
+            except (DeviceTimeout, ProtocolError, DeviceReset):  # also a late answer that names the controller
+                if not left:
+                    self._controller.command_unheard([*self._disarming(), *self._centring()])
+                    raise
         self._sequence = ()
         self.wait_settled()
 
@@ -199,21 +209,31 @@ class TriggerScope:
         self._disarm()
         self._centre()
 
+    def _park(self) -> None:
+        with self._motion():
+            self._controller.recover()
+            self._disarm()
+            self._centre()
+
     def _centre(self) -> None:
         """Setting the range centres the output too; the explicit code makes the centre what was commanded last."""
-        for axis in self._axes:
-            self._controller.command(wire.set_range(axis.dac))
-            self._controller.command(wire.set_code(axis.dac, wire.CENTRE))
+        for command in self._centring():
+            self._controller.command(command)
         x_rad, y_rad = (wire.angle_for(wire.CENTRE, axis.volts_per_degree, axis.offset_v) for axis in self._axes)
         self._region, self._target = self._anywhere, None
         self._arrive(MirrorAngles(x_rad, y_rad))
 
+    def _centring(self) -> list[bytes]:
+        return [each(axis.dac) for axis in self._axes for each in (wire.set_range, wire.set_centre)]
+
     def _disarm(self) -> None:
-        for axis in self._axes:
-            self._controller.command(wire.step_states(axis.dac, False))
-        self._controller.command(wire.step_masks(0, False))
-        self._controller.command(wire.set_mask(0, 0))
+        for command in self._disarming():
+            self._controller.command(command)
         self._armed = False
+
+    def _disarming(self) -> list[bytes]:
+        stepping = [wire.step_states(axis.dac, False) for axis in self._axes]
+        return [*stepping, wire.step_masks(0, False), wire.set_mask(0, 0)]
 
     def _upload(self, lines: Sequence[tuple[bytes, bytes]]) -> None:
         for _ in range(2):
@@ -260,7 +280,8 @@ class TriggerScope:
 
     def _check_known(self) -> None:
         if self._unknown is not None:
-            raise DeviceFault(DEVICE, f"where the mirror points is not known any more ({self._unknown}).", REOPEN)
+            cause = getattr(self._unknown, "what", self._unknown)
+            raise DeviceFault(DEVICE, f"where the mirror points is not known any more: {cause}", REOPEN)
         if not self._controller.gave_banner and not self._settings.allow_unverified_dac:
             raise DeviceFault(
                 DEVICE,

@@ -45,6 +45,11 @@ def set_code(dac: int, code: int) -> bytes:
     return b"SAO%d-%d\n" % (dac, code)
 
 
+def set_centre(dac: int) -> bytes:
+    """Moves an output to its centre."""
+    return set_code(dac, CENTRE)
+
+
 def clear_states(dac: int) -> bytes:
     return b"PAC%d\n" % dac
 

@@ -83,6 +83,13 @@ class Controller:
         with contextlib.suppress(DeviceReset, RangeChanged):
             self._line.resynchronise()
 
+    def command_unheard(self, commands: Iterable[bytes]) -> None:
+        """Sends commands, one after the other, to a controller whose replies do not come. Raises `DeviceLost`."""
+        for command in commands:
+            with contextlib.suppress(DeviceTimeout):
+                self._line.write(command)
+                self._line.drain()
+
     def close(self) -> None:
         self._line.close()
 

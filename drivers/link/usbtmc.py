@@ -235,7 +235,7 @@ class UsbtmcInterface:
         try:
             reply = bytes(self._usb.ctrl_transfer(kind, request, value, index, length, _milliseconds(timeout_s)))
         except usb.core.USBError as error:
-            raise classify(self.device, f"control request {request}", error) from error
+            raise classify(self.device, f"waiting for its reply to control request {request}", error) from error
         if self._log:
             self._log(self.device, "<", reply)
         return reply

@@ -54,7 +54,7 @@ class SimulatedBench:
         self.clock = clock or VirtualClock()
         self.faults = faults or FaultPlan()
         self.interlock_closed = True
-        self.shutter_open = False
+        self._shutter_open = False
         self._light = light
         self._x = Swing(0.0, 0.0, 0.0, 0.0)
         self._y = Swing(0.0, 0.0, 0.0, 0.0)
@@ -77,16 +77,25 @@ class SimulatedBench:
         """Where the beam points at a bench time not before the last steering."""
         return MirrorAngles(self._x.at(when_s), self._y.at(when_s))
 
+    @property
+    def shutter_open(self) -> bool:
+        """Whether light passes now, whatever instruments have done by themselves in the meantime."""
+        self._catch_up()
+        return self._shutter_open
+
     def set_shutter(self, is_open: bool) -> None:
         """The shutter's drive line changed. An open interlock loop keeps it closed."""
-        for catch_up in self._going_on:
-            catch_up(self.clock.now())
-        self.shutter_open = is_open and self.interlock_closed
+        self._catch_up()
+        self._shutter_open = is_open and self.interlock_closed
 
     def follow(self, catch_up: Callable[[float], None]) -> None:
         """An instrument that goes on by itself: `catch_up(now)` is called before the shutter changes, so that what was
         due until then sees the light as it was."""
         self._going_on.append(catch_up)
+
+    def _catch_up(self) -> None:
+        for catch_up in self._going_on:
+            catch_up(self.clock.now())
 
     def wire(self, line: str, listener: Callable[[float], None]) -> None:
         """Connects an instrument's input to a named line (`pixel_clock`, `marker_1`, ...)."""
@@ -99,4 +108,4 @@ class SimulatedBench:
 
     def expose(self, gate: Gate) -> Exposure:
         """What the detector counts in `gate`: beam where it is as the gate opens, shutter as it is now."""
-        return self._light(gate, self.beam_at(gate.opened_s), self.shutter_open)
+        return self._light(gate, self.beam_at(gate.opened_s), self._shutter_open)

@@ -36,7 +36,7 @@ class Setup:
         identity = decode_identity(self._device, self._scpi.query(b"*IDN?")[0])
         if identity != self._identity:
             raise WrongDevice(
-                self._device, f"it now says it is {identity}, and was {self._identity}.", "Open the bench again."
+                self._device, f"it now says it is a {identity}, and was a {self._identity}.", "Open the bench again."
             )
         self.apply(self._told, lists)
         if wrong := self._wrong(lists):

@@ -1,6 +1,7 @@
 """The bench as a whole: what opens when, what a trip, a pulled cable or a silent host do, and what is told to whom."""
 
 import json
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -195,6 +196,24 @@ def test_a_pulled_usb_cable_is_said_aloud_and_left_to_the_watchdog(caplog: pytes
     assert "NOT CONFIRMED CLOSED" in caplog.text
     assert any("shutter" in note or "tcspc488" in note for note in raised.value.__notes__)
     assert any(kind == "shutter" and "NOT CONFIRMED" in text for kind, text in events)
+    assert ("watchdog", "silent for 2 s: its time to close the shutter") in events
+    assert opened.simulated is not None
+    assert not opened.simulated.shutter_open
+    assert math.hypot(opened.simulated.beam.x_rad, opened.simulated.beam.y_rad) < 1e-4
+
+
+def test_without_a_watchdog_a_bench_of_which_the_shutter_is_lost_is_not_parked() -> None:
+    off = settings(faults=(Fault(name="U11", skip=60),))
+    off = off.model_copy(update={"safety": off.safety.model_copy(update={"watchdog_s": 0.0})})
+    events: list[tuple[str, str]] = []
+
+    def work(opened: Bench) -> None:
+        opened.on_event = lambda kind, text: events.append((kind, text))
+        opened.shutter.open()
+        measure(opened, 500)
+
+    with pytest.raises(DeviceError, match="tcspc488"), open_bench(off) as opened:
+        work(opened)
     assert ("warning", "not parked: the shutter is not confirmed closed") in events
 
 

@@ -1,14 +1,18 @@
 """However a program ends while it scans: the shutter closes before anything else is sent, then the mirror parks."""
 
+import ast
 import re
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from drivers.exit_paths import ExitPaths
+from drivers.simulated.bench import SimulatedBench
+from drivers.simulated.tcspc488_firmware import Tcspc488Firmware
 
 CHILD = Path(__file__).parent / "scanning_child.py"
 
@@ -110,3 +114,24 @@ def test_an_ignored_signal_stays_ignored() -> None:
             signal.raise_signal(signal.SIGTERM)
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def test_a_killed_program_leaves_the_light_to_the_watchdog(dark_bench: Callable[..., SimulatedBench]) -> None:
+    """What it had sent until it was killed is sent to an instrument here, and then nothing more."""
+    returned, before, after = end_by("signal", signal.SIGKILL)
+    assert returned == -signal.SIGKILL
+    bench = dark_bench()
+    instrument = Tcspc488Firmware(bench)
+    for line in before + after:
+        device, _, data = line.partition(" ")
+        transfer = ast.literal_eval(data) if device == "tcspc488" and data.endswith("'") else b""
+        if transfer[:1] == b"\x01":  # DEV_DEP_MSG_OUT
+            size = int.from_bytes(transfer[4:8], "little")
+            instrument.execute(transfer[12 : 12 + size], bench.clock.now())
+    assert bench.shutter_open
+    bench.clock.sleep(1.0)
+    instrument.advance(bench.clock.now())
+    assert bench.shutter_open
+    bench.clock.sleep(1.5)
+    instrument.advance(bench.clock.now())
+    assert not bench.shutter_open
