@@ -1,12 +1,14 @@
 """Methods on scenes with ground truth: every method under every condition, each physics method at its best snr.
 
-A scene is an HDF5 file with histograms [H, W, T] under the conditions' names (`transient`, `counts_p20` ...),
-attributes `bin_width_s` and `wall_size_m`, and the truth on the same grid: `gt_intensity`, `gt_depth` (m), `gt_mask`.
+A scene is a plain HDF5 scan with histograms [H, W, T] under the conditions' names (`transient`, `counts_p20` ...), its
+attributes as in `acquisition/importers/plain.py`, and the truth on the same grid: `gt_intensity`, `gt_depth` (m),
+`gt_mask`.
 """
 
+import difflib
 import resource
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,8 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.transient import TimeAxis, Transient
+from acquisition.importers.plain import read_plain
+from acquisition.transient import Transient
 from acquisition.wall import WallGrid
 from recon.errors import InvalidData, InvalidSettings, ReconError
 from recon.methods import find, parse_settings
@@ -39,7 +42,8 @@ class Scene:
     depth_m: npt.NDArray[np.float32]  # (H, W), 0 = background
     mask: npt.NDArray[np.bool_]  # (H, W)
     wall: WallGrid
-    bin_width_s: float
+    falloff: int | None
+    """The exponent that the file says, for methods that have one."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +92,7 @@ def evaluate(
     best mean psnr; `fixed` leaves its snr to the method. `settings` go to every method that knows them. Raises
     `InvalidData` where no scene has a truth, `InvalidSettings` for a method or condition that does not exist.
     """
+    check_known(methods, settings or {})
     scenes = list(find_scenes(paths, say))
     if not scenes:
         raise InvalidData(f"no scene with ground truth (gt_intensity, gt_depth, gt_mask) in {_listed(paths)}.")
@@ -111,6 +116,16 @@ def evaluate(
                 rows.append(row)
                 pictures[row.scene, row.method, row.condition] = picture
     return Evaluation(rows, scenes, pictures)
+
+
+def check_known(methods: Sequence[str], settings: dict[str, object]) -> None:
+    """Raises `InvalidSettings` for a method that does not exist, and for a setting that none of them has."""
+    known = sorted({key for method in methods for key in find(method).Settings.model_fields})
+    for key in settings:
+        if key not in known:
+            near = difflib.get_close_matches(key, known, n=1)
+            hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}"
+            raise InvalidSettings(f"none of {', '.join(methods)} has a setting '{key}'; {hint}")
 
 
 def choices(method: str, settings: dict[str, object], fixed: bool) -> list[dict[str, object]]:
@@ -141,19 +156,22 @@ def read_scene(path: Path) -> Scene | None:
         with h5py.File(path, "r") as file:
             if not {"gt_intensity", "gt_depth", "gt_mask"} <= set(file):
                 return None
-            sizes = np.atleast_1d(np.asarray(file.attrs["wall_size_m"], dtype=np.float64))
-            intensity = file["gt_intensity"][()].astype(np.float32)
-            return Scene(
-                name=path.stem,
-                path=path,
-                intensity=intensity,
-                depth_m=file["gt_depth"][()].astype(np.float32),
-                mask=file["gt_mask"][()] > 0,
-                wall=WallGrid(float(sizes[0]), float(sizes[-1]), *intensity.shape),
-                bin_width_s=float(file.attrs["bin_width_s"]),
+            intensity, depth_m, mask = (
+                np.asarray(file[name][()], dtype=np.float32) for name in ("gt_intensity", "gt_depth", "gt_mask")
             )
+            sizes = np.atleast_1d(np.asarray(file.attrs["wall_size_m"], dtype=np.float64))
+            wall = WallGrid(float(sizes[0]), float(sizes[-1]), *intensity.shape)
+            falloff = file.attrs.get("falloff_exponent_authors")
     except (OSError, KeyError, ValueError, TypeError) as error:
         raise InvalidData(f"{path}: {error}. A scene needs bin_width_s, wall_size_m and gt_* of [H, W].") from error
+    if not (intensity.ndim == 2 and intensity.shape == depth_m.shape == mask.shape):
+        raise InvalidData(
+            f"{path}: gt_intensity {intensity.shape}, gt_depth {depth_m.shape} and gt_mask {mask.shape} must be the "
+            "same [H, W]."
+        )
+    if not (np.isfinite(intensity).all() and intensity.max(initial=0) > 0):
+        raise InvalidData(f"{path}: gt_intensity holds no light or is not finite; there is nothing to compare with.")
+    return Scene(path.stem, path, intensity, depth_m, mask > 0, wall, None if falloff is None else int(falloff))
 
 
 def datasets(scene: Scene) -> list[str]:
@@ -170,18 +188,26 @@ def has_condition(scene: Scene, condition: str) -> bool:
 def transient_of(scene: Scene, condition: str) -> Transient:
     """The scene's histograms under a condition; points that it leaves out have exposure 0 and no counts."""
     dataset, _, subset = condition.partition("@")
-    with h5py.File(scene.path, "r") as file:
-        counts = np.moveaxis(file[dataset][()], 2, 0).astype(np.float32)
-    if (counts < 0).any():
-        raise InvalidData(f"{scene.path}: {dataset} holds {int((counts < 0).sum())} counts below 0.")
-    measured = measured_points(subset, scene.wall.rows, scene.wall.cols)
-    time = TimeAxis(counts.shape[0], scene.bin_width_s)
-    return Transient(np.ascontiguousarray(counts * measured), measured.astype(np.float64), scene.wall, time)
+    scan = read_plain(scene.path, dataset)
+    whole = scan.transient
+    if whole.exposure_s.shape != scene.intensity.shape:
+        raise InvalidData(
+            f"{scene.path}: {dataset} was measured on {whole.wall.rows} x {whole.wall.cols} points, the truth is given "
+            f"on {scene.intensity.shape[0]} x {scene.intensity.shape[1]}."
+        )
+    if (whole.counts < 0).any():
+        raise InvalidData(f"{scene.path}: {dataset} holds {int((whole.counts < 0).sum())} counts below 0.")
+    measured = measured_points(subset, whole.wall.rows, whole.wall.cols)
+    counts = whole.counts * measured
+    counts[: scan.direct_cut_bins] = 0
+    return replace(whole, counts=counts, exposure_s=measured.astype(np.float64))
 
 
 def _run(
     scene: Scene, transient: Transient, method: str, settings: dict[str, object], condition: str, device: str
 ) -> tuple[Row, Reconstruction]:
+    if scene.falloff is not None and "falloff" in find(method).Settings.model_fields:
+        settings = {"falloff": scene.falloff, **settings}
     _forget_peak()
     try:
         done = reconstruct(transient, method, settings, device)

@@ -15,6 +15,8 @@ from recon.transport.conventions import Conventions
 from recon.transport.falloff import Falloff
 from recon.transport.light_cone_kernel import padded_cells
 
+PUBLISHED_SNR = 0.8  # O'Toole et al. 2018, all scenes of theirs but the diffuse ones
+
 
 class PhysicsSettings(Settings):
     """Settings that every physics method knows."""
@@ -23,7 +25,7 @@ class PhysicsSettings(Settings):
     """Whether `snr` means anything to the method."""
 
     snr: Annotated[float, Field(gt=0)] | None = None
-    """Signal to noise ratio for the inverse; picked from the data unless given."""
+    """Signal to noise ratio for the inverse; picked from the data unless given (authors: 0.8)."""
     falloff: Annotated[float, Field(ge=0, le=8)] = 4.0
     """Exponent with which light fades: 4 for diffuse, 2 for retroreflective surfaces."""
     bin_width_ps: Annotated[float, Field(gt=0)] | None = None
@@ -75,13 +77,14 @@ def prepare(
     """Counts (B, C, T, H, W) as signal alone with its falloff undone, and the snr.
 
     Exposure is divided out, the background subtracted, points that were not measured are interpolated; how much of the
-    falloff is undone and the snr follow from the noise found. Under the authors' conventions nothing is subtracted and
-    all falloff undone.
+    falloff is undone and the snr follow from the noise found. Under the authors' conventions nothing is subtracted, all
+    falloff undone, and the snr theirs.
     """
     rates = equally_exposed(counts, exposure_s)
     noise = estimate(rates, None if exposure_s is None else exposure_s > 0, time)
-    snr: float | torch.Tensor = noise.snr() if settings.snr is None else settings.snr
     physical = settings.conventions == "physical"
+    found: float | torch.Tensor = noise.snr() if physical else PUBLISHED_SNR
+    snr = found if settings.snr is None else settings.snr
     signal = without_background(rates, noise.background) if physical else rates.clone()
     if falloff is not None:
         signal *= falloff.weights(noise.undone() if physical else None).to(signal.dtype)

@@ -22,6 +22,8 @@ from recon.methods import find, parse_settings
 from recon.physics import PhysicsSettings
 from recon.volume import Reconstruction, Volume
 
+PUBLISHED_BIN_WIDTH_S = 16e-12  # two halvings of 4 ps: O'Toole et al. 2018, Lindell et al. 2019
+
 
 def reconstruct(
     transient: Transient, method: str, settings: Mapping[str, object] | None = None, device: str = "cpu"
@@ -83,7 +85,8 @@ def _weights_sha256(chosen: Settings) -> str | None:
 def _bin_width_s(chosen: Settings, transient: Transient) -> float:
     """The width asked for; else the data's own, doubled while a bin stays thinner than a quarter of the wall's pixels.
 
-    Thinner bins than that resolve nothing more - the pixels blur it - and let noise of the unused frequencies in.
+    Thinner bins than that resolve nothing more - the pixels blur it - and let noise of the unused frequencies in. The
+    authors' conventions double it up to the published programs' width.
     """
     width_s = transient.time.bin_width_s
     if not isinstance(chosen, PhysicsSettings):
@@ -92,7 +95,8 @@ def _bin_width_s(chosen: Settings, transient: Transient) -> float:
         return chosen.bin_width_ps * 1e-12
     wall = transient.wall
     pitch_m = min(wall.width_m / wall.cols, wall.height_m / wall.rows)
-    while chosen.conventions == "physical" and SPEED_OF_LIGHT_M_PER_S * (2 * width_s) / 2 <= pitch_m / 4:
+    widest_s = pitch_m / (2 * SPEED_OF_LIGHT_M_PER_S) if chosen.conventions == "physical" else PUBLISHED_BIN_WIDTH_S
+    while 2 * width_s <= widest_s * 1.001:
         width_s *= 2
     return width_s
 

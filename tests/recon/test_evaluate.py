@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import h5py
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from acquisition.errors import InvalidData as NotAMeasurement
 from recon.errors import InvalidData, InvalidSettings
 from recon.evaluate import SNR_CHOICES, evaluate, transient_of
 from recon.evaluate import read_scene as read
@@ -99,7 +101,7 @@ def test_what_does_not_exist_is_named(tmp_path: Path) -> None:
         evaluate([tmp_path / "none.h5"], ["lct"])
     with h5py.File(scene, "a") as file:
         del file.attrs["bin_width_s"]
-    with pytest.raises(InvalidData, match="A scene needs bin_width_s"):
+    with pytest.raises(NotAMeasurement, match="attribute bin_width_s must be one finite number"):
         evaluate([scene], ["lct"])
 
 
@@ -138,3 +140,45 @@ def test_the_light_cone_transform_reaches_its_targets() -> None:
         noisy = evaluate([SHARED / f"{name}.h5" for name in names], ["lct"], list(targets), say=lambda line: None)
         for condition, target in targets.items():
             assert np.mean([row.psnr for row in noisy.rows if row.condition == condition]) >= target
+
+
+def test_what_a_file_says_of_itself_is_heeded(tmp_path: Path) -> None:
+    path = make_scene(tmp_path / "one.h5")
+    with h5py.File(path, "r+") as file:
+        file.attrs["falloff_exponent_authors"], file.attrs["direct_cut_bins"] = 2, 30
+        file["transient"][:, :, :20] = 1000
+    done = evaluate([path], ["lct"], ["transient"], fixed=True, say=print)
+    assert done.rows[0].settings["falloff"] == 2
+    assert done.rows[0].corr > 0.9
+    given = evaluate([path], ["lct"], ["transient"], fixed=True, settings={"falloff": 4}, say=print)
+    assert given.rows[0].settings["falloff"] == 4
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda file: file.attrs.__setitem__("bin_width_s", 0.0), "bin_width_s is 0 s"),
+        (lambda file: file.attrs.__setitem__("wall_size_m", np.nan), "both sides must be above 0"),
+        (lambda file: file["gt_mask"].resize((16, 15)), r"gt_mask \(16, 15\) must be the same"),
+        (lambda file: file["gt_intensity"].__setitem__(..., 0), "holds no light"),
+        (lambda file: file["transient"].resize((15, 16, 120)), "15 x 16 points, the truth is given on 16 x 16"),
+        (lambda file: file["transient"].__setitem__((1, 2, 3), -1), "1 counts below 0"),
+    ],
+)
+def test_scenes_that_cannot_be_used_are_refused(
+    tmp_path: Path, change: Callable[[h5py.File], None], message: str
+) -> None:
+    with h5py.File(make_scene(tmp_path / "one.h5"), "r") as file:
+        held, attributes = {name: data[()] for name, data in file.items()}, dict(file.attrs)
+    with h5py.File(tmp_path / "one.h5", "w") as file:
+        for name, data in held.items():
+            file.create_dataset(name, data=data, maxshape=data.shape)
+        file.attrs.update(attributes)
+        change(file)
+    with pytest.raises((InvalidData, NotAMeasurement), match=message):
+        evaluate([tmp_path / "one.h5"], ["lct"], ["transient"], say=print)
+
+
+def test_a_setting_that_no_method_has_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidSettings, match=r"none of lct, fk has a setting 'fallof'; did you mean 'falloff'\?"):
+        evaluate([make_scene(tmp_path / "one.h5")], ["lct", "fk"], ["transient"], settings={"fallof": 2}, say=print)

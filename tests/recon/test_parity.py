@@ -45,3 +45,11 @@ def test_the_physical_picture_is_the_same_scene(scene: str) -> None:
         theirs = file["lct"][()].max(0)
     done = reconstruct(cut_scene(scene), "lct", {"falloff": 2, "snr": 0.8, "bin_width_ps": 16})
     assert np.corrcoef(done.albedo.ravel(), theirs.ravel())[0, 1] >= 0.97
+
+
+def test_the_authors_conventions_alone_mean_their_bin_width_and_snr() -> None:
+    with h5py.File(SHARED / "peers" / "otoole_s_u.h5") as file:
+        theirs = file["lct"][()]
+    done = reconstruct(cut_scene("otoole_s_u"), "lct", {"conventions": "authors", "falloff": 2})
+    assert done.volume is not None
+    assert np.linalg.norm(done.volume.albedo - theirs) <= 1e-5 * np.linalg.norm(theirs)
