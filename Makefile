@@ -20,8 +20,10 @@ demo: .venv/run-ready
 	$(BIN)/nlos reconstruct runs/demo.h5 --method nano -o runs/demo-nano --overwrite
 	$(BIN)/nlos report runs/demo.h5 -o runs/demo.html --overwrite
 	rm -rf runs/live.h5 runs/live
-	$(BIN)/nlos scan anytime -o runs/live.h5 --until stable & \
-	$(BIN)/nlos reconstruct runs/live.h5 --follow -o runs/live; wait
+	$(BIN)/nlos reconstruct runs/live.h5 --follow --method nano -o runs/live & follower=$$!; \
+	$(BIN)/nlos scan anytime -o runs/live.h5 --until stable || { kill $$follower; exit 1; }; \
+	wait $$follower
+	$(BIN)/nlos report runs/live.h5 -o runs/live.html --overwrite
 
 test: .venv/test-ready
 	$(BIN)/python -m pytest -n 2 --dist loadfile

@@ -40,11 +40,12 @@ def follow_to_folder(
     folder.mkdir(parents=True, exist_ok=True)
 
     def keep(picture: "LivePicture") -> None:
-        replace_results(folder, picture.reconstruction, volume)
+        replace_numbers(folder, picture.reconstruction, volume)
         terminal.log(
             f"{picture.samples} points: change {picture.change:.3f}, photon noise {picture.error:.3f}, "
             f"{picture.reconstruction.seconds:.2f} s{', refined' if scan.live.refines and picture.refined else ''}"
         )
+        replace_pictures(folder, picture.reconstruction, volume)
 
     with local_copy(run, folder) as local:
         scan = LiveScan(local, LiveReconstruction(method, settings, device), constants, on_picture=keep)
@@ -53,22 +54,28 @@ def follow_to_folder(
     return scan
 
 
-def replace_results(folder: Path, reconstruction: "Reconstruction", keep_volume: bool) -> None:
-    """Writes results beside `folder`'s own and puts them in place one by one, numbers before pictures: no reader meets
-    half a file, or waits for drawing."""
-    from recon.pictures import albedo_picture, depth_picture, slices_picture
+def replace_numbers(folder: Path, reconstruction: "Reconstruction", keep_volume: bool) -> None:
+    """reconstruction.h5, written beside and put in place: no reader meets half a file, or waits for drawing."""
     from recon.results import NAMES, write_reconstruction
 
     with tempfile.TemporaryDirectory(dir=folder, prefix=".next-") as fresh:
-        data, albedo, depth = (Path(fresh) / name for name in NAMES)
+        data = Path(fresh) / NAMES[0]
         write_reconstruction(data, reconstruction, keep_volume)
         data.replace(folder / data.name)
-        draw = [(albedo_picture, albedo), (depth_picture, depth)]
-        if keep_volume and reconstruction.volume is not None:
-            draw.append((slices_picture, Path(fresh) / "slices.png"))
-        for picture, path in draw:
-            picture(reconstruction, path)
-            path.replace(folder / path.name)
+
+
+def replace_pictures(folder: Path, reconstruction: "Reconstruction", keep_volume: bool) -> None:
+    """The pictures, in the same way."""
+    from recon.pictures import albedo_picture, depth_picture, slices_picture
+    from recon.results import NAMES
+
+    draw = [(albedo_picture, NAMES[1]), (depth_picture, NAMES[2])]
+    if keep_volume and reconstruction.volume is not None:
+        draw.append((slices_picture, "slices.png"))
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".next-") as fresh:
+        for picture, name in draw:
+            picture(reconstruction, Path(fresh) / name)
+            (Path(fresh) / name).replace(folder / name)
 
 
 @contextmanager

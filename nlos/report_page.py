@@ -49,7 +49,7 @@ def write_report(run: Path, target: Path, methods: Sequence[str]) -> None:
     knows_falloff = {method: "falloff" in find(method).Settings.model_fields for method in methods}
     with Recording.open(run) as recording:
         parts = [_about(recording), _scan(recording)]
-        events = _events(recording)
+        rest = _settings(recording) + _events(recording)
     scan = load_scan(run)
     try:
         constants = constants_for(scan, None)
@@ -64,7 +64,7 @@ def write_report(run: Path, target: Path, methods: Sequence[str]) -> None:
     except (CalibrationError, ReconError) as error:
         terminal.log(f"{run}: no picture: {error}", -1)
         parts.append(f"<h2>No picture</h2><p>{escape(str(error))}</p>")
-    parts.append(events)
+    parts.append(rest)
     page = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
         f'content="width=device-width"><title>{escape(run.name)}</title><style>{_STYLE}</style></head><body>'
@@ -85,28 +85,32 @@ def _about(recording: "Recording") -> str:
         "Time axis": f"{plan.axis.bins} bins of {plan.axis.bin_width_s * 1e12:g} ps",
         "Light": f"{live_s:.2f} s of live time, {int(recording.records['total_count'].sum()):,} photons",
         **{
-            role.capitalize(): f"{who.vendor} {who.product}, serial {who.serial}, firmware {who.firmware}"
+            role.capitalize(): f"{who.vendor} {who.product}, serial {who.serial or 'not told'}, "
+            f"firmware {who.firmware or 'not told'}"
             for role, who in header.devices.items()
         },
         "Software": ", ".join(f"{name} {version}" for name, version in header.software.items()),
         "Code": header.git_hash or "not from a checkout",
     }
     warnings = "".join(f"<p><strong>Warning:</strong> {escape(text)}</p>" for text in header.warnings)
-    settings = f"<h2>Settings</h2><pre>{escape(header.scan_text)}</pre><pre>{escape(header.bench_text)}</pre>"
-    return _table(rows) + warnings + (settings if header.scan_text or header.bench_text else "")
+    return _table(rows) + warnings
+
+
+def _settings(recording: "Recording") -> str:
+    texts = [text for text in (recording.header.scan_text, recording.header.bench_text) if text]
+    return "<h2>Settings</h2>" + "".join(f"<pre>{escape(text)}</pre>" for text in texts) if texts else ""
 
 
 def _scan(recording: "Recording") -> str:
     from matplotlib.figure import Figure
 
     plan, records = recording.plan, recording.records
-    numbers = records["number"][records["number"] < len(plan)]
+    records = records[records["number"] < len(plan)]
+    numbers = records["number"]
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     rate = records["total_count"] / np.maximum(records["live_time_s"], 1e-12)
-    dots = left.scatter(
-        plan.positions.x_m[numbers], plan.positions.y_m[numbers], c=rate[: len(numbers)] / 1e3, s=6, marker="s"
-    )
+    dots = left.scatter(plan.positions.x_m[numbers], plan.positions.y_m[numbers], c=rate / 1e3, s=6, marker="s")
     left.set(title="Count rate (kcps)", xlabel="x (m)", ylabel="y (m)", aspect="equal")
     figure.colorbar(dots, ax=left)
     total = np.zeros(plan.axis.bins)
