@@ -1,8 +1,7 @@
 """Live reconstruction: how early the first picture is there, what watching costs the scan, how late the last one is.
 
-One JSON line a figure. The overhead compares scans with and without a viewer, in turns. The pictures are NANO's: the
-last one in passing (one pass of the operator over all samples) is on disk so long after the last point; the refined one
-(averaged over the wall's symmetries, equal to that of the finished recording) follows, and its time is told too.
+One JSON line a figure. The overhead compares scans with and without a viewer, in turns. The pictures are NANO's; the
+last one, which equals that of the finished recording, is on disk so long after the last point.
 """
 
 import json
@@ -40,11 +39,10 @@ def main() -> None:
         # A bench that runs at the wall clock's pace waits for its instruments for most of the time. What a viewer can
         # take from it is bench time, or processor time of the scan's own process.
         overhead = max(bench_s[1] / bench_s[0] - 1, (busy_s[1] - busy_s[0]) / bench_s[0], 0.0)
-        fraction, late_s, refined_s = followed(there)
+        fraction, late_s = followed(there)
     figure("first_picture_fraction", fraction, "of the points", 0.1)
     figure("live_overhead", overhead, "of points per second", 0.02)
     figure("last_point_to_picture_s", late_s, "s", 1.5)
-    print(json.dumps({"figure": "last_point_to_refined_picture_s", "value": round(refined_s, 2), "unit": "s"}))
 
 
 def scan(there: Path, name: str, *options: str) -> dict[str, float]:
@@ -61,22 +59,22 @@ def scan(there: Path, name: str, *options: str) -> dict[str, float]:
     return {"bench_s": float(answer["bench_s"]), "busy_s": busy_s}
 
 
-def followed(there: Path) -> tuple[float, float, float]:
+def followed(there: Path) -> tuple[float, float]:
     """A scan replayed at the pace of a real bench: the part of its points in the first picture, and the seconds from
-    the last point to a picture of all of them, and to the refined one."""
+    the last point to the picture of all of them."""
     follower = subprocess.Popen(
         [sys.executable, "-m", "nlos", "reconstruct", "paced.h5", "--follow", "--method", "nano", "-o", "live",
          "--no-volume"],
         cwd=there, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     time.sleep(5)  # its libraries are loaded before a scan's first points are there, as they are on a lab's machine
-    said: list[tuple[int, bool, float]] = []
+    said: list[tuple[int, float]] = []
 
     def listen() -> None:
         assert follower.stderr is not None
         for line in follower.stderr:
             if found := re.match(r"(\d+) points:", line):
-                said.append((int(found[1]), "refined" in line, time.time()))
+                said.append((int(found[1]), time.time()))
 
     listener = threading.Thread(target=listen)
     listener.start()
@@ -87,8 +85,9 @@ def followed(there: Path) -> tuple[float, float, float]:
     ended_s = (there / "paced.h5").stat().st_mtime
     follower.wait(timeout=300)
     listener.join()
-    whole_s = next(at_s for points, refined, at_s in said if points == POINTS and not refined)
-    return said[0][0] / POINTS, whole_s - ended_s, said[-1][2] - ended_s
+    points, at_s = said[-1]
+    assert points == POINTS
+    return said[0][0] / POINTS, at_s - ended_s
 
 
 def figure(name: str, value: float, unit: str, target: float) -> None:

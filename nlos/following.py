@@ -43,7 +43,7 @@ def follow_to_folder(
         replace_numbers(folder, picture.reconstruction, volume)
         terminal.log(
             f"{picture.samples} points: change {picture.change:.3f}, photon noise {picture.error:.3f}, "
-            f"{picture.reconstruction.seconds:.2f} s{', refined' if scan.live.refines and picture.refined else ''}"
+            f"{picture.reconstruction.seconds:.2f} s"
         )
         replace_pictures(folder, picture.reconstruction, volume)
 

@@ -4,7 +4,7 @@ Both only read the recording, in a process of their own: nothing here can slow o
 take longer than samples come, pictures are left out - and counted -, never samples.
 
 Where the bench's constants are known, pictures in passing are of samples corrected one by one as they came. When the
-last sample is in, there is one more picture in passing at once and then, refined, that of the finished recording.
+last sample is in, the last picture is that of the finished recording.
 """
 
 import math
@@ -139,8 +139,6 @@ class LiveScan:
                 if self._is_due(count, painted, painted_s, last):
                     painted, painted_s = self._paint_next(painted), time.monotonic()
                 if last and len(self.gathering or ()) <= painted:
-                    if self.picture is not None and self.live.refines:
-                        self._picture(refined=True)
                     self.over = True
                     return
         finally:
@@ -169,8 +167,8 @@ class LiveScan:
         self._pace.picture_s = time.monotonic() - began_s
         return count
 
-    def _picture(self, refined: bool = False) -> int:
-        """One picture of everything so far, of how many samples it returns; refined: as of the finished recording."""
+    def _picture(self) -> int:
+        """One picture of everything so far, of how many samples it returns."""
         from acquisition.errors import InvalidData as RecordingInvalid
         from calibration.errors import InvalidData
         from nlos.chain import calibrate_scan
@@ -182,7 +180,7 @@ class LiveScan:
             corrected = None if self._each is None or self.read else self._each.transient()
         try:
             transient = corrected or calibrate_scan(scan, constants=self._constants)
-            picture = self.live.update(transient, count, scan.falloff, refined=refined)
+            picture = self.live.update(transient, count, scan.falloff)
         except (InvalidData, RecordingInvalid, ReconError) as error:
             self._say(f"no picture of {count} points yet: {error}")
         else:

@@ -17,8 +17,6 @@ METHOD = "nano"
 GROWTH = 1.25
 """Pictures are compared with one of so many times fewer samples: then "change" means the same from the first to the
 last, however often pictures are made."""
-IN_PASSING: dict[str, object] = {"symmetries": False}
-"""What a picture can do without until it is the last: refinements that cost several times the picture itself."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +26,7 @@ class LivePicture:
     `change`: how much the front view differs from the newest one of at most 1/`GROWTH` of the samples, relative L2
     after scaling both to their best fit; 1 where there is none. `error`: its expected relative error from the number
     of photons alone (Poisson). `confidence` (H, W), 0 to 1: measured here, still where it was in the picture before,
-    with light enough. `refined`: made as of a finished recording, nothing left out for speed.
+    with light enough.
     """
 
     reconstruction: Reconstruction
@@ -36,13 +34,12 @@ class LivePicture:
     change: float
     error: float
     confidence: Picture
-    refined: bool
 
 
 class LiveReconstruction:
     """Reconstructs again whenever asked; remembers only the front views that the next ones are compared with.
 
-    Every picture is made from all samples so far; refined, it equals that of a recording of just these samples.
+    Every picture is made from all samples so far and equals that of a recording of just these samples.
     """
 
     def __init__(self, method: str = METHOD, settings: Mapping[str, object] | None = None, device: str = "cpu") -> None:
@@ -52,23 +49,12 @@ class LiveReconstruction:
         parse_settings(method, self.settings)
         self._device = device
         self._earlier: list[tuple[int, Picture]] = []
-        known = find(method).Settings.model_fields
-        self._in_passing = {
-            key: value for key, value in IN_PASSING.items() if key in known and key not in self.settings
-        }
-        self._knows_falloff = "falloff" in known
+        self._knows_falloff = "falloff" in find(method).Settings.model_fields
 
-    @property
-    def refines(self) -> bool:
-        """Whether a refined picture differs from one in passing."""
-        return bool(self._in_passing)
-
-    def update(
-        self, transient: Transient, samples: int, falloff: int | None = None, *, refined: bool = False
-    ) -> LivePicture:
+    def update(self, transient: Transient, samples: int, falloff: int | None = None) -> LivePicture:
         """The picture of `transient`, which holds `samples` samples; `falloff` where its file says one, for methods
         that have it. Raises what `reconstruct` raises."""
-        settings = dict(self.settings) if refined else {**self.settings, **self._in_passing}
+        settings = dict(self.settings)
         if falloff is not None and self._knows_falloff:
             settings.setdefault("falloff", falloff)
         result = reconstruct(transient, self.method, settings, self._device)
@@ -81,7 +67,7 @@ class LiveReconstruction:
         lit = max(int(np.count_nonzero(now > 0.1 * float(now.max(initial=0.0)))), 1)
         error = 1.0 / float(np.sqrt(max(photons / lit, 1.0)))
         confidence = (_nearness(measured) * still / (1.0 + error)).astype(np.float32)
-        return LivePicture(result, samples, change, error, confidence, refined or not self.refines)
+        return LivePicture(result, samples, change, error, confidence)
 
     def _compared_with(self, samples: int, now: Picture) -> Picture | None:
         """The newest front view of few enough samples; those before it are forgotten."""
