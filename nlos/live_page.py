@@ -146,6 +146,7 @@ class LivePage:
 
 def described(picture: Any) -> dict[str, Any]:
     """A picture as JSON: front view, depth, confidence, and its bright voxels as [x, y, z in mm, 0 to 255]."""
+    from recon.pictures import visible_depth
     from recon.view3d import bright_voxels
 
     result = picture.reconstruction
@@ -158,7 +159,7 @@ def described(picture: Any) -> dict[str, Any]:
         points = np.concatenate([where_m[keep] * 1e3, shade[:, None]], axis=1).round().astype(int).tolist()
     return {
         "samples": picture.samples, "change": picture.change, "error": picture.error, "seconds": result.seconds,
-        "albedo": rounded(result.albedo / top, 3), "depth_m": rounded(result.depth_m, 3),
+        "albedo": rounded(result.albedo / top, 3), "depth_m": rounded(visible_depth(result), 3),
         "confidence": rounded(picture.confidence, 2), "points": points,
     }  # fmt: skip
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -12,6 +13,7 @@ from recon.errors import InvalidData
 from recon.volume import Reconstruction
 
 DOTS_PER_INCH = 150
+FAINT = 0.02  # of the brightest point; what the front view shows as black has no colour in a depth picture
 
 
 def albedo_picture(reconstruction: Reconstruction, path: Path) -> None:
@@ -33,19 +35,26 @@ def albedo_picture(reconstruction: Reconstruction, path: Path) -> None:
 
 
 def depth_picture(reconstruction: Reconstruction, path: Path) -> None:
-    """The depth map in metres, grey where nothing is seen, as PNG."""
+    """The depth map in metres, grey where nothing or next to nothing is seen, as PNG."""
     figure = Figure(figsize=(5.2, 4.6), layout="constrained")
     axes = figure.add_subplot()
     colours = matplotlib.colormaps["viridis_r"].with_extremes(bad="0.85")
-    seen = reconstruction.depth_m[np.isfinite(reconstruction.depth_m)]
+    shown = visible_depth(reconstruction)
+    seen = shown[np.isfinite(shown)]
     low, high = np.quantile(seen, [0.02, 0.98]) if seen.size else (0.0, 1.0)
     drawn = axes.imshow(
-        np.ma.masked_invalid(reconstruction.depth_m), cmap=colours, vmin=low, vmax=max(high, low + 1e-3),
+        np.ma.masked_invalid(shown), cmap=colours, vmin=low, vmax=max(high, low + 1e-3),
         extent=_extent(reconstruction), interpolation="nearest",
     )  # fmt: skip
     figure.colorbar(drawn, ax=axes, label="depth from the wall (m)", shrink=0.85)
     _label(axes, f"{reconstruction.method}: depth")
     _save(figure, path)
+
+
+def visible_depth(reconstruction: Reconstruction) -> npt.NDArray[np.float32]:
+    """depth_m (H, W) in metres without the points too faint to be told from black in the front view (NaN)."""
+    bright = reconstruction.albedo >= FAINT * reconstruction.albedo.max(initial=0.0)
+    return np.where(bright, reconstruction.depth_m, np.float32(np.nan))
 
 
 def confidence_picture(reconstruction: Reconstruction, path: Path) -> None:

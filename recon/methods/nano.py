@@ -27,7 +27,7 @@ OWN_FEATURES = 2 * len(SNR_FACTORS) + 3  # volumes averaged and at their maximum
 MIDDLE_NOISE = -1.0
 FEWEST_SLICES = 80
 MARGIN = 8  # slices behind the last light
-DIMMEST = 0.02  # of the brightest point; below it there is no depth
+DIMMEST = 0.003  # of the brightest point; below it there is no depth
 
 
 class Settings(AnySettings):
