@@ -20,6 +20,7 @@ from drivers.tcspc.tcspc488_messages import (
     Status,
     decode_capacity,
     decode_identity,
+    decode_rates,
     decode_status,
     is_trip,
     safety_error,
@@ -129,8 +130,7 @@ class Instrument:
                     raise
                 self.clock.sleep(_RATES_SETTLE_S)  # the instrument counts for 100 ms after any change of its inputs
                 answer = self.scpi.query(b"INP:RATE?")[0]
-        sync, detector, _ = answer.split(",")
-        return CountRates(float(sync), float(detector))
+        return decode_rates(self.device, answer)
 
     # Protection
 

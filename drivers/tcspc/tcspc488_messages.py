@@ -1,12 +1,13 @@
 """What is said to a `tcspc488` and what its answers mean: pure functions, no device."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.errors import LimitError, ProtocolError, SafetyTrip, SyncLost, WrongDevice
 from drivers.identity import DeviceIdentity
 from drivers.link.scpi import ScpiError
-from drivers.tcspc.counter import HistogramAxis, StopAtCounts, Trigger
+from drivers.tcspc.counter import CountRates, HistogramAxis, StopAtCounts, Trigger
 
 _STATES = ("IDLE", "ARMED", "RUN", "DONE", "TRIP", "FAULT")
 _TRIPS = {
@@ -79,6 +80,18 @@ def decode_status(device: str, answer: str) -> Status:
     if state not in _STATES:
         raise ProtocolError(device, f"ACQ:STAT? answered {answer!r}.")
     return Status(state, done, free, lost, flags, markers)
+
+
+def decode_rates(device: str, answer: str) -> CountRates:
+    """`INP:RATE?`: what the inputs count per second."""
+    fields = answer.split(",")
+    try:
+        sync_hz, detector_hz = (float(each) for each in fields[:2])
+    except ValueError as problem:
+        raise ProtocolError(device, f"INP:RATE? answered {answer!r}.") from problem
+    if len(fields) != 3 or not (0 <= sync_hz < math.inf and 0 <= detector_hz < math.inf):
+        raise ProtocolError(device, f"INP:RATE? answered {answer!r}.")
+    return CountRates(sync_hz, detector_hz)
 
 
 def _steps(first: int, second: int, start: int) -> int:

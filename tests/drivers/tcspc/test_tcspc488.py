@@ -7,13 +7,29 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.errors import CommandRejected, DeviceNotFound, DeviceTimeout, LimitError, SafetyTrip, WrongDevice
+from drivers.errors import (
+    CommandRejected,
+    DeviceNotFound,
+    DeviceTimeout,
+    LimitError,
+    ProtocolError,
+    SafetyTrip,
+    WrongDevice,
+)
 from drivers.simulated.usb_backend import SimulatedUsb
 from drivers.tcspc.counter import HistogramAxis, HistogramFlag, StopAtCounts
 from drivers.tcspc.tcspc488 import Tcspc488, Tcspc488Settings
+from drivers.tcspc.tcspc488_messages import decode_rates
 from drivers.tcspc.tcspc488_records import decode_record, encode_record, record_bytes
 
 NUMBERS = [5, 3, 70_000, 4, 1]
+
+
+@pytest.mark.parametrize("answer", ["", "1e7", "1e7,50", "1e7:5,50,3", "nan,50,3", "1e7,-5,3", "1e7,inf,3", "1,2,3,4"])
+def test_rates_that_are_no_rates_are_refused(answer: str) -> None:
+    with pytest.raises(ProtocolError, match="INP:RATE"):
+        decode_rates("tcspc488", answer)
+    assert decode_rates("tcspc488", "1e7,50,3").detector_hz == 50
 
 
 def scan(rig: object, dwell_s: float = 0.008) -> list:
