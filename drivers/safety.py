@@ -47,7 +47,8 @@ class GuardedShutter:
 
     @property
     def has_watchdog(self) -> bool:
-        return self._counter.has_watchdog and self._settings.watchdog_s > 0
+        """Whether the shutter closes by itself when this computer falls silent."""
+        return self._shutter.on_counter and self._counter.has_watchdog and self._settings.watchdog_s > 0
 
     def open(self) -> None:
         """Raises `SafetyTrip` after a trip, until `clear_trip`, and where the interlock is open. In a dry run nothing

@@ -16,6 +16,11 @@ class ShutterState:
 class LaserShutter(Protocol):
     """Requests and reads back; the hard-wired interlock is the safety device."""
 
+    @property
+    def on_counter(self) -> bool:
+        """Whether it hangs on an output of the counter: only then can the counter's watchdog close it."""
+        ...
+
     def open(self) -> None:
         """Opens and verifies by read-back. Raises `SafetyTrip` where the interlock is open or a trip is latched."""
         ...
@@ -37,6 +42,8 @@ class ShutterLine(Protocol):
 class TtlShutter:
     """A shutter on a mirror controller's TTL output. Nothing reads back whether it moved, nor the interlock."""
 
+    on_counter = False
+
     def __init__(self, line: ShutterLine) -> None:
         self._line = line
         self._commanded_open = False
@@ -55,6 +62,8 @@ class TtlShutter:
 
 class NoShutter:
     """A bench without a shutter that this program could close: the light is a person's business."""
+
+    on_counter = False
 
     def __init__(self) -> None:
         self._commanded_open = False

@@ -13,6 +13,7 @@ from drivers.errors import (
     CommandRejected,
     DeviceError,
     DeviceFault,
+    DeviceReset,
     DeviceTimeout,
     LimitError,
     ProtocolError,
@@ -27,6 +28,7 @@ from drivers.identity import DeviceIdentity
 from drivers.link.serial_line import WireLog
 
 _POLL_S = 0.0005
+_PARKINGS = 6  # replies that are seconds late come within so many attempts
 
 
 class OptotuneSettings(Settings):
@@ -153,20 +155,23 @@ class Optotune:
         """Nothing to end: this mirror never steps by itself."""
 
     def park(self) -> None:
-        """Centre. Refused after a settle timeout or a fault: what does not settle is not sent elsewhere. Where nothing
-        answers, the command is sent all the same before the error is raised."""
-        if isinstance(self._unknown, SettleTimeout | DeviceFault):
-            self._check_known()
-        with self._motion():
+        """Centre. Refused after a settle timeout or a fault: what does not settle is not sent elsewhere.
+
+        Replies that are seconds late are waited for; where none comes, the command is sent all the same before the
+        error is raised.
+        """
+        for left in reversed(range(_PARKINGS)):
+            if isinstance(self._unknown, SettleTimeout | DeviceFault):
+                self._check_known()
             try:
-                if self._unknown is not None:
-                    self._controller.recover()
-                self._controller.set_position(0.0, 0.0)
-            except (DeviceTimeout, ProtocolError):
-                self._controller.centre_unheard()
+                self._park()
+                return
+            except SettleTimeout:
                 raise
-            self._target = MirrorAngles(0.0, 0.0)
-            self._wait_stable()
+            except (DeviceTimeout, ProtocolError, DeviceReset):
+                if not left:
+                    self._controller.centre_unheard()
+                    raise
 
     def acknowledge(self) -> None:
         """Clears latched faults, which is a person's decision; then open the bench again. Raises `DeviceFault` where
@@ -183,8 +188,16 @@ class Optotune:
             self._unknown = _fault(faults)
             self.warnings.append(str(self._unknown))
             return
-        self.park()
+        self._park()
         self.measured()
+
+    def _park(self) -> None:
+        with self._motion():
+            if self._unknown is not None:
+                self._controller.recover()
+            self._controller.set_position(0.0, 0.0)
+            self._target = MirrorAngles(0.0, 0.0)
+            self._wait_stable()
 
     def _coordinates(self, angles: MirrorAngles) -> tuple[float, float]:
         limit_deg = 2.0 * self._settings.max_mechanical_deg

@@ -104,18 +104,12 @@ class Controller:
         return int.from_bytes(payload, "big")
 
     def recover(self) -> None:
-        """In step again, after a restart too. Replies that are seconds late are waited for."""
-        for patience in range(3, -1, -1):
-            try:
-                with contextlib.suppress(DeviceReset):
-                    self._line.resynchronise()
-                return
-            except (DeviceTimeout, ProtocolError):
-                if not patience:
-                    raise
+        """In step again after whatever happened, a restart included; for commands that are right from any state."""
+        with contextlib.suppress(DeviceReset):
+            self._line.resynchronise()
 
     def centre_unheard(self) -> None:
-        """Sends the mirror to its centre although no replies come. Raises `DeviceLost`."""
+        """Sends the mirror to its centre although its replies do not come. Raises `DeviceLost`."""
         with contextlib.suppress(DeviceTimeout):
             self._line.write(wire.set_position(0.0, 0.0))
 

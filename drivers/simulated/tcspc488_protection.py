@@ -63,8 +63,10 @@ class Protection:
         self._watchdog_due_s = now_s + self.watchdog_s if self.watchdog_s else NEVER_S
 
     def command_shutter(self, is_open: bool) -> None:
+        """Drives the output; a shutter that hangs on something else does not care whether it is let go."""
+        if is_open or self.shutter_commanded:
+            self._bench.set_shutter(is_open)
         self.shutter_commanded = is_open
-        self._bench.set_shutter(is_open)
 
     def trip(self, code: int) -> None:
         self.command_shutter(False)

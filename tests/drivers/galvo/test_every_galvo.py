@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import pytest
 from pydantic import TypeAdapter
 
-from drivers.errors import DeviceError, DeviceFault, DeviceLost, LimitError
+from drivers.errors import DeviceError, DeviceFault, DeviceLost, DeviceTimeout, LimitError
 from drivers.galvo.mirror import GalvoMirror, MirrorAngles
 from drivers.galvo.models import MirrorSettings, open_mirror
 from drivers.simulated.bench import SimulatedBench
@@ -143,6 +143,33 @@ def test_after_an_error_in_a_move_it_does_not_move_again(lab: Callable[..., Lab]
     for _ in range(2):
         with pytest.raises(DeviceFault, match="not known any more"):
             there.mirror.move_to(PATH[2])
+
+
+@pytest.mark.parametrize("delay_s", [0.6, 1.0, 2.0])
+@pytest.mark.parametrize("where", ["in a move", "on the way to the centre"])
+def test_a_reply_that_is_seconds_late_does_not_keep_it_from_the_centre(
+    lab: Callable[..., Lab], where: str, delay_s: float
+) -> None:
+    there = lab()
+    there.mirror.move_to(PATH[1])
+    there.bench.faults.add(Fault(name="G2", parameters={"delay_s": delay_s}))
+    if where == "in a move":
+        with pytest.raises(DeviceTimeout):
+            there.mirror.move_to(PATH[2])
+    there.mirror.park()
+    assert there.points_at(MirrorAngles(0.0, 0.0))
+
+
+def test_a_controller_that_hears_but_does_not_answer_is_sent_to_its_centre(lab: Callable[..., Lab]) -> None:
+    there = lab()
+    there.mirror.move_to(PATH[1])
+    plugged("every").mangle = lambda way, data: [(0.0, data)] if way == ">" else []
+    began_s = there.bench.clock.now()
+    with pytest.raises(DeviceTimeout):
+        there.mirror.park()
+    assert there.bench.clock.now() - began_s < 10.0
+    there.mirror.close()
+    assert there.points_at(MirrorAngles(0.0, 0.0))
 
 
 def test_pulled_out_it_is_lost_and_closes_all_the_same(lab: Callable[..., Lab]) -> None:
