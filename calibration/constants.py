@@ -112,9 +112,12 @@ class BenchConstants:
         """Raises `PoorCalibration` where a number is worse than its own limits."""
         arrivals = self.arrivals
         if arrivals is not None and not arrivals.rms_s <= self.bin_width_s:
+            worst = int(np.argmax(np.abs(arrivals.residual_s)))
             raise PoorCalibration(
                 f"direct arrivals scatter by {arrivals.rms_s * 1e12:.1f} ps RMS about the wall's fit, more than one "
-                f"bin ({self.bin_width_s * 1e12:.1f} ps). Expose longer, or check that the wall is plane."
+                f"bin ({self.bin_width_s * 1e12:.1f} ps), most at point {worst} at ({arrivals.x_m[worst]:+.3f} m, "
+                f"{arrivals.y_m[worst]:+.3f} m) by {arrivals.residual_s[worst] * 1e12:+.0f} ps. Expose longer, and "
+                "check that the wall is plane and that the time window holds its direct light."
             )
         if arrivals is None and self.dark_hz is None:
             raise PoorCalibration("nothing was measured that could be kept.")

@@ -25,6 +25,8 @@ WHOLE_PERIOD = 0.01
 """A histogram covers the laser's period when its length differs by no more than this share."""
 LEAD_S = 300e-12
 """How long before its arrival a direct pulse may begin, where its impulse response was not measured."""
+SHORTEST_S = 1.3e-9
+"""A record that ends sooner than this after the direct arrival holds the direct light and nothing else."""
 Report = dict[str, float | int | list[float] | None]
 
 
@@ -37,8 +39,7 @@ class CorrectedPoints:
     usable: npt.NDArray[np.bool_]  # (N, T); False where direct light hides the scene or nothing was recorded
     exposure_s: Floats  # (N,); 0 where no arrival is known
     time: TimeAxis
-    offsets: TimeOffsets | None
-    """None where the arrivals were given."""
+    offsets: TimeOffsets | None  # None where the arrivals were given
     direct: DirectLight
     background: Background
 
@@ -51,9 +52,7 @@ class CorrectedPoints:
         return {
             "points": len(self.counts),
             "points_without_direct_peak": int((~offsets.found & measured).sum()) if offsets else None,
-            "points_off_the_wall_fit": int((~wall.accepted & offsets.found & measured).sum())
-            if offsets and wall
-            else None,
+            "points_off_the_wall_fit": int((offsets.stray & measured).sum()) if offsets and wall else None,
             "offset_rms_bins": offsets.rms_bins if offsets and wall else None,
             "offset_rms_ps": rms_s * 1e12 if rms_s is not None else None,
             "offset_rms_mm": rms_s * SPEED_OF_LIGHT_M_PER_S / 2 * 1e3 if rms_s is not None else None,
@@ -68,7 +67,7 @@ class CorrectedPoints:
 
 @dataclass(frozen=True)
 class Corrected:
-    """A transient that the physics can use, and everything that was taken out of it, on the wall's grid."""
+    """A transient that the physics can use, and what was taken out of it, on the wall's grid."""
 
     transient: Transient
     mask: npt.NDArray[np.bool_]  # (T, H, W); True where usable
@@ -108,7 +107,7 @@ def correct_points(
     the public f-k code does. The result keeps the bins that every point recorded. Raises `InvalidData`, naming the
     first bad point, and `NoDirectPeak`.
     """
-    raw.check()
+    raw.check(cut_tops=not rectified)
     counts, variance = undo_dead_time(raw, constants)
     offsets: TimeOffsets | None = None
     if rectified:
@@ -165,9 +164,9 @@ def correct(
 
 
 def correct_known(raw: RawPoints, constants: BenchConstants, bins: int | None = None) -> CorrectedPoints:
-    """The same corrections with nothing measured: arrivals, background and the direct light's shape are the
-    constants', so that points can be corrected one by one as they arrive, `bins` long. Raises `InvalidData` where the
-    constants lack the arrivals or are for another bin width."""
+    """The same with nothing measured: arrivals, background and the direct light's shape are the constants', so that
+    points can be corrected as they arrive, `bins` long. Raises `InvalidData` for constants without arrivals or for
+    another bin width."""
     _require_arrivals(constants, raw.time)
     counts, variance = undo_dead_time(raw, constants)
     arrival = known_arrival_bins(constants, raw.x_m, raw.y_m, raw.time)
@@ -207,22 +206,20 @@ def undo_dead_time(
     """Counts and their variance with dead time, pile-up and, over a whole period, afterpulses undone; as they are where
     constants or laser pulses are not known."""
     period_s = raw.period_s
-    dead = constants.dead_time_s if constants is not None else None
-    if dead is None or not dead.value > 0 or period_s is None:
+    if constants is None or constants.dead_time_s is None or not constants.dead_time_s.value > 0 or period_s is None:
         return raw.counts, raw.counts
+    dead_s = constants.dead_time_s.value
     taken = raw.sync_count > 0
     if not taken.all():
         counts, variance = raw.counts.astype(np.float64), raw.counts.astype(np.float64)
         counts[taken], variance[taken] = undo_dead_time(raw.select(taken), constants)
         return counts, variance
-    counts, variance = correct_free_running(
-        raw.counts, raw.sync_count, raw.total_count, raw.time.bin_width_s, period_s, dead.value
-    )
-    assert constants is not None
+    width_s = raw.time.bin_width_s
+    counts, variance = correct_free_running(raw.counts, raw.sync_count, raw.total_count, width_s, period_s, dead_s)
     after, decay_s = constants.afterpulse_probability, constants.afterpulse_decay_s
-    whole_period = abs(raw.time.bins * raw.time.bin_width_s / period_s - 1) < WHOLE_PERIOD
+    whole_period = abs(raw.time.bins * width_s / period_s - 1) < WHOLE_PERIOD
     if after is not None and decay_s is not None and after.value > 0 and whole_period:
-        counts = subtract_afterpulses(counts, raw.counts, after.value, decay_s, dead.value, raw.time.bin_width_s)
+        counts = subtract_afterpulses(counts, raw.counts, after.value, decay_s, dead_s, width_s)
     return counts, variance
 
 
@@ -255,7 +252,7 @@ def _finish(
         raise NoDirectPeak(f"at none of {points} points does direct light arrive within the record of {record} bins.")
     arrival = np.where(there, arrival, arrival[there].mean())
     if bins is None:
-        bins = record - max(int(np.ceil(arrival.max())), 0)
+        bins = _bins_left(raw, arrival, offsets)
     shift = align_by_floor_and_circshift if circshift else align
     aligned = subtract(shift(counts, arrival, bins), np.where(np.isfinite(background.error), background.per_bin, 0.0))
     spread = align_variance(variance, arrival, bins)
@@ -275,6 +272,19 @@ def _finish(
     exposure = np.where(there, raw.exposure_s, 0.0)
     axis = TimeAxis(bins, raw.time.bin_width_s)
     return CorrectedPoints(aligned, spread, usable, exposure, axis, offsets, direct, background)
+
+
+def _bins_left(raw: RawPoints, arrival: Floats, offsets: TimeOffsets | None) -> int:
+    """Bins from the direct arrival on that every point recorded, strays aside: one must not shorten all others."""
+    held = arrival if offsets is None else np.where(offsets.stray, -np.inf, arrival)
+    point = int(np.argmax(held))
+    bins = raw.time.bins - max(int(np.ceil(held[point])), 0)
+    if offsets is not None and bins * raw.time.bin_width_s < SHORTEST_S:
+        raise InvalidData(
+            f"{raw.name(point)}: direct light arrives in bin {held[point]:.0f} of {raw.time.bins}; no hidden scene was "
+            "recorded behind it. Lengthen the histogram or start it later."
+        )
+    return bins
 
 
 def _require_arrivals(constants: BenchConstants, time: TimeAxis) -> None:

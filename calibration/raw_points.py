@@ -14,6 +14,9 @@ Floats = npt.NDArray[np.float64]
 COUNTER_LIMITS = (65_535, 4_294_967_295)
 """A bin with this content has run into the end of a 16- or 32-bit counter."""
 
+LOWEST_PLATEAU = 30
+"""Below this many counts, bins of equal content lie side by side by chance."""
+
 
 @dataclass(frozen=True)
 class RawPoints:
@@ -50,12 +53,16 @@ class RawPoints:
             self.time,
         )
 
-    def check(self) -> None:
-        """Raises `InvalidData` or `SaturatedBins`, naming the first point whose histogram cannot be used and why."""
+    def check(self, cut_tops: bool = True) -> None:
+        """Raises `InvalidData` or `SaturatedBins`, naming the first point whose histogram cannot be used and why.
+
+        `cut_tops`: whether pulses that end in a plateau at the scan's maximum are refused; a published scan may have
+        been cut for display, a raw one never is.
+        """
         exposed = self.exposure_s
         if not np.isfinite(exposed).all() or (exposed < 0).any():
             point = int(np.argmax(~(exposed >= 0) | np.isinf(exposed)))
-            raise InvalidData(f"{self._name(point)} has an exposure of {exposed[point]:g} s.")
+            raise InvalidData(f"{self.name(point)} has an exposure of {exposed[point]:g} s.")
         if not (exposed > 0).any():
             raise InvalidData(f"none of {len(exposed)} points was exposed.")
         counts = self.counts
@@ -72,16 +79,31 @@ class RawPoints:
         if float(top) in limits:
             point, bin_ = (int(i) for i in np.argwhere(counts == top)[0])
             raise SaturatedBins(
-                f"{self._name(point)}, bin {bin_} holds {top:.0f} counts, the most that the counter can: it is "
+                f"{self.name(point)}, bin {bin_} holds {top:.0f} counts, the most that the counter can: it is "
                 "saturated. Shorten the dwell or attenuate the light."
             )
+        if cut_tops and top >= LOWEST_PLATEAU:
+            self._check_tops(float(top))
 
-    def _name(self, point: int) -> str:
+    def _check_tops(self, top: float) -> None:
+        """Three bins in a row at the very maximum of the scan are no coincidence: something cannot count further."""
+        full = np.flatnonzero(self.counts == top)
+        row = full // self.time.bins
+        runs = np.flatnonzero((full[2:] - full[:-2] == 2) & (row[2:] == row[:-2])) if len(full) > 2 else full[:0]
+        if len(runs):
+            point, bin_ = divmod(int(full[runs[0]]), self.time.bins)
+            raise SaturatedBins(
+                f"{self.name(point)}, bins {bin_} to {bin_ + 2} all hold {top:g} counts, the most in the whole scan: "
+                "whatever counted is saturated. Shorten the dwell or attenuate the light."
+            )
+
+    def name(self, point: int) -> str:
+        """A point for people: its number and where it lies."""
         return f"point {point} at ({self.x_m[point]:+.3f} m, {self.y_m[point]:+.3f} m)"
 
     def _refuse(self, bad: npt.NDArray[np.bool_], reason: str) -> None:
         point, bin_ = (int(i) for i in np.argwhere(bad)[0])
-        raise InvalidData(f"{self._name(point)}, bin {bin_} is {self.counts[point, bin_]}: {reason}.")
+        raise InvalidData(f"{self.name(point)}, bin {bin_} is {self.counts[point, bin_]}: {reason}.")
 
 
 def from_transient(

@@ -56,6 +56,11 @@ class TimeOffsets:
         return np.isfinite(self.error_bins)
 
     @property
+    def stray(self) -> Flags:
+        """Points with a pulse that the fitted wall does not explain; none without a wall."""
+        return self.found & ~self.wall.accepted if self.wall else np.zeros(len(self.error_bins), bool)
+
+    @property
     def residual_bins(self) -> Floats:
         """Measured arrival less the wall's prediction."""
         return self.measured_bins - self.predicted_bins
@@ -123,6 +128,7 @@ def measure_time_offsets(
         aside_counts = window_counts(recorded, aside, background, template, width)
         typical = np.median(direct[np.isfinite(error)]) if np.isfinite(error).any() else 0.0
         elsewhere = ~np.isfinite(error) & bright & np.isfinite(aside_error) & (aside_counts > max(0.5 * typical, 50.0))
+        elsewhere &= (predicted > 0) & (predicted < time.bins)  # else the pulse was missed, and this is its tail
         arrival, error = np.where(elsewhere, aside, arrival), np.where(elsewhere, aside_error, error)
         direct = np.where(elsewhere, aside_counts, direct)
     return TimeOffsets(

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -38,6 +39,9 @@ def calibrate(
         Path | None,
         typer.Option(metavar="FILE.csv", help="Measured spots: columns x_deg, y_deg (commanded, optical), x_m, y_m."),
     ] = None,
+    dark: Annotated[
+        bool, typer.Option("--dark", help="No light was meant to be in any of these runs, not even in the only one.")
+    ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Measures the bench's constants from recordings and says how good they are."""
@@ -51,17 +55,19 @@ def calibrate(
     if target.exists() and not overwrite:
         raise FileExistsError(f"{target}: exists. Choose another name with -o, or say --overwrite.")
     loaded = [_load(run) for run in runs]
-    devices = _common_devices(runs, [names for _, names, _ in loaded])
+    devices = _common_devices(runs, [one.devices for one in loaded])
     found = measure_constants(
-        [raw for raw, _, _ in loaded],
+        [one.raw for one in loaded],
         devices=devices,
         sources=[str(run) for run in runs],
         measured_utc=datetime.now(UTC).isoformat(timespec="seconds"),
-        aim=next((aim for _, _, aim in loaded if aim is not None), None),
+        aim=next((one.aim for one in loaded if one.aim is not None), None),
         dead_time=None if dead_time_ns is None else Quantity(dead_time_ns * 1e-9, 0.0),
         response=None if response is None else load_response(response),
         spots=None if spots is None else _read_spots(spots),
     )
+    if found.raw is None and not dark:
+        _refuse_unmeant_darkness(runs, loaded)
     for line, values in _lines(found):
         terminal.result(line, **values)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -74,8 +80,18 @@ def calibrate(
     terminal.result(str(target), constants=str(target))
 
 
-def _load(run: Path) -> "tuple[RawPoints, dict[str, str], Aim | ScannerGeometry | None]":
-    """Points, devices (role -> model and serial) and what the scan was aimed by."""
+@dataclass(frozen=True)
+class _Loaded:
+    raw: "RawPoints"
+    devices: Mapping[str, str]
+    """Role -> model and serial number."""
+    aim: "Aim | ScannerGeometry | None"
+    """What the scan was aimed by."""
+    meant_dark: bool
+    """Whether its bench was forbidden to open the shutter."""
+
+
+def _load(run: Path) -> _Loaded:
     from acquisition.importers.formats import is_recording, read_any
     from acquisition.recording import Recording
     from calibration.errors import InvalidData
@@ -87,7 +103,7 @@ def _load(run: Path) -> "tuple[RawPoints, dict[str, str], Aim | ScannerGeometry 
             raise InvalidData(
                 f"{run}: is rectified already (time 0 is the direct arrival); there is nothing to measure."
             )
-        return from_transient(scan.transient), {}, None
+        return _Loaded(from_transient(scan.transient), {}, None, False)
     with Recording.open(run) as recording:
         try:
             raw = from_samples(recording.samples())
@@ -95,7 +111,22 @@ def _load(run: Path) -> "tuple[RawPoints, dict[str, str], Aim | ScannerGeometry 
             raise type(error)(f"{run}: {error}") from error
         names = {role: f"{device.model} {device.serial}".strip() for role, device in recording.header.devices.items()}
         aim = _aimed_by(recording.header.constants_json, recording.header.bench_json)
-    return raw, names, aim
+        dry_run = bool(json.loads(recording.header.bench_json).get("safety", {}).get("dry_run", False))
+    return _Loaded(raw, names, aim, dry_run)
+
+
+def _refuse_unmeant_darkness(runs: list[Path], loaded: list[_Loaded]) -> None:
+    """Raises `ShutterClosed` for a scan without light: a dark rate is no answer to a shutter that did not open."""
+    from calibration.errors import ShutterClosed
+
+    for run, one in zip(runs, loaded, strict=True):
+        if not one.meant_dark:
+            each = float(one.raw.counts.sum(axis=1, dtype=float).mean())
+            raise ShutterClosed(
+                f"{run}: no laser light reached the detector: all {len(one.raw.counts)} points, from {one.raw.name(0)} "
+                f"on, hold {each:.2f} counts on average, evenly over time. Was the shutter closed? If this run was "
+                "meant to be dark, say --dark, or give it together with a scan."
+            )
 
 
 def _read_spots(path: Path) -> "Spots":
@@ -137,7 +168,7 @@ def _aimed_by(constants_json: str, bench_json: str) -> "Aim | ScannerGeometry | 
     return Aim(drawn["wall_distance_m"], drawn.get("mirror_separation_m", 0.0)) if drawn else None
 
 
-def _common_devices(runs: list[Path], each: list[dict[str, str]]) -> Mapping[str, str]:
+def _common_devices(runs: list[Path], each: list[Mapping[str, str]]) -> Mapping[str, str]:
     """The devices that all runs name. Raises `ForeignConstants` where two runs come from different ones."""
     from calibration.errors import ForeignConstants
 

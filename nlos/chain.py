@@ -161,10 +161,22 @@ def calibrate_scan(
 
 
 def _log_calibration(report: "Report") -> None:
-    if report["offset_rms_ps"] is not None:
+    rms_bins, points = report["offset_rms_bins"], report["points"]
+    assert isinstance(points, int)
+    if not isinstance(rms_bins, float):
+        if points >= 9:
+            terminal.log(
+                f"calibrated: no plane wall explains the arrivals at {points} points; each was aligned by its own"
+            )
+        return
+    terminal.log(
+        f"calibrated: offsets to {report['offset_rms_ps']:.1f} ps RMS of the wall fit, "
+        f"direct light masked up to {report['direct_masked_ns']:.2f} ns"
+    )
+    if rms_bins > 1:
         terminal.log(
-            f"calibrated: offsets to {report['offset_rms_ps']:.1f} ps RMS of the wall fit, "
-            f"direct light masked up to {report['direct_masked_ns']:.2f} ns"
+            f"warning: arrivals scatter by {rms_bins:.1f} bins about a plane wall. Is this a raw scan, does its time "
+            "window hold the direct light, is the wall plane? `nlos calibrate` draws them."
         )
 
 

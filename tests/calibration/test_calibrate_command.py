@@ -103,8 +103,14 @@ def test_spots_tell_the_mirrors_gains(folder: Path, tmp_path: Path, capsys: pyte
     assert "spots.csv:2" in told["error"]["message"]  # type: ignore[index]
 
 
-def test_a_dark_run_alone_tells_the_dark_rate(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_dark_run_alone_tells_the_dark_rate_if_it_was_meant_to_be_dark(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     code, told = called(capsys, folder / "dark.h5", "-o", folder / "d.h5")
+    assert code == 7
+    assert "Was the shutter closed?" in told["error"]["message"]  # type: ignore[index]
+    assert not (folder / "d.h5").exists()
+    code, told = called(capsys, folder / "dark.h5", "--dark", "-o", folder / "d.h5")
     assert code == 0, told
     assert abs(told["dark_hz"] - 600) < 4 * told["dark_hz_error"]  # type: ignore[operator]
     assert told["pictures"] == []
@@ -116,8 +122,10 @@ def test_a_dark_run_alone_tells_the_dark_rate(folder: Path, capsys: pytest.Captu
         ("nan", r"point 21 at .* bin 7 is nan"),
         ("negative", r"point 21 at .* bin 7 is -1"),
         ("saturated", r"point 21 at .* bin 7 holds 65535"),
+        ("clipped", r"point 0 at .* all hold 40 counts, the most in the whole scan"),
         ("rectified", "is rectified already"),
-        ("scattered", "nothing was saved: direct arrivals scatter by"),
+        ("scattered", r"nothing was saved: direct arrivals scatter by .* most at point \d+"),
+        ("late", r"point \d+ at .* direct light arrives in bin .* Lengthen the histogram"),
     ],
 )
 def test_bad_input_is_refused_by_point_and_reason(
@@ -128,6 +136,10 @@ def test_bad_input_is_refused_by_point_and_reason(
     if harm == "scattered":
         shifts = np.random.default_rng(0).integers(-3, 4, (16, 16))
         counts = np.array([[np.roll(counts[r, c], shifts[r, c]) for c in range(16)] for r in range(16)])
+    if harm == "clipped":
+        counts = np.minimum(counts, 40)
+    if harm == "late":
+        counts = np.pad(counts, ((0, 0), (0, 0), (420, 0)))[..., :512]
     counts[1, 5, 7] = {"nan": np.nan, "negative": -1, "saturated": 65535}.get(harm, counts[1, 5, 7])
     with h5py.File(tmp_path / "bad.h5", "w") as file:
         file["histograms"] = counts

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -94,3 +96,19 @@ def test_histograms_too_short_for_a_pulse_are_refused() -> None:
     points = RawPoints(np.ones((9, 5)), *np.zeros((2, 9)), np.ones(9), *np.zeros((2, 9)), TimeAxis(5, 32e-12))
     with pytest.raises(InvalidData, match="5 bins are too short"):
         correct_points(points)
+
+
+def test_a_stray_arrival_late_in_the_record_shortens_no_other_point(raw_scan: RawScan) -> None:
+    counts = raw_scan.counts.copy()
+    counts[7] = np.roll(counts[7], 150)
+    done, undisturbed = correct_points(raw(raw_scan, counts)), correct_points(raw(raw_scan))
+    assert done.time.bins == undisturbed.time.bins
+    assert done.usable[8].sum() == undisturbed.usable[8].sum()
+    assert not done.usable[7, -100:].any()
+
+
+def test_records_that_end_with_the_direct_light_are_refused(raw_scan: RawScan) -> None:
+    latest = int(raw_scan.arrival_bins.max()) + 20
+    time = TimeAxis(latest, raw_scan.bin_width_s)
+    with pytest.raises(InvalidData, match=r"point \d+ .* direct light arrives in bin .* Lengthen the histogram"):
+        correct_points(replace(raw(raw_scan), counts=raw_scan.counts[:, :latest], time=time))

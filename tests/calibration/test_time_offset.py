@@ -78,6 +78,14 @@ def test_a_step_in_the_wall_is_kept() -> None:
     assert np.abs(off - np.median(off)).max() < 0.5
 
 
+def test_a_pulse_before_the_record_is_placed_by_the_wall_and_not_at_its_tail() -> None:
+    scan = make_raw_scan(delay_s=-13.6e-9, scanner_m=(0.1, -0.2, 2.0))
+    missed = scan.arrival_bins < -2
+    assert 3 < missed.sum() < 60
+    off = measure(scan).offset_bins - scan.arrival_bins
+    assert np.abs(off - np.median(off))[missed].max() < 0.5
+
+
 def test_points_without_exposure_get_the_walls_prediction(raw_scan: RawScan) -> None:
     counts, exposed = raw_scan.counts.copy(), np.ones(len(raw_scan.counts), bool)
     exposed[5:9] = False
