@@ -48,6 +48,8 @@ class DeviceLost(DeviceError):
 class DeviceReset(DeviceError):
     """The device restarted on its own: its state is no longer what was set."""
 
+    usual_remedy = "Check its supply, then open the bench again."
+
 
 class DeviceFault(DeviceError):
     """The device itself reports a fault (temperature, current, position sensor)."""

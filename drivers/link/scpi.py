@@ -165,7 +165,7 @@ class Scpi:
         """Empties the error queue; oldest first."""
         errors: list[ScpiError] = []
         while len(errors) <= _QUEUE_LENGTH:
-            error = self._decode_error(self._link.ask(b"SYST:ERR?\n", self.timeout_s, 256))
+            error = self._next_error()
             if error.code == 0:
                 return tuple(errors)
             errors.append(error)
@@ -194,8 +194,15 @@ class Scpi:
                 raise
             return self._link.ask(message, self.timeout_s, expected)
 
-    def _decode_error(self, answer: bytes) -> ScpiError:
+    def _next_error(self) -> ScpiError:
+        """Each is told once: where its report is damaged, the next one is asked for."""
+        message = b"SYST:ERR?\n"
         try:
-            return decode_error(answer)
+            return decode_error(self._retried(message, 256, True))
+        except ValueError:
+            self._link.clear()
+        try:
+            return decode_error(self._link.ask(message, self.timeout_s, 256))
         except ValueError as problem:
+            self._link.clear()
             raise ProtocolError(self._device, f"{problem}.") from problem

@@ -229,7 +229,7 @@ class SerialLine:
             try:
                 message = take(self._buffer)
                 if message is None and len(self._buffer) > _MAX_MESSAGE:
-                    raise ValueError(f"more than {_MAX_MESSAGE} bytes without an end: {self._buffer[:40]!r}...")
+                    raise ValueError(f"more than {_MAX_MESSAGE} bytes without an end: {bytes(self._buffer[:40])!r}...")
             except ValueError as error:
                 self._buffer.clear()
                 self.in_step = False

@@ -179,7 +179,7 @@ class Tcspc488:
         if status.tripped:
             self.instrument.tripped(())
         if status.state == "IDLE" and status.done < len(self._numbers):
-            raise DeviceReset(self._device, f"it is idle after {status.done} points.", "Arm again.")
+            raise DeviceReset(self._device, f"it stopped by itself after {status.done} of {len(self._numbers)} points.")
 
     def _pause(self, until_s: float) -> None:
         """Sleeps at most until `until_s`; a service request or the next look at the status ends a long sleep early."""

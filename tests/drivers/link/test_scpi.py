@@ -77,6 +77,15 @@ def test_a_refused_command_raises_with_every_error_that_waits() -> None:
     assert [error.code for error in caught.value.errors] == [-222, -350]
 
 
+@pytest.mark.parametrize("damaged", [b'0,"No ', b"", DeviceTimeout("counter", "nothing came.")])
+def test_a_damaged_report_of_an_error_is_asked_for_again_and_twice_damaged_named(damaged: bytes | Exception) -> None:
+    ask = b"SYST:ERR?\n"
+    lines = [(ask, damaged), (ask, b'-222,"Data out of range"\n'), (ask, GOOD)]
+    assert scpi(*lines).drain_errors() == (ScpiError(-222, "Data out of range"),)
+    with pytest.raises((ProtocolError, DeviceTimeout)):
+        scpi(*[(ask, damaged)] * 2).drain_errors()
+
+
 def test_an_error_queue_without_end_is_a_protocol_error() -> None:
     with pytest.raises(ProtocolError, match="does not end"):
         scpi(*[(b"SYST:ERR?\n", b'-200,"Execution error"\n')] * 20).drain_errors()
