@@ -20,7 +20,8 @@ def follow(path: Path, *, patience_s: float = 60.0, clock: Clock | None = None) 
     """The intact samples of `path`, those already there first, then each as it is acknowledged, until the scan ends.
 
     Waits at most `patience_s` for the file to appear (`TimeoutError`); then for as long as a writer holds it, pauses
-    included. Goes on through a crash and `--resume`. Raises `StorageError` where the writer is gone for good.
+    included. Goes on through a crash and `--resume`. Raises `InvalidData` for a file that is no recording and that
+    nobody writes, `StorageError` where the writer is gone for good.
     """
     clock = clock or SystemClock()
     given = looks = 0
@@ -64,11 +65,14 @@ def follow(path: Path, *, patience_s: float = 60.0, clock: Clock | None = None) 
 
 def _opened(path: Path, patience_s: float, clock: Clock) -> Recording:
     """The recording, once it is there. A file that cannot be read yet may be on its way."""
-    deadline_s = clock.now() + patience_s
+    began_s = clock.now()
+    deadline_s = began_s + patience_s
     while True:
         try:
             return Recording.open(path)
         except (FileNotFoundError, InvalidData) as error:
+            if path.exists() and not is_locked(path) and clock.now() - began_s > LEFT_ALONE_S:
+                raise
             if clock.now() >= deadline_s:
                 raise TimeoutError(f"{path}: no recording to follow after {patience_s:g} s ({error})") from error
         clock.sleep(POLL_S)

@@ -36,7 +36,7 @@ def devices(
     from drivers.link.serial_line import available_ports
 
     table = load_bench(bench)
-    ports, (instruments, usb_trouble) = available_ports(), _usb_instruments()
+    ports, (instruments, usb_trouble) = available_ports(), usb_instruments()
     for port in ports:
         terminal.result(f"port  {port.port}  {port.description} {port.serial_number}".rstrip())
     for each in instruments:
@@ -70,7 +70,8 @@ def expectations(settings: "BenchSettings", instruments: "list[UsbInfo]", usb_tr
     return [_mirror(settings), _counter(settings, instruments, usb_trouble)]
 
 
-def _usb_instruments() -> "tuple[list[UsbInfo], str]":
+def usb_instruments() -> "tuple[list[UsbInfo], str]":
+    """Those that are plugged in, and why they cannot be searched for where that is so."""
     from drivers.errors import DeviceError
     from drivers.link.usbtmc import available_instruments
 

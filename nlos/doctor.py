@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from nlos.benches import load_bench, opened
-from nlos.doctor_checks import BENCH_CHECKS, Finding, disk, small_scan, software
+from nlos.doctor_checks import BENCH_CHECKS, Finding, absent, disk, small_scan, software
 from nlos.exit_codes import ExitCode
 from nlos.terminal import terminal
 
@@ -51,6 +51,9 @@ def _examine(word: str | None, light: bool, clear_trip: str | None) -> Iterator[
     table = load_bench(word)
     yield from software()
     yield from disk(Path())
+    if missing := list(absent(table.settings)):
+        yield from missing
+        return
     with opened(table) as bench:
         if clear_trip is not None:
             bench.shutter.clear_trip(clear_trip)

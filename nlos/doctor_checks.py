@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from acquisition.sample import Sample
-    from drivers.bench import Bench
+    from drivers.bench import Bench, BenchSettings
     from drivers.tcspc.counter import HistogramAxis
 
 _SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
@@ -75,6 +75,17 @@ def disk(folder: Path) -> Iterator[Finding]:
         return
     if not came_back:
         yield Finding("FAIL", "disk", "what was written did not come back", "Do not record here; check the disk.")
+
+
+def absent(settings: "BenchSettings") -> Iterator[Finding]:
+    """What a real bench's file names and is not there, or is another one."""
+    from nlos.devices import expectations, usb_instruments
+
+    if settings.simulated:
+        return
+    for item in expectations(settings, *usb_instruments()):
+        if not item.found:
+            yield Finding("FAIL", item.model, f"{item.role} at {item.address}: {item.what}", item.remedy)
 
 
 def links(bench: "Bench") -> Iterator[Finding]:

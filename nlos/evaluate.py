@@ -25,12 +25,16 @@ def evaluate(
     from recon.evaluation_report import NAMES, write_evaluation
     from recon.methods import catalogue
 
+    scenes = [*data, *(more or [])]
+    for path in scenes:
+        if not path.exists():
+            raise FileNotFoundError(f"{path}: no such file or folder")
     for name in NAMES:
         if (output / name).exists() and not overwrite:
             raise FileExistsError(f"{output / name}: exists. Choose another folder with -o, or say --overwrite.")
     chosen = methods.split(",") if methods else list(catalogue())
     done = evaluation.evaluate(
-        [*data, *(more or [])],
+        scenes,
         chosen,
         conditions.split(",") if conditions else evaluation.CONDITIONS,
         settings=parse_settings(settings or []),

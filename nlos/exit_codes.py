@@ -21,6 +21,13 @@ class ExitCode(IntEnum):
     TERMINATED = 143
 
 
+EXTRAS = {
+    "torch": "recon", "safetensors": "recon", "zmq": "live", "starlette": "live", "uvicorn": "live",
+    "distributed": "cluster",
+}  # fmt: skip
+"""Package that only some verbs need -> the extra that brings it."""
+
+
 class UsageError(ValueError):
     """The command was called in a way that cannot work; the message says what to change."""
 
@@ -55,7 +62,7 @@ def exit_code(error: BaseException) -> ExitCode:
             ExitCode.USAGE,
         ),
         ((drivers.errors.LimitError, drivers.errors.SafetyTrip), ExitCode.REFUSED),
-        (drivers.errors.DeviceTimeout, ExitCode.DEADLINE),
+        ((drivers.errors.DeviceTimeout, TimeoutError), ExitCode.DEADLINE),
         (drivers.errors.DeviceError, ExitCode.DEVICE),
         ((acquisition.errors.StorageError, FileExistsError), ExitCode.STORAGE),
         ((acquisition.errors.InvalidData, calibration.errors.InvalidData, recon.errors.InvalidData), ExitCode.DATA),
@@ -63,6 +70,8 @@ def exit_code(error: BaseException) -> ExitCode:
     ]
     if isinstance(error, Stopped):
         return error.code
+    if missing_extra(error) is not None:
+        return ExitCode.USAGE
     for kinds, code in table:
         if isinstance(error, kinds):
             return code
@@ -71,3 +80,13 @@ def exit_code(error: BaseException) -> ExitCode:
     if isinstance(error, PermissionError):
         return ExitCode.STORAGE
     return ExitCode.BUG
+
+
+def missing_extra(error: BaseException) -> str | None:
+    """What to install, where a command needs a package that a plain installation leaves out."""
+    if not isinstance(error, ModuleNotFoundError) or error.name is None:
+        return None
+    package = error.name.partition(".")[0]
+    if package not in EXTRAS:
+        return None
+    return f"this needs {package}, which is not installed. Install it with: pip install '.[{EXTRAS[package]}]'"

@@ -4,6 +4,7 @@ import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,9 +25,11 @@ def follow_to_folder(
     constants: Path | None = None,
     device: str = "cpu",
     volume: bool = True,
+    html: bool = False,
     overwrite: bool = False,
 ) -> "LiveScan":
     """Follows `run`, or what a ticket says, until the scan ends; the last result is that of the finished recording.
+    confidence.png beside it also says where the picture still changed; `html` adds view3d.html at the end.
 
     Raises FileExistsError unless `overwrite`, and what following raises.
     """
@@ -34,9 +37,14 @@ def follow_to_folder(
     from recon.live import LiveReconstruction
     from recon.results import NAMES
 
-    for name in NAMES:
+    live = LiveReconstruction(method, settings, device)
+    for name in (*NAMES, "view3d.html") if html else NAMES:
         if (folder / name).exists() and not overwrite:
             raise FileExistsError(f"{folder / name}: exists. Choose another folder with -o, or say --overwrite.")
+    if run.suffix == ".ticket":
+        from acquisition.network.ticket import Ticket
+
+        Ticket.load(run)
     folder.mkdir(parents=True, exist_ok=True)
 
     def keep(picture: "LivePicture") -> None:
@@ -45,12 +53,16 @@ def follow_to_folder(
             f"{picture.samples} points: change {picture.change:.3f}, photon noise {picture.error:.3f}, "
             f"{picture.reconstruction.seconds:.2f} s"
         )
-        replace_pictures(folder, picture.reconstruction, volume)
+        replace_pictures(folder, picture, volume)
 
     with local_copy(run, folder) as local:
-        scan = LiveScan(local, LiveReconstruction(method, settings, device), constants, on_picture=keep)
+        scan = LiveScan(local, live, constants, on_picture=keep)
         scan.start()
         scan.wait()
+    if html and scan.picture is not None:
+        from recon.view3d import write_view3d
+
+        write_view3d(folder / "view3d.html", scan.picture.reconstruction)
     return scan
 
 
@@ -64,18 +76,21 @@ def replace_numbers(folder: Path, reconstruction: "Reconstruction", keep_volume:
         data.replace(folder / data.name)
 
 
-def replace_pictures(folder: Path, reconstruction: "Reconstruction", keep_volume: bool) -> None:
+def replace_pictures(folder: Path, picture: "LivePicture", keep_volume: bool) -> None:
     """The pictures, in the same way."""
-    from recon.pictures import albedo_picture, depth_picture, slices_picture
+    from recon.pictures import albedo_picture, confidence_picture, depth_picture, slices_picture
     from recon.results import NAMES
 
+    result = picture.reconstruction
     draw = [(albedo_picture, NAMES[1]), (depth_picture, NAMES[2])]
-    if keep_volume and reconstruction.volume is not None:
+    if keep_volume and result.volume is not None:
         draw.append((slices_picture, "slices.png"))
     with tempfile.TemporaryDirectory(dir=folder, prefix=".next-") as fresh:
-        for picture, name in draw:
-            picture(reconstruction, Path(fresh) / name)
-            (Path(fresh) / name).replace(folder / name)
+        for drawn, name in draw:
+            drawn(result, Path(fresh) / name)
+        confidence_picture(replace(result, confidence=picture.confidence), Path(fresh) / "confidence.png")
+        for image in Path(fresh).iterdir():
+            image.replace(folder / image.name)
 
 
 @contextmanager

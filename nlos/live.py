@@ -47,12 +47,14 @@ def live(
     server = uvicorn.Server(config)
     url = f"http://127.0.0.1:{number}/{token}/"
     terminal.result(url, url=url)
+    if not run.exists():
+        terminal.log(f"waiting for {run}")
     scan.start()
 
     def end_when_idle() -> None:
-        while idle_s is not None and not (scan.over and time.monotonic() - page.asked_s > idle_s):
+        while not scan.failed and (idle_s is None or not scan.over or time.monotonic() - page.asked_s <= idle_s):
             time.sleep(0.5)
-        server.should_exit = idle_s is not None
+        server.should_exit = True
 
     threading.Thread(target=end_when_idle, daemon=True).start()
     try:
@@ -62,6 +64,8 @@ def live(
         scan.stop()
         if state is not None:
             state.unlink(missing_ok=True)
+    if scan.failed and scan.error is not None:
+        raise scan.error
 
 
 def listening(port: int) -> socket.socket:

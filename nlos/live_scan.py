@@ -66,6 +66,11 @@ class LiveScan:
         for target in (self._follow, self._paint):
             threading.Thread(target=target, daemon=True).start()
 
+    @property
+    def failed(self) -> bool:
+        """Nothing could be followed: there is nothing to show, and there will not be."""
+        return self.error is not None and self.gathering is None
+
     def stop(self) -> None:
         """Ends both threads after what they are at."""
         self._stopped.set()

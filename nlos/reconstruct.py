@@ -33,10 +33,13 @@ def reconstruct(
     from nlos.chain import parse_settings, reconstruct_file
 
     chosen = parse_settings(settings or [])
+    _check(method, chosen, device)
     if follow:
-        _follow(runs, method, chosen, output, constants, device, volume, overwrite, scheduler)
+        _follow(runs, method, chosen, output, constants, device, volume, html, overwrite, scheduler)
         return
     folders = [output / run.stem if len(runs) > 1 else output for run in runs]
+    if twice := {str(folder) for folder in folders if folders.count(folder) > 1}:
+        raise UsageError(f"{', '.join(sorted(twice))}: two RUNs of one name. Reconstruct them one by one.")
     seconds: list[float] = []
     if scheduler is not None:
         from nlos.archive import reconstruct_on
@@ -61,6 +64,20 @@ def reconstruct(
     ]
 
 
+def _check(method: str, settings: dict[str, object], device: str) -> None:
+    """Refuses what no file can change, before any is read. Raises `InvalidSettings` or `UsageError`."""
+    import torch
+
+    from recon.methods import parse_settings
+
+    of_the_file = ("offsets", "wall_size_m")
+    parse_settings(method, {key: value for key, value in settings.items() if key not in of_the_file})
+    if device not in ("cpu", "cuda"):
+        raise UsageError(f"--device {device}: cpu or cuda")
+    if device == "cuda" and not torch.cuda.is_available():
+        raise UsageError("--device cuda: PyTorch sees no GPU here. Leave --device out, or install PyTorch for CUDA.")
+
+
 def _follow(
     runs: list[Path],
     method: str,
@@ -69,6 +86,7 @@ def _follow(
     constants: Path | None,
     device: str,
     volume: bool,
+    html: bool,
     overwrite: bool,
     scheduler: str | None,
 ) -> None:
@@ -77,8 +95,9 @@ def _follow(
     if len(runs) != 1 or scheduler is not None:
         raise UsageError("--follow: follows one RUN, here")
     scan = follow_to_folder(
-        runs[0], method, settings, output, constants=constants, device=device, volume=volume, overwrite=overwrite
-    )
+        runs[0], method, settings, output, constants=constants, device=device, volume=volume, html=html,
+        overwrite=overwrite,
+    )  # fmt: skip
     if scan.picture is None:
         raise Stopped(ExitCode.DATA, f"{runs[0]}: the scan ended without a picture. {scan.message}")
     done = scan.picture

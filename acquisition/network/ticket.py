@@ -29,7 +29,9 @@ class Ticket:
 
     @classmethod
     def load(cls, path: Path) -> "Ticket":
-        """Raises `InvalidData` naming what is wrong."""
+        """Raises `InvalidData` naming what is wrong, FileNotFoundError where nothing is there."""
+        if not path.exists():
+            raise FileNotFoundError(f"{path}: no such file. `nlos serve RUN` writes it while it serves.")
         try:
             raw = path.read_bytes()[:4096]
             stored = json.loads(raw)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from acquisition.engine import record, scan
-from acquisition.errors import StorageError
+from acquisition.errors import InvalidData, StorageError
 from acquisition.follow import follow
 from acquisition.plan import ScanPlan
 from acquisition.provenance import Header
@@ -112,6 +112,14 @@ def test_following_waits_for_the_file_no_longer_than_told(tmp_path: Path) -> Non
     with pytest.raises(TimeoutError, match="no recording to follow after 3 s"):
         next(follow(tmp_path / "never.h5", patience_s=3.0, clock=clock))
     assert 3.0 <= clock.now() < 4.0
+
+
+def test_following_refuses_a_file_that_is_no_recording_and_that_nobody_writes(tmp_path: Path) -> None:
+    (tmp_path / "plan.yaml").write_text("dwell_ms: 2")
+    clock = VirtualClock()
+    with pytest.raises(InvalidData, match=r"plan\.yaml: not a readable scan file"):
+        next(follow(tmp_path / "plan.yaml", clock=clock))
+    assert clock.now() < 10.0
 
 
 def test_following_goes_through_a_file_that_is_replaced(live: list[Sample], run_path: Path, small_plan: Plans) -> None:

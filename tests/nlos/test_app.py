@@ -4,10 +4,13 @@ import importlib
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+from nlos.__main__ import report, run
 from nlos.app import VERBS, load_verb
+from nlos.exit_codes import exit_code
 
 
 def nlos(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -39,6 +42,35 @@ def test_usage_errors_exit_with_2_and_say_so_in_json() -> None:
     done = nlos("plan", "no-such-scan", "--json")
     assert done.returncode == 2
     assert json.loads(done.stdout)["error"]["exit_code"] == 2
+    done = nlos("reconstruct", "--json")
+    assert json.loads(done.stdout)["error"]["exit_code"] == 2
+
+
+def test_what_was_not_installed_is_named_with_the_extra_that_brings_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert report(ModuleNotFoundError("No module named 'zmq.auth'", name="zmq.auth")) == 2
+    assert "pip install '.[live]'" in capsys.readouterr().err
+    assert exit_code(ModuleNotFoundError("No module named 'nlos.ghost'", name="nlos.ghost")) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["run.h5", "--method", "lctt"], 2, "there is no method 'lctt'"),
+        (["run.h5", "--set", "snrr=1"], 2, "no setting 'snrr'"),
+        (["run.h5", "--device", "tpu"], 2, "cpu or cuda"),
+        (["a/run.h5", "b/run.h5"], 2, "two RUNs of one name"),
+        (["gone.ticket", "--follow", "-o", "new"], 2, "gone.ticket: no such file"),
+        (["gone.h5"], 2, "gone.h5: no such file"),
+    ],
+)
+def test_what_cannot_be_reconstructed_is_refused_before_anything_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    words: list[str], code: int, said: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    assert run(["reconstruct", *words]) == code
+    assert said in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_version_is_told_everywhere() -> None:

@@ -1,12 +1,17 @@
 """`nlos devices` and `nlos doctor`: what they say about a bench that is there, one that is not, and one that is ill."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+import usb.backend.libusb1
 import yaml
 
+from drivers.simulated.bench import SimulatedBench
+from drivers.simulated.tcspc488_firmware import Tcspc488Firmware
+from drivers.simulated.usb_backend import SimulatedUsb
 from nlos.__main__ import run
 from nlos.terminal import terminal
 
@@ -77,6 +82,24 @@ def test_the_doctor_sees_a_hot_detector(tmp_path: Path, capsys: pytest.CaptureFi
     assert "FAIL  dark counts" in capsys.readouterr().out
 
 
-def test_the_doctor_says_which_device_is_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["doctor", "--bench", bench_file(tmp_path, "lab")]) == 3
-    assert "FAIL  tcspc488" in capsys.readouterr().out
+def test_the_doctor_names_all_that_is_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = bench_file(tmp_path, "lab", mirror={"port": str(tmp_path / "ttyACM7")})
+    assert run(["doctor", "--bench", path]) == 3
+    said = capsys.readouterr().out
+    assert "FAIL  triggerscope" in said
+    assert "FAIL  tcspc488" in said
+
+
+@pytest.mark.parametrize("verb", ["devices", "doctor"])
+def test_a_counter_of_another_serial_number_is_not_taken_for_the_one_that_is_named(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    dark_bench: Callable[..., SimulatedBench],
+    verb: str,
+) -> None:
+    dark = dark_bench()
+    plugged_in = SimulatedUsb([Tcspc488Firmware(dark, serial="SIM0007")], dark.clock)
+    monkeypatch.setattr(usb.backend.libusb1, "get_backend", lambda find_library=None: plugged_in)
+    assert run([verb, "--bench", bench_file(tmp_path, "lab", counter={"usb": "SIM0001"})]) == 3
+    assert "another one is plugged in: SIM0007" in capsys.readouterr().out

@@ -19,8 +19,8 @@ from acquisition.recording import Recording
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
 
 SCAN = """\
-wall: {{width_m: 1.0, height_m: 1.0, rows: 16, cols: 16}}
-pattern: {{kind: coarse_to_fine, batch: 8}}
+wall: {{width_m: 1.0, height_m: 1.0, rows: {side}, cols: {side}}}
+pattern: {{kind: coarse_to_fine, batch: {side}}}
 dwell_ms: {dwell_ms}
 histogram: {{bins: 512, bin_width_ps: 32, offset_ns: 10}}
 """
@@ -66,9 +66,10 @@ def same_samples(one: Path, other: Path) -> bool:
         return len(a) == len(a.plan) and alike and np.array_equal(a.counts_of(0, len(a)), b.counts_of(0, len(b)))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("harm", ["killed", "stopped", "slow"])
 def test_a_scan_loses_neither_samples_nor_time_when_its_page_is_harmed(nlos: Nlos, tmp_path: Path, harm: str) -> None:
-    (tmp_path / "scan.yaml").write_text(SCAN.format(dwell_ms=20))
+    (tmp_path / "scan.yaml").write_text(SCAN.format(side=64, dwell_ms=1) if SOAK else SCAN.format(side=16, dwell_ms=20))
     alone = json.loads(nlos("scan", "scan.yaml", "-o", "alone.h5", "--json").stdout)
     watched = subprocess.Popen(
         [sys.executable, "-m", "nlos", "scan", "scan.yaml", "-o", "watched.h5", "--live", "--json"],
@@ -82,7 +83,7 @@ def test_a_scan_loses_neither_samples_nor_time_when_its_page_is_harmed(nlos: Nlo
         watched.communicate(timeout=60)
         pytest.skip("this kernel does not say which process is whose child")
     with harmed(int(children.read_text().split()[0]), harm):
-        out, err = watched.communicate(timeout=60)
+        out, err = watched.communicate(timeout=120)
     assert watched.returncode == 0, err
     answer = json.loads(out)
     os.kill(answer["live"]["pid"], signal.SIGKILL)
@@ -94,7 +95,7 @@ def test_a_scan_loses_neither_samples_nor_time_when_its_page_is_harmed(nlos: Nlo
 @pytest.mark.parametrize("harm", ["killed", "stopped", "slow"] if SOAK else ["stopped"])
 def test_a_harmed_follower_has_every_sample_in_the_end(nlos: Nlos, tmp_path: Path, harm: str) -> None:
     """The recording grows at a real bench's pace; a follower that was killed is started anew, as a person would."""
-    (tmp_path / "scan.yaml").write_text(SCAN.format(dwell_ms=160 if SOAK else 10))
+    (tmp_path / "scan.yaml").write_text(SCAN.format(side=16, dwell_ms=160 if SOAK else 10))
     assert nlos("scan", "scan.yaml", "-o", "run.h5").returncode == 0
     follow = [sys.executable, "-m", "nlos", "reconstruct", "grows.h5", "--follow", "-o", "live", "--json"]
     bench = subprocess.Popen(
