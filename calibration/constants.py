@@ -1,8 +1,9 @@
 """The measured constants of a bench: numbers, uncertainties, the devices they hold for, and where they came from.
 
 One HDF5 file. Attributes: format "nlos-constants", version 1, `about` (JSON: devices, date, sources), and each scalar
-with its error under its own name (`dead_time_s`, `dead_time_s_error`). Datasets: `response`, `arrivals/...`,
-`direct_shape`, `dark_per_bin_hz`. What was not measured is not there.
+with its error under its own name (`dead_time_s`, `dead_time_s_error`). Datasets: `response`, `arrivals/...` (the fit,
+`x_m`, `y_m`, `residual_s`, and for other readers `arrival_s`, the offset map itself), `direct_shape`,
+`dark_per_bin_hz`. What was not measured is not there.
 """
 
 import json
@@ -158,6 +159,7 @@ def save(constants: BenchConstants, path: Path, overwrite: bool = False) -> None
             if constants.arrivals is not None:
                 for item in fields(constants.arrivals):
                     file[f"arrivals/{item.name}"] = getattr(constants.arrivals, item.name)
+                file["arrivals/arrival_s"] = constants.arrivals.at(constants.arrivals.x_m, constants.arrivals.y_m)
         os.replace(partial, path)
     finally:
         partial.unlink(missing_ok=True)

@@ -72,6 +72,13 @@ def test_what_is_saved_is_what_is_loaded(constants: BenchConstants, tmp_path: Pa
     assert np.array_equal(again.response.density, full.response.density)  # type: ignore[union-attr]
 
 
+def test_other_readers_find_the_offset_map_itself(constants: BenchConstants, raw_scan: RawScan, tmp_path: Path) -> None:
+    save(constants, tmp_path / "c.h5")
+    with h5py.File(tmp_path / "c.h5") as file:
+        off = file["arrivals/arrival_s"][:] / raw_scan.bin_width_s - raw_scan.arrival_bins
+    assert np.abs(off - off.mean()).max() < 0.5
+
+
 def test_nothing_is_overwritten_unasked(constants: BenchConstants, tmp_path: Path) -> None:
     save(constants, tmp_path / "c.h5")
     before = (tmp_path / "c.h5").read_bytes()
