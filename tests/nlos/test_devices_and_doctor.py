@@ -1,7 +1,6 @@
 """`nlos devices` and `nlos doctor`: what they say about a bench that is there, one that is not, and one that is ill."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -95,10 +94,9 @@ def test_a_counter_of_another_serial_number_is_not_taken_for_the_one_that_is_nam
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
-    dark_bench: Callable[..., SimulatedBench],
     verb: str,
 ) -> None:
-    dark = dark_bench()
+    dark = SimulatedBench(lambda *exposure: pytest.fail("nobody asked for light"))
     plugged_in = SimulatedUsb([Tcspc488Firmware(dark, serial="SIM0007")], dark.clock)
     monkeypatch.setattr(usb.backend.libusb1, "get_backend", lambda find_library=None: plugged_in)
     assert run([verb, "--bench", bench_file(tmp_path, "lab", counter={"usb": "SIM0001"})]) == 3
