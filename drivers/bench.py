@@ -113,6 +113,7 @@ def open_bench(
                 inner.close()
             # A mirror controller that drives the shutter closes it before it does anything else.
             mirror = closing.mirror = open_mirror(settings.mirror, clock, wire_log=wire_log)
+            counter.meanwhile(mirror.look)
             if settings.shutter.model == "triggerscope_ttl" and isinstance(mirror, TriggerScope):
                 inner = TtlShutter(mirror)
             shutter = closing.shutter = GuardedShutter(inner, counter, settings.safety, events)

@@ -61,6 +61,11 @@ class GalvoMirror(Protocol):
         """Ends stepping; the mirror stays where it is."""
         ...
 
+    def look(self) -> None:
+        """Raises `DeviceLost` where the cable is gone and `DeviceReset` where the controller restarted. Sends nothing
+        and waits for nothing: called every 10 ms while the light is on."""
+        ...
+
     def park(self) -> None:
         """Centre, or the beam dump where the bench names one. Called after the shutter is closed."""
         ...

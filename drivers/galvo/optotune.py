@@ -154,6 +154,10 @@ class Optotune:
     def stop(self) -> None:
         """Nothing to end: this mirror never steps by itself."""
 
+    def look(self) -> None:
+        with self._motion():
+            self._controller.look()
+
     def park(self) -> None:
         """Centre. Refused after a settle timeout or a fault: what does not settle is not sent elsewhere.
 

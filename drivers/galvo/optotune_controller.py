@@ -103,6 +103,12 @@ class Controller:
             raise ProtocolError(DEVICE, f"{payload!r} is no 32-bit register.", REOPEN)
         return int.from_bytes(payload, "big")
 
+    def look(self) -> None:
+        """Raises `DeviceLost` where the cable is gone, `DeviceReset` where it says its name unasked. Sends nothing."""
+        if wire.names_model(self._line.look()):
+            self._line.in_step = False
+            raise _restarted()
+
     def recover(self) -> None:
         """In step again after whatever happened, a restart included; for commands that are right from any state."""
         with contextlib.suppress(DeviceReset):

@@ -3,57 +3,19 @@
 import contextlib
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Literal, Self
 
-from pydantic import Field, model_validator
-
-from configs.settings import Settings
 from drivers.clock import Clock
 from drivers.errors import CommandRejected, DeviceFault, DeviceReset, DeviceTimeout, LimitError, ProtocolError
 from drivers.galvo import triggerscope_commands as wire
 from drivers.galvo.mirror import MirrorAngles
-from drivers.galvo.settle import SettleModel
 from drivers.galvo.triggerscope_controller import DEVICE, REOPEN, Controller, RangeChanged
+from drivers.galvo.triggerscope_settings import TriggerScopeSettings
 from drivers.identity import DeviceIdentity
 from drivers.link.serial_line import WireLog
 
+__all__ = ["TriggerScope", "TriggerScopeSettings"]
+
 _PARKINGS = 6  # replies that are seconds late come within so many attempts
-
-
-class AxisSettings(Settings):
-    """One galvo axis: its DAC, volts per mechanical degree (negative: mounted the other way round), volts at centre."""
-
-    dac: int = Field(ge=1, le=9)
-    volts_per_degree: float = Field(default=0.5, ge=-10, le=10)
-    offset_v: float = Field(default=0.0, ge=-10, le=10)
-
-
-class TriggerScopeSettings(Settings):
-    """The mirror block of a bench file.
-
-    `shutter_pin`: TTL output (9 to 16) wired to the laser shutter; outputs 1 to 3 carry the markers of a sequence.
-    `allow_unverified_dac`: moves although no start-up banner was seen, which is how a controller without SD card looks:
-    it confirms every command and moves nothing.
-    """
-
-    model: Literal["triggerscope"]
-    port: str
-    x: AxisSettings = AxisSettings(dac=1)
-    y: AxisSettings = AxisSettings(dac=2)
-    max_mechanical_deg: float = Field(default=20.0, gt=0, le=45)
-    settle: SettleModel = SettleModel()
-    shutter_pin: int | None = Field(default=None, ge=9, le=16)
-    timeout_s: float = Field(default=0.5, ge=0.02, le=10)
-    banner_timeout_s: float = Field(default=1.0, ge=0.1, le=10)
-    allow_unverified_dac: bool = False
-
-    @model_validator(mode="after")
-    def _two_axes(self) -> Self:
-        if self.x.dac == self.y.dac:
-            raise ValueError("x and y need a DAC each")
-        if 0.0 in (self.x.volts_per_degree, self.y.volts_per_degree):
-            raise ValueError("volts_per_degree must not be 0")
-        return self
 
 
 class TriggerScope:
@@ -166,6 +128,10 @@ class TriggerScope:
         self._region = (MirrorAngles(min(xs), min(ys)), MirrorAngles(max(xs), max(ys)))
         self._target = None
         self._sequence = ()
+
+    def look(self) -> None:
+        with self._motion():
+            self._controller.look()
 
     def park(self) -> None:
         """Centre, from any state, and still. After an error this does not make the mirror usable again.

@@ -18,7 +18,7 @@ STATES = 1200
 """Length of a controller's table of states. It does not check: writing past it corrupts the firmware's memory."""
 
 _LINE_STATES = 99  # a longer line's reply may overrun the controller's buffer of 20 bytes
-_IDENTITY = re.compile(rb"ARC TRIGGERSCOPE (\S+) (\S+) Board (\S+) (v\.\S+-MM)")
+_IDENTITY = re.compile(rb"ARC TRIGGERSCOPE ([!-~]+) ([!-~]+) Board ([!-~]+) (v\.[!-~]+-MM)")
 
 
 def code_for(angle_rad: float, volts_per_degree: float, offset_v: float) -> int:

@@ -78,6 +78,12 @@ class Controller:
         except (DeviceTimeout, ProtocolError):
             self.command(command)
 
+    def look(self) -> None:
+        """Raises `DeviceLost` where the cable is gone, `DeviceReset` after a banner. Sends nothing."""
+        if _names_itself(self._line.look()):
+            self._line.in_step = False
+            raise _restarted()
+
     def recover(self) -> None:
         """In step again after whatever happened, a restart included; for commands that are right from any state."""
         with contextlib.suppress(DeviceReset, RangeChanged):

@@ -11,6 +11,7 @@ from serial.tools import list_ports
 
 from drivers.clock import Clock
 from drivers.errors import DeviceBusy, DeviceError, DeviceLost, DeviceNotFound, DeviceTimeout, ProtocolError
+from drivers.link.framing import Take, take_line
 
 try:  # an unplugged port raises termios.error, which is not an OSError, from flush and from setting a timeout
     import termios
@@ -26,10 +27,6 @@ if "drivers.simulated" not in serial.protocol_handler_packages:  # where pyseria
 
 WireLog = Callable[[str, str, bytes], None]
 """(device, ">" sent or "<" received, bytes)"""
-
-Take = Callable[[bytearray], bytes | None]
-"""Removes one complete message from the front of the buffer and returns it, or None while it is incomplete. Raises
-`ValueError` where the buffer holds what the protocol does not allow."""
 
 _MAX_MESSAGE = 256  # bytes; more without an end is no message
 _SLICE_S = 0.05  # a read is interrupted this often, so that a reply set aside by `interject` is found in time
@@ -48,18 +45,6 @@ class PortInfo:
 def available_ports() -> list[PortInfo]:
     """The serial ports of this computer."""
     return [PortInfo(p.device, p.description or "", p.serial_number or "") for p in sorted(list_ports.comports())]
-
-
-def take_line(buffer: bytearray) -> bytes | None:
-    """A line of printable ASCII, without its CR LF."""
-    end = buffer.find(b"\r\n")
-    if end < 0:
-        return None
-    line = bytes(buffer[:end])
-    del buffer[: end + 2]
-    if any(not 32 <= byte < 127 for byte in line):
-        raise ValueError(f"{line!r} is not a line of printable text")
-    return line
 
 
 class SerialLine:
@@ -188,6 +173,13 @@ class SerialLine:
                 drained += self._buffer[:_MAX_MESSAGE]
                 self._buffer.clear()
             return bytes(drained)
+
+    def look(self) -> bytes:
+        """What has arrived that nobody asked for. Waits for nothing, and leaves it to the next `exchange`."""
+        with self._lock:
+            while len(self._buffer) <= _MAX_MESSAGE and self._waiting():
+                self._fill(0.0)
+            return bytes(self._buffer)
 
     def write(self, data: bytes) -> None:
         """Sends bytes and expects nothing."""

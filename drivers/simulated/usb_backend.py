@@ -204,7 +204,7 @@ class SimulatedUsb(usb.backend.IBackend):  # type: ignore[misc]
                 return got
 
     def intr_read(self, dev_handle: UsbHandle, ep: int, intf: int, buff: "array.array[int]", timeout: int) -> int:
-        device = self._port_of(dev_handle).device
+        device = self._port_of(dev_handle, "interrupt").device
         deadline_s = self._clock.now() + timeout / 1000.0
         while True:
             device.instrument.advance(self._clock.now())

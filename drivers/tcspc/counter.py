@@ -1,6 +1,6 @@
 """What every photon counter does: histogram arrival times, point by point, and say what it lost."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum, IntFlag
 from typing import Protocol
@@ -152,6 +152,10 @@ class HistogramCounter(Protocol):
     def rest(self, seconds: float) -> bool:
         """Sits through that much of an open gate, kicking the watchdog meanwhile. False as soon as all triggered
         points are complete. Raises `SafetyTrip` as soon as the instrument reports one."""
+        ...
+
+    def meanwhile(self, look: Callable[[], None]) -> None:
+        """From now on `look` is called every 10 ms while points are waited for. What it raises ends the wait."""
         ...
 
     def read(self, first: int, count: int) -> list[Histogram]:

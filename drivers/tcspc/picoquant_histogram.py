@@ -1,7 +1,7 @@
 """PicoHarp 300, HydraHarp 400 and MultiHarp 150 in histogram mode: one measurement per point."""
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -68,6 +68,7 @@ class Picoquant:
         self._triggered = 0
         self._armed_s = self._started_s = self._sync_hz = 0.0
         self._running = False
+        self._meanwhile: Callable[[], None] = lambda: None
 
     # Settings
 
@@ -166,6 +167,9 @@ class Picoquant:
             return True
         return False
 
+    def meanwhile(self, look: Callable[[], None]) -> None:
+        self._meanwhile = look
+
     def _watch_until(self, when_s: float) -> None:
         """Sleeps, with an eye on what the instrument has to say."""
         while (left_s := when_s - self._clock.now()) > _WATCH_S:
@@ -175,6 +179,7 @@ class Picoquant:
 
     def _while_running(self) -> int:
         """What has to be done while a point is being measured; how much of it there was."""
+        self._meanwhile()
         self._flags()
         return 0
 

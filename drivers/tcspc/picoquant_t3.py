@@ -120,6 +120,7 @@ class PicoquantT3(Picoquant):
 
     def _while_running(self) -> int:
         """Reads from the FIFO, and sees whether it was full: then what follows is not in step with time any more."""
+        self._meanwhile()
         records = self._read_fifo()
         events = self._decoder.feed(records)
         flags = self._flags()

@@ -4,7 +4,7 @@ In scheme S1 one question per point both confirms that its gate has closed and b
 checked in `read`, while the mirror moves on.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import accumulate
 from typing import Any
 
@@ -163,6 +163,9 @@ class Tcspc488:
             if status.done >= self._triggered:
                 return False
         return True
+
+    def meanwhile(self, look: Callable[[], None]) -> None:
+        self.instrument.meanwhile = look
 
     def _look(self) -> Status:
         return self.instrument.look()[0]

@@ -4,7 +4,7 @@ Whatever is said to it, a trip that its answer shows is answered first, with the
 """
 
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
@@ -30,6 +30,8 @@ from drivers.tcspc.tcspc488_setup import Setup
 
 _NOT_READY, _OVERRUN = -230, 104
 _RATES_SETTLE_S = 0.1
+_MEANWHILE_S = 0.01
+"""A cable that is pulled, this one or the mirror's, is noticed within this time."""
 
 
 class Instrument:
@@ -46,6 +48,7 @@ class Instrument:
         self._status_units = [b"ACQ:STAT?;:ACQ:MARK?" if settings.markers else b"ACQ:STAT?"]
         self._watchdog_s = 0.0
         self._kicked_s = 0.0
+        self.meanwhile: Callable[[], None] = lambda: None
         serial = None if settings.usb in ("simulated", "auto") else settings.usb
         found = find_usb(self.device, settings.vendor_id, settings.product_id, serial, backend)
         self.link = Usb488(UsbtmcInterface(self.device, found, wire_log), clock)
@@ -119,7 +122,11 @@ class Instrument:
 
     def pause(self, seconds: float) -> None:
         """Until a service request, the next kick, or for so long."""
-        self.link.wait_service_request(min(seconds, self._kick_period_s()))
+        until_s = self.clock.now() + min(seconds, self._kick_period_s())
+        while (left_s := until_s - self.clock.now()) > 0:
+            self.meanwhile()
+            if self.link.wait_service_request(min(left_s, _MEANWHILE_S)):
+                return
 
     def rates(self) -> CountRates:
         with self.errors_named():
@@ -128,7 +135,9 @@ class Instrument:
             except ErrorsReported as refusal:
                 if refusal.errors[0].code != -221:
                     raise
-                self.clock.sleep(_RATES_SETTLE_S)  # the instrument counts for 100 ms after any change of its inputs
+                until_s = self.clock.now() + _RATES_SETTLE_S  # it counts for 100 ms after any change of its inputs
+                while (left_s := until_s - self.clock.now()) > 0:
+                    self.pause(left_s)
                 answer = self.scpi.query(b"INP:RATE?")[0]
         return decode_rates(self.device, answer)
 

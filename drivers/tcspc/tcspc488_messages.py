@@ -109,7 +109,9 @@ def safety_error(device: str, errors: Sequence[ScpiError], cause: str) -> Safety
     codes = [error.code for error in errors if error.code in _TRIPS] or [_CAUSES.get(cause, 0)]
     words = _TRIPS.get(codes[0], f"it reports a trip ({cause or 'no cause given'})")
     kind = SyncLost if codes[0] == 103 else SafetyTrip
-    return kind(device, f"{words}; the shutter is closed.", "Find out why, then clear the trip by hand.")
+    return kind(
+        device, f"{words}; the shutter is closed.", "Find out why, then say `nlos doctor --clear-trip YOUR-NAME`."
+    )
 
 
 def microseconds(device: str, seconds: float) -> int:

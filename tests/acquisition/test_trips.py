@@ -1,7 +1,9 @@
-"""However a scan is clocked and whoever drives the shutter: after a trip the light is told to go off within 20 ms."""
+"""However a scan is clocked and whoever drives the shutter: within 20 ms of a trip, or of a cable being pulled, it is
+told to close."""
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -12,8 +14,9 @@ from acquisition.schemes import Scheme
 from configs.load import load
 from drivers.bench import BenchSettings, open_bench
 from drivers.clock import Clock
-from drivers.errors import SafetyTrip
+from drivers.errors import DeviceLost, DeviceReset, SafetyTrip
 from drivers.simulated.faults import Fault
+from drivers.simulated.serial_port import plugged
 from drivers.simulated.tcspc488_protection import Protection
 
 Plans = Callable[..., ScanPlan]
@@ -81,3 +84,53 @@ def test_a_trip_is_answered_within_its_time(
         with pytest.raises(SafetyTrip):
             bench.shutter.open()
         assert not simulated.shutter_open
+
+
+@pytest.mark.parametrize(
+    ("cable", "shutter"), [("G8", "tcspc488"), ("U11", "triggerscope_ttl")], ids=["the mirror's", "the counter's"]
+)
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize(("dwell_ms", "after_s"), [(8, 0.053), (8, 0.117), (300, 0.5), (2000, 0.77), (2000, 3.03)])
+def test_a_pulled_cable_is_noticed_while_points_are_waited_for(
+    small_plan: Plans, cable: str, shutter: str, scheme: str, dwell_ms: int, after_s: float
+) -> None:
+    chosen, mode = SCHEMES[scheme]
+    sent: list[tuple[float, bytes]] = []
+    clocks: list[Clock] = []
+
+    def log(device: str, way: str, data: bytes) -> None:
+        if clocks and way == ">":
+            sent.append((clocks[0].now(), data))
+
+    with suppress(DeviceLost), open_bench(bench_with(shutter, mode), wire_log=log) as bench:
+        simulated = bench.simulated
+        assert simulated is not None
+        clocks.append(bench.clock)
+        pulled_s = bench.clock.now() + after_s
+        simulated.faults.add(Fault(name=cable, after_s=pulled_s))
+        with pytest.raises(DeviceLost):
+            list(scan(small_plan(dwell_ms=dwell_ms), bench, scheme=chosen))
+    answered_s = next(when_s for when_s, data in sent if CLOSES[shutter] in data and when_s >= pulled_s)
+    assert answered_s - pulled_s <= WITHIN_S
+    assert not simulated.shutter_open
+
+
+@pytest.mark.parametrize("scheme", ["S2", "S3"])
+def test_a_mirror_controller_that_restarts_while_it_steps_ends_the_scan(small_plan: Plans, scheme: str) -> None:
+    chosen, mode = SCHEMES[scheme]
+    looks = 0
+    with open_bench(bench_with("tcspc488", mode)) as bench:
+
+        def look() -> None:
+            nonlocal looks
+            looks += 1
+            if looks == 5:
+                plugged("triggerscope").say(plugged("triggerscope").firmware.reboot())
+            bench.mirror.look()
+
+        bench.counter.meanwhile(look)
+        with pytest.raises(DeviceReset):
+            list(scan(small_plan(), bench, scheme=chosen))
+    assert looks == 5
+    assert bench.simulated is not None
+    assert not bench.simulated.shutter_open

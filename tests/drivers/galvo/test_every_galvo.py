@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import pytest
 from pydantic import TypeAdapter
 
-from drivers.errors import DeviceError, DeviceFault, DeviceLost, DeviceTimeout, LimitError
+from drivers.errors import DeviceError, DeviceFault, DeviceLost, DeviceReset, DeviceTimeout, LimitError
 from drivers.galvo.mirror import GalvoMirror, MirrorAngles
 from drivers.galvo.models import MirrorSettings, open_mirror
 from drivers.simulated.bench import SimulatedBench
@@ -170,6 +170,28 @@ def test_a_controller_that_hears_but_does_not_answer_is_sent_to_its_centre(lab: 
     assert there.bench.clock.now() - began_s < 10.0
     there.mirror.close()
     assert there.points_at(MirrorAngles(0.0, 0.0))
+
+
+def test_looking_sends_nothing_and_sees_a_restart_and_a_pulled_cable(lab: Callable[..., Lab]) -> None:
+    there = lab()
+    cable = plugged("every")
+    there.mirror.move_to(PATH[1])
+    sent: list[str] = []
+    cable.mangle = lambda way, data: [(0.0, data)] if way == "<" else sent.append(data) or [(0.0, data)]
+    there.mirror.look()
+    cable.say(b"# hello\r\n")
+    there.mirror.look()
+    there.mirror.move_to(PATH[2])
+    sent.clear()
+    cable.say(cable.firmware.reboot())
+    with pytest.raises(DeviceReset):
+        there.mirror.look()
+    with pytest.raises(DeviceFault, match="not known any more"):
+        there.mirror.move_to(PATH[1])
+    unplug("every")
+    with pytest.raises(DeviceLost):
+        there.mirror.look()
+    assert sent == []
 
 
 def test_pulled_out_it_is_lost_and_closes_all_the_same(lab: Callable[..., Lab]) -> None:

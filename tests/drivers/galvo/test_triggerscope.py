@@ -11,7 +11,8 @@ from pydantic import ValidationError
 from drivers.errors import CommandRejected, LimitError, WrongDevice
 from drivers.galvo import triggerscope_commands as wire
 from drivers.galvo.mirror import MirrorAngles
-from drivers.galvo.triggerscope import AxisSettings, TriggerScope, TriggerScopeSettings
+from drivers.galvo.triggerscope import TriggerScope, TriggerScopeSettings
+from drivers.galvo.triggerscope_settings import AxisSettings
 from drivers.simulated.bench import SimulatedBench
 from drivers.simulated.serial_port import plug, plugged, unplug
 
