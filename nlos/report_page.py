@@ -29,12 +29,29 @@ body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto
 h1 { font-size: 1.6rem } h2 { font-size: 1.2rem; margin-top: 2.2rem; border-bottom: 1px solid #d0d7de }
 table { border-collapse: collapse; width: 100%; font-size: .92rem }
 td, th { text-align: left; vertical-align: top; padding: .3rem .8rem .3rem 0; border-bottom: 1px solid #eaeef2 }
-th { font-weight: 600; white-space: nowrap } img { max-width: 100% }
+td { overflow-wrap: anywhere } td:first-child { white-space: nowrap }
+th { font-weight: 600; width: 1%; white-space: nowrap } img { max-width: 100% }
 .pictures { display: flex; flex-wrap: wrap; gap: 1rem } .pictures figure { margin: 0; flex: 1 1 22rem }
 figure { margin: 0 } figcaption { font-size: .9rem; color: #57606a }
 pre { background: #f6f8fa; padding: .8rem; overflow: auto }
+@media (max-width: 40rem) { th { width: 40%; white-space: normal } }
+summary { cursor: pointer; margin: .6rem 0 }
 iframe { width: 100%; height: 32rem; border: 1px solid #d0d7de }
 """
+
+_FOUND = {
+    "points_without_direct_peak": "Points without a direct peak",
+    "points_off_the_wall_fit": "Points off the fit of the wall",
+    "offset_rms_ps": "Time offsets about that fit, RMS (ps)",
+    "offset_rms_mm": "The same as a distance (mm)",
+    "scanner_position_m": "Scanner, from the wall's centre: x, y, z (m)",
+    "electronic_delay_ns": "Delay of cables and electronics (ns)",
+    "response_fwhm_ps": "Impulse response, FWHM (ps)",
+    "direct_masked_ns": "Direct light masked for (ns)",
+    "direct_tail_ps": "Its tail decays in (ps)",
+    "background_per_bin": "Background (counts per bin)",
+}
+"""What a calibration reports -> how the page calls it."""
 
 
 def write_report(run: Path, target: Path, methods: Sequence[str]) -> None:
@@ -97,8 +114,15 @@ def _about(recording: "Recording") -> str:
 
 
 def _settings(recording: "Recording") -> str:
-    texts = [text for text in (recording.header.scan_text, recording.header.bench_text) if text]
-    return "<h2>Settings</h2>" + "".join(f"<pre>{escape(text)}</pre>" for text in texts) if texts else ""
+    header = recording.header
+    texts = [("The scan file", header.scan_text), ("The bench file", header.bench_text)]
+    if not any(text for _, text in texts):
+        return ""
+    return "<h2>Settings</h2>" + "".join(_folded(name, text, " open") for name, text in texts if text)
+
+
+def _folded(name: str, text: str, how: str = "") -> str:
+    return f"<details{how}><summary>{name}</summary><pre>{escape(text)}</pre></details>"
 
 
 def _scan(recording: "Recording") -> str:
@@ -140,7 +164,8 @@ def _calibrated(scan: "LoadedScan", constants: "BenchConstants | None") -> tuple
 def _residuals(corrected: "Corrected") -> str:
     from matplotlib.figure import Figure
 
-    rows = {key.replace("_", " "): _number(value) for key, value in corrected.report().items() if value is not None}
+    found = corrected.report()
+    rows = {label: _number(found[key]) for key, label in _FOUND.items() if found.get(key) is not None}
     offsets = corrected.points.offsets
     if offsets is None:
         return _table(rows)
@@ -178,9 +203,11 @@ def _pictures(result: "Reconstruction") -> str:
         write_view3d(page, result)
         # In a sandbox: the view's script turns points, and reaches nothing else of the page.
         view = f'<iframe sandbox="allow-scripts" title="3D view" srcdoc="{escape(page.read_text(encoding="utf-8"))}">'
-    settings = ", ".join(f"{key} {value}" for key, value in result.settings.items())
+    weights = "" if result.weights_sha256 is None else f"; weights sha256 {result.weights_sha256[:12]}"
+    settings = "\n".join(f"{key}: {value}" for key, value in result.settings.items() if value is not None)
     return (
-        f"<h2>{escape(result.method)}</h2><p>{result.seconds:.2f} s; {escape(settings)}</p>"
+        f"<h2>{escape(result.method)}</h2><p>{result.seconds:.2f} s of computing{weights}</p>"
+        f"{_folded('Its settings', settings)}"
         f'<div class="pictures">{"".join(figures)}</div>{view}</iframe>'
     )
 
