@@ -1,7 +1,7 @@
 """A raw scan as arrays: what every correction starts from."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -52,6 +52,10 @@ class RawPoints:
             self.total_count[rows],
             self.time,
         )
+
+    def scaled(self, factor: float) -> "RawPoints":
+        """The same points on a wall that is `factor` times as large."""
+        return replace(self, x_m=self.x_m * factor, y_m=self.y_m * factor)
 
     def check(self, cut_tops: bool = True) -> None:
         """Raises `InvalidData` or `SaturatedBins`, naming the first point whose histogram cannot be used and why.

@@ -1,8 +1,6 @@
 """`nlos calibrate`: measures a bench's constants from recordings, says how good they are, draws every correction."""
 
-import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,12 +10,8 @@ from nlos.exit_codes import ExitCode, Stopped
 from nlos.terminal import terminal
 
 if TYPE_CHECKING:
-    from acquisition.aim import Aim
     from calibration.constants import BenchConstants
-    from calibration.geometry import ScannerGeometry
-    from calibration.geometry_fit import Spots
     from calibration.measure import Measurement
-    from calibration.raw_points import RawPoints
 
 MM_PER_PS = 0.299792458 / 2
 """Depth of a picosecond there and back."""
@@ -39,6 +33,10 @@ def calibrate(
         Path | None,
         typer.Option(metavar="FILE.csv", help="Measured spots: columns x_deg, y_deg (commanded, optical), x_m, y_m."),
     ] = None,
+    wall_size_m: Annotated[
+        float | None,
+        typer.Option(min=0.001, max=100.0, help="The wall's side where a file has none; else its times tell."),
+    ] = None,
     dark: Annotated[
         bool, typer.Option("--dark", help="No light was meant to be in any of these runs, not even in the only one.")
     ] = False,
@@ -49,13 +47,14 @@ def calibrate(
 
     from calibration.constants import Quantity, load_response, save
     from calibration.measure import measure_constants
+    from nlos.calibration_input import common_devices, load_run, read_spots, refuse_unmeant_darkness
     from nlos.calibration_pictures import write_pictures
 
     target = output or Path("constants") / f"{runs[0].stem}.h5"
     if target.exists() and not overwrite:
         raise FileExistsError(f"{target}: exists. Choose another name with -o, or say --overwrite.")
-    loaded = [_load(run) for run in runs]
-    devices = _common_devices(runs, [one.devices for one in loaded])
+    loaded = [load_run(run, wall_size_m) for run in runs]
+    devices = common_devices(runs, [one.devices for one in loaded])
     found = measure_constants(
         [one.raw for one in loaded],
         devices=devices,
@@ -64,10 +63,10 @@ def calibrate(
         aim=next((one.aim for one in loaded if one.aim is not None), None),
         dead_time=None if dead_time_ns is None else Quantity(dead_time_ns * 1e-9, 0.0),
         response=None if response is None else load_response(response),
-        spots=None if spots is None else _read_spots(spots),
+        spots=None if spots is None else read_spots(spots),
     )
     if found.raw is None and not dark:
-        _refuse_unmeant_darkness(runs, loaded)
+        refuse_unmeant_darkness(runs, loaded)
     for line, values in _lines(found):
         terminal.result(line, **values)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -78,108 +77,6 @@ def calibrate(
     _refuse_poor(found.constants)
     save(found.constants, target, overwrite)
     terminal.result(str(target), constants=str(target))
-
-
-@dataclass(frozen=True)
-class _Loaded:
-    raw: "RawPoints"
-    devices: Mapping[str, str]
-    """Role -> model and serial number."""
-    aim: "Aim | ScannerGeometry | None"
-    """What the scan was aimed by."""
-    meant_dark: bool
-    """Whether its bench was forbidden to open the shutter."""
-
-
-def _load(run: Path) -> _Loaded:
-    from acquisition.importers.formats import is_recording, read_any
-    from acquisition.recording import Recording
-    from calibration.errors import InvalidData
-    from calibration.raw_points import from_samples, from_transient
-
-    if not is_recording(run):
-        scan = read_any(run)
-        if scan.rectified:
-            raise InvalidData(
-                f"{run}: is rectified already (time 0 is the direct arrival); there is nothing to measure."
-            )
-        return _Loaded(from_transient(scan.transient), {}, None, False)
-    with Recording.open(run) as recording:
-        try:
-            raw = from_samples(recording.samples())
-        except InvalidData as error:
-            raise type(error)(f"{run}: {error}") from error
-        names = {role: f"{device.model} {device.serial}".strip() for role, device in recording.header.devices.items()}
-        aim = _aimed_by(recording.header.constants_json, recording.header.bench_json)
-        dry_run = bool(json.loads(recording.header.bench_json).get("safety", {}).get("dry_run", False))
-    return _Loaded(raw, names, aim, dry_run)
-
-
-def _refuse_unmeant_darkness(runs: list[Path], loaded: list[_Loaded]) -> None:
-    """Raises `ShutterClosed` for a scan without light: a dark rate is no answer to a shutter that did not open."""
-    from calibration.errors import ShutterClosed
-
-    for run, one in zip(runs, loaded, strict=True):
-        if not one.meant_dark:
-            each = float(one.raw.counts.sum(axis=1, dtype=float).mean())
-            raise ShutterClosed(
-                f"{run}: no laser light reached the detector: all {len(one.raw.counts)} points, from {one.raw.name(0)} "
-                f"on, hold {each:.2f} counts on average, evenly over time. Was the shutter closed? If this run was "
-                "meant to be dark, say --dark, or give it together with a scan."
-            )
-
-
-def _read_spots(path: Path) -> "Spots":
-    """Spots from a table with a header line. Raises `InvalidData` naming file, line and column."""
-    import csv
-
-    import numpy as np
-
-    from calibration.errors import InvalidData
-    from calibration.geometry_fit import Spots
-
-    columns = ("x_deg", "y_deg", "x_m", "y_m")
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        table = csv.DictReader(file, skipinitialspace=True)
-        missing = [name for name in columns if name not in (table.fieldnames or ())]
-        if missing:
-            raise InvalidData(f"{path}: has no column {', '.join(missing)}; expected {', '.join(columns)}")
-        rows = []
-        for row in table:
-            try:
-                rows.append([float(row[name]) for name in columns])
-            except (TypeError, ValueError):
-                raise InvalidData(f"{path}:{table.line_num}: {dict(row)} does not hold four numbers") from None
-    x_deg, y_deg, x_m, y_m = np.array(rows, dtype=np.float64).reshape(-1, 4).T
-    if not np.isfinite(rows).all():
-        raise InvalidData(f"{path}: holds numbers that are not finite")
-    return Spots(np.deg2rad(x_deg), np.deg2rad(y_deg), x_m, y_m)
-
-
-def _aimed_by(constants_json: str, bench_json: str) -> "Aim | ScannerGeometry | None":
-    """The earlier constants' geometry where they took part in the scan, else the bench file's; None without either."""
-    from acquisition.aim import Aim
-    from calibration.geometry import ScannerGeometry
-
-    fitted = json.loads(constants_json).get("geometry")
-    if fitted:
-        return ScannerGeometry(**fitted)
-    drawn = json.loads(bench_json).get("geometry")
-    return Aim(drawn["wall_distance_m"], drawn.get("mirror_separation_m", 0.0)) if drawn else None
-
-
-def _common_devices(runs: list[Path], each: list[Mapping[str, str]]) -> Mapping[str, str]:
-    """The devices that all runs name. Raises `ForeignConstants` where two runs come from different ones."""
-    from calibration.errors import ForeignConstants
-
-    common: dict[str, str] = {}
-    for run, names in zip(runs, each, strict=True):
-        for role, name in names.items():
-            if common.setdefault(role, name) != name:
-                raise ForeignConstants(
-                    f"{run}: its {role} is {name}, the other runs' is {common[role]}. Calibrate one bench at a time."
-                )
-    return common
 
 
 def _refuse_poor(constants: "BenchConstants") -> None:

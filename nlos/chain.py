@@ -35,6 +35,8 @@ class LoadedScan:
     falloff: int | None
     offset_bins: npt.NDArray[np.float64] | None  # (H, W)
     """The file's own time offsets."""
+    wall_known: bool = True
+    """Whether the file says how large the wall is."""
     points: "RawPoints | None" = None
     """Samples at free positions as they were taken; `transient` then has them in the pixels they lie in."""
 
@@ -53,8 +55,8 @@ def load_scan(path: Path) -> LoadedScan:
         terminal.log(f"{path}: {note}", 1)
     check_raw(path, scan.transient)
     cut = scan.direct_cut_bins if scan.direct_cut_bins > 0 else None
-    nothing = np.zeros_like(scan.transient.exposure_s)
-    return LoadedScan(scan.transient, {}, nothing, nothing, scan.rectified, cut, scan.falloff, scan.time_offset_bins)
+    nothing, offsets = np.zeros_like(scan.transient.exposure_s), scan.time_offset_bins
+    return LoadedScan(scan.transient, {}, nothing, nothing, scan.rectified, cut, scan.falloff, offsets, scan.wall_known)
 
 
 def check_raw(path: Path, transient: "Transient") -> None:
@@ -113,6 +115,7 @@ def as_recorded(
         cut if isinstance(cut, int) and cut > 0 else None,
         falloff if isinstance(falloff, int) else None,
         np.asarray(offsets, dtype=np.float64) if isinstance(offsets, list) else None,
+        bool(said.get("wall_known", True)),
     )
 
 
@@ -222,6 +225,8 @@ def reconstruct_file(
         raise UsageError(f"offsets={offsets}: only `offsets=file` is known")
     if (side_m := chosen.pop("wall_size_m", None)) is not None:
         scan = on_wall(scan, side_m)
+    elif not scan.wall_known:
+        terminal.log(f"warning: {run}: the wall's size is not stored; 1 m stands in. Say --set wall_size_m=METRES.")
     transient = calibrate_scan(scan, offsets == "file", constants_for(scan, constants))
     if scan.falloff is not None and "falloff" in find(method).Settings.model_fields:  # a learned method has none
         chosen.setdefault("falloff", scan.falloff)

@@ -23,10 +23,12 @@ class ImportedScan:
     """Whether time 0 is already the arrival at the wall point."""
     time_offset_bins: npt.NDArray[np.float64] | None = None  # (H, W)
     """Bin in which the rectified time 0 lies, where the file says so."""
+    wall_known: bool = True
+    """Whether the file says how large the wall is; where it does not, 1 m x 1 m stands in."""
     notes: tuple[str, ...] = field(default=())
     """What the file does not hold and was assumed, or holds and was left behind."""
 
     def on_wall(self, width_m: float, height_m: float) -> Self:
         """The same scan on a wall of that size, for files that do not store it."""
         wall = replace(self.transient.wall, width_m=width_m, height_m=height_m)
-        return replace(self, transient=replace(self.transient, wall=wall))
+        return replace(self, transient=replace(self.transient, wall=wall), wall_known=True)

@@ -25,6 +25,8 @@ DEADLINE_S = 300.0
 MEMORY_BYTES = 24 << 30
 """Address space of the child: three times the largest scan that is read, and what Python and its libraries map."""
 
+_PLAIN_FIELDS = ("source_format", "direct_cut_bins", "falloff", "rectified", "wall_known")
+
 
 class IsolatedReader:
     """A child process that reads one file after another; it is started anew after a crash.
@@ -110,7 +112,7 @@ def _exchange(child: "subprocess.Popen[str]", request: str) -> str:
 
 
 def _load(folder: Path, answer: dict[str, object]) -> ImportedScan:
-    fields = {key: answer[key] for key in ("source_format", "direct_cut_bins", "falloff", "rectified")}
+    fields = {key: answer[key] for key in _PLAIN_FIELDS}
     wall, time = answer["wall"], answer["time"]
     if not isinstance(wall, dict) or not isinstance(time, dict):
         raise InvalidData("the reader answered without wall or time axis")
@@ -151,8 +153,7 @@ def _serve(requests: IO[str], answers: IO[str], memory_bytes: int) -> None:
             np.save(folder / "exposure_s.npy", transient.exposure_s)
             if scan.time_offset_bins is not None:
                 np.save(folder / "time_offset_bins.npy", scan.time_offset_bins)
-            keys = ("source_format", "direct_cut_bins", "falloff", "rectified", "notes")
-            answer = {key: getattr(scan, key) for key in keys}
+            answer = {key: getattr(scan, key) for key in (*_PLAIN_FIELDS, "notes")}
             answer |= {"wall": asdict(transient.wall), "time": asdict(transient.time)}
         print(json.dumps(answer), file=answers, flush=True)
 

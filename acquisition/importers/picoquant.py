@@ -151,4 +151,4 @@ def _scan(
         WallGrid(1.0, 1.0, rows, cols),
         TimeAxis(bins, bin_width_s),
     )
-    return ImportedScan(transient, name, rectified=False, notes=notes)
+    return ImportedScan(transient, name, rectified=False, wall_known=False, notes=notes)

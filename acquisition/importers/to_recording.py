@@ -71,6 +71,7 @@ def _said(scan: ImportedScan, source: Path) -> dict[str, object]:
         "file": source.name,
         "format": scan.source_format,
         "rectified": scan.rectified,
+        "wall_known": scan.wall_known,
         "direct_cut_bins": scan.direct_cut_bins,
         "falloff": scan.falloff,
         "time_offset_bins": None if offsets is None else np.round(offsets, 4).tolist(),

@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 from acquisition.engine import record, scan
+from acquisition.exporters.ptu import write_ptu
+from acquisition.exporters.scan_arrays import arrays_of_import
+from acquisition.importers.formats import read_any
 from acquisition.provenance import Header
 from acquisition.recording_writer import RecordingWriter
 from acquisition.scan_settings import ScanSettings
@@ -148,3 +151,16 @@ def test_bad_input_is_refused_by_point_and_reason(
     assert code == 7
     assert re.search(reason, told["error"]["message"]), told  # type: ignore[index,call-overload]
     assert not (tmp_path / "c.h5").exists()
+
+
+def test_a_file_without_a_wall_size_is_calibrated_on_the_wall_that_its_times_tell(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scan = read_any(folder / "plain.h5")
+    write_ptu(arrays_of_import(scan, folder / "plain.h5"), tmp_path / "scan.ptu")
+    code, told = called(capsys, tmp_path / "scan.ptu", "-o", tmp_path / "c.h5")
+    assert code == 0, told
+    assert told["wall_size_m"] == pytest.approx(2.0, abs=4 * told["wall_size_error_m"])  # type: ignore[operator]
+    code, told = called(capsys, tmp_path / "scan.ptu", "--wall-size-m", "2", "-o", tmp_path / "d.h5")
+    assert code == 0, told
+    assert told["scanner_position_m"] == pytest.approx([0.1, -0.2, 2.0], abs=0.02)
