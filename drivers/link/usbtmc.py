@@ -7,6 +7,7 @@ a short count, not an error, when a timeout has already moved some bytes.
 import array
 import errno
 import math
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -29,6 +30,7 @@ WireLog = Callable[[str, str, bytes], None]
 
 _CLASS, _SUBCLASS = 0xFE, 3
 _FROM_INTERFACE, _FROM_ENDPOINT = 0xA1, 0xA2
+_TO_ENDPOINT, _CLEAR_FEATURE = 0x02, 0x01
 
 # libusb error codes, the same on every platform; errno differs between them.
 _LIBUSB_ACCESS, _LIBUSB_NO_DEVICE, _LIBUSB_BUSY = -3, -4, -6
@@ -232,6 +234,7 @@ class UsbtmcInterface:
         """A class request to the interface, or to the "in" or "out" bulk endpoint; its reply of at most `length`."""
         kind = _FROM_ENDPOINT if pipe else _FROM_INTERFACE
         index = {"in": self._in, "out": self._out, "": self.number}[pipe]
+        self._log_setup(kind, request, value, index, length)
         try:
             reply = bytes(self._usb.ctrl_transfer(kind, request, value, index, length, _milliseconds(timeout_s)))
         except usb.core.USBError as error:
@@ -241,10 +244,17 @@ class UsbtmcInterface:
         return reply
 
     def clear_halt(self, pipe: str) -> None:
+        endpoint = self._in if pipe == "in" else self._out
+        self._log_setup(_TO_ENDPOINT, _CLEAR_FEATURE, 0, endpoint, 0)
         try:
-            self._usb.clear_halt(self._in if pipe == "in" else self._out)
+            self._usb.clear_halt(endpoint)
         except usb.core.USBError as error:
             raise classify(self.device, f"clearing a halt of bulk {pipe}", error) from error
+
+    def _log_setup(self, kind: int, request: int, value: int, index: int, length: int) -> None:
+        """A control request as the eight bytes that travel (USB 2.0 section 9.3)."""
+        if self._log:
+            self._log(self.device, ">", struct.pack("<BBHHH", kind, request, value, index, length))
 
     def reset(self) -> None:
         """Port reset, and the interface claimed again. Raises `DeviceLost` when the device does not come back."""

@@ -6,7 +6,7 @@ The library is not thread-safe (MHLib manual 7.2.4): one lock is held over each 
 import ctypes
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from drivers.clock import Clock
@@ -82,13 +82,12 @@ class VendorLibrary:
     def attempt(self, name: str, *arguments: Any) -> int:
         """Calls PREFIX_name(*arguments) once and returns its code."""
         full = f"{self.family.prefix}_{name}"
-        shown = ", ".join(str(getattr(a, "value", "...")) if not isinstance(a, int) else str(a) for a in arguments)
         with self._lock:
             if self._wire_log:
-                self._wire_log(self.device, ">", f"{full}({shown})".encode())
+                self._wire_log(self.device, ">", f"{full}{_shown(arguments)}".encode())
             code = int(getattr(self._functions, full)(*arguments))
             if self._wire_log:
-                self._wire_log(self.device, "<", str(code).encode())
+                self._wire_log(self.device, "<", f"{code} {_shown(arguments)}".encode())
         return code
 
     def integer(self, name: str, *arguments: Any) -> int:
@@ -115,6 +114,12 @@ class VendorLibrary:
         kind = _ERRORS.get(code, DeviceLost if -38 <= code <= -32 else DeviceFault)
         remedy = _REMEDIES.get(code, "Check its USB cable, then open the bench again." if kind is DeviceLost else "")
         return kind(self.device, f"{self.family.prefix}_{name} failed: {words} ({code}).", remedy)
+
+
+def _shown(arguments: Sequence[Any]) -> str:
+    """Arguments as they stand, those that a call writes to included; of arrays only that they are there."""
+    held = [getattr(each, "_obj", each) for each in arguments]
+    return f"({', '.join(str(each if isinstance(each, int) else getattr(each, 'value', '...')) for each in held)})"
 
 
 def load_library(device: str, family: Family, where: str) -> Any:

@@ -148,6 +148,7 @@ def carry_out(bench: SimulatedBench, mirror: GalvoMirror, call: tuple[str, Any])
         assert len(steps) == len(argument)
     if word == "wait":
         bench.clock.sleep(argument)
+        mirror.look()
     return lambda: None
 
 

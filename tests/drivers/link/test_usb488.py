@@ -63,6 +63,19 @@ def test_messages_out_are_always_a_multiple_of_four(cable: Callable) -> None:
     assert rig.parrot.messages == [b"x" * length + b"!" for length in range(1, 70)]
 
 
+def test_the_wire_log_holds_control_requests_as_they_travel(cable: Callable) -> None:
+    rig = cable(packet_bytes=512)
+    rig.wire.clear()
+    rig.link.clear()
+    assert rig.wire == [
+        (">", bytes([0xA1, 5, 0, 0, 0, 0, 1, 0])),
+        ("<", b"\x01"),
+        (">", bytes([0xA1, 6, 0, 0, 0, 0, 2, 0])),
+        ("<", b"\x01\x00"),
+        (">", bytes([0x02, 1, 0, 0, 0x01, 0, 0, 0])),
+    ]
+
+
 def test_trigger_status_byte_and_clear(cable: Callable) -> None:
     rig = cable()
     rig.link.trigger(1.0)

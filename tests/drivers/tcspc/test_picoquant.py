@@ -254,6 +254,17 @@ def test_every_code_has_a_name(error: type[Exception], code: int) -> None:
     assert f"({code})" in str(found)
 
 
+def test_the_wire_log_shows_what_each_call_was_given_and_gave_back() -> None:
+    bench, log = table(), []
+    functions = PicoquantLibrary(bench, "multiharp150", 10e6)
+    counter = open_picoquant(
+        settings("multiharp150"), bench.clock, functions, lambda device, way, data: log.append((way, data))
+    )
+    log.clear()
+    counter.rates()
+    assert log[:2] == [(">", b"MH_GetSyncRate(0, 0)"), ("<", b"0 (0, 10000000)")]
+
+
 def test_calls_out_of_order_are_refused_by_the_stand_in() -> None:
     library = PicoquantLibrary(table(), "hydraharp400", 10e6)
     assert library.HH_SetBinning(0, 1) == -10
