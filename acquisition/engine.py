@@ -116,8 +116,10 @@ class _Run:
             bench.counter.configure(self._plan.axis, self._plan.stop)
             while todo := self._todo():
                 if not control.wanted:
-                    yield from self._segment(todo[: bench.counter.max_points])
                     self._check_progress(todo[0])
+                    yield from self._segment(todo[: bench.counter.max_points])
+                    if control.wanted:
+                        self._first = -1  # a pause is no lack of progress
                 if control.state is ScanState.RUNNING and control.wanted:
                     self._pause()
                 if control.state is not ScanState.RUNNING:
@@ -180,8 +182,8 @@ class _Run:
             yield sample
 
     def _check_progress(self, first: int) -> None:
-        """Ends a scan that comes back to the same point again and again. Raises `DeviceFault`."""
-        self._stuck = self._stuck + 1 if first == self._first and not self._control.wanted else 0
+        """Before a batch: ends a scan that comes back to the same point again and again. Raises `DeviceFault`."""
+        self._stuck = self._stuck + 1 if first == self._first else 0
         self._first = first
         if self._stuck >= ATTEMPTS:
             raise DeviceFault(
