@@ -27,6 +27,8 @@ __all__ = ["Bench", "BenchSettings", "WireLog", "open_bench"]
 
 _log = logging.getLogger(__name__)
 
+_MORE_CLOSINGS = 4  # answers that are seconds late come within so many
+
 WireLog = Callable[[str, str, bytes], None]
 """(device, ">" sent or "<" received, bytes)"""
 
@@ -174,16 +176,24 @@ class _Closing:
                 later.callback(self._done, failures, self.counter.abort)
             if self.shutter is not None:
                 self._dark = False
-                self._dark = self._done(failures, partial(self.shutter.close, self._reason))
-                if not self._dark:
-                    _log.critical("THE LASER SHUTTER IS NOT CONFIRMED CLOSED (%s). Shut the laser off.", failures[0])
-                    if isinstance(failures[0], DeviceLost):
-                        self._dark = self.shutter.outlast_watchdog(self._clock)
+                self._dark = self._shut(failures, self.shutter)
         if failures and self._error is None:
             raise failures[0]
         for failure in failures:
             if self._error is not None:
                 self._error.add_note(str(failure))
+
+    def _shut(self, failures: list[DeviceError], shutter: GuardedShutter) -> bool:
+        """Whether it is dark. A cable that is lost takes nothing back that was confirmed before."""
+        if self._done(failures, partial(shutter.close, self._reason)):
+            return True
+        lost = isinstance(failures[-1], DeviceLost)
+        if lost and shutter.confirmed_closed:
+            return True
+        _log.critical("THE LASER SHUTTER IS NOT CONFIRMED CLOSED (%s). Shut the laser off.", failures[-1])
+        if lost:
+            return shutter.outlast_watchdog(self._clock)
+        return any(self._done(failures, partial(shutter.close, self._reason)) for _ in range(_MORE_CLOSINGS))
 
     def _park(self, failures: list[DeviceError], mirror: GalvoMirror) -> None:
         if self._dark:

@@ -43,6 +43,7 @@ class GuardedShutter:
         self._shutter, self._counter, self._settings, self._events = shutter, counter, settings, events
         self._watching = False
         self._open = False
+        self.confirmed_closed = False  # and not opened since
         self._trip: str | None = None
 
     @property
@@ -63,7 +64,7 @@ class GuardedShutter:
             self._watching = True
         was_open = self._open
         # From here on the light may be on, whatever the instrument's answer will be.
-        self._open = True
+        self._open, self.confirmed_closed = True, False
         try:
             self._shutter.open()
         except DeviceError as error:
@@ -84,7 +85,7 @@ class GuardedShutter:
         except DeviceError as error:
             self._events.report("shutter", f"NOT CONFIRMED CLOSED: {error}")
             raise
-        self._open = False
+        self._open, self.confirmed_closed = False, True
         if was_open:
             self._events.report("shutter", f"closed{': ' + why if why else ''}")
         if self._watching:

@@ -172,7 +172,7 @@ class Optotune:
                 return
             except SettleTimeout:
                 raise
-            except (DeviceTimeout, ProtocolError, DeviceReset):
+            except (DeviceTimeout, ProtocolError, DeviceReset, CommandRejected):
                 if not left:
                     self._controller.centre_unheard()
                     raise

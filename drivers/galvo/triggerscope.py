@@ -143,7 +143,12 @@ class TriggerScope:
             try:
                 self._park()
                 break
-            except (DeviceTimeout, ProtocolError, DeviceReset):  # also a late answer that names the controller
+            except (
+                DeviceTimeout,
+                ProtocolError,
+                DeviceReset,
+                CommandRejected,
+            ):  # a late answer may name the controller
                 if not left:
                     self._controller.command_unheard([*self._disarming(), *self._centring()])
                     raise

@@ -202,6 +202,41 @@ def test_a_pulled_usb_cable_is_said_aloud_and_left_to_the_watchdog(caplog: pytes
     assert math.hypot(opened.simulated.beam.x_rad, opened.simulated.beam.y_rad) < 1e-4
 
 
+def test_a_lost_cable_takes_nothing_back_that_was_confirmed(caplog: pytest.LogCaptureFixture) -> None:
+    def work(opened: Bench) -> None:
+        opened.shutter.open()
+        opened.mirror.move_to(MirrorAngles(0.1, -0.1))
+        opened.shutter.close()
+        assert opened.simulated is not None
+        opened.simulated.faults.add(Fault(name="U11"))
+        opened.counter.kick()
+
+    with pytest.raises(DeviceError, match="tcspc488"), bench() as (opened, _events):
+        work(opened)
+    assert "NOT CONFIRMED CLOSED" not in caplog.text
+    assert opened.simulated is not None
+    assert math.hypot(opened.simulated.beam.x_rad, opened.simulated.beam.y_rad) < 1e-4
+
+
+def test_a_late_answer_about_the_shutter_is_waited_for_before_the_mirror_is_parked() -> None:
+    ttl = settings().model_dump(mode="json")
+    ttl["mirror"]["shutter_pin"] = 9
+    ttl["shutter"]["model"] = "triggerscope_ttl"
+
+    def work(opened: Bench) -> float:
+        opened.shutter.open()
+        opened.mirror.move_to(MirrorAngles(0.1, -0.1))
+        assert opened.simulated is not None
+        opened.simulated.faults.add(Fault(name="G2", parameters={"delay_s": 1.0}))
+        return 1 / 0
+
+    with pytest.raises(ZeroDivisionError), open_bench(BenchSettings.model_validate_json(json.dumps(ttl))) as opened:
+        work(opened)
+    assert opened.simulated is not None
+    assert not opened.simulated.shutter_open
+    assert math.hypot(opened.simulated.beam.x_rad, opened.simulated.beam.y_rad) < 1e-4
+
+
 def test_without_a_watchdog_a_bench_of_which_the_shutter_is_lost_is_not_parked() -> None:
     off = settings(faults=(Fault(name="U11", skip=60),))
     off = off.model_copy(update={"safety": off.safety.model_copy(update={"watchdog_s": 0.0})})

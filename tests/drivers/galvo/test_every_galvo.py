@@ -160,6 +160,14 @@ def test_a_reply_that_is_seconds_late_does_not_keep_it_from_the_centre(
     assert there.points_at(MirrorAngles(0.0, 0.0))
 
 
+def test_a_refusal_does_not_keep_it_from_the_centre(lab: Callable[..., Lab]) -> None:
+    there = lab()
+    there.mirror.move_to(PATH[1])
+    there.bench.faults.add(Fault(name="A2", times=2), Fault(name="B1", times=2, parameters={"reply": "NO"}))
+    there.mirror.park()
+    assert there.points_at(MirrorAngles(0.0, 0.0))
+
+
 def test_a_controller_that_hears_but_does_not_answer_is_sent_to_its_centre(lab: Callable[..., Lab]) -> None:
     there = lab()
     there.mirror.move_to(PATH[1])
