@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from nlos.exit_codes import UsageError
 from nlos.terminal import terminal
 
 
@@ -24,14 +25,19 @@ def serve(
     from acquisition.network.server import SampleServer
     from acquisition.recording import Recording, Status
 
+    if host in ("0.0.0.0", "::", "*"):
+        raise UsageError(f"--host {host}: name the one address by which the other machine reaches this one")
     Recording.open(run).close()
+    try:
+        server = SampleServer(run, host, port)
+    except OSError as error:
+        raise UsageError(f"--host {host} --port {port}: {error}") from error
     stop = threading.Event()
 
     def ended(number: int, frame: FrameType | None) -> None:
         stop.set()
 
     previous = {number: signal.signal(number, ended) for number in (signal.SIGINT, signal.SIGTERM)}
-    server = SampleServer(run, host, port)
     ticket = run.with_suffix(".ticket")
     server.ticket.save(ticket)
     terminal.result(f"{ticket}: {server.ticket.address}", ticket=str(ticket), address=server.ticket.address)

@@ -83,7 +83,10 @@ def test_what_is_served_is_followed_by_its_ticket(nlos: Nlos, run: Path, tmp_pat
         [sys.executable, "-m", "nlos", "serve", "run.h5"], cwd=tmp_path, stdout=subprocess.PIPE, text=True
     )
     assert server.stdout is not None
-    assert "tcp://127.0.0.1:" in server.stdout.readline()
+    said = server.stdout.readline()
+    assert "tcp://127.0.0.1:" in said
+    for words in (["--host", "0.0.0.0"], ["--port", said.strip().rsplit(":", 1)[1]]):  # no address to go to; taken
+        assert nlos("serve", "run.h5", *words).returncode == 2
     assert os.stat(tmp_path / "run.ticket").st_mode & 0o077 == 0
     done = nlos("reconstruct", "run.ticket", "--follow", "-o", "far")
     server.send_signal(signal.SIGTERM)
