@@ -84,16 +84,24 @@ def usb_instruments() -> "tuple[list[UsbInfo], str]":
 def _simulated(settings: "BenchSettings") -> list[Expected]:
     """A simulated bench is there by being opened."""
     from drivers.bench import open_bench
+    from drivers.errors import DeviceError
 
-    with open_bench(settings) as bench:
-        mirror, counter = bench.identities
-    return [
-        Expected(role, who.model, address, True, f"{who.product} {who.serial or who.firmware}, simulated")
-        for role, who, address in (
-            ("mirror", mirror, settings.mirror.port),
-            ("counter", counter, str(getattr(settings.counter, "usb", "") or getattr(settings.counter, "library", ""))),
-        )
-    ]
+    address = str(getattr(settings.counter, "usb", "") or getattr(settings.counter, "library", ""))
+    named = [("mirror", settings.mirror.model, settings.mirror.port), ("counter", settings.counter.model, address)]
+    try:
+        with open_bench(settings) as bench:
+            said = [f"{who.product} {who.serial or who.firmware}, simulated" for who in bench.identities]
+    except DeviceError as error:
+        failed = next((model for _, model, _ in named if error.device.startswith(model)), None)
+        if failed is None:
+            raise
+        return [
+            Expected(*each, False, error.what, error.remedy)
+            if each[1] == failed
+            else Expected(*each, True, "simulated")
+            for each in named
+        ]
+    return [Expected(*each, True, what) for each, what in zip(named, said, strict=True)]
 
 
 def _mirror(settings: "BenchSettings") -> Expected:

@@ -44,8 +44,8 @@ SERIAL = (
              "nothing",
              _SAME, "`chunk` bytes (0: joined to the next), `gap_s`"),
     FaultRow("G8", "the cable is pulled",
-             "`DeviceLost`, whichever of the three families of errors the port raises; within 20 ms also while nothing is "
-             "said to the mirror",
+             "`DeviceLost`, whichever of the three families of errors the port raises; within 20 ms also while "
+             "nothing is said to the mirror",
              _ALL, "`place`: `read`, `write`, `in_waiting`, `flush`, ..."),
     FaultRow("G9", "the port takes no more bytes",
              "`DeviceTimeout`",

@@ -37,6 +37,18 @@ def test_a_simulated_bench_is_all_there(capsys: pytest.CaptureFixture[str]) -> N
     assert all(item["found"] for item in said["expected"])
 
 
+def test_a_simulated_instrument_that_is_missing_is_named_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    document = yaml.safe_load(Path(bench_file(tmp_path)).read_text("utf-8"))
+    document["simulation"]["faults"] = [{"name": "G10", "parameters": {"kind": "missing"}}]
+    (tmp_path / "bench.yaml").write_text(yaml.safe_dump(document), "utf-8")
+    assert run(["devices", "--bench", str(tmp_path / "bench.yaml")]) == 3
+    said = capsys.readouterr().out
+    assert "MISSING  mirror triggerscope at sim://triggerscope: there is no port" in said
+    assert "there    counter tcspc488" in said
+
+
 def test_what_a_real_bench_misses_is_named_with_its_remedy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = bench_file(tmp_path, "lab", mirror={"port": str(tmp_path / "ttyACM7")})
     assert run(["devices", "--bench", path]) == 3
