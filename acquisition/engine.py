@@ -118,10 +118,10 @@ class _Run:
                 if not control.wanted:
                     self._check_progress(todo[0])
                     yield from self._segment(todo[: bench.counter.max_points])
-                    if control.wanted:
-                        self._first = -1  # a pause is no lack of progress
-                if control.state is ScanState.RUNNING and control.wanted:
-                    self._pause()
+                if control.wanted:
+                    self._first = -1  # a pause is no lack of progress
+                    if control.state is ScanState.RUNNING:
+                        self._pause()
                 if control.state is not ScanState.RUNNING:
                     return
             self._dark("the scan is over" if self._first_pass_cut else "the scan is complete")
