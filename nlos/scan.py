@@ -163,6 +163,7 @@ def _acquire(
             raise
         except (KeyboardInterrupt, SystemExit):
             status = Status.INTERRUPTED
+            terminal.log(f"nlos: ended by a signal. {_safe(writer, target)}", -9)
             raise
         finally:
             bench.report("scan", status.name.lower())
