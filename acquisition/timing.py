@@ -17,14 +17,22 @@ STATES_PER_LINE = 99
 """Table entries that one upload command of a sequencing controller carries; x, y and marks go one after the other."""
 SEQUENCE_COMMANDS = 13
 """Commands beside the uploads that clear, start and stop a sequence."""
-SEQUENCE_QUESTIONS = 10
-"""Exchanges with the counter that arm one sequence, settings read back."""
-LISTING_S = 0.016
+SCAN_QUESTIONS = 6
+"""Exchanges with the counter that set up a scan, alarms included, and end it."""
+ARM_QUESTIONS = 9.5
+"""Exchanges that arm it for points, settings read back."""
+SEQUENCE_QUESTIONS = 13.5
+"""The same for a sequence, which is stopped before and watched to its end."""
+LISTING_S = 0.014
 """How long the last photons of a sequence take out of a list-mode counter, which is asked every 10 ms."""
+LISTING_BEGINS_S = 0.009
+"""How long such a counter takes to begin."""
 POINT_QUESTIONS = 1.5
 """A trigger, one way, and one question there and back per point taken by the host."""
-COMMANDS_PER_MOVE = {"triggerscope": 2, "optotune": 3}
-"""One for each axis; or one for both, and two looks at the status that follow the settling."""
+COMMANDS_PER_MOVE = {"triggerscope": 2, "optotune": 1}
+"""One for each axis, or one for both."""
+POLLED_EVERY_S = {"optotune": 0.5e-3}
+"""Pause between two looks at the status of a mirror that has to say twice that it has settled."""
 MARGIN = 0.02
 LEAST_TO_LEARN = 16
 BOUNDARY_S = 5e-3
@@ -32,13 +40,16 @@ BOUNDARY_S = 5e-3
 
 @dataclass(frozen=True)
 class Links:
-    """What cables and controllers cost in time: one move commanded, one point asked for, one table entry uploaded, one
-    sequence begun and ended. `margin`: the fraction by which a whole scan may differ from the forecast."""
+    """What cables and controllers cost in time: one move commanded, one point asked for, one line of table entries
+    uploaded, one sequence begun and ended, points armed without one, one scan set up and ended. `margin`: the fraction
+    by which a whole scan may differ from the forecast."""
 
     move_s: float
     point_s: float
-    entry_s: float
+    line_s: float
     sequence_s: float
+    arm_s: float
+    scan_s: float
     margin: float
 
     @classmethod
@@ -47,20 +58,28 @@ class Links:
         return cls(
             move_s=commands * serial_s,
             point_s=POINT_QUESTIONS * usb_s,
-            entry_s=3 * serial_s / STATES_PER_LINE,
+            line_s=3 * serial_s,
             sequence_s=SEQUENCE_COMMANDS * serial_s + SEQUENCE_QUESTIONS * usb_s,
+            arm_s=ARM_QUESTIONS * usb_s,
+            scan_s=SCAN_QUESTIONS * usb_s,
             margin=margin,
         )
 
 
 def links_of(bench: Bench) -> Links:
-    """A simulated bench states its cables' times; of a real one, USB serial at 1 ms and two USB microframes are
-    assumed until recordings of it say better."""
+    """What the cables of a bench cost until recordings of it say better."""
     commands = COMMANDS_PER_MOVE.get(bench.settings.mirror.model, 2)
+    return Links.of_cables(*exchanges_s(bench), commands, MARGIN if bench.settings.simulation else 0.15)
+
+
+def exchanges_s(bench: Bench) -> tuple[float, float]:
+    """Time of one exchange, there and back, on the mirror's and on the counter's cable. A simulated bench states it (a
+    vendor's library is simulated without any); of a real one, USB serial at 1 ms and two microframes are assumed."""
     simulation = bench.settings.simulation
     if simulation is None:
-        return Links.of_cables(1e-3, 0.25e-3, commands, 0.15)
-    return Links.of_cables(simulation.serial_latency_ms * 1e-3, simulation.usb_latency_ms * 1e-3, commands, MARGIN)
+        return 1e-3, 0.25e-3
+    vendors = bench.settings.counter.model == "picoquant"
+    return simulation.serial_latency_ms * 1e-3, 0.0 if vendors else simulation.usb_latency_ms * 1e-3
 
 
 @dataclass(frozen=True)
@@ -97,19 +116,26 @@ def certain_share(plan: ScanPlan) -> float:
 
 
 def moves_s(bench: Bench, angles: Sequence[MirrorAngles]) -> npt.NDArray[np.float64]:
-    """Settling time of every move, the first one from the centre, shape (N,)."""
+    """Settling time of every move, the first one from the centre, shape (N,): until the host knows of it."""
     settle = bench.mirror.settle_s
     starts = [MirrorAngles(0.0, 0.0), *angles[:-1]]
-    return np.array([settle(start, end) for start, end in zip(starts, angles, strict=True)])
+    settled_s = np.array([settle(start, end) for start, end in zip(starts, angles, strict=True)])
+    pause_s = POLLED_EVERY_S.get(bench.settings.mirror.model)
+    if pause_s is None:
+        return settled_s
+    look_s, _ = exchanges_s(bench)
+    in_vain = np.maximum(np.ceil((settled_s - look_s) / (look_s + pause_s) - 1e-9), 0.0)
+    return np.asarray((in_vain + 2) * look_s + (in_vain + 1) * pause_s)
 
 
 def stepped_forecast(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links) -> Forecast:
     """Scheme S1: every point pays for its move, its settling and its questions."""
     arms = -(-len(plan) // bench.counter.max_points)
+    begins_s = LISTING_BEGINS_S if bench.counter.list_mode else 0.0
     return Forecast(
         dwell_s=plan.dwell_total_s,
         settle_s=float(moves_s(bench, angles).sum()),
-        links_s=len(plan) * (links.move_s + links.point_s) + arms * links.sequence_s / 2,
+        links_s=len(plan) * (links.move_s + links.point_s) + arms * links.arm_s + links.scan_s + begins_s,
         upload_s=0.0,
         margin=links.margin,
         certain=certain_share(plan),
@@ -123,7 +149,7 @@ def clocked_forecast(
     leaves the mirror's reach."""
     points = list(plan)
     most = min(bench.mirror.max_sequence, bench.counter.max_points)
-    whole = Forecast(0.0, 0.0, 0.0, 0.0, links.margin, certain_share(plan))
+    whole = Forecast(0.0, 0.0, links.scan_s, 0.0, links.margin, certain_share(plan))
     first, where = 0, MirrorAngles(0.0, 0.0)
     while first < len(points):
         part = sequencer(points[first:], angles[first:], bench.mirror.settle_s, most, bench.counter.list_mode)
@@ -135,7 +161,7 @@ def clocked_forecast(
             dwell_s=whole.dwell_s + dwell_s,
             settle_s=whole.settle_s + part.duration_s - dwell_s + bench.mirror.settle_s(where, part.angles[0]),
             links_s=whole.links_s + links.sequence_s + (LISTING_S if bench.counter.list_mode else 0.0),
-            upload_s=whole.upload_s + len(part.index) * links.entry_s,
+            upload_s=whole.upload_s + -(-len(part.index) // STATES_PER_LINE) * links.line_s,
         )
         first, where = first + part.count, part.angles[-1]
     return whole

@@ -1,12 +1,14 @@
 """Predicted durations are those of the bench, for every pattern and scheme, and learned where nobody knows."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from acquisition.alarms import Alarms, AlarmSettings
 from acquisition.engine import record, scan
 from acquisition.errors import StorageError
 from acquisition.outlook import (
@@ -67,6 +69,32 @@ def test_predicted_time_is_within_2_percent_of_the_benches(
     assert low_s <= actual_s <= high_s
 
 
+@pytest.mark.parametrize(
+    ("name", "scheme"),
+    [("simulated", Scheme.STEPPED), ("simulated", Scheme.CLOCKED), ("multiharp", Scheme.STEPPED),
+     ("optotune", Scheme.STEPPED)],
+)  # fmt: skip
+@pytest.mark.parametrize("slow_cable", ["serial_latency_ms", "usb_latency_ms", None])
+def test_scans_of_a_tenth_of_a_second_are_predicted_as_well(
+    bench_settings: Benches, small_plan: Plans, name: str, scheme: Scheme, slow_cable: str | None
+) -> None:
+    """What a scan costs beyond its points, polled mirrors, slow cables."""
+    settings = bench_settings(name=name)
+    if slow_cable is not None:
+        assert settings.simulation is not None
+        slow = settings.simulation.model_copy(update={slow_cable: 4.0})
+        settings = settings.model_copy(update={"simulation": slow})
+    axis = {"bins": 64, "bin_width_ps": 320 if name == "multiharp" else 256, "offset_ns": 9.6}
+    plan = small_plan(14, 14, pattern={"kind": "subgrid", "rows": 4, "cols": 7}, dwell_ms=2, histogram=axis)
+    with open_bench(settings) as bench:
+        predicted = forecast(scheme, plan, bench, checked_angles(plan, bench, aim_of(bench)))
+        alarms = Alarms(AlarmSettings(), settings.laser.repetition_hz)
+        alarms.wait_for_rates(bench)
+        started_s = bench.clock.now()
+        assert len(list(scan(plan, bench, scheme=scheme, alarms=alarms))) == 28
+        assert predicted.total_s == pytest.approx(bench.clock.now() - started_s, rel=0.02)
+
+
 @pytest.mark.parametrize("scheme", [Scheme.STEPPED, Scheme.CLOCKED])
 def test_after_a_tenth_of_a_scan_its_end_is_known_within_5_percent(
     bench_settings: Benches, small_plan: Plans, scheme: Scheme
@@ -124,9 +152,7 @@ def test_links_are_learned_from_a_past_scan(bench_settings: Benches, small_plan:
         angles = checked_angles(plan, bench, aim_of(bench))
         samples = list(scan(plan, bench, scheme=Scheme.STEPPED))
         true = links_of(bench)
-        learned = learned_links(
-            true.__class__(0.0, true.point_s, 0.0, 0.0, 0.15), samples, Pace(plan, moves_s(bench, angles))
-        )
+        learned = learned_links(replace(true, move_s=0.0, margin=0.15), samples, Pace(plan, moves_s(bench, angles)))
     assert learned.move_s == pytest.approx(true.move_s, rel=0.02)
 
 
