@@ -124,7 +124,7 @@ def moves_s(bench: Bench, angles: Sequence[MirrorAngles]) -> npt.NDArray[np.floa
     if pause_s is None:
         return settled_s
     look_s, _ = exchanges_s(bench)
-    in_vain = np.maximum(np.ceil((settled_s - look_s) / (look_s + pause_s) - 1e-9), 0.0)
+    in_vain = np.maximum(np.ceil((settled_s - look_s - pause_s / 2) / (look_s + pause_s)), 0.0)
     return np.asarray((in_vain + 2) * look_s + (in_vain + 1) * pause_s)
 
 
