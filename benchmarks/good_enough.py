@@ -1,7 +1,7 @@
 """What `scan --until stable` saves: bench time of scans ended early and of whole ones, and their pictures' errors.
 
-Simulated scenes, 64 x 64 points coarse to fine, pictures by NANO. One JSON line a case, then the sums over the cases.
-error: relative L2 of the front view against the albedo that was drawn, at the best scale.
+Simulated scenes, 64 x 64 points coarse to fine, pictures by NANO. One JSON line a figure.
+error: relative L2 of the front view against the albedo that was drawn, at the best scale. Cases go to stderr.
 """
 
 import json
@@ -66,7 +66,8 @@ def main() -> None:
             worse.append(errors[1] / errors[0])
             case = {"scene": name, "dwell_ms": dwell_ms, "points": early["points"], "of": whole["points"]}
             times = {"bench_s": round(early["bench_s"], 2), "whole_s": round(whole["bench_s"], 2)}
-            print(json.dumps({**case, **times, "error": round(errors[1], 3), "whole_error": round(errors[0], 3)}))
+            ended = {**case, **times, "error": round(errors[1], 3), "whole_error": round(errors[0], 3)}
+            print(json.dumps(ended), file=sys.stderr)
     figure("until_stable_time_saved", 1 - early_s / whole_s, "of the bench time")
     figure("until_stable_error_ratio", float(np.median(worse)), "of the whole scan's error")
 
@@ -103,7 +104,7 @@ def error(run: Path, truth: npt.NDArray[np.float64]) -> float:
 
 
 def figure(name: str, value: float, unit: str) -> None:
-    print(json.dumps({"figure": name, "value": round(value, 4), "unit": unit}))
+    print(json.dumps({"figure": name, "value": round(value, 4), "unit": unit, "target": None, "met": None}))
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from acquisition.sample import Sample
     from recon.live import LivePicture
 
-LEVEL = 0.1
+LEVEL = 0.05
 FIRST_FRACTION = 0.05
 AGAIN_S = 0.5
 
