@@ -65,17 +65,13 @@ def reconstruct(
 
 
 def _check(method: str, settings: dict[str, object], device: str) -> None:
-    """Refuses what no file can change, before any is read. Raises `InvalidSettings` or `UsageError`."""
-    import torch
-
+    """Refuses what no file can change, before any is read. Raises `InvalidSettings`."""
+    from recon.device import check_device
     from recon.methods import parse_settings
 
     of_the_file = ("offsets", "wall_size_m")
     parse_settings(method, {key: value for key, value in settings.items() if key not in of_the_file})
-    if device not in ("cpu", "cuda"):
-        raise UsageError(f"--device {device}: cpu or cuda")
-    if device == "cuda" and not torch.cuda.is_available():
-        raise UsageError("--device cuda: PyTorch sees no GPU here. Leave --device out, or install PyTorch for CUDA.")
+    check_device(device)
 
 
 def _follow(

@@ -1,0 +1,17 @@
+"""Where reconstruction runs: the processor, or a GPU that PyTorch sees."""
+
+import torch
+
+from recon.errors import InvalidSettings
+
+DEVICES = ("cpu", "cuda")
+
+
+def check_device(device: str) -> None:
+    """Raises `InvalidSettings` for a device that does not exist or is not there."""
+    if device not in DEVICES:
+        raise InvalidSettings(f"--device {device}: {' or '.join(DEVICES)}")
+    if device == "cuda" and not torch.cuda.is_available():
+        raise InvalidSettings(
+            "--device cuda: PyTorch sees no GPU here. Leave --device out, or install PyTorch for CUDA."
+        )
