@@ -13,6 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from recon.evaluate import Evaluation, Row, as_json
+from recon.pictures import visible_depth
 from recon.results import software
 
 T = TypeVar("T")
@@ -95,7 +96,7 @@ def gallery(evaluation: Evaluation, path: Path) -> None:
                 line[2 * k + 1].axis("off")
                 continue
             _intensity(line[2 * k], picture.albedo)
-            _depth(line[2 * k + 1], picture.depth_m, span)
+            _depth(line[2 * k + 1], visible_depth(picture), span)
     for k, title in enumerate(["truth", *methods]):
         grid[0][2 * k].set_title(title, fontsize=8)
         grid[0][2 * k + 1].set_title("depth", fontsize=8)
