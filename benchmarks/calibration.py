@@ -23,7 +23,8 @@ from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
 from calibration import raw_points
 from calibration.constants import BenchConstants, Quantity
-from calibration.correct import common_bins, correct_known, correct_points, undo_dead_time
+from calibration.correct import common_bins, correct_known, correct_points
+from calibration.detector import undo_dead_time
 from calibration.measure import measure_constants
 from calibration.raw_points import RawPoints
 from drivers.galvo.mirror import MirrorAngles

@@ -9,20 +9,17 @@ import numpy.typing as npt
 from acquisition.sample import Sample, ScanPoint
 from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from calibration import raw_points
-from calibration.afterpulsing import subtract_afterpulses
 from calibration.alignment import align, align_by_floor_and_circshift, align_variance, recorded_bins
 from calibration.background import Background, before_pulse, subtract
 from calibration.constants import BenchConstants
+from calibration.detector import subtract_dark, undo_dead_time
 from calibration.direct_reflection import DirectLight, find_direct_light, known_direct_light, remove_direct_light
 from calibration.errors import InvalidData, NoDirectPeak
 from calibration.impulse_response import ImpulseResponse
-from calibration.pile_up import correct_free_running
 from calibration.raw_points import RawPoints
 from calibration.time_offset import TimeOffsets, measure_time_offsets
 
 Floats = npt.NDArray[np.float64]
-WHOLE_PERIOD = 0.01
-"""A histogram covers the laser's period when its length differs by no more than this share."""
 LEAD_S = 300e-12
 """How long before its arrival a direct pulse may begin, where its impulse response was not measured."""
 SHORTEST_S = 1.3e-9
@@ -198,39 +195,6 @@ def known_arrival_bins(constants: BenchConstants, x_m: npt.ArrayLike, y_m: npt.A
     """Direct arrivals by the constants, in bins after the start of the record."""
     assert constants.arrivals is not None
     return np.asarray((constants.arrivals.at(x_m, y_m) - time.start_s) / time.bin_width_s)
-
-
-def undo_dead_time(
-    raw: RawPoints, constants: BenchConstants | None
-) -> tuple[npt.NDArray[np.generic], npt.NDArray[np.generic]]:
-    """Counts and their variance with dead time, pile-up and, over a whole period, afterpulses undone; as they are where
-    constants or laser pulses are not known."""
-    period_s = raw.period_s
-    if constants is None or constants.dead_time_s is None or not constants.dead_time_s.value > 0 or period_s is None:
-        return raw.counts, raw.counts
-    dead_s = constants.dead_time_s.value
-    taken = raw.sync_count > 0
-    if not taken.all():
-        counts, variance = raw.counts.astype(np.float64), raw.counts.astype(np.float64)
-        counts[taken], variance[taken] = undo_dead_time(raw.select(taken), constants)
-        return counts, variance
-    width_s = raw.time.bin_width_s
-    counts, variance = correct_free_running(raw.counts, raw.sync_count, raw.total_count, width_s, period_s, dead_s)
-    after, decay_s = constants.afterpulse_probability, constants.afterpulse_decay_s
-    whole_period = abs(raw.time.bins * width_s / period_s - 1) < WHOLE_PERIOD
-    if after is not None and decay_s is not None and after.value > 0 and whole_period:
-        counts = subtract_afterpulses(counts, raw.counts, after.value, decay_s, dead_s, width_s)
-    return counts, variance
-
-
-def subtract_dark(
-    counts: npt.NDArray[np.generic], raw: RawPoints, constants: BenchConstants | None
-) -> npt.NDArray[np.generic]:
-    """Counts less the dark counts expected in each bin, where a shutter-closed run of the same length told them."""
-    per_bin = constants.dark_per_bin_hz if constants is not None else None
-    if per_bin is None or len(per_bin) != raw.time.bins:
-        return counts
-    return subtract(counts, np.multiply.outer(raw.exposure_s, per_bin))
 
 
 def _finish(

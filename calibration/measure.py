@@ -10,7 +10,8 @@ from acquisition.aim import Aim
 from calibration.afterpulsing import ClickAfterClick, from_full_period
 from calibration.background import dark_rate_per_bin, is_flat
 from calibration.constants import Arrivals, BenchConstants, Quantity
-from calibration.correct import WHOLE_PERIOD, CorrectedPoints, correct_points, undo_dead_time
+from calibration.correct import CorrectedPoints, correct_points
+from calibration.detector import WHOLE_PERIOD, undo_dead_time
 from calibration.errors import InvalidData, PoorCalibration
 from calibration.geometry import ScannerGeometry
 from calibration.geometry_fit import DirectTimes, GeometryFit, Spots, fit_geometry

@@ -80,7 +80,7 @@ def _draw_time_offset(axes: Any, raw: "RawPoints", corrected: "CorrectedPoints")
 
 
 def _draw_background(axes: Any, raw: "RawPoints", corrected: "CorrectedPoints", constants: "BenchConstants") -> None:
-    from calibration.correct import subtract_dark, undo_dead_time
+    from calibration.detector import subtract_dark, undo_dead_time
 
     offsets = corrected.offsets
     assert offsets is not None
@@ -121,7 +121,7 @@ def _draw_direct_light(axes: Any, raw: "RawPoints", corrected: "CorrectedPoints"
 
 
 def _draw_dead_time(axes: Any, raw: "RawPoints", constants: "BenchConstants") -> None:
-    from calibration.correct import undo_dead_time
+    from calibration.detector import undo_dead_time
 
     time_ns = raw.time.centres_s() * 1e9
     before = raw.counts.sum(axis=0, dtype=np.float64)

@@ -6,7 +6,8 @@ import pytest
 from acquisition.aim import Aim
 from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
-from calibration.correct import correct_points, undo_dead_time
+from calibration.correct import correct_points
+from calibration.detector import undo_dead_time
 from calibration.measure import measure_constants
 from calibration.raw_points import RawPoints
 from drivers.galvo.mirror import MirrorAngles
