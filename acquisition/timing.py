@@ -1,7 +1,7 @@
 """How long a scan will take, in its parts and as a band, from the mirror's settle model and the cables' times; and how
 long it will still take, from the pace of the points taken so far."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,10 +23,13 @@ ARM_QUESTIONS = 9.5
 """Exchanges that arm it for points, settings read back."""
 SEQUENCE_QUESTIONS = 13.5
 """The same for a sequence, which is stopped before and watched to its end."""
-LISTING_S = 0.014
-"""How long the last photons of a sequence take out of a list-mode counter, which is asked every 10 ms."""
-LISTING_BEGINS_S = 0.009
-"""How long such a counter takes to begin."""
+LISTED_POINT_S = {"tcspc488": 0.15e-3}
+"""How much later a list-mode counter tells that a gate has closed: markers may come out of order, and its clock has to
+have gone round once."""
+LISTING_BEGINS_S = {"picoquant": 0.009}
+"""How long a list-mode counter takes to begin."""
+LISTING_ENDS_S = {"picoquant": 0.0068}
+"""How long the last photons of a sequence take out of one that is asked for them."""
 POINT_QUESTIONS = 1.5
 """A trigger, one way, and one question there and back per point taken by the host."""
 COMMANDS_PER_MOVE = {"triggerscope": 2, "optotune": 1}
@@ -128,14 +131,19 @@ def moves_s(bench: Bench, angles: Sequence[MirrorAngles]) -> npt.NDArray[np.floa
     return np.asarray((in_vain + 2) * look_s + (in_vain + 1) * pause_s)
 
 
+def listing_s(bench: Bench, by_model: Mapping[str, float]) -> float:
+    """What list mode costs on this bench's counter; nothing in histogram mode."""
+    return by_model.get(bench.settings.counter.model, 0.0) if bench.counter.list_mode else 0.0
+
+
 def stepped_forecast(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links) -> Forecast:
     """Scheme S1: every point pays for its move, its settling and its questions."""
     arms = -(-len(plan) // bench.counter.max_points)
-    begins_s = LISTING_BEGINS_S if bench.counter.list_mode else 0.0
+    begins_s, listed_s = listing_s(bench, LISTING_BEGINS_S), listing_s(bench, LISTED_POINT_S)
     return Forecast(
         dwell_s=plan.dwell_total_s,
         settle_s=float(moves_s(bench, angles).sum()),
-        links_s=len(plan) * (links.move_s + links.point_s) + arms * links.arm_s + links.scan_s + begins_s,
+        links_s=len(plan) * (links.move_s + links.point_s + listed_s) + arms * links.arm_s + links.scan_s + begins_s,
         upload_s=0.0,
         margin=links.margin,
         certain=certain_share(plan),
@@ -160,7 +168,7 @@ def clocked_forecast(
             whole,
             dwell_s=whole.dwell_s + dwell_s,
             settle_s=whole.settle_s + part.duration_s - dwell_s + bench.mirror.settle_s(where, part.angles[0]),
-            links_s=whole.links_s + links.sequence_s + (LISTING_S if bench.counter.list_mode else 0.0),
+            links_s=whole.links_s + links.sequence_s + listing_s(bench, LISTING_ENDS_S),
             upload_s=whole.upload_s + -(-len(part.index) // STATES_PER_LINE) * links.line_s,
         )
         first, where = first + part.count, part.angles[-1]

@@ -17,7 +17,7 @@ from drivers.tcspc.t3_points import PointHistograms, StepMarkers
 
 _CLOCK_UNIT_S = 100e-9
 _LONGEST_PERIOD = 16_777_215
-_POLL_S = 0.01
+_POLL_S = 0.002
 """ReadFiFo returns within about 10 ms; asked more often it returns less."""
 _STEP_MARKERS = 0b011
 

@@ -70,11 +70,21 @@ def test_predicted_time_is_within_2_percent_of_the_benches(
 
 
 @pytest.mark.parametrize(
-    ("name", "scheme"),
-    [("simulated", Scheme.STEPPED), ("simulated", Scheme.CLOCKED), ("multiharp", Scheme.STEPPED),
-     ("optotune", Scheme.STEPPED)],
-)  # fmt: skip
-@pytest.mark.parametrize("slow_cable", ["serial_latency_ms", "usb_latency_ms", None])
+    ("name", "scheme", "slow_cable"),
+    [
+        *(
+            (name, scheme, cable)
+            for name, scheme in [
+                ("simulated", Scheme.STEPPED),
+                ("simulated", Scheme.CLOCKED),
+                ("multiharp", Scheme.STEPPED),
+                ("optotune", Scheme.STEPPED),
+            ]
+            for cable in ("serial_latency_ms", "usb_latency_ms", None)
+        ),
+        ("multiharp", Scheme.LISTED, None),
+    ],
+)
 def test_scans_of_a_tenth_of_a_second_are_predicted_as_well(
     bench_settings: Benches, small_plan: Plans, name: str, scheme: Scheme, slow_cable: str | None
 ) -> None:
