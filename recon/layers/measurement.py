@@ -25,6 +25,8 @@ FALLOFF_AT_KNOTS = (4.0, 3.5, 3.0, 2.4, 2.0, 1.6)  # of diffuse surfaces, whose 
 DIFFUSE = 4.0
 LOG_SNR_AT_KNOTS = (0.8, 0.4, -0.4, -0.8, -1.2, -1.6)
 SNR_FACTORS = (0.4, 4.0)
+VOLUMES = len(SNR_FACTORS) + 1
+ALIASING = 0.5  # noise power of leaving gaps empty, over that of the signal, for each point left out per point measured
 TREND = 3
 STEEPEST = 0.3
 
@@ -34,6 +36,7 @@ class Rates:
     """Counts over exposure, background removed, holes filled, in units of the mean net rate of a voxel."""
 
     net: Tensor  # (B, 1, T, H, W), filled
+    unfilled: Tensor  # (B, 1, T, H, W), 0 where not measured; `net` itself where nothing is missing
     raw: Tensor  # (B, 1, T, H, W), with background, 0 where not measured
     exposure: Tensor  # (B, H, W), mean 1 over the measured points, 0 = not measured
     background: Tensor  # (B,) in the same units
@@ -144,8 +147,10 @@ def rates_of(counts: Tensor, exposure: Tensor | None) -> Rates:
     scale = unit[:, None, None, None, None]
     recorded = ((profile.cumsum(dim=1) > 0) & (profile.flip(1).cumsum(dim=1).flip(1) > 0)).to(counts)
     flat = (background[:, None] * recorded)[:, None, :, None, None] * exposure[:, None, None]
+    signal = (counts - flat) * measured[:, None, None]
     return Rates(
-        net=fill((counts - flat) * measured[:, None, None], exposure) / scale,
+        net=fill(signal, exposure) / scale,
+        unfilled=signal / exposure.clamp(min=1e-6)[:, None, None] / scale,
         raw=raw / scale,
         exposure=exposure,
         background=background / unit,
@@ -169,11 +174,13 @@ def last_light(net: Tensor) -> int:
 
 
 class WienerVolumes(nn.Module):
-    """Two Wiener inverses of the light cone, falloff and snr chosen by the noise: what the operator starts from.
+    """Wiener inverses of the light cone, falloff and snr chosen by the noise: what the operator starts from.
 
-    u_g of NANO (section IV-B2) with the falloff and snr that were best at each noise level. `time` is the axis of the
-    counts; `slices` depths of about SLICE wall widths come out, from the wall to the end of the axis. `falloff` 2 is
-    for retroreflective surfaces, from which less has to be undone.
+    u_g of NANO (section IV-B2) with the falloff and snr that were best at each noise level: two of the filled rates,
+    and the sharper of them once more of the rates with their gaps left empty. Filling blurs what lies between the
+    points, empty gaps alias it; a network sees both. `time` is the axis of the counts; `slices` depths of about SLICE
+    wall widths come out, from the wall to the end of the axis. `falloff` 2 is for retroreflective surfaces, from which
+    less has to be undone.
     """
 
     def __init__(self, wall: WallGrid, time: TimeAxis, falloff: float = DIFFUSE):
@@ -209,15 +216,23 @@ class WienerVolumes(nn.Module):
         batch, channels, _, rows, cols = padded.shape
         return padded.reshape(batch, channels, -1, self.factor, rows, cols).sum(dim=3)[:, :, : self.bins]
 
-    def forward(self, net: Tensor, log_noise: Tensor) -> Tensor:
-        """net rates (B, 1, bins, H, W), log10 noise level (B,) -> (B, V, slices, H, W)."""
+    def forward(self, rates: Rates, log_noise: Tensor) -> Tensor:
+        """rates of (B, 1, bins, H, W), log10 noise level (B,) -> (B, VOLUMES, slices, H, W)."""
         undone = piecewise(log_noise, NOISE_KNOTS, FALLOFF_AT_KNOTS)
         exponent = (undone - (DIFFUSE - self.falloff)).clamp(min=0)
+        weight = (self.relative[None] ** exponent[:, None])[:, None, :, None, None]
         snr = 10 ** piecewise(log_noise, NOISE_KNOTS, LOG_SNR_AT_KNOTS)
-        weight = self.relative[None] ** exponent[:, None]  # (B, bins)
-        light = self.resampling(net * weight[:, None, :, None, None])
-        light = light.repeat(1, len(SNR_FACTORS), 1, 1, 1)
-        solved = self.cone.wiener(light, torch.stack([snr * factor for factor in SNR_FACTORS], dim=1))
+        snr_of = [snr * factor for factor in SNR_FACTORS]
+        filled = self.resampling(rates.net * weight).repeat(1, len(SNR_FACTORS), 1, 1, 1)
+        volumes = self.slices_of(self.cone.wiener(filled, torch.stack(snr_of, dim=1)))
+        if bool((rates.kept == 1).all()):
+            return torch.cat((volumes, volumes[:, -1:]), dim=1)
+        aliased = 1 / (1 / snr_of[-1] + ALIASING * (1 / rates.kept - 1))
+        empty = self.slices_of(self.cone.wiener(self.resampling(rates.unfilled * weight), aliased))
+        return torch.cat((volumes, empty), dim=1)
+
+    def slices_of(self, solved: Tensor) -> Tensor:
+        """(B, V, cells, H, W) on the light cone -> (B, V, slices, H, W)."""
         volume = self.resampling.adjoint(solved)[:, :, self.first :]
         size = (self.slices, *volume.shape[3:])
         if self.slices <= volume.shape[2]:

@@ -14,7 +14,7 @@ from acquisition.wall import WallGrid
 from configs.settings import Settings as AnySettings
 from recon.layers.complex_activation import ActivationName
 from recon.layers.lifted_volumes import LiftedVolumes
-from recon.layers.measurement import SLICE, SNR_FACTORS, TRAINED_SLICES, Rates, WienerVolumes, last_light, rates_of
+from recon.layers.measurement import SLICE, TRAINED_SLICES, VOLUMES, Rates, WienerVolumes, last_light, rates_of
 from recon.layers.noise_level import NoiseLevel
 from recon.layers.physical_unfolding import PhysicalUnfolding
 from recon.layers.spectral_unfolding import Restriction, SpectralUnfolding
@@ -23,7 +23,7 @@ from recon.layers.volume_projection import AttentionProjection, MaximumProjectio
 
 POINTS = 32  # per wall width: the operator's own pitch, whatever the scan's
 CONDITIONS = 3
-OWN_FEATURES = 2 * len(SNR_FACTORS) + 3  # volumes averaged and at their maximum, depth, confidence, the last pass
+OWN_FEATURES = 2 * VOLUMES + 3  # volumes averaged and at their maximum, depth, confidence, the last pass
 MIDDLE_NOISE = -1.0
 FEWEST_SLICES = 80
 MARGIN = 8  # slices behind the last light
@@ -118,7 +118,7 @@ class Nano(nn.Module):
         nn.init.zeros_(cast(Tensor, self.head.bias))
         self.projection: AttentionProjection | MaximumProjection
         if settings.reading == "physical" and settings.projection:
-            self.projection = AttentionProjection(len(SNR_FACTORS), settings.features, 2)
+            self.projection = AttentionProjection(VOLUMES, settings.features, 2)
         else:
             self.projection = MaximumProjection(finish=settings.projection)
         trained = self.noise_level if settings.stage == "noise" else None
@@ -146,7 +146,7 @@ class Nano(nn.Module):
         log_noise, noise_map = self.noise(rates)
         reach = self.reach(rates.net)
         scaled = max(reach, TRAINED_SLICES)
-        volumes = self.normalised(self.physics(rates.net, log_noise)[:, :, :scaled])[:, :, :reach]
+        volumes = self.normalised(self.physics(rates, log_noise)[:, :, :scaled])[:, :, :reach]
         lifted = None if self.lifted is None else self.lifted(rates.net, log_noise, scaled)
         maps = confidence(log_noise, noise_map, rates.exposure)
         return volumes, conditions(log_noise, rates), maps, lifted, rates.presence

@@ -1,6 +1,7 @@
 """Does one set of weights serve every grid and bin width? Held-out scenes scanned on several, with the same photons.
 
-`python -m recon.training.grid_study [METHOD] [SCENES]` prints one JSON line a grid: PSNR at the best scale, depth.
+`python -m recon.training.grid_study [METHOD] [SCENES]` prints one JSON line a grid: PSNR at the best scale, on its own
+pixels and on those of the coarsest grid, and depth.
 """
 
 import json
@@ -10,6 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from torch import nn
 
 from acquisition.transient import TimeAxis
@@ -20,6 +22,7 @@ from recon.training.rendering import render
 from recon.training.scenes import front_view, make_scene, surfels
 
 GRIDS = ((64, 256), (32, 256), (128, 256), (64, 512), (64, 1024))  # points along the wall, bins; the first is trained
+COARSEST = min(points for points, _ in GRIDS)
 WINDOW_S = 256 * 64e-12
 PEAK_COUNTS = 20.0  # on the trained grid
 BACKGROUND = 0.02
@@ -34,6 +37,8 @@ class Reached:
     points: int
     bins: int
     psnr: float
+    psnr_coarse: float
+    """Picture and truth averaged to the coarsest grid's pixels: a finer grid's own have more to tell."""
     depth_mad_m: float
 
 
@@ -44,12 +49,13 @@ def study(method: str, scenes: int, grids: tuple[tuple[int, int], ...] = GRIDS) 
         wall, time = WallGrid(WALL_M, WALL_M, points, points), TimeAxis(bins, WINDOW_S / bins)
         network = _network(method, wall, time)
         pairs = [_one(network, wall, time, index) for index in range(scenes)]
-        decibels, errors = np.asarray(pairs).T
-        found.append(Reached(points, bins, float(decibels.mean()), float(np.nanmean(errors))))
+        decibels, coarse, errors = np.asarray(pairs).T
+        means = float(decibels.mean()), float(coarse.mean()), float(np.nanmean(errors))
+        found.append(Reached(points, bins, *means))
     return found
 
 
-def _one(network: nn.Module, wall: WallGrid, time: TimeAxis, index: int) -> tuple[float, float]:
+def _one(network: nn.Module, wall: WallGrid, time: TimeAxis, index: int) -> tuple[float, float, float]:
     trained = WallGrid(WALL_M, WALL_M, *2 * (GRIDS[0][0],))
     scene = make_scene(SEED, index, trained, held_out=True)
     expected = render(surfels(scene, np.random.default_rng((SEED, index))), wall, time)
@@ -64,7 +70,9 @@ def _one(network: nn.Module, wall: WallGrid, time: TimeAxis, index: int) -> tupl
     truth = torch.from_numpy(view.intensity / max(float(view.intensity.max()), 1e-6))[None]
     seen = torch.from_numpy(view.depth_m)[None]
     error = (depth_m - seen).abs()[(seen > 0) & torch.isfinite(depth_m)]
-    return float(psnr(albedo, truth)), float(error.mean())
+    together = wall.rows // COARSEST
+    coarse_psnr = psnr(F.avg_pool2d(albedo, together), F.avg_pool2d(truth, together))
+    return float(psnr(albedo, truth)), float(coarse_psnr), float(error.mean())
 
 
 @lru_cache(maxsize=2)

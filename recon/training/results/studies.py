@@ -12,7 +12,7 @@ from typing import Any
 import torch
 
 from recon.training import noise_figure
-from recon.training.grid_study import GRIDS, study
+from recon.training.grid_study import COARSEST, GRIDS, study
 from recon.training.results.kept import Kept, kept, of_files, of_method
 from recon.training.results.tables import table
 from recon.training.results.targets import Target
@@ -27,22 +27,22 @@ def grids(method: str, scenes: int = SCENES_A_GRID) -> list[dict[str, Any]]:
         return [asdict(reached) for reached in study(method, scenes)], {}
 
     name = "grids" if method == "nano" else f"grids-{method}"
-    depends = of_method(method) | {"grids": GRIDS, "scenes": scenes}
+    depends = of_method(method) | {"grids": GRIDS, "scenes": scenes, "coarsest": COARSEST}
     found: list[dict[str, Any]] = kept(name, depends, measure).figures
     return found
 
 
 def grid_table(found: dict[str, list[dict[str, Any]]]) -> str:
-    """PSNR on each grid, and against the trained one, by method."""
+    """PSNR on each grid and on the coarsest one's pixels, and against the trained grid, by method."""
     head = ["points along the wall", "bins"]
     for method in found:
-        head += [f"{method}, dB", "against the trained grid", "depth MAD, mm"]
+        head += [f"{method}, dB", "against the trained grid", f"on {COARSEST} x {COARSEST} pixels, dB", "depth MAD, mm"]
     body = []
     for k, grid in enumerate(next(iter(found.values()))):
         line = [str(grid["points"]), str(grid["bins"])]
         for own in found.values():
-            psnr, mad_mm = own[k]["psnr"], 1e3 * own[k]["depth_mad_m"]
-            line += [f"{psnr:.2f}", f"{psnr - own[0]['psnr']:+.2f}", f"{mad_mm:.1f}"]
+            psnr, coarse, mad_mm = own[k]["psnr"], own[k]["psnr_coarse"], 1e3 * own[k]["depth_mad_m"]
+            line += [f"{psnr:.2f}", f"{psnr - own[0]['psnr']:+.2f}", f"{coarse:.2f}", f"{mad_mm:.1f}"]
         body.append(line)
     return table(head, body)
 

@@ -6,7 +6,7 @@ import torch
 
 from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
-from recon.layers.measurement import WienerVolumes, fill, presence, rates_of
+from recon.layers.measurement import VOLUMES, WienerVolumes, fill, presence, rates_of
 from recon.layers.noise_level import NoiseLevel
 from recon.layers.transient_lifting import TransientLifting
 from recon.layers.unet import UNet
@@ -104,13 +104,26 @@ def test_an_empty_measurement_has_no_signal_and_finite_rates() -> None:
 
 def test_wiener_volumes_flip_with_the_wall_and_have_metric_depths() -> None:
     physics = WienerVolumes(WALL, TIME)
-    x = rates_of(signal(), None).net
+    rates, flipped = rates_of(signal(), None), rates_of(signal().flip(4), None)
     level = torch.tensor([-1.0])
-    volume = physics(x, level)
-    assert volume.shape == (1, 2, physics.slices, 12, 12)
-    torch.testing.assert_close(physics(x.flip(4), level), volume.flip(4), rtol=1e-3, atol=1e-3)
+    volume = physics(rates, level)
+    assert volume.shape == (1, VOLUMES, physics.slices, 12, 12)
+    torch.testing.assert_close(physics(flipped, level), volume.flip(4), rtol=1e-3, atol=1e-3)
     brightest = physics.depths[int(volume[0, 0].amax(dim=(1, 2)).argmax())] * physics.unit_m
     assert abs(float(brightest) - 1.0) < 0.05
+
+
+def test_the_volume_of_unfilled_rates_differs_from_the_filled_one_where_points_are_missing_only() -> None:
+    physics, level = WienerVolumes(WALL, TIME), torch.tensor([-1.0, -1.0])
+    exposure = torch.ones(2, 12, 12)
+    whole = physics(rates_of(signal().repeat(2, 1, 1, 1, 1), exposure), level)
+    torch.testing.assert_close(whole[:, 2], whole[:, 1])
+    exposure[1, :, 1::2] = 0
+    rates = rates_of(signal().repeat(2, 1, 1, 1, 1), exposure)
+    assert rates.unfilled[1, 0, :, :, 1::2].abs().max() == 0 < rates.net[1, 0, :, :, 1::2].abs().max()
+    part = physics(rates, level)
+    torch.testing.assert_close(part[0], whole[0], rtol=1e-4, atol=1e-5)
+    assert (part[1, 2] - part[1, 1]).abs().max() > 0.1 * part[1, 1].abs().max()
 
 
 def test_fine_bins_are_added_until_they_match_the_wall() -> None:

@@ -1,6 +1,7 @@
 """NANO: the same picture for every count unit, wall and grid; nothing out of nothing; every switch trains."""
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import torch
 
 from acquisition.transient import TimeAxis, Transient
 from acquisition.wall import WallGrid
+from recon.layers.measurement import rates_of
 from recon.methods.nano import Nano, Settings, build
 from recon.reconstruct import reconstruct
 from recon.training.checkpoint import save
@@ -180,10 +182,11 @@ def test_less_falloff_is_undone_for_retroreflectors() -> None:
     diffuse, retroreflective = (
         build(Settings.model_validate(SMALL | {"falloff": f}), WALL, TIME).eval() for f in (4, 2)
     )
-    signal, level = torch.rand(1, 1, diffuse.physics.bins, 16, 16), torch.tensor([-2.0])
+    rates, level = rates_of(torch.rand(1, 1, diffuse.physics.bins, 16, 16), None), torch.tensor([-2.0])
     squared = diffuse.physics.relative[:, None, None] ** 2
-    expected = diffuse.physics(signal / squared.clamp(min=1e-6), level)
-    torch.testing.assert_close(retroreflective.physics(signal, level), expected, rtol=1e-3, atol=1e-4)
+    divided = replace(rates, net=rates.net / squared.clamp(min=1e-6))
+    expected = diffuse.physics(divided, level)
+    torch.testing.assert_close(retroreflective.physics(rates, level), expected, rtol=1e-3, atol=1e-4)
 
 
 def test_a_reconstruction_names_the_weights_it_was_made_with(tmp_path: Path) -> None:
