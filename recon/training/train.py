@@ -75,7 +75,7 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
     elapsed, late = spent_s, False
 
     def load(at: int) -> dict[str, torch.Tensor]:
-        return batch_at(settings.data, Path(settings.cache), settings.seed, at, settings.batch, part)
+        return batch_at(settings.data, settings.cache_path, settings.seed, at, settings.batch, part)
 
     with ThreadPoolExecutor(1) as loader:
         ahead = loader.submit(load, step)

@@ -1,5 +1,6 @@
 """What a training configuration says: the method, its data, and the recipe."""
 
+from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field
@@ -37,7 +38,13 @@ class TrainSettings(Settings):
     checkpoint_minutes: float = 2.0
     max_minutes: float | None = None  # stops there, resumable
     tensorboard: bool = False  # beside the log; needs the extra of that name
-    cache: str = "runs/scenes"  # the folder where rendered samples are kept
+    cache: str | None = (
+        "runs/scenes"  # the folder where rendered samples are kept; null keeps none, for scenes seen once
+    )
+
+    @property
+    def cache_path(self) -> Path | None:
+        return None if self.cache is None else Path(self.cache)
 
     @property
     def steps(self) -> int:

@@ -1,7 +1,5 @@
 """How good a network in training is on scenes of kinds it never sees, and how the light-cone transform does there."""
 
-from pathlib import Path
-
 import numpy as np
 import torch
 from torch import nn
@@ -25,7 +23,7 @@ def validate(model: nn.Module, settings: TrainSettings, device: str, against_lct
     pictures, depths, rivals = [], [], []
     model.eval()
     for index in range(len(data)):
-        batch = {name: x.to(device) for name, x in collate([sample(data, index, Path(settings.cache))]).items()}
+        batch = {name: x.to(device) for name, x in collate([sample(data, index, settings.cache_path)]).items()}
         truth = picture_of(batch)
         with torch.no_grad():
             albedo, depth, _ = model(batch["counts"], batch["exposure"])

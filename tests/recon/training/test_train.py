@@ -79,6 +79,18 @@ def test_a_run_stopped_and_resumed_ends_bit_equal(tmp_path: Path, cache: Path) -
     assert (tmp_path / "parts" / "loss.png").stat().st_size > 1000
 
 
+def test_a_run_that_keeps_no_scenes_learns_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    few = DatasetSettings(scenes=4, degradations=1, **TINY)
+    for cache in (tmp_path / "scenes", None):
+        chosen = settings(tmp_path, data=few, samples=4).model_copy(
+            update={"cache": None if cache is None else str(cache)}
+        )
+        train(chosen, tmp_path / f"{cache is None}", quiet)
+    assert_equal_states(tmp_path / "True", tmp_path / "False")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["False", "True", "scenes"]
+
+
 def test_a_run_killed_without_warning_ends_bit_equal(tmp_path: Path, cache: Path) -> None:
     chosen = settings(cache, samples=40, checkpoint_minutes=1e-6)
     victim = process(tmp_path / "killed", chosen)
