@@ -11,7 +11,7 @@ from pathlib import Path
 from recon.results import software
 from recon.training import convergence, noise_figure
 from recon.training.results import studies
-from recon.training.results.kept import EQUAL
+from recon.training.results.kept import BASE, EQUAL
 from recon.training.results.measured_scenes import METHODS as PICTURED
 from recon.training.results.measured_scenes import measured_scenes
 from recon.training.results.noiseless import noiseless
@@ -61,16 +61,16 @@ def quality_section(quality: Quality) -> str:
     return "\n".join(parts)
 
 
-def own_weights(methods: Sequence[str]) -> str:
-    """The weights of NANO that are compared at equal samples seen."""
-    return EQUAL if EQUAL in methods else "nano"
+def own_weights(rival: str, methods: Sequence[str]) -> str:
+    """The weights of NANO that are compared with this rival, at equal samples seen."""
+    return EQUAL[rival] if EQUAL[rival] in methods else "nano"
 
 
 def equal_samples(quality: Quality, rivals: Sequence[str]) -> str:
-    """NANO against the rivals that are trained, with how much each has seen."""
+    """NANO against rivals that have seen equally many samples, with how many those are."""
     if not rivals:
         return "Nothing to compare with is trained yet.\n"
-    own = own_weights(unique(row["method"] for row in quality.rows))
+    own = own_weights(rivals[0], unique(row["method"] for row in quality.rows))
     figures = ("psnr", "ssim", "depth_rmse_m", "depth_mad_m", "depth_missing")
     differences, worse = comparison(quality.rows, own, rivals, figures)
     seen = {method: samples_seen(method) for method in (own, *rivals)}
@@ -86,11 +86,11 @@ def page(data: Path, docs: Path) -> str:
     pictures.mkdir(parents=True, exist_ok=True)
     written = remarks(pictures / "remarks.md")
     methods = [*PHYSICS, *trained(LEARNED)]
-    absent = [method for method in LEARNED if method not in (*methods, EQUAL)]
-    rivals = [method for method in ("lfe", "nlost", "unet") if method in methods]
+    absent = [method for method in LEARNED if method not in (*methods, *BASE)]
+    rivals = [method for method in EQUAL if method in methods]
     quality = measure_quality(data / "synthetic", methods, CONDITIONS)
     write_all(HELD_OUT)
-    held_out = measure_quality(HELD_OUT, [method for method in methods if method != EQUAL], HELD_OUT_AT)
+    held_out = measure_quality(HELD_OUT, [method for method in methods if method not in BASE], HELD_OUT_AT)
     for name, condition in (("full", "counts_p5"), ("sparse", "counts_p5@16x16")):
         shown = [method for method in ("lct", "fk", "phasor", "lfe", "nlost", "unet", "nano") if method in methods]
         draw_gallery(quality, shown, [condition], pictures / f"{name}.png")
@@ -100,7 +100,9 @@ def page(data: Path, docs: Path) -> str:
     grids = {method: studies.grids(method) for method in trained(("nano", "unet"))}
     fast = studies.speed()
     targets = of_quality(quality.rows, thresholded(quality))
-    targets += against(quality.rows, own_weights(methods), rivals) + studies.targets(levels, grids["nano"], fast)
+    for rival in rivals:
+        targets += against(quality.rows, own_weights(rival, methods), rival)
+    targets += studies.targets(levels, grids["nano"], fast)
     say = written.get
     return "\n".join(
         [
@@ -119,7 +121,7 @@ def page(data: Path, docs: Path) -> str:
             "Simulated with shadows, one scene a kind that is held out from training.\n",
             quality_section(held_out),
             "## What training cost\n",
-            training([method for method in LEARNED if method != EQUAL or method in methods]),
+            training([method for method in LEARNED if method not in BASE or method in methods]),
             say("training", ""),
             "\n## NANO against LFE and NLOST, equal samples seen\n",
             equal_samples(quality, [rival for rival in rivals if rival != "unet"]),

@@ -13,9 +13,9 @@ import numpy.typing as npt
 from recon.training.checkpoint import OWN_FOLDER
 
 FOLDER = Path("runs/results")
-EQUAL = "nano_equal"
-"""Weights of NANO after as many samples as its rivals have seen."""
-BASE = {EQUAL: "nano"}
+EQUAL = {"lfe": "nano_4000", "nlost": "nano_4000", "unet": "nano_6500"}
+"""Weights of a NANO that has seen as many samples as each rival."""
+BASE = dict.fromkeys(EQUAL.values(), "nano")
 """The method of weights that are not called like it."""
 CODE = Path(__file__).parents[2]  # recon/
 

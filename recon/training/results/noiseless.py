@@ -7,9 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 from recon.evaluate import as_json, evaluate
+from recon.training.checkpoint import read_weights
 from recon.training.results.kept import kept, of_code, of_files, weights_path
 from recon.training.results.quality import Quality
-from recon.training.results.tables import mean, of, pick, shown, table
+from recon.training.results.tables import mean, of, pick, samples_seen, shown, table
 
 CONDITIONS = ("transient", "counts_p20", "counts_p5", "counts_p1")
 RIVALS = ("lfe", "nlost")
@@ -33,10 +34,11 @@ def noiseless(data: Path, quality: Quality) -> str:
             absent.append(method)
         else:
             rows = _measured(data, quality, method, path)
-            body.append(
-                _line(f"{method}, trained without noise", [mean(pick(rows, condition=c), "psnr") for c in CONDITIONS])
-            )
-        body.append(_line(f"{method}, as shipped", [of(quality.rows, method, c, "psnr") for c in CONDITIONS]))
+            seen = samples_seen(path.stem, path.parent)
+            name = f"{method}, {seen:,} samples without noise"
+            body.append(_line(name, [mean(pick(rows, condition=c), "psnr") for c in CONDITIONS]))
+        name = f"{method}, {samples_seen(method):,} samples with noise"
+        body.append(_line(name, [of(quality.rows, method, c, "psnr") for c in CONDITIONS]))
     body.append(_line("nano", [of(quality.rows, "nano", c, "psnr") for c in CONDITIONS]))
     text = table(["PSNR, dB", *CONDITIONS, "lost to p20", "lost to p1"], body)
     if absent:
@@ -51,7 +53,9 @@ def _measured(data: Path, quality: Quality, method: str, weights: Path) -> list[
     }  # fmt: skip
 
     def measure(_: Path) -> tuple[Any, dict[str, npt.NDArray[np.float32]]]:
-        done = evaluate([data], [method], CONDITIONS, settings={"weights": str(weights)}, say=print)
+        trained_with = read_weights(weights).about["settings"]["method_settings"]
+        settings = trained_with | {"weights": str(weights)}
+        done = evaluate([data], [method], CONDITIONS, settings=settings, say=print)
         return as_json(done.rows), {}
 
     found: list[dict[str, Any]] = kept(f"{method}-noiseless", depends, measure).figures

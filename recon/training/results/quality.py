@@ -11,11 +11,11 @@ import numpy.typing as npt
 from recon.evaluate import Evaluation, Row, Scene, as_json, evaluate, find_scenes
 from recon.evaluation_report import gallery
 from recon.metrics import image_scores
-from recon.training.results.kept import BASE, EQUAL, kept, of_files, of_method, weights_path
+from recon.training.results.kept import BASE, kept, of_files, of_method, weights_path
 from recon.volume import Reconstruction
 
 PHYSICS = ("lct", "fk", "phasor", "gram", "backprojection")
-LEARNED = ("lfe", "nlost", "unet", EQUAL, "nano")
+LEARNED = ("lfe", "nlost", "unet", *BASE, "nano")
 CONDITIONS = (
     "transient",
     "counts_p20",

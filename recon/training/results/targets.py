@@ -80,20 +80,18 @@ def of_quality(rows: Sequence[Row], thresholded: Sequence[Row]) -> list[Target]:
     return found
 
 
-def against(rows: Sequence[Row], own: str, rivals: Sequence[str]) -> list[Target]:
-    """NANO with the weights `own` against each rival in the four metrics, and the share of pixels without a depth."""
+def against(rows: Sequence[Row], own: str, rival: str) -> list[Target]:
+    """NANO with the weights `own` against a rival in the four metrics, and the share of pixels without a depth."""
     found = []
-    for rival in rivals:
-        for figure in (*FOUR, "depth_missing"):
-            column = FIGURES[figure]
-            gains = [
-                difference(of(rows, own, condition, figure), of(rows, rival, condition, figure))
-                for condition in RIVALS_AT
-            ]
-            known = [column.factor * gain for gain in gains if gain is not None]
-            worst = (min(known) if column.higher_is_better else max(known)) if known else None
-            what = f"{column.title}: {own} less {rival}, worst of {len(RIVALS_AT)} conditions"
-            found.append(Target("rivals", what, 0, column.higher_is_better, worst, "", column.digits))
+    for figure in (*FOUR, "depth_missing"):
+        column = FIGURES[figure]
+        gains = [
+            difference(of(rows, own, condition, figure), of(rows, rival, condition, figure)) for condition in RIVALS_AT
+        ]
+        known = [column.factor * gain for gain in gains if gain is not None]
+        worst = (min(known) if column.higher_is_better else max(known)) if known else None
+        what = f"{column.title}: {own} less {rival}, worst of {len(RIVALS_AT)} conditions"
+        found.append(Target("rivals", what, 0, column.higher_is_better, worst, "", column.digits))
     return found
 
 
