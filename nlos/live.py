@@ -11,7 +11,6 @@ from typing import Annotated
 
 import typer
 
-from nlos.exit_codes import UsageError
 from nlos.terminal import terminal
 
 
@@ -27,7 +26,7 @@ def live(
     import uvicorn
 
     from nlos.live_page import LivePage, application
-    from nlos.live_process import SOCKET, TOKEN, state_file, write_state
+    from nlos.live_process import SOCKET, TOKEN, listening, state_file, write_state
     from nlos.live_scan import LiveScan
     from recon.live import LiveReconstruction
     from recon.methods import find
@@ -66,11 +65,3 @@ def live(
             state.unlink(missing_ok=True)
     if scan.failed and scan.error is not None:
         raise scan.error
-
-
-def listening(port: int) -> socket.socket:
-    """A socket on the loopback interface. Raises `UsageError` where the port is taken."""
-    try:
-        return socket.create_server(("127.0.0.1", port))
-    except OSError as error:
-        raise UsageError(f"--port {port}: {error.strerror}. Choose another, or 0 for a free one.") from error

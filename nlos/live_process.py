@@ -3,11 +3,13 @@
 import json
 import os
 import secrets
+import socket
 import subprocess
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from nlos.exit_codes import UsageError
 from nlos.terminal import terminal
 
 if TYPE_CHECKING:
@@ -20,8 +22,6 @@ NICENESS = 10
 
 def start_live(run: Path, method: str) -> "subprocess.Popen[bytes]":
     """Starts the page of `run` and says its address. The scan reads nothing from it and waits for nothing."""
-    from nlos.live import listening
-
     state_file(run).unlink(missing_ok=True)  # of an earlier scan, whose page was killed
     token = secrets.token_urlsafe(24)
     with listening(0) as door:
@@ -40,6 +40,14 @@ def start_live(run: Path, method: str) -> "subprocess.Popen[bytes]":
     terminal.log(f"live: {url}", -1)
     terminal.document["live"] = {"url": url, "pid": process.pid}
     return process
+
+
+def listening(port: int) -> socket.socket:
+    """A socket on the loopback interface. Raises `UsageError` where the port is taken."""
+    try:
+        return socket.create_server(("127.0.0.1", port))
+    except OSError as error:
+        raise UsageError(f"--port {port}: {error.strerror}. Choose another, or 0 for a free one.") from error
 
 
 def state_file(run: Path) -> Path:

@@ -37,13 +37,9 @@ class Settings(BaseSettings):
 
 def build(settings: Settings, wall: WallGrid, time_axis: TimeAxis) -> nn.Module:
     """The network for this wall and time axis; raises WeightsError if the weights are not of this shape."""
-    network = LearnedFeatureEmbeddings(settings, wall, time_axis)
-    if settings.weights is not None:
-        from recon.training.checkpoint import load_weights
+    from recon.training.checkpoint import with_weights
 
-        load_weights(network, settings.weights)
-        network.eval()
-    return network
+    return with_weights(LearnedFeatureEmbeddings(settings, wall, time_axis), settings.weights)
 
 
 class LearnedFeatureEmbeddings(nn.Module):

@@ -282,7 +282,7 @@ def to_grid(field: Tensor, size: tuple[int, int, int], highest: bool = False) ->
 
 def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
     """The operator for this wall and time axis; raises WeightsError if the weights are not of this shape."""
-    from recon.training.checkpoint import find_weights, load_weights, put_weights, read_weights
+    from recon.training.checkpoint import find_weights, put_weights, read_weights, with_weights
 
     assert isinstance(settings, Settings)
     network = Nano(settings, wall, time_axis)
@@ -291,7 +291,4 @@ def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
         prefix = "noise_level."
         tensors = {k.removeprefix(prefix): v for k, v in read_weights(path).tensors.items() if k.startswith(prefix)}
         put_weights(network.noise_level, tensors, str(path))
-    if settings.weights is not None:
-        load_weights(network, settings.weights)
-        network.eval()
-    return network
+    return with_weights(network, settings.weights)

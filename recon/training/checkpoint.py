@@ -10,7 +10,7 @@ import subprocess
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -22,6 +22,7 @@ from recon.training.foreign_weights import SUFFIXES, ForeignWeightsError, read_f
 
 OWN_FOLDER = Path(__file__).parents[1] / "weights"
 SHOWN = 5
+AnyModule = TypeVar("AnyModule", bound=nn.Module)
 
 
 class WeightsError(InvalidSettings):
@@ -70,6 +71,14 @@ def load_weights(module: nn.Module, name: str) -> dict[str, Any]:
     weights = read_weights(path)
     put_weights(module, weights.tensors, str(path))
     return weights.about
+
+
+def with_weights(module: AnyModule, name: str | None) -> AnyModule:
+    """The module as it is; given a name, with these weights and for use instead of training. Raises WeightsError."""
+    if name is not None:
+        load_weights(module, name)
+        module.eval()
+    return module
 
 
 def put_weights(module: nn.Module, tensors: Mapping[str, torch.Tensor], source: str) -> None:
