@@ -49,14 +49,20 @@ class AttentionProjection(nn.Module):
 
     logits (B, d, h, w) and features (B, F, d, h, w) may live on a coarser grid; volumes (B, V, D, H, W) are the Wiener
     solutions, maps (B, M, H, W) any further pictures (exposure, noise). Picture = 0.8 x the first volume under the
-    attention + the U-Net's residual; depth = attended depth + a residual in steps of the depth grid.
+    attention + the U-Net's residual; depth = attended depth + a residual in steps of the depth grid. With a `reach` the
+    U-Net also sees the volumes so many slices before and behind the depth that is attended most: the pulse that a
+    surface makes there at full resolution.
     """
 
-    def __init__(self, volumes: int, features: int, maps: int, widths: tuple[int, ...] = (32, 64, 128)):
+    def __init__(
+        self, volumes: int, features: int, maps: int, widths: tuple[int, ...] = (32, 64, 128), reach: int | None = None
+    ):
         super().__init__()
+        self.reach = reach
         self.prior = nn.Parameter(torch.tensor([4.0] + [0.0] * (volumes - 1)))
         self.sharpness = nn.Parameter(torch.tensor(0.0))
-        self.finish = UNet(2, 2 * volumes + features + maps + 2, 2, widths)
+        profile = 0 if reach is None else volumes * (2 * reach + 1)
+        self.finish = UNet(2, 2 * volumes + features + maps + 2 + profile, 2, widths)
         nn.init.zeros_(self.finish.head.weight)
         nn.init.zeros_(self.finish.head.bias)  # type: ignore[arg-type]
 
@@ -65,6 +71,15 @@ class AttentionProjection(nn.Module):
         fine = F.interpolate(logits[:, None].float(), size=volumes.shape[2:], mode="trilinear", align_corners=False)
         prior = torch.einsum("v,bvdhw->bdhw", self.prior, volumes)
         return torch.softmax(self.sharpness.exp() * (fine[:, 0] + prior), dim=1)
+
+    def profile(self, weight: Tensor, volumes: Tensor) -> list[Tensor]:
+        """Volumes (B, V, D, H, W) around the maximum of the attention (B, D, H, W): (B, V x slices, H, W), if any."""
+        if self.reach is None:
+            return []
+        steps = torch.arange(-self.reach, self.reach + 1, device=weight.device)[:, None, None]
+        slices = (weight.argmax(dim=1, keepdim=True) + steps).clamp(0, weight.shape[1] - 1)  # (B, K, H, W)
+        index = slices[:, None].expand(-1, volumes.shape[1], -1, -1, -1)
+        return [volumes.gather(2, index).flatten(1, 2)]
 
     def forward(self, logits: Tensor, features: Tensor, volumes: Tensor, maps: Tensor, depths: Tensor) -> Projection:
         weight = self.attention(logits, volumes)
@@ -79,7 +94,8 @@ class AttentionProjection(nn.Module):
         depth = torch.einsum("bdhw,d->bhw", weight, depths)
         peak = weight.amax(dim=1)
         unit = depths[1] - depths[0]
-        inputs = torch.cat((seen, volumes.amax(dim=2), read, maps, depth[:, None], peak[:, None]), dim=1)
+        found = (seen, volumes.amax(dim=2), read, maps, depth[:, None], peak[:, None])
+        inputs = torch.cat((*found, *self.profile(weight, volumes)), dim=1)
         residual = self.finish(inputs).float()
         albedo = 0.8 * seen[:, 0] + residual[:, 0]
         return Projection(albedo, depth + unit * residual[:, 1], weight * albedo.clamp(min=0)[:, None])

@@ -26,6 +26,7 @@ CONDITIONS = 3
 OWN_FEATURES = 2 * VOLUMES + 3  # volumes averaged and at their maximum, depth, confidence, the last pass
 MIDDLE_NOISE = -1.0
 FEWEST_SLICES = 80
+PROFILE = 3  # slices before and behind a surface that the last network sees
 MARGIN = 8  # slices behind the last light
 DIMMEST = 0.003  # of the brightest point; below it there is no depth
 
@@ -118,7 +119,7 @@ class Nano(nn.Module):
         nn.init.zeros_(cast(Tensor, self.head.bias))
         self.projection: AttentionProjection | MaximumProjection
         if settings.reading == "physical" and settings.projection:
-            self.projection = AttentionProjection(VOLUMES, settings.features, 2)
+            self.projection = AttentionProjection(VOLUMES, settings.features, 2, reach=PROFILE)
         else:
             self.projection = MaximumProjection(finish=settings.projection)
         trained = self.noise_level if settings.stage == "noise" else None

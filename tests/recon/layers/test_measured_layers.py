@@ -161,3 +161,16 @@ def test_attention_is_one_along_depth_and_starts_at_the_prior() -> None:
     torch.testing.assert_close(seen.depth, torch.full((1, 6, 6), 3.0), atol=1e-2, rtol=0)
     torch.testing.assert_close(seen.albedo, torch.full((1, 6, 6), 3.2), atol=1e-2, rtol=0)
     assert seen.volume.shape == (1, 8, 6, 6)
+
+
+def test_the_profile_is_the_volumes_around_the_most_attended_depth_and_stops_at_the_ends() -> None:
+    projection = AttentionProjection(2, 3, 1, widths=(4, 6), reach=1)
+    slices = torch.arange(5.0)[None, None, :, None, None]
+    volumes = torch.cat((slices, 10 * slices), dim=1).expand(1, 2, 5, 6, 6)
+    weight = torch.zeros(1, 5, 6, 6)
+    weight[:, 2], weight[:, 2, 0, 0], weight[:, 4, 0, 0] = 1.0, 0.0, 1.0
+    (profile,) = projection.profile(weight, volumes)
+    assert profile.shape == (1, 6, 6, 6)
+    assert profile[0, :, 3, 3].tolist() == [1, 2, 3, 10, 20, 30]
+    assert profile[0, :, 0, 0].tolist() == [3, 4, 4, 30, 40, 40]
+    assert AttentionProjection(2, 3, 1, widths=(4, 6)).profile(weight, volumes) == []
