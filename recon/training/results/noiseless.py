@@ -7,22 +7,24 @@ import numpy as np
 import numpy.typing as npt
 
 from recon.evaluate import as_json, evaluate
+from recon.training.ablations import finished
 from recon.training.checkpoint import read_weights
 from recon.training.results.kept import kept, of_code, of_files, weights_path
 from recon.training.results.quality import Quality
 from recon.training.results.tables import mean, of, pick, samples_seen, shown, table
+from recon.training.train import WEIGHTS
 
 CONDITIONS = ("transient", "counts_p20", "counts_p5", "counts_p1")
 RIVALS = ("lfe", "nlost")
 
 
 def weights_of(method: str) -> Path | None:
-    """The weights of `configs/train/METHOD_noiseless.yaml`, shipped or still in their run; None without any."""
+    """The weights of `configs/train/METHOD_noiseless.yaml`, shipped or in their finished run; None without any."""
     name = f"{method}_noiseless"
-    for path in (weights_path(name), Path("runs/train") / name / "weights.safetensors"):
-        if path.exists():
-            return path
-    return None
+    run = Path("runs/train") / name
+    if weights_path(name).exists():
+        return weights_path(name)
+    return run / WEIGHTS if finished(run) else None
 
 
 def noiseless(data: Path, quality: Quality) -> str:
