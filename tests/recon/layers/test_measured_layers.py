@@ -7,7 +7,7 @@ import torch
 from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
 from recon.layers.measurement import VOLUMES, WienerVolumes, fill, presence, rates_of
-from recon.layers.noise_level import NoiseLevel
+from recon.layers.noise_level import NoiseLevel, averaged
 from recon.layers.transient_lifting import TransientLifting
 from recon.layers.unet import UNet
 from recon.layers.volume_projection import AttentionProjection, MaximumProjection
@@ -174,3 +174,11 @@ def test_the_profile_is_the_volumes_around_the_most_attended_depth_and_stops_at_
     assert profile[0, :, 3, 3].tolist() == [1, 2, 3, 10, 20, 30]
     assert profile[0, :, 0, 0].tolist() == [3, 4, 4, 30, 40, 40]
     assert AttentionProjection(2, 3, 1, widths=(4, 6)).profile(weight, volumes) == []
+
+
+def test_box_averages_are_those_of_pooling() -> None:
+    field = torch.rand(2, 1, 20, 9, 7, generator=torch.Generator().manual_seed(0))
+    for bins, points in ((5, 3), (9, 5), (1, 1)):
+        window, padding = (bins, points, points), (bins // 2, points // 2, points // 2)
+        pooled = torch.nn.functional.avg_pool3d(field, window, stride=1, padding=padding)
+        torch.testing.assert_close(averaged(field, bins, points), pooled)
