@@ -19,6 +19,8 @@ from recon.training.train_settings import TrainSettings
 
 SAMPLES = 240
 FOLDER = Path("runs/ablations")
+FORM = "profiles"
+"""What NANO last gained (decision 102): rows that were trained before it are trained anew."""
 PAGE = Path("docs/ablations.md")
 SMALL = {"rows": 32, "cols": 32, "bins": 128, "bin_width_ps": 128.0}
 DATA = DatasetSettings(seed=1, scenes=120, degradations=2, **SMALL)  # type: ignore[arg-type]
@@ -114,7 +116,11 @@ def folder_of(row: Row, samples: int) -> Path:
     """Rows that are the same in two tables are trained once."""
     words = [f"{key}-{value}" for key, value in sorted(row.switches.items())]
     words += [f"{key}-{value:g}" for key, value in row.loss.model_dump(exclude_defaults=True).items()]
-    return FOLDER / str(samples) / "_".join(words).replace(" ", "").replace("[", "").replace("]", "").replace(",", "-")
+    return (
+        FOLDER
+        / f"{samples}-{FORM}"
+        / "_".join(words).replace(" ", "").replace("[", "").replace("]", "").replace(",", "-")
+    )
 
 
 def finished(folder: Path) -> Figures | None:
