@@ -116,11 +116,8 @@ def folder_of(row: Row, samples: int) -> Path:
     """Rows that are the same in two tables are trained once."""
     words = [f"{key}-{value}" for key, value in sorted(row.switches.items())]
     words += [f"{key}-{value:g}" for key, value in row.loss.model_dump(exclude_defaults=True).items()]
-    return (
-        FOLDER
-        / f"{samples}-{FORM}"
-        / "_".join(words).replace(" ", "").replace("[", "").replace("]", "").replace(",", "-")
-    )
+    name = "_".join(words).translate(str.maketrans({" ": "", "[": "", "]": "", ",": "-"}))
+    return FOLDER / f"{samples}-{FORM}" / name
 
 
 def finished(folder: Path) -> Figures | None:
