@@ -116,7 +116,7 @@ def folder_of(row: Row, samples: int) -> Path:
     """Rows that are the same in two tables are trained once."""
     words = [f"{key}-{value}" for key, value in sorted(row.switches.items())]
     words += [f"{key}-{value:g}" for key, value in row.loss.model_dump(exclude_defaults=True).items()]
-    name = "_".join(words).translate(str.maketrans({" ": "", "[": "", "]": "", ",": "-"}))
+    name = "_".join(words).replace(" ", "").replace("[", "").replace("]", "").replace(",", "-")
     return FOLDER / f"{samples}-{FORM}" / name
 
 
