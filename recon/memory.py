@@ -4,11 +4,23 @@ import os
 import resource
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
 
 GIB = 1 << 30
+
+
+@runtime_checkable
+class KnownMemory(Protocol):
+    """Settings of a method whose peak memory on a CPU was measured."""
+
+    def bytes_needed(self, wall: WallGrid, time: TimeAxis) -> int:
+        """Peak memory beside the program itself and the counts."""
+
+    def smaller(self, wall: WallGrid, time: TimeAxis, free: int) -> Mapping[str, int]:
+        """Settings that would take less, the gentlest first: setting -> bytes."""
 
 
 def available_bytes() -> int:

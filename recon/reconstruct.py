@@ -17,7 +17,7 @@ from configs.settings import Settings
 from recon.errors import InvalidData, ReconstructionFailed
 from recon.front_view import depth_map, front_view
 from recon.gridding import confidence
-from recon.memory import available_bytes, refusal
+from recon.memory import KnownMemory, available_bytes, refusal
 from recon.methods import find, parse_settings
 from recon.physics import PhysicsSettings
 from recon.volume import Reconstruction, Volume
@@ -36,7 +36,7 @@ def reconstruct(
     chosen = parse_settings(method, dict(settings or {}))
     check(transient)
     rebinned = rebin(transient, _bin_width_s(chosen, transient))
-    if isinstance(chosen, PhysicsSettings) and device == "cpu":
+    if isinstance(chosen, KnownMemory) and device == "cpu":
         free = available_bytes()
         needed = chosen.bytes_needed(rebinned.wall, rebinned.time)
         remedies = chosen.smaller(rebinned.wall, rebinned.time, free)

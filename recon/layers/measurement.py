@@ -27,6 +27,7 @@ LOG_SNR_AT_KNOTS = (0.8, 0.4, -0.4, -0.8, -1.2, -1.6)
 SNR_FACTORS = (0.4, 4.0)
 VOLUMES = len(SNR_FACTORS) + 1
 ALIASING = 0.5  # noise power of leaving gaps empty, over that of the signal, for each point left out per point measured
+SPECTRUM_BYTES = 1 << 29  # held of the light cone's spectrum at a time
 TREND = 3
 STEEPEST = 0.3
 
@@ -148,9 +149,10 @@ def rates_of(counts: Tensor, exposure: Tensor | None) -> Rates:
     recorded = ((profile.cumsum(dim=1) > 0) & (profile.flip(1).cumsum(dim=1).flip(1) > 0)).to(counts)
     flat = (background[:, None] * recorded)[:, None, :, None, None] * exposure[:, None, None]
     signal = (counts - flat) * measured[:, None, None]
+    net = fill(signal, exposure) / scale
     return Rates(
-        net=fill(signal, exposure) / scale,
-        unfilled=signal / exposure.clamp(min=1e-6)[:, None, None] / scale,
+        net=net,
+        unfilled=net if bool(measured.all()) else signal / exposure.clamp(min=1e-6)[:, None, None] / scale,
         raw=raw / scale,
         exposure=exposure,
         background=background / unit,
@@ -173,6 +175,16 @@ def last_light(net: Tensor) -> int:
     return int(where[-1]) + 1 if len(where) else profile.shape[1]
 
 
+def rebinned(wall: WallGrid, time: TimeAxis) -> tuple[int, TimeAxis]:
+    """How many neighbouring bins are added, and the axis of the sums: none finer than FINEST_BIN unless the data's own
+    is all there is, none beyond FARTHEST."""
+    bin_depth = SPEED_OF_LIGHT_M_PER_S * time.bin_width_s / 2 / max(wall.width_m, wall.height_m)
+    factor = max(1, math.floor(FINEST_BIN / bin_depth + 1e-6))
+    last = math.ceil((FARTHEST - time.start_s / time.bin_width_s * bin_depth) / (bin_depth * factor))
+    bins = max(8, min(-(-time.bins // factor), last))
+    return factor, replace(time, bins=bins, bin_width_s=time.bin_width_s * factor)
+
+
 class WienerVolumes(nn.Module):
     """Wiener inverses of the light cone, falloff and snr chosen by the noise: what the operator starts from.
 
@@ -186,35 +198,33 @@ class WienerVolumes(nn.Module):
     def __init__(self, wall: WallGrid, time: TimeAxis, falloff: float = DIFFUSE):
         super().__init__()
         self.falloff = falloff
-        unit_m = max(wall.width_m, wall.height_m)
-        bin_depth = SPEED_OF_LIGHT_M_PER_S * time.bin_width_s / 2 / unit_m
-        self.factor = max(1, math.floor(FINEST_BIN / bin_depth + 1e-6))
-        self.padding = -time.bins % self.factor
-        bins = (time.bins + self.padding) // self.factor
-        last = math.ceil((FARTHEST - time.start_s / time.bin_width_s * bin_depth) / (bin_depth * self.factor))
-        self.bins = max(8, min(bins, last))
-        self.time = replace(time, bins=self.bins, bin_width_s=time.bin_width_s * self.factor)
-        self.wall, self.unit_m = wall, unit_m
+        self.wall, self.unit_m = wall, max(wall.width_m, wall.height_m)
+        self.factor, self.time = rebinned(wall, time)
+        self.bins, unit_m = self.time.bins, self.unit_m
+        bin_depth = SPEED_OF_LIGHT_M_PER_S * self.time.bin_width_s / 2 / unit_m
         bin_depths = self.time.centres_s() * (SPEED_OF_LIGHT_M_PER_S / 2 / unit_m)
         self.first = int(np.searchsorted(bin_depths, 0.0))
-        extent = (self.bins - self.first) * bin_depth * self.factor
+        extent = (self.bins - self.first) * bin_depth
         self.slices = max(4, round(extent / SLICE))
         self.pitch = (extent / self.slices, wall.height_m / wall.rows / unit_m, wall.width_m / wall.cols / unit_m)
-        near = float(bin_depths[self.first]) - bin_depth * self.factor / 2
+        near = float(bin_depths[self.first]) - bin_depth / 2
         relative = torch.from_numpy(np.maximum(bin_depths, 0.0)).float()
         self.register_buffer("depths", near + (torch.arange(self.slices) + 0.5) * self.pitch[0], persistent=False)
         self.register_buffer("relative", relative, persistent=False)
         self.resampling = LightConeResampling(self.time)
-        self.cone = LightConeConvolution(wall, self.time)
+        plane = 8 * len(SNR_FACTORS) * wall.rows * wall.cols
+        self.cone = LightConeConvolution(wall, self.time, tile=max(1, SPECTRUM_BYTES // plane))
 
     depths: Tensor
     relative: Tensor
 
     def rebin(self, counts: Tensor) -> Tensor:
         """(B, 1, T, H, W) -> (B, 1, bins, H, W): neighbouring bins added, what is too far cut."""
-        padded = F.pad(counts, (0, 0, 0, 0, 0, self.padding))
-        batch, channels, _, rows, cols = padded.shape
-        return padded.reshape(batch, channels, -1, self.factor, rows, cols).sum(dim=3)[:, :, : self.bins]
+        used = counts[:, :, : self.bins * self.factor]
+        if missing := self.bins * self.factor - used.shape[2]:
+            used = F.pad(used, (0, 0, 0, 0, 0, missing))
+        batch, channels, _, rows, cols = used.shape
+        return used.reshape(batch, channels, self.bins, self.factor, rows, cols).sum(dim=3)
 
     def forward(self, rates: Rates, log_noise: Tensor) -> Tensor:
         """rates of (B, 1, bins, H, W), log10 noise level (B,) -> (B, VOLUMES, slices, H, W)."""

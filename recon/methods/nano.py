@@ -14,12 +14,22 @@ from acquisition.wall import WallGrid
 from configs.settings import Settings as AnySettings
 from recon.layers.complex_activation import ActivationName
 from recon.layers.lifted_volumes import LiftedVolumes
-from recon.layers.measurement import SLICE, TRAINED_SLICES, VOLUMES, Rates, WienerVolumes, last_light, rates_of
+from recon.layers.measurement import (
+    SLICE,
+    TRAINED_SLICES,
+    VOLUMES,
+    Rates,
+    WienerVolumes,
+    last_light,
+    rates_of,
+    rebinned,
+)
 from recon.layers.noise_level import NoiseLevel
 from recon.layers.physical_unfolding import PhysicalUnfolding
 from recon.layers.spectral_unfolding import Restriction, SpectralUnfolding
 from recon.layers.transient_lifting import LiftingName
 from recon.layers.volume_projection import AttentionProjection, MaximumProjection, Projection
+from recon.memory import cube_bytes
 
 POINTS = 32  # per wall width: the operator's own pitch, whatever the scan's
 CONDITIONS = 3
@@ -29,6 +39,8 @@ FEWEST_SLICES = 80
 PROFILE = 3  # slices before and behind a surface that the last network sees
 MARGIN = 8  # slices behind the last light
 DIMMEST = 0.003  # of the brightest point; below it there is no depth
+OWN_BYTES = 1 << 28  # peak memory at small grids, measured from 128 x 128 x 512 to 512 x 512 x 1024 (float32, CPU)
+CUBES = 13.0  # and what comes on top, in float32 volumes of the rebinned counts' size
 
 
 class Settings(AnySettings):
@@ -64,6 +76,15 @@ class Settings(AnySettings):
     not the physics."""
     stage: Literal["whole", "noise"] = "whole"
     """What is trained: the operator with frozen noise estimation, or noise estimation alone."""
+
+    def bytes_needed(self, wall: WallGrid, time: TimeAxis) -> int:
+        """Peak memory beside the program itself and the counts: the operator's own grid does not grow with the scan's,
+        what noise estimation and the Wiener volumes hold does."""
+        return OWN_BYTES + int(CUBES * cube_bytes(wall, rebinned(wall, time)[1]))
+
+    def smaller(self, wall: WallGrid, time: TimeAxis, free: int) -> dict[str, int]:
+        """No setting makes it less."""
+        return {}
 
 
 class Nano(nn.Module):

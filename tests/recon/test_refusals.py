@@ -98,6 +98,12 @@ def test_a_volume_beyond_memory(transient: Transient, method: str, monkeypatch: 
         reconstruct(large, method, settings)
 
 
+def test_nano_beyond_memory(transient: Transient, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "available_bytes", lambda: 1 << 28)
+    with pytest.raises(ReconstructionFailed, match=r"nano of 6 x 8 points x .* no setting makes that enough\. Crop"):
+        reconstruct(transient, "nano")
+
+
 def test_the_tile_that_is_named_is_enough_and_changes_nothing(
     transient: Transient, monkeypatch: pytest.MonkeyPatch
 ) -> None:

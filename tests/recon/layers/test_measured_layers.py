@@ -6,6 +6,7 @@ import torch
 
 from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
+from recon.layers import measurement
 from recon.layers.measurement import VOLUMES, WienerVolumes, fill, presence, rates_of
 from recon.layers.noise_level import NoiseLevel, averaged
 from recon.layers.transient_lifting import TransientLifting
@@ -131,6 +132,19 @@ def test_fine_bins_are_added_until_they_match_the_wall() -> None:
     assert physics.factor == 5
     x = counts(1.0, (1, 1, 500, 12, 12))
     assert physics.rebin(x).sum() == x.sum()
+    odd = WienerVolumes(WallGrid(0.7, 0.7, 12, 12), TimeAxis(498, 4e-12))
+    torch.testing.assert_close(odd.rebin(x[:, :, :498])[:, :, :99], physics.rebin(x)[:, :, :99])
+    assert odd.rebin(x[:, :, :498])[0, 0, 99].sum() == x[:, :, 495:498].sum()
+    assert WienerVolumes(WallGrid(0.7, 0.7, 12, 12), TimeAxis(2000, 16e-12)).bins < 2000  # no light comes from there
+
+
+def test_frequencies_held_a_few_at_a_time_change_no_volume(monkeypatch: pytest.MonkeyPatch) -> None:
+    rates, level = rates_of(signal(), None), torch.tensor([-1.0])
+    whole = WienerVolumes(WALL, TIME)(rates, level)
+    monkeypatch.setattr(measurement, "SPECTRUM_BYTES", 5 * 16 * 12 * 12)
+    tiled = WienerVolumes(WALL, TIME)
+    assert tiled.cone.tile == 5
+    torch.testing.assert_close(tiled(rates, level), whole, rtol=1e-4, atol=1e-6 * float(whole.abs().max()))
 
 
 def test_the_noise_map_is_infinite_where_nothing_was_measured_and_falls_with_dwell() -> None:
