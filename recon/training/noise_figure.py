@@ -36,6 +36,7 @@ class NoiseFit:
         """Share of the variance of the truth that the estimate explains."""
         residual = np.square(self.true - self.estimated).sum()
         return float(1 - residual / np.square(self.true - self.true.mean()).sum())
+SCANS = 60  # of held-out kinds, inside the training range
 
 
 def estimate(network: Nano, data: DatasetSettings, count: int) -> NoiseFit:
@@ -55,7 +56,7 @@ def held_out(detector: DetectorSettings, scenes: int) -> DatasetSettings:
     return DatasetSettings(seed=3, scenes=scenes, degradations=1, held_out=True, detector=detector)
 
 
-def measure(path: Path, count: int = 60) -> dict[str, Any]:
+def measure(path: Path, count: int = SCANS) -> dict[str, Any]:
     """R^2, and the mean true and estimated level at each exposure beyond the training range; draws both to `path`."""
     from matplotlib.figure import Figure
 

@@ -125,13 +125,14 @@ def page(data: Path, docs: Path) -> str:
             say("training", ""),
             "\n## NANO against LFE and NLOST, equal samples seen\n",
             equal_samples(quality, [rival for rival in rivals if rival != "unet"]),
-            "## The plain U-Net, and what it teaches\n",
+            say("equal", ""),
+            "\n## The plain U-Net, and what it teaches\n",
             equal_samples(quality, [rival for rival in rivals if rival == "unet"]),
             say("unet", ""),
             "\n## Trained without noise\n",
             noiseless(data / "synthetic", quality),
             "## Noise level estimation\n",
-            f"R² = {levels.figures['r_squared']:.4f} on {60} scans of held-out kinds inside the training range.\n\n"
+            f"R² = {levels.figures['r_squared']:.4f} on {noise_figure.SCANS} scans of held-out kinds inside the training range.\n\n"
             "![noise level](results/noise_level.png)\n",
             table(
                 ["peak counts, beyond the training range", "true level, log10", "estimated"],
