@@ -22,6 +22,7 @@ from recon.training.detector import DetectorSettings
 
 INSIDE = DetectorSettings(noiseless=0.0, uniform=0.0, peak_counts_least=0.4, peak_counts_most=200.0)
 BEYOND = (0.05, 0.1, 0.2, 400.0, 1600.0)  # mean peak counts that no training sample has
+SCANS = 60  # of held-out kinds, inside the training range
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,6 @@ class NoiseFit:
         """Share of the variance of the truth that the estimate explains."""
         residual = np.square(self.true - self.estimated).sum()
         return float(1 - residual / np.square(self.true - self.true.mean()).sum())
-SCANS = 60  # of held-out kinds, inside the training range
 
 
 def estimate(network: Nano, data: DatasetSettings, count: int) -> NoiseFit:
