@@ -132,8 +132,8 @@ def page(data: Path, docs: Path) -> str:
             "\n## Trained without noise\n",
             noiseless(data / "synthetic", quality),
             "## Noise level estimation\n",
-            f"R² = {levels.figures['r_squared']:.4f} on {noise_figure.SCANS} scans of held-out kinds inside the training "
-            "range.\n\n"
+            f"R² = {levels.figures['r_squared']:.4f} on {noise_figure.SCANS} scans of held-out kinds inside the "
+            "training range.\n\n"
             "![noise level](results/noise_level.png)\n",
             table(
                 ["peak counts, beyond the training range", "true level, log10", "estimated"],
