@@ -175,7 +175,7 @@ def last_light(net: Tensor) -> int:
     return int(where[-1]) + 1 if len(where) else profile.shape[1]
 
 
-def rebinned(wall: WallGrid, time: TimeAxis) -> tuple[int, TimeAxis]:
+def rebinned_axis(wall: WallGrid, time: TimeAxis) -> tuple[int, TimeAxis]:
     """How many neighbouring bins are added, and the axis of the sums: none finer than FINEST_BIN unless the data's own
     is all there is, none beyond FARTHEST."""
     bin_depth = SPEED_OF_LIGHT_M_PER_S * time.bin_width_s / 2 / max(wall.width_m, wall.height_m)
@@ -198,9 +198,10 @@ class WienerVolumes(nn.Module):
     def __init__(self, wall: WallGrid, time: TimeAxis, falloff: float = DIFFUSE):
         super().__init__()
         self.falloff = falloff
-        self.wall, self.unit_m = wall, max(wall.width_m, wall.height_m)
-        self.factor, self.time = rebinned(wall, time)
-        self.bins, unit_m = self.time.bins, self.unit_m
+        unit_m = max(wall.width_m, wall.height_m)
+        self.wall, self.unit_m = wall, unit_m
+        self.factor, self.time = rebinned_axis(wall, time)
+        self.bins = self.time.bins
         bin_depth = SPEED_OF_LIGHT_M_PER_S * self.time.bin_width_s / 2 / unit_m
         bin_depths = self.time.centres_s() * (SPEED_OF_LIGHT_M_PER_S / 2 / unit_m)
         self.first = int(np.searchsorted(bin_depths, 0.0))

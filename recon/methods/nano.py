@@ -22,11 +22,12 @@ from recon.layers.measurement import (
     WienerVolumes,
     last_light,
     rates_of,
-    rebinned,
+    rebinned_axis,
 )
 from recon.layers.noise_level import NoiseLevel
 from recon.layers.physical_unfolding import PhysicalUnfolding
 from recon.layers.spectral_unfolding import Restriction, SpectralUnfolding
+from recon.layers.symmetries import Fields, mean_over_symmetries
 from recon.layers.transient_lifting import LiftingName
 from recon.layers.volume_projection import AttentionProjection, MaximumProjection, Projection
 from recon.memory import cube_bytes
@@ -80,7 +81,7 @@ class Settings(AnySettings):
     def bytes_needed(self, wall: WallGrid, time: TimeAxis) -> int:
         """Peak memory beside the program itself and the counts: the operator's own grid does not grow with the scan's,
         what noise estimation and the Wiener volumes hold does."""
-        return OWN_BYTES + int(CUBES * cube_bytes(wall, rebinned(wall, time)[1]))
+        return OWN_BYTES + int(CUBES * cube_bytes(wall, rebinned_axis(wall, time)[1]))
 
     def smaller(self, wall: WallGrid, time: TimeAxis, free: int) -> dict[str, int]:
         """No setting makes it less."""
@@ -216,21 +217,13 @@ class Nano(nn.Module):
         """The mean of what the operator makes of every mirror image of the measurement, mirrored back."""
         pitch = self.physics.pitch
         square = volumes.shape[3] == volumes.shape[4] and pitch[1] == pitch[2]
-        total: list[Tensor] = []
-        for turned in (False, True)[: 1 + square]:
-            for across in ((), (-2,)):
-                pair = (across, (*across, -1))  # together: a single small volume takes PyTorch's slow convolution
-                there = [
-                    None if x is None else torch.cat([mirrored(x, flips, turned) for flips in pair])
-                    for x in (volumes, maps, lifted)
-                ]
-                seen = self.iterate(cast(Tensor, there[0]), torch.cat((eta, eta)), cast(Tensor, there[1]), there[2])
-                for k, flips in enumerate(pair):
-                    fields = [x.chunk(2)[k] for x in (seen.albedo, seen.depth, seen.volume)]
-                    back = [mirrored_back(x, flips, turned) for x in fields]
-                    total = back if not total else [a + b for a, b in zip(total, back, strict=True)]
-        albedo, depth, volume = (x / (4 * (1 + square)) for x in total)
-        return Projection(albedo, depth, volume)
+        both = torch.cat((eta, eta))
+
+        def see(images: Fields) -> tuple[Tensor, Tensor, Tensor]:
+            seen = self.iterate(cast(Tensor, images[0]), both, cast(Tensor, images[1]), images[2])
+            return seen.albedo, seen.depth, seen.volume
+
+        return Projection(*mean_over_symmetries(see, (volumes, maps, lifted), square))
 
     def features(self, volumes: Tensor, maps: Tensor, lifted: Tensor | None) -> Tensor:
         """B_l: what is lifted to u^0, u_g and F_st, on the operator's own metric grid, (B, F, d, h, w)."""
@@ -282,17 +275,6 @@ def confidence(log_noise: Tensor, noise_map: Tensor, exposure: Tensor) -> Tensor
     """(B, 2, H, W): exposure, and the mean noise over that of each wall point; both 0 where nothing was measured."""
     sure = 10 ** (log_noise[:, None, None] - noise_map)
     return torch.stack((exposure.clamp(max=4), sure.clamp(max=3)), dim=1)
-
-
-def mirrored(x: Tensor, flips: tuple[int, ...], turned: bool) -> Tensor:
-    """Flipped along the wall axes named, then transposed if turned."""
-    flipped = x.flip(flips) if flips else x
-    return flipped.transpose(-1, -2) if turned else flipped
-
-
-def mirrored_back(x: Tensor, flips: tuple[int, ...], turned: bool) -> Tensor:
-    """The inverse of `mirrored`."""
-    return mirrored(x.transpose(-1, -2) if turned else x, flips, False)
 
 
 def to_grid(field: Tensor, size: tuple[int, int, int], highest: bool = False) -> Tensor:

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
+from recon.layers.symmetries import mirrored
 from recon.training.dataset import DatasetSettings, collate, sample
 
 USED = ("counts", "exposure", "noise_map", "intensity", "albedo", "depth_m", "coverage", "noise_level", "background")
@@ -51,15 +52,9 @@ def whole_scan(batch: Mapping[str, torch.Tensor]) -> bool:
     return bool((batch["exposure"] > 0).all())
 
 
-def mirrored(batch: Mapping[str, torch.Tensor], rng: np.random.Generator) -> dict[str, torch.Tensor]:
+def mirrored_batch(batch: Mapping[str, torch.Tensor], rng: np.random.Generator) -> dict[str, torch.Tensor]:
     """One of the eight symmetries of a square wall, or of the four of another, for the whole batch."""
     flips = [dim for dim in (-1, -2) if rng.random() < 0.5]
     square = batch["intensity"].shape[-1] == batch["intensity"].shape[-2]
     transpose = bool(rng.random() < 0.5) and square
-    result = {}
-    for name, x in batch.items():
-        if x.ndim >= 3:
-            x = x.flip(flips)
-            x = x.transpose(-1, -2).contiguous() if transpose else x
-        result[name] = x
-    return result
+    return {name: mirrored(x, flips, transpose).contiguous() if x.ndim >= 3 else x for name, x in batch.items()}

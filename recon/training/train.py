@@ -25,7 +25,7 @@ from torch import nn
 from acquisition.transient import TimeAxis
 from acquisition.wall import WallGrid
 from recon.methods import find
-from recon.training.batches import batch_at, mirrored, pooled, whole_scan
+from recon.training.batches import batch_at, mirrored_batch, pooled, whole_scan
 from recon.training.checkpoint import (
     commit,
     load_weights,
@@ -89,7 +89,7 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
             if halved is not None and wanted and _everywhere(whole_scan(batch), world, device):
                 batch, network = pooled(batch), halved
             if settings.flips:
-                batch = mirrored(batch, rng)
+                batch = mirrored_batch(batch, rng)
             rate = learning_rate(settings, step)
             for group in optimiser.param_groups:
                 group["lr"] = rate
