@@ -37,10 +37,10 @@ soak: .venv/test-ready
 	NLOS_SOAK=1 $(BIN)/python -m pytest -m soak
 
 results: .venv/run-ready  # docs/results.md; goes on from what is measured already
-	$(BIN)/python -m recon.training.results ../shared/data docs
+	$(BIN)/python -m studies.results ../shared/data docs
 
 ablations: .venv/run-ready  # docs/ablations.md; goes on from the rows that are trained already
-	$(BIN)/python -m recon.training.ablations
+	$(BIN)/python -m studies.ablations
 
 clean:
 	rm -rf .venv build *.egg-info

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from drivers.tcspc.counter import Histogram
+from nlos.drivers.tcspc.counter import Histogram
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.wall import WallGrid
+from nlos.acquisition.wall import WallGrid
 
 SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
 

@@ -17,22 +17,22 @@ if sys.path and Path(sys.path[0] or ".").resolve() == Path(__file__).resolve().p
 
 import numpy as np
 
-from acquisition.aim import Aim
-from acquisition.importers.plain import read_plain
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from calibration import raw_points
-from calibration.constants import BenchConstants, Quantity
-from calibration.correct import common_bins, correct_known, correct_points
-from calibration.detector import undo_dead_time
-from calibration.measure import measure_constants
-from calibration.raw_points import RawPoints
-from drivers.galvo.mirror import MirrorAngles
-from drivers.simulated.beam import BeamPath, Misalignment
-from drivers.simulated.bench import Gate
-from drivers.simulated.scene import SceneLight, SceneSettings
-from drivers.simulated.spad import DetectorSettings, draw, generator
-from drivers.simulated.surfaces import Surface
+from nlos.acquisition.importers.plain import read_plain
+from nlos.acquisition.planning.aim import Aim
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.calibration import raw_points
+from nlos.calibration.constants import BenchConstants, Quantity
+from nlos.calibration.correct import common_bins, correct_known, correct_points
+from nlos.calibration.detector import undo_dead_time
+from nlos.calibration.measure import measure_constants
+from nlos.calibration.raw_points import RawPoints
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.simulated.beam import BeamPath, Misalignment
+from nlos.drivers.simulated.bench import Gate
+from nlos.drivers.simulated.scene import SceneLight, SceneSettings
+from nlos.drivers.simulated.spad import DetectorSettings, draw, generator
+from nlos.drivers.simulated.surfaces import Surface
 
 REAL = Path(__file__).parents[2] / "shared" / "data" / "real"
 REPETITION_HZ = 10e6

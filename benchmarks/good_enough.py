@@ -14,8 +14,8 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.wall import WallGrid
-from drivers.simulated.surfaces import Surface, surfels
+from nlos.acquisition.wall import WallGrid
+from nlos.drivers.simulated.surfaces import Surface, surfels
 
 SCAN = """\
 wall: {{width_m: 1.0, height_m: 1.0, rows: 64, cols: 64}}

@@ -12,15 +12,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from drivers.galvo.mirror import MirrorAngles
-from drivers.simulated.bench import Exposure, Gate, SimulatedBench
-from drivers.simulated.tcspc488_firmware import Tcspc488Firmware
-from drivers.simulated.usb_backend import SimulatedUsb
-from drivers.tcspc.counter import HistogramAxis, Trigger
-from drivers.tcspc.t3 import GENERIC, T3Decoder
-from drivers.tcspc.t3_points import PointHistograms, StepMarkers
-from drivers.tcspc.tcspc488 import Tcspc488, Tcspc488Settings
-from drivers.tcspc.tcspc488_records import record_bytes
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.simulated.bench import Exposure, Gate, SimulatedBench
+from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
+from nlos.drivers.simulated.usb.backend import SimulatedUsb
+from nlos.drivers.tcspc.counter import HistogramAxis, Trigger
+from nlos.drivers.tcspc.t3 import GENERIC, T3Decoder
+from nlos.drivers.tcspc.t3_points import PointHistograms, StepMarkers
+from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488, Tcspc488Settings
+from nlos.drivers.tcspc.tcspc488.records import record_bytes
 
 RUNS = 7
 BLOCK_BYTES = 1 << 20

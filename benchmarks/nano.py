@@ -16,11 +16,11 @@ if sys.path and Path(sys.path[0] or ".").resolve() == Path(__file__).resolve().p
 import numpy as np
 import torch
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from recon.methods.nano import Settings, build
-from recon.training.rendering import render
-from recon.training.scenes import make_scene, surfels
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.methods.nano import Settings, build
+from nlos.recon.training.rendering import render
+from nlos.recon.training.scenes import make_scene, surfels
 
 WALL = WallGrid(2.0, 2.0, 128, 128)
 TIME = TimeAxis(512, 32e-12)

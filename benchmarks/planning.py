@@ -10,11 +10,11 @@ import time
 
 import numpy as np
 
-from acquisition.aim import Aim
-from acquisition.ordering import strips, two_opt
-from acquisition.scan_settings import ScanSettings
-from drivers.galvo.mirror import MirrorAngles
-from drivers.galvo.settle import SettleModel
+from nlos.acquisition.planning.aim import Aim
+from nlos.acquisition.planning.ordering import strips, two_opt
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.settle import SettleModel
 
 SEEDS = range(5)
 AIM, SETTLE = Aim(2.0), SettleModel()

@@ -19,9 +19,9 @@ import scipy.fft
 import torch
 from torch import nn
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from recon.methods import find, parse_settings
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.methods import find, parse_settings
 
 SIZES = ((64, 512), (128, 512), (256, 1024))
 METHODS = ("lct", "fk", "phasor", "backprojection", "gram")

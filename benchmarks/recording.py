@@ -14,15 +14,15 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition.plan import ScanPlan
-from acquisition.positions import pixels
-from acquisition.provenance import Header
-from acquisition.recording import Recording
-from acquisition.recording_writer import RecordingWriter
-from acquisition.replay import replay
-from acquisition.sample import Sample, ScanPoint
-from acquisition.wall import WallGrid
-from drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.positions import pixels
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.replay import replay
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.sample import Sample, ScanPoint
+from nlos.acquisition.wall import WallGrid
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
 
 RUNS = 3
 

@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition.engine import record, scan
-from acquisition.provenance import Header
-from acquisition.recording_writer import RecordingWriter
-from acquisition.scan_settings import ScanSettings
-from acquisition.schemes import Scheme
-from configs.load import load
-from drivers.bench import Bench, BenchSettings, open_bench
-from drivers.simulated.bench import Gate
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.planning.schemes import Scheme
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.scanning.engine import record, scan
+from nlos.configs.load import load
+from nlos.drivers.bench import Bench, BenchSettings, open_bench
+from nlos.drivers.simulated.bench import Gate
 
 RUNS = 3
 

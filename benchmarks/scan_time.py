@@ -9,12 +9,12 @@ import json
 import sys
 import time
 
-from acquisition.control import ScanControl, ScanState
-from acquisition.engine import scan
-from acquisition.scan_settings import ScanSettings
-from acquisition.schemes import Scheme
-from configs.load import load
-from drivers.bench import BenchSettings, open_bench
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.planning.schemes import Scheme
+from nlos.acquisition.scanning.control import ScanControl, ScanState
+from nlos.acquisition.scanning.engine import scan
+from nlos.configs.load import load
+from nlos.drivers.bench import BenchSettings, open_bench
 
 POINTS = 128 * 128
 PLAN = {

@@ -11,14 +11,14 @@ from time import perf_counter, process_time
 import numpy as np
 import torch
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from recon.training.batches import batch_at
-from recon.training.dataset import DatasetSettings, sample
-from recon.training.rendering import render
-from recon.training.scenes import Surfels, make_scene, surfels
-from recon.training.train import build, objective
-from recon.training.train_settings import TrainSettings
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.training.batches import batch_at
+from nlos.recon.training.dataset import DatasetSettings, sample
+from nlos.recon.training.rendering import render
+from nlos.recon.training.scenes import Surfels, make_scene, surfels
+from nlos.recon.training.train import build, objective
+from nlos.recon.training.train_settings import TrainSettings
 
 WALL, TIME = WallGrid(2.0, 2.0, 64, 64), TimeAxis(256, 64e-12)
 SCENES = 24

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import curve_fit, minimize_scalar
 
-from calibration.errors import InvalidData
+from nlos.calibration.errors import InvalidData
 
 Floats = npt.NDArray[np.float64]
 

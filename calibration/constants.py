@@ -18,10 +18,10 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S
-from calibration.errors import ForeignConstants, InvalidData, PoorCalibration
-from calibration.geometry import ScannerGeometry
-from calibration.impulse_response import ImpulseResponse, from_histogram
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
+from nlos.calibration.errors import ForeignConstants, InvalidData, PoorCalibration
+from nlos.calibration.geometry import ScannerGeometry
+from nlos.calibration.impulse_response import ImpulseResponse, from_histogram
 
 Floats = npt.NDArray[np.float64]
 FORMAT, VERSION = "nlos-constants", 1

@@ -6,18 +6,18 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.sample import Sample, ScanPoint
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
-from calibration import raw_points
-from calibration.alignment import align, align_by_floor_and_circshift, align_variance, recorded_bins
-from calibration.background import Background, before_pulse, subtract
-from calibration.constants import BenchConstants
-from calibration.detector import subtract_dark, undo_dead_time
-from calibration.direct_reflection import DirectLight, find_direct_light, known_direct_light, remove_direct_light
-from calibration.errors import InvalidData, NoDirectPeak
-from calibration.impulse_response import ImpulseResponse
-from calibration.raw_points import RawPoints
-from calibration.time_offset import TimeOffsets, measure_time_offsets
+from nlos.acquisition.sample import Sample, ScanPoint
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
+from nlos.calibration import raw_points
+from nlos.calibration.alignment import align, align_by_floor_and_circshift, align_variance, recorded_bins
+from nlos.calibration.background import Background, before_pulse, subtract
+from nlos.calibration.constants import BenchConstants
+from nlos.calibration.detector import subtract_dark, undo_dead_time
+from nlos.calibration.direct_reflection import DirectLight, find_direct_light, known_direct_light, remove_direct_light
+from nlos.calibration.errors import InvalidData, NoDirectPeak
+from nlos.calibration.impulse_response import ImpulseResponse
+from nlos.calibration.raw_points import RawPoints
+from nlos.calibration.time_offset import TimeOffsets, measure_time_offsets
 
 Floats = npt.NDArray[np.float64]
 LEAD_S = 300e-12

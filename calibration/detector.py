@@ -3,11 +3,11 @@
 import numpy as np
 import numpy.typing as npt
 
-from calibration.afterpulsing import subtract_afterpulses
-from calibration.background import subtract
-from calibration.constants import BenchConstants
-from calibration.pile_up import correct_free_running
-from calibration.raw_points import RawPoints
+from nlos.calibration.afterpulsing import subtract_afterpulses
+from nlos.calibration.background import subtract
+from nlos.calibration.constants import BenchConstants
+from nlos.calibration.pile_up import correct_free_running
+from nlos.calibration.raw_points import RawPoints
 
 WHOLE_PERIOD = 0.01
 """A histogram covers the laser's period when its length differs by no more than this share."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from calibration.errors import InvalidData
+from nlos.calibration.errors import InvalidData
 
 Floats = npt.NDArray[np.float64]
 

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S
-from calibration.errors import InvalidData
-from calibration.geometry import ScannerGeometry
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
+from nlos.calibration.errors import InvalidData
+from nlos.calibration.geometry import ScannerGeometry
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]

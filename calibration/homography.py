@@ -7,7 +7,7 @@ stand apart add a pincushion of a few millimetres, which the model in `geometry.
 import numpy as np
 import numpy.typing as npt
 
-from calibration.errors import InvalidData
+from nlos.calibration.errors import InvalidData
 
 Floats = npt.NDArray[np.float64]
 UNIT_CIRCLE_RAD = np.deg2rad(50.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from calibration.impulse_response import ImpulseResponse
+from nlos.calibration.impulse_response import ImpulseResponse
 
 Floats = npt.NDArray[np.float64]
 FINE_STEPS = 8

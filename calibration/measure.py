@@ -6,18 +6,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.aim import Aim
-from calibration.afterpulsing import ClickAfterClick, from_full_period
-from calibration.background import dark_rate_per_bin, is_flat
-from calibration.constants import Arrivals, BenchConstants, Quantity
-from calibration.correct import CorrectedPoints, correct_points
-from calibration.detector import WHOLE_PERIOD, undo_dead_time
-from calibration.errors import InvalidData, PoorCalibration
-from calibration.geometry import ScannerGeometry
-from calibration.geometry_fit import DirectTimes, GeometryFit, Spots, fit_geometry
-from calibration.impulse_response import ImpulseResponse
-from calibration.raw_points import RawPoints, joined
-from calibration.time_offset import TimeOffsets, measure_time_offsets
+from nlos.acquisition.planning.aim import Aim
+from nlos.calibration.afterpulsing import ClickAfterClick, from_full_period
+from nlos.calibration.background import dark_rate_per_bin, is_flat
+from nlos.calibration.constants import Arrivals, BenchConstants, Quantity
+from nlos.calibration.correct import CorrectedPoints, correct_points
+from nlos.calibration.detector import WHOLE_PERIOD, undo_dead_time
+from nlos.calibration.errors import InvalidData, PoorCalibration
+from nlos.calibration.geometry import ScannerGeometry
+from nlos.calibration.geometry_fit import DirectTimes, GeometryFit, Spots, fit_geometry
+from nlos.calibration.impulse_response import ImpulseResponse
+from nlos.calibration.raw_points import RawPoints, joined
+from nlos.calibration.time_offset import TimeOffsets, measure_time_offsets
 
 Floats = npt.NDArray[np.float64]
 QUIET_AFTER_S = 15e-9

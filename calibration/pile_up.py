@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from calibration.errors import SaturatedBins
+from nlos.calibration.errors import SaturatedBins
 
 Floats = npt.NDArray[np.float64]
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.sample import Sample
-from acquisition.transient import TimeAxis, Transient
-from calibration.errors import InvalidData, SaturatedBins
+from nlos.acquisition.sample import Sample
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.calibration.errors import InvalidData, SaturatedBins
 
 Floats = npt.NDArray[np.float64]
 COUNTER_LIMITS = (65_535, 4_294_967_295)

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.transient import TimeAxis
-from calibration.background import is_flat, quiet_background
-from calibration.errors import InvalidData, NoDirectPeak, ShutterClosed
-from calibration.impulse_response import ImpulseResponse, from_histogram, stack
-from calibration.matched_filter import boxcar_arrival, match, window_counts
-from calibration.wall_timing import WallTiming, fit_wall_timing
+from nlos.acquisition.transient import TimeAxis
+from nlos.calibration.background import is_flat, quiet_background
+from nlos.calibration.errors import InvalidData, NoDirectPeak, ShutterClosed
+from nlos.calibration.impulse_response import ImpulseResponse, from_histogram, stack
+from nlos.calibration.matched_filter import boxcar_arrival, match, window_counts
+from nlos.calibration.wall_timing import WallTiming, fit_wall_timing
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]

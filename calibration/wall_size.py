@@ -5,10 +5,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S
-from calibration.constants import Quantity
-from calibration.raw_points import RawPoints
-from calibration.time_offset import measure_time_offsets
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
+from nlos.calibration.constants import Quantity
+from nlos.calibration.raw_points import RawPoints
+from nlos.calibration.time_offset import measure_time_offsets
 
 Floats = npt.NDArray[np.float64]
 TRIED = (0.3, 1.0, 3.0)

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 
 Floats = npt.NDArray[np.float64]
 FEWEST_POINTS = 9

@@ -11,7 +11,7 @@ from typing import Any, Generic, Literal, TypeVar, get_args
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from configs.settings import Settings
+from nlos.configs.settings import Settings
 
 Kind = Literal["bench", "scan", "train"]
 Model = TypeVar("Model", bound=Settings)

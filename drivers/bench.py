@@ -5,23 +5,23 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
 
-from drivers.bench_settings import BenchSettings
-from drivers.clock import Clock, SystemClock
-from drivers.errors import DeviceError, DeviceLost
-from drivers.events import EventLog, OnEvent
-from drivers.exit_paths import ExitPaths
-from drivers.galvo.mirror import GalvoMirror
-from drivers.galvo.models import open_mirror
-from drivers.galvo.triggerscope import TriggerScope
-from drivers.identity import DeviceIdentity
-from drivers.safety import GuardedShutter
-from drivers.shutter import LaserShutter, NoShutter, TtlShutter
-from drivers.simulated.bench import SimulatedBench
-from drivers.simulated.recorded import RecordedScan
-from drivers.tcspc.counter import HistogramCounter
-from drivers.tcspc.models import open_counter
-from drivers.tcspc.tcspc488 import Tcspc488
-from drivers.tcspc.tcspc488_shutter import Tcspc488Shutter
+from nlos.drivers.bench_settings import BenchSettings
+from nlos.drivers.clock import Clock, SystemClock
+from nlos.drivers.errors import DeviceError, DeviceLost
+from nlos.drivers.events import EventLog, OnEvent
+from nlos.drivers.exit_paths import ExitPaths
+from nlos.drivers.galvo.mirror import GalvoMirror
+from nlos.drivers.galvo.models import open_mirror
+from nlos.drivers.galvo.triggerscope.mirror import TriggerScope
+from nlos.drivers.identity import DeviceIdentity
+from nlos.drivers.safety import GuardedShutter
+from nlos.drivers.shutter import LaserShutter, NoShutter, TtlShutter
+from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.recorded import RecordedScan
+from nlos.drivers.tcspc.counter import HistogramCounter
+from nlos.drivers.tcspc.models import open_counter
+from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488
+from nlos.drivers.tcspc.tcspc488.shutter import Tcspc488Shutter
 
 __all__ = ["Bench", "BenchSettings", "WireLog", "open_bench"]
 
@@ -98,7 +98,7 @@ def open_bench(
         clock: Clock = SystemClock()
         simulated = backend = None
         if settings.simulated:
-            from drivers.simulated.instruments import plug_in
+            from nlos.drivers.simulated.instruments import plug_in
 
             plugged = stack.enter_context(plug_in(settings, scene))
             simulated, backend = plugged.bench, plugged.backend

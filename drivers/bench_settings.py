@@ -4,15 +4,15 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from configs.settings import Settings
-from drivers.errors import LimitError
-from drivers.galvo.models import MirrorSettings
-from drivers.safety import SafetySettings
-from drivers.simulated.beam import Misalignment
-from drivers.simulated.faults import Fault
-from drivers.simulated.scene import SceneSettings
-from drivers.simulated.spad import DetectorSettings
-from drivers.tcspc.models import CounterSettings
+from nlos.configs.settings import Settings
+from nlos.drivers.errors import LimitError
+from nlos.drivers.galvo.models import MirrorSettings
+from nlos.drivers.safety import SafetySettings
+from nlos.drivers.simulated.beam import Misalignment
+from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.scene import SceneSettings
+from nlos.drivers.simulated.spad import DetectorSettings
+from nlos.drivers.tcspc.models import CounterSettings
 
 
 class ShutterSettings(Settings):

@@ -5,12 +5,12 @@ This asks for the light to be shut off and checks that it was. The hard-wired in
 
 from pydantic import Field, field_validator
 
-from configs.settings import Settings
-from drivers.clock import Clock
-from drivers.errors import DeviceError, SafetyTrip
-from drivers.events import EventLog
-from drivers.shutter import LaserShutter, ShutterState
-from drivers.tcspc.counter import Histogram, HistogramCounter
+from nlos.configs.settings import Settings
+from nlos.drivers.clock import Clock
+from nlos.drivers.errors import DeviceError, SafetyTrip
+from nlos.drivers.events import EventLog
+from nlos.drivers.shutter import LaserShutter, ShutterState
+from nlos.drivers.tcspc.counter import Histogram, HistogramCounter
 
 _SHUTTER_MOVES_S = 0.1
 

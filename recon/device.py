@@ -2,7 +2,7 @@
 
 import torch
 
-from recon.errors import InvalidSettings
+from nlos.recon.errors import InvalidSettings
 
 DEVICES = ("cpu", "cuda")
 

@@ -16,16 +16,16 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.importers.plain import read_plain
-from acquisition.transient import Transient
-from acquisition.wall import WallGrid
-from recon.errors import InvalidData, InvalidSettings, ReconError
-from recon.methods import find, parse_settings
-from recon.metrics import depth_scores, image_scores
-from recon.physics import PhysicsSettings
-from recon.reconstruct import reconstruct
-from recon.subsets import measured_points
-from recon.volume import Reconstruction
+from nlos.acquisition.importers.plain import read_plain
+from nlos.acquisition.transient import Transient
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.errors import InvalidData, InvalidSettings, ReconError
+from nlos.recon.methods import find, parse_settings
+from nlos.recon.metrics import depth_scores, image_scores
+from nlos.recon.physics import PhysicsSettings
+from nlos.recon.reconstruct import reconstruct
+from nlos.recon.subsets import measured_points
+from nlos.recon.volume import Reconstruction
 
 CONDITIONS = ("transient", "counts_p20", "counts_p5", "counts_p1", "counts_p5@16x16")
 SNR_CHOICES = (1.0, 0.1, 0.03, 0.01, 0.003)

@@ -12,9 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from recon.evaluate import Evaluation, Row, as_json
-from recon.pictures import visible_depth
-from recon.results import software
+from nlos.recon.evaluate import Evaluation, Row, as_json
+from nlos.recon.pictures import visible_depth
+from nlos.recon.results import software
 
 T = TypeVar("T")
 NAMES = ("results.json", "results.md", "gallery.png")

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from recon.surface import front_surface
-from recon.volume import Reconstruction
+from nlos.recon.surface import front_surface
+from nlos.recon.volume import Reconstruction
 
 
 def write_ply(path: Path, reconstruction: Reconstruction) -> None:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from recon.errors import InvalidData
-from recon.volume import Reconstruction
+from nlos.recon.errors import InvalidData
+from nlos.recon.volume import Reconstruction
 
 
 def write_vti(path: Path, reconstruction: Reconstruction) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from recon.volume import Volume
+from nlos.recon.volume import Volume
 
 LEAST_SEEN, MOST_HIDDEN = 0.1, 0.3  # of the bright parts' level: darker has no depth, brighter always has one
 

@@ -15,10 +15,10 @@ import torch
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import Delaunay, KDTree, QhullError
 
-from acquisition.transient import TimeAxis, Transient
-from acquisition.wall import WallGrid
-from recon.errors import InvalidData
-from recon.transport.linear import linear
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.errors import InvalidData
+from nlos.recon.transport.linear import linear
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.transient import Transient
-from recon.methods import find, parse_settings
-from recon.reconstruct import reconstruct
-from recon.volume import Reconstruction
+from nlos.acquisition.transient import Transient
+from nlos.recon.methods import find, parse_settings
+from nlos.recon.reconstruct import reconstruct
+from nlos.recon.volume import Reconstruction
 
 Picture = npt.NDArray[np.float32]
 

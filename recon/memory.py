@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
 
 GIB = 1 << 30
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from acquisition.transient import TimeAxis
+from nlos.acquisition.transient import TimeAxis
 
 REFERENCE_BIN_S = 32e-12
 REFERENCE_POINTS = 64 * 64

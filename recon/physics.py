@@ -5,15 +5,15 @@ from typing import Annotated, ClassVar
 import torch
 from pydantic import Field
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from configs.settings import Settings
-from recon.gridding import fill_unmeasured
-from recon.memory import cube_bytes
-from recon.noise import estimate, without_background
-from recon.transport.conventions import Conventions
-from recon.transport.falloff import Falloff
-from recon.transport.light_cone_kernel import padded_cells
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.configs.settings import Settings
+from nlos.recon.gridding import fill_unmeasured
+from nlos.recon.memory import cube_bytes
+from nlos.recon.noise import estimate, without_background
+from nlos.recon.transport.conventions import Conventions
+from nlos.recon.transport.falloff import Falloff
+from nlos.recon.transport.light_cone_kernel import padded_cells
 
 PUBLISHED_SNR = 0.8  # O'Toole et al. 2018, all scenes of theirs but the diffuse ones
 

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from recon.errors import InvalidData
-from recon.volume import Reconstruction
+from nlos.recon.errors import InvalidData
+from nlos.recon.volume import Reconstruction
 
 DOTS_PER_INCH = 150
 FAINT = 0.02  # of the brightest point; what the front view shows as black has no colour in a depth picture

@@ -11,16 +11,16 @@ import numpy.typing as npt
 import torch
 from torch import nn
 
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
-from acquisition.wall import WallGrid
-from configs.settings import Settings
-from recon.errors import InvalidData, ReconstructionFailed
-from recon.front_view import depth_map, front_view
-from recon.gridding import confidence
-from recon.memory import KnownMemory, available_bytes, refusal
-from recon.methods import find, parse_settings
-from recon.physics import PhysicsSettings
-from recon.volume import Reconstruction, Volume
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
+from nlos.configs.settings import Settings
+from nlos.recon.errors import InvalidData, ReconstructionFailed
+from nlos.recon.front_view import depth_map, front_view
+from nlos.recon.gridding import confidence
+from nlos.recon.memory import KnownMemory, available_bytes, refusal
+from nlos.recon.methods import find, parse_settings
+from nlos.recon.physics import PhysicsSettings
+from nlos.recon.volume import Reconstruction, Volume
 
 PUBLISHED_BIN_WIDTH_S = 16e-12  # two halvings of 4 ps: O'Toole et al. 2018, Lindell et al. 2019
 
@@ -77,7 +77,7 @@ def _weights_sha256(chosen: Settings) -> str | None:
     name = getattr(chosen, "weights", None)
     if name is None:
         return None
-    from recon.training.checkpoint import find_weights
+    from nlos.recon.training.checkpoint import find_weights
 
     return hashlib.sha256(find_weights(name).read_bytes()).hexdigest()
 

@@ -13,9 +13,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from acquisition.wall import WallGrid
-from recon.errors import InvalidData
-from recon.volume import Reconstruction, Volume
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.errors import InvalidData
+from nlos.recon.volume import Reconstruction, Volume
 
 NAMES = ("reconstruction.h5", "albedo.png", "depth.png")
 EVEN = 0.5  # where no point's confidence is lower there is no picture of it
@@ -33,8 +33,8 @@ def write_results(
 
     Raises FileExistsError unless `overwrite`, before anything is written.
     """
-    from recon.pictures import albedo_picture, confidence_picture, depth_picture, slices_picture
-    from recon.view3d import write_view3d
+    from nlos.recon.pictures import albedo_picture, confidence_picture, depth_picture, slices_picture
+    from nlos.recon.view3d import write_view3d
 
     paths = [folder / name for name in NAMES]
     with_slices = keep_volume and reconstruction.volume is not None

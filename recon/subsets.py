@@ -5,7 +5,7 @@ import re
 import numpy as np
 import numpy.typing as npt
 
-from recon.errors import InvalidSettings
+from nlos.recon.errors import InvalidSettings
 
 SEED = 7
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from recon.volume import Reconstruction
+from nlos.recon.volume import Reconstruction
 
 STEP_LIMIT = 4.0  # neighbours farther apart in depth than this many pixels belong to different surfaces
 

@@ -9,8 +9,8 @@ from string import Template
 import numpy as np
 import numpy.typing as npt
 
-from recon.surface import front_surface
-from recon.volume import Reconstruction, Volume
+from nlos.recon.surface import front_surface
+from nlos.recon.volume import Reconstruction, Volume
 
 MOST_POINTS = 60_000
 SHOWN_AT_FIRST = 0.15

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.wall import WallGrid
+from nlos.acquisition.wall import WallGrid
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from scipy.io import savemat
 
-from acquisition.errors import InvalidData
-from acquisition.exporters.scan_arrays import ScanArrays
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.exporters.scan_arrays import ScanArrays
 
 _MAX_BYTES = (1 << 31) - 1
 

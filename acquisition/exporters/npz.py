@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition.exporters.scan_arrays import ScanArrays
+from nlos.acquisition.exporters.scan_arrays import ScanArrays
 
 
 def write_npz(scan: ScanArrays, path: Path) -> list[str]:

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import ptufile
 
-from acquisition.errors import InvalidData
-from acquisition.exporters.scan_arrays import ScanArrays
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.exporters.scan_arrays import ScanArrays
 
 _MAX_BINS = 1 << 15  # 15 bits of delay in a HydraHarp T3 record
 _SYNC_PERIOD_S = 100e-9

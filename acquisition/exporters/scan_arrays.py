@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.errors import InvalidData
-from acquisition.importers.imported import ImportedScan
-from acquisition.recording import Recording
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from acquisition.errors import InvalidData
-from acquisition.exporters.scan_arrays import ScanArrays
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.exporters.scan_arrays import ScanArrays
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 
 _H_FORMATS = {"UNKNOWN": 0, "T_Sx_Sy": 1, "T_Lx_Ly_Sx_Sy": 2, "T_Si": 3, "T_Li_Si": 4}
 _GRID_FORMATS = {"UNKNOWN": 0, "N_3": 1, "X_Y_3": 2}

@@ -5,8 +5,8 @@ from pathlib import Path
 import h5py
 import ptufile
 
-from acquisition.errors import InvalidData
-from acquisition.importers.untrusted_hdf5 import open_hdf5
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.untrusted_hdf5 import open_hdf5
 
 _PTU_TAGS = (
     "File_CreatingTime",

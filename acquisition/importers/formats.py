@@ -3,16 +3,16 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from acquisition.errors import InvalidData
-from acquisition.importers.imported import ImportedScan
-from acquisition.importers.matlab import read_matlab
-from acquisition.importers.npz import read_npz
-from acquisition.importers.picoquant import SUFFIXES as PICOQUANT_SUFFIXES
-from acquisition.importers.picoquant import read_picoquant
-from acquisition.importers.plain import read_plain
-from acquisition.importers.untrusted_hdf5 import open_hdf5
-from acquisition.importers.ytal import read_ytal, read_zaragoza
-from acquisition.recording_header import FORMAT
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.importers.matlab import read_matlab
+from nlos.acquisition.importers.npz import read_npz
+from nlos.acquisition.importers.picoquant import SUFFIXES as PICOQUANT_SUFFIXES
+from nlos.acquisition.importers.picoquant import read_picoquant
+from nlos.acquisition.importers.plain import read_plain
+from nlos.acquisition.importers.untrusted_hdf5 import open_hdf5
+from nlos.acquisition.importers.ytal import read_ytal, read_zaragoza
+from nlos.acquisition.recording.header import FORMAT
 
 _HEAD_BYTES = 8 << 20
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"

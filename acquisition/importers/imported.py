@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.transient import Transient
+from nlos.acquisition.transient import Transient
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,10 @@ from typing import IO, Self
 
 import numpy as np
 
-from acquisition.errors import InvalidData
-from acquisition.importers.imported import ImportedScan
-from acquisition.transient import TimeAxis, Transient
-from acquisition.wall import WallGrid
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
 
 DEADLINE_S = 300.0
 MEMORY_BYTES = 24 << 30
@@ -132,7 +132,7 @@ def _load(folder: Path, answer: dict[str, object]) -> ImportedScan:
 
 def _serve(requests: IO[str], answers: IO[str], memory_bytes: int) -> None:
     """The child: one line of JSON in, arrays into the folder, one line of JSON out."""
-    from acquisition.importers.formats import read_any
+    from nlos.acquisition.importers.formats import read_any
 
     if sys.platform != "win32":
         import resource

@@ -14,11 +14,11 @@ import numpy.typing as npt
 from scipy.io import loadmat, whosmat
 from scipy.io.matlab import MatReadError
 
-from acquisition.errors import InvalidData
-from acquisition.importers.imported import ImportedScan
-from acquisition.importers.untrusted_hdf5 import MAX_BYTES, find_dataset, open_hdf5, read_array
-from acquisition.transient import TimeAxis, Transient
-from acquisition.wall import WallGrid
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES, find_dataset, open_hdf5, read_array
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
 
 Array = npt.NDArray[np.generic]
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.errors import InvalidData
-from acquisition.importers.imported import ImportedScan
-from acquisition.importers.untrusted_hdf5 import MAX_BYTES
-from acquisition.transient import TimeAxis, Transient
-from acquisition.wall import WallGrid
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
 
 _MAX_RATIO = 1100  # zlib's own limit is about 1032
 

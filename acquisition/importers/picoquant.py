@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import ptufile
 
-from acquisition.errors import InvalidData
-from acquisition.importers.imported import ImportedScan
-from acquisition.importers.picoquant_headers import (
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.importers.picoquant_headers import (
     Curve,
     RecordFile,
     hydraharp_curves,
@@ -22,9 +22,9 @@ from acquisition.importers.picoquant_headers import (
     picoharp_records,
     timeharp_records,
 )
-from acquisition.importers.untrusted_hdf5 import MAX_BYTES
-from acquisition.transient import TimeAxis, Transient
-from acquisition.wall import WallGrid
+from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
 
 SUFFIXES = (".ptu", ".pt2", ".pt3", ".ht2", ".ht3", ".t3r", ".phd", ".hhd")
 _NO_WALL = "the wall's size is not stored; 1 m x 1 m stands in"

@@ -8,7 +8,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from acquisition.errors import InvalidData
+from nlos.acquisition.errors import InvalidData
 
 _DISPLAY_AND_SCRIPT = "16i 9f 4i 20s"  # eight display curves, three parameters, repetition, script name
 _HYDRAHARP_HEAD = "6i d 2i I 7i"

@@ -9,11 +9,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from acquisition.errors import InvalidData
-from acquisition.importers.imported import ImportedScan
-from acquisition.importers.untrusted_hdf5 import find_dataset, open_hdf5, read_array
-from acquisition.transient import TimeAxis, Transient
-from acquisition.wall import WallGrid
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, open_hdf5, read_array
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
 
 
 def read_plain(path: Path, dataset: str = "histograms") -> ImportedScan:

@@ -5,15 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition.errors import InvalidData
-from acquisition.importers.imported import ImportedScan
-from acquisition.plan import ScanPlan
-from acquisition.positions import pixels
-from acquisition.provenance import Header
-from acquisition.recording import Recording
-from acquisition.recording_writer import RecordingWriter
-from acquisition.sample import Sample
-from drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.positions import pixels
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.sample import Sample
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
 
 _KEY = "imported"
 

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.errors import InvalidData
+from nlos.acquisition.errors import InvalidData
 
 MAX_BYTES = 8 << 30
 """Largest array read, as float32: a 1024 x 1024 x 2048 scan."""

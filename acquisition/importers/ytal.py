@@ -10,11 +10,11 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.errors import InvalidData
-from acquisition.importers.imported import ImportedScan
-from acquisition.importers.untrusted_hdf5 import find_dataset, open_hdf5, read_array
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
-from acquisition.wall import WallGrid
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, open_hdf5, read_array
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
 
 Array = npt.NDArray[np.float64]
 _T_SX_SY = 1

@@ -13,15 +13,15 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, ValidationError
 
-from acquisition.errors import InvalidData
-from acquisition.plan import ScanPlan
-from acquisition.positions import Positions
-from acquisition.provenance import Header
-from acquisition.recording import RECORD
-from acquisition.recording_header import COLUMNS, MAX_BINS, MAX_POINTS
-from acquisition.wall import WallGrid
-from configs.settings import Settings
-from drivers.tcspc.counter import HistogramAxis, StopAtCounts
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.positions import Positions
+from nlos.acquisition.recording.header import COLUMNS, MAX_BINS, MAX_POINTS
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import RECORD
+from nlos.acquisition.wall import WallGrid
+from nlos.configs.settings import Settings
+from nlos.drivers.tcspc.counter import HistogramAxis, StopAtCounts
 
 MAX_ROWS = 256
 MAX_REQUEST_BYTES = 1024

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import zmq
 
-from acquisition.errors import InvalidData, StorageError
-from acquisition.network.messages import MAX_REPLY_BYTES, MAX_ROWS, answered, decode_plan, decode_samples
-from acquisition.network.ticket import Ticket
-from acquisition.plan import ScanPlan
-from acquisition.recording import Status, sample_crc
-from acquisition.recording_writer import RecordingWriter
-from acquisition.salvage import resume
-from acquisition.sample import Sample
-from drivers.tcspc.counter import Histogram, HistogramFlag
+from nlos.acquisition.errors import InvalidData, StorageError
+from nlos.acquisition.network.messages import MAX_REPLY_BYTES, MAX_ROWS, answered, decode_plan, decode_samples
+from nlos.acquisition.network.ticket import Ticket
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.recording.recording import Status, sample_crc
+from nlos.acquisition.recording.salvage import resume
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.sample import Sample
+from nlos.drivers.tcspc.counter import Histogram, HistogramFlag
 
 _IDLE_S = 0.2
 

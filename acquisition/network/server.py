@@ -8,16 +8,16 @@ import numpy as np
 import zmq
 from zmq.auth.thread import ThreadAuthenticator
 
-from acquisition.errors import InvalidData
-from acquisition.network.messages import (
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.network.messages import (
     MAX_REQUEST_BYTES,
     Request,
     decode_request,
     encode_plan,
     encode_samples,
 )
-from acquisition.network.ticket import Ticket, new_keys
-from acquisition.recording import Recording, Status, sample_crc
+from nlos.acquisition.network.ticket import Ticket, new_keys
+from nlos.acquisition.recording.recording import Recording, Status, sample_crc
 
 _POLL_MS = 200
 MAX_BLOCK_BYTES = 16 << 20

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import zmq
 
-from acquisition.errors import InvalidData
+from nlos.acquisition.errors import InvalidData
 
 _KEY_LENGTH = 40  # a CurveZMQ key in Z85 (RFC 26/CURVEZMQ, RFC 32/Z85)
 

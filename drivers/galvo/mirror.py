@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from drivers.identity import DeviceIdentity
+from nlos.drivers.identity import DeviceIdentity
 
 
 @dataclass(frozen=True)

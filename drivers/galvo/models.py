@@ -5,11 +5,11 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from drivers.clock import Clock
-from drivers.galvo.mirror import GalvoMirror
-from drivers.galvo.optotune import Optotune, OptotuneSettings
-from drivers.galvo.triggerscope import TriggerScope, TriggerScopeSettings
-from drivers.link.serial_line import WireLog
+from nlos.drivers.clock import Clock
+from nlos.drivers.galvo.mirror import GalvoMirror
+from nlos.drivers.galvo.optotune.mirror import Optotune, OptotuneSettings
+from nlos.drivers.galvo.triggerscope.mirror import TriggerScope, TriggerScopeSettings
+from nlos.drivers.link.serial_line import WireLog
 
 MirrorSettings = Annotated[TriggerScopeSettings | OptotuneSettings, Field(discriminator="model")]
 

@@ -5,8 +5,8 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from configs.settings import Settings
-from drivers.galvo.mirror import MirrorAngles
+from nlos.configs.settings import Settings
+from nlos.drivers.galvo.mirror import MirrorAngles
 
 
 class SettlePoint(Settings):

@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import Protocol
 
-from drivers.errors import CommandRejected, DataCorrupt, DeviceTimeout, ProtocolError
+from nlos.drivers.errors import CommandRejected, DataCorrupt, DeviceTimeout, ProtocolError
 
 _ERROR = re.compile(rb'([+-]?\d{1,6}),"((?:[^"]|"")*)"\n?\Z')
 _NO_ERROR = b'0,"No error"\n'

@@ -9,9 +9,9 @@ from typing import Any
 import serial
 from serial.tools import list_ports
 
-from drivers.clock import Clock
-from drivers.errors import DeviceBusy, DeviceError, DeviceLost, DeviceNotFound, DeviceTimeout, ProtocolError
-from drivers.link.framing import Take, take_line
+from nlos.drivers.clock import Clock
+from nlos.drivers.errors import DeviceBusy, DeviceError, DeviceLost, DeviceNotFound, DeviceTimeout, ProtocolError
+from nlos.drivers.link.framing import Take, take_line
 
 try:  # an unplugged port raises termios.error, which is not an OSError, from flush and from setting a timeout
     import termios
@@ -22,8 +22,8 @@ except ImportError:  # Windows
 
 _OPEN_ERRORS: tuple[type[Exception], ...] = (ValueError, *_PORT_ERRORS)
 
-if "drivers.simulated" not in serial.protocol_handler_packages:  # where pyserial finds sim://
-    serial.protocol_handler_packages.append("drivers.simulated")
+if "nlos.drivers.simulated.serial" not in serial.protocol_handler_packages:  # where pyserial finds sim://
+    serial.protocol_handler_packages.append("nlos.drivers.simulated.serial")
 
 WireLog = Callable[[str, str, bytes], None]
 """(device, ">" sent or "<" received, bytes)"""

@@ -9,11 +9,11 @@ import threading
 from collections.abc import Callable
 from typing import TypeVar
 
-from drivers.clock import Clock
-from drivers.errors import DeviceError, DeviceLost, DeviceTimeout, ProtocolError
-from drivers.link import usbtmc_recovery
-from drivers.link.usbtmc import UsbtmcInterface
-from drivers.link.usbtmc_headers import (
+from nlos.drivers.clock import Clock
+from nlos.drivers.errors import DeviceError, DeviceLost, DeviceTimeout, ProtocolError
+from nlos.drivers.link import usbtmc_recovery
+from nlos.drivers.link.usbtmc import UsbtmcInterface
+from nlos.drivers.link.usbtmc_headers import (
     GET_CAPABILITIES,
     HEADER_BYTES,
     MAX_PADDING_BYTES,

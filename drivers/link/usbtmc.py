@@ -16,7 +16,7 @@ import usb.backend
 import usb.core
 import usb.util
 
-from drivers.errors import (
+from nlos.drivers.errors import (
     DeviceBusy,
     DeviceError,
     DeviceLost,

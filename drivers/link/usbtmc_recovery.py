@@ -5,10 +5,10 @@ Sources: USBTMC 1.0 sections 3.1.1 and 4.2.1; the order of steps follows the Lin
 
 import array
 
-from drivers.clock import Clock
-from drivers.errors import DeviceLost, DeviceTimeout
-from drivers.link.usbtmc import Overflow, PipeHalted, UsbtmcInterface
-from drivers.link.usbtmc_headers import (
+from nlos.drivers.clock import Clock
+from nlos.drivers.errors import DeviceLost, DeviceTimeout
+from nlos.drivers.link.usbtmc import Overflow, PipeHalted, UsbtmcInterface
+from nlos.drivers.link.usbtmc_headers import (
     CHECK_ABORT_BULK_IN_STATUS,
     CHECK_ABORT_BULK_OUT_STATUS,
     CHECK_CLEAR_STATUS,

@@ -5,8 +5,8 @@ from math import cos, hypot, radians, sin, tan
 
 from pydantic import Field
 
-from configs.settings import Settings
-from drivers.galvo.mirror import MirrorAngles
+from nlos.configs.settings import Settings
+from nlos.drivers.galvo.mirror import MirrorAngles
 
 SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
 

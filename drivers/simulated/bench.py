@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from drivers.clock import VirtualClock
-from drivers.galvo.mirror import MirrorAngles
-from drivers.simulated.faults import FaultPlan
-from drivers.simulated.swing import Swing
+from nlos.drivers.clock import VirtualClock
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.simulated.faults import FaultPlan
+from nlos.drivers.simulated.swing import Swing
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Every fault that the simulators can commit, by name: what happens, what the user sees, what is kept.
 
-`docs/faults.md` is this table. Print it with `python -m drivers.simulated.fault_catalogue`.
+`docs/faults.md` is this table. Print it with `python -m nlos.drivers.simulated.fault_catalogue`.
 """
 
 from dataclasses import dataclass

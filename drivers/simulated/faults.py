@@ -6,8 +6,8 @@ from typing import Any
 
 from pydantic import Field, field_validator
 
-from configs.settings import Settings
-from drivers.simulated.fault_catalogue import NAMES
+from nlos.configs.settings import Settings
+from nlos.drivers.simulated.fault_catalogue import NAMES
 
 
 class Fault(Settings):

@@ -5,19 +5,19 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.bench_settings import BenchSettings, SimulationSettings
-from drivers.simulated.beam import BeamPath
-from drivers.simulated.bench import Light, SimulatedBench
-from drivers.simulated.faults import FaultPlan
-from drivers.simulated.optotune_firmware import OptotuneFirmware
-from drivers.simulated.picoquant_library import PicoquantLibrary
-from drivers.simulated.recorded import RecordedLight, RecordedScan
-from drivers.simulated.scene import SceneLight
-from drivers.simulated.serial_cable import SerialFirmware
-from drivers.simulated.serial_port import plug, unplug
-from drivers.simulated.tcspc488_firmware import Tcspc488Firmware
-from drivers.simulated.triggerscope_firmware import TriggerScopeFirmware
-from drivers.simulated.usb_backend import SimulatedUsb
+from nlos.drivers.bench_settings import BenchSettings, SimulationSettings
+from nlos.drivers.simulated.beam import BeamPath
+from nlos.drivers.simulated.bench import Light, SimulatedBench
+from nlos.drivers.simulated.faults import FaultPlan
+from nlos.drivers.simulated.optotune.firmware import OptotuneFirmware
+from nlos.drivers.simulated.picoquant.library import PicoquantLibrary
+from nlos.drivers.simulated.recorded import RecordedLight, RecordedScan
+from nlos.drivers.simulated.scene import SceneLight
+from nlos.drivers.simulated.serial.cable import SerialFirmware
+from nlos.drivers.simulated.serial.port import plug, unplug
+from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
+from nlos.drivers.simulated.triggerscope.firmware import TriggerScopeFirmware
+from nlos.drivers.simulated.usb.backend import SimulatedUsb
 
 FIRMWARES: dict[str, Callable[[SimulatedBench, Any], SerialFirmware]] = {
     "triggerscope": TriggerScopeFirmware.matching,

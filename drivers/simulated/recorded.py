@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from drivers.errors import LimitError
-from drivers.galvo.mirror import MirrorAngles
-from drivers.simulated import spad
-from drivers.simulated.beam import BeamPath
-from drivers.simulated.bench import Exposure, Gate
+from nlos.drivers.errors import LimitError
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.simulated import spad
+from nlos.drivers.simulated.beam import BeamPath
+from nlos.drivers.simulated.bench import Exposure, Gate
 
 _SALT = 1
 

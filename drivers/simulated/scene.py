@@ -7,13 +7,13 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from configs.settings import Settings
-from drivers.galvo.mirror import MirrorAngles
-from drivers.simulated import spad
-from drivers.simulated.beam import SPEED_OF_LIGHT_M_PER_S, BeamPath, Spot
-from drivers.simulated.bench import Exposure, Gate
-from drivers.simulated.spad import DetectorSettings, Response
-from drivers.simulated.surfaces import Surface, surfels
+from nlos.configs.settings import Settings
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.simulated import spad
+from nlos.drivers.simulated.beam import SPEED_OF_LIGHT_M_PER_S, BeamPath, Spot
+from nlos.drivers.simulated.bench import Exposure, Gate
+from nlos.drivers.simulated.spad import DetectorSettings, Response
+from nlos.drivers.simulated.surfaces import Surface, surfels
 
 Array = npt.NDArray[np.float64]
 

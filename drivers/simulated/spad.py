@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from configs.settings import Settings
-from drivers.galvo.mirror import MirrorAngles
-from drivers.simulated.bench import Exposure, Gate
+from nlos.configs.settings import Settings
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.simulated.bench import Exposure, Gate
 
 Array = npt.NDArray[np.float64]
 

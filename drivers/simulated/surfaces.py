@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
-from configs.settings import Settings
-from drivers.simulated import font
+from nlos.configs.settings import Settings
+from nlos.drivers.simulated import font
 
 Vector = tuple[float, float, float]
 Array = npt.NDArray[np.float64]

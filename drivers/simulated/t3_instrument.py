@@ -10,9 +10,9 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from drivers.simulated import spad
-from drivers.simulated.bench import Gate, SimulatedBench
-from drivers.tcspc.t3 import T3Format
+from nlos.drivers.simulated import spad
+from nlos.drivers.simulated.bench import Gate, SimulatedBench
+from nlos.drivers.tcspc.t3 import T3Format
 
 _NEVER_S = float("inf")
 _CLOCK_UNIT_S = 100e-9

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from drivers.identity import DeviceIdentity
+from nlos.drivers.identity import DeviceIdentity
 
 
 class HistogramFlag(IntFlag):

@@ -5,13 +5,13 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from drivers.clock import Clock
-from drivers.link.usbtmc import WireLog
-from drivers.tcspc.counter import HistogramCounter
-from drivers.tcspc.picoquant import open_picoquant
-from drivers.tcspc.picoquant_families import PicoquantSettings
-from drivers.tcspc.tcspc488 import Tcspc488
-from drivers.tcspc.tcspc488_settings import Tcspc488Settings
+from nlos.drivers.clock import Clock
+from nlos.drivers.link.usbtmc import WireLog
+from nlos.drivers.tcspc.counter import HistogramCounter
+from nlos.drivers.tcspc.picoquant.counter import open_picoquant
+from nlos.drivers.tcspc.picoquant.families import PicoquantSettings
+from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488
+from nlos.drivers.tcspc.tcspc488.settings import Tcspc488Settings
 
 CounterSettings = Annotated[Tcspc488Settings | PicoquantSettings, Field(discriminator="model")]
 _OPEN: dict[str, Callable[[Any, Clock, Any, WireLog | None], HistogramCounter]] = {

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from drivers.errors import DataCorrupt
-from drivers.tcspc.t3 import FORMATS, T3Format
+from nlos.drivers.errors import DataCorrupt
+from nlos.drivers.tcspc.t3 import FORMATS, T3Format
 
 Tag = bool | int | float | str | bytes
 

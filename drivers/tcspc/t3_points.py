@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from drivers.tcspc.t3 import Pulses, T3Events
+from nlos.drivers.tcspc.t3 import Pulses, T3Events
 
 
 @dataclass(frozen=True)

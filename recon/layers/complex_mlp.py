@@ -2,8 +2,8 @@
 
 from torch import Tensor, nn
 
-from recon.layers.complex_activation import ActivationName, complex_activation
-from recon.layers.complex_convolution import ComplexConv3d
+from nlos.recon.layers.complex_activation import ActivationName, complex_activation
+from nlos.recon.layers.complex_convolution import ComplexConv3d
 
 
 class ComplexMLP(nn.Module):

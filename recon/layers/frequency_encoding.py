@@ -3,8 +3,8 @@
 import torch
 from torch import Tensor, nn
 
-from recon.layers.complex_activation import ActivationName
-from recon.layers.complex_mlp import ComplexMLP
+from nlos.recon.layers.complex_activation import ActivationName
+from nlos.recon.layers.complex_mlp import ComplexMLP
 
 
 class StochasticFrequencyEncoding(nn.Module):

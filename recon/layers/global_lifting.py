@@ -2,7 +2,7 @@
 
 from torch import Tensor
 
-from recon.layers.unet import UNet
+from nlos.recon.layers.unet import UNet
 
 
 class GlobalLifting(UNet):

@@ -4,12 +4,12 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
-from acquisition.wall import WallGrid
-from recon.layers.measurement import DIFFUSE, LOG_SNR_AT_KNOTS, NOISE_KNOTS, WienerVolumes, piecewise
-from recon.layers.transient_lifting import LiftingName, TransientLifting
-from recon.transport.light_cone import LightConeConvolution
-from recon.transport.resampling import LightConeResampling
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.layers.measurement import DIFFUSE, LOG_SNR_AT_KNOTS, NOISE_KNOTS, WienerVolumes, piecewise
+from nlos.recon.layers.transient_lifting import LiftingName, TransientLifting
+from nlos.recon.transport.light_cone import LightConeConvolution
+from nlos.recon.transport.resampling import LightConeResampling
 
 UNDONE = 3.0  # of the falloff of diffuse surfaces
 

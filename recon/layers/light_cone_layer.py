@@ -4,11 +4,11 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from recon.transport.conventions import depths_m
-from recon.transport.light_cone import LightConeConvolution
-from recon.transport.resampling import LightConeResampling
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.transport.conventions import depths_m
+from nlos.recon.transport.light_cone import LightConeConvolution
+from nlos.recon.transport.resampling import LightConeResampling
 
 
 def sums(x: Tensor, count: int) -> Tensor:

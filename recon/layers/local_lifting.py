@@ -3,8 +3,8 @@
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from recon.layers.residual_block import ResidualBlock
-from recon.layers.unet import UNet
+from nlos.recon.layers.residual_block import ResidualBlock
+from nlos.recon.layers.unet import UNet
 
 
 class LocalLifting(nn.Module):

@@ -11,10 +11,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
-from acquisition.wall import WallGrid
-from recon.transport.light_cone import LightConeConvolution
-from recon.transport.resampling import LightConeResampling
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.transport.light_cone import LightConeConvolution
+from nlos.recon.transport.resampling import LightConeResampling
 
 FINEST_BIN = 0.0049  # depth of a time bin in wall widths up to which neighbours are added
 SLICE = 0.0096  # depth of a slice of the Wiener volumes, 19 mm behind a wall of 2 m

@@ -4,7 +4,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from recon.layers.unet import UNet
+from nlos.recon.layers.unet import UNet
 
 WINDOWS = ((1, 1), (1, 3), (3, 3), (3, 7), (5, 15))  # bins, wall points
 DIM = (0.7, 2.0, 100.0)  # in mean rates: the dim part, all but the peaks, everything

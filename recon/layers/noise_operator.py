@@ -3,8 +3,8 @@
 import torch
 from torch import Tensor, nn
 
-from recon.layers.complex_activation import ActivationName, complex_activation
-from recon.layers.complex_convolution import ComplexConv3d
+from nlos.recon.layers.complex_activation import ActivationName, complex_activation
+from nlos.recon.layers.complex_convolution import ComplexConv3d
 
 
 class NoiseEmbedding(nn.Module):

@@ -7,10 +7,10 @@ from typing import cast
 import torch
 from torch import Tensor, nn
 
-from recon.layers.frequency_encoding import StochasticFrequencyEncoding
-from recon.layers.physical_multiplier import PhysicalMultiplier
-from recon.layers.residual_block import ResidualBlock
-from recon.layers.spectral_resampling import resample_field
+from nlos.recon.layers.frequency_encoding import StochasticFrequencyEncoding
+from nlos.recon.layers.physical_multiplier import PhysicalMultiplier
+from nlos.recon.layers.residual_block import ResidualBlock
+from nlos.recon.layers.spectral_resampling import resample_field
 
 Pitch = tuple[float, float, float]
 

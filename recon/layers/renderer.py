@@ -4,7 +4,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from recon.layers.transient_encoder import LeakyBlock
+from nlos.recon.layers.transient_encoder import LeakyBlock
 
 DIMMEST = 0.02  # of the brightest point; below it nothing is seen
 

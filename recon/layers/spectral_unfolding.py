@@ -11,12 +11,12 @@ from typing import Literal, cast
 import torch
 from torch import Tensor, nn
 
-from recon.layers.complex_activation import ActivationName, complex_activation
-from recon.layers.complex_convolution import ComplexConv3d
-from recon.layers.complex_mlp import ComplexMLP
-from recon.layers.frequency_encoding import StochasticFrequencyEncoding
-from recon.layers.noise_operator import NoiseEmbedding, NoiseInducedOperator
-from recon.layers.spectral_resampling import resample_spectrum
+from nlos.recon.layers.complex_activation import ActivationName, complex_activation
+from nlos.recon.layers.complex_convolution import ComplexConv3d
+from nlos.recon.layers.complex_mlp import ComplexMLP
+from nlos.recon.layers.frequency_encoding import StochasticFrequencyEncoding
+from nlos.recon.layers.noise_operator import NoiseEmbedding, NoiseInducedOperator
+from nlos.recon.layers.spectral_resampling import resample_spectrum
 
 AXES = (2, 3, 4)
 Restriction = Literal["truncation", "stride"]

@@ -4,7 +4,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from recon.layers.residual_block import CONVOLUTIONS
+from nlos.recon.layers.residual_block import CONVOLUTIONS
 
 Stride = tuple[int, int, int]
 SLOPE = 0.2

@@ -5,8 +5,8 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
-from recon.layers.global_lifting import GlobalLifting
-from recon.layers.local_lifting import LocalLifting
+from nlos.recon.layers.global_lifting import GlobalLifting
+from nlos.recon.layers.local_lifting import LocalLifting
 
 LiftingName = Literal["none", "mlp", "global", "local", "both"]
 

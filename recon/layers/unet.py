@@ -6,7 +6,7 @@ from itertools import pairwise
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from recon.layers.residual_block import CONVOLUTIONS, ResidualBlock
+from nlos.recon.layers.residual_block import CONVOLUTIONS, ResidualBlock
 
 INTERPOLATION = {1: "linear", 2: "bilinear", 3: "trilinear"}
 

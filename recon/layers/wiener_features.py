@@ -6,9 +6,9 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
-from acquisition.wall import WallGrid
-from recon.layers.light_cone_layer import LightConeLayer, sums
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.layers.light_cone_layer import LightConeLayer, sums
 
 # Level (`Counted`) -> falloff exponent and log10 snr at which the transform was best on simulated scenes.
 LEVELS = (1.2, 1.9, 2.5, 3.9)

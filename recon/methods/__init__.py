@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Protocol, cast
 
 from pydantic import ValidationError
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from configs.settings import Settings as AnySettings
-from recon.errors import InvalidSettings
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.configs.settings import Settings as AnySettings
+from nlos.recon.errors import InvalidSettings
 
 if TYPE_CHECKING:
     from torch import nn

@@ -6,13 +6,13 @@ import torch
 from pydantic import Field
 from torch import nn
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from configs.settings import Settings as AnySettings
-from recon.physics import LightConeSettings, prepare
-from recon.transport.backprojection import BackProjection
-from recon.transport.conventions import depths_m
-from recon.transport.falloff import Falloff
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.configs.settings import Settings as AnySettings
+from nlos.recon.physics import LightConeSettings, prepare
+from nlos.recon.transport.backprojection import BackProjection
+from nlos.recon.transport.conventions import depths_m
+from nlos.recon.transport.falloff import Falloff
 
 
 class Settings(LightConeSettings):

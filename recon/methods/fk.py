@@ -5,13 +5,13 @@ from typing import ClassVar
 import torch
 from torch import nn
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from configs.settings import Settings as AnySettings
-from recon.physics import PhysicsSettings, prepare
-from recon.transport.conventions import depths_m
-from recon.transport.falloff import Falloff
-from recon.transport.fk_migration import FkMigration
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.configs.settings import Settings as AnySettings
+from nlos.recon.physics import PhysicsSettings, prepare
+from nlos.recon.transport.conventions import depths_m
+from nlos.recon.transport.falloff import Falloff
+from nlos.recon.transport.fk_migration import FkMigration
 
 
 class Settings(PhysicsSettings):

@@ -3,14 +3,14 @@
 import torch
 from torch import nn
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from configs.settings import Settings as AnySettings
-from recon.physics import LightConeSettings, prepare
-from recon.transport.conventions import depths_m
-from recon.transport.falloff import Falloff
-from recon.transport.light_cone import LightConeConvolution
-from recon.transport.resampling import LightConeResampling
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.configs.settings import Settings as AnySettings
+from nlos.recon.physics import LightConeSettings, prepare
+from nlos.recon.transport.conventions import depths_m
+from nlos.recon.transport.falloff import Falloff
+from nlos.recon.transport.light_cone import LightConeConvolution
+from nlos.recon.transport.resampling import LightConeResampling
 
 
 class Settings(LightConeSettings):

@@ -11,13 +11,13 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from configs.settings import Settings as BaseSettings
-from recon.layers.light_cone_layer import LightConeLayer
-from recon.layers.renderer import Renderer, depth_of, enlarged, nearness, projected, where_seen
-from recon.layers.transient_encoder import Stride, TransientEncoder
-from recon.layers.wiener_features import SNR_FACTORS, bins_together, counted, normalised, rebinned
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.configs.settings import Settings as BaseSettings
+from nlos.recon.layers.light_cone_layer import LightConeLayer
+from nlos.recon.layers.renderer import Renderer, depth_of, enlarged, nearness, projected, where_seen
+from nlos.recon.layers.transient_encoder import Stride, TransientEncoder
+from nlos.recon.layers.wiener_features import SNR_FACTORS, bins_together, counted, normalised, rebinned
 
 PAPER_SNR = 0.1
 TYPICAL_PULSE_BINS = 16
@@ -37,7 +37,7 @@ class Settings(BaseSettings):
 
 def build(settings: Settings, wall: WallGrid, time_axis: TimeAxis) -> nn.Module:
     """The network for this wall and time axis; raises WeightsError if the weights are not of this shape."""
-    from recon.training.checkpoint import with_weights
+    from nlos.recon.training.checkpoint import with_weights
 
     return with_weights(LearnedFeatureEmbeddings(settings, wall, time_axis), settings.weights)
 

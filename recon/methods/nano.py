@@ -9,12 +9,12 @@ import torch.nn.functional as F
 from pydantic import Field
 from torch import Tensor, nn
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from configs.settings import Settings as AnySettings
-from recon.layers.complex_activation import ActivationName
-from recon.layers.lifted_volumes import LiftedVolumes
-from recon.layers.measurement import (
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.configs.settings import Settings as AnySettings
+from nlos.recon.layers.complex_activation import ActivationName
+from nlos.recon.layers.lifted_volumes import LiftedVolumes
+from nlos.recon.layers.measurement import (
     SLICE,
     TRAINED_SLICES,
     VOLUMES,
@@ -24,13 +24,13 @@ from recon.layers.measurement import (
     rates_of,
     rebinned_axis,
 )
-from recon.layers.noise_level import NoiseLevel
-from recon.layers.physical_unfolding import PhysicalUnfolding
-from recon.layers.spectral_unfolding import Restriction, SpectralUnfolding
-from recon.layers.symmetries import Fields, mean_over_symmetries
-from recon.layers.transient_lifting import LiftingName
-from recon.layers.volume_projection import AttentionProjection, MaximumProjection, Projection
-from recon.memory import cube_bytes
+from nlos.recon.layers.noise_level import NoiseLevel
+from nlos.recon.layers.physical_unfolding import PhysicalUnfolding
+from nlos.recon.layers.spectral_unfolding import Restriction, SpectralUnfolding
+from nlos.recon.layers.symmetries import Fields, mean_over_symmetries
+from nlos.recon.layers.transient_lifting import LiftingName
+from nlos.recon.layers.volume_projection import AttentionProjection, MaximumProjection, Projection
+from nlos.recon.memory import cube_bytes
 
 POINTS = 32  # per wall width: the operator's own pitch, whatever the scan's
 CONDITIONS = 3
@@ -286,7 +286,7 @@ def to_grid(field: Tensor, size: tuple[int, int, int], highest: bool = False) ->
 
 def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
     """The operator for this wall and time axis; raises WeightsError if the weights are not of this shape."""
-    from recon.training.checkpoint import find_weights, put_weights, read_weights, with_weights
+    from nlos.recon.training.checkpoint import find_weights, put_weights, read_weights, with_weights
 
     assert isinstance(settings, Settings)
     network = Nano(settings, wall, time_axis)

@@ -12,15 +12,15 @@ import torch.nn.functional as F
 import torch.utils.checkpoint
 from torch import Tensor, nn
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from configs.settings import Settings as BaseSettings
-from recon.layers.light_cone_layer import LightConeLayer
-from recon.layers.renderer import Renderer, depth_of, nearness, projected, where_seen
-from recon.layers.space_depth_attention import CrossDecoder, GlobalEncoder, LocalEncoder
-from recon.layers.transient_encoder import LeakyBlock, LearnedAverage, TransientEncoder
-from recon.layers.wiener_features import SNR_FACTORS, bins_together, counted, normalised, rebinned
-from recon.methods.lfe import PAPER_SNR, TYPICAL_PULSE_BINS, coarser, min_max, padded_to, with_context
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.configs.settings import Settings as BaseSettings
+from nlos.recon.layers.light_cone_layer import LightConeLayer
+from nlos.recon.layers.renderer import Renderer, depth_of, nearness, projected, where_seen
+from nlos.recon.layers.space_depth_attention import CrossDecoder, GlobalEncoder, LocalEncoder
+from nlos.recon.layers.transient_encoder import LeakyBlock, LearnedAverage, TransientEncoder
+from nlos.recon.layers.wiener_features import SNR_FACTORS, bins_together, counted, normalised, rebinned
+from nlos.recon.methods.lfe import PAPER_SNR, TYPICAL_PULSE_BINS, coarser, min_max, padded_to, with_context
 
 DEPTH_STRIDE = 16
 STEM_FEATURES = 3
@@ -43,7 +43,7 @@ class Settings(BaseSettings):
 
 def build(settings: Settings, wall: WallGrid, time_axis: TimeAxis) -> nn.Module:
     """The network for this wall and time axis; raises WeightsError if the weights are not of this shape."""
-    from recon.training.checkpoint import with_weights
+    from nlos.recon.training.checkpoint import with_weights
 
     return with_weights(Nlost(settings, wall, time_axis), settings.weights)
 

@@ -7,18 +7,18 @@ import torch
 from pydantic import Field
 from torch import nn
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from configs.settings import Settings as AnySettings
-from recon.errors import InvalidSettings
-from recon.memory import cube_bytes
-from recon.physics import PhysicsSettings, prepare
-from recon.transport.conventions import depths_m, range_m
-from recon.transport.falloff import Falloff
-from recon.transport.light_cone import LightConeConvolution
-from recon.transport.phasor_field import KEPT_FILTER_BYTES, ConfocalRsd, frequencies_per_m
-from recon.transport.resampling import LightConeResampling
-from recon.transport.virtual_wave import VirtualWave
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.configs.settings import Settings as AnySettings
+from nlos.recon.errors import InvalidSettings
+from nlos.recon.memory import cube_bytes
+from nlos.recon.physics import PhysicsSettings, prepare
+from nlos.recon.transport.conventions import depths_m, range_m
+from nlos.recon.transport.falloff import Falloff
+from nlos.recon.transport.light_cone import LightConeConvolution
+from nlos.recon.transport.phasor_field import KEPT_FILTER_BYTES, ConfocalRsd, frequencies_per_m
+from nlos.recon.transport.resampling import LightConeResampling
+from nlos.recon.transport.virtual_wave import VirtualWave
 
 
 class Settings(PhysicsSettings):

@@ -4,13 +4,13 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from configs.settings import Settings as BaseSettings
-from recon.layers.renderer import where_seen
-from recon.layers.unet import UNet
-from recon.layers.volume_projection import AttentionProjection
-from recon.layers.wiener_features import SNR_FACTORS, WienerFeatures
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.configs.settings import Settings as BaseSettings
+from nlos.recon.layers.renderer import where_seen
+from nlos.recon.layers.unet import UNet
+from nlos.recon.layers.volume_projection import AttentionProjection
+from nlos.recon.layers.wiener_features import SNR_FACTORS, WienerFeatures
 
 
 class Settings(BaseSettings):
@@ -26,7 +26,7 @@ class Settings(BaseSettings):
 
 def build(settings: Settings, wall: WallGrid, time_axis: TimeAxis) -> nn.Module:
     """The network for this wall and time axis; raises WeightsError if the weights are not of this shape."""
-    from recon.training.checkpoint import with_weights
+    from nlos.recon.training.checkpoint import with_weights
 
     return with_weights(UNetMethod(settings, wall, time_axis), settings.weights)
 

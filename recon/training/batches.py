@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from recon.layers.symmetries import mirrored
-from recon.training.dataset import DatasetSettings, collate, sample
+from nlos.recon.layers.symmetries import mirrored
+from nlos.recon.training.dataset import DatasetSettings, collate, sample
 
 USED = ("counts", "exposure", "noise_map", "intensity", "albedo", "depth_m", "coverage", "noise_level", "background")
 

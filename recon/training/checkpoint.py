@@ -17,8 +17,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import nn
 
-from recon.errors import InvalidSettings
-from recon.training.foreign_weights import SUFFIXES, ForeignWeightsError, read_foreign
+from nlos.recon.errors import InvalidSettings
+from nlos.recon.training.foreign_weights import SUFFIXES, ForeignWeightsError, read_foreign
 
 OWN_FOLDER = Path(__file__).parents[1] / "weights"
 SHOWN = 5

@@ -17,16 +17,16 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from configs.settings import Settings
-from recon.training.detector import DetectorSettings, measure
-from recon.training.impulse_responses import read_impulse_response
-from recon.training.rendering import render
-from recon.training.scenes import GENERATOR, Scene, front_view, make_scene, surfels
-from recon.training.second_bounce import render_second_bounce, thinned
-from recon.training.shapes import Array
-from recon.training.visibility import visibility
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.configs.settings import Settings
+from nlos.recon.training.detector import DetectorSettings, measure
+from nlos.recon.training.impulse_responses import read_impulse_response
+from nlos.recon.training.rendering import render
+from nlos.recon.training.scenes import GENERATOR, Scene, front_view, make_scene, surfels
+from nlos.recon.training.second_bounce import render_second_bounce, thinned
+from nlos.recon.training.shapes import Array
+from nlos.recon.training.visibility import visibility
 
 BOUNCING = 160
 TRUTH = ("intensity", "albedo", "depth_m", "coverage")

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.transient import TimeAxis
-from configs.settings import Settings
-from recon.training.shapes import Array
+from nlos.acquisition.transient import TimeAxis
+from nlos.configs.settings import Settings
+from nlos.recon.training.shapes import Array
 
 NOISELESS_PEAK_COUNTS = 20_000.0
 UNIFORM_NOISE_PEAK_COUNTS = 255.0

@@ -14,7 +14,7 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
-from recon.errors import InvalidSettings
+from nlos.recon.errors import InvalidSettings
 
 SUFFIXES = (".pt", ".pth", ".bin")
 DEADLINE_S = 120.0

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from recon.training.kinds import Kind, Rng, bright, place, small_turn, smooth_noise
-from recon.training.lettering import SIGN_FONTS, lettering
-from recon.training.shapes import Canvas, box, ellipsoid, height_field, panel, polyline, tube, turned
+from nlos.recon.training.kinds import Kind, Rng, bright, place, small_turn, smooth_noise
+from nlos.recon.training.lettering import SIGN_FONTS, lettering
+from nlos.recon.training.shapes import Canvas, box, ellipsoid, height_field, panel, polyline, tube, turned
 
 SIGNS = "&%?@#§$£€¥ΔΣΩΨΞΦπλγ∂∇∫√∞⊕⊗→↑↔♣♠♥♦"
 

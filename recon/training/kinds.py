@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
-from recon.training.lettering import LETTER_FONTS, lettering
-from recon.training.shapes import (
+from nlos.recon.training.lettering import LETTER_FONTS, lettering
+from nlos.recon.training.shapes import (
     Array,
     Canvas,
     box,

@@ -7,7 +7,7 @@ import matplotlib
 import numpy as np
 from matplotlib.ft2font import FT2Font
 
-from recon.training.shapes import Array, Canvas
+from nlos.recon.training.shapes import Array, Canvas
 
 LETTER_FONTS = (
     "DejaVuSans-Bold",

@@ -13,9 +13,9 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
-from acquisition.wall import WallGrid
-from recon.training.radiance import read_radiance
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.training.radiance import read_radiance
 
 BIN_PATH_M = 0.01
 WALL_WIDTH_M = 2.0

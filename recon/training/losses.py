@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import torch
 import torch.nn.functional as F
 
-from configs.settings import Settings
+from nlos.configs.settings import Settings
 
 Prediction = tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]
 """Albedo (B, H, W) in units of the picture's maximum, depth (B, H, W) in metres, volume (B, D, H, W) or None."""

@@ -6,11 +6,11 @@ a GPU in large ones. Radiometry of a Lambertian wall and object as in O'Toole et
 
 import torch
 
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
-from acquisition.wall import WallGrid
-from recon.training.scenes import Surfels
-from recon.training.shapes import Array
-from recon.training.visibility import spread
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.training.scenes import Surfels
+from nlos.recon.training.shapes import Array
+from nlos.recon.training.visibility import spread
 
 CPU_BLOCK = 1 << 17
 GPU_BLOCK = 1 << 25

@@ -1,6 +1,6 @@
 """Scenes of the kinds that training never sees, written as files that `nlos evaluate --data` reads.
 
-`python -m recon.training.scene_files runs/held_out`
+`python -m nlos.recon.training.scene_files runs/held_out`
 """
 
 import sys
@@ -9,11 +9,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from recon.training.rendering import render
-from recon.training.scenes import front_view, kind_names, make_scene, surfels
-from recon.training.visibility import visibility
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.training.rendering import render
+from nlos.recon.training.scenes import front_view, kind_names, make_scene, surfels
+from nlos.recon.training.visibility import visibility
 
 WALL, TIME = WallGrid(2.0, 2.0, 64, 64), TimeAxis(512, 32e-12)
 PEAK_COUNTS = (20, 5, 1)

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.wall import WallGrid
-from recon.training.held_out_kinds import HELD_OUT
-from recon.training.kinds import TRAINED, Rng, smooth_noise
-from recon.training.shapes import Array, Canvas, blank_canvas
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.training.held_out_kinds import HELD_OUT
+from nlos.recon.training.kinds import TRAINED, Rng, smooth_noise
+from nlos.recon.training.shapes import Array, Canvas, blank_canvas
 
 GENERATOR = 1
 """Goes up whenever the same (seed, index) begins to mean another scene: caches made before are then not used."""

@@ -3,9 +3,9 @@
 import numpy as np
 import torch
 
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
-from acquisition.wall import WallGrid
-from recon.training.scenes import Surfels
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.training.scenes import Surfels
 
 
 def thinned(surfels: Surfels, count: int, rng: np.random.Generator) -> Surfels:

@@ -1,6 +1,6 @@
 """Puts the weights of a finished run where the program finds them, with a card that says what they are.
 
-`python -m recon.training.ship runs/train/lfe lfe`
+`python -m nlos.recon.training.ship runs/train/lfe lfe`
 """
 
 import json
@@ -8,14 +8,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from recon.training.checkpoint import OWN_FOLDER, WeightsError, read_weights, save
-from recon.training.train import LOG, WEIGHTS
+from nlos.recon.training.checkpoint import OWN_FOLDER, WeightsError, read_weights, save
+from nlos.recon.training.train import LOG, WEIGHTS
 
 MOST_BYTES = 5_000_000
 NOTE = """
 Validation: scenes of the kinds that are held out from training, all measuring conditions mixed; PSNR at the best scale,
 against the light-cone transform at the best of five snr for every single sample. Trained on simulated scenes only.
-Made by `nlos train {name}` and `python -m recon.training.ship`.
+Made by `nlos train {name}` and `python -m nlos.recon.training.ship`.
 """
 
 

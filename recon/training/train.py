@@ -22,11 +22,11 @@ import torch
 import torch.distributed as dist
 from torch import nn
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from recon.methods import find
-from recon.training.batches import batch_at, mirrored_batch, pooled, whole_scan
-from recon.training.checkpoint import (
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.methods import find
+from nlos.recon.training.batches import batch_at, mirrored_batch, pooled, whole_scan
+from nlos.recon.training.checkpoint import (
     commit,
     load_weights,
     optimiser_tensors,
@@ -36,10 +36,10 @@ from recon.training.checkpoint import (
     save,
     share_parameters,
 )
-from recon.training.log import Log, plot
-from recon.training.losses import losses
-from recon.training.train_settings import TrainSettings
-from recon.training.validation import validate
+from nlos.recon.training.log import Log, plot
+from nlos.recon.training.losses import losses
+from nlos.recon.training.train_settings import TrainSettings
+from nlos.recon.training.validation import validate
 
 Report = Callable[[str], None]
 Objective = Callable[[Mapping[str, torch.Tensor]], dict[str, torch.Tensor]]

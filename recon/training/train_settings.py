@@ -5,9 +5,9 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from configs.settings import Settings
-from recon.training.dataset import DatasetSettings
-from recon.training.losses import LossSettings
+from nlos.configs.settings import Settings
+from nlos.recon.training.dataset import DatasetSettings
+from nlos.recon.training.losses import LossSettings
 
 
 class TrainSettings(Settings):

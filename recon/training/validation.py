@@ -4,12 +4,12 @@ import numpy as np
 import torch
 from torch import nn
 
-from recon.training.dataset import collate, sample
-from recon.training.losses import picture_of, psnr
-from recon.training.train_settings import TrainSettings
-from recon.transport.falloff import Falloff
-from recon.transport.light_cone import LightConeConvolution
-from recon.transport.resampling import LightConeResampling
+from nlos.recon.training.dataset import collate, sample
+from nlos.recon.training.losses import picture_of, psnr
+from nlos.recon.training.train_settings import TrainSettings
+from nlos.recon.transport.falloff import Falloff
+from nlos.recon.transport.light_cone import LightConeConvolution
+from nlos.recon.transport.resampling import LightConeResampling
 
 SNRS = (1.0, 0.1, 0.03, 0.01, 0.003)
 

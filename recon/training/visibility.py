@@ -3,9 +3,9 @@
 import numpy as np
 import torch
 
-from acquisition.wall import WallGrid
-from recon.training.scenes import Scene, Surfels
-from recon.training.shapes import Array
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.training.scenes import Scene, Surfels
+from nlos.recon.training.shapes import Array
 
 STEPS = 32
 CLEAR = 1.5 / STEPS  # part of the ray nearest to the surfel, where only its own surface is

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 
 Conventions = Literal["physical", "authors"]
 

@@ -4,8 +4,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from acquisition.transient import TimeAxis
-from recon.transport.conventions import Conventions, check_supported, depths_m, range_m
+from nlos.acquisition.transient import TimeAxis
+from nlos.recon.transport.conventions import Conventions, check_supported, depths_m, range_m
 
 
 class Falloff(nn.Module):

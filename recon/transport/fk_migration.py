@@ -12,11 +12,11 @@ import numpy as np
 import torch
 from torch import nn
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from recon.transport.conventions import Conventions, check_supported, speed_m_per_s
-from recon.transport.fourier import Array, add_signal_, array_of, cast, each, fft, good_size, half_spectrum, ifft
-from recon.transport.linear import linear
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.transport.conventions import Conventions, check_supported, speed_m_per_s
+from nlos.recon.transport.fourier import Array, add_signal_, array_of, cast, each, fft, good_size, half_spectrum, ifft
+from nlos.recon.transport.linear import linear
 
 PLANES_AT_ONCE = 8
 

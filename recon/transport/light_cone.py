@@ -12,10 +12,10 @@ import numpy as np
 import torch
 from torch import nn
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from recon.transport.conventions import Conventions, check_supported
-from recon.transport.fourier import (
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.transport.conventions import Conventions, check_supported
+from nlos.recon.transport.fourier import (
     Array,
     Multiply,
     add_signal_,
@@ -24,9 +24,9 @@ from recon.transport.fourier import (
     half_spectrum,
     multiply_even_,
 )
-from recon.transport.light_cone_kernel import chirps, published_transfer
-from recon.transport.linear import linear
-from recon.transport.resampling import resampling_matrix
+from nlos.recon.transport.light_cone_kernel import chirps, published_transfer
+from nlos.recon.transport.linear import linear
+from nlos.recon.transport.resampling import resampling_matrix
 
 Snr = float | torch.Tensor
 Gain = Callable[[Any, slice], Any]

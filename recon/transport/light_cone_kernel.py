@@ -13,11 +13,11 @@ import scipy.fft
 import torch
 from scipy.special import fresnel
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from recon.transport.conventions import Conventions, range_m
-from recon.transport.fourier import good_size
-from recon.transport.resampling import resampling_matrix
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.transport.conventions import Conventions, range_m
+from nlos.recon.transport.fourier import good_size
+from nlos.recon.transport.resampling import resampling_matrix
 
 
 def padded_cells(wall: WallGrid, time: TimeAxis, conventions: Conventions = "physical") -> int:

@@ -12,10 +12,10 @@ import scipy.fft
 import torch
 from torch import nn
 
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
-from acquisition.wall import WallGrid
-from recon.transport.fourier import Array, array_of, each, fft, good_size, ifft
-from recon.transport.linear import linear
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.transport.fourier import Array, array_of, each, fft, good_size, ifft
+from nlos.recon.transport.linear import linear
 
 KEPT_FILTER_BYTES = 1 << 30  # filters of one geometry are kept between calls up to this; beyond, made as they are used
 

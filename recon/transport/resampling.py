@@ -10,9 +10,9 @@ import scipy.sparse
 import torch
 from torch import nn
 
-from acquisition.transient import TimeAxis
-from recon.transport.conventions import Conventions, check_supported
-from recon.transport.linear import along_time, linear
+from nlos.acquisition.transient import TimeAxis
+from nlos.recon.transport.conventions import Conventions, check_supported
+from nlos.recon.transport.linear import along_time, linear
 
 
 class LightConeResampling(nn.Module):

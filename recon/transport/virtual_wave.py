@@ -8,10 +8,10 @@ import numpy as np
 import torch
 from torch import nn
 
-from acquisition.transient import TimeAxis
-from recon.transport.conventions import Conventions, speed_m_per_s
-from recon.transport.fourier import good_size
-from recon.transport.linear import linear
+from nlos.acquisition.transient import TimeAxis
+from nlos.recon.transport.conventions import Conventions, speed_m_per_s
+from nlos.recon.transport.fourier import good_size
+from nlos.recon.transport.linear import linear
 
 
 class VirtualWave(nn.Module):

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from acquisition.plan import ScanPlan
-from acquisition.scan_settings import ScanSettings
-from configs.load import load
-from drivers.bench import BenchSettings
-from drivers.simulated.faults import Fault
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.configs.load import load
+from nlos.drivers.bench import BenchSettings
+from nlos.drivers.simulated.faults import Fault
 
 
 @pytest.fixture(scope="session")

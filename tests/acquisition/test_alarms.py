@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition.alarms import AlarmRaised, Alarms, AlarmSettings
-from acquisition.control import ScanControl, ScanState
-from acquisition.engine import scan
-from acquisition.plan import ScanPlan
-from acquisition.sample import Sample, ScanPoint
-from drivers.bench import Bench, BenchSettings, open_bench
-from drivers.tcspc.counter import Histogram, HistogramFlag
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.sample import Sample, ScanPoint
+from nlos.acquisition.scanning.alarms import AlarmRaised, Alarms, AlarmSettings
+from nlos.acquisition.scanning.control import ScanControl, ScanState
+from nlos.acquisition.scanning.engine import scan
+from nlos.drivers.bench import Bench, BenchSettings, open_bench
+from nlos.drivers.tcspc.counter import Histogram, HistogramFlag
 
 Benches = Callable[..., BenchSettings]
 Plans = Callable[..., ScanPlan]

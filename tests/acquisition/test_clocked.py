@@ -7,17 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition.clocked import stepping
-from acquisition.control import ScanControl, ScanState
-from acquisition.engine import scan
-from acquisition.plan import ScanPlan
-from acquisition.sample import Sample, ScanPoint
-from acquisition.schemes import Scheme, choose
-from drivers.bench import Bench, BenchSettings, open_bench
-from drivers.errors import DeviceFault
-from drivers.galvo.mirror import MirrorAngles
-from drivers.galvo.settle import SettleModel
-from drivers.simulated.faults import Fault
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.schemes import Scheme, choose
+from nlos.acquisition.sample import Sample, ScanPoint
+from nlos.acquisition.scanning.clocked import stepping
+from nlos.acquisition.scanning.control import ScanControl, ScanState
+from nlos.acquisition.scanning.engine import scan
+from nlos.drivers.bench import Bench, BenchSettings, open_bench
+from nlos.drivers.errors import DeviceFault
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.settle import SettleModel
+from nlos.drivers.simulated.faults import Fault
 
 Benches = Callable[..., BenchSettings]
 Plans = Callable[..., ScanPlan]

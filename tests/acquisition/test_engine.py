@@ -5,13 +5,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from acquisition.control import ScanControl, ScanState
-from acquisition.engine import scan
-from acquisition.plan import ScanPlan
-from acquisition.sample import Sample
-from drivers.bench import Bench, BenchSettings, open_bench
-from drivers.errors import DeviceError, DeviceLost, LimitError, SafetyTrip
-from drivers.simulated.faults import Fault
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.sample import Sample
+from nlos.acquisition.scanning.control import ScanControl, ScanState
+from nlos.acquisition.scanning.engine import scan
+from nlos.drivers.bench import Bench, BenchSettings, open_bench
+from nlos.drivers.errors import DeviceError, DeviceLost, LimitError, SafetyTrip
+from nlos.drivers.simulated.faults import Fault
 
 Benches = Callable[..., BenchSettings]
 Plans = Callable[..., ScanPlan]

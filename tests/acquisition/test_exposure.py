@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition.engine import record, scan
-from acquisition.errors import InvalidData, PlanRefused
-from acquisition.plan import ScanPlan
-from acquisition.provenance import Header
-from acquisition.recording import Recording
-from acquisition.recording_writer import RecordingWriter
-from drivers.bench import BenchSettings, open_bench
-from drivers.tcspc.counter import HistogramFlag
+from nlos.acquisition.errors import InvalidData, PlanRefused
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.scanning.engine import record, scan
+from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.drivers.tcspc.counter import HistogramFlag
 
 Benches = Callable[..., BenchSettings]
 Plans = Callable[..., ScanPlan]

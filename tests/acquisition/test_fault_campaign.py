@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition.engine import record, scan
-from acquisition.plan import ScanPlan
-from acquisition.provenance import Header
-from acquisition.recording import Recording
-from acquisition.salvage import resume, verify
-from acquisition.scan_settings import ScanSettings
-from configs.load import load
-from drivers.bench import BenchSettings, open_bench
-from drivers.errors import DeviceError
-from drivers.simulated.faults import Fault
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.salvage import resume, verify
+from nlos.acquisition.scanning.engine import record, scan
+from nlos.configs.load import load
+from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.drivers.errors import DeviceError
+from nlos.drivers.simulated.faults import Fault
 
 SOAK = os.environ.get("NLOS_SOAK") == "1"
 SCANS = 100 if SOAK else 16

@@ -17,20 +17,20 @@ from typing import Any
 
 import pytest
 
-from acquisition.control import ScanControl, ScanState
-from acquisition.engine import record, scan
-from acquisition.errors import StorageError
-from acquisition.plan import ScanPlan
-from acquisition.provenance import Header
-from acquisition.recording import Recording, Status
-from acquisition.recording_writer import RecordingWriter
-from acquisition.salvage import resume, verify
-from acquisition.sample import Sample
-from drivers.bench import BenchSettings, open_bench
+from nlos.acquisition.errors import StorageError
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import Recording, Status
+from nlos.acquisition.recording.salvage import resume, verify
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.sample import Sample
+from nlos.acquisition.scanning.control import ScanControl, ScanState
+from nlos.acquisition.scanning.engine import record, scan
+from nlos.drivers.bench import BenchSettings, open_bench
 
 FORK = multiprocessing.get_context("fork")
 SOAK = os.environ.get("NLOS_SOAK") == "1"
-WRITING = ("recording_writer.py", "recording_header.py", "salvage.py", "writer_lock.py")
+WRITING = tuple(f"recording/{name}.py" for name in ("writer", "header", "salvage", "writer_lock"))
 
 
 class Acknowledging:

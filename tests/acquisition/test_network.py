@@ -14,19 +14,19 @@ import zmq
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acquisition.errors import InvalidData
-from acquisition.network.messages import decode_plan, decode_request, decode_samples
-from acquisition.network.mirror import mirror
-from acquisition.network.server import SampleServer
-from acquisition.network.ticket import Ticket, new_keys
-from acquisition.plan import ScanPlan
-from acquisition.positions import pixels
-from acquisition.provenance import Header
-from acquisition.recording import Recording, Status
-from acquisition.recording_writer import RecordingWriter
-from acquisition.sample import Sample
-from acquisition.wall import WallGrid
-from drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.network.messages import decode_plan, decode_request, decode_samples
+from nlos.acquisition.network.mirror import mirror
+from nlos.acquisition.network.server import SampleServer
+from nlos.acquisition.network.ticket import Ticket, new_keys
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.positions import pixels
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import Recording, Status
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.sample import Sample
+from nlos.acquisition.wall import WallGrid
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
 
 WALL = WallGrid(1.0, 1.0, 20, 20)
 

@@ -8,19 +8,19 @@ import h5py
 import numpy as np
 import pytest
 
-from acquisition.errors import InvalidData, StorageError
-from acquisition.plan import ScanPlan
-from acquisition.positions import pixels
-from acquisition.provenance import Header
-from acquisition.recording import Recording, Status
-from acquisition.recording_writer import RecordingWriter
-from acquisition.salvage import ResumeRefused, recover, resume, verify
-from acquisition.sample import Sample
-from acquisition.scan_settings import ScanSettings
-from acquisition.wall import WallGrid
-from drivers.clock import VirtualClock
-from drivers.identity import DeviceIdentity
-from drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
+from nlos.acquisition.errors import InvalidData, StorageError
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.positions import pixels
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import Recording, Status
+from nlos.acquisition.recording.salvage import ResumeRefused, recover, resume, verify
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.sample import Sample
+from nlos.acquisition.wall import WallGrid
+from nlos.drivers.clock import VirtualClock
+from nlos.drivers.identity import DeviceIdentity
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
 
 COUNTER = DeviceIdentity("tcspc488", "NLOS", "TCSPC-488", "0001", "1.0")
 HEADER = Header(scan_text="wall: …", bench_text="mirror: …", devices={"counter": COUNTER})

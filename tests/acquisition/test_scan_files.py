@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from acquisition.outlook import aim_of, checked_angles
-from acquisition.scan_settings import ScanSettings
-from acquisition.schemes import choose
-from configs.load import ConfigError, load, names, parse
-from drivers.bench import BenchSettings, open_bench
+from nlos.acquisition.planning.preflight import aim_of, checked_angles
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.planning.schemes import choose
+from nlos.configs.load import ConfigError, load, names, parse
+from nlos.drivers.bench import BenchSettings, open_bench
 
 
 @pytest.mark.parametrize("name", names("scan"))

@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition.engine import record, scan
-from acquisition.errors import InvalidData, StorageError
-from acquisition.follow import follow
-from acquisition.plan import ScanPlan
-from acquisition.provenance import Header
-from acquisition.recording import Recording, Status
-from acquisition.recording_writer import RecordingWriter
-from acquisition.replay import replay
-from acquisition.salvage import resume
-from acquisition.sample import Sample
-from drivers.bench import BenchSettings, open_bench
-from drivers.clock import VirtualClock
+from nlos.acquisition.errors import InvalidData, StorageError
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.recording.follow import follow
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import Recording, Status
+from nlos.acquisition.recording.replay import replay
+from nlos.acquisition.recording.salvage import resume
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.sample import Sample
+from nlos.acquisition.scanning.engine import record, scan
+from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.drivers.clock import VirtualClock
 
 Benches = Callable[..., BenchSettings]
 Plans = Callable[..., ScanPlan]

@@ -6,18 +6,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition.engine import scan
-from acquisition.errors import PlanRefused
-from acquisition.outlook import aim_of, checked_angles
-from acquisition.plan import ScanPlan
-from acquisition.provenance import Header
-from acquisition.recording import Recording
-from acquisition.recording_writer import RecordingWriter
-from acquisition.schemes import Scheme, choose, forecast
-from acquisition.sweeping import Lines, line_length, sweep
-from drivers.bench import Bench, BenchSettings, open_bench
-from drivers.errors import LimitError
-from drivers.simulated.faults import Fault
+from nlos.acquisition.errors import PlanRefused
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.preflight import aim_of, checked_angles
+from nlos.acquisition.planning.schemes import Scheme, choose, forecast
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.scanning.engine import scan
+from nlos.acquisition.scanning.sweeping import Lines, line_length, sweep
+from nlos.drivers.bench import Bench, BenchSettings, open_bench
+from nlos.drivers.errors import LimitError
+from nlos.drivers.simulated.faults import Fault
 
 Benches = Callable[..., BenchSettings]
 Plans = Callable[..., ScanPlan]

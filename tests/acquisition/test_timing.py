@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition.alarms import Alarms, AlarmSettings
-from acquisition.engine import record, scan
-from acquisition.errors import StorageError
-from acquisition.outlook import (
+from nlos.acquisition.errors import StorageError
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.preflight import (
     ExpectedRates,
     aim_of,
     check_disk,
@@ -20,14 +19,15 @@ from acquisition.outlook import (
     disk_bytes,
     expectation,
 )
-from acquisition.plan import ScanPlan
-from acquisition.provenance import Header
-from acquisition.recording import Recording
-from acquisition.recording_writer import RecordingWriter
-from acquisition.schemes import Scheme, forecast
-from acquisition.timing import Pace, learned_links, links_of, moves_s
-from drivers.bench import BenchSettings, open_bench
-from drivers.errors import LimitError
+from nlos.acquisition.planning.schemes import Scheme, forecast
+from nlos.acquisition.planning.timing import Pace, learned_links, links_of, moves_s
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.scanning.alarms import Alarms, AlarmSettings
+from nlos.acquisition.scanning.engine import record, scan
+from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.drivers.errors import LimitError
 
 Benches = Callable[..., BenchSettings]
 Plans = Callable[..., ScanPlan]

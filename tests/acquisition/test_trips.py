@@ -8,16 +8,16 @@ from typing import Any
 
 import pytest
 
-from acquisition.engine import scan
-from acquisition.plan import ScanPlan
-from acquisition.schemes import Scheme
-from configs.load import load
-from drivers.bench import BenchSettings, open_bench
-from drivers.clock import Clock
-from drivers.errors import DeviceLost, DeviceReset, SafetyTrip
-from drivers.simulated.faults import Fault
-from drivers.simulated.serial_port import plugged
-from drivers.simulated.tcspc488_protection import Protection
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.schemes import Scheme
+from nlos.acquisition.scanning.engine import scan
+from nlos.configs.load import load
+from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.drivers.clock import Clock
+from nlos.drivers.errors import DeviceLost, DeviceReset, SafetyTrip
+from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.serial.port import plugged
+from nlos.drivers.simulated.tcspc488.protection import Protection
 
 Plans = Callable[..., ScanPlan]
 WITHIN_S = 0.02

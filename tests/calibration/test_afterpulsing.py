@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from calibration.afterpulsing import from_arrival_times, from_full_period, subtract_afterpulses
-from calibration.errors import InvalidData
+from nlos.calibration.afterpulsing import from_arrival_times, from_full_period, subtract_afterpulses
+from nlos.calibration.errors import InvalidData
 
 DEAD_S, PROBABILITY, DECAY_S = 40e-9, 0.04, 30e-9
 

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from calibration.alignment import align, align_by_floor_and_circshift, align_variance, recorded_bins
+from nlos.calibration.alignment import align, align_by_floor_and_circshift, align_variance, recorded_bins
 
 histograms = arrays(np.uint32, (3, 40), elements=st.integers(0, 5000))
 offsets = arrays(np.float64, (3,), elements=st.floats(-60, 60))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from calibration.background import before_pulse, dark_rate_per_bin, is_flat, quiet_background, subtract
+from nlos.calibration.background import before_pulse, dark_rate_per_bin, is_flat, quiet_background, subtract
 
 
 def test_points_with_one_rate_share_their_estimate() -> None:

@@ -8,19 +8,19 @@ import h5py
 import numpy as np
 import pytest
 
-from acquisition.engine import record, scan
-from acquisition.exporters.ptu import write_ptu
-from acquisition.exporters.scan_arrays import arrays_of_import
-from acquisition.importers.formats import read_any
-from acquisition.provenance import Header
-from acquisition.recording_writer import RecordingWriter
-from acquisition.scan_settings import ScanSettings
-from calibration.constants import load
-from calibration.geometry import ScannerGeometry
-from configs.load import load as load_settings
-from drivers.bench import BenchSettings, open_bench
 from nlos.__main__ import run as nlos
-from nlos.terminal import terminal
+from nlos.acquisition.exporters.ptu import write_ptu
+from nlos.acquisition.exporters.scan_arrays import arrays_of_import
+from nlos.acquisition.importers.formats import read_any
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.scanning.engine import record, scan
+from nlos.calibration.constants import load
+from nlos.calibration.geometry import ScannerGeometry
+from nlos.cli.terminal import terminal
+from nlos.configs.load import load as load_settings
+from nlos.drivers.bench import BenchSettings, open_bench
 from tests.calibration.conftest import make_raw_scan
 
 SCAN = """wall: {width_m: 1.0, height_m: 1.0, rows: 12, cols: 12}

@@ -5,14 +5,14 @@ import h5py
 import numpy as np
 import pytest
 
-from acquisition.sample import Sample, ScanPoint
-from acquisition.transient import TimeAxis
-from calibration.constants import Arrivals, BenchConstants, Quantity, load, load_response, newest_that_fits, save
-from calibration.correct import common_bins, correct_known, correct_points, correct_sample
-from calibration.errors import ForeignConstants, InvalidData, PoorCalibration
-from calibration.geometry import ScannerGeometry
-from calibration.raw_points import RawPoints
-from drivers.tcspc.counter import Histogram, HistogramFlag
+from nlos.acquisition.sample import Sample, ScanPoint
+from nlos.acquisition.transient import TimeAxis
+from nlos.calibration.constants import Arrivals, BenchConstants, Quantity, load, load_response, newest_that_fits, save
+from nlos.calibration.correct import common_bins, correct_known, correct_points, correct_sample
+from nlos.calibration.errors import ForeignConstants, InvalidData, PoorCalibration
+from nlos.calibration.geometry import ScannerGeometry
+from nlos.calibration.raw_points import RawPoints
+from nlos.drivers.tcspc.counter import Histogram, HistogramFlag
 from tests.calibration.conftest import RawScan
 
 TCSPC = Path(__file__).parents[3] / "shared" / "data" / "tcspc"

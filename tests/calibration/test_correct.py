@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from acquisition.transient import TimeAxis, Transient
-from acquisition.wall import WallGrid
-from calibration.correct import correct, correct_points
-from calibration.errors import InvalidData, SaturatedBins
-from calibration.raw_points import RawPoints
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
+from nlos.calibration.correct import correct, correct_points
+from nlos.calibration.errors import InvalidData, SaturatedBins
+from nlos.calibration.raw_points import RawPoints
 from tests.calibration.conftest import RawScan, make_raw_scan
 
 

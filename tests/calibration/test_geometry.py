@@ -5,19 +5,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition.aim import Aim
-from calibration.errors import InvalidData
-from calibration.geometry import ScannerGeometry
-from calibration.geometry_fit import DirectTimes, Spots, fit_geometry
-from calibration.homography import (
+from nlos.acquisition.planning.aim import Aim
+from nlos.calibration.errors import InvalidData
+from nlos.calibration.geometry import ScannerGeometry
+from nlos.calibration.geometry_fit import DirectTimes, Spots, fit_geometry
+from nlos.calibration.homography import (
     angles_from_volts,
     apply_homography,
     fit_homography,
     slopes_from_angles,
     slopes_from_unit_circle,
 )
-from drivers.galvo.mirror import MirrorAngles
-from drivers.simulated.beam import BeamPath, Misalignment
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.simulated.beam import BeamPath, Misalignment
 
 C = 299_792_458.0
 TRUE = ScannerGeometry(2.03, 0.015, 0.04, -0.03, 1.013, 0.992, 0.006, -0.009, np.deg2rad(3), np.deg2rad(-4))

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition.importers.plain import read_plain
-from acquisition.transient import Transient
-from calibration.correct import correct
+from nlos.acquisition.importers.plain import read_plain
+from nlos.acquisition.transient import Transient
+from nlos.calibration.correct import correct
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "real"
 pytestmark = pytest.mark.skipif(not REAL.exists(), reason="../shared is not here")
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.skipif(not REAL.exists(), reason="../shared is not here
 
 def front_view(transient: Transient, falloff: int) -> np.ndarray:
     pytest.importorskip("torch")
-    from recon.reconstruct import reconstruct
+    from nlos.recon.reconstruct import reconstruct
 
     settings = {"falloff": falloff, "snr": 0.8, "bin_width_ps": 16.0}
     return np.nan_to_num(reconstruct(transient, "lct", settings).albedo)

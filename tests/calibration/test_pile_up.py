@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration.errors import SaturatedBins
-from calibration.pile_up import correct_free_running, correct_synchronous
+from nlos.calibration.errors import SaturatedBins
+from nlos.calibration.pile_up import correct_free_running, correct_synchronous
 
 PULSES = 4_000_000
 

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from acquisition.aim import Aim
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from calibration.correct import correct_points
-from calibration.detector import undo_dead_time
-from calibration.measure import measure_constants
-from calibration.raw_points import RawPoints
-from drivers.galvo.mirror import MirrorAngles
-from drivers.simulated.beam import BeamPath, Misalignment
-from drivers.simulated.bench import Gate
-from drivers.simulated.scene import SceneLight, SceneSettings
-from drivers.simulated.spad import DetectorSettings
+from nlos.acquisition.planning.aim import Aim
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.calibration.correct import correct_points
+from nlos.calibration.detector import undo_dead_time
+from nlos.calibration.measure import measure_constants
+from nlos.calibration.raw_points import RawPoints
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.simulated.beam import BeamPath, Misalignment
+from nlos.drivers.simulated.bench import Gate
+from nlos.drivers.simulated.scene import SceneLight, SceneSettings
+from nlos.drivers.simulated.spad import DetectorSettings
 
 HZ = 10e6
 AIM = Aim(2.0, 0.01)

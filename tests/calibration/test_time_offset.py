@@ -4,11 +4,11 @@ import h5py
 import numpy as np
 import pytest
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from calibration.errors import NoDirectPeak, ShutterClosed
-from calibration.impulse_response import gaussian
-from calibration.time_offset import TimeOffsets, measure_time_offsets
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.calibration.errors import NoDirectPeak, ShutterClosed
+from nlos.calibration.impulse_response import gaussian
+from nlos.calibration.time_offset import TimeOffsets, measure_time_offsets
 from tests.calibration.conftest import RawScan, make_raw_scan
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from acquisition.transient import TimeAxis
-from calibration.raw_points import RawPoints
-from calibration.wall_size import fit_scale, wall_scale
+from nlos.acquisition.transient import TimeAxis
+from nlos.calibration.raw_points import RawPoints
+from nlos.calibration.wall_size import fit_scale, wall_scale
 from tests.calibration.conftest import RawScan, make_raw_scan
 
 

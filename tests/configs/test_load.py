@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field
 
-from configs.load import ConfigError, find, load, parse
-from configs.settings import Settings
+from nlos.configs.load import ConfigError, find, load, parse
+from nlos.configs.settings import Settings
 
 
 class Circle(Settings):

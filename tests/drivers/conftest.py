@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 import numpy as np
 import pytest
 
-from drivers.galvo.mirror import MirrorAngles
-from drivers.simulated.bench import Exposure, Gate, SimulatedBench
-from drivers.simulated.faults import Fault, FaultPlan
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.simulated.bench import Exposure, Gate, SimulatedBench
+from nlos.drivers.simulated.faults import Fault, FaultPlan
 
 
 def darkness(gate: Gate, beam: MirrorAngles, is_open: bool) -> Exposure:

@@ -8,10 +8,10 @@ import signal
 import sys
 import threading
 
-from configs.load import load
-from drivers.bench import Bench, BenchSettings, open_bench
-from drivers.galvo.mirror import MirrorAngles
-from drivers.tcspc.counter import HistogramAxis
+from nlos.configs.load import load
+from nlos.drivers.bench import Bench, BenchSettings, open_bench
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.tcspc.counter import HistogramAxis
 
 
 def log(device: str, direction: str, data: bytes) -> None:

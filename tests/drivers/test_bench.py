@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from configs.load import ConfigError, load, names, parse
-from drivers.bench import Bench, BenchSettings, open_bench
-from drivers.bench_settings import AllowedArea
-from drivers.errors import DeviceBusy, DeviceError, LimitError, SafetyTrip
-from drivers.galvo.mirror import MirrorAngles
-from drivers.simulated.faults import Fault
-from drivers.simulated.serial_port import unplug
-from drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
+from nlos.configs.load import ConfigError, load, names, parse
+from nlos.drivers.bench import Bench, BenchSettings, open_bench
+from nlos.drivers.bench_settings import AllowedArea
+from nlos.drivers.errors import DeviceBusy, DeviceError, LimitError, SafetyTrip
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.serial.port import unplug
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
 
 AXES = {"tcspc488": HistogramAxis(512, 32e-12, 10e-9), "picoquant": HistogramAxis(512, 40e-12, 10e-9)}
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.exit_paths import ExitPaths
-from drivers.simulated.bench import SimulatedBench
-from drivers.simulated.tcspc488_firmware import Tcspc488Firmware
+from nlos.drivers.exit_paths import ExitPaths
+from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
 
 CHILD = Path(__file__).parent / "scanning_child.py"
 

@@ -3,12 +3,12 @@
 import re
 from pathlib import Path
 
-from configs.load import load
-from drivers.bench import BenchSettings
-from drivers.simulated.bench import SimulatedBench
-from drivers.simulated.instruments import light_of
-from drivers.simulated.tcspc488_firmware import Tcspc488Firmware
-from drivers.udev import ST_VENDOR_ID, TEENSY_VENDOR_ID, tty_rule, usb_rule
+from nlos.configs.load import load
+from nlos.drivers.bench import BenchSettings
+from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.instruments import light_of
+from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
+from nlos.drivers.udev import ST_VENDOR_ID, TEENSY_VENDOR_ID, tty_rule, usb_rule
 
 PAGE = (Path(__file__).parents[2] / "docs" / "instruments.md").read_text("utf-8")
 

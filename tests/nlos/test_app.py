@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from nlos.__main__ import report, run
-from nlos.app import VERBS, load_verb
-from nlos.exit_codes import exit_code
+from nlos.cli.app import VERBS, load_verb
+from nlos.cli.exit_codes import exit_code
 
 
 def nlos(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -33,7 +33,7 @@ def test_help_names_every_verb_and_loads_neither_torch_nor_h5py() -> None:
 def test_every_verb_has_its_file_and_its_help(verb: str) -> None:
     command = load_verb(verb)
     assert command.name == verb
-    assert importlib.import_module(f"nlos.{verb}_" if verb == "import" else f"nlos.{verb}").__doc__
+    assert importlib.import_module(f"nlos.cli.{verb}_" if verb == "import" else f"nlos.cli.{verb}").__doc__
 
 
 def test_usage_errors_exit_with_2_and_say_so_in_json() -> None:

@@ -8,11 +8,11 @@ import pytest
 import usb.backend.libusb1
 import yaml
 
-from drivers.simulated.bench import SimulatedBench
-from drivers.simulated.tcspc488_firmware import Tcspc488Firmware
-from drivers.simulated.usb_backend import SimulatedUsb
 from nlos.__main__ import run
-from nlos.terminal import terminal
+from nlos.cli.terminal import terminal
+from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
+from nlos.drivers.simulated.usb.backend import SimulatedUsb
 
 
 @pytest.fixture(autouse=True)

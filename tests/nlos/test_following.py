@@ -13,9 +13,9 @@ import h5py
 import numpy as np
 import pytest
 
-from acquisition.gathering import Gathering
-from acquisition.recording import Recording, Status
-from acquisition.recording_writer import RecordingWriter
+from nlos.acquisition.recording.recording import Recording, Status
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.scanning.gathering import Gathering
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -101,8 +101,8 @@ def test_what_is_served_is_followed_by_its_ticket(nlos: Nlos, run: Path, tmp_pat
 
 def test_recordings_on_two_workers_of_which_one_dies_come_out_as_on_one_machine(run: Path, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="the `cluster` extra is not installed")
-    from nlos.archive import reconstruct_on
     from nlos.chain import reconstruct_file
+    from nlos.cli.archive import reconstruct_on
 
     count = 20 if os.environ.get("NLOS_SOAK") else 4
     reconstruct_file(run, "lct", {}, tmp_path / "serial")

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from acquisition.recording import Recording
+from nlos.acquisition.recording.recording import Recording
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
 

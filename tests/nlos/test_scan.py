@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition.recording import Recording
+from nlos.acquisition.recording.recording import Recording
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
 

@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition.recording import Recording
-from calibration.constants import load
-from calibration.correct import common_bins, correct_known
-from calibration.raw_points import from_samples
+from nlos.acquisition.recording.recording import Recording
+from nlos.calibration.constants import load
+from nlos.calibration.correct import common_bins, correct_known
+from nlos.calibration.raw_points import from_samples
 from nlos.chain import calibrate_scan, constants_for, load_scan
-from nlos.good_enough import Enough
-from nlos.live_calibration import SampleCalibration
-from nlos.live_process import state_file, write_state
-from nlos.live_scan import LiveScan, Pace
-from recon.live import LivePicture, LiveReconstruction
-from recon.reconstruct import reconstruct
+from nlos.live.calibration import SampleCalibration
+from nlos.live.good_enough import Enough
+from nlos.live.process import state_file, write_state
+from nlos.live.scan import LiveScan, Pace
+from nlos.recon.live import LivePicture, LiveReconstruction
+from nlos.recon.reconstruct import reconstruct
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -110,7 +110,7 @@ def test_a_first_pass_that_is_good_enough_makes_room_for_the_second(nlos: Nlos, 
 
 
 def test_a_real_bench_reads_the_figures_of_the_live_process(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("nlos.good_enough.AGAIN_S", 0.0)
+    monkeypatch.setattr("nlos.live.good_enough.AGAIN_S", 0.0)
     said: list[str] = []
     with Recording.open(run) as recording:
         enough = Enough(run, recording.plan, 0.1, "lct", lambda kind, text: said.append(text), watched=True)

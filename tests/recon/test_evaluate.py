@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from acquisition.errors import InvalidData as NotAMeasurement
-from recon.errors import InvalidData, InvalidSettings
-from recon.evaluate import SNR_CHOICES, evaluate, transient_of
-from recon.evaluate import read_scene as read
-from recon.evaluation_report import NAMES, write_evaluation
+from nlos.acquisition.errors import InvalidData as NotAMeasurement
+from nlos.recon.errors import InvalidData, InvalidSettings
+from nlos.recon.evaluate import SNR_CHOICES, evaluate, transient_of
+from nlos.recon.evaluate import read_scene as read
+from nlos.recon.evaluation_report import NAMES, write_evaluation
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "synthetic"
 FIELDS = {
@@ -116,7 +116,7 @@ def test_the_verb_writes_its_three_files(tmp_path: Path) -> None:
 def load_verb_as_typer():  # type: ignore[no-untyped-def]
     import typer
 
-    from nlos.evaluate import evaluate as verb
+    from nlos.cli.evaluate import evaluate as verb
 
     app = typer.Typer()
     app.command()(verb)

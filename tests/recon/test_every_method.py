@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
-from acquisition.wall import WallGrid
-from recon.reconstruct import reconstruct
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.reconstruct import reconstruct
 
 METHODS = ("lct", "fk", "phasor", "backprojection", "gram", "gradient_descent")
 SETTINGS: dict[str, dict[str, object]] = {

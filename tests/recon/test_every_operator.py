@@ -7,16 +7,16 @@ import pytest
 import torch
 from torch import nn
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from recon.transport.backprojection import BackProjection
-from recon.transport.conventions import Conventions
-from recon.transport.falloff import Falloff
-from recon.transport.fk_migration import FkMigration
-from recon.transport.light_cone import LightConeConvolution
-from recon.transport.phasor_field import ConfocalRsd
-from recon.transport.resampling import LightConeResampling
-from recon.transport.virtual_wave import VirtualWave
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.transport.backprojection import BackProjection
+from nlos.recon.transport.conventions import Conventions
+from nlos.recon.transport.falloff import Falloff
+from nlos.recon.transport.fk_migration import FkMigration
+from nlos.recon.transport.light_cone import LightConeConvolution
+from nlos.recon.transport.phasor_field import ConfocalRsd
+from nlos.recon.transport.resampling import LightConeResampling
+from nlos.recon.transport.virtual_wave import VirtualWave
 
 GEOMETRIES = {
     "odd": (WallGrid(1.1, 0.7, 5, 7), TimeAxis(19, 200e-12)),

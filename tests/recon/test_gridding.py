@@ -6,10 +6,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from recon.errors import InvalidData
-from recon.gridding import confidence, fill_unmeasured, grid_samples, interpolation
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.errors import InvalidData
+from nlos.recon.gridding import confidence, fill_unmeasured, grid_samples, interpolation
 
 WALL, TIME = WallGrid(1.2, 0.8, 8, 12), TimeAxis(5, 100e-12)
 

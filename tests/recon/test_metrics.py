@@ -5,7 +5,7 @@ import pytest
 import torch
 import torch.nn.functional as functional
 
-from recon.metrics import (
+from nlos.recon.metrics import (
     best_scaled,
     by_maximum,
     correlation,

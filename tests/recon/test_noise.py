@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from acquisition.transient import TimeAxis
-from recon.noise import estimate, first_lit_bin, without_background
+from nlos.acquisition.transient import TimeAxis
+from nlos.recon.noise import estimate, first_lit_bin, without_background
 
 TIME = TimeAxis(200, 32e-12)
 

@@ -8,9 +8,9 @@ import h5py
 import numpy as np
 import pytest
 
-from acquisition.importers.plain import read_plain
-from acquisition.transient import Transient
-from recon.reconstruct import reconstruct
+from nlos.acquisition.importers.plain import read_plain
+from nlos.acquisition.transient import Transient
+from nlos.recon.reconstruct import reconstruct
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
 pytestmark = pytest.mark.skipif(not SHARED.exists(), reason="../shared with measured scenes is not here")

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from acquisition.transient import TimeAxis, Transient
-from acquisition.wall import WallGrid
-from recon import memory
-from recon import reconstruct as module
-from recon.errors import InvalidData, InvalidSettings, ReconstructionFailed
-from recon.methods import catalogue, find
-from recon.reconstruct import rebin, reconstruct
-from recon.subsets import measured_points
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
+from nlos.recon import memory
+from nlos.recon import reconstruct as module
+from nlos.recon.errors import InvalidData, InvalidSettings, ReconstructionFailed
+from nlos.recon.methods import catalogue, find
+from nlos.recon.reconstruct import rebin, reconstruct
+from nlos.recon.subsets import measured_points
 
 WALL, TIME = WallGrid(1.0, 1.0, 6, 8), TimeAxis(20, 100e-12)
 

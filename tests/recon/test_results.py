@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from acquisition.wall import WallGrid
-from recon.errors import InvalidData
-from recon.export_ply import write_ply
-from recon.export_vti import write_vti
-from recon.front_view import depth_map, front_view
-from recon.pictures import confidence_picture, slices_picture
-from recon.results import read_reconstruction, write_results
-from recon.view3d import write_view3d
-from recon.volume import Reconstruction, Volume
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.errors import InvalidData
+from nlos.recon.export_ply import write_ply
+from nlos.recon.export_vti import write_vti
+from nlos.recon.front_view import depth_map, front_view
+from nlos.recon.pictures import confidence_picture, slices_picture
+from nlos.recon.results import read_reconstruction, write_results
+from nlos.recon.view3d import write_view3d
+from nlos.recon.volume import Reconstruction, Volume
 
 WALL = WallGrid(1.2, 0.8, 8, 12)
 

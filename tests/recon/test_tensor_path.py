@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 import torch
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from recon.transport import fk_migration, fourier, light_cone, phasor_field
-from recon.transport.backprojection import BackProjection
-from recon.transport.conventions import Conventions
-from recon.transport.fk_migration import FkMigration
-from recon.transport.light_cone import LightConeConvolution
-from recon.transport.phasor_field import ConfocalRsd
-from recon.transport.resampling import LightConeResampling
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.transport import fk_migration, fourier, light_cone, phasor_field
+from nlos.recon.transport.backprojection import BackProjection
+from nlos.recon.transport.conventions import Conventions
+from nlos.recon.transport.fk_migration import FkMigration
+from nlos.recon.transport.light_cone import LightConeConvolution
+from nlos.recon.transport.phasor_field import ConfocalRsd
+from nlos.recon.transport.resampling import LightConeResampling
 
 WALL, TIME = WallGrid(1.1, 0.7, 5, 7), TimeAxis(19, 200e-12)
 DEVICE = "cuda" if torch.cuda.is_available() else "cpu"

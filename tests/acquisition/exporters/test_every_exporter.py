@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition.errors import InvalidData
-from acquisition.exporters.matlab import write_matlab
-from acquisition.exporters.npz import write_npz
-from acquisition.exporters.ptu import write_ptu
-from acquisition.exporters.scan_arrays import ScanArrays
-from acquisition.exporters.ytal import write_ytal
-from acquisition.importers.formats import read_any
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.exporters.matlab import write_matlab
+from nlos.acquisition.exporters.npz import write_npz
+from nlos.acquisition.exporters.ptu import write_ptu
+from nlos.acquisition.exporters.scan_arrays import ScanArrays
+from nlos.acquisition.exporters.ytal import write_ytal
+from nlos.acquisition.importers.formats import read_any
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
 
 Writer = Callable[[ScanArrays, Path], list[str]]
 WRITERS: dict[str, Writer] = {".npz": write_npz, ".mat": write_matlab, ".hdf5": write_ytal, ".ptu": write_ptu}

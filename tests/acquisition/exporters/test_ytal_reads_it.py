@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition.exporters.scan_arrays import ScanArrays
-from acquisition.exporters.ytal import write_ytal
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
-from acquisition.wall import WallGrid
+from nlos.acquisition.exporters.scan_arrays import ScanArrays
+from nlos.acquisition.exporters.ytal import write_ytal
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
+from nlos.acquisition.wall import WallGrid
 
 # y-tal's typing package asks for names that NumPy 2 dropped; they are put back in the process that imports it.
 READ = """

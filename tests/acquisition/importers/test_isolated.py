@@ -8,14 +8,14 @@ import h5py
 import numpy as np
 import pytest
 
-from acquisition.errors import InvalidData
-from acquisition.exporters.matlab import write_matlab
-from acquisition.exporters.npz import write_npz
-from acquisition.exporters.ptu import write_ptu
-from acquisition.exporters.scan_arrays import arrays_of_import
-from acquisition.exporters.ytal import write_ytal
-from acquisition.importers.formats import read_any
-from acquisition.importers.isolated import IsolatedReader, read_isolated
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.exporters.matlab import write_matlab
+from nlos.acquisition.exporters.npz import write_npz
+from nlos.acquisition.exporters.ptu import write_ptu
+from nlos.acquisition.exporters.scan_arrays import arrays_of_import
+from nlos.acquisition.exporters.ytal import write_ytal
+from nlos.acquisition.importers.formats import read_any
+from nlos.acquisition.importers.isolated import IsolatedReader, read_isolated
 
 Damage = Callable[[Path, Path, int], Iterator[Path]]
 WRITERS = {".npz": write_npz, ".mat": write_matlab, ".hdf5": write_ytal, ".ptu": write_ptu}

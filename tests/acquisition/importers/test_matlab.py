@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
-from acquisition.errors import InvalidData
-from acquisition.importers.matlab import read_matlab
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.matlab import read_matlab
 
 COUNTS = np.arange(3 * 2 * 5, dtype=np.uint16).reshape(3, 2, 5)
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition.errors import InvalidData
-from acquisition.importers.picoquant import read_picoquant
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.picoquant import read_picoquant
 
 TCSPC = Path(__file__).parents[4] / "shared" / "data" / "tcspc"
 needs_files = pytest.mark.skipif(not TCSPC.is_dir(), reason="the measured TCSPC files are not beside the repository")

@@ -6,8 +6,8 @@ import h5py
 import numpy as np
 import pytest
 
-from acquisition.errors import InvalidData
-from acquisition.importers.plain import read_plain
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.plain import read_plain
 
 
 def write(path: Path, counts: np.ndarray, **attributes: object) -> Path:

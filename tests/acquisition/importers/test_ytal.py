@@ -6,10 +6,10 @@ import h5py
 import numpy as np
 import pytest
 
-from acquisition.errors import InvalidData
-from acquisition.importers.formats import read_any
-from acquisition.importers.ytal import read_ytal
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.formats import read_any
+from nlos.acquisition.importers.ytal import read_ytal
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 
 X, Y, T = 4, 3, 6
 

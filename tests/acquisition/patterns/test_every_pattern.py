@@ -8,21 +8,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition.errors import InvalidData, PlanRefused
-from acquisition.patterns import PATTERNS
-from acquisition.patterns.archimedean_spiral import ArchimedeanSpiral
-from acquisition.patterns.blue_noise import BlueNoise
-from acquisition.patterns.circle import Circle
-from acquisition.patterns.coarse_to_fine import CoarseToFine
-from acquisition.patterns.concentric_circles import ConcentricCircles
-from acquisition.patterns.fermat_spiral import FermatSpiral
-from acquisition.patterns.from_list import FromList
-from acquisition.patterns.jittered import Jittered
-from acquisition.patterns.random_pixels import RandomPixels
-from acquisition.patterns.serpentine import Serpentine
-from acquisition.patterns.subgrid import Subgrid
-from acquisition.scan_settings import ScanSettings
-from acquisition.wall import WallGrid
+from nlos.acquisition.errors import InvalidData, PlanRefused
+from nlos.acquisition.planning.patterns import PATTERNS
+from nlos.acquisition.planning.patterns.archimedean_spiral import ArchimedeanSpiral
+from nlos.acquisition.planning.patterns.blue_noise import BlueNoise
+from nlos.acquisition.planning.patterns.circle import Circle
+from nlos.acquisition.planning.patterns.coarse_to_fine import CoarseToFine
+from nlos.acquisition.planning.patterns.concentric_circles import ConcentricCircles
+from nlos.acquisition.planning.patterns.fermat_spiral import FermatSpiral
+from nlos.acquisition.planning.patterns.from_list import FromList
+from nlos.acquisition.planning.patterns.jittered import Jittered
+from nlos.acquisition.planning.patterns.random_pixels import RandomPixels
+from nlos.acquisition.planning.patterns.serpentine import Serpentine
+from nlos.acquisition.planning.patterns.subgrid import Subgrid
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.wall import WallGrid
 
 EXAMPLES: dict[str, dict[str, Any]] = {
     "raster": {},

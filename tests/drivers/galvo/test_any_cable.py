@@ -15,13 +15,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
-from drivers.errors import DeviceError
-from drivers.galvo.mirror import GalvoMirror, MirrorAngles
-from drivers.galvo.models import MirrorSettings, open_mirror
-from drivers.galvo.triggerscope import TriggerScope
-from drivers.simulated.bench import SimulatedBench
-from drivers.simulated.instruments import FIRMWARES
-from drivers.simulated.serial_port import plug, plugged, unplug
+from nlos.drivers.errors import DeviceError
+from nlos.drivers.galvo.mirror import GalvoMirror, MirrorAngles
+from nlos.drivers.galvo.models import MirrorSettings, open_mirror
+from nlos.drivers.galvo.triggerscope.mirror import TriggerScope
+from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.instruments import FIRMWARES
+from nlos.drivers.simulated.serial.port import plug, plugged, unplug
 
 SETTINGS: TypeAdapter[MirrorSettings] = TypeAdapter(MirrorSettings)
 CASES = 2500 if os.environ.get("NLOS_SOAK") else 400  # of each of the two models

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import pytest
 from pydantic import TypeAdapter
 
-from drivers.errors import DeviceError, DeviceFault, DeviceLost, DeviceReset, DeviceTimeout, LimitError
-from drivers.galvo.mirror import GalvoMirror, MirrorAngles
-from drivers.galvo.models import MirrorSettings, open_mirror
-from drivers.simulated.bench import SimulatedBench
-from drivers.simulated.faults import Fault
-from drivers.simulated.instruments import FIRMWARES
-from drivers.simulated.serial_port import plug, plugged, unplug
+from nlos.drivers.errors import DeviceError, DeviceFault, DeviceLost, DeviceReset, DeviceTimeout, LimitError
+from nlos.drivers.galvo.mirror import GalvoMirror, MirrorAngles
+from nlos.drivers.galvo.models import MirrorSettings, open_mirror
+from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.instruments import FIRMWARES
+from nlos.drivers.simulated.serial.port import plug, plugged, unplug
 
 SETTINGS: TypeAdapter[MirrorSettings] = TypeAdapter(MirrorSettings)
 RESOLUTION_RAD = 5e-5

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from drivers.errors import (
+from nlos.drivers.errors import (
     CommandRejected,
     DeviceError,
     DeviceFault,
@@ -19,13 +19,13 @@ from drivers.errors import (
     SettleTimeout,
     WrongDevice,
 )
-from drivers.galvo import optotune_commands as wire
-from drivers.galvo.mirror import MirrorAngles
-from drivers.galvo.optotune import Optotune, OptotuneSettings
-from drivers.simulated.bench import SimulatedBench
-from drivers.simulated.faults import Fault
-from drivers.simulated.optotune_firmware import OptotuneFirmware
-from drivers.simulated.serial_port import plug, plugged, unplug
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.optotune import commands as wire
+from nlos.drivers.galvo.optotune.mirror import Optotune, OptotuneSettings
+from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.optotune.firmware import OptotuneFirmware
+from nlos.drivers.simulated.serial.port import plug, plugged, unplug
 
 ASIDE = MirrorAngles(0.1, -0.05)
 AFTER_OPENING_S = 1.0

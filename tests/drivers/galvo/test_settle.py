@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from drivers.galvo.mirror import MirrorAngles
-from drivers.galvo.settle import SettleModel
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.settle import SettleModel
 
 MODEL = SettleModel()
 

@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from drivers.errors import CommandRejected, LimitError, WrongDevice
-from drivers.galvo import triggerscope_commands as wire
-from drivers.galvo.mirror import MirrorAngles
-from drivers.galvo.triggerscope import TriggerScope, TriggerScopeSettings
-from drivers.galvo.triggerscope_settings import AxisSettings
-from drivers.simulated.bench import SimulatedBench
-from drivers.simulated.serial_port import plug, plugged, unplug
+from nlos.drivers.errors import CommandRejected, LimitError, WrongDevice
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.triggerscope import commands as wire
+from nlos.drivers.galvo.triggerscope.mirror import TriggerScope, TriggerScopeSettings
+from nlos.drivers.galvo.triggerscope.settings import AxisSettings
+from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.serial.port import plug, plugged, unplug
 
 BANNER = b"ARC TRIGGERSCOPE 16 R4 Board 4B v.620-MM\r\n"
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers.errors import (
+from nlos.drivers.errors import (
     CommandRejected,
     DeviceBusy,
     DeviceError,
@@ -18,12 +18,12 @@ from drivers.errors import (
     ProtocolError,
     WrongDevice,
 )
-from drivers.galvo.mirror import MirrorAngles
-from drivers.galvo.triggerscope import TriggerScope, TriggerScopeSettings
-from drivers.simulated.bench import SimulatedBench
-from drivers.simulated.faults import Fault
-from drivers.simulated.serial_port import plug, plugged, unplug
-from drivers.simulated.triggerscope_firmware import TriggerScopeFirmware
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.triggerscope.mirror import TriggerScope, TriggerScopeSettings
+from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.serial.port import plug, plugged, unplug
+from nlos.drivers.simulated.triggerscope.firmware import TriggerScopeFirmware
 
 ASIDE = MirrorAngles(0.1, -0.05)
 ELSEWHERE = MirrorAngles(-0.2, 0.15)

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from drivers.clock import VirtualClock
-from drivers.link.usb488 import Usb488
-from drivers.link.usbtmc import UsbtmcInterface, find_usb
-from drivers.simulated.faults import Fault, FaultPlan
-from drivers.simulated.usb_backend import SimulatedUsb
-from drivers.simulated.usb_descriptors import UsbDescription
+from nlos.drivers.clock import VirtualClock
+from nlos.drivers.link.usb488 import Usb488
+from nlos.drivers.link.usbtmc import UsbtmcInterface, find_usb
+from nlos.drivers.simulated.faults import Fault, FaultPlan
+from nlos.drivers.simulated.usb.backend import SimulatedUsb
+from nlos.drivers.simulated.usb.descriptors import UsbDescription
 
 
 def said(count: int) -> bytes:

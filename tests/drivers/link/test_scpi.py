@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.errors import CommandRejected, DataCorrupt, DeviceTimeout, ProtocolError
-from drivers.link.scpi import ErrorsReported, Scpi, ScpiError, decode_block, encode_block, split_error
+from nlos.drivers.errors import CommandRejected, DataCorrupt, DeviceTimeout, ProtocolError
+from nlos.drivers.link.scpi import ErrorsReported, Scpi, ScpiError, decode_block, encode_block, split_error
 
 GOOD = b'0,"No error"\n'
 

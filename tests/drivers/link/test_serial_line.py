@@ -4,12 +4,12 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers.clock import SystemClock
-from drivers.errors import DeviceBusy, DeviceLost, DeviceNotFound, DeviceTimeout, ProtocolError
-from drivers.link.serial_line import SerialLine, available_ports
-from drivers.simulated.bench import SimulatedBench
-from drivers.simulated.faults import Fault
-from drivers.simulated.serial_port import plug, plugged, unplug
+from nlos.drivers.clock import SystemClock
+from nlos.drivers.errors import DeviceBusy, DeviceLost, DeviceNotFound, DeviceTimeout, ProtocolError
+from nlos.drivers.link.serial_line import SerialLine, available_ports
+from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.serial.port import plug, plugged, unplug
 
 Bench = Callable[..., SimulatedBench]
 TIMEOUT_S = 0.5

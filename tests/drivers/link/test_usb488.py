@@ -8,10 +8,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import DeviceBusy, DeviceError, DeviceLost, DeviceNotFound, DeviceTimeout, ProtocolError
-from drivers.link.usb488 import Usb488
-from drivers.link.usbtmc import PipeHalted, UsbtmcInterface, find_usb
-from drivers.simulated.faults import Fault
+from nlos.drivers.errors import DeviceBusy, DeviceError, DeviceLost, DeviceNotFound, DeviceTimeout, ProtocolError
+from nlos.drivers.link.usb488 import Usb488
+from nlos.drivers.link.usbtmc import PipeHalted, UsbtmcInterface, find_usb
+from nlos.drivers.simulated.faults import Fault
 
 ALWAYS = 1_000_000
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.link.usbtmc_headers import (
+from nlos.drivers.link.usbtmc_headers import (
     HeaderError,
     decode_capabilities,
     decode_response,

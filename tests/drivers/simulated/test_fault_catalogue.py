@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.simulated.fault_catalogue import NAMES, TABLES, markdown
-from drivers.simulated.faults import Fault
+from nlos.drivers.simulated.fault_catalogue import NAMES, TABLES, markdown
+from nlos.drivers.simulated.faults import Fault
 
 TOP = Path(__file__).parents[3]
 BUILT_IN = {row.name for rows in TABLES.values() for row in rows if row.parameters.startswith("built in")}
@@ -21,7 +21,7 @@ def named_in(folder: Path, but: str) -> set[str]:
 
 def test_the_page_is_made_from_the_table() -> None:
     page = (TOP / "docs" / "faults.md").read_text("utf-8")
-    assert page == markdown(), "run: python -m drivers.simulated.fault_catalogue > docs/faults.md"
+    assert page == markdown(), "run: python -m nlos.drivers.simulated.fault_catalogue > docs/faults.md"
 
 
 def test_every_fault_of_the_table_can_be_committed_and_no_other() -> None:

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.errors import LimitError
-from drivers.galvo.mirror import MirrorAngles
-from drivers.simulated.beam import BeamPath
-from drivers.simulated.bench import Gate
-from drivers.simulated.recorded import RecordedLight, RecordedScan
+from nlos.drivers.errors import LimitError
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.simulated.beam import BeamPath
+from nlos.drivers.simulated.bench import Gate
+from nlos.drivers.simulated.recorded import RecordedLight, RecordedScan
 
 BIN_S = 32e-12
 

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import pytest
 import serial
 
-import drivers.link.serial_line  # noqa: F401 - tells pyserial where sim:// is
-from drivers.errors import DeviceBusy
-from drivers.simulated.bench import SimulatedBench
-from drivers.simulated.faults import Fault
-from drivers.simulated.serial_port import plug, plugged, unplug
+import nlos.drivers.link.serial_line  # noqa: F401 - tells pyserial where sim:// is
+from nlos.drivers.errors import DeviceBusy
+from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.serial.port import plug, plugged, unplug
 
 Bench = Callable[..., SimulatedBench]
 

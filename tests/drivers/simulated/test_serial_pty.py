@@ -9,19 +9,19 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers.clock import SystemClock
-from drivers.errors import DeviceBusy, DeviceLost
-from drivers.galvo.mirror import MirrorAngles
-from drivers.galvo.models import open_mirror
-from drivers.galvo.optotune import OptotuneSettings
-from drivers.galvo.triggerscope import TriggerScopeSettings
-from drivers.simulated.bench import SimulatedBench
-from drivers.simulated.instruments import FIRMWARES
+from nlos.drivers.clock import SystemClock
+from nlos.drivers.errors import DeviceBusy, DeviceLost
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.models import open_mirror
+from nlos.drivers.galvo.optotune.mirror import OptotuneSettings
+from nlos.drivers.galvo.triggerscope.mirror import TriggerScopeSettings
+from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.instruments import FIRMWARES
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are POSIX")
 
 if os.name == "posix":
-    from drivers.simulated.serial_pty import served_on_pty
+    from nlos.drivers.simulated.serial.pty import served_on_pty
 
 ASIDE = MirrorAngles(0.1, -0.05)
 
@@ -51,7 +51,7 @@ def test_a_mirror_moves_through_a_real_port_and_is_lost_with_it(
 
 
 def test_it_is_served_to_any_program_from_the_command_line() -> None:
-    command = [sys.executable, "-m", "drivers.simulated.serial_pty", "triggerscope"]
+    command = [sys.executable, "-m", "nlos.drivers.simulated.serial.pty", "triggerscope"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as served:
         try:
             assert served.stdout is not None

@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.galvo.mirror import MirrorAngles
-from drivers.simulated import spad
-from drivers.simulated.beam import SPEED_OF_LIGHT_M_PER_S, BeamPath, Misalignment
-from drivers.simulated.bench import Exposure, Gate
-from drivers.simulated.scene import SceneLight, SceneSettings
-from drivers.simulated.spad import DetectorSettings
-from drivers.simulated.surfaces import Surface, surfels
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.simulated import spad
+from nlos.drivers.simulated.beam import SPEED_OF_LIGHT_M_PER_S, BeamPath, Misalignment
+from nlos.drivers.simulated.bench import Exposure, Gate
+from nlos.drivers.simulated.scene import SceneLight, SceneSettings
+from nlos.drivers.simulated.spad import DetectorSettings
+from nlos.drivers.simulated.surfaces import Surface, surfels
 
 CENTRE = MirrorAngles(0.0, 0.0)
 BIN_S = 32e-12

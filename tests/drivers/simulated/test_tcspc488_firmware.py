@@ -9,11 +9,11 @@ import usb.core
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.simulated.bench import SimulatedBench
-from drivers.simulated.faults import Fault
-from drivers.simulated.scpi_parser import ErrorQueue, ScpiFault, split_units
-from drivers.simulated.tcspc488_firmware import Tcspc488Firmware
-from drivers.simulated.usb_backend import SimulatedUsb
+from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.scpi_parser import ErrorQueue, ScpiFault, split_units
+from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
+from nlos.drivers.simulated.usb.backend import SimulatedUsb
 
 
 @pytest.fixture

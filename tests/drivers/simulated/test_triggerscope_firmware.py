@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers.simulated.bench import SimulatedBench
-from drivers.simulated.triggerscope_firmware import TriggerScopeFirmware
+from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.triggerscope.firmware import TriggerScopeFirmware
 
 BANNER = b"ARC TRIGGERSCOPE 16 R4 Board 4B v.620-MM\r\n"
 FULL_SCALE_RAD = 2.0 * math.radians(20.0)

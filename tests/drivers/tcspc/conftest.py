@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.galvo.mirror import MirrorAngles
-from drivers.simulated.bench import Exposure, Gate, SimulatedBench
-from drivers.simulated.faults import Fault, FaultPlan
-from drivers.simulated.tcspc488_firmware import Tcspc488Firmware
-from drivers.simulated.usb_backend import SimulatedUsb
-from drivers.tcspc.counter import HistogramAxis
-from drivers.tcspc.tcspc488 import Tcspc488, Tcspc488Settings, Tcspc488Shutter
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.simulated.bench import Exposure, Gate, SimulatedBench
+from nlos.drivers.simulated.faults import Fault, FaultPlan
+from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
+from nlos.drivers.simulated.usb.backend import SimulatedUsb
+from nlos.drivers.tcspc.counter import HistogramAxis
+from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488, Tcspc488Settings, Tcspc488Shutter
 
 SYNC_HZ = 10e6
 

@@ -15,8 +15,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import DeviceError
-from drivers.tcspc.counter import HistogramAxis, HistogramFlag, Trigger
+from nlos.drivers.errors import DeviceError
+from nlos.drivers.tcspc.counter import HistogramAxis, HistogramFlag, Trigger
 
 CASES = 5000 if os.environ.get("NLOS_SOAK") else 300
 LONGEST_CALL_S = 20.0  # a dozen exchanges, each asked for twice and recovered from

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from drivers.errors import CommandRejected, DeviceError, DeviceTimeout, LimitError
-from drivers.simulated.beam import BeamPath
-from drivers.simulated.bench import SimulatedBench
-from drivers.simulated.picoquant_library import PicoquantLibrary
-from drivers.simulated.scene import SceneLight, SceneSettings
-from drivers.simulated.spad import DetectorSettings
-from drivers.simulated.tcspc488_firmware import Tcspc488Firmware
-from drivers.simulated.usb_backend import SimulatedUsb
-from drivers.tcspc.counter import Histogram, HistogramAxis, HistogramCounter, HistogramFlag, Trigger
-from drivers.tcspc.models import CounterSettings, open_counter
+from nlos.drivers.errors import CommandRejected, DeviceError, DeviceTimeout, LimitError
+from nlos.drivers.simulated.beam import BeamPath
+from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.picoquant.library import PicoquantLibrary
+from nlos.drivers.simulated.scene import SceneLight, SceneSettings
+from nlos.drivers.simulated.spad import DetectorSettings
+from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
+from nlos.drivers.simulated.usb.backend import SimulatedUsb
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramCounter, HistogramFlag, Trigger
+from nlos.drivers.tcspc.models import CounterSettings, open_counter
 
 SETTINGS: TypeAdapter[CounterSettings] = TypeAdapter(CounterSettings)
 SYNC_HZ = 10e6

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from configs.load import load
-from drivers.bench import BenchSettings, open_bench
-from drivers.clock import VirtualClock
-from drivers.errors import (
+from nlos.configs.load import load
+from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.drivers.clock import VirtualClock
+from nlos.drivers.errors import (
     CommandRejected,
     DeviceBusy,
     DeviceFault,
@@ -22,19 +22,19 @@ from drivers.errors import (
     SyncLost,
     WrongDevice,
 )
-from drivers.galvo.mirror import MirrorAngles
-from drivers.simulated.beam import BeamPath
-from drivers.simulated.bench import Gate, SimulatedBench
-from drivers.simulated.faults import Fault, FaultPlan
-from drivers.simulated.picoquant_library import PicoquantLibrary
-from drivers.simulated.scene import SceneLight, SceneSettings
-from drivers.simulated.spad import DetectorSettings
-from drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, StopAtCounts, Trigger
-from drivers.tcspc.picoquant import open_picoquant
-from drivers.tcspc.picoquant_families import FAMILIES, PicoquantSettings
-from drivers.tcspc.picoquant_histogram import Picoquant
-from drivers.tcspc.picoquant_library import VendorLibrary, load_library
-from drivers.tcspc.picoquant_setup import axis_codes
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.simulated.beam import BeamPath
+from nlos.drivers.simulated.bench import Gate, SimulatedBench
+from nlos.drivers.simulated.faults import Fault, FaultPlan
+from nlos.drivers.simulated.picoquant.library import PicoquantLibrary
+from nlos.drivers.simulated.scene import SceneLight, SceneSettings
+from nlos.drivers.simulated.spad import DetectorSettings
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, StopAtCounts, Trigger
+from nlos.drivers.tcspc.picoquant.counter import open_picoquant
+from nlos.drivers.tcspc.picoquant.families import FAMILIES, PicoquantSettings
+from nlos.drivers.tcspc.picoquant.histogram import Picoquant
+from nlos.drivers.tcspc.picoquant.library import VendorLibrary, load_library
+from nlos.drivers.tcspc.picoquant.setup import axis_codes
 
 AXES = {
     "picoharp300": HistogramAxis(512, 32e-12, 8e-9),

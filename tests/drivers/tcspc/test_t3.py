@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import DataCorrupt
-from drivers.tcspc.ptu import read_ptu
-from drivers.tcspc.t3 import GENERIC, HYDRAHARP_V1, PICOHARP_300, T3Decoder, T3Format
-from drivers.tcspc.t3_points import LineMarkers, PointHistograms, StepMarkers
+from nlos.drivers.errors import DataCorrupt
+from nlos.drivers.tcspc.ptu import read_ptu
+from nlos.drivers.tcspc.t3 import GENERIC, HYDRAHARP_V1, PICOHARP_300, T3Decoder, T3Format
+from nlos.drivers.tcspc.t3_points import LineMarkers, PointHistograms, StepMarkers
 
 SHARED = Path(__file__).parents[4] / "shared" / "data" / "tcspc"
 needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason="../shared/data/tcspc is not here")

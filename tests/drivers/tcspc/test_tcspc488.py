@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.errors import (
+from nlos.drivers.errors import (
     CommandRejected,
     DeviceNotFound,
     DeviceTimeout,
@@ -16,11 +16,11 @@ from drivers.errors import (
     SafetyTrip,
     WrongDevice,
 )
-from drivers.simulated.usb_backend import SimulatedUsb
-from drivers.tcspc.counter import HistogramAxis, HistogramFlag, StopAtCounts
-from drivers.tcspc.tcspc488 import Tcspc488, Tcspc488Settings
-from drivers.tcspc.tcspc488_messages import decode_rates
-from drivers.tcspc.tcspc488_records import decode_record, encode_record, record_bytes
+from nlos.drivers.simulated.usb.backend import SimulatedUsb
+from nlos.drivers.tcspc.counter import HistogramAxis, HistogramFlag, StopAtCounts
+from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488, Tcspc488Settings
+from nlos.drivers.tcspc.tcspc488.messages import decode_rates
+from nlos.drivers.tcspc.tcspc488.records import decode_record, encode_record, record_bytes
 
 NUMBERS = [5, 3, 70_000, 4, 1]
 

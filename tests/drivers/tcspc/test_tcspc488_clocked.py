@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.galvo.mirror import MirrorAngles
-from drivers.galvo.triggerscope import TriggerScope, TriggerScopeSettings
-from drivers.simulated.faults import Fault
-from drivers.simulated.serial_port import plug, unplug
-from drivers.simulated.triggerscope_firmware import TriggerScopeFirmware
-from drivers.tcspc.counter import HistogramFlag, Trigger
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.triggerscope.mirror import TriggerScope, TriggerScopeSettings
+from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.serial.port import plug, unplug
+from nlos.drivers.simulated.triggerscope.firmware import TriggerScopeFirmware
+from nlos.drivers.tcspc.counter import HistogramFlag, Trigger
 
 POINTS = [MirrorAngles(0.01 * k - 0.05, 0.004 * (k % 3)) for k in range(11)]
 NUMBERS = [100 + k for k in range(11)]

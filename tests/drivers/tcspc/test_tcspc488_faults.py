@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.errors import (
+from nlos.drivers.errors import (
     CommandRejected,
     DataCorrupt,
     DeviceBusy,
@@ -18,9 +18,9 @@ from drivers.errors import (
     SyncLost,
     WrongDevice,
 )
-from drivers.simulated.faults import Fault
-from drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, Trigger
-from drivers.tcspc.tcspc488 import Tcspc488, Tcspc488Settings
+from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, Trigger
+from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488, Tcspc488Settings
 
 NUMBERS = list(range(10, 20))
 

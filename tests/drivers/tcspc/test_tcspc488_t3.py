@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.errors import CommandRejected, LimitError, SafetyTrip
-from drivers.simulated.faults import Fault
-from drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, StopAtCounts, Trigger
+from nlos.drivers.errors import CommandRejected, LimitError, SafetyTrip
+from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, StopAtCounts, Trigger
 
 NUMBERS = list(range(100, 112))
 DWELL_S = 0.004

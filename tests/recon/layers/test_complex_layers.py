@@ -3,10 +3,10 @@
 import pytest
 import torch
 
-from recon.layers.complex_activation import ModReLU, SplitActivation, complex_activation
-from recon.layers.complex_convolution import ComplexConv3d
-from recon.layers.complex_mlp import ComplexMLP
-from recon.layers.noise_operator import NoiseEmbedding, NoiseInducedOperator
+from nlos.recon.layers.complex_activation import ModReLU, SplitActivation, complex_activation
+from nlos.recon.layers.complex_convolution import ComplexConv3d
+from nlos.recon.layers.complex_mlp import ComplexMLP
+from nlos.recon.layers.noise_operator import NoiseEmbedding, NoiseInducedOperator
 
 
 def spectrum(*shape: int) -> torch.Tensor:

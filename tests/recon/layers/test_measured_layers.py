@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 import torch
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from recon.layers import measurement
-from recon.layers.measurement import VOLUMES, WienerVolumes, fill, presence, rates_of
-from recon.layers.noise_level import NoiseLevel, averaged
-from recon.layers.transient_lifting import TransientLifting
-from recon.layers.unet import UNet
-from recon.layers.volume_projection import AttentionProjection, MaximumProjection
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.layers import measurement
+from nlos.recon.layers.measurement import VOLUMES, WienerVolumes, fill, presence, rates_of
+from nlos.recon.layers.noise_level import NoiseLevel, averaged
+from nlos.recon.layers.transient_lifting import TransientLifting
+from nlos.recon.layers.unet import UNet
+from nlos.recon.layers.volume_projection import AttentionProjection, MaximumProjection
 
 WALL = WallGrid(2.0, 2.0, 12, 12)
 TIME = TimeAxis(64, 128e-12)

@@ -6,13 +6,13 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from recon.layers.light_cone_layer import LightConeLayer
-from recon.layers.renderer import Renderer, depth_of, nearness, projected, where_seen
-from recon.layers.space_depth_attention import Attention, CompactNonLocal, CrossDecoder, LocalEncoder
-from recon.layers.transient_encoder import LearnedAverage, TransientEncoder
-from recon.layers.wiener_features import WienerFeatures, background_rate, counted, interpolate, unit
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.layers.light_cone_layer import LightConeLayer
+from nlos.recon.layers.renderer import Renderer, depth_of, nearness, projected, where_seen
+from nlos.recon.layers.space_depth_attention import Attention, CompactNonLocal, CrossDecoder, LocalEncoder
+from nlos.recon.layers.transient_encoder import LearnedAverage, TransientEncoder
+from nlos.recon.layers.wiener_features import WienerFeatures, background_rate, counted, interpolate, unit
 
 
 def test_the_learned_average_begins_as_a_plain_one() -> None:

@@ -3,11 +3,11 @@
 import pytest
 import torch
 
-from recon.layers.frequency_encoding import StochasticFrequencyEncoding
-from recon.layers.physical_multiplier import PhysicalMultiplier
-from recon.layers.physical_unfolding import PhysicalUnfolding
-from recon.layers.spectral_resampling import resample_field, resample_spectrum
-from recon.layers.spectral_unfolding import Restrict, SpectralUnfolding
+from nlos.recon.layers.frequency_encoding import StochasticFrequencyEncoding
+from nlos.recon.layers.physical_multiplier import PhysicalMultiplier
+from nlos.recon.layers.physical_unfolding import PhysicalUnfolding
+from nlos.recon.layers.spectral_resampling import resample_field, resample_spectrum
+from nlos.recon.layers.spectral_unfolding import Restrict, SpectralUnfolding
 
 
 def wave(size: tuple[int, int, int]) -> torch.Tensor:

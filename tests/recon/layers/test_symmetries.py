@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from recon.layers.symmetries import Fields, mean_over_symmetries, mirrored, mirrored_back
+from nlos.recon.layers.symmetries import Fields, mean_over_symmetries, mirrored, mirrored_back
 
 
 @pytest.mark.parametrize("turned", [False, True])

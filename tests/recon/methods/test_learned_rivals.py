@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import torch
 
-from acquisition.transient import TimeAxis, Transient
-from acquisition.wall import WallGrid
-from recon.methods import find
-from recon.reconstruct import reconstruct
-from recon.training.checkpoint import OWN_FOLDER
-from recon.training.dataset import DatasetSettings, collate, sample
-from recon.training.losses import picture_of, psnr
-from recon.training.train_settings import TrainSettings
-from recon.training.validation import light_cone_pictures
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.methods import find
+from nlos.recon.reconstruct import reconstruct
+from nlos.recon.training.checkpoint import OWN_FOLDER
+from nlos.recon.training.dataset import DatasetSettings, collate, sample
+from nlos.recon.training.losses import picture_of, psnr
+from nlos.recon.training.train_settings import TrainSettings
+from nlos.recon.training.validation import light_cone_pictures
 
 SMALL: dict[str, dict[str, Any]] = {
     "lfe": {"features": 2, "renderer_width": 4},

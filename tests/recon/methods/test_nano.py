@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from acquisition.transient import TimeAxis, Transient
-from acquisition.wall import WallGrid
-from recon.layers.measurement import rates_of
-from recon.methods.nano import Nano, Settings, build
-from recon.reconstruct import reconstruct
-from recon.training.checkpoint import save
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.layers.measurement import rates_of
+from nlos.recon.methods.nano import Nano, Settings, build
+from nlos.recon.reconstruct import reconstruct
+from nlos.recon.training.checkpoint import save
 
 WALL = WallGrid(2.0, 2.0, 16, 16)
 TIME = TimeAxis(64, 128e-12)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from recon.methods.nano import Settings
-from recon.training.ablations import LOG, TABLES, WHOLE, Row, finished, folder_of, in_order, page, settings_of
+from nlos.recon.methods.nano import Settings
+from studies.ablations import LOG, TABLES, WHOLE, Row, finished, folder_of, in_order, page, settings_of
 
 ROWS = [row for rows in TABLES.values() for row in rows]
 

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from configs.load import load
-from recon.training.batches import batch_at
-from recon.training.dataset import DatasetSettings
-from recon.training.train import build, objective
-from recon.training.train_settings import TrainSettings
+from nlos.configs.load import load
+from nlos.recon.training.batches import batch_at
+from nlos.recon.training.dataset import DatasetSettings
+from nlos.recon.training.train import build, objective
+from nlos.recon.training.train_settings import TrainSettings
 
 FOLDER = Path(__file__).parents[3] / "configs" / "train"
 NAMES = sorted(path.stem for path in FOLDER.glob("*.yaml"))

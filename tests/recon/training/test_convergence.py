@@ -3,10 +3,10 @@
 import pytest
 import torch
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from recon.methods.nano import Settings, build
-from recon.training.convergence import contraction, lipschitz, passes, relative_changes
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.methods.nano import Settings, build
+from studies.convergence import contraction, lipschitz, passes, relative_changes
 
 WALL, TIME = WallGrid(2.0, 2.0, 8, 8), TimeAxis(32, 256e-12)
 

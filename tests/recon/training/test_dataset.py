@@ -7,10 +7,10 @@ import h5py
 import numpy as np
 import pytest
 
-from acquisition.transient import TimeAxis
-from recon.training.dataset import DatasetSettings, TrainingSample, cache_folder, collate, sample
-from recon.training.detector import DetectorSettings, measure, pile_up, respond, shift_points
-from recon.training.impulse_responses import read_impulse_response
+from nlos.acquisition.transient import TimeAxis
+from nlos.recon.training.dataset import DatasetSettings, TrainingSample, cache_folder, collate, sample
+from nlos.recon.training.detector import DetectorSettings, measure, pile_up, respond, shift_points
+from nlos.recon.training.impulse_responses import read_impulse_response
 
 SMALL = DatasetSettings(seed=2, scenes=4, degradations=2, rows=16, cols=16, bins=128, bin_width_ps=128.0)
 PLAIN = DetectorSettings(

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from recon.training.checkpoint import WeightsError, load_weights
-from recon.training.foreign_weights import ForeignWeightsError, read_foreign
+from nlos.recon.training.checkpoint import WeightsError, load_weights
+from nlos.recon.training.foreign_weights import ForeignWeightsError, read_foreign
 
 
 class Forged:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from recon.training.grid_study import COARSEST, study
-from recon.training.results.studies import grid_table
+from studies.grid_study import COARSEST, study
+from studies.results.studies import grid_table
 
 
 def test_pictures_are_compared_on_their_own_pixels_and_on_those_of_the_coarsest_grid() -> None:

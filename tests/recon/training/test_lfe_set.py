@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from recon.training.lfe_set import lfe_scenes
-from recon.training.radiance import read_radiance
+from nlos.recon.training.lfe_set import lfe_scenes
+from nlos.recon.training.radiance import read_radiance
 
 HEADER = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n"
 

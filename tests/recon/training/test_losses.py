@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from recon.training.losses import LossSettings, best_scale, losses
+from nlos.recon.training.losses import LossSettings, best_scale, losses
 
 
 def batch(level: float, seed: int = 1) -> dict[str, torch.Tensor]:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from recon.training.noise_figure import INSIDE, NoiseFit, held_out
+from studies.noise_figure import INSIDE, NoiseFit, held_out
 
 
 def test_r_squared_is_one_for_the_truth_and_none_for_the_mean() -> None:

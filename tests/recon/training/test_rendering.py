@@ -7,12 +7,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
-from acquisition.wall import WallGrid
-from recon.training.rendering import render
-from recon.training.scenes import Scene, Surfels, make_scene, surfels
-from recon.training.second_bounce import render_second_bounce, thinned
-from recon.training.visibility import visibility
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.training.rendering import render
+from nlos.recon.training.scenes import Scene, Surfels, make_scene, surfels
+from nlos.recon.training.second_bounce import render_second_bounce, thinned
+from nlos.recon.training.visibility import visibility
 
 SYNTHETIC = Path(__file__).parents[4] / "shared" / "data" / "synthetic"
 SCENES = ("bunny", "bear", "bust", "letters_su", "bicycle", "staircase", "bear_letter")

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import torch
 
-from acquisition.transient import TimeAxis
-from acquisition.wall import WallGrid
-from recon.training.checkpoint import save
-from recon.training.results.kept import kept
-from recon.training.results.measured_scenes import SCANS, scan_of
-from recon.training.results.tables import by_condition, by_scene, comparison, margins, training
-from recon.training.results.targets import Target, remarks, section
-from recon.training.scene_files import write_scene
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.training.checkpoint import save
+from nlos.recon.training.scene_files import write_scene
+from studies.results.kept import kept
+from studies.results.measured_scenes import SCANS, scan_of
+from studies.results.tables import by_condition, by_scene, comparison, margins, training
+from studies.results.targets import Target, remarks, section
 
 
 def row(method: str, scene: str, condition: str, psnr: float) -> dict[str, object]:

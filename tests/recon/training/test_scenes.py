@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from acquisition.wall import WallGrid
-from recon.training.scenes import OVERSAMPLING, front_view, kind_names, make_scene, surfels
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.training.scenes import OVERSAMPLING, front_view, kind_names, make_scene, surfels
 
 GRID = WallGrid(2.0, 2.0, 32, 32)
 EVERY_KIND = [(held_out, kind) for held_out in (False, True) for kind in kind_names(held_out)]

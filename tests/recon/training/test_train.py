@@ -13,18 +13,18 @@ from typing import Any
 import pytest
 import torch
 
-from recon.training.checkpoint import WeightsError, load_weights, put_weights, read_weights, save
-from recon.training.dataset import DatasetSettings
-from recon.training.ship import ship
-from recon.training.train import STATE, WEIGHTS, learning_rate, train
-from recon.training.train_settings import TrainSettings
+from nlos.recon.training.checkpoint import WeightsError, load_weights, put_weights, read_weights, save
+from nlos.recon.training.dataset import DatasetSettings
+from nlos.recon.training.ship import ship
+from nlos.recon.training.train import STATE, WEIGHTS, learning_rate, train
+from nlos.recon.training.train_settings import TrainSettings
 
 TINY: dict[str, Any] = {"rows": 16, "cols": 16, "bins": 64, "bin_width_ps": 256.0}
 SCRIPT = """
 import sys
 from pathlib import Path
-from recon.training.train import train
-from recon.training.train_settings import TrainSettings
+from nlos.recon.training.train import train
+from nlos.recon.training.train_settings import TrainSettings
 train(TrainSettings.model_validate_json(sys.argv[2]), Path(sys.argv[1]), lambda line: None)
 """
 

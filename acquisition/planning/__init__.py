@@ -1,0 +1,1 @@
+"""What a scan will do: aim, patterns, dwell, order and duration; nothing here moves anything."""

@@ -1,0 +1,128 @@
+"""A scan plan: wall, time axis and every visit in order, as one frozen value that iterates over `ScanPoint`."""
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.acquisition.planning.positions import Positions
+from nlos.acquisition.sample import ScanPoint
+from nlos.acquisition.wall import WallGrid
+from nlos.drivers.tcspc.counter import HistogramAxis, StopAtCounts
+
+
+@dataclass(frozen=True, eq=False)
+class ScanPlan:
+    """What to measure, in which order, for how long. A point's number is its place in this order, from 0.
+
+    With `revisit_below`, every later pass visits the first one's points in the same order, but takes only those whose
+    histograms of the passes before hold fewer photons; the plan lists them all, so that numbers and seeds do not
+    depend on what was measured.
+    """
+
+    wall: WallGrid
+    axis: HistogramAxis
+    positions: Positions
+    dwell_s: npt.NDArray[np.float64]  # (N,)
+    pass_: npt.NDArray[np.int32]  # (N,)
+    stop: StopAtCounts | None = None
+    revisit_below: int | None = None
+    lag_s: float | None = None
+    """The mirror may be kept moving along lines, and then trails its commands by this; None: it settles on points."""
+
+    def __post_init__(self) -> None:
+        if not len(self.positions) == len(self.dwell_s) == len(self.pass_):
+            raise ValueError(
+                f"a plan of {len(self.positions)} positions has {len(self.dwell_s)} dwells and {len(self.pass_)} passes"
+            )
+        if len(self.positions) == 0:
+            raise ValueError("the plan has no points")
+        if not (np.isfinite(self.dwell_s).all() and (self.dwell_s > 0).all()):
+            raise ValueError("every dwell must be above 0")
+        if self.revisit_below is not None and len(self) % self.first_pass:
+            raise ValueError(f"a plan that returns needs whole passes; {len(self)} is no multiple of {self.first_pass}")
+        for array in self.columns().values():
+            array.flags.writeable = False
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def __getitem__(self, number: int) -> ScanPoint:
+        if not 0 <= number < len(self):
+            raise IndexError(f"point {number} of a plan of {len(self)}")
+        row, col = int(self.positions.row[number]), int(self.positions.col[number])
+        return ScanPoint(
+            number=number,
+            row=row if row >= 0 else None,
+            col=col if col >= 0 else None,
+            x_m=float(self.positions.x_m[number]),
+            y_m=float(self.positions.y_m[number]),
+            dwell_s=float(self.dwell_s[number]),
+            pass_=int(self.pass_[number]),
+        )
+
+    def __iter__(self) -> Iterator[ScanPoint]:
+        columns = (column.tolist() for column in self.columns().values())
+        for number, (row, col, x_m, y_m, dwell_s, pass_) in enumerate(zip(*columns, strict=True)):
+            yield ScanPoint(number, row if row >= 0 else None, col if col >= 0 else None, x_m, y_m, dwell_s, pass_)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ScanPlan) and self.digest() == other.digest()
+
+    def __hash__(self) -> int:
+        return hash(self.digest())
+
+    @property
+    def dwell_total_s(self) -> float:
+        """Time with the gate open, all passes, nothing stopped early."""
+        return float(self.dwell_s.sum())
+
+    @property
+    def first_pass(self) -> int:
+        """How many points pass 0 has."""
+        return int(np.count_nonzero(self.pass_ == 0))
+
+    def pending(self, photons: Mapping[int, int]) -> list[int]:
+        """The numbers still to take, in order; `photons` is what was taken: point number -> counts in its histogram.
+        Of the passes only the first that is not finished is listed where later ones depend on it."""
+        open_ = [number for number in range(len(self)) if number not in photons]
+        if self.revisit_below is None or not open_:
+            return open_
+        first_pass = self.first_pass
+        if open_[0] < first_pass:
+            return [number for number in open_ if number < first_pass]
+        sums = [0] * first_pass
+        for number, count in photons.items():
+            sums[number % first_pass] += count
+        short = [number for number in open_ if sums[number % first_pass] < self.revisit_below]
+        return [number for number in short if self.pass_[number] == self.pass_[short[0]]]
+
+    def digest(self) -> str:
+        """SHA-256 over everything that the plan says: equal digests are equal plans."""
+        scalars: dict[str, object] = {
+            "wall": asdict(self.wall),
+            "axis": asdict(self.axis),
+            "stop": asdict(self.stop) if self.stop else None,
+            "revisit_below": self.revisit_below,
+        }
+        if self.lag_s is not None:
+            scalars["lag_s"] = self.lag_s
+        digest = hashlib.sha256(json.dumps(scalars, sort_keys=True).encode())
+        for array in self.columns().values():
+            digest.update(array.tobytes())
+        return digest.hexdigest()
+
+    def columns(self) -> dict[str, npt.NDArray[Any]]:
+        """The points as arrays of length N, keyed by the names that a recording stores them under."""
+        return {
+            "row": self.positions.row,
+            "col": self.positions.col,
+            "x_m": self.positions.x_m,
+            "y_m": self.positions.y_m,
+            "dwell_s": self.dwell_s,
+            "pass": self.pass_,
+        }

@@ -1,0 +1,152 @@
+"""What a scan will meet, looked at before anything moves: the mirror's reach, the counter's settings, the disk, the
+light, and how much signal each point can expect."""
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.acquisition.errors import InvalidData, StorageError
+from nlos.acquisition.planning.aim import Aim, Aiming
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.recording.recording import EVENT, EVENT_ROWS, RECORD, Recording
+from nlos.drivers.bench import Bench
+from nlos.drivers.errors import LimitError
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.simulated.bench import Gate, SimulatedBench
+from nlos.drivers.tcspc.counter import HistogramAxis
+
+PILE_UP = 0.05
+"""Detector counts per laser pulse above which early photons hide late ones (TCSPC practice)."""
+LOOKS, LOOK_S = 16, 0.1
+DIRECT_HALF_WIDTH_S = 0.5e-9
+"""Around the highest bin, what counts as the direct reflection."""
+HEADER_BYTES = 1 << 20
+
+
+def aim_of(bench: Bench) -> Aim:
+    """The ideal geometry that the bench file states."""
+    geometry = bench.settings.geometry
+    return Aim(geometry.wall_distance_m, geometry.mirror_separation_m)
+
+
+def checked_angles(plan: ScanPlan, bench: Bench, aim: Aiming) -> list[MirrorAngles]:
+    """The mirror angles of every point. Raises `LimitError` where a point, a dwell or the time axis is out of the
+    devices' reach; nothing has been sent or moved then."""
+    x_rad, y_rad = aim.angles_rad(plan.positions.x_m, plan.positions.y_m)
+    angles = [MirrorAngles(x, y) for x, y in zip(x_rad.tolist(), y_rad.tolist(), strict=True)]
+    allowed = bench.settings.geometry.allowed
+    for number, each in enumerate(angles):
+        if allowed is not None:
+            allowed.check(plan[number].x_m, plan[number].y_m)
+        try:
+            bench.mirror.check(each)
+        except LimitError as error:
+            point = plan[number]
+            what = f"wall point x = {point.x_m:+.3f} m, y = {point.y_m:+.3f} m: {error.what}"
+            raise LimitError(error.device, what, error.remedy) from error
+    for dwell_s in set(plan.dwell_s.tolist()):
+        bench.counter.check(plan.axis, dwell_s)
+    return angles
+
+
+def disk_bytes(plan: ScanPlan) -> int:
+    """How large the recording will be."""
+    return len(plan) * (plan.axis.bins * 4 + RECORD.itemsize) + EVENT_ROWS * EVENT.itemsize + HEADER_BYTES
+
+
+def check_disk(plan: ScanPlan, path: Path) -> None:
+    """Raises `StorageError` where the disk of `path` has no room for the recording."""
+    needed, free = disk_bytes(plan), shutil.disk_usage(path.absolute().parent).free
+    if needed > free:
+        raise StorageError(
+            f"{path}: the recording needs {needed / 1e6:.0f} MB, the disk has {free / 1e6:.0f} MB left. "
+            "Free disk space, choose another place with -o, or plan fewer points or bins."
+        )
+
+
+@dataclass(frozen=True)
+class ExpectedRates:
+    """Detector rates in 1/s with the beam on the wall, the mean over it."""
+
+    direct_hz: float
+    indirect_hz: float
+    background_hz: float
+    """Dark counts and stray light within the histogram."""
+
+    @property
+    def total_hz(self) -> float:
+        return self.direct_hz + self.indirect_hz + self.background_hz
+
+    @classmethod
+    def of_recording(cls, recording: Recording) -> "ExpectedRates":
+        """As a recording of the same bench and scene showed them. Raises `InvalidData` for one without samples."""
+        counts = np.zeros(recording.plan.axis.bins)
+        for _, block, intact in recording.blocks():
+            counts += block[intact].sum(axis=0)
+        live_s = float(recording.records["live_time_s"].sum())
+        if not live_s > 0:
+            raise InvalidData(f"{recording.path}: holds no samples to learn rates from")
+        return cls.of_histogram(counts, live_s, recording.plan.axis)
+
+    @classmethod
+    def of_simulation(
+        cls, plan: ScanPlan, simulated: SimulatedBench, angles: Sequence[MirrorAngles]
+    ) -> "ExpectedRates":
+        """As a simulated bench shows them, at some points of the plan: its own photons, before any scan."""
+        axis, counts = plan.axis, np.zeros(plan.axis.bins)
+        chosen = np.unique(np.linspace(0, len(plan) - 1, LOOKS).astype(int))
+        simulated.set_shutter(True)
+        for number in chosen.tolist():
+            simulated.steer(angles[number])
+            gate = Gate(simulated.clock.now(), LOOK_S, axis.bins, axis.bin_width_s, axis.offset_s, number)
+            counts += simulated.expose(gate).counts
+        simulated.set_shutter(False)
+        return cls.of_histogram(counts, len(chosen) * LOOK_S, axis)
+
+    @classmethod
+    def of_histogram(cls, counts: npt.NDArray[np.float64], live_s: float, axis: HistogramAxis) -> "ExpectedRates":
+        """The quietest sixteenth of the time axis is background, the highest peak direct light, the rest indirect."""
+        rate_hz = counts / live_s
+        quiet = np.convolve(rate_hz, np.ones(axis.bins // 16) / (axis.bins // 16), mode="valid").min()
+        reach, peak = round(DIRECT_HALF_WIDTH_S / axis.bin_width_s), int(np.argmax(rate_hz))
+        window = slice(max(peak - reach, 0), peak + reach + 1)
+        direct_hz = float((rate_hz[window] - quiet).sum())
+        rest_hz = float((rate_hz - quiet).sum()) - direct_hz
+        return cls(max(direct_hz, 0.0), max(rest_hz, 0.0), float(quiet) * axis.bins)
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """What a typical point of a plan will hold, in counts, and its signal-to-noise ratio."""
+
+    direct: float
+    indirect: float
+    background: float
+
+    @property
+    def signal_to_noise(self) -> float:
+        """Indirect light over its own shot noise and the background's, in one point's whole histogram."""
+        noise = (self.indirect + self.background) ** 0.5
+        return self.indirect / noise if noise else 0.0
+
+
+def expectation(plan: ScanPlan, rates: ExpectedRates) -> Expectation:
+    """Counts at the median dwell of the first pass."""
+    dwell_s = float(np.median(plan.dwell_s[plan.pass_ == 0]))
+    return Expectation(rates.direct_hz * dwell_s, rates.indirect_hz * dwell_s, rates.background_hz * dwell_s)
+
+
+def check_light(rates: ExpectedRates, repetition_hz: float) -> None:
+    """Raises `LimitError` where so many photons come that pile-up distorts histograms."""
+    limit_hz = PILE_UP * repetition_hz
+    if rates.total_hz > limit_hz:
+        raise LimitError(
+            "detector",
+            f"{rates.total_hz:.3g} counts/s are expected, above {PILE_UP:.0%} of {repetition_hz:.3g} laser pulses/s: "
+            "pile-up.",
+            "Attenuate the laser or the detector's light.",
+        )

@@ -1,0 +1,93 @@
+"""The scan file: wall, pattern, dwell and histogram, and the plan that they make."""
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from nlos.acquisition.errors import PlanRefused
+from nlos.acquisition.planning.exposure import Exposure, Uniform
+from nlos.acquisition.planning.ordering import strips, two_opt
+from nlos.acquisition.planning.patterns import SCATTERED, Pattern
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.positions import Positions
+from nlos.acquisition.scanning.alarms import AlarmSettings
+from nlos.acquisition.wall import WallGrid
+from nlos.configs.settings import Settings
+from nlos.drivers.tcspc.counter import HistogramAxis
+
+EDGE_M = 1e-9
+
+
+class WallSettings(Settings):
+    """The scanned part of the relay wall, and the grid on it."""
+
+    width_m: float = Field(gt=0, le=100)
+    height_m: float = Field(gt=0, le=100)
+    rows: int = Field(ge=1, le=4096)
+    cols: int = Field(ge=1, le=4096)
+
+
+class HistogramSettings(Settings):
+    """The time axis that the counter is set to: `bins` of `bin_width_ps`, from `offset_ns` after the sync pulse."""
+
+    bins: int = Field(ge=64, le=65536)
+    bin_width_ps: float = Field(gt=0, le=1e6)
+    offset_ns: float = Field(default=0.0, ge=0, le=1e8)
+
+
+class ContinuousSettings(Settings):
+    """Lines may be swept without settling. `lag_ms`: by how much the mirror trails a ramp, as measured on it."""
+
+    lag_ms: float = Field(ge=0, le=10)
+
+
+class ScanSettings(Settings):
+    """A scan file. `dwell_ms` is each point's time before the exposure policy distributes it.
+
+    `order`: `pattern` as the pattern lists them, `strips` boustrophedon strips, `two_opt` shorter still and slower to
+    find; without it, scattered points are visited in strips and the others as their pattern lists them.
+    """
+
+    wall: WallSettings
+    pattern: Pattern
+    dwell_ms: float = Field(ge=0.001, le=10_000)
+    histogram: HistogramSettings
+    exposure: Exposure = Uniform()
+    alarms: AlarmSettings = AlarmSettings()
+    continuous: ContinuousSettings | None = None
+    order: Literal["pattern", "strips", "two_opt"] | None = None
+
+    def plan(self) -> ScanPlan:
+        """The plan. Raises `PlanRefused` where pattern, exposure and wall do not fit together."""
+        wall = WallGrid(self.wall.width_m, self.wall.height_m, self.wall.rows, self.wall.cols)
+        axis = HistogramAxis(self.histogram.bins, self.histogram.bin_width_ps * 1e-12, self.histogram.offset_ns * 1e-9)
+        positions = self._ordered(self.pattern.points(wall))
+        beyond = np.maximum(np.abs(positions.x_m) / wall.width_m, np.abs(positions.y_m) / wall.height_m)
+        if beyond.max() > 0.5 + EDGE_M:
+            first = int(np.argmax(beyond))
+            raise PlanRefused(
+                f"point {first} at ({positions.x_m[first]:g}, {positions.y_m[first]:g}) m lies outside the wall of "
+                f"{wall.width_m:g} x {wall.height_m:g} m"
+            )
+        stop = self.exposure.stop(axis)
+        if stop is not None and self.continuous is not None:
+            raise PlanRefused("points that stop at N counts make an uneven pace; take out `continuous` or the exposure")
+        visits = self.exposure.visits(positions, wall, self.dwell_ms * 1e-3)
+        return ScanPlan(
+            wall,
+            axis,
+            positions.take(visits.index),
+            visits.dwell_s,
+            visits.pass_,
+            stop,
+            self.exposure.revisit_below,
+            self.continuous.lag_ms * 1e-3 if self.continuous else None,
+        )
+
+    def _ordered(self, positions: Positions) -> Positions:
+        order = self.order or ("strips" if isinstance(self.pattern, SCATTERED) else "pattern")
+        if order == "pattern":
+            return positions
+        find = strips if order == "strips" else two_opt
+        return positions.take(find(positions.x_m, positions.y_m))

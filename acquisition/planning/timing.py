@@ -1,0 +1,224 @@
+"""How long a scan will take, in its parts and as a band, from the mirror's settle model and the cables' times; and how
+long it will still take, from the pace of the points taken so far."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.sample import Sample
+from nlos.acquisition.scanning.clocked import Sequencer, stepping
+from nlos.drivers.bench import Bench
+from nlos.drivers.galvo.mirror import MirrorAngles
+
+STATES_PER_LINE = 99
+"""Table entries that one upload command of a sequencing controller carries; x, y and marks go one after the other."""
+SEQUENCE_COMMANDS = 13
+"""Commands beside the uploads that clear, start and stop a sequence."""
+SCAN_QUESTIONS = 6
+"""Exchanges with the counter that set up a scan, alarms included, and end it."""
+ARM_QUESTIONS = 9.5
+"""Exchanges that arm it for points, settings read back."""
+SEQUENCE_QUESTIONS = 13.5
+"""The same for a sequence, which is stopped before and watched to its end."""
+LISTED_POINT_S = {"tcspc488": 0.15e-3}
+"""How much later a list-mode counter tells that a gate has closed: markers may come out of order, and its clock has to
+have gone round once."""
+LISTING_BEGINS_S = {"picoquant": 0.009}
+"""How long a list-mode counter takes to begin."""
+LISTING_ENDS_S = {"picoquant": 0.0068}
+"""How long the last photons of a sequence take out of one that is asked for them."""
+POINT_QUESTIONS = 1.5
+"""A trigger, one way, and one question there and back per point taken by the host."""
+COMMANDS_PER_MOVE = {"triggerscope": 2, "optotune": 1}
+"""One for each axis, or one for both."""
+POLLED_EVERY_S = {"optotune": 0.5e-3}
+"""Pause between two looks at the status of a mirror that has to say twice that it has settled."""
+MARGIN = 0.02
+LEAST_TO_LEARN = 16
+BOUNDARY_S = 5e-3
+
+
+@dataclass(frozen=True)
+class Links:
+    """What cables and controllers cost in time: one move commanded, one point asked for, one line of table entries
+    uploaded, one sequence begun and ended, points armed without one, one scan set up and ended. `margin`: the fraction
+    by which a whole scan may differ from the forecast."""
+
+    move_s: float
+    point_s: float
+    line_s: float
+    sequence_s: float
+    arm_s: float
+    scan_s: float
+    margin: float
+
+    @classmethod
+    def of_cables(cls, serial_s: float, usb_s: float, commands: int, margin: float) -> "Links":
+        """From the times of one exchange, there and back, on the mirror's and on the counter's cable."""
+        return cls(
+            move_s=commands * serial_s,
+            point_s=POINT_QUESTIONS * usb_s,
+            line_s=3 * serial_s,
+            sequence_s=SEQUENCE_COMMANDS * serial_s + SEQUENCE_QUESTIONS * usb_s,
+            arm_s=ARM_QUESTIONS * usb_s,
+            scan_s=SCAN_QUESTIONS * usb_s,
+            margin=margin,
+        )
+
+
+def links_of(bench: Bench) -> Links:
+    """What the cables of a bench cost until recordings of it say better."""
+    commands = COMMANDS_PER_MOVE.get(bench.settings.mirror.model, 2)
+    return Links.of_cables(*exchanges_s(bench), commands, MARGIN if bench.settings.simulation else 0.15)
+
+
+def exchanges_s(bench: Bench) -> tuple[float, float]:
+    """Time of one exchange, there and back, on the mirror's and on the counter's cable. A simulated bench states it (a
+    vendor's library is simulated without any); of a real one, USB serial at 1 ms and two microframes are assumed."""
+    simulation = bench.settings.simulation
+    if simulation is None:
+        return 1e-3, 0.25e-3
+    vendors = bench.settings.counter.model == "picoquant"
+    return simulation.serial_latency_ms * 1e-3, 0.0 if vendors else simulation.usb_latency_ms * 1e-3
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Predicted duration by parts, and how far off it may be. Where points stop at N counts or a second pass takes only
+    what fell short, the light decides: then the parts are the most it can be, and `certain` the share that is sure."""
+
+    dwell_s: float
+    settle_s: float
+    links_s: float
+    upload_s: float
+    margin: float
+    certain: float = 1.0
+
+    @property
+    def total_s(self) -> float:
+        return self.dwell_s + self.settle_s + self.links_s + self.upload_s
+
+    @property
+    def band_s(self) -> tuple[float, float]:
+        """Shortest and longest: beyond the certain dwell, the parts may be off by `margin` of the whole."""
+        slack_s = self.margin * self.total_s
+        least_s = self.certain * (self.total_s - slack_s)
+        return max(self.certain * self.dwell_s, least_s), self.total_s + slack_s
+
+
+def certain_share(plan: ScanPlan) -> float:
+    """The share of a plan's time that passes whatever the light does."""
+    if plan.stop is not None:
+        return 0.0
+    if plan.revisit_below is not None:
+        return float(plan.dwell_s[plan.pass_ == 0].sum()) / plan.dwell_total_s
+    return 1.0
+
+
+def moves_s(bench: Bench, angles: Sequence[MirrorAngles]) -> npt.NDArray[np.float64]:
+    """Settling time of every move, the first one from the centre, shape (N,): until the host knows of it."""
+    settle = bench.mirror.settle_s
+    starts = [MirrorAngles(0.0, 0.0), *angles[:-1]]
+    settled_s = np.array([settle(start, end) for start, end in zip(starts, angles, strict=True)])
+    pause_s = POLLED_EVERY_S.get(bench.settings.mirror.model)
+    if pause_s is None:
+        return settled_s
+    look_s, _ = exchanges_s(bench)
+    in_vain = np.maximum(np.ceil((settled_s - look_s - pause_s / 2) / (look_s + pause_s)), 0.0)
+    return np.asarray((in_vain + 2) * look_s + (in_vain + 1) * pause_s)
+
+
+def listing_s(bench: Bench, by_model: Mapping[str, float]) -> float:
+    """What list mode costs on this bench's counter; nothing in histogram mode."""
+    return by_model.get(bench.settings.counter.model, 0.0) if bench.counter.list_mode else 0.0
+
+
+def stepped_forecast(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links) -> Forecast:
+    """Scheme S1: every point pays for its move, its settling and its questions."""
+    arms = -(-len(plan) // bench.counter.max_points)
+    begins_s, listed_s = listing_s(bench, LISTING_BEGINS_S), listing_s(bench, LISTED_POINT_S)
+    return Forecast(
+        dwell_s=plan.dwell_total_s,
+        settle_s=float(moves_s(bench, angles).sum()),
+        links_s=len(plan) * (links.move_s + links.point_s + listed_s) + arms * links.arm_s + links.scan_s + begins_s,
+        upload_s=0.0,
+        margin=links.margin,
+        certain=certain_share(plan),
+    )
+
+
+def clocked_forecast(
+    plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links, sequencer: Sequencer = stepping
+) -> Forecast:
+    """Schemes S2 and S3: points pay for blanking, sequences for upload and start. Raises `LimitError` where a run-up
+    leaves the mirror's reach."""
+    points = list(plan)
+    most = min(bench.mirror.max_sequence, bench.counter.max_points)
+    whole = Forecast(0.0, 0.0, links.scan_s, 0.0, links.margin, certain_share(plan))
+    first, where = 0, MirrorAngles(0.0, 0.0)
+    while first < len(points):
+        part = sequencer(points[first:], angles[first:], bench.mirror.settle_s, most, bench.counter.list_mode)
+        for each in part.angles:
+            bench.mirror.check(each)
+        dwell_s = sum(point.dwell_s for point in points[first : first + part.count])
+        whole = replace(
+            whole,
+            dwell_s=whole.dwell_s + dwell_s,
+            settle_s=whole.settle_s + part.duration_s - dwell_s + bench.mirror.settle_s(where, part.angles[0]),
+            links_s=whole.links_s + links.sequence_s + listing_s(bench, LISTING_ENDS_S),
+            upload_s=whole.upload_s + -(-len(part.index) // STATES_PER_LINE) * links.line_s,
+        )
+        first, where = first + part.count, part.angles[-1]
+    return whole
+
+
+class Pace:
+    """Learns from the samples of a running scan what each point really costs beyond its dwell."""
+
+    def __init__(self, plan: ScanPlan, settle_s: npt.NDArray[np.float64]) -> None:
+        self._plan, self._settle_s = plan, settle_s
+        self._last: Sample | None = None
+        self._number: list[int] = []
+        self._beyond_s: list[float] = []
+        self._taken = np.zeros(len(plan), dtype=np.bool_)
+
+    def step(self, sample: Sample) -> None:
+        """Takes note of the next sample, in the order taken."""
+        last, self._last = self._last, sample
+        self._taken[sample.point.number] = True
+        if last is not None and sample.point.number == last.point.number + 1:
+            self._number.append(sample.point.number)
+            self._beyond_s.append(sample.taken_s - last.taken_s - last.histogram.live_time_s)
+
+    def host_s(self) -> tuple[float, float]:
+        """(seconds per point, seconds per predicted second of settling) by least squares; the model's own settling and
+        no host time while there is too little to learn from. Sequences' starts count in the mean, not in the fit."""
+        if len(self._number) < LEAST_TO_LEARN:
+            return 0.0, 1.0
+        beyond_s, settle_s = np.array(self._beyond_s), self._settle_s[self._number]
+        usual = beyond_s <= np.quantile(beyond_s, 0.99) + BOUNDARY_S
+        spread = float(np.ptp(settle_s[usual]))
+        if spread < 0.1 * float(settle_s.mean() + 1e-9):
+            return float(beyond_s.mean() - settle_s.mean()), 1.0
+        design = np.stack([np.ones(int(usual.sum())), settle_s[usual]], axis=1)
+        (_, scale), *_ = np.linalg.lstsq(design, beyond_s[usual], rcond=None)
+        scale = max(float(scale), 0.0)
+        return float(beyond_s.mean() - scale * settle_s.mean()), scale
+
+    def remaining_s(self) -> float:
+        """Time until the last point is taken, at this pace."""
+        left = ~self._taken
+        host_s, scale = self.host_s()
+        settle_s = scale * float(self._settle_s[left].sum())
+        return float(self._plan.dwell_s[left].sum()) + settle_s + int(left.sum()) * host_s
+
+
+def learned_links(links: Links, samples: Sequence[Sample], pace: Pace) -> Links:
+    """`links` as a finished scan in scheme S1 on the same bench proved them to be."""
+    for sample in samples:
+        pace.step(sample)
+    host_s, _ = pace.host_s()
+    return replace(links, move_s=max(host_s - links.point_s, 0.0), margin=MARGIN)

@@ -1,0 +1,1 @@
+"""Scan files: written, read, followed, replayed, verified and recovered."""

@@ -1,0 +1,120 @@
+"""The part of a scan file that never changes, written once and read with every size checked: header and plan."""
+
+from typing import Any
+
+import h5py
+import numpy as np
+
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.positions import Positions
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.wall import WallGrid
+from nlos.drivers.tcspc.counter import HistogramAxis, StopAtCounts
+
+FORMAT, VERSION = "nlos-scan", 1
+MAX_POINTS = 4096 * 4096
+MAX_BINS = 65536
+MAX_TEXT_BYTES = 1 << 22
+COLUMNS = {"row": "<i4", "col": "<i4", "x_m": "<f8", "y_m": "<f8", "dwell_s": "<f8", "pass": "<i4"}
+
+
+def write_header(file: h5py.File, header: Header) -> None:
+    """Texts as fixed-length UTF-8, so that a reader knows each size before it reads."""
+    group = file.create_group("header")
+    for name, text in header.texts().items():
+        raw = text.encode("utf-8")
+        if len(raw) > MAX_TEXT_BYTES:
+            raise InvalidData(f"{name} is {len(raw)} bytes long; a recording keeps {MAX_TEXT_BYTES} at most")
+        dtype = h5py.string_dtype("utf-8", max(len(raw), 1))
+        group.create_dataset(name, data=np.array(raw, dtype=dtype), dtype=dtype)
+
+
+def read_header(file: h5py.File) -> Header:
+    """The header. Raises `InvalidData` naming the place, `ValueError` or `KeyError` where a text is not what it was."""
+    if file.attrs.get("format") != FORMAT:
+        raise InvalidData(f"{file.filename}: not a recording (its attribute format is {file.attrs.get('format')!r})")
+    if file.attrs.get("version") != VERSION:
+        raise InvalidData(f"{file.filename}: recording version {file.attrs.get('version')!r}; {VERSION} is read")
+    texts = {}
+    for name in Header().texts():
+        item = plain_dataset(file, f"header/{name}", (), None)
+        if item.dtype.kind != "S" or item.dtype.itemsize > MAX_TEXT_BYTES:
+            raise InvalidData(f"{file.filename}: header/{name}: is not a text of at most {MAX_TEXT_BYTES} bytes")
+        texts[name] = bytes(item[()]).decode("utf-8")
+    return Header.from_texts(texts)
+
+
+def write_plan(file: h5py.File, plan: ScanPlan) -> None:
+    """Scalars as attributes of `/plan`, points as its datasets."""
+    group = file.create_group("plan")
+    stop = plan.stop
+    group.attrs["width_m"], group.attrs["height_m"] = plan.wall.width_m, plan.wall.height_m
+    group.attrs["rows"], group.attrs["cols"] = plan.wall.rows, plan.wall.cols
+    group.attrs["bins"], group.attrs["bin_width_s"] = plan.axis.bins, plan.axis.bin_width_s
+    group.attrs["offset_s"] = plan.axis.offset_s
+    group.attrs["stop"] = [stop.counts, stop.first_bin, stop.end_bin] if stop else [0, 0, 0]
+    group.attrs["revisit_below"] = plan.revisit_below or 0
+    if plan.lag_s is not None:
+        group.attrs["lag_s"] = plan.lag_s
+    group.attrs["digest"] = plan.digest()
+    for name, column in plan.columns().items():
+        group.create_dataset(name, data=column, dtype=COLUMNS[name])
+
+
+def read_plan(file: h5py.File) -> ScanPlan:
+    """The plan, its arrays checked for size before they are read and against its digest afterwards."""
+    group = file["plan"]
+    states = {
+        name: np.asarray(group.attrs[name])
+        for name in group.attrs
+        if group.attrs.get_id(name).get_storage_size() < 1024
+    }
+    shape = plain_dataset(file, "plan/row", None, np.dtype(COLUMNS["row"])).shape
+    if len(shape) != 1 or not 0 < shape[0] <= MAX_POINTS or not 0 < int(states["bins"]) <= MAX_BINS:
+        raise InvalidData(f"{file.filename}: a plan of shape {shape} with {states['bins']} bins is not plausible")
+    columns = {}
+    for name, dtype in COLUMNS.items():
+        item = plain_dataset(file, f"plan/{name}", shape, np.dtype(dtype))
+        if item.chunks or item.id.get_storage_size() != item.nbytes or item.nbytes > file.id.get_filesize():
+            raise InvalidData(f"{file.filename}: plan/{name}: states {shape[0]} points but does not hold them")
+        columns[name] = item[:]
+    counts, first_bin, end_bin = (int(value) for value in states["stop"])
+    plan = ScanPlan(
+        wall=WallGrid(float(states["width_m"]), float(states["height_m"]), int(states["rows"]), int(states["cols"])),
+        axis=HistogramAxis(int(states["bins"]), float(states["bin_width_s"]), float(states["offset_s"])),
+        positions=Positions(columns["row"], columns["col"], columns["x_m"], columns["y_m"]),
+        dwell_s=columns["dwell_s"],
+        pass_=columns["pass"],
+        stop=StopAtCounts(counts, first_bin, end_bin) if counts else None,
+        revisit_below=int(states["revisit_below"]) or None,
+        lag_s=float(states["lag_s"]) if "lag_s" in states else None,
+    )
+    if plan.digest() != str(states["digest"]):
+        raise InvalidData(f"{file.filename}: the plan does not match its own digest; the file is damaged")
+    return plan
+
+
+def plain_dataset(
+    file: h5py.File, name: str, shape: tuple[int, ...] | None, dtype: np.dtype[Any] | None
+) -> h5py.Dataset:
+    """The dataset at `name` (`group/leaf` or `leaf`): in this file, unfiltered, of this shape and type, else
+    `InvalidData`. Links are looked at, never followed."""
+    place = f"{file.filename}: {name}"
+    parent = file
+    *groups, leaf = name.split("/")
+    for word in (*groups, leaf):
+        if not isinstance(parent, h5py.Group) or not isinstance(parent.get(word, getlink=True), h5py.HardLink):
+            raise InvalidData(f"{place}: is missing or a link to elsewhere")
+        parent = parent[word]
+    item = parent
+    if (
+        not isinstance(item, h5py.Dataset)
+        or item.is_virtual
+        or item.external
+        or item.id.get_create_plist().get_nfilters()
+    ):
+        raise InvalidData(f"{place}: is not a plain dataset of this file")
+    if (shape is not None and item.shape != shape) or (dtype is not None and item.dtype != dtype):
+        raise InvalidData(f"{place}: holds {item.dtype} {item.shape}, expected {dtype} {shape}")
+    return item

@@ -1,0 +1,174 @@
+"""What may go wrong while a scan runs without any device saying so, and what is done about it.
+
+Alarms are level-triggered: looked at before the light is switched on, at every sample and, the disk, at every block. An
+alarm that was raised clears only well on the good side of its limit, so that a value at the limit does not make it
+flutter. Samples taken under an alarm are not kept: their points are taken again.
+"""
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+
+from pydantic import Field
+
+from nlos.acquisition.sample import Sample
+from nlos.configs.settings import Settings
+from nlos.drivers.bench import Bench
+from nlos.drivers.errors import SafetyTrip
+
+CLEARS_AT = 0.5
+"""Share of the distance to the limit at which an alarm clears again."""
+BLANK_PHOTONS = 25.0
+"""So many photons expected and none seen: as good as never by chance (exp(-25))."""
+RATE_S = 1e-3
+BLOCK = 64
+
+
+class Action(Enum):
+    """What an alarm does to the scan."""
+
+    PAUSE = "pause"
+    """Light off until somebody decides."""
+    SKIP = "skip"
+    """The point is left for the end of the scan."""
+    ABORT = "abort"
+    """The scan ends; what was taken is safe."""
+
+
+class AlarmSettings(Settings):
+    """The alarms block of a scan file: limits, and what to do at each."""
+
+    sync_tolerance: float = Field(default=0.05, gt=0, lt=1)
+    """How far the laser's pulse rate may be from the bench file's, as a fraction."""
+    on_sync: Action = Field(default=Action.PAUSE, strict=False)
+    pile_up: float = Field(default=0.05, gt=0, le=1)
+    """Detector counts per laser pulse above which histograms are distorted by pile-up."""
+    on_count_rate: Action = Field(default=Action.ABORT, strict=False)
+    max_dark_hz: float | None = Field(default=None, gt=0)
+    """Detector rate allowed with the shutter closed, before the scan."""
+    on_dark_rate: Action = Field(default=Action.ABORT, strict=False)
+    on_blank: Action = Field(default=Action.PAUSE, strict=False)
+    """No photons at all where photons came before: a shutter, a cable or a detector that went off."""
+    min_free_mb: float = Field(default=100.0, ge=0)
+    on_disk: Action = Field(default=Action.ABORT, strict=False)
+
+
+class AlarmRaised(SafetyTrip):
+    """A scan was ended by an alarm."""
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """An alarm that stands: which one, what was seen, what to do."""
+
+    name: str
+    text: str
+    action: Action
+
+
+class _Level:
+    """One value against its limit, with hysteresis. `deviation` is 0 where all is well and 1 at the limit."""
+
+    def __init__(self) -> None:
+        self.raised = False
+
+    def stands(self, deviation: float) -> bool:
+        self.raised = deviation > (CLEARS_AT if self.raised else 1.0)
+        return self.raised
+
+
+class Alarms:
+    """The alarms of one scan on one bench. `folder`: where the recording grows."""
+
+    def __init__(
+        self,
+        settings: AlarmSettings,
+        repetition_hz: float,
+        folder: Path | None = None,
+        free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
+    ) -> None:
+        self._settings, self._repetition_hz, self._folder, self._free = settings, repetition_hz, folder, free_bytes
+        self._levels = {name: _Level() for name in ("sync", "count rate", "dark rate", "blank", "disk")}
+        self._samples = 0
+        self._mean_hz = 0.0
+        self._blank_s = 0.0
+        self._count, self._count_s = 0, 0.0
+
+    def wait_for_rates(self, bench: Bench) -> None:
+        """A counter that has just been set up measures its rates first: before a scan's clock starts."""
+        bench.counter.rates()
+
+    def before(self, bench: Bench) -> Trouble | None:
+        """Looks at everything that can be known with the shutter still closed."""
+        rates = bench.counter.rates()
+        dark_hz = self._settings.max_dark_hz
+        return (
+            self._sync(rates.sync_hz)
+            or self._disk()
+            or (
+                self._look("dark rate", rates.detector_hz / dark_hz, f"{rates.detector_hz:.4g} dark counts/s")
+                if dark_hz
+                else None
+            )
+        )
+
+    def judge(self, sample: Sample) -> Trouble | None:
+        """Looks at one sample, and every 64th time at the disk. None: the sample may be kept."""
+        histogram = sample.histogram
+        live_s = histogram.live_time_s
+        if live_s <= 0:
+            return None
+        self._samples += 1
+        trouble = (
+            self._sync(histogram.sync_count / live_s, live_s)
+            or self._count_rate(histogram.total_count, live_s)
+            or self._blank(histogram.total_count, live_s)
+        )
+        if trouble is None and self._samples % BLOCK == 1:
+            trouble = self._disk()
+        return trouble
+
+    def _look(self, name: str, deviation: float, text: str) -> Trouble | None:
+        action = {
+            "sync": self._settings.on_sync,
+            "count rate": self._settings.on_count_rate,
+            "dark rate": self._settings.on_dark_rate,
+            "blank": self._settings.on_blank,
+            "disk": self._settings.on_disk,
+        }[name]
+        return Trouble(name, text, action) if self._levels[name].stands(deviation) else None
+
+    def _sync(self, sync_hz: float, live_s: float = 1.0) -> Trouble | None:
+        """One pulse more or less is how the gate fell."""
+        off = max(abs(sync_hz / self._repetition_hz - 1) - 1 / (self._repetition_hz * live_s), 0.0)
+        text = f"the laser pulses at {sync_hz:.6g} Hz, the bench file says {self._repetition_hz:.6g} Hz"
+        return self._look("sync", off / self._settings.sync_tolerance, text)
+
+    def _count_rate(self, total_count: int, live_s: float) -> Trouble | None:
+        """Over at least a millisecond: a few photons in a microsecond are no rate."""
+        self._count, self._count_s = self._count + total_count, self._count_s + live_s
+        if self._count_s < RATE_S:
+            return None
+        rate_hz, self._count, self._count_s = self._count / self._count_s, 0, 0.0
+        limit_hz = self._settings.pile_up * self._repetition_hz
+        text = f"{rate_hz:.4g} counts/s are more than {self._settings.pile_up:.0%} of the laser's pulses (pile-up)"
+        return self._look("count rate", rate_hz / limit_hz, text)
+
+    def _blank(self, total_count: int, live_s: float) -> Trouble | None:
+        if total_count:
+            weight = 1 / min(self._samples, BLOCK)
+            self._mean_hz += weight * (total_count / live_s - self._mean_hz)
+            self._blank_s = 0.0
+        else:
+            self._blank_s += live_s
+        expected = self._blank_s * self._mean_hz
+        return self._look("blank", expected / BLANK_PHOTONS, f"no photon where {expected:.0f} were expected")
+
+    def _disk(self) -> Trouble | None:
+        if self._folder is None or not self._settings.min_free_mb:
+            return None
+        free_mb = self._free(self._folder) / 1e6
+        deviation = self._settings.min_free_mb / max(free_mb, 1e-3)
+        return self._look("disk", deviation, f"{free_mb:.0f} MB are left on the disk of {self._folder}")

@@ -1,0 +1,158 @@
+"""Schemes S2 and S3: the counter's pixel clock steps the mirror, and the host only uploads, watches and reads blocks.
+
+The mirror's marker edges are counted against the points. A block is handed on once the status after the next one agrees
+as well; where they disagree, everything since then is taken again.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.acquisition.sample import Sample, ScanPoint
+from nlos.acquisition.scanning.control import ScanControl
+from nlos.drivers.bench import Bench
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.tcspc.counter import CounterStatus, Trigger
+
+BLOCK_S = 0.4
+"""How long a block of points lasts: how often the watchdog is kicked, samples appear and a pause is noticed."""
+BLOCK_POINTS = 64
+"""Read while the others are taken, so that little is left to read when the sequence ends."""
+GRACE_S = 2.0
+SEGMENT_US = 80_000
+"""What starting another sequence costs, roughly: it decides whether a jump is worth a sequence of its own."""
+ENTRY_US = 100
+"""What one more entry of a sequence costs: its upload, and its share of the next sequence's start."""
+WAITING_NUMBER = 0xFFFF_FFFF
+"""Counting down from here, the numbers of points at which the counter only waits for the mirror."""
+LOOKS = 3
+
+Settle = Callable[[MirrorAngles, MirrorAngles], float]
+Sequencer = Callable[[Sequence[ScanPoint], Sequence[MirrorAngles], Settle, int, bool], "Stepping"]
+"""(points, their angles, settling time of a move, most entries, list mode) -> the next sequence"""
+
+
+@dataclass(frozen=True)
+class Stepping:
+    """One sequence: what the mirror steps through and the counter times. `index[i]` is the point that entry i
+    measures, -1 where it waits for the mirror after a jump; `count` points are in it."""
+
+    angles: list[MirrorAngles]
+    dwells_s: list[float]
+    numbers: list[int]
+    index: list[int]
+    blanking_s: float
+    count: int
+
+    @property
+    def duration_s(self) -> float:
+        return sum(self.dwells_s) + len(self.dwells_s) * self.blanking_s
+
+
+def stepping(
+    points: Sequence[ScanPoint], angles: Sequence[MirrorAngles], settle: Settle, most: int, list_mode: bool
+) -> Stepping:
+    """As many of `points` as fit `most` entries. Blanking is the same after every step, so it is chosen for the least
+    time in all, and a step that needs longer gets entries that only wait; in list mode, whose clock has one period,
+    such a step or another dwell ends the sequence instead."""
+    points, angles = points[:most], angles[:most]
+    moves_us = [0, *(_whole_us(settle(a, b)) for a, b in pairwise(angles))]
+    blanking_us = best_blanking_us(np.array(moves_us), SEGMENT_US if list_mode else ENTRY_US)
+    blanking_s = blanking_us * 1e-6
+    made = Stepping([], [], [], [], blanking_s, len(points))
+    for i, (point, target, move_us) in enumerate(zip(points, angles, moves_us, strict=True)):
+        jump = move_us > blanking_us
+        if list_mode and i and (jump or point.dwell_s != points[0].dwell_s):
+            return Stepping(made.angles, made.dwells_s, made.numbers, made.index, blanking_s, i)
+        if len(made.index) + 1 + jump > most:
+            return Stepping(made.angles, made.dwells_s, made.numbers, made.index, blanking_s, i)
+        if jump:
+            made.angles.append(target)
+            made.dwells_s.append(max(move_us - 2 * blanking_us, 1) * 1e-6)
+            made.numbers.append(WAITING_NUMBER - i)
+            made.index.append(-1)
+        made.angles.append(target)
+        made.dwells_s.append(point.dwell_s)
+        made.numbers.append(point.number)
+        made.index.append(i)
+    return made
+
+
+def best_blanking_us(moves_us: npt.NDArray[np.int64], jump_us: int) -> int:
+    """The blanking with the least total time: steps that settle within it cost it, longer ones cost themselves (at
+    least twice the blanking) and `jump_us`."""
+    candidates = np.unique(np.quantile(moves_us, np.linspace(0.0, 1.0, 33), method="higher"))
+    costs = [
+        np.where(moves_us <= each, each, np.maximum(moves_us, 2 * each + 1) + jump_us).sum() for each in candidates
+    ]
+    return int(candidates[int(np.argmin(costs))])
+
+
+def _whole_us(seconds: float) -> int:
+    return math.ceil(round(seconds * 1e6, 3))
+
+
+def take(
+    bench: Bench,
+    points: Sequence[ScanPoint],
+    angles: Sequence[MirrorAngles],
+    control: ScanControl,
+    start_s: float,
+    sequencer: Sequencer = stepping,
+) -> Iterator[Sample]:
+    """Takes as many of `points` as one sequence holds; the counter must be configured. Ends early once `control` wants
+    a pause or the markers disagree. The shutter is opened here and left to the caller to close."""
+    mirror, counter, clock = bench.mirror, bench.counter, bench.clock
+    most = min(mirror.max_sequence, counter.max_points)
+    plan = sequencer(points, angles, mirror.settle_s, most, counter.list_mode)
+    counter.abort()  # where the sequence before was given up, its clock still runs
+    mirror.stop()
+    mirror.load(plan.angles)
+    bench.shutter.open()
+    mirror.start()
+    armed_s = clock.now() - start_s
+    counter.arm(plan.dwells_s, plan.numbers, Trigger.CLOCK, plan.blanking_s)
+    entries = len(plan.index)
+    block = max(1, min(round(entries * BLOCK_S / plan.duration_s), BLOCK_POINTS))
+    held: list[Sample] = []
+    for first in range(0, entries, block):
+        count = min(block, entries - first)
+        span_s = sum(plan.dwells_s[first : first + count]) + count * plan.blanking_s
+        status = counter.wait_points(first + count, timeout_s=span_s + GRACE_S)
+        if control.wanted:
+            return
+        if not _markers_agree(bench, status, entries):
+            bench.report(
+                "sample",
+                f"{status.markers} mirror steps for {status.points_done} of {entries} points from "
+                f"{points[0].number}: what is not confirmed is taken again",
+            )
+            return
+        histograms = counter.read(first, count)
+        if not counter.list_mode:
+            yield from held
+            held = []
+        for entry, histogram in enumerate(histograms, first):
+            if plan.index[entry] >= 0:
+                held.append(Sample(points[plan.index[entry]], histogram, armed_s + histogram.gate_opened_s))
+    mirror.stop()
+    yield from held
+
+
+def _markers_agree(bench: Bench, status: CounterStatus, entries: int) -> bool:
+    """Whether the mirror made as many steps as points were begun. The two numbers are not read at the same instant, so
+    a step that came in between is looked at again; in list mode points lag behind markers, and only the end counts."""
+    for _ in range(LOOKS):
+        if status.markers is None:
+            return True
+        over = not status.running or status.points_done >= entries
+        if bench.counter.list_mode and not over:
+            return status.markers >= status.points_done
+        if status.markers == (entries if over else status.points_done + 1):
+            return True
+        status = bench.counter.wait_points(status.points_done, timeout_s=GRACE_S)
+    return False

@@ -1,0 +1,274 @@
+"""Runs a plan on a bench: every limit checked before anything moves, light only while acquiring, samples as they come.
+
+However the scan ends - complete, paused, by an error, or because the consumer walked away - the shutter is closed
+before anything else happens.
+"""
+
+import contextlib
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Protocol
+
+from nlos.acquisition.planning.aim import Aiming
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.preflight import aim_of, checked_angles
+from nlos.acquisition.planning.schemes import Choice, Scheme, choose, forecast, sequencer
+from nlos.acquisition.sample import Sample, ScanPoint
+from nlos.acquisition.scanning import clocked, stepped
+from nlos.acquisition.scanning.alarms import Action, AlarmRaised, Alarms, Trouble
+from nlos.acquisition.scanning.control import ScanControl, ScanState
+from nlos.drivers.bench import Bench
+from nlos.drivers.errors import DeviceError, DeviceFault, DeviceTimeout, SafetyTrip
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.tcspc.counter import HistogramFlag
+
+SPOILT = (
+    HistogramFlag.SYNC_LOST
+    | HistogramFlag.OVERRUN
+    | HistogramFlag.TRIGGER_LATE
+    | HistogramFlag.TRIGGER_MISSED
+    | HistogramFlag.DATA_LOST
+)
+"""Flags of a point that is taken again."""
+ATTEMPTS = 3
+"""How often a point is taken before it is kept with its flags."""
+
+
+class Sink(Protocol):
+    """Whatever takes samples: a recording, a stream to another machine."""
+
+    def write(self, sample: Sample) -> None: ...
+
+
+def scan(
+    plan: ScanPlan,
+    bench: Bench,
+    *,
+    aim: Aiming | None = None,
+    taken: Mapping[int, int] | None = None,
+    scheme: Scheme | None = None,
+    control: ScanControl | None = None,
+    alarms: Alarms | None = None,
+    decide: Callable[[], bool] | None = None,
+    elapsed_s: float = 0.0,
+) -> Generator[Sample, None, None]:
+    """Checks the plan at once (`LimitError`), then yields its samples as they are taken.
+
+    `taken`: point number -> photons of what an earlier recording already holds, `elapsed_s` how long that took.
+    `scheme`: the fastest that bench and plan allow, unless told. `alarms` may pause, postpone
+    or end. `decide` is asked after every sample whether the scan may end early; where a first pass is
+    followed by a second, the first yes ends the first. Raises `DeviceError` with the shutter closed.
+    """
+    angles = checked_angles(plan, bench, aim or aim_of(bench))
+    choice = choose(plan, bench, angles)
+    if scheme is not None and scheme is not choice.scheme:
+        choice = Choice(scheme, "as asked for", forecast(scheme, plan, bench, angles))
+    run = _Run(plan, bench, angles, dict(taken or {}), control or ScanControl(), alarms, decide, elapsed_s)
+    return run.samples(choice)
+
+
+def record(
+    samples: Generator[Sample, None, None], writer: Sink, on_sample: Callable[[Sample], None] | None = None
+) -> None:
+    """Hands every sample to `writer`, then to `on_sample`. However it ends, the source is closed, and with a live one
+    the light is off, before anything else happens."""
+    with contextlib.closing(samples):
+        for sample in samples:
+            writer.write(sample)
+            if on_sample is not None:
+                on_sample(sample)
+
+
+class _Run:
+    """One scan under way."""
+
+    def __init__(
+        self,
+        plan: ScanPlan,
+        bench: Bench,
+        angles: Sequence[MirrorAngles],
+        photons: dict[int, int],
+        control: ScanControl,
+        alarms: Alarms | None,
+        decide: Callable[[], bool] | None,
+        elapsed_s: float,
+    ) -> None:
+        self._plan, self._bench, self._angles = plan, bench, angles
+        self._photons, self._control, self._alarms, self._decide = photons, control, alarms, decide
+        self._start_s = bench.clock.now() - elapsed_s
+        self._attempts: dict[int, int] = {}
+        self._take: Callable[..., Iterator[Sample]] = stepped.take
+        self._first, self._stuck = -1, 0
+        self._alarm = ""
+        self._skipped: dict[int, int] = {}
+        self._first_pass_cut = False
+
+    def samples(self, choice: Choice) -> Generator[Sample, None, None]:
+        control, bench = self._control, self._bench
+        most = "" if choice.forecast.certain == 1.0 else "at most "
+        expected = f"{most}{choice.forecast.total_s:.1f} s expected"
+        bench.report("scheme", f"{choice.scheme.value}, {expected}; {choice.why}")
+        if choice.scheme is not Scheme.STEPPED:
+            self._take = partial(clocked.take, sequencer=sequencer(choice.scheme, self._plan, self._angles))
+        control.enter(ScanState.RUNNING)
+        try:
+            self._look_around()
+            bench.counter.configure(self._plan.axis, self._plan.stop)
+            while todo := self._todo():
+                if not control.wanted:
+                    self._check_progress(todo[0])
+                    yield from self._segment(todo[: bench.counter.max_points])
+                if control.wanted:
+                    self._first = -1  # a pause is no lack of progress
+                    if control.state is ScanState.RUNNING:
+                        self._pause()
+                if control.state is not ScanState.RUNNING:
+                    return
+            self._dark("the scan is over" if self._first_pass_cut else "the scan is complete")
+            control.enter(ScanState.ENDED if self._first_pass_cut else ScanState.COMPLETE)
+        except SafetyTrip as error:
+            self._shut(error)
+            if control.state is not ScanState.STOPPED:
+                control.enter(ScanState.STOPPED)
+            raise
+        except DeviceError:
+            control.enter(ScanState.FAILED)
+            raise
+        finally:
+            if control.state is ScanState.RUNNING:
+                control.enter(ScanState.ENDED)
+            if control.state is not ScanState.COMPLETE:
+                self._dark_whatever_happens()
+
+    def _segment(self, numbers: Sequence[int]) -> Iterator[Sample]:
+        """The samples of one armed batch, until it ends, a pause is wanted or a point has to be taken again."""
+        points = [self._plan[number] for number in numbers]
+        angles = [self._angles[number] for number in numbers]
+        source = self._take(self._bench, points, angles, self._control, self._start_s)
+        for sample in self._until_interrupted(source):
+            if self._is_spoilt(sample):
+                return
+            self._bench.shutter.watch(sample.histogram)
+            if self._alarms is not None and (trouble := self._alarms.judge(sample)) is not None:
+                self._meet(trouble, sample.point.number)
+                return
+            counts = sample.histogram.counts
+            self._photons[sample.point.number] = int(counts.sum()) if self._plan.revisit_below is not None else 0
+            yield sample
+            if self._decide is not None and self._decide():
+                self._end_early(sample.point)
+                return
+
+    def _end_early(self, point: ScanPoint) -> None:
+        """Ends the first pass where another follows, else the scan."""
+        if self._plan.revisit_below is not None and point.pass_ == 0 and not self._first_pass_cut:
+            self._bench.report("scan", "the first pass is ended early: the second begins")
+            self._first_pass_cut = True
+            return
+        self._bench.report("scan", "ended early: nothing is left to gain")
+        self._control.enter(ScanState.ENDED)
+
+    def _until_interrupted(self, source: Iterator[Sample]) -> Iterator[Sample]:
+        """Ends where a signal handler, shutting the light, broke into the exchange of the point under way."""
+        while True:
+            try:
+                sample = next(source, None)
+            except DeviceTimeout:
+                if self._control.wanted:
+                    return
+                raise
+            if sample is None:
+                return
+            yield sample
+
+    def _check_progress(self, first: int) -> None:
+        """Before a batch: ends a scan that comes back to the same point again and again. Raises `DeviceFault`."""
+        self._stuck = self._stuck + 1 if first == self._first else 0
+        self._first = first
+        if self._stuck >= ATTEMPTS:
+            raise DeviceFault(
+                self._bench.mirror.identity.model,
+                f"its steps and the counter's points disagreed {ATTEMPTS} times from point {first} on.",
+                "Check trigger and marker wires, or scan point by point.",
+            )
+
+    def _is_spoilt(self, sample: Sample) -> bool:
+        """Whether the point has to be taken again; said in the event log either way."""
+        flags = sample.histogram.flags & SPOILT
+        if not flags:
+            return False
+        number = sample.point.number
+        attempt = self._attempts[number] = self._attempts.get(number, 0) + 1
+        again = attempt < ATTEMPTS
+        verdict = "is taken again" if again else f"is kept so after {attempt} attempts"
+        self._bench.report("sample", f"point {number} {verdict}: {flags.name}")
+        return again
+
+    def _todo(self) -> list[int]:
+        """What is still to take, in order; points that an alarm skipped come last."""
+        photons = self._photons
+        if self._first_pass_cut and self._plan.revisit_below is not None:
+            # Points that the first pass did not come to are no business of the second.
+            left_out = range(self._plan.first_pass)
+            photons = {**dict.fromkeys(left_out, self._plan.revisit_below), **photons}
+        todo = self._plan.pending(photons)
+        if self._skipped:
+            todo.sort(key=lambda number: self._skipped.get(number, 0))
+        return todo
+
+    def _look_around(self) -> None:
+        """What the alarms say while the shutter is closed."""
+        if self._alarms is not None and (trouble := self._alarms.before(self._bench)) is not None:
+            self._meet(trouble, None)
+
+    def _meet(self, trouble: Trouble, number: int | None) -> None:
+        """Does what the alarm says. Raises `AlarmRaised` where that ends the scan."""
+        self._bench.report("alarm", f"{trouble.name}: {trouble.text}; {trouble.action.value}")
+        times = self._skipped.get(number, 0) + 1 if number is not None else ATTEMPTS
+        if trouble.action is Action.PAUSE:
+            self._alarm = trouble.text
+            self._control.interrupt(f"alarm: {trouble.text}")
+        elif trouble.action is Action.SKIP and number is not None and times < ATTEMPTS:
+            self._skipped[number] = times
+        else:
+            raise AlarmRaised("alarm", f"{trouble.text}.", "Mend it, then go on with --resume.")
+
+    def _pause(self) -> None:
+        """Light off, gate closed, then somebody decides. Raises `AlarmRaised` where an alarm's pause ends the scan."""
+        why, alarm, self._alarm = self._control.wanted, self._alarm, ""
+        self._dark(why)
+        self._bench.report("scan", f"paused: {why}")
+        going = self._control.pause(ScanState.STOPPED if alarm else ScanState.ENDED)
+        self._bench.report("scan", "goes on" if going else "ended while paused")
+        if going:
+            self._look_around()
+        elif alarm:
+            raise AlarmRaised("alarm", f"{alarm}.", "Mend it, then go on with --resume.")
+
+    def _dark(self, why: str) -> None:
+        """Shutter first, then the gate, then the mirror's stepping."""
+        self._bench.shutter.close(why)
+        self._bench.counter.abort()
+        self._bench.mirror.stop()
+
+    def _shut(self, trip: SafetyTrip) -> None:
+        """Light off before anything is written down; a trip, but not an alarm, keeps it off until a person clears it.
+        What fails here is tried again on the way out."""
+        shutter = self._bench.shutter
+        try:
+            if isinstance(trip, AlarmRaised):
+                shutter.close("an alarm")
+                self._bench.report("trip", str(trip))
+            else:
+                shutter.latch(str(trip))
+        except DeviceError as error:
+            self._bench.report("device", str(error))
+
+    def _dark_whatever_happens(self) -> None:
+        """On the way out after an error: what fails here is reported, and tried again as the bench is closed."""
+        steps = (self._bench.shutter.close, self._bench.counter.abort, self._bench.mirror.stop)
+        for step in steps:
+            try:
+                step()
+            except DeviceError as error:
+                self._bench.report("device", str(error))

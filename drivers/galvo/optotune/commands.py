@@ -1,0 +1,128 @@
+"""Words and frames of the Optotune MR-E-2 and MR-E-3: pure functions, in both directions.
+
+Simple mode speaks lines of text; Pro mode binary frames `7E | addr | command | length | payload | CRC (0 0) | 7E`. The
+facts are from the operation manuals and the vendor's SDK; none was verified on a device.
+"""
+
+import math
+import re
+import struct
+from enum import IntFlag
+
+from nlos.drivers.galvo.mirror import MirrorAngles
+
+FULL_SCALE = math.tan(math.radians(50.0))
+"""Tangent of the optical angle that coordinate 1 stands for: 25 degrees mechanical."""
+
+GET_VALUE = 0x11
+SET_COMM_MODE = 0x06
+REFUSED = 0x80
+MEASURED_X, MEASURED_Y, BOARD_FAULTS = 0x3B00, 0x3B01, 0x1007
+
+_FLAG, _ESCAPE, _FLIP = 0x7E, 0x7D, 0x20
+_STATUS = re.compile(rb"(?:0x)?([0-9A-Fa-f]{8})")
+_MODEL = re.compile(rb"MR-?E-?[23]")
+
+
+class Status(IntFlag):
+    """The STATUS register. Bits 8 to 13 stay set until acknowledged."""
+
+    NONE = 0
+    PROXY_DISCONNECTED = 1 << 0
+    PROXY_TOO_HOT = 1 << 1
+    MIRROR_TOO_HOT = 1 << 2
+    MIRROR_MEMORY_INVALID = 1 << 3
+    NOT_STABLE = 1 << 4
+    OUTPUT_CURRENT_LIMITED = 1 << 5
+    AVERAGE_CURRENT_LIMITED = 1 << 6
+    INPUT_TRIMMED = 1 << 7
+    WAS_PROXY_DISCONNECTED = 1 << 8
+    WAS_PROXY_TOO_HOT = 1 << 9
+    WAS_MIRROR_TOO_HOT = 1 << 10
+    WAS_OUTPUT_CURRENT_LIMITED = 1 << 11
+    WAS_AVERAGE_CURRENT_LIMITED = 1 << 12
+    WAS_INPUT_TRIMMED = 1 << 13
+
+    @property
+    def faults(self) -> "Status":
+        """What is or was wrong: everything but a mirror on its way."""
+        return self & ~Status.NOT_STABLE
+
+
+def coordinates(angles: MirrorAngles) -> tuple[float, float]:
+    """Position on the controller's unit disc. Its coordinates are tangents, so that a wall point is proportional to
+    them; the angles are those of a two-mirror scanner, whose x deflection happens before y."""
+    x = math.tan(angles.x_rad) / math.cos(angles.y_rad) / FULL_SCALE
+    return round(x, 6), round(math.tan(angles.y_rad) / FULL_SCALE, 6)
+
+
+def angles_at(x: float, y: float) -> MirrorAngles:
+    """The angles that a position on the unit disc stands for."""
+    y_rad = math.atan(y * FULL_SCALE)
+    return MirrorAngles(math.atan(x * FULL_SCALE * math.cos(y_rad)), y_rad)
+
+
+def set_position(x: float, y: float) -> bytes:
+    return b"XY=%.6f;%.6f\r\n" % (x, y)
+
+
+def decode_status(line: bytes) -> Status | None:
+    """The register, or None for any other line."""
+    match = _STATUS.fullmatch(line)
+    return Status(int(match[1], 16)) if match else None
+
+
+def names_model(text: bytes) -> bool:
+    """Whether `text` holds the name of a controller that this driver knows."""
+    return _MODEL.search(text) is not None
+
+
+def encode_frame(command: int, payload: bytes = b"") -> bytes:
+    """A Pro-mode frame without checksum, as after GOPRO."""
+    stuffed = bytearray()
+    for byte in bytes((0, command, len(payload))) + payload + b"\0\0":
+        stuffed += bytes((_ESCAPE, byte ^ _FLIP)) if byte in (_FLAG, _ESCAPE) else bytes((byte,))
+    return bytes((_FLAG, *stuffed, _FLAG))
+
+
+def take_frame(buffer: bytearray) -> bytes | None:
+    """Removes a complete frame from the front of the buffer. Raises `ValueError` where something else stands there."""
+    if not buffer:
+        return None
+    if buffer[0] != _FLAG:
+        raise ValueError(f"{bytes(buffer[:20])!r} is not the beginning of a frame")
+    end = buffer.find(_FLAG, 1)
+    if end < 0:
+        return None
+    frame = bytes(buffer[: end + 1])
+    del buffer[: end + 1]
+    return frame
+
+
+def decode_frame(frame: bytes) -> tuple[int, bytes]:
+    """(command, payload) of a complete frame. Raises `ValueError`."""
+    content = bytearray()
+    escaped = False
+    for byte in frame[1:-1]:
+        if byte == _ESCAPE and not escaped:
+            escaped = True
+            continue
+        content.append(byte ^ _FLIP if escaped else byte)
+        escaped = False
+    if escaped or len(content) < 5 or content[0] != 0 or content[2] != len(content) - 5 or any(content[-2:]):
+        raise ValueError(f"{frame[:40]!r} is cut or damaged")
+    return content[1], bytes(content[3:-2])
+
+
+def encode_registers(*registers: int) -> bytes:
+    return struct.pack(f">{len(registers)}H", *registers)
+
+
+def decode_position(payload: bytes) -> tuple[float, float]:
+    """Two measured coordinates. Raises `ValueError` where they are none."""
+    if len(payload) != 8:
+        raise ValueError(f"{len(payload)} bytes instead of two measured coordinates")
+    x, y = struct.unpack(">2f", payload)
+    if not (math.isfinite(x) and math.isfinite(y) and math.hypot(x, y) <= 1.2):
+        raise ValueError(f"measured coordinates {x:g}, {y:g} are off the unit disc")
+    return x, y

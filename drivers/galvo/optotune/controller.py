@@ -1,0 +1,217 @@
+"""Talking to an Optotune MR-E-2 or MR-E-3: text in Simple mode, binary read-back in Pro mode, and back."""
+
+import contextlib
+import math
+import re
+from collections.abc import Iterator, Sequence
+from typing import Self
+
+from nlos.drivers.clock import Clock
+from nlos.drivers.errors import CommandRejected, DeviceReset, DeviceTimeout, LimitError, ProtocolError, WrongDevice
+from nlos.drivers.galvo.optotune import commands as wire
+from nlos.drivers.galvo.optotune.commands import Status
+from nlos.drivers.identity import DeviceIdentity
+from nlos.drivers.link.serial_line import SerialLine, WireLog
+
+DEVICE = "optotune"
+REOPEN = "Close the shutter, check the controller, then open the bench again."
+
+_MEASURED_NOISE = 1e-3  # on the unit disc; repeatability is 40 urad, a fiftieth of this
+
+
+class Controller:
+    """Every command is answered, so that replies are counted against commands; which command a reply answers it does
+    not say. Raises `DeviceTimeout`, `ProtocolError`, `DeviceReset`, `DeviceLost`, `CommandRejected`."""
+
+    def __init__(self, line: SerialLine) -> None:
+        self._line = line
+
+    @classmethod
+    def open(cls, port: str, clock: Clock, *, timeout_s: float, wire_log: WireLog | None = None) -> Self:
+        """Opens the port and makes sure of Simple mode, also where somebody left Pro mode on.
+
+        Raises `DeviceNotFound`, `DeviceBusy`, `WrongDevice`.
+        """
+        line = SerialLine.open(
+            DEVICE, port, clock, baud=256_000, timeout_s=timeout_s, resynchronise=_prove, wire_log=wire_log
+        )
+        try:
+            line.drain()
+            _to_simple_mode(line)
+            line.in_step = True
+        except BaseException:
+            line.close()
+            raise
+        return cls(line)
+
+    def identity(self) -> DeviceIdentity:
+        """Who answers. Asked twice: nothing in a reply says which command it answers, or that it is undamaged."""
+        asks = (b"GETID\r\n", b"GETVERSION\r\n", b"GETSN\r\n")
+        first, (model, version, serial) = ([self._line.exchange(ask) for ask in asks] for _ in range(2))
+        if first != [model, version, serial] or {b"OK", b"NO", b"ERROR"} & set(first):
+            raise ProtocolError(DEVICE, f"it named itself {first!r}, then {[model, version, serial]!r}.", REOPEN)
+        return DeviceIdentity("optotune", "Optotune", model.decode(), serial.decode(), version.decode())
+
+    def set_position(self, x: float, y: float) -> None:
+        """Sends coordinates on the unit disc. Raises `LimitError` where the controller trimmed them: the mirror then
+        went somewhere else."""
+        command = wire.set_position(x, y)
+        match self._line.exchange(command):
+            case b"OK":
+                return
+            case b"OL" | b"OU":
+                raise LimitError(DEVICE, f"{command!r} was trimmed, the mirror points elsewhere.", REOPEN)
+            case b"NO" | b"ERROR" as reply:
+                raise CommandRejected(DEVICE, f"{command!r} was refused: {reply.decode()}.", REOPEN)
+            case reply:
+                self._line.in_step = False
+                raise _restarted() if wire.names_model(reply) else _wrong(command, reply)
+
+    def status(self) -> Status:
+        """The status register."""
+        reply = self._line.exchange(b"STATUS\r\n")
+        status = wire.decode_status(reply)
+        if status is None:
+            self._line.in_step = False
+            raise _restarted() if wire.names_model(reply) else _wrong(b"STATUS", reply)
+        return status
+
+    def acknowledge(self) -> None:
+        """Clears the latched half of the status register."""
+        reply = self._line.exchange(b"ACKNOWLEDGE\r\n")
+        if reply != b"OK":
+            self._line.in_step = False
+            raise _wrong(b"ACKNOWLEDGE", reply)
+
+    def measured_position(self) -> tuple[float, float]:
+        """Where the controller's own sensor sees the mirror, on the unit disc. Read twice: frames have no checksum."""
+        payloads = self._read(wire.MEASURED_X, wire.MEASURED_Y, times=2)
+        try:
+            (first_x, first_y), (x, y) = (wire.decode_position(payload) for payload in payloads)
+        except ValueError as error:
+            raise ProtocolError(DEVICE, f"{error}.", REOPEN) from error
+        if math.hypot(x - first_x, y - first_y) > _MEASURED_NOISE:
+            raise ProtocolError(
+                DEVICE, f"two measurements disagree: {first_x:g}, {first_y:g} and {x:g}, {y:g}.", REOPEN
+            )
+        return x, y
+
+    def board_faults(self) -> int:
+        """The board's fault register."""
+        (payload,) = self._read(wire.BOARD_FAULTS)
+        if len(payload) != 4:
+            raise ProtocolError(DEVICE, f"{payload!r} is no 32-bit register.", REOPEN)
+        return int.from_bytes(payload, "big")
+
+    def look(self) -> None:
+        """Raises `DeviceLost` where the cable is gone, `DeviceReset` where it says its name unasked. Sends nothing."""
+        if wire.names_model(self._line.look()):
+            self._line.in_step = False
+            raise _restarted()
+
+    def recover(self) -> None:
+        """In step again after whatever happened, a restart included; for commands that are right from any state."""
+        with contextlib.suppress(DeviceReset):
+            self._line.resynchronise()
+
+    def centre_unheard(self) -> None:
+        """Sends the mirror to its centre although its replies do not come. Raises `DeviceLost`."""
+        with contextlib.suppress(DeviceTimeout):
+            self._line.write(wire.set_position(0.0, 0.0))
+
+    def close(self) -> None:
+        self._line.close()
+
+    def _read(self, *registers: int, times: int = 1) -> list[bytes]:
+        """The registers' bytes. After a damaged frame they are asked for once more: reading changes nothing."""
+        try:
+            return self._read_once(registers, times)
+        except _FrameDamaged:
+            return self._read_once(registers, times)
+
+    def _read_once(self, registers: Sequence[int], times: int) -> list[bytes]:
+        with self._pro_mode():
+            return [self._ask(wire.GET_VALUE, wire.encode_registers(*registers)) for _ in range(times)]
+
+    @contextlib.contextmanager
+    def _pro_mode(self) -> Iterator[None]:
+        reply = self._line.exchange(b"GOPRO\r\n")
+        if reply != b"OK":
+            self._line.in_step = False
+            raise _wrong(b"GOPRO", reply)
+        try:
+            yield
+            self._ask(wire.SET_COMM_MODE, b"\0")
+        finally:
+            self._line.in_step = False  # the next text command first proves that Simple mode is back
+        self._line.resynchronise()
+
+    def _ask(self, command: int, payload: bytes) -> bytes:
+        came = False
+
+        def take(buffer: bytearray) -> bytes | None:
+            nonlocal came
+            came = came or len(buffer) > 0
+            return wire.take_frame(buffer)
+
+        try:
+            frame = self._line.exchange(wire.encode_frame(command, payload), take=take)
+            answered, answer = wire.decode_frame(frame)
+        except ValueError as error:
+            raise _FrameDamaged(DEVICE, f"{error}.", REOPEN) from error
+        except DeviceTimeout as error:
+            if came:
+                raise _FrameDamaged(DEVICE, f"a frame has no end: {error.what}", REOPEN) from error
+            raise
+        if answered == command | wire.REFUSED:
+            raise CommandRejected(DEVICE, f"Pro-mode command 0x{command:02x} was refused: {answer.hex()}.", REOPEN)
+        if answered != command:
+            raise ProtocolError(DEVICE, f"command 0x{command:02x} was answered by 0x{answered:02x}.", REOPEN)
+        return answer
+
+
+class _FrameDamaged(ProtocolError):
+    """A Pro-mode frame that did not come whole."""
+
+
+def _prove(line: SerialLine, stale: bytes) -> None:
+    """An answer that nobody waited for is no noise: a command was carried out twice, and the mirror may have moved."""
+    unasked = line.in_step and re.search(rb"OK|NO|OL|OU|ERROR|[0-9A-F]{8}|~", stale)
+    _to_simple_mode(line)
+    if wire.names_model(stale):
+        raise _restarted()
+    if unasked:
+        raise ProtocolError(DEVICE, f"it answered a command that nobody sent: {stale[:60]!r}.", REOPEN)
+
+
+def _to_simple_mode(line: SerialLine) -> None:
+    """Simple mode, and no reply outstanding: only GETID is answered by the model, and replies keep their order.
+
+    The first START after Pro mode or after garbage may be refused; one that nothing answers went to Pro mode.
+    """
+    said = b""
+    for attempt in range(3):
+        try:
+            if line.transact(b"START\r\n", line.timeout_s / 4) != b"OK":
+                line.transact(b"START\r\n", line.timeout_s / 4)
+            said = line.transact(b"GETID\r\n", line.timeout_s / 4)
+            if not wire.names_model(said):
+                line.receive(wire.names_model, line.timeout_s / 4)
+            return
+        except (DeviceTimeout, ProtocolError):
+            if attempt == 2 and said not in (b"", b"OK", b"NO"):
+                raise WrongDevice(
+                    DEVICE, f"{said[:60]!r} is not what an MR-E-2 or MR-E-3 says.", "Correct `port` in the bench file."
+                ) from None
+            if attempt == 2:
+                raise
+        line.write(wire.encode_frame(wire.SET_COMM_MODE, b"\0"))
+        line.drain()
+
+
+def _wrong(command: bytes, reply: bytes) -> ProtocolError:
+    return ProtocolError(DEVICE, f"{command!r} was answered by {reply[:60]!r}.", REOPEN)
+
+
+def _restarted() -> DeviceReset:
+    return DeviceReset(DEVICE, "the controller restarted: where the mirror points is not known.", REOPEN)

@@ -1,0 +1,272 @@
+"""Optotune MR-E-2 and MR-E-3: a fast steering mirror with its own controller, which tells when it is still."""
+
+import contextlib
+import math
+from collections.abc import Iterator, Sequence
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from nlos.configs.settings import Settings
+from nlos.drivers.clock import Clock
+from nlos.drivers.errors import (
+    CommandRejected,
+    DeviceError,
+    DeviceFault,
+    DeviceReset,
+    DeviceTimeout,
+    LimitError,
+    ProtocolError,
+    SettleTimeout,
+)
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.optotune import commands as wire
+from nlos.drivers.galvo.optotune.commands import Status
+from nlos.drivers.galvo.optotune.controller import DEVICE, REOPEN, Controller
+from nlos.drivers.galvo.settle import SettleModel, SettlePoint
+from nlos.drivers.identity import DeviceIdentity
+from nlos.drivers.link.serial_line import WireLog
+
+_POLL_S = 0.0005
+_PARKINGS = 6  # replies that are seconds late come within so many attempts
+
+
+class OptotuneSettings(Settings):
+    """The mirror block of a bench file.
+
+    `settle` is for planning only, and not from a data sheet: measure it. `readback`: after every move the measured
+    position is compared with the commanded one; it costs about 60 ms a move.
+    """
+
+    model: Literal["optotune"]
+    port: str
+    max_mechanical_deg: float = Field(default=25.0, gt=0, le=25)
+    settle: SettleModel = SettleModel(
+        table=(
+            SettlePoint(step_deg=0.1, settle_ms=2.0),
+            SettlePoint(step_deg=10.0, settle_ms=7.0),
+            SettlePoint(step_deg=50.0, settle_ms=20.0),
+        )
+    )
+    timeout_s: float = Field(default=0.5, ge=0.02, le=10)
+    settle_timeout_s: float = Field(default=0.5, gt=0, le=10)
+    readback: bool = False
+    warn_error_deg: float = Field(default=0.3, gt=0)
+    max_error_deg: float = Field(default=1.0, gt=0)
+
+    @model_validator(mode="after")
+    def _warns_first(self) -> Self:
+        if self.warn_error_deg > self.max_error_deg:
+            raise ValueError("warn_error_deg must not be larger than max_error_deg")
+        return self
+
+
+class Optotune:
+    """A `GalvoMirror` that cannot step by itself. There is no command that stops it: an emergency stop acts on the
+    shutter. `warnings` holds what a person should know and the recording should keep."""
+
+    def __init__(self, settings: OptotuneSettings, clock: Clock, controller: Controller, name: DeviceIdentity) -> None:
+        self.warnings: list[str] = []
+        self._settings = settings
+        self._clock = clock
+        self._controller = controller
+        self._identity = name
+        self._target = MirrorAngles(0.0, 0.0)
+        self._unknown: BaseException | None = None
+
+    @classmethod
+    def open(cls, settings: OptotuneSettings, clock: Clock, wire_log: WireLog | None = None) -> "Optotune":
+        """Opens the port, makes sure who answers, and centres the mirror where no fault forbids it.
+
+        Raises `DeviceNotFound`, `DeviceBusy`, `WrongDevice` and whatever a move may raise.
+        """
+        controller = Controller.open(settings.port, clock, timeout_s=settings.timeout_s, wire_log=wire_log)
+        try:
+            mirror = cls(settings, clock, controller, controller.identity())
+            mirror._set_up()
+        except BaseException:
+            controller.close()
+            raise
+        return mirror
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        return self._identity
+
+    @property
+    def max_sequence(self) -> int:
+        return 0
+
+    def check(self, angles: MirrorAngles) -> None:
+        """Raises `LimitError` off the disc that the mirror reaches. The controller would trim silently."""
+        self._coordinates(angles)
+
+    def settle_s(self, start: MirrorAngles, end: MirrorAngles) -> float:
+        return self._settings.settle.settle_s(start, end)
+
+    def begin_move(self, angles: MirrorAngles) -> None:
+        """Sends both coordinates in one command."""
+        x, y = self._coordinates(angles)
+        self._check_known()
+        with self._motion():
+            try:
+                self._controller.set_position(x, y)
+            except LimitError as trimmed:
+                raise LimitError(DEVICE, f"{trimmed.what} {self._where()}", trimmed.remedy) from trimmed
+            self._target = angles
+
+    def wait_settled(self) -> None:
+        """Polls the status until it says stable twice in a row, then compares positions where `readback` asks for it.
+
+        Raises `SettleTimeout`, and `DeviceFault` for any fault bit, present or latched. The mirror is not moved again.
+        """
+        self._check_known()
+        with self._motion():
+            self._wait_stable()
+            if self._settings.readback:
+                self.measured()
+
+    def move_to(self, angles: MirrorAngles) -> None:
+        self.begin_move(angles)
+        self.wait_settled()
+
+    def measured(self) -> MirrorAngles:
+        """Where the controller's sensor sees the mirror (repeatable to 40 urad, accurate to 0.15 deg). A distance from
+        the commanded position beyond `warn_error_deg` is a warning, beyond `max_error_deg` a `DeviceFault`."""
+        with self._motion():
+            measured = wire.angles_at(*self._controller.measured_position())
+            error_deg = math.degrees(
+                math.hypot(measured.x_rad - self._target.x_rad, measured.y_rad - self._target.y_rad) / 2.0
+            )
+            what = f"the mirror was sent to {_shown(self._target)} and is at {_shown(measured)}"
+            if error_deg > self._settings.max_error_deg:
+                raise DeviceFault(DEVICE, f"{what}.", REOPEN)
+            if error_deg > self._settings.warn_error_deg:
+                self.warnings.append(f"{DEVICE}: {what}.")
+        return measured
+
+    def load(self, sequence: Sequence[MirrorAngles]) -> None:
+        raise LimitError(DEVICE, "this mirror cannot step by itself.", "Use a scheme in which the host steps it.")
+
+    def start(self) -> None:
+        raise CommandRejected(DEVICE, "this mirror cannot step by itself.", "Use a scheme in which the host steps it.")
+
+    def stop(self) -> None:
+        """Nothing to end: this mirror never steps by itself."""
+
+    def look(self) -> None:
+        with self._motion():
+            self._controller.look()
+
+    def park(self) -> None:
+        """Centre. Refused after a settle timeout or a fault: what does not settle is not sent elsewhere.
+
+        Replies that are seconds late are waited for; where none comes, the command is sent all the same before the
+        error is raised.
+        """
+        for left in reversed(range(_PARKINGS)):
+            if isinstance(self._unknown, SettleTimeout | DeviceFault):
+                self._check_known()
+            try:
+                self._park()
+                return
+            except SettleTimeout:
+                raise
+            except (DeviceTimeout, ProtocolError, DeviceReset, CommandRejected):
+                if not left:
+                    self._controller.centre_unheard()
+                    raise
+
+    def acknowledge(self) -> None:
+        """Clears latched faults, which is a person's decision; then open the bench again. Raises `DeviceFault` where
+        one is still present."""
+        self._controller.acknowledge()
+        if faults := self._controller.status().faults:
+            raise DeviceFault(DEVICE, f"still reports {_names(faults)}.", "Let it cool, check its cable and power.")
+
+    def close(self) -> None:
+        self._controller.close()
+
+    def _set_up(self) -> None:
+        if faults := self._controller.status().faults:
+            self._unknown = _fault(faults)
+            self.warnings.append(str(self._unknown))
+            return
+        self._park()
+        self.measured()
+
+    def _park(self) -> None:
+        with self._motion():
+            if self._unknown is not None:
+                self._controller.recover()
+            self._controller.set_position(0.0, 0.0)
+            self._target = MirrorAngles(0.0, 0.0)
+            self._wait_stable()
+
+    def _coordinates(self, angles: MirrorAngles) -> tuple[float, float]:
+        limit_deg = 2.0 * self._settings.max_mechanical_deg
+        if max(abs(angles.x_rad), abs(angles.y_rad)) < math.pi / 2:
+            x, y = wire.coordinates(angles)
+            if math.hypot(x, y) <= min(1.0, math.tan(math.radians(limit_deg)) / wire.FULL_SCALE + 1e-9):
+                return x, y
+        raise LimitError(
+            DEVICE,
+            f"mirror {_shown(angles)} is outside the circle of {limit_deg:.2f} deg.",
+            "Shrink the wall in the plan or move the scanner back.",
+        )
+
+    def _wait_stable(self) -> None:
+        deadline_s = self._clock.now() + self._settings.settle_timeout_s
+        stable = 0
+        while True:
+            status = self._controller.status()
+            if status.faults:
+                raise _fault(status.faults)
+            stable = 0 if status & Status.NOT_STABLE else stable + 1
+            if stable == 2:
+                return
+            if self._clock.now() >= deadline_s:
+                raise SettleTimeout(
+                    DEVICE,
+                    f"not stable after {self._settings.settle_timeout_s:g} s: STATUS 0x{status:08x}, {self._board()}.",
+                    REOPEN,
+                )
+            self._clock.sleep(_POLL_S)
+
+    def _board(self) -> str:
+        try:
+            return f"board faults (0x1007) 0x{self._controller.board_faults():08x}"
+        except DeviceError as error:
+            return f"board faults (0x1007) not readable ({error.what})"
+
+    def _where(self) -> str:
+        try:
+            return f"It is at {_shown(wire.angles_at(*self._controller.measured_position()))}."
+        except DeviceError as error:
+            return f"Where, it does not say ({error.what})."
+
+    def _check_known(self) -> None:
+        if self._unknown is not None:
+            cause = getattr(self._unknown, "what", self._unknown)
+            raise DeviceFault(DEVICE, f"where the mirror points is not known any more: {cause}", REOPEN)
+
+    @contextlib.contextmanager
+    def _motion(self) -> Iterator[None]:
+        """Whatever cuts this short, an interrupt too, leaves the mirror where nobody knows."""
+        try:
+            yield
+        except BaseException as error:
+            self._unknown = self._unknown or error
+            raise
+
+
+def _fault(faults: Status) -> DeviceFault:
+    return DeviceFault(DEVICE, f"reports {_names(faults)}.", "Close the shutter, find the cause, then acknowledge it.")
+
+
+def _names(faults: Status) -> str:
+    return ", ".join((flag.name or "").lower().replace("_", " ") for flag in faults) + f" (STATUS 0x{faults:08x})"
+
+
+def _shown(angles: MirrorAngles) -> str:
+    return f"x = {math.degrees(angles.x_rad):+.2f} deg, y = {math.degrees(angles.y_rad):+.2f} deg"

@@ -1,0 +1,1 @@
+"""TriggerScope-MM: a serial DAC and sequencer in front of an analogue galvo head."""

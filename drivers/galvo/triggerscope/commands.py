@@ -1,0 +1,116 @@
+"""Bytes and DAC codes of the TriggerScope-MM protocol: pure functions, in both directions.
+
+Every command is answered by its own text behind a `!`; only PAO and PDO answer with counts.
+"""
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+
+from nlos.drivers.identity import DeviceIdentity
+
+IDENTIFY = b"*\n"
+RANGE = 4  # +-10 V
+CENTRE = 32767  # what the controller itself sets as mid-scale; half a code, 0.15 mV, below 0 V
+CODES = 65536
+SPAN_V = 20.0
+STATES = 1200
+"""Length of a controller's table of states. It does not check: writing past it corrupts the firmware's memory."""
+
+_LINE_STATES = 99  # a longer line's reply may overrun the controller's buffer of 20 bytes
+_IDENTITY = re.compile(rb"ARC TRIGGERSCOPE ([!-~]+) ([!-~]+) Board ([!-~]+) (v\.[!-~]+-MM)")
+
+
+def code_for(angle_rad: float, volts_per_degree: float, offset_v: float) -> int:
+    """DAC code that deflects the beam by an optical angle; `volts_per_degree` is of mechanical angle. Raises
+    `ValueError` where the DAC does not reach."""
+    volts = math.degrees(angle_rad) / 2.0 * volts_per_degree + offset_v
+    code = round((volts / SPAN_V + 0.5) * CODES) if math.isfinite(volts) else -1
+    if not 0 <= code < CODES:
+        raise ValueError(f"needs {volts:+.3f} V, the controller gives -10 V to +9.9997 V")
+    return code
+
+
+def angle_for(code: int, volts_per_degree: float, offset_v: float) -> float:
+    """Optical angle in radians that a DAC code stands for."""
+    volts = (code / CODES - 0.5) * SPAN_V
+    return 2.0 * math.radians((volts - offset_v) / volts_per_degree)
+
+
+def set_range(dac: int) -> bytes:
+    return b"SAR%d-%d\n" % (dac, RANGE)
+
+
+def set_code(dac: int, code: int) -> bytes:
+    return b"SAO%d-%d\n" % (dac, code)
+
+
+def set_centre(dac: int) -> bytes:
+    """Moves an output to its centre."""
+    return set_code(dac, CENTRE)
+
+
+def clear_states(dac: int) -> bytes:
+    return b"PAC%d\n" % dac
+
+
+def step_states(dac: int, on: bool) -> bytes:
+    """Starts (first state at the first rising edge) or stops stepping."""
+    return b"PAS%d-%d-1\n" % (dac, on)
+
+
+def set_mask(group: int, mask: int) -> bytes:
+    return b"SDO%d-%d\n" % (group, mask)
+
+
+def clear_masks(group: int) -> bytes:
+    return b"PDC%d\n" % group
+
+
+def step_masks(group: int, on: bool) -> bytes:
+    return b"PDS%d-%d-1\n" % (group, on)
+
+
+def echo(command: bytes) -> bytes:
+    """The reply that confirms a command, without its line end."""
+    return b"!" + command[:-1]
+
+
+def load_states(dac: int, codes: Sequence[int]) -> Iterator[tuple[bytes, bytes]]:
+    """Lines that fill a DAC's table, each with the reply that confirms it. Raises `ValueError` before the first."""
+    if not 1 <= dac <= 9:
+        raise ValueError(f"DAC {dac}: only 1 to 9, the reply for others overruns the controller's buffer")
+    return _load(b"PAO%d" % dac, codes)
+
+
+def load_masks(group: int, masks: Sequence[int]) -> Iterator[tuple[bytes, bytes]]:
+    """Lines that fill a TTL group's table, each with the reply that confirms it."""
+    return _load(b"PDO%d" % group, masks)
+
+
+def _load(name: bytes, values: Sequence[int]) -> Iterator[tuple[bytes, bytes]]:
+    if len(values) > STATES:
+        raise ValueError(f"{len(values)} states, the controller has room for {STATES}")
+    for start in range(0, len(values), _LINE_STATES):
+        part = values[start : start + _LINE_STATES]
+        line = b"%s-%d-%s\n" % (name, start, b"-".join(b"%d" % value for value in part))
+        yield line, b"!%s-%d-%d-%d" % (name, start, len(part), start + len(part))
+
+
+def marker_masks(count: int) -> list[int]:
+    """TTL masks that count the steps: outputs 1 and 2 in turn, each step one rising edge; output 4 at the first."""
+    return [(1 if index % 2 == 0 else 2) | (4 if index == 0 else 0) for index in range(count)]
+
+
+def decode_identity(line: bytes) -> DeviceIdentity | None:
+    """Who answers, from the identity line or banner; None for any other line."""
+    match = _IDENTITY.search(line)
+    if match is None:
+        return None
+    channels, revision, board, firmware = (group.decode("ascii") for group in match.groups())
+    return DeviceIdentity("triggerscope", "ARC", f"TriggerScope {channels} {revision} Board {board}", "", firmware)
+
+
+def range_changed(text: bytes) -> bool:
+    """Whether `text` holds the reply to somebody else's range command: this driver knows +-10 V only."""
+    return any(int(number) != RANGE for number in re.findall(rb"!SAR\d+-(\d+)", text))

@@ -1,0 +1,161 @@
+"""Talking to a TriggerScope-MM: who answers, does each reply confirm its command, did it restart."""
+
+import contextlib
+from collections.abc import Iterable
+from typing import Self
+
+from nlos.drivers.clock import Clock
+from nlos.drivers.errors import CommandRejected, DeviceError, DeviceReset, DeviceTimeout, ProtocolError, WrongDevice
+from nlos.drivers.galvo.triggerscope import commands as wire
+from nlos.drivers.identity import DeviceIdentity
+from nlos.drivers.link.serial_line import SerialLine, WireLog
+
+DEVICE = "triggerscope"
+REOPEN = "Close the shutter, check the controller, then open the bench again."
+
+
+class RangeChanged(ProtocolError):
+    """Somebody changed a DAC's range, which moved the mirror and gave every code another meaning."""
+
+
+class Controller:
+    """Strictly one command in flight: of two that arrive together the controller loses the second."""
+
+    def __init__(self, line: SerialLine, identity: DeviceIdentity, gave_banner: bool) -> None:
+        self.identity = identity
+        self.gave_banner = gave_banner
+        self._line = line
+
+    @classmethod
+    def open(
+        cls, port: str, clock: Clock, *, timeout_s: float, banner_timeout_s: float, wire_log: WireLog | None = None
+    ) -> Self:
+        """Opens the port, takes the start-up banner where one comes, and asks who answers.
+
+        Raises `DeviceNotFound`, `DeviceBusy`, `WrongDevice`, `DeviceTimeout`, `ProtocolError`.
+        """
+        line = SerialLine.open(
+            DEVICE, port, clock, baud=115_200, timeout_s=timeout_s, resynchronise=_prove, wire_log=wire_log
+        )
+        try:
+            gave_banner = _wait_for_banner(line, banner_timeout_s)
+            line.in_step = True
+            replies = [line.exchange(wire.IDENTIFY) for _ in range(2)]
+            identity = wire.decode_identity(replies[0])
+            if identity is None or replies[0] != replies[1]:
+                raise WrongDevice(
+                    DEVICE,
+                    f"{port} says {replies[0][:60]!r}, then {replies[1][:60]!r}, and is not a TriggerScope-MM.",
+                    "Correct `port` in the bench file; `nlos devices` lists what is plugged in.",
+                )
+        except BaseException:
+            line.close()
+            raise
+        return cls(line, identity, gave_banner)
+
+    def command(self, command: bytes) -> None:
+        """Sends a command and returns when its echo confirms it. Raises `CommandRejected`, `DeviceReset`,
+        `RangeChanged`, `ProtocolError`, `DeviceTimeout`, `DeviceLost`."""
+        reply = self._ask(command)
+        if reply != wire.echo(command):
+            raise self._wrong(command, reply)
+
+    def upload(self, lines: Iterable[tuple[bytes, bytes]]) -> bool:
+        """Sends table lines; False as soon as the controller kept other counts than were sent."""
+        for command, expected in lines:
+            reply = self._ask(command)
+            if reply == expected:
+                continue
+            if reply.startswith(b"!" + command[:5]):
+                return False
+            raise self._wrong(command, reply)
+        return True
+
+    def interject(self, command: bytes) -> None:
+        """Sends a command that cannot wait, also from a signal handler, and returns when its echo confirms it."""
+        try:
+            self._line.interject(command, wire.echo(command))
+        except (DeviceTimeout, ProtocolError):
+            self.command(command)
+
+    def look(self) -> None:
+        """Raises `DeviceLost` where the cable is gone, `DeviceReset` after a banner. Sends nothing."""
+        if _names_itself(self._line.look()):
+            self._line.in_step = False
+            raise _restarted()
+
+    def recover(self) -> None:
+        """In step again after whatever happened, a restart included; for commands that are right from any state."""
+        with contextlib.suppress(DeviceReset, RangeChanged):
+            self._line.resynchronise()
+
+    def command_unheard(self, commands: Iterable[bytes]) -> None:
+        """Sends commands, one after the other, to a controller whose replies do not come. Raises `DeviceLost`."""
+        for command in commands:
+            with contextlib.suppress(DeviceTimeout):
+                self._line.write(command)
+                self._line.drain()
+
+    def close(self) -> None:
+        self._line.close()
+
+    def _ask(self, command: bytes) -> bytes:
+        reply = self._line.exchange(command)
+        if reply.startswith((b"!ERROR_", b"ERROR_UNKNOWN_COMMAND")):
+            raise CommandRejected(DEVICE, f"{command[:40]!r} was refused: {reply.decode('ascii')}.", REOPEN)
+        if reply == b"done." or wire.decode_identity(reply):
+            self._line.in_step = False
+            raise _restarted()
+        return reply
+
+    def _wrong(self, command: bytes, reply: bytes) -> DeviceError:
+        self._line.in_step = False
+        if wire.range_changed(reply):
+            return _range_changed()
+        return ProtocolError(DEVICE, f"{command[:40]!r} was answered by {reply[:60]!r}.", REOPEN)
+
+
+def _names_itself(line: bytes) -> bool:
+    return wire.decode_identity(line) is not None
+
+
+def _wait_for_banner(line: SerialLine, timeout_s: float) -> bool:
+    """Whether the identity line comes unasked, after whatever else (`done.`)."""
+    try:
+        line.receive(_names_itself, timeout_s)
+    except (DeviceTimeout, ProtocolError):
+        return False
+    return True
+
+
+def _prove(line: SerialLine, stale: bytes) -> None:
+    """In step: commands are answered in order, so after the identity no reply to an earlier command is outstanding.
+
+    Asked twice, because a first newline may only end what was left of a cut command. An answer that nobody waited for
+    is no noise: a command was carried out a second time, or another program's was, and the mirror may have moved.
+    """
+    unasked = line.in_step and b"!" in stale
+    for attempt in range(2):
+        line.write(wire.IDENTIFY)
+        try:
+            _, before = line.receive(_names_itself, line.timeout_s / 2)
+        except (DeviceTimeout, ProtocolError):
+            if attempt == 1:
+                raise
+        else:
+            stale += before
+            break
+    if _names_itself(stale):
+        raise _restarted()
+    if wire.range_changed(stale):
+        raise _range_changed()
+    if unasked:
+        raise ProtocolError(DEVICE, f"it answered a command that nobody sent: {stale[:60]!r}.", REOPEN)
+
+
+def _restarted() -> DeviceReset:
+    return DeviceReset(DEVICE, "the controller restarted: its ranges and sequences are gone.", REOPEN)
+
+
+def _range_changed() -> RangeChanged:
+    return RangeChanged(DEVICE, "another program changed the range of a DAC, which moved the mirror.", REOPEN)

@@ -1,0 +1,276 @@
+"""TriggerScope-MM: a serial DAC and sequencer in front of an analogue galvo head (Thorlabs GVS012 class)."""
+
+import contextlib
+import math
+from collections.abc import Callable, Iterator, Sequence
+
+from nlos.drivers.clock import Clock
+from nlos.drivers.errors import CommandRejected, DeviceFault, DeviceReset, DeviceTimeout, LimitError, ProtocolError
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.triggerscope import commands as wire
+from nlos.drivers.galvo.triggerscope.controller import DEVICE, REOPEN, Controller, RangeChanged
+from nlos.drivers.galvo.triggerscope.settings import TriggerScopeSettings
+from nlos.drivers.identity import DeviceIdentity
+from nlos.drivers.link.serial_line import WireLog
+
+__all__ = ["TriggerScope", "TriggerScopeSettings"]
+
+_PARKINGS = 6  # replies that are seconds late come within so many attempts
+
+
+class TriggerScope:
+    """A `GalvoMirror`. `warnings` holds what a person should know and the recording should keep."""
+
+    def __init__(self, settings: TriggerScopeSettings, clock: Clock, controller: Controller) -> None:
+        self.warnings: list[str] = []
+        self._settings = settings
+        self._clock = clock
+        self._controller = controller
+        self._axes = (settings.x, settings.y)
+        self._unknown: BaseException | None = None
+        limit_rad = math.radians(2.0 * settings.max_mechanical_deg)
+        self._anywhere = (MirrorAngles(-limit_rad, -limit_rad), MirrorAngles(limit_rad, limit_rad))
+        self._region: tuple[MirrorAngles, ...] = self._anywhere  # the move under way began within these corners
+        self._target: MirrorAngles | None = None
+        self._settled_at_s = 0.0
+        self._sequence: tuple[MirrorAngles, ...] = ()
+        self._armed = False
+
+    @classmethod
+    def open(cls, settings: TriggerScopeSettings, clock: Clock, wire_log: WireLog | None = None) -> "TriggerScope":
+        """Opens the port, makes sure who answers, closes the shutter output and centres the mirror.
+
+        Raises `DeviceNotFound`, `DeviceBusy`, `WrongDevice` and whatever a command may raise.
+        """
+        controller = Controller.open(
+            settings.port,
+            clock,
+            timeout_s=settings.timeout_s,
+            banner_timeout_s=settings.banner_timeout_s,
+            wire_log=wire_log,
+        )
+        mirror = cls(settings, clock, controller)
+        try:
+            mirror._set_up()
+        except BaseException:
+            mirror.close()
+            raise
+        return mirror
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        return self._controller.identity
+
+    @property
+    def max_sequence(self) -> int:
+        return wire.STATES
+
+    def check(self, angles: MirrorAngles) -> None:
+        """Raises `LimitError` when `angles` is beyond the head or the DACs."""
+        self._codes(angles)
+
+    def settle_s(self, start: MirrorAngles, end: MirrorAngles) -> float:
+        return self._settings.settle.settle_s(start, end)
+
+    def begin_move(self, angles: MirrorAngles) -> None:
+        """Sets one axis after the other: the beam's way is L-shaped."""
+        codes = self._codes(angles)
+        self._check_usable()
+        with self._motion():
+            self._again_if_range_changed(lambda: self._set_codes(codes))
+            self._arrive(angles)
+
+    def wait_settled(self) -> None:
+        self._clock.sleep(self._settled_at_s - self._clock.now())
+
+    def move_to(self, angles: MirrorAngles) -> None:
+        self.begin_move(angles)
+        self.wait_settled()
+
+    def load(self, sequence: Sequence[MirrorAngles]) -> None:
+        """Uploads positions and the TTL masks that mark them. Where the controller kept other counts than were sent,
+        everything is cleared and sent once more."""
+        if not 1 <= len(sequence) <= wire.STATES:
+            raise LimitError(DEVICE, f"a sequence of {len(sequence)} positions.", f"Load 1 to {wire.STATES} at a time.")
+        codes = [self._codes(angles) for angles in sequence]
+        self._check_usable()
+        self._sequence = ()
+        lines = [
+            *wire.load_states(self._settings.x.dac, [x for x, _ in codes]),
+            *wire.load_states(self._settings.y.dac, [y for _, y in codes]),
+            *wire.load_masks(0, wire.marker_masks(len(codes))),
+        ]
+        with self._motion():
+            self._again_if_range_changed(lambda: self._upload(lines))
+        self._sequence = tuple(sequence)
+
+    def start(self) -> None:
+        """Goes to the first position, waits until still, and arms: the first edge applies that position again, each
+        further one the next. Until `stop` nothing else is sent."""
+        if not self._sequence:
+            raise CommandRejected(DEVICE, "no sequence is loaded.", "Call load() before each start().")
+        self.move_to(self._sequence[0])
+        with self._motion():
+            self._controller.command(wire.set_mask(0, 0))
+            for axis in self._axes:
+                self._controller.command(wire.step_states(axis.dac, True))
+            self._controller.command(wire.step_masks(0, True))
+        self._armed = True
+
+    def stop(self) -> None:
+        """Ends stepping. The sequence is forgotten: how far it went is known to the counter, not here."""
+        if not self._armed:
+            return
+        with self._motion():
+            self._disarm()
+        xs = [angles.x_rad for angles in self._sequence]
+        ys = [angles.y_rad for angles in self._sequence]
+        self._region = (MirrorAngles(min(xs), min(ys)), MirrorAngles(max(xs), max(ys)))
+        self._target = None
+        self._sequence = ()
+
+    def look(self) -> None:
+        with self._motion():
+            self._controller.look()
+
+    def park(self) -> None:
+        """Centre, from any state, and still. After an error this does not make the mirror usable again.
+
+        Replies that are seconds late are waited for; where none comes, the commands are sent all the same before the
+        error is raised.
+        """
+        for left in reversed(range(_PARKINGS)):
+            try:
+                self._park()
+                break
+            except (
+                DeviceTimeout,
+                ProtocolError,
+                DeviceReset,
+                CommandRejected,
+            ):  # a late answer may name the controller
+                if not left:
+                    self._controller.command_unheard([*self._disarming(), *self._centring()])
+                    raise
+        self._sequence = ()
+        self.wait_settled()
+
+    def set_shutter_line(self, is_open: bool) -> None:
+        """Drives the TTL output that is wired to the shutter and returns when the controller confirms. Closing goes
+        past a command in flight and may be called from a signal handler. Raises `LimitError` where none is wired."""
+        pin = self._settings.shutter_pin
+        if pin is None:
+            raise LimitError(DEVICE, "no shutter is wired to a TTL output.", "Set `shutter_pin` in the bench file.")
+        group, bit = divmod(pin - 1, 8)
+        if is_open:
+            self._check_known()
+            self._controller.command(wire.set_mask(group, 1 << bit))
+        else:
+            self._controller.interject(wire.set_mask(group, 0))
+
+    def close(self) -> None:
+        self._controller.close()
+
+    def _set_up(self) -> None:
+        if self._settings.shutter_pin is not None:
+            self.set_shutter_line(False)
+        if not self._controller.gave_banner and self._settings.allow_unverified_dac:
+            self.warnings.append(f"{DEVICE}: no start-up banner; that the mirror moves is not verified.")
+        self._controller.command(b"SSL0\n")  # the signal LEDs cost time in the controller's loop
+        self._disarm()
+        self._centre()
+
+    def _park(self) -> None:
+        with self._motion():
+            self._controller.recover()
+            self._disarm()
+            self._centre()
+
+    def _centre(self) -> None:
+        """Setting the range centres the output too; the explicit code makes the centre what was commanded last."""
+        for command in self._centring():
+            self._controller.command(command)
+        x_rad, y_rad = (wire.angle_for(wire.CENTRE, axis.volts_per_degree, axis.offset_v) for axis in self._axes)
+        self._region, self._target = self._anywhere, None
+        self._arrive(MirrorAngles(x_rad, y_rad))
+
+    def _centring(self) -> list[bytes]:
+        return [each(axis.dac) for axis in self._axes for each in (wire.set_range, wire.set_centre)]
+
+    def _disarm(self) -> None:
+        for command in self._disarming():
+            self._controller.command(command)
+        self._armed = False
+
+    def _disarming(self) -> list[bytes]:
+        stepping = [wire.step_states(axis.dac, False) for axis in self._axes]
+        return [*stepping, wire.step_masks(0, False), wire.set_mask(0, 0)]
+
+    def _upload(self, lines: Sequence[tuple[bytes, bytes]]) -> None:
+        for _ in range(2):
+            for axis in self._axes:
+                self._controller.command(wire.clear_states(axis.dac))
+            self._controller.command(wire.clear_masks(0))
+            if self._controller.upload(lines):
+                return
+        raise ProtocolError(DEVICE, "twice it kept another part of the sequence than was sent.", REOPEN)
+
+    def _again_if_range_changed(self, act: Callable[[], None]) -> None:
+        try:
+            act()
+        except RangeChanged as changed:
+            self.warnings.append(str(changed))
+            self._centre()
+            act()
+
+    def _codes(self, angles: MirrorAngles) -> tuple[int, int]:
+        limit_deg = 2.0 * self._settings.max_mechanical_deg
+        remedy = "Shrink the wall in the plan or move the scanner back."
+        codes = []
+        for name, axis, angle_rad in zip("xy", self._axes, (angles.x_rad, angles.y_rad), strict=True):
+            what = f"mirror {name} = {math.degrees(angle_rad):+.2f} deg"
+            if not abs(math.degrees(angle_rad)) <= limit_deg:
+                raise LimitError(DEVICE, f"{what} is outside +-{limit_deg:.2f} deg.", remedy)
+            try:
+                codes.append(wire.code_for(angle_rad, axis.volts_per_degree, axis.offset_v))
+            except ValueError as error:
+                raise LimitError(DEVICE, f"{what} {error}.", remedy) from error
+        return codes[0], codes[1]
+
+    def _set_codes(self, codes: tuple[int, int]) -> None:
+        for axis, code in zip(self._axes, codes, strict=True):
+            self._controller.command(wire.set_code(axis.dac, code))
+
+    def _arrive(self, angles: MirrorAngles) -> None:
+        """A move may begin before the one before has settled: then from anywhere on its way."""
+        now_s = self._clock.now()
+        if self._target is not None:
+            self._region = (self._target,) if now_s >= self._settled_at_s else (*self._region, self._target)
+        self._settled_at_s = now_s + max(self.settle_s(corner, angles) for corner in self._region)
+        self._target = angles
+
+    def _check_known(self) -> None:
+        if self._unknown is not None:
+            cause = getattr(self._unknown, "what", self._unknown)
+            raise DeviceFault(DEVICE, f"where the mirror points is not known any more: {cause}", REOPEN)
+        if not self._controller.gave_banner and not self._settings.allow_unverified_dac:
+            raise DeviceFault(
+                DEVICE,
+                "it gave no start-up banner: without its SD card it confirms every move and makes none.",
+                "Check the SD card and switch the controller off and on; or watch the beam move with the laser at low "
+                "power and set `allow_unverified_dac: true`.",
+            )
+
+    def _check_usable(self) -> None:
+        self._check_known()
+        if self._armed:
+            raise CommandRejected(DEVICE, "the mirror is armed for stepping by trigger.", "Call stop() first.")
+
+    @contextlib.contextmanager
+    def _motion(self) -> Iterator[None]:
+        """Whatever cuts this short, an interrupt too, leaves the mirror where nobody knows."""
+        try:
+            yield
+        except BaseException as error:
+            self._unknown = self._unknown or error
+            raise

@@ -1,0 +1,1 @@
+"""A simulated Optotune MR-E controller with its mirror."""

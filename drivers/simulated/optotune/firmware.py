@@ -1,0 +1,203 @@
+"""An Optotune MR-E-3 controller with its mirror, in Simple and in Pro mode, as its manual describes it.
+
+Written independently of the driver: its own framing, its own register file, its own geometry.
+"""
+
+import math
+import re
+import struct
+
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.optotune.mirror import OptotuneSettings
+from nlos.drivers.galvo.settle import SettleModel
+from nlos.drivers.simulated.bench import SimulatedBench
+
+_UNIT = math.tan(math.radians(50.0))
+_POSITION = re.compile(rb"(X|Y|XY)=(-?\d+(?:\.\d+)?)(?:;(-?\d+(?:\.\d+)?))?")
+_LATCHED = {0: 8, 1: 9, 2: 10, 5: 11, 6: 12, 7: 13}
+_DATA = {
+    b"GETID": b"MR-E-3",
+    b"GETVERSION": b"1.4.2",
+    b"GETSN": b"SIM00001",
+    b"GETDEVICESN": b"SIM-MIRROR-1",
+    b"DETECTDEVICE": b"MR-15-30",
+    b"GETTEMP": b"31.5",
+}
+
+
+class OptotuneFirmware:
+    """Controller and mirror; `settle_scale`: real settling over the model's."""
+
+    def __init__(
+        self,
+        bench: SimulatedBench,
+        *,
+        settle: SettleModel | None = None,
+        settle_scale: float = 0.9,
+        pro_mode: bool = False,
+        model: bytes = b"MR-E-3",
+    ) -> None:
+        self._bench = bench
+        self._settle = settle or OptotuneSettings(model="optotune", port="").settle
+        self._settle_scale = settle_scale
+        self._model = model
+        self._power_up()
+        self._pro = pro_mode
+
+    @classmethod
+    def matching(cls, bench: SimulatedBench, settings: OptotuneSettings) -> "OptotuneFirmware":
+        """The controller and mirror that these settings describe."""
+        return cls(bench, settle=settings.settle)
+
+    def opened(self) -> bytes:
+        if self._fault("B5", "stuck"):
+            self._pro = True
+        return b""
+
+    def reboot(self) -> bytes:
+        self._power_up()
+        self._steer()
+        return self._model + b" ready\r\n"
+
+    def receive(self, data: bytes, when_s: float) -> bytes:
+        """Answers every complete line, or every complete frame, in turn."""
+        self._pending += data
+        answer = b""
+        while True:
+            before = len(self._pending)
+            answer += self._take_frame() if self._pro else self._take_line()
+            if len(self._pending) == before:
+                return answer
+
+    def _power_up(self) -> None:
+        self._pending = b""
+        self._pro = False
+        self._puzzled = False  # after Pro mode or garbage the first START is refused
+        self._x = self._y = self._off = 0.0
+        self._stable_at_s = 0.0
+        self._latched = 0
+        self._stuck = 0
+        self._never_stable = False
+        self._reads_until_unstable = -1
+
+    def _fault(self, name: str, place: str = "") -> dict[str, object] | None:
+        fault = self._bench.faults.strikes(name, self._bench.clock.now(), place)
+        return None if fault is None else fault.parameters
+
+    def _take_line(self) -> bytes:
+        line, end, rest = self._pending.partition(b"\r\n")
+        if not end:
+            return b""
+        self._pending = rest
+        return self._say(line.upper()) + b"\r\n"
+
+    def _say(self, line: bytes) -> bytes:
+        if len(line) > 64:
+            self._puzzled = True
+            return b"ERROR"
+        if line == b"START":
+            self._puzzled, puzzled = False, self._puzzled
+            return b"NO" if puzzled else b"OK"
+        if line == b"STATUS":
+            return b"%08X" % self._status()
+        if line == b"ACKNOWLEDGE":
+            self._latched = self._stuck
+            return b"OK"
+        if line == b"GOPRO":
+            self._pro = True
+            return b"OK"
+        if line == b"RESET":
+            self._power_up()
+            self._steer()
+            return b"OK"
+        if line == b"GETID":
+            return self._model
+        if line in _DATA:
+            return _DATA[line]
+        match = _POSITION.fullmatch(line)
+        if match and (match[1] == b"XY") == (match[3] is not None):
+            return self._set(match)
+        self._puzzled = True
+        return b"ERROR"
+
+    def _set(self, match: re.Match[bytes]) -> bytes:
+        if (fault := self._fault("B1")) is not None and fault.get("reply", "NO") in ("NO", "ERROR"):
+            return str(fault.get("reply", "NO")).encode()
+        if self._fault("B2") is not None:
+            self._never_stable = True
+        if self._fault("B3") is not None:
+            self._reads_until_unstable = 1
+        off = self._fault("B6")
+        self._off = 0.0 if off is None else float(str(off.get("off", 0.2)))
+        if (trouble := self._fault("B4")) is not None:
+            bit = int(str(trouble.get("bit", 1)))
+            self._latched |= 1 << _LATCHED.get(bit, bit)
+            if not trouble.get("latched_only"):
+                self._stuck |= 1 << bit
+        x, y = {
+            b"X": (float(match[2]), self._y),
+            b"Y": (self._x, float(match[2])),
+            b"XY": (float(match[2]), float(match[3] or 0)),
+        }[match[1]]
+        radius = math.hypot(x, y)
+        if fault is not None:  # trims although the position was on the disc
+            x, y, radius = x / 2, y / 2, 2.0
+        elif radius > 1.0:
+            x, y = x / radius, y / radius
+        self._x, self._y = x, y
+        self._steer()
+        if radius > 1.0:
+            self._latched |= 1 << 13
+            return str(fault["reply"]).encode() if fault is not None else b"OU"
+        return b"OK"
+
+    def _steer(self) -> None:
+        now_s = self._bench.clock.now()
+        y_rad = math.atan(self._y * _UNIT)
+        target = MirrorAngles(math.atan2(self._x * _UNIT, math.hypot(1.0, self._y * _UNIT)), y_rad)
+        settle_s = self._settle_scale * self._settle.settle_s(self._bench.beam, target)
+        self._stable_at_s = now_s + settle_s
+        self._bench.steer(target, now_s, settle_s)
+
+    def _status(self) -> int:
+        moving = self._bench.clock.now() < self._stable_at_s or self._never_stable
+        if not moving and self._reads_until_unstable >= 0:
+            moving = self._reads_until_unstable == 0
+            self._reads_until_unstable -= 1
+        return self._latched | self._stuck | moving << 4
+
+    def _take_frame(self) -> bytes:
+        start = self._pending.find(b"~")
+        end = self._pending.find(b"~", start + 1)
+        if start < 0 or end < 0:
+            return b""
+        content = re.sub(
+            rb"}(.)", lambda match: bytes((match[1][0] ^ 0x20,)), self._pending[start + 1 : end], flags=re.S
+        )
+        self._pending = self._pending[end + 1 :]
+        if len(content) < 5 or len(content) != content[2] + 5:
+            return b""
+        command, payload = content[1], content[3:-2]
+        known = command in (0x06, 0x11) and (command == 0x06 or len(payload) % 2 == 0)
+        if not known or self._fault("B5", "refused") is not None:
+            return _frame(command | 0x80, b"\x01")
+        answer = _frame(command, self._answer(command, payload))
+        return answer[:-3] if self._fault("B5", "truncated") is not None else answer
+
+    def _answer(self, command: int, payload: bytes) -> bytes:
+        if command == 0x06:
+            self._pro, self._puzzled = payload != b"\0", True
+            return b""
+        values = b""
+        for (register,) in struct.iter_unpack(">H", payload):
+            if register in (0x3B00, 0x3B01):
+                value = self._x if register == 0x3B00 else self._y
+                values += struct.pack(">f", value + self._off)
+            else:
+                values += struct.pack(">I", 0x20 if register == 0x1007 and self._never_stable else 0)
+        return values
+
+
+def _frame(command: int, payload: bytes) -> bytes:
+    content = bytes((0, command, len(payload))) + payload + b"\0\0"
+    return b"~" + re.sub(rb"[}~]", lambda match: bytes((0x7D, match[0][0] ^ 0x20)), content) + b"~"

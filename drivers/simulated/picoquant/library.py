@@ -1,0 +1,253 @@
+"""A stand-in for PHLib, HHLib or MHLib with one instrument behind it, for whoever calls through ctypes.
+
+Pointers arrive as `byref(...)`, strings and arrays as ctypes buffers, and the C functions' return codes go back. What
+the calls do, and the order that they must come in, is taken from the libraries' manuals, not from the adapter.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.drivers.simulated.bench import Exposure, Gate, SimulatedBench
+from nlos.drivers.simulated.t3_instrument import T3Instrument
+from nlos.drivers.tcspc.picoquant.families import FAMILIES
+
+_TEXTS = {
+    0: "ERROR_NONE", -1: "ERROR_DEVICE_OPEN_FAIL", -2: "ERROR_DEVICE_BUSY", -10: "ERROR_DEVICE_NOT_OPEN",
+    -11: "ERROR_DEVICE_LOCKED", -16: "ERROR_INSTANCE_RUNNING", -17: "ERROR_INVALID_ARGUMENT", -18: "ERROR_INVALID_MODE",
+    -22: "ERROR_NOT_INITIALIZED", -23: "ERROR_NOT_CALIBRATED", -28: "ERROR_FIFO_RESET", -36: "ERROR_USB_VCMD_FAIL",
+    -37: "ERROR_USB_BULKRD_FAIL",
+}  # fmt: skip
+_BASE_PS = {"PH": 4.0, "HH": 1.0, "MH": 5.0}
+_T3 = 3
+_BEFORE_OPEN = frozenset(("GetLibraryVersion", "GetErrorString", "OpenDevice", "CloseDevice"))
+_BEFORE_INITIALIZE = frozenset(("Initialize", "GetSerialNumber"))
+
+
+def _write(pointer: Any, value: float) -> None:
+    """Sets what a `byref` points at."""
+    pointer._obj.value = value
+
+
+class PicoquantLibrary:
+    """Functions by their full names (`MH_StartMeas`), as attributes."""
+
+    def __init__(
+        self,
+        bench: SimulatedBench,
+        device: str,
+        repetition_hz: float,
+        seed: int = 0,
+        serial: str = "1050001",
+        version: str = "3.1",
+    ) -> None:
+        self._bench, self._family = bench, FAMILIES[device]
+        self._repetition_hz, self._serial, self._version = repetition_hz, serial, version
+        self._t3 = T3Instrument(bench, self._family.layout, repetition_hz, seed)
+        self._open = self._calibrated = False
+        self._mode: int | None = None
+        self._binning = self._offset = 0
+        self._length = self._family.fixed_bins or 65536
+        self._exposure: Exposure | None = None
+        self._started_s = self._ends_s = 0.0
+        self._running = False
+        self._sticky_flags = 0
+
+    def __getattr__(self, name: str) -> Callable[..., int]:
+        prefix, _, bare = name.partition("_")
+        method = getattr(type(self), f"_{bare}", None)
+        if prefix != self._family.prefix or method is None or (bare == "SetTriggerOutput" and prefix != "MH"):
+            raise AttributeError(f"{self._family.linux_library}: undefined symbol: {name}")
+
+        def call(*arguments: Any) -> int:
+            return self._called(bare, method, arguments)
+
+        return call
+
+    def _called(self, name: str, method: Callable[..., int], arguments: tuple[Any, ...]) -> int:
+        now_s = self._bench.clock.now()
+        fault = self._bench.faults.strikes("V1", now_s, name)
+        if fault is not None:
+            return int(fault.parameters.get("code", -36))
+        if name in _BEFORE_OPEN:
+            return method(self, *arguments)
+        if not self._open or arguments[0] != 0:
+            return -10
+        if self._mode is None and name not in _BEFORE_INITIALIZE:
+            return -22
+        if name == "StartMeas" and not self._calibrated:
+            return -23
+        if self._mode == _T3:
+            self._t3.advance(now_s)
+        return method(self, *arguments[1:])
+
+    # Opening
+
+    def _GetLibraryVersion(self, text: Any) -> int:
+        text.value = self._version.encode()
+        return 0
+
+    def _GetErrorString(self, text: Any, code: int) -> int:
+        text.value = _TEXTS.get(code, f"ERROR_{-code}").encode()
+        return 0
+
+    def _OpenDevice(self, index: int, serial: Any) -> int:
+        if index != 0:
+            return -1
+        if self._open:
+            return -11
+        serial.value = self._serial.encode()
+        self._open = True
+        return 0
+
+    def _CloseDevice(self, index: int) -> int:
+        if index == 0 and self._open:
+            self._open, self._mode, self._running = False, None, False
+            self._t3.stop()
+        return 0
+
+    def _Initialize(self, mode: int, reference: int = 0) -> int:
+        if mode not in (0, 2, _T3) or reference not in (0, 1):
+            return -17
+        self._mode, self._calibrated = mode, not self._family.constant_fraction
+        return 0
+
+    def _Calibrate(self) -> int:
+        self._calibrated = True
+        return 0
+
+    def _GetSerialNumber(self, text: Any) -> int:
+        text.value = self._serial.encode()
+        return 0
+
+    def _GetHardwareInfo(self, model: Any, part: Any, version: Any) -> int:
+        model.value, part.value, version.value = self._family.product.encode(), b"930000", b"2.0"
+        return 0
+
+    def _GetBaseResolution(self, resolution: Any, steps: Any) -> int:
+        _write(resolution, _BASE_PS[self._family.prefix])
+        _write(steps, self._family.most_binning_codes)
+        return 0
+
+    # Setting
+
+    def _SetSyncDiv(self, divider: int) -> int:
+        return 0 if divider in self._family.sync_dividers else -17
+
+    def _accept(self, *_: Any) -> int:
+        return 0
+
+    _SetInputCFD = _SetSyncCFD = _SetSyncEdgeTrg = _SetInputEdgeTrg = _SetSyncOffset = _SetSyncChannelOffset = _accept
+    _SetInputChannelOffset = _SetInputChannelEnable = _SetStopOverflow = _SetMarkerEdges = _SetMarkerEnable = _accept
+    _SetMarkerHoldoffTime = _accept
+
+    def _SetBinning(self, binning: int) -> int:
+        if not 0 <= binning < self._family.most_binning_codes:
+            return -17
+        self._binning = binning
+        return 0
+
+    def _SetOffset(self, offset: int) -> int:
+        if not 0 <= offset <= self._family.largest_offset:
+            return -17
+        self._offset = offset
+        return 0
+
+    def _SetHistoLen(self, code: int, actual: Any) -> int:
+        if not 0 <= code <= 6:
+            return -17
+        self._length = 1024 << code
+        _write(actual, self._length)
+        return 0
+
+    def _SetTriggerOutput(self, period_100ns: int) -> int:
+        if not 0 <= period_100ns <= 16_777_215:
+            return -17
+        self._t3.set_clock(period_100ns, self._bench.clock.now())
+        return 0
+
+    # Measuring
+
+    @property
+    def _bin_width_s(self) -> float:
+        return _BASE_PS[self._family.prefix] * 1e-12 * (1 << self._binning)
+
+    def _ClearHistMem(self, block: int = 0) -> int:
+        self._exposure = None
+        return 0 if self._mode == 0 else -18
+
+    def _StartMeas(self, milliseconds: int) -> int:
+        if self._running:
+            return -16
+        if not 1 <= milliseconds <= 360_000_000:
+            return -17
+        now_s = self._bench.clock.now()
+        self._running, self._started_s, self._ends_s = True, now_s, now_s + milliseconds * 1e-3
+        self._sticky_flags = 0
+        if self._mode == _T3:
+            self._t3.start(now_s, self._ends_s, self._bin_width_s)
+        else:
+            offset_s = self._offset * self._family.offset_unit_s
+            self._exposure = self._bench.expose(
+                Gate(now_s, milliseconds * 1e-3, self._length, self._bin_width_s, offset_s)
+            )
+        return 0
+
+    def _StopMeas(self) -> int:
+        if self._running:
+            self._ends_s = min(self._ends_s, self._bench.clock.now())
+        self._running = False
+        self._t3.stop()
+        return 0
+
+    def _CTCStatus(self, status: Any) -> int:
+        _write(status, int(not self._running or self._bench.clock.now() >= self._ends_s - 1e-9))
+        return 0
+
+    def _GetElapsedMeasTime(self, elapsed_ms: Any) -> int:
+        until_s = min(self._bench.clock.now(), self._ends_s)
+        _write(elapsed_ms, round((until_s - self._started_s) * 1e3, 6))
+        return 0
+
+    def _GetHistogram(self, counts: Any, *_: int) -> int:
+        if self._mode != 0:
+            return -18
+        if self._running:
+            return -16
+        target: npt.NDArray[np.uint32] = np.frombuffer(counts, np.uint32)
+        target[:] = 0
+        if self._exposure is not None:
+            target[: self._length] = np.minimum(self._exposure.counts, self._family.largest_count)
+        return 0
+
+    def _ReadFiFo(self, buffer: Any, *rest: Any) -> int:
+        if self._mode != _T3:
+            return -18
+        most = min(rest[0] if self._family.fifo_takes_count else len(buffer), len(buffer))
+        records = self._t3.read(most)
+        np.frombuffer(buffer, np.uint32)[: len(records)] = records
+        _write(rest[-1], len(records))
+        return 0
+
+    def _GetFlags(self, flags: Any) -> int:
+        family, now_s = self._family, self._bench.clock.now()
+        for name, bit in (("V2", family.fifo_full), ("V3", family.sync_lost), ("V4", family.system_error)):
+            if self._bench.faults.strikes(name, now_s) is not None:
+                self._sticky_flags |= bit
+        if self._exposure is not None and int(self._exposure.counts.max(initial=0)) > family.largest_count:
+            self._sticky_flags |= family.overflow
+        _write(flags, self._sticky_flags | (family.fifo_full if self._t3.overrun else 0))
+        return 0
+
+    def _GetSyncRate(self, rate: Any) -> int:
+        _write(rate, round(self._repetition_hz))
+        return 0
+
+    def _GetCountRate(self, channel: int, rate: Any) -> int:
+        if self._family.prefix == "PH" and channel == 0:
+            return self._GetSyncRate(rate)
+        seen = self._bench.expose(Gate(self._bench.clock.now(), 0.1, 1024, self._bin_width_s, 0.0, kept=False))
+        _write(rate, round(seen.total_count / seen.live_s))
+        return 0

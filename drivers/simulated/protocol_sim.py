@@ -1,5 +1,0 @@
-"""Where pyserial looks for `sim://`: it imports `protocol_<scheme>` from the packages it was told of."""
-
-from drivers.simulated.serial_port import SimulatedSerial as Serial
-
-__all__ = ["Serial"]

@@ -1,0 +1,1 @@
+"""Simulated serial cables under pyserial, and behind a pseudo-terminal."""

@@ -1,0 +1,1 @@
+"""A simulated `tcspc488`, at the level of its messages."""

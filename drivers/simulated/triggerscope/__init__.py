@@ -1,0 +1,1 @@
+"""A simulated TriggerScope-MM with a galvo head behind it."""

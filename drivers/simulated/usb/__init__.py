@@ -1,0 +1,1 @@
+"""A simulated USB bus under pyusb."""

@@ -1,0 +1,94 @@
+"""PicoHarp 300, HydraHarp 400 and MultiHarp 150: what their libraries have in common, and where they differ.
+
+From the libraries' manuals and header files, version 3 of each.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from pydantic import Field
+
+from nlos.configs.settings import Settings
+from nlos.drivers.tcspc.t3 import GENERIC, PICOHARP_300, T3Format
+
+Device = Literal["picoharp300", "hydraharp400", "multiharp150"]
+
+
+@dataclass(frozen=True)
+class Family:
+    """One line of instruments and its library."""
+
+    product: str
+    prefix: str
+    linux_library: str
+    windows_library: str
+    package: str
+    layout: T3Format
+    fixed_bins: int | None
+    """Histograms always have so many bins; None: 1024 to 65536 by a length code."""
+    shortest_length_code: int
+    most_binning_codes: int
+    sync_dividers: tuple[int, ...]
+    offset_unit_s: float
+    largest_offset: int
+    most_fifo_records: int
+    fifo_takes_count: bool
+    longest_marker_holdoff_ns: int
+    largest_count: int
+    """Of one histogram bin."""
+    fifo_full: int
+    overflow: int
+    sync_lost: int
+    system_error: int
+    counts_dropped: int
+    constant_fraction: bool
+    """Inputs have constant-fraction discriminators and need calibration; otherwise edge triggers."""
+    trigger_output: bool
+
+
+FAMILIES: dict[str, Family] = {
+    "picoharp300": Family(
+        "PicoHarp 300", "PH", "libph300.so", "phlib64.dll", "PicoHarp software and PHLib, version 3",
+        PICOHARP_300, 65536, 0, 8, (1, 2, 4, 8), 1e-12, 10**9, 131_072, True, 210_480, 65_535,
+        0x0003, 0x0040, 0, 0x0100, 0, True, False,
+    ),
+    "hydraharp400": Family(
+        "HydraHarp 400", "HH", "libhh400.so", "hhlib64.dll", "HydraHarp software and HHLib, version 3",
+        GENERIC, None, 0, 26, (1, 2, 4, 8, 16), 1e-9, 500_000, 131_072, True, 524_296, 2**32 - 1,
+        0x0002, 0x0001, 0x0004, 0x0010, 0, True, False,
+    ),
+    "multiharp150": Family(
+        "MultiHarp 150", "MH", "libmh150.so", "mhlib64.dll", "MultiHarp software and MHLib, version 3",
+        GENERIC, None, 2, 24, (1, 2, 4, 8, 16), 1e-9, 10**8, 1_048_576, False, 25_500, 2**32 - 1,
+        0x0002, 0x0001, 0x0004, 0x0010, 0x0040, False, True,
+    ),
+}  # fmt: skip
+
+
+class PicoquantInput(Settings):
+    """Sync or detector input. `level_mv`: discriminator level (PicoHarp, HydraHarp: the magnitude of a negative pulse)
+    or edge trigger level (MultiHarp). `zero_cross_mv` is for the former, `edge` for the latter."""
+
+    level_mv: int = Field(default=100, ge=-1200, le=1200)
+    zero_cross_mv: int = Field(default=10, ge=0, le=40)
+    edge: Literal["rising", "falling"] = "falling"
+    offset_ps: int = Field(default=0, ge=-99_999, le=99_999)
+
+
+class PicoquantSettings(Settings):
+    """`library`: "vendor" (found where its installer puts it), a path, or "simulated". `serial`: that of the
+    instrument, or "auto" for the first one that answers. `channel` counts from 0."""
+
+    model: Literal["picoquant"]
+    device: Device
+    library: str = "vendor"
+    serial: str = "auto"
+    mode: Literal["histogram", "t3"] = "histogram"
+    channel: int = Field(default=0, ge=0, le=63)
+    sync: PicoquantInput = PicoquantInput()
+    detector: PicoquantInput = PicoquantInput()
+    sync_divider: Literal[1, 2, 4, 8, 16] = 1
+    marker_holdoff_ns: int = Field(default=1000, ge=0)
+    """Edges of one marker input closer together than this are taken for one."""
+    marker_disorder_us: float = Field(default=50.0, ge=0, le=10_000)
+    """How much later than photons of the same time a marker may stand in the record stream."""

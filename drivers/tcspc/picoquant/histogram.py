@@ -1,0 +1,258 @@
+"""PicoHarp 300, HydraHarp 400 and MultiHarp 150 in histogram mode: one measurement per point."""
+
+import ctypes
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from nlos.drivers.clock import Clock
+from nlos.drivers.errors import CommandRejected, DeviceError, LimitError, SyncLost
+from nlos.drivers.identity import DeviceIdentity
+from nlos.drivers.tcspc.counter import (
+    CounterStatus,
+    CountRates,
+    Histogram,
+    HistogramAxis,
+    HistogramFlag,
+    StopAtCounts,
+    Trigger,
+)
+from nlos.drivers.tcspc.picoquant.families import PicoquantSettings
+from nlos.drivers.tcspc.picoquant.library import (
+    VendorLibrary,
+    check_alive,
+    not_in_time,
+)
+from nlos.drivers.tcspc.picoquant.setup import AxisCodes, axis_codes, set_up_inputs, set_up_markers
+
+MODE_HISTOGRAM, MODE_T3 = 0, 3
+_RATES_SETTLE_S = 0.2
+_POLL_S = 0.002
+_WATCH_S = 0.01
+_MOST_POINTS = 65_536
+
+
+class Picoquant:
+    """A `HistogramCounter`. Points are started by the host; the instrument has neither watchdog nor shutter output."""
+
+    has_pixel_clock = False
+    has_watchdog = False
+    list_mode = False
+    counts_markers = False
+    max_points = _MOST_POINTS
+    warnings: Sequence[str] = ()
+
+    def __init__(self, settings: PicoquantSettings, clock: Clock, library: VendorLibrary, serial: str) -> None:
+        self._settings, self._clock, self._library = settings, clock, library
+        self._device, self._family = settings.model, library.family
+        self._t3 = settings.mode == "t3"
+        internal_clock = () if self._family.prefix == "PH" else (0,)
+        library.call("Initialize", MODE_T3 if self._t3 else MODE_HISTOGRAM, *internal_clock)
+        set_up_inputs(library, settings)
+        if self._t3:
+            set_up_markers(library, settings)
+        resolution_ps, steps = ctypes.c_double(), ctypes.c_int()
+        library.call("GetBaseResolution", ctypes.byref(resolution_ps), ctypes.byref(steps))
+        self._base_s = resolution_ps.value * 1e-12
+        model, part, version = (ctypes.create_string_buffer(32) for _ in range(3))
+        library.call("GetHardwareInfo", model, part, version)
+        self.identity = DeviceIdentity(
+            settings.model, "PicoQuant", model.value.decode("ascii", "replace"), serial, version.value.decode("ascii")
+        )
+        self._clock.sleep(_RATES_SETTLE_S)
+        self._axis: HistogramAxis | None = None
+        self._codes: AxisCodes | None = None
+        self._dwells_s: Sequence[float] = ()
+        self._taken: list[Histogram] = []
+        self._triggered = 0
+        self._armed_s = self._started_s = self._sync_hz = 0.0
+        self._running = False
+        self._meanwhile: Callable[[], None] = lambda: None
+
+    # Settings
+
+    def check(self, axis: HistogramAxis, dwell_s: float) -> None:
+        axis_codes(self._device, self._family, self._base_s, axis, self._t3)
+        self._milliseconds(dwell_s)
+
+    def configure(self, axis: HistogramAxis, stop: StopAtCounts | None = None) -> None:
+        if stop is not None:
+            raise LimitError(
+                self._device,
+                "it cannot stop a point at a number of counts within a window.",
+                "Use an exposure in two passes.",
+            )
+        codes = axis_codes(self._device, self._family, self._base_s, axis, self._t3)
+        call = self._library.call
+        call("SetBinning", codes.binning)
+        call("SetOffset", codes.offset)
+        if not self._t3:
+            if self._family.fixed_bins is None:
+                self._library.integer("SetHistoLen", codes.length_code)
+            call("SetStopOverflow", 0, ctypes.c_uint(self._family.largest_count))
+        self._axis, self._codes = axis, codes
+
+    def arm(
+        self,
+        dwells_s: Sequence[float],
+        numbers: Sequence[int],
+        trigger: Trigger = Trigger.HOST,
+        blanking_s: float = 0.0,
+    ) -> None:
+        """The instrument knows no point numbers: histograms are told apart by their order since here."""
+        if self._axis is None:
+            raise LimitError(self._device, "armed before a time axis was set.", "Call configure() first.")
+        if len(dwells_s) != len(numbers) or not 1 <= len(dwells_s) <= self.max_points:
+            raise LimitError(self._device, f"{len(dwells_s)} dwells and {len(numbers)} numbers.", "Arm fewer points.")
+        self.abort()
+        self._check_trigger(dwells_s, trigger, blanking_s)
+        self._sync_hz = self.rates().sync_hz
+        if self._sync_hz <= 0:
+            raise SyncLost(self._device, "sees no sync signal.", "Check laser, sync cable and sync.level_mv.")
+        self._dwells_s, self._taken, self._triggered = dwells_s, [], 0
+        self._armed_s = self._clock.now()
+
+    def _check_trigger(self, dwells_s: Sequence[float], trigger: Trigger, blanking_s: float) -> None:
+        if trigger is not Trigger.HOST:
+            raise LimitError(
+                self._device,
+                "in histogram mode every point is started by the host.",
+                "Set mode: t3 in the bench file for scans stepped by a clock.",
+            )
+        for dwell_s in set(dwells_s):
+            self._milliseconds(dwell_s)
+
+    def _milliseconds(self, dwell_s: float) -> int:
+        whole = round(dwell_s * 1e3)
+        if not 1 <= whole <= 360_000_000 or abs(dwell_s * 1e3 - whole) > 1e-6:
+            raise LimitError(
+                self._device, f"dwell {dwell_s * 1e3:g} ms is not a whole number of milliseconds.", "Change dwell_ms."
+            )
+        return whole
+
+    # Acquiring
+
+    def trigger(self) -> None:
+        if self._running or self._triggered >= len(self._dwells_s):
+            raise CommandRejected(self._device, "no armed point is left to trigger.", "Arm again.")
+        self._begin(self._milliseconds(self._dwells_s[self._triggered]))
+        self._triggered += 1
+
+    def _begin(self, milliseconds: int) -> None:
+        if not self._t3:
+            self._library.call("ClearHistMem", *((0,) if self._family.prefix == "PH" else ()))
+        self._library.call("StartMeas", milliseconds)
+        self._running, self._started_s = True, self._clock.now()
+
+    def wait_points(self, count: int, timeout_s: float) -> CounterStatus:
+        deadline_s = self._clock.now() + timeout_s
+        while len(self._taken) < count:
+            if not self._running:
+                raise CommandRejected(self._device, f"{count} points wanted, {self._triggered} triggered.", "Trigger.")
+            due_s = self._started_s + self._dwells_s[self._triggered - 1]
+            self._watch_until(min(due_s, deadline_s))
+            while not self._library.integer("CTCStatus"):
+                if self._clock.now() >= deadline_s:
+                    self._stop()
+                    raise not_in_time(self._library, f"{len(self._taken)} of {count} points complete", timeout_s)
+                self._while_running()
+                self._clock.sleep(_POLL_S)
+            self._taken.append(self._finish())
+        return CounterStatus(False, len(self._taken), 0, None)
+
+    def rest(self, seconds: float) -> bool:
+        if self._running and not self._library.integer("CTCStatus"):
+            self._watch_until(self._clock.now() + seconds)
+            return True
+        return False
+
+    def meanwhile(self, look: Callable[[], None]) -> None:
+        self._meanwhile = look
+
+    def _watch_until(self, when_s: float) -> None:
+        """Sleeps, with an eye on what the instrument has to say."""
+        while (left_s := when_s - self._clock.now()) > _WATCH_S:
+            self._clock.sleep(_WATCH_S)
+            self._while_running()
+        self._clock.sleep(left_s)
+
+    def _while_running(self) -> int:
+        """What has to be done while a point is being measured; how much of it there was."""
+        self._meanwhile()
+        self._flags()
+        return 0
+
+    def _finish(self) -> Histogram:
+        """Stops, which is needed even though the time has expired, and reads."""
+        self._stop()
+        axis, codes = self._configured()
+        live_s = self._library.real("GetElapsedMeasTime") * 1e-3 or self._dwells_s[self._triggered - 1]
+        buffer = (ctypes.c_uint * codes.length)()
+        which = {"PH": (0,), "HH": (self._settings.channel, 0), "MH": (self._settings.channel,)}[self._family.prefix]
+        self._library.call("GetHistogram", buffer, *which)
+        counts = np.ctypeslib.as_array(buffer)
+        return self._histogram(counts[: axis.bins].copy(), int(counts.sum(dtype=np.uint64)), live_s, self._flags())
+
+    def _histogram(self, counts: Any, total: int, live_s: float, flags: HistogramFlag) -> Histogram:
+        axis, _ = self._configured()
+        opened_s = self._started_s - self._armed_s
+        pulses = round(self._sync_hz * live_s)
+        return Histogram(counts, axis.bin_width_s, axis.offset_s, live_s, pulses, total, flags, opened_s)
+
+    def _flags(self) -> HistogramFlag:
+        """The instrument's flags in ours. Raises `DeviceFault` and `SyncLost`."""
+        family, raw = self._family, self._library.integer("GetFlags")
+        check_alive(self._library, raw, "while measuring")
+        if raw & family.sync_lost:
+            raise SyncLost(self._device, "lost the sync signal.", "Check laser and sync cable.")
+        flags = HistogramFlag.NONE
+        if raw & family.overflow:
+            flags |= HistogramFlag.SATURATED
+        if raw & (family.counts_dropped | (family.fifo_full if self._t3 else 0)):
+            flags |= HistogramFlag.DATA_LOST
+        return flags
+
+    def read(self, first: int, count: int) -> list[Histogram]:
+        if not 0 <= first <= first + count <= len(self._taken):
+            raise CommandRejected(self._device, f"points {first} to {first + count - 1} are not complete.", "Wait.")
+        return self._taken[first : first + count]
+
+    def abort(self) -> None:
+        if self._running:
+            self._stop()
+
+    def _stop(self) -> None:
+        self._library.call("StopMeas")
+        self._running = False
+
+    def rates(self) -> CountRates:
+        channel = self._settings.channel
+        if self._family.prefix == "PH":
+            return CountRates(*(float(self._library.integer("GetCountRate", each)) for each in (0, 1)))
+        sync = self._library.integer("GetSyncRate")
+        return CountRates(float(sync), float(self._library.integer("GetCountRate", channel)))
+
+    def arm_watchdog(self, timeout_s: float) -> None:
+        """There is none; only turning it off is possible."""
+        if timeout_s:
+            raise LimitError(self._device, "it has no watchdog.", "Set watchdog_s: 0.0 in the bench file.")
+
+    def kick(self) -> None:
+        """There is no watchdog to kick."""
+
+    def clear_trip(self) -> None:
+        """The instrument latches none."""
+
+    def close(self) -> None:
+        try:
+            self.abort()
+        except DeviceError:
+            pass  # closing must succeed whatever state the link is in
+        finally:
+            self._library.attempt("CloseDevice", self._library.index)
+
+    def _configured(self) -> tuple[HistogramAxis, AxisCodes]:
+        if self._axis is None or self._codes is None:
+            raise LimitError(self._device, "no time axis was set.", "Call configure() first.")
+        return self._axis, self._codes

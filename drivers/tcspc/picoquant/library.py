@@ -1,0 +1,179 @@
+"""The vendor's library behind one door: every call checked, every error code named, nothing repeated that may not be.
+
+The library is not thread-safe (MHLib manual 7.2.4): one lock is held over each call.
+"""
+
+import ctypes
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from nlos.drivers.clock import Clock
+from nlos.drivers.errors import (
+    CommandRejected,
+    DeviceBusy,
+    DeviceError,
+    DeviceFault,
+    DeviceLost,
+    DeviceNotFound,
+    DeviceTimeout,
+    LimitError,
+    WrongDevice,
+)
+from nlos.drivers.tcspc.picoquant.families import Family
+
+WireLog = Callable[[str, str, bytes], None]
+
+_RETRY_AFTER_S = 0.1
+_TRANSIENT = (-36, -37)
+"""USB_VCMD_FAIL and USB_BULKRD_FAIL come at random on some computers and are gone 100 ms later (known from PHLib)."""
+_NEVER_TWICE = frozenset(("StartMeas", "ReadFiFo", "OpenDevice", "Initialize", "ClearHistMem"))
+"""Calls whose second time is not the same as their first."""
+
+_ERRORS: dict[int, type[DeviceError]] = {
+    -1: DeviceNotFound,
+    -2: DeviceBusy,
+    -10: DeviceLost,
+    -11: DeviceBusy,
+    -16: CommandRejected,
+    -17: LimitError,
+    -18: CommandRejected,
+    -22: CommandRejected,
+    -23: CommandRejected,
+    -28: DeviceFault,
+}
+_REMEDIES: dict[int, str] = {
+    -2: "Close the program that uses it.",
+    -10: "Check its cable and power, then open the bench again.",
+    -11: "Close the program that uses it.",
+    -16: "Stop the measurement first.",
+    -28: "Switch the instrument off and on.",
+}
+
+
+class VendorLibrary:
+    """Calls by their names without prefix, for one instrument once `index` is set."""
+
+    def __init__(
+        self, device: str, family: Family, functions: Any, clock: Clock, wire_log: WireLog | None = None
+    ) -> None:
+        self.device, self.family, self.index = device, family, 0
+        self._functions, self._clock, self._wire_log = functions, clock, wire_log
+        self._lock = threading.RLock()
+        version = self.text("GetLibraryVersion", 8)
+        if version.partition(".")[0] != "3":
+            raise WrongDevice(
+                device,
+                f"the library says it is version {version!r}; this adapter is written for version 3.",
+                f"Install {family.package}, from the vendor's web site.",
+            )
+
+    def call(self, name: str, *arguments: Any) -> int:
+        """Calls PREFIX_name(index, *arguments). Raises the `DeviceError` that the return code means."""
+        code = self.attempt(name, self.index, *arguments)
+        if code in _TRANSIENT and name not in _NEVER_TWICE:
+            self._clock.sleep(_RETRY_AFTER_S)
+            code = self.attempt(name, self.index, *arguments)
+        if code < 0:
+            raise self.error(name, code)
+        return code
+
+    def attempt(self, name: str, *arguments: Any) -> int:
+        """Calls PREFIX_name(*arguments) once and returns its code."""
+        full = f"{self.family.prefix}_{name}"
+        with self._lock:
+            if self._wire_log:
+                self._wire_log(self.device, ">", f"{full}{_shown(arguments)}".encode())
+            code = int(getattr(self._functions, full)(*arguments))
+            if self._wire_log:
+                self._wire_log(self.device, "<", f"{code} {_shown(arguments)}".encode())
+        return code
+
+    def integer(self, name: str, *arguments: Any) -> int:
+        """The int that the call writes to its last argument."""
+        value = ctypes.c_int()
+        self.call(name, *arguments, ctypes.byref(value))
+        return value.value
+
+    def real(self, name: str) -> float:
+        """The double that the call writes to its last argument."""
+        value = ctypes.c_double()
+        self.call(name, ctypes.byref(value))
+        return value.value
+
+    def text(self, name: str, size: int, *arguments: Any) -> str:
+        """The string that a call without instrument writes to its first argument."""
+        buffer = ctypes.create_string_buffer(size)
+        code = self.attempt(name, buffer, *arguments)
+        return buffer.value.decode("ascii", "replace") if code >= 0 else f"error {code}"
+
+    def error(self, name: str, code: int) -> DeviceError:
+        """The exception for a return code, with the library's own words."""
+        words = self.text("GetErrorString", 64, code)
+        kind = _ERRORS.get(code, DeviceLost if -38 <= code <= -32 else DeviceFault)
+        remedy = _REMEDIES.get(code, "Check its USB cable, then open the bench again." if kind is DeviceLost else "")
+        return kind(self.device, f"{self.family.prefix}_{name} failed: {words} ({code}).", remedy)
+
+
+def _shown(arguments: Sequence[Any]) -> str:
+    """Arguments as they stand, those that a call writes to included; of arrays only that they are there."""
+    held = [getattr(each, "_obj", each) for each in arguments]
+    return f"({', '.join(str(each if isinstance(each, int) else getattr(each, 'value', '...')) for each in held)})"
+
+
+def load_library(device: str, family: Family, where: str) -> Any:
+    """The shared library with its functions, from `where` or, for "vendor", from the loader's search path.
+
+    Raises `DeviceNotFound` that says what to install and where it then is.
+    """
+    windows = sys.platform == "win32"
+    name = (family.windows_library if windows else family.linux_library) if where == "vendor" else where
+    load = getattr(ctypes, "WinDLL", ctypes.CDLL) if windows else ctypes.CDLL
+    try:
+        return load(name)
+    except OSError as error:
+        usual = "C:\\Windows\\System32" if windows else "/usr/lib or /usr/local/lib, as its install script does"
+        raise DeviceNotFound(
+            device,
+            f"the vendor's library {name} could not be loaded ({error}).",
+            f"Install {family.package} for this system from the vendor's web site; {name} belongs in {usual}. "
+            "Or name its path as `library` in the bench file.",
+        ) from error
+
+
+def open_instrument(library: VendorLibrary, serial: str) -> str:
+    """Opens the instrument of that serial number, or the first that answers ("auto"); returns its serial number.
+
+    Raises `DeviceNotFound`, `DeviceBusy`, or what the library reports.
+    """
+    others, codes = [], []
+    for index in range(8):
+        buffer = ctypes.create_string_buffer(16)
+        code = library.attempt("OpenDevice", index, buffer)
+        found = buffer.value.decode("ascii", "replace")
+        if code == 0 and serial in ("auto", found):
+            library.index = index
+            return found
+        if code == 0:
+            others.append(found)
+            library.attempt("CloseDevice", index)
+        elif code != -1:
+            codes.append(code)
+    wanted = library.family.product if serial == "auto" else f"{library.family.product} with serial number {serial}"
+    if codes and not others:
+        raise library.error("OpenDevice", codes[0])
+    seen = f" (there is {', '.join(others)})" if others else ""
+    raise DeviceNotFound(
+        library.device, f"no {wanted} answers{seen}.", "Check cable, power and `serial` in the bench file."
+    )
+
+
+def check_alive(library: VendorLibrary, flags: int, what: str) -> None:
+    """Raises `DeviceFault` where the instrument's flags say that its hardware is not to be trusted."""
+    if flags & library.family.system_error:
+        raise DeviceFault(library.device, f"reports a system error {what}.", "Switch the instrument off and on.")
+
+
+def not_in_time(library: VendorLibrary, what: str, timeout_s: float) -> DeviceTimeout:
+    return DeviceTimeout(library.device, f"{what} after {timeout_s:g} s.", "Check trigger and marker wiring.")

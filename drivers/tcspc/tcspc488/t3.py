@@ -1,0 +1,122 @@
+"""The `tcspc488` in T3 mode: a record of every photon, sorted here into the histograms of the points (scheme S3).
+
+The instrument marks each gate in the stream, so photons belong to a point by their time; those that arrived while the
+mirror moved belong to none. The stream is told once: what the link loses of it, the points under way have lost.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nlos.drivers.errors import CommandRejected, DeviceLost, DeviceTimeout, LimitError, ProtocolError
+from nlos.drivers.tcspc.counter import CounterStatus, Histogram, HistogramFlag, Trigger
+from nlos.drivers.tcspc.t3 import GENERIC, T3Decoder
+from nlos.drivers.tcspc.t3_points import PointHistograms, StepMarkers
+from nlos.drivers.tcspc.tcspc488.histogram import POLL_S, Tcspc488
+from nlos.drivers.tcspc.tcspc488.messages import Status
+
+_MOST_RECORDS = 65_000
+"""Per question: 260 kB, so that the link is soon free again."""
+_GATE_MARKER = 0b1000
+
+
+class Tcspc488T3(Tcspc488):
+    """A `HistogramCounter` that makes its histograms itself."""
+
+    list_mode = True
+
+    def arm(
+        self,
+        dwells_s: Sequence[float],
+        numbers: Sequence[int],
+        trigger: Trigger = Trigger.HOST,
+        blanking_s: float = 0.0,
+    ) -> None:
+        """As `Tcspc488.arm`; the laser's rate is measured, which turns dwells into laser pulses."""
+        if self._stops:
+            raise LimitError(
+                self._device, "stopping at a number of counts needs histogram mode.", "Set mode: histogram."
+            )
+        if self._axis is not None and self._axis.bins > 1 << GENERIC.delay_bits:
+            raise LimitError(self._device, f"a T3 record counts {1 << GENERIC.delay_bits} bins, not {self._axis.bins}.")
+        self._sync_hz = self.rates().sync_hz
+        super().arm(dwells_s, numbers, trigger, blanking_s)
+        assert self._axis is not None
+        self._decoder = T3Decoder(GENERIC)
+        dwells = np.round(np.asarray(dwells_s) * self._sync_hz).astype(np.int64)
+        self._disorder_s = self._settings.marker_disorder_us * 1e-6
+        self._points = PointHistograms(
+            len(dwells_s),
+            self._axis.bins,
+            StepMarkers(dwells, 0, _GATE_MARKER),
+            disorder=round(self._disorder_s * self._sync_hz),
+        )
+        self._broken = False
+
+    def wait_points(self, count: int, timeout_s: float) -> CounterStatus:
+        deadline_s = self.clock.now() + timeout_s
+        due_s = self._due(count) + self._disorder_s + GENERIC.wrap / self._sync_hz  # time is told in wraps
+        again_s = 0.0005
+        while True:
+            self._pause(min(due_s, deadline_s))
+            status = self._drain()
+            done = len(self._numbers) if self._broken else self._points.complete
+            if done >= count:
+                return CounterStatus(status.running, done, int(self._points.lost.sum()), status.markers)
+            now_s = self.clock.now()
+            if now_s >= deadline_s:
+                raise DeviceTimeout(self._device, f"{done} of {count} points complete after {timeout_s:g} s.")
+            if now_s >= due_s:
+                due_s, again_s = now_s + again_s, min(2 * again_s, POLL_S)
+
+    def _look(self) -> Status:
+        return self._drain()
+
+    def _drain(self) -> Status:
+        """Takes all records that wait."""
+        while not self._broken:
+            try:
+                status, data = self.instrument.take_records(_MOST_RECORDS)
+            except DeviceLost:
+                raise
+            except (DeviceTimeout, ProtocolError):
+                self._lose_the_rest()
+                break
+            self._running_or_done(status)
+            events = self._decoder.feed(np.frombuffer(data, "<u4", len(data) // 4))
+            self._points.add(events)
+            if len(data) % 4 or status.lost:  # cut short, or the FIFO was full: gate marks may be missing too
+                self._lose_the_rest()
+                break
+            if len(data) < 4 * _MOST_RECORDS:
+                return status
+        return self.instrument.look()[0]
+
+    def _lose_the_rest(self) -> None:
+        """Without the lost records time cannot be told any more: points not complete yet are lost."""
+        self._points.lost[self._points.complete :] = True
+        self._broken = True
+        self.abort()
+
+    def read(self, first: int, count: int) -> list[Histogram]:
+        points, axis = self._points, self._axis
+        assert axis is not None
+        if not self._broken and first + count > points.complete:
+            raise CommandRejected(self._device, f"point {first + count - 1} is not complete ({points.complete} are).")
+        histograms = []
+        for k in range(first, first + count):
+            lost = bool(points.lost[k])
+            live_s = 0.0 if lost else self._dwells_s[k]
+            histograms.append(
+                Histogram(
+                    np.zeros_like(points.counts[k]) if lost else points.counts[k].copy(),
+                    axis.bin_width_s,
+                    axis.offset_s,
+                    live_s,
+                    round(live_s * self._sync_hz),
+                    0 if lost else int(points.totals[k]),
+                    HistogramFlag.DATA_LOST if lost else HistogramFlag.NONE,
+                    points.started[k] / self._sync_hz,
+                )
+            )
+        return histograms

@@ -1,0 +1,75 @@
+"""`nlos`, and `python -m nlos`: runs a verb and turns every error into a sentence and an exit code."""
+
+import os
+import sys
+import traceback
+
+from nlos.cli.terminal import take_global_options, terminal
+
+
+def main() -> None:
+    """Runs the command line of this process and exits with its code."""
+    # PyTorch's threads wait for each other asleep, not spinning: a machine that scans has other things to do, and where
+    # two of these threads share a core, spinning takes ten times as long as the work (decision 095).
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: list[str]) -> int:
+    """Runs one command; returns its exit code."""
+    try:
+        rest, version = take_global_options(arguments)
+    except ValueError as error:
+        terminal.log(f"nlos: {error}", -9)
+        return 2
+    if version:
+        from nlos.version import __version__
+
+        print(f"nlos {__version__}")
+        return 0
+
+    from nlos.cli.app import app
+
+    try:
+        returned = app(rest, standalone_mode=False)
+        terminal.finish()
+        return int(returned or 0)
+    except SystemExit as stop:
+        return int(stop.code or 0) if isinstance(stop.code, int | None) else 1
+    except BaseException as error:
+        return report(error)
+
+
+def report(error: BaseException) -> int:
+    """Says what went wrong on stderr (and in the JSON document); returns the exit code."""
+    from nlos.cli.exit_codes import ExitCode, exit_code, missing_extra
+
+    shown = getattr(error, "show", None)
+    if callable(shown) and hasattr(error, "exit_code"):
+        shown()
+        return ended(str(error), error, int(error.exit_code))
+    if type(error).__name__ == "Exit" and hasattr(error, "exit_code"):
+        return int(error.exit_code)
+    code = ExitCode.INTERRUPTED if type(error).__name__ == "Abort" else exit_code(error)
+    message = missing_extra(error) or str(error)
+    if code == ExitCode.BUG:
+        traceback.print_exception(error)
+        terminal.log("nlos: this is a bug; please report it with the lines above.", -9)
+    else:
+        terminal.log(f"nlos: {message or code.name.lower()}", -9)
+        for note in getattr(error, "__notes__", ()):
+            terminal.log(f"nlos: {note}", -9)
+        if terminal.verbosity > 0:
+            traceback.print_exception(error)
+    return ended(message, error, int(code))
+
+
+def ended(message: str, error: BaseException, code: int) -> int:
+    """The same in the JSON document; returns the exit code."""
+    terminal.document["error"] = {"message": message, "kind": type(error).__name__, "exit_code": code}
+    terminal.finish()
+    return code
+
+
+if __name__ == "__main__":
+    main()

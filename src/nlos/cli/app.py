@@ -1,0 +1,73 @@
+"""The verbs, each loaded only when it is called: `nlos --help` imports neither torch nor h5py."""
+
+import importlib
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+VERBS = {
+    "devices": "What is plugged in, what the bench expects, what is missing and how to mend it.",
+    "doctor": "PASS/WARN/FAIL for software, disk, links, mirror, counter, shutter, dark counts and a small scan.",
+    "plan": "Check everything that a scan would, move nothing; how long it will take.",
+    "scan": "Acquire; by default on the simulated bench.",
+    "calibrate": "Measure the bench's constants from recordings and say how good they are.",
+    "reconstruct": "From recordings to pictures of what is behind the corner.",
+    "serve": "Serve a recording's samples to another machine while it grows.",
+    "live": "A read-only page that shows a scan while it runs.",
+    "replay": "Play recorded samples through the same path as a live scan.",
+    "import": "Read other people's formats into a recording.",
+    "export": "Write a recording or a reconstruction in other people's formats.",
+    "verify": "Is every sample what was measured?",
+    "recover": "Save what a crash left.",
+    "info": "What is in a file.",
+    "report": "One self-contained HTML file about a recording.",
+    "train": "Train a learned method.",
+    "evaluate": "Measure methods on scenes with ground truth.",
+    "methods": "The reconstruction methods, one line each.",
+    "patterns": "The scan patterns, one line each.",
+}
+"""Verb -> what it does. The function `VERB` (or `VERB_` for a Python keyword) lives in `cli/VERB.py`."""
+
+EVERYWHERE = (
+    "Everywhere: --json (stdout is one JSON document), -v / -q (more or less on stderr), "
+    "--wire-log FILE (every byte to and from the devices), --version."
+)
+
+
+class LazyVerbs(TyperGroup):
+    """A command group that knows its verbs' names and summaries, and imports a verb's file when it is called."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return list(VERBS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        return TyperCommand(cmd_name, short_help=VERBS[cmd_name]) if cmd_name in VERBS else None
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        name, command, rest = super().resolve_command(ctx, args)
+        return name, load_verb(name) if name else command, rest
+
+
+def load_verb(name: str) -> Any:
+    """The command for a verb, from its own file."""
+    module = importlib.import_module(f"nlos.cli.{name}_" if name == "import" else f"nlos.cli.{name}")
+    single = typer.Typer(add_completion=False, rich_markup_mode=None)
+    single.command(name, help=VERBS[name], epilog=EVERYWHERE)(getattr(module, module.__name__.split(".")[-1]))
+    return typer.main.get_command(single)
+
+
+app = typer.Typer(
+    cls=LazyVerbs,
+    name="nlos",
+    help="Confocal non-line-of-sight imaging: from galvo mirrors and single photons to what is behind the corner.",
+    epilog=EVERYWHERE,
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+
+@app.callback()
+def _verbs() -> None:
+    """Makes `app` a group before any verb is loaded."""

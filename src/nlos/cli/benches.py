@@ -1,0 +1,112 @@
+"""Opens the bench that a command names, with the wire log, and writes what happens on it into a recording."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from nlos.cli.terminal import terminal
+
+if TYPE_CHECKING:
+    from nlos.calibration.constants import BenchConstants
+    from nlos.configs.load import Loaded
+    from nlos.drivers.bench import Bench, BenchSettings
+    from nlos.drivers.identity import DeviceIdentity
+    from nlos.drivers.simulated.recorded import RecordedScan
+
+DEFAULT_BENCH = "simulated"
+
+
+def load_bench(word: str | None) -> "Loaded[BenchSettings]":
+    """The bench file that `word` means; the simulated bench where none is named. Raises `ConfigError`."""
+    from nlos.configs.load import load
+    from nlos.drivers.bench import BenchSettings
+
+    return load("bench", word or DEFAULT_BENCH, BenchSettings)
+
+
+def twin(loaded: "Loaded[BenchSettings]") -> "Loaded[BenchSettings]":
+    """A simulated bench with the limits, geometry and settling of this one; a simulated bench is its own twin."""
+    from dataclasses import replace
+
+    from nlos.drivers.bench_settings import SimulationSettings
+
+    bench = loaded.settings
+    if bench.simulated:
+        return loaded
+    mirror = bench.mirror.model_copy(update={"port": f"sim://{bench.mirror.model}"})
+    counter = bench.counter.model_copy(update={"usb": "simulated"})
+    parts = {"mirror": mirror, "counter": counter, "simulation": SimulationSettings()}
+    return replace(loaded, settings=bench.model_copy(update=parts))
+
+
+def measured_constants(given: Path | None, devices: "Mapping[str, DeviceIdentity]") -> "BenchConstants | None":
+    """The constants named; else the newest in `constants/` for these devices whose aim rests on measured spots.
+
+    Raises `ForeignConstants` where the constants named are of another bench.
+    """
+    from nlos.calibration.constants import load, newest_that_fits
+
+    names = {role: f"{who.model} {who.serial}".strip() for role, who in devices.items()}
+    path = given
+    if path is None and Path("constants").is_dir():
+        path = newest_that_fits(Path("constants"), names)
+    if path is None:
+        return None
+    constants = load(path)
+    constants.refuse_other_devices(names)
+    # Without spots, mirror gain and wall distance are not told apart: a person has to ask for such an aim.
+    if given is None and "x_gain" not in constants.geometry_errors:
+        return None
+    terminal.log(f"constants: {path}, measured {constants.measured_utc}")
+    return constants
+
+
+@contextmanager
+def opened(loaded: "Loaded[BenchSettings]", scene: Path | None = None, quiet: bool = False) -> Iterator["Bench"]:
+    """The open bench; `scene` is a recorded scan that stands in for a simulated bench's light."""
+    from nlos.drivers.bench import open_bench
+
+    with _wire_log() as log, open_bench(loaded.settings, scene=_scene(scene), wire_log=log) as bench:
+        for warning in bench.warnings:
+            terminal.log(f"warning: {warning}", 1 if quiet else 0)
+        yield bench
+
+
+@contextmanager
+def _wire_log() -> Iterator[Callable[[str, str, bytes], None] | None]:
+    """Every byte to and from the devices, one line each: time, device, direction, bytes as Python writes them."""
+    if terminal.wire_log is None:
+        yield None
+        return
+    with terminal.wire_log.open("x", encoding="utf-8") as file:
+
+        def log(device: str, direction: str, data: bytes) -> None:
+            now = datetime.now(UTC).isoformat(timespec="microseconds")
+            file.write(f"{now} {device} {direction} {data!r}\n")
+
+        yield log
+    terminal.log(f"{terminal.wire_log}: every byte to and from the devices")
+
+
+def _scene(path: Path | None) -> "RecordedScan | None":
+    if path is None:
+        return None
+    import numpy as np
+
+    from nlos.acquisition.recording.recording import Recording
+    from nlos.drivers.simulated.recorded import RecordedScan
+
+    with Recording.open(path) as recording:
+        rows = [(sample.point, sample.histogram) for sample in recording.samples()]
+        axis = recording.plan.axis
+    return RecordedScan(
+        np.stack([histogram.counts for _, histogram in rows]),
+        np.array([point.x_m for point, _ in rows]),
+        np.array([point.y_m for point, _ in rows]),
+        np.array([histogram.live_time_s for _, histogram in rows]),
+        axis.bin_width_s,
+        axis.offset_s,
+        np.array([histogram.total_count for _, histogram in rows]),
+    )

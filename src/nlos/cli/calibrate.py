@@ -1,0 +1,175 @@
+"""`nlos calibrate`: measures a bench's constants from recordings, says how good they are, draws every correction."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from nlos.cli.exit_codes import ExitCode, Stopped
+from nlos.cli.terminal import terminal
+
+if TYPE_CHECKING:
+    from nlos.calibration.constants import BenchConstants
+    from nlos.calibration.measure import Measurement
+
+MM_PER_PS = 0.299792458 / 2
+"""Depth of a picosecond there and back."""
+_GAINS = ("x_gain", "y_gain")
+
+
+def calibrate(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Raw scans; runs with the shutter closed too.")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="CONSTANTS.h5", help="Default: constants/RUN.h5.")
+    ] = None,
+    dead_time_ns: Annotated[
+        float | None, typer.Option(min=0, help="The detector's, where no histogram over the laser's period tells it.")
+    ] = None,
+    response: Annotated[
+        Path | None, typer.Option(metavar="FILE.h5", help="Impulse response; measured from the scan by default.")
+    ] = None,
+    spots: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.csv", help="Measured spots: columns x_deg, y_deg (commanded, optical), x_m, y_m."),
+    ] = None,
+    wall_size_m: Annotated[
+        float | None,
+        typer.Option(min=0.001, max=100.0, help="The wall's side where a file has none; else its times tell."),
+    ] = None,
+    dark: Annotated[
+        bool, typer.Option("--dark", help="No light was meant to be in any of these runs, not even in the only one.")
+    ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
+) -> None:
+    """Measures the bench's constants from recordings and says how good they are."""
+    from datetime import UTC, datetime
+
+    from nlos.calibration.constants import Quantity, load_response, save
+    from nlos.calibration.measure import measure_constants
+    from nlos.calibration_input import common_devices, load_run, read_spots, refuse_unmeant_darkness
+    from nlos.report.calibration_pictures import write_pictures
+
+    target = output or Path("constants") / f"{runs[0].stem}.h5"
+    if target.exists() and not overwrite:
+        raise FileExistsError(f"{target}: exists. Choose another name with -o, or say --overwrite.")
+    loaded = [load_run(run, wall_size_m) for run in runs]
+    devices = common_devices(runs, [one.devices for one in loaded])
+    found = measure_constants(
+        [one.raw for one in loaded],
+        devices=devices,
+        sources=[str(run) for run in runs],
+        measured_utc=datetime.now(UTC).isoformat(timespec="seconds"),
+        aim=next((one.aim for one in loaded if one.aim is not None), None),
+        dead_time=None if dead_time_ns is None else Quantity(dead_time_ns * 1e-9, 0.0),
+        response=None if response is None else load_response(response),
+        spots=None if spots is None else read_spots(spots),
+    )
+    if found.raw is None and not dark:
+        refuse_unmeant_darkness(runs, loaded)
+    for line, values in _lines(found):
+        terminal.result(line, **values)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    pictures = write_pictures(found, target.with_suffix(""))
+    for picture in pictures:
+        terminal.result(str(picture))
+    terminal.document["pictures"] = [str(picture) for picture in pictures]
+    _refuse_poor(found.constants)
+    save(found.constants, target, overwrite)
+    terminal.result(str(target), constants=str(target))
+
+
+def _refuse_poor(constants: "BenchConstants") -> None:
+    """Ends the command when the constants are not good enough to keep; what they are was printed before."""
+    from nlos.calibration.errors import PoorCalibration
+
+    try:
+        constants.check()
+    except PoorCalibration as error:
+        raise Stopped(ExitCode.DATA, f"nothing was saved: {error}") from error
+
+
+def _lines(found: "Measurement") -> "list[tuple[str, dict[str, object]]]":
+    """What is printed, each line with its part of the JSON document."""
+    constants, lines = found.constants, []
+    if found.corrected is not None:
+        report = found.corrected.report()
+        lines += _timing_lines(report, constants)
+    else:
+        lines.append(("no laser light in these runs: taken as runs with the shutter closed", {}))
+    if found.geometry is not None:
+        lines += _geometry_lines(found)
+    for name, unit, scale in (
+        ("dark_hz", "clicks/s in the dark", 1.0),
+        ("ambient_hz", "clicks/s of ambient light", 1.0),
+        ("dead_time_s", "ns dead time", 1e9),
+        ("afterpulse_probability", "% afterpulses", 100.0),
+    ):
+        quantity = getattr(constants, name)
+        if quantity is not None:
+            text = f"{quantity.value * scale:.2f} +- {quantity.error * scale:.2f} {unit}"
+            lines.append((text, {name: quantity.value, f"{name}_error": quantity.error}))
+    return lines
+
+
+def _timing_lines(report: Mapping[str, object], constants: "BenchConstants") -> "list[tuple[str, dict[str, object]]]":
+    rms_ps = report["offset_rms_ps"]
+    assert isinstance(rms_ps, float)
+    assert constants.arrivals is not None
+    position, error = constants.arrivals.scanner_position_m, constants.arrivals.covariance.diagonal() ** 0.5
+    delay_ns, delay_error_ns = constants.arrivals.delay_s * 1e9, error[3] * 1e9
+    return [
+        (
+            f"time offsets: {rms_ps:.2f} ps = {rms_ps * MM_PER_PS:.3f} mm RMS about the wall's fit "
+            f"({report['offset_rms_bins']:.3f} bins; {report['points_off_the_wall_fit']} of {report['points']} points "
+            f"off the fit, {report['points_without_direct_peak']} without a direct peak)",
+            {key: report[key] for key in report if key.startswith(("offset", "points"))},
+        ),
+        (
+            f"scanner at {position[0]:+.4f}, {position[1]:+.4f}, {position[2]:.4f} m of the wall's centre "
+            f"(+- {error[0] * 1e3:.1f}, {error[1] * 1e3:.1f}, {error[2] * 1e3:.1f} mm), "
+            f"delay {delay_ns:.4f} +- {delay_error_ns:.4f} ns",
+            {
+                "scanner_position_m": position.tolist(), "scanner_position_error_m": error[:3].tolist(),
+                "electronic_delay_ns": delay_ns, "electronic_delay_error_ns": delay_error_ns,
+            },
+        ),
+        (
+            f"impulse response {report['response_fwhm_ps']:.0f} ps FWHM; direct light masked for "
+            f"{report['direct_masked_ns']:.2f} ns, its tail decays in {report['direct_tail_ps']:.0f} ps",
+            {key: report[key] for key in ("response_fwhm_ps", "direct_masked_ns", "direct_tail_ps")},
+        ),
+    ]  # fmt: skip
+
+
+def _geometry_lines(found: "Measurement") -> "list[tuple[str, dict[str, object]]]":
+    import numpy as np
+
+    fit = found.geometry
+    assert fit is not None
+    height_mm = fit.height_m[fit.accepted] * 1e3
+    rms_mm = float(np.sqrt(np.mean(height_mm**2)))
+    degrees = {name: np.rad2deg(getattr(fit.geometry, name)) for name in ("wall_pitch_rad", "wall_yaw_rad")}
+    errors = {name: np.rad2deg(fit.errors[name]) for name in degrees}
+    lines: list[tuple[str, dict[str, object]]] = [
+        (
+            f"wall at {fit.geometry.wall_distance_m:.4f} +- {fit.errors['wall_distance_m']:.4f} m, pitch "
+            f"{degrees['wall_pitch_rad']:+.3f} +- {errors['wall_pitch_rad']:.3f} deg, yaw "
+            f"{degrees['wall_yaw_rad']:+.3f} +- {errors['wall_yaw_rad']:.3f} deg; "
+            f"{rms_mm:.3f} mm = {rms_mm / MM_PER_PS:.2f} ps RMS off the plane",
+            {
+                "wall_distance_m": fit.geometry.wall_distance_m,
+                "wall_pitch_deg": float(degrees["wall_pitch_rad"]),
+                "wall_yaw_deg": float(degrees["wall_yaw_rad"]),
+                "geometry": vars(fit.geometry),
+                "geometry_errors": dict(fit.errors),
+                "wall_rms_mm": rms_mm,
+                "wall_rms_ps": rms_mm / MM_PER_PS,
+            },
+        )
+    ]
+    if len(fit.spot_residual_m):
+        spots_mm = float(np.sqrt(np.mean(fit.spot_residual_m**2))) * 1e3
+        gains = ", ".join(f"{name} {getattr(fit.geometry, name):.5f} +- {fit.errors[name]:.5f}" for name in _GAINS)
+        lines.append((f"{gains}; spots {spots_mm:.2f} mm RMS off the model", {"spots_rms_mm": spots_mm}))
+    return lines

@@ -1,0 +1,47 @@
+"""`nlos evaluate`: methods on scenes with ground truth."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from nlos.cli.terminal import terminal
+
+
+def evaluate(
+    data: Annotated[list[Path], typer.Option("--data", metavar="PATH", help="Scene files or folders of them.")],
+    more: Annotated[list[Path] | None, typer.Argument(metavar="[PATH]...", help="More of them.")] = None,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR")] = Path("out"),
+    methods: Annotated[str | None, typer.Option(help="Separated by commas; all of the catalogue unless given.")] = None,
+    conditions: Annotated[str | None, typer.Option(help="Dataset names, optionally @RxC or @blue:N.")] = None,
+    settings: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
+    fixed: Annotated[bool, typer.Option("--fixed", help="Each method at its defaults, not at its best snr.")] = False,
+    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
+    overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
+) -> None:
+    """Every method on every scene under every condition: a table, and a gallery."""
+    from nlos.chain import parse_settings
+    from nlos.recon import evaluate as evaluation
+    from nlos.recon.evaluation_report import NAMES, write_evaluation
+    from nlos.recon.methods import catalogue
+
+    scenes = [*data, *(more or [])]
+    for path in scenes:
+        if not path.exists():
+            raise FileNotFoundError(f"{path}: no such file or folder")
+    for name in NAMES:
+        if (output / name).exists() and not overwrite:
+            raise FileExistsError(f"{output / name}: exists. Choose another folder with -o, or say --overwrite.")
+    chosen = methods.split(",") if methods else list(catalogue())
+    done = evaluation.evaluate(
+        scenes,
+        chosen,
+        conditions.split(",") if conditions else evaluation.CONDITIONS,
+        settings=parse_settings(settings or []),
+        fixed=fixed,
+        device=device,
+        say=terminal.log,
+    )
+    paths = write_evaluation(output, done, overwrite)
+    terminal.document["results"] = evaluation.as_json(done.rows)
+    terminal.result("\n".join(str(path) for path in paths))

@@ -1,0 +1,95 @@
+"""Every way in which a command can end, as the number it exits with."""
+
+import errno
+from enum import IntEnum
+
+
+class ExitCode(IntEnum):
+    """See the command line's contract in the README."""
+
+    DONE = 0
+    BUG = 1
+    USAGE = 2
+    DEVICE = 3
+    REFUSED = 4
+    ALARM = 5
+    STORAGE = 6
+    DATA = 7
+    RECONSTRUCTION = 8
+    DEADLINE = 9
+    INTERRUPTED = 130
+    TERMINATED = 143
+
+
+EXTRAS = {
+    "torch": "recon", "safetensors": "recon", "zmq": "live", "starlette": "live", "uvicorn": "live",
+    "distributed": "cluster",
+}  # fmt: skip
+"""Package that only some verbs need -> the extra that brings it."""
+
+
+class UsageError(ValueError):
+    """The command was called in a way that cannot work; the message says what to change."""
+
+
+class Stopped(Exception):
+    """The command ended early for a reason that it has explained itself."""
+
+    def __init__(self, code: ExitCode, message: str) -> None:
+        self.code = code
+        super().__init__(message)
+
+
+def exit_code(error: BaseException) -> ExitCode:
+    """The number for an error. What no room foresaw is a bug."""
+    import nlos.acquisition.errors
+    import nlos.calibration.errors
+    import nlos.drivers.errors
+    import nlos.recon.errors
+    from nlos.configs.load import ConfigError
+
+    table: list[tuple[type[BaseException] | tuple[type[BaseException], ...], ExitCode]] = [
+        (KeyboardInterrupt, ExitCode.INTERRUPTED),
+        (
+            (
+                ConfigError,
+                UsageError,
+                nlos.acquisition.errors.PlanRefused,
+                nlos.recon.errors.InvalidSettings,
+                FileNotFoundError,
+                IsADirectoryError,
+            ),
+            ExitCode.USAGE,
+        ),
+        ((nlos.drivers.errors.LimitError, nlos.drivers.errors.SafetyTrip), ExitCode.REFUSED),
+        ((nlos.drivers.errors.DeviceTimeout, TimeoutError), ExitCode.DEADLINE),
+        (nlos.drivers.errors.DeviceError, ExitCode.DEVICE),
+        ((nlos.acquisition.errors.StorageError, FileExistsError), ExitCode.STORAGE),
+        (
+            (nlos.acquisition.errors.InvalidData, nlos.calibration.errors.InvalidData, nlos.recon.errors.InvalidData),
+            ExitCode.DATA,
+        ),
+        (nlos.recon.errors.ReconstructionFailed, ExitCode.RECONSTRUCTION),
+    ]
+    if isinstance(error, Stopped):
+        return error.code
+    if missing_extra(error) is not None:
+        return ExitCode.USAGE
+    for kinds, code in table:
+        if isinstance(error, kinds):
+            return code
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO):
+        return ExitCode.STORAGE
+    if isinstance(error, PermissionError):
+        return ExitCode.STORAGE
+    return ExitCode.BUG
+
+
+def missing_extra(error: BaseException) -> str | None:
+    """What to install, where a command needs a package that a plain installation leaves out."""
+    if not isinstance(error, ModuleNotFoundError) or error.name is None:
+        return None
+    package = error.name.partition(".")[0]
+    if package not in EXTRAS:
+        return None
+    return f"this needs {package}, which is not installed. Install it with: pip install '.[{EXTRAS[package]}]'"

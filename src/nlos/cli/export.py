@@ -1,0 +1,80 @@
+"""`nlos export`: a recording or a reconstruction in other people's formats."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from nlos.cli.exit_codes import UsageError
+from nlos.cli.terminal import terminal
+
+SCAN_FORMATS = {"npz": ".npz", "mat": ".mat", "ytal": ".hdf5", "ptu": ".ptu"}
+PICTURE_FORMATS = {"ply": ".ply", "vti": ".vti"}
+
+
+def export(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A recording, or a reconstruction.h5 for ply and vti.")],
+    to: Annotated[str, typer.Option("--to", metavar="FORMAT,...", help="mat, npz, ply, vti, ytal, ptu")],
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="One format only.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
+) -> None:
+    """Writes other people's formats; says what each cannot hold."""
+    words = [word.strip() for word in to.split(",") if word.strip()]
+    known = SCAN_FORMATS | PICTURE_FORMATS
+    unknown = [word for word in words if word not in known]
+    if unknown or not words:
+        raise UsageError(f"--to {to}: {', '.join(unknown) or 'nothing'} is not known; known: {', '.join(known)}")
+    if output is not None and len(words) > 1:
+        raise UsageError("-o names one file; with several formats leave it out")
+    targets = {word: output or run.with_suffix(known[word]) for word in words}
+    for target in targets.values():
+        if target.resolve() == run.resolve():
+            raise UsageError(f"{target}: is the file that is exported; choose another name with -o")
+        if target.exists() and not overwrite:
+            raise FileExistsError(f"{target}: exists. Choose another name with -o, or say --overwrite.")
+    written = []
+    for word, target in targets.items():
+        left_behind = _write_scan(run, word, target) if word in SCAN_FORMATS else _write_picture(run, word, target)
+        terminal.result(f"{target}: written as {word}")
+        for note in left_behind:
+            terminal.log(f"  {note}")
+        written.append({"format": word, "file": str(target), "left_behind": left_behind})
+    terminal.document["exported"] = written
+
+
+def _write_scan(run: Path, word: str, target: Path) -> list[str]:
+    from nlos.acquisition.exporters.matlab import write_matlab
+    from nlos.acquisition.exporters.npz import write_npz
+    from nlos.acquisition.exporters.ptu import write_ptu
+    from nlos.acquisition.exporters.scan_arrays import arrays_of_import, arrays_of_recording
+    from nlos.acquisition.exporters.ytal import write_ytal
+    from nlos.acquisition.importers.formats import is_recording
+    from nlos.acquisition.importers.isolated import read_isolated
+    from nlos.acquisition.recording.recording import Recording
+
+    if is_recording(run):
+        with Recording.open(run) as recording:
+            arrays = arrays_of_recording(recording)
+    else:
+        arrays = arrays_of_import(read_isolated(run), run)
+    write = {"npz": write_npz, "mat": write_matlab, "ytal": write_ytal, "ptu": write_ptu}[word]
+    partial = target.with_name(f".{target.name}.part")
+    try:
+        left_behind = write(arrays, partial)
+        partial.replace(target)
+    finally:
+        partial.unlink(missing_ok=True)
+    return left_behind
+
+
+def _write_picture(run: Path, word: str, target: Path) -> list[str]:
+    from nlos.recon.export_ply import write_ply
+    from nlos.recon.export_vti import write_vti
+    from nlos.recon.results import read_reconstruction
+
+    result = read_reconstruction(run)
+    if word == "vti":
+        write_vti(target, result)
+        return []
+    write_ply(target, result)
+    return ["the front surface only: what lies behind it stays in the volume"]

@@ -1,0 +1,93 @@
+"""`nlos info`: what is in a file."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from nlos.cli.terminal import terminal
+
+if TYPE_CHECKING:
+    from nlos.acquisition.recording.recording import Recording
+
+
+def info(run: Annotated[Path, typer.Argument(metavar="RUN")]) -> None:
+    """What is in a recording, or in any file that an importer reads."""
+    from nlos.acquisition.importers.formats import is_recording
+    from nlos.acquisition.recording.recording import Recording
+
+    if is_recording(run):
+        with Recording.open(run) as recording:
+            found = _of_recording(recording)
+    else:
+        found = _of_import(run)
+    width = max(len(key) for key in found) + 2
+    for key, value in found.items():
+        if key != "events":
+            terminal.result(f"{key:<{width}}{_shown(value)}")
+    for event in found.get("events", []):
+        terminal.result(f"{event['bench_s']:>10.3f} s  {event['kind']}: {event['text']}")
+    terminal.document.update(found)
+
+
+def _of_recording(recording: "Recording") -> dict[str, Any]:
+    plan, header, records = recording.plan, recording.header, recording.records
+    live_s = float(records["live_time_s"].sum())
+    return {
+        "format": "recording",
+        "status": recording.status.name.lower(),
+        "points": f"{len(recording)} of {len(plan)}",
+        "wall": f"{plan.wall.width_m:g} x {plan.wall.height_m:g} m, {plan.wall.rows} x {plan.wall.cols}",
+        "time axis": f"{plan.axis.bins} bins of {plan.axis.bin_width_s * 1e12:g} ps, "
+        f"from {plan.axis.offset_s * 1e9:g} ns",
+        "live time": f"{live_s:.3f} s of {plan.dwell_total_s:.3f} s planned",
+        "photons": int(records["total_count"].sum()),
+        "flagged": int((records["flags"] != 0).sum()),
+        "started": header.started_utc,
+        "devices": {role: f"{who.product} {who.serial} ({who.model})" for role, who in header.devices.items()},
+        "software": dict(header.software),
+        "git hash": header.git_hash,
+        "warnings": list(header.warnings),
+        "imported": {key: value for key, value in _imported(recording).items() if key != "time_offset_bins"},
+        "events": [
+            {"unix_s": event.unix_s, "bench_s": event.bench_s, "kind": event.kind, "text": event.text}
+            for event in recording.events()
+        ],
+    }
+
+
+def _imported(recording: "Recording") -> dict[str, object]:
+    from nlos.acquisition.importers.to_recording import said_by_source
+
+    return said_by_source(recording)
+
+
+def _of_import(run: Path) -> dict[str, Any]:
+    from nlos.acquisition.errors import InvalidData
+    from nlos.acquisition.importers.describe import describe
+    from nlos.acquisition.importers.isolated import read_isolated
+
+    try:
+        scan = read_isolated(run)
+    except InvalidData as error:
+        contents = describe(run)
+        if not contents:
+            raise
+        return {**contents, "not a scan": str(error)}
+    transient = scan.transient
+    wall, time = transient.wall, transient.time
+    return {
+        "format": scan.source_format,
+        "wall": f"{wall.width_m:g} x {wall.height_m:g} m, {wall.rows} x {wall.cols}",
+        "time axis": f"{time.bins} bins of {time.bin_width_s * 1e12:g} ps",
+        "photons": float(transient.counts.sum(dtype="float64")),
+        "rectified": scan.rectified,
+        "direct cut": scan.direct_cut_bins,
+        "falloff": scan.falloff,
+        "notes": list(scan.notes),
+    }
+
+
+def _shown(value: object) -> str:
+    return value if isinstance(value, str) else json.dumps(value, default=str)

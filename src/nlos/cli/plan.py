@@ -1,0 +1,102 @@
+"""`nlos plan`: checks everything that a scan would, moves nothing, and says how long it will take."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from nlos.cli.benches import load_bench, opened, twin
+from nlos.cli.terminal import terminal
+
+if TYPE_CHECKING:
+    from nlos.acquisition.planning.plan import ScanPlan
+    from nlos.acquisition.planning.preflight import Expectation, ExpectedRates
+    from nlos.acquisition.planning.schemes import Choice
+    from nlos.acquisition.planning.timing import Links
+    from nlos.drivers.bench import Bench
+
+
+def plan(
+    scan: Annotated[str, typer.Argument(metavar="SCAN", help="A YAML file, or the name of one in configs/scan.")],
+    bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
+    like: Annotated[
+        Path | None, typer.Option(metavar="RUN.h5", help="A past scan of this bench: its photons and its pace.")
+    ] = None,
+    picture: Annotated[Path | None, typer.Option(metavar="F.png", help="The mirror's path, coloured by time.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
+) -> None:
+    """Checks everything that `scan` would; duration with its parts, disk, photons to expect. Moves nothing: a real
+    bench is not even opened, its simulated twin is asked."""
+    from nlos.acquisition.planning.preflight import ExpectedRates, aim_of, check_light, checked_angles, expectation
+    from nlos.acquisition.planning.scan_settings import ScanSettings
+    from nlos.acquisition.planning.schemes import choose
+    from nlos.configs.load import load
+
+    if picture is not None and picture.exists() and not overwrite:
+        raise FileExistsError(f"{picture}: exists. Choose another name, or say --overwrite.")
+    wanted, table = load("scan", scan, ScanSettings), load_bench(bench)
+    planned = wanted.settings.plan()
+    with opened(twin(table), quiet=True) as open_bench:
+        angles = checked_angles(planned, open_bench, aim_of(open_bench))
+        rates, links = None, None
+        if like is not None:
+            rates, links = _learned(like, open_bench)
+        elif table.settings.simulated and open_bench.simulated is not None:
+            rates = ExpectedRates.of_simulation(planned, open_bench.simulated, angles)
+        choice = choose(planned, open_bench, angles, links)
+    _tell(planned, choice)
+    if rates is not None:
+        _tell_light(expectation(planned, rates))
+        check_light(rates, table.settings.laser.repetition_hz)
+    if picture is not None:
+        from nlos.report.figures import path_picture
+
+        path_picture(planned, picture)
+        terminal.result(f"{picture}: the path over the wall and the dwell of every point", picture=str(picture))
+
+
+def _learned(like: Path, bench: "Bench") -> "tuple[ExpectedRates, Links]":
+    """Photon rates, and the cables' times if the past scan was stepped by the host."""
+    from nlos.acquisition.planning.preflight import ExpectedRates, aim_of
+    from nlos.acquisition.planning.timing import Pace, learned_links, links_of, moves_s
+    from nlos.acquisition.recording.recording import Recording
+    from nlos.drivers.galvo.mirror import MirrorAngles
+
+    links = links_of(bench)
+    with Recording.open(like) as recording:
+        rates = ExpectedRates.of_recording(recording)
+        if any(event.kind == "scheme" and event.text.startswith("S1") for event in recording.events()):
+            positions = recording.plan.positions
+            aimed = aim_of(bench).angles_rad(positions.x_m, positions.y_m)
+            angles = [MirrorAngles(x, y) for x, y in zip(*(each.tolist() for each in aimed), strict=True)]
+            links = learned_links(links, list(recording.samples()), Pace(recording.plan, moves_s(bench, angles)))
+    return rates, links
+
+
+def _tell_light(expected: "Expectation") -> None:
+    counts = {"direct": expected.direct, "indirect": expected.indirect, "background": expected.background}
+    terminal.result(
+        "photons    "
+        + ", ".join(f"{name} {count:.3g}" for name, count in counts.items())
+        + f" a point; signal-to-noise of the indirect light {expected.signal_to_noise:.1f}",
+        counts_per_point=counts, signal_to_noise=expected.signal_to_noise,
+    )  # fmt: skip
+
+
+def _tell(plan: "ScanPlan", choice: "Choice") -> None:
+    from nlos.acquisition.planning.preflight import disk_bytes
+
+    forecast = choice.forecast
+    low_s, high_s = forecast.band_s
+    disk = disk_bytes(plan)
+    parts = {"dwell_s": forecast.dwell_s, "settle_s": forecast.settle_s, "links_s": forecast.links_s,
+             "upload_s": forecast.upload_s}  # fmt: skip
+    wall = plan.wall
+    terminal.result(f"points     {len(plan)} on {wall.width_m:g} x {wall.height_m:g} m", points=len(plan))
+    terminal.result(f"scheme     {choice.scheme.value}: {choice.why}", scheme=choice.scheme.value, why=choice.why)
+    terminal.result(
+        f"duration   {forecast.total_s:.1f} s ({low_s:.1f} to {high_s:.1f} s): "
+        + ", ".join(f"{name.removesuffix('_s')} {seconds:.1f} s" for name, seconds in parts.items()),
+        duration_s=forecast.total_s, band_s=[low_s, high_s], parts=parts,
+    )  # fmt: skip
+    terminal.result(f"disk       {disk / 1e6:.1f} MB", disk_bytes=disk)

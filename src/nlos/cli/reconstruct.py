@@ -1,0 +1,104 @@
+"""`nlos reconstruct`: from recordings, or any file that an importer reads, to pictures."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
+from nlos.cli.terminal import terminal
+
+
+def reconstruct(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Recordings, plain HDF5 or imported formats.")],
+    method: Annotated[str, typer.Option(help="A word of `nlos methods`.")] = "lct",
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR")] = Path("out"),
+    settings: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
+    constants: Annotated[
+        Path | None,
+        typer.Option(metavar="CONSTANTS.h5", help="Default: the newest in constants/ that fits the scan's devices."),
+    ] = None,
+    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
+    html: Annotated[bool, typer.Option("--html", help="Also a rotatable 3D view in one file.")] = False,
+    volume: Annotated[bool, typer.Option("--volume/--no-volume", help="Keep the volume in the result.")] = True,
+    follow: Annotated[
+        bool, typer.Option("--follow", help="While RUN (or what a .ticket serves) is being written.")
+    ] = False,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Dask: tcp://HOST:PORT, or `local` for workers here.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
+) -> None:
+    """From a recording, or any file that an importer reads, to a picture."""
+    from nlos.chain import parse_settings, reconstruct_file
+
+    chosen = parse_settings(settings or [])
+    _check(method, chosen, device)
+    if follow:
+        _follow(runs, method, chosen, output, constants, device, volume, html, overwrite, scheduler)
+        return
+    folders = [output / run.stem if len(runs) > 1 else output for run in runs]
+    if twice := {str(folder) for folder in folders if folders.count(folder) > 1}:
+        raise UsageError(f"{', '.join(sorted(twice))}: two RUNs of one name. Reconstruct them one by one.")
+    seconds: list[float] = []
+    if scheduler is not None:
+        from nlos.cli.archive import reconstruct_on
+
+        seconds = reconstruct_on(
+            scheduler, list(zip(runs, folders, strict=True)), method, chosen,
+            constants=constants, device=device, html=html, volume=volume, overwrite=overwrite,
+        )  # fmt: skip
+    else:
+        for run, folder in zip(runs, folders, strict=True):
+            terminal.log(f"{run}: {method}")
+            done = reconstruct_file(
+                run, method, chosen, folder, constants=constants, device=device, html=html, volume=volume,
+                overwrite=overwrite,
+            )  # fmt: skip
+            seconds.append(done.seconds)
+    for folder, took_s in zip(folders, seconds, strict=True):
+        terminal.result(f"{folder}: reconstruction.h5, albedo.png, depth.png ({method}, {took_s:.2f} s)")
+    terminal.document["reconstructions"] = [
+        {"run": str(run), "folder": str(folder), "seconds": took_s}
+        for run, folder, took_s in zip(runs, folders, seconds, strict=True)
+    ]
+
+
+def _check(method: str, settings: dict[str, object], device: str) -> None:
+    """Refuses what no file can change, before any is read. Raises `InvalidSettings`."""
+    from nlos.recon.device import check_device
+    from nlos.recon.methods import parse_settings
+
+    of_the_file = ("offsets", "wall_size_m")
+    parse_settings(method, {key: value for key, value in settings.items() if key not in of_the_file})
+    check_device(device)
+
+
+def _follow(
+    runs: list[Path],
+    method: str,
+    settings: dict[str, object],
+    output: Path,
+    constants: Path | None,
+    device: str,
+    volume: bool,
+    html: bool,
+    overwrite: bool,
+    scheduler: str | None,
+) -> None:
+    from nlos.live.following import follow_to_folder
+
+    if len(runs) != 1 or scheduler is not None:
+        raise UsageError("--follow: follows one RUN, here")
+    scan = follow_to_folder(
+        runs[0], method, settings, output, constants=constants, device=device, volume=volume, html=html,
+        overwrite=overwrite,
+    )  # fmt: skip
+    if scan.picture is None:
+        raise Stopped(ExitCode.DATA, f"{runs[0]}: the scan ended without a picture. {scan.message}")
+    done = scan.picture
+    terminal.result(
+        f"{output}: {scan.pictures} pictures, the last of {done.samples} points; {scan.skipped} left out",
+        folder=str(output), pictures=scan.pictures, skipped=scan.skipped, points=done.samples,
+        change=done.change, error=done.error, seconds=done.reconstruction.seconds,
+    )  # fmt: skip

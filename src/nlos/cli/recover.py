@@ -1,0 +1,20 @@
+"""`nlos recover`: save what a crash left."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from nlos.cli.terminal import terminal
+
+
+def recover(
+    run: Annotated[Path, typer.Argument(metavar="RUN")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="NEW.h5")],
+    overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
+) -> None:
+    """Copies every intact sample into a new recording; the old file is left as it is."""
+    from nlos.acquisition.recording.salvage import recover as recover_recording
+
+    samples = recover_recording(run, output, overwrite=overwrite)
+    terminal.result(f"{output}: {samples} intact samples", recording=str(output), samples=samples)

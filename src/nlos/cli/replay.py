@@ -1,0 +1,65 @@
+"""`nlos replay`: recorded samples through the same path as a live scan."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from nlos.cli.exit_codes import UsageError
+from nlos.cli.scan_progress import ScanProgress
+from nlos.cli.terminal import terminal
+
+
+def replay(
+    run: Annotated[Path, typer.Argument(metavar="RUN")],
+    speed: Annotated[str, typer.Option(metavar="X", help="Times the recorded pace; `max` does not wait.")] = "1",
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="NEW.h5")] = None,
+    reconstruct: Annotated[str | None, typer.Option(metavar="METHOD", help="A word of `nlos methods`.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
+) -> None:
+    """Plays the samples of a recording, into a new recording and a picture where asked for."""
+    from nlos.acquisition.recording.recording import Recording
+    from nlos.acquisition.recording.replay import replay as play
+    from nlos.acquisition.recording.writer import RecordingWriter
+
+    pace = _pace(speed)
+    if output is not None and output.resolve() == run.resolve():
+        raise UsageError(f"{output}: is the recording that is replayed")
+    with Recording.open(run) as recording:
+        writer = None
+        if output is not None:
+            writer = RecordingWriter.create(output, recording.plan, recording.header, overwrite=overwrite)
+        samples = photons = 0
+        with ScanProgress(len(recording), 0) as progress:
+            try:
+                for sample in play(recording, pace):
+                    samples += 1
+                    photons += sample.histogram.total_count
+                    if writer is not None:
+                        writer.write(sample)
+                    progress.step()
+            finally:
+                if writer is not None:
+                    writer.finish(recording.status)
+    terminal.result(
+        f"{output or run}: {samples} samples, {photons} photons replayed",
+        recording=str(output or run), samples=samples, photons=photons,
+    )  # fmt: skip
+    if reconstruct is not None:
+        from nlos.chain import reconstruct_file
+
+        folder = (output or run).with_suffix("")
+        reconstruct_file(output or run, reconstruct, {}, folder, overwrite=overwrite)
+        terminal.result(f"{folder}: reconstruction.h5, albedo.png, depth.png", folder=str(folder))
+
+
+def _pace(word: str) -> float | None:
+    if word == "max":
+        return None
+    try:
+        pace = float(word)
+    except ValueError:
+        pace = 0.0
+    if not 0 < pace <= 1e6:
+        raise UsageError(f"--speed {word}: a number above 0, or max")
+    return pace

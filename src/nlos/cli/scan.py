@@ -1,0 +1,228 @@
+"""`nlos scan`: acquires a plan on a bench into a recording that nothing can take away."""
+
+import json
+from contextlib import closing
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from nlos.cli.benches import load_bench, measured_constants, opened
+from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
+from nlos.cli.interrupts import Interrupts
+from nlos.cli.scan_progress import ScanProgress
+from nlos.cli.terminal import terminal
+from nlos.live.good_enough import Enough, parse_until
+from nlos.live.process import start_live
+
+if TYPE_CHECKING:
+    from nlos.acquisition.planning.plan import ScanPlan
+    from nlos.acquisition.recording.provenance import Header
+    from nlos.acquisition.recording.salvage import Resumed
+    from nlos.acquisition.recording.writer import RecordingWriter
+    from nlos.acquisition.scanning.alarms import AlarmSettings
+    from nlos.drivers.bench import Bench
+
+
+def scan(
+    scan: Annotated[str, typer.Argument(metavar="SCAN", help="A YAML file, or the name of one in configs/scan.")],
+    bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="RUN.h5")] = None,
+    reconstruct: Annotated[str | None, typer.Option(metavar="METHOD", help="A word of `nlos methods`.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Take only what is missing.")] = False,
+    scene: Annotated[
+        Path | None, typer.Option(metavar="RUN.h5", help="A recorded scan as the simulated bench's light.")
+    ] = None,
+    constants: Annotated[
+        Path | None,
+        typer.Option(metavar="CONSTANTS.h5", help="What the scan is aimed by; default: the newest in constants/."),
+    ] = None,
+    no_shutter: Annotated[bool, typer.Option("--no-shutter", help="Agree to a bench without a shutter.")] = False,
+    live: Annotated[
+        bool, typer.Option("--live", help="A read-only page of the scan, from a process of its own.")
+    ] = False,
+    until: Annotated[
+        str | None,
+        typer.Option(
+            metavar="stable[:LEVEL]", help="End (or go to the second pass) when the picture changes and errs by less."
+        ),
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
+) -> None:
+    """Acquires. Ctrl-C closes the shutter and pauses; Enter goes on, a second Ctrl-C ends the scan cleanly."""
+    from nlos.acquisition.planning.scan_settings import ScanSettings
+    from nlos.acquisition.recording.provenance import Header
+    from nlos.configs.load import load
+
+    wanted, table = load("scan", scan, ScanSettings), load_bench(bench)
+    if table.settings.shutter.model == "none" and not no_shutter:
+        raise UsageError(
+            f"{table.path}: this bench has no shutter, so nothing here can shut off the light. "
+            "Say --no-shutter if something else does."
+        )
+    if reconstruct is not None:
+        from nlos.recon.methods import find
+
+        find(reconstruct)
+    level = None if until is None else parse_until(until)
+    plan = wanted.settings.plan()
+    target = output or Path(f"{wanted.path.stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}.h5")
+    if _is_complete(target, plan, resume):
+        terminal.result(f"{target}: is complete, nothing was left to take", recording=str(target), taken=0)
+        return
+    if target.exists() and not (overwrite or resume):
+        raise FileExistsError(f"{target}: exists. Choose another name with -o, or say --resume or --overwrite.")
+    header = Header(
+        scan_text=wanted.text,
+        scan_json=wanted.settings.model_dump_json(),
+        bench_text=table.text,
+        bench_json=table.settings.model_dump_json(),
+    )
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with Interrupts().caught() as interrupts, opened(table, scene) as open_bench:
+        _acquire(
+            plan, header, open_bench, target, resume, overwrite, interrupts, wanted.settings.alarms,
+            reconstruct or "nano", live, level, constants,
+        )  # fmt: skip
+    if reconstruct is not None:
+        _reconstruct(target, reconstruct, overwrite)
+
+
+def _acquire(
+    plan: "ScanPlan",
+    header: "Header",
+    bench: "Bench",
+    target: Path,
+    resume: bool,
+    overwrite: bool,
+    interrupts: Interrupts,
+    alarms: "AlarmSettings",
+    method: str,
+    live: bool,
+    level: float | None,
+    constants: Path | None,
+) -> None:
+    """Checks, then scans into `target`. Whatever happens, the shutter is closed before the recording is."""
+    from dataclasses import replace
+
+    from nlos.acquisition.planning.preflight import aim_of, check_disk, checked_angles
+    from nlos.acquisition.planning.schemes import choose
+    from nlos.acquisition.recording.recording import Status
+    from nlos.acquisition.scanning.alarms import Alarms
+    from nlos.acquisition.scanning.control import ScanControl, ScanState
+    from nlos.acquisition.scanning.engine import scan as run
+    from nlos.drivers.errors import DeviceError, SafetyTrip
+
+    roles = {"mirror": bench.mirror.identity, "counter": bench.counter.identity}
+    known = measured_constants(constants, roles)
+    aim = known.geometry if known is not None and known.geometry is not None else aim_of(bench)
+    choice = choose(plan, bench, checked_angles(plan, bench, aim))
+    forecast_s = choice.forecast.total_s
+    terminal.log(f"scheme {choice.scheme.value}, {forecast_s:.1f} s expected; {choice.why}")
+    check_disk(plan, target)
+    watch = Alarms(alarms, bench.settings.laser.repetition_hz, target.parent)
+    watch.wait_for_rates(bench)
+    used = "{}" if known is None else json.dumps(known.summary(), default=str)
+    header = replace(header, devices=roles, warnings=tuple(bench.warnings), constants_json=used).stamped()
+    begun = _begin(target, plan, header, resume, overwrite)
+    writer = begun.writer
+    if writer is None:
+        return
+    enough = None
+    if live or (level is not None and not bench.settings.simulated):
+        start_live(target, method)
+    if level is not None:
+        enough = Enough(target, plan, level, method, bench.report, watched=not bench.settings.simulated)
+    progress = ScanProgress(len(plan), len(begun.taken))
+    control = ScanControl(lambda why: _ask(interrupts, progress, why))
+    interrupts.pauses(control)
+    start_s = bench.clock.now() - begun.elapsed_s
+    with progress:
+        samples = run(
+            plan, bench, aim=aim, taken=begun.taken, control=control, alarms=watch, decide=enough,
+            elapsed_s=begun.elapsed_s,
+        )  # fmt: skip
+        bench.on_event = lambda kind, text: writer.log(kind, text, bench.clock.now() - start_s)
+        status = Status.FAILED
+        try:
+            with closing(samples):
+                for sample in samples:
+                    writer.write(sample)
+                    progress.step()
+                    if enough is not None:
+                        enough.add(sample)
+            complete = control.state is ScanState.COMPLETE
+            status = Status.COMPLETE if complete else Status.INTERRUPTED
+        except SafetyTrip as error:
+            status = Status.STOPPED
+            raise Stopped(ExitCode.ALARM, f"{error} {_safe(writer, target)}") from error
+        except DeviceError as error:
+            error.remedy = f"{error.remedy} {_safe(writer, target)}".strip()
+            error.args = (f"{error.device}: {error.what} {error.remedy}",)
+            raise
+        except (KeyboardInterrupt, SystemExit):
+            status = Status.INTERRUPTED
+            terminal.log(f"nlos: ended by a signal. {_safe(writer, target)}", -9)
+            raise
+        finally:
+            bench.report("scan", status.name.lower())
+            bench.on_event = None
+            writer.finish(status)
+    duration_s = bench.clock.now() - start_s
+    terminal.result(
+        f"{target}: {writer.acknowledged} of {len(plan)} points in {duration_s:.1f} s of bench time "
+        f"({forecast_s:.1f} s predicted)",
+        recording=str(target), taken=writer.acknowledged - len(begun.taken), points=writer.acknowledged,
+        planned=len(plan), bench_s=duration_s, predicted_s=forecast_s,
+        scheme=choice.scheme.value, status=status.name.lower(),
+    )  # fmt: skip
+    if status is not Status.COMPLETE and (interrupts.seen or enough is None or not enough.reached):
+        raise Stopped(ExitCode.INTERRUPTED, f"ended by Ctrl-C. {_safe(writer, target)}")
+
+
+def _begin(target: Path, plan: "ScanPlan", header: "Header", resume: bool, overwrite: bool) -> "Resumed":
+    from nlos.acquisition.recording.salvage import Resumed
+    from nlos.acquisition.recording.salvage import resume as go_on
+    from nlos.acquisition.recording.writer import RecordingWriter
+
+    if resume:
+        return go_on(target, plan, header)
+    return Resumed(RecordingWriter.create(target, plan, header, overwrite=overwrite), {}, 0.0)
+
+
+def _safe(writer: "RecordingWriter", target: Path) -> str:
+    return f"The samples so far are safe in {target}; `--resume` takes the others."
+
+
+def _ask(interrupts: Interrupts, progress: ScanProgress, why: str) -> bool:
+    progress.hide()
+    going = interrupts.ask(why)
+    if going:
+        progress.show()
+    return going
+
+
+def _is_complete(target: Path, plan: "ScanPlan", resume: bool) -> bool:
+    """Whether --resume has nothing to do; then no device is even opened."""
+    from nlos.acquisition.errors import InvalidData
+    from nlos.acquisition.recording.recording import Recording
+
+    if not (resume and target.exists()):
+        return False
+    try:
+        with Recording.open(target) as recording:
+            return recording.plan == plan and not recording.missing()
+    except InvalidData:
+        return False
+
+
+def _reconstruct(run: Path, method: str, overwrite: bool) -> None:
+    """The picture of a scan that has just ended. Raises `Stopped`: whatever fails here, the scan is safe."""
+    from nlos.chain import reconstruct_file
+
+    folder = run.with_suffix("")
+    done = reconstruct_file(run, method, {}, folder, overwrite=overwrite)
+    for name in ("reconstruction.h5", "albedo.png", "depth.png"):
+        terminal.result(f"{folder / name}")
+    terminal.document["reconstruction"] = {"folder": str(folder), "method": method, "seconds": done.seconds}

@@ -1,0 +1,54 @@
+"""Samples corrected one by one as they come, where the bench's constants are known: what pictures in passing show."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from nlos.acquisition.planning.plan import ScanPlan
+    from nlos.acquisition.sample import Sample
+    from nlos.acquisition.transient import Transient
+    from nlos.calibration.constants import BenchConstants
+
+
+class SampleCalibration:
+    """Sums of samples, each corrected by `constants` alone the moment it comes: no sample waits for another, and no
+    picture for enough direct light to measure by. The finished recording is calibrated as a whole (`calibrate_scan`).
+    """
+
+    def __init__(self, plan: "ScanPlan", constants: "BenchConstants") -> None:
+        """Raises `InvalidData` where the constants hold no arrivals, or are for other bins."""
+        from nlos.acquisition.transient import TimeAxis
+        from nlos.calibration.correct import common_bins
+
+        axis, wall = plan.axis, plan.wall
+        time = TimeAxis(axis.bins, axis.bin_width_s, axis.offset_s)
+        self._plan, self._constants = plan, constants
+        self._bins = common_bins(constants, plan.positions.x_m, plan.positions.y_m, time)
+        self._counts = np.zeros((wall.rows, wall.cols, self._bins), dtype=np.float32)
+        self._exposure_s = np.zeros((wall.rows, wall.cols))
+        self._time = TimeAxis(self._bins, axis.bin_width_s)
+
+    def add(self, sample: "Sample") -> None:
+        """Corrects one sample of the plan and adds it; a point off the record of the histogram stays unmeasured."""
+        from nlos.acquisition.planning.exposure import unbiased_live_s
+        from nlos.calibration.correct import correct_sample
+        from nlos.calibration.errors import NoDirectPeak
+
+        point, histogram = sample.point, sample.histogram
+        try:
+            done = correct_sample(sample, self._constants, self._bins)
+        except NoDirectPeak:
+            return
+        live_s = unbiased_live_s(
+            np.array([done.exposure_s]), np.array([histogram.flags], dtype=np.uint16), self._plan.stop
+        )
+        self._counts[point.row, point.col] += done.counts
+        self._exposure_s[point.row, point.col] += live_s[0]
+
+    def transient(self) -> "Transient":
+        """What came so far, time 0 at the direct arrival. A copy."""
+        from nlos.acquisition.transient import Transient
+
+        counts = np.ascontiguousarray(np.moveaxis(self._counts, 2, 0))
+        return Transient(counts, self._exposure_s.copy(), self._plan.wall, self._time)

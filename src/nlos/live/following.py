@@ -1,0 +1,123 @@
+"""`reconstruct --follow`: results in a folder, replaced as they sharpen while the scan is being written."""
+
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from nlos.cli.terminal import terminal
+
+if TYPE_CHECKING:
+    from nlos.live.scan import LiveScan
+    from nlos.recon.live import LivePicture
+    from nlos.recon.volume import Reconstruction
+
+
+def follow_to_folder(
+    run: Path,
+    method: str,
+    settings: dict[str, object],
+    folder: Path,
+    *,
+    constants: Path | None = None,
+    device: str = "cpu",
+    volume: bool = True,
+    html: bool = False,
+    overwrite: bool = False,
+) -> "LiveScan":
+    """Follows `run`, or what a ticket says, until the scan ends; the last result is that of the finished recording.
+    confidence.png beside it also says where the picture still changed; `html` adds view3d.html at the end.
+
+    Raises FileExistsError unless `overwrite`, and what following raises.
+    """
+    from nlos.live.scan import LiveScan
+    from nlos.recon.live import LiveReconstruction
+    from nlos.recon.results import NAMES
+
+    live = LiveReconstruction(method, settings, device)
+    for name in (*NAMES, "view3d.html") if html else NAMES:
+        if (folder / name).exists() and not overwrite:
+            raise FileExistsError(f"{folder / name}: exists. Choose another folder with -o, or say --overwrite.")
+    if run.suffix == ".ticket":
+        from nlos.acquisition.network.ticket import Ticket
+
+        Ticket.load(run)
+    folder.mkdir(parents=True, exist_ok=True)
+
+    def keep(picture: "LivePicture") -> None:
+        replace_numbers(folder, picture.reconstruction, volume)
+        terminal.log(
+            f"{picture.samples} points: change {picture.change:.3f}, photon noise {picture.error:.3f}, "
+            f"{picture.reconstruction.seconds:.2f} s"
+        )
+        replace_pictures(folder, picture, volume)
+
+    with local_copy(run, folder) as local:
+        scan = LiveScan(local, live, constants, on_picture=keep)
+        scan.start()
+        scan.wait()
+    if html and scan.picture is not None:
+        from nlos.recon.view3d import write_view3d
+
+        write_view3d(folder / "view3d.html", scan.picture.reconstruction)
+    return scan
+
+
+def replace_numbers(folder: Path, reconstruction: "Reconstruction", keep_volume: bool) -> None:
+    """reconstruction.h5, written beside and put in place: no reader meets half a file, or waits for drawing."""
+    from nlos.recon.results import NAMES, write_reconstruction
+
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".next-") as fresh:
+        data = Path(fresh) / NAMES[0]
+        write_reconstruction(data, reconstruction, keep_volume)
+        data.replace(folder / data.name)
+
+
+def replace_pictures(folder: Path, picture: "LivePicture", keep_volume: bool) -> None:
+    """The pictures, in the same way."""
+    from nlos.recon.pictures import albedo_picture, confidence_picture, depth_picture, slices_picture
+    from nlos.recon.results import NAMES
+
+    result = picture.reconstruction
+    draw = [(albedo_picture, NAMES[1]), (depth_picture, NAMES[2])]
+    if keep_volume and result.volume is not None:
+        draw.append((slices_picture, "slices.png"))
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".next-") as fresh:
+        for drawn, name in draw:
+            drawn(result, Path(fresh) / name)
+        confidence_picture(replace(result, confidence=picture.confidence), Path(fresh) / "confidence.png")
+        for image in Path(fresh).iterdir():
+            image.replace(folder / image.name)
+
+
+@contextmanager
+def local_copy(run: Path, folder: Path) -> Iterator[Path]:
+    """The recording itself; of a ticket, a copy in `folder` that grows as the served one does."""
+    if run.suffix != ".ticket":
+        yield run
+        return
+    from nlos.acquisition.network.mirror import mirror
+    from nlos.acquisition.network.ticket import Ticket
+
+    local = folder / run.with_suffix(".h5").name
+    ticket = Ticket.load(run)
+    failed: list[Exception] = []
+
+    def copy() -> None:
+        from nlos.acquisition.errors import InvalidData, StorageError
+
+        try:
+            mirror(ticket, local)
+        except (InvalidData, StorageError, TimeoutError) as error:
+            failed.append(error)
+            terminal.log(f"{run}: {error}", -1)
+
+    thread = threading.Thread(target=copy, daemon=True)
+    thread.start()
+    yield local
+    thread.join(5.0)
+    if failed:
+        raise failed[0]

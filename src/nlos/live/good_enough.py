@@ -1,0 +1,121 @@
+"""`scan --until stable`: ends a scan, or its first pass, when its picture has stopped changing and holds light enough.
+
+The picture is made again whenever a quarter more points are in, so that "change" always means the same: what a
+quarter more of the scan did to it. On a simulated bench that happens between two points, at the same points in every
+run; on a real one the live process makes the pictures, and only its figures are read here, twice a second.
+"""
+
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from nlos.cli.exit_codes import UsageError
+
+if TYPE_CHECKING:
+    from nlos.acquisition.planning.plan import ScanPlan
+    from nlos.acquisition.sample import Sample
+    from nlos.recon.live import LivePicture
+
+LEVEL = 0.05
+FIRST_FRACTION = 0.05
+AGAIN_S = 0.5
+
+
+class Enough:
+    """The engine's `decide`: fed with every sample, asked after every one."""
+
+    def __init__(
+        self, run: Path, plan: "ScanPlan", level: float, method: str, report: Callable[[str, str], None], watched: bool
+    ) -> None:
+        """`watched`: the live process of `run` makes the pictures, and its figures are read here."""
+        from nlos.acquisition.recording.recording import Recording
+        from nlos.acquisition.scanning.gathering import Gathering
+        from nlos.live.process import state_file
+        from nlos.recon.live import GROWTH, LiveReconstruction
+
+        self._growth = GROWTH
+        self.reached = False
+        """Whether the scan, or the first of its passes, ended for being good enough."""
+        self._run, self._level, self._report = run, level, report
+        self._state = state_file(run) if watched else None
+        self._gathering = Gathering(plan)
+        self._live = LiveReconstruction(method)
+        self._next = max(1, math.ceil(FIRST_FRACTION * len(plan)))
+        self._looked_s = -math.inf
+        self._seen = 0
+        with Recording.open(run) as recording:  # what an earlier run, gone on with, has taken
+            for sample in recording.samples():
+                self.add(sample)
+
+    def add(self, sample: "Sample") -> None:
+        """One more sample, once it is on its way to the disk."""
+        if self._state is None:
+            self._gathering.add(sample)
+
+    def __call__(self) -> bool:
+        """Whether the scan may end now; said in the event log with its figures."""
+        figures = self._computed() if self._state is None else self._polled()
+        if figures is None:
+            return False
+        samples, change, error = figures
+        enough = change <= self._level and error <= self._level
+        self.reached |= enough
+        verdict = "is good enough" if enough else "is not good enough yet"
+        self._report(
+            "until", f"the picture of {samples} points {verdict}: change {change:.4f}, photon noise {error:.4f}, "
+            f"level {self._level:g}"
+        )  # fmt: skip
+        return enough
+
+    def _computed(self) -> tuple[int, float, float] | None:
+        if len(self._gathering) < self._next:
+            return None
+        self._next = math.ceil(self._growth * self._next)
+        picture = self._picture()
+        return None if picture is None else (picture.samples, picture.change, picture.error)
+
+    def _picture(self) -> "LivePicture | None":
+        from nlos.calibration.errors import InvalidData
+        from nlos.chain import calibrate_scan, constants_for
+        from nlos.live.scan import loaded
+        from nlos.recon.errors import ReconError
+
+        try:
+            scan = loaded(self._run, self._gathering)
+            transient = calibrate_scan(scan, constants=constants_for(scan, None))
+            return self._live.update(transient, len(self._gathering), scan.falloff)
+        except (InvalidData, ReconError) as error:
+            self._report("until", f"no picture of {len(self._gathering)} points yet: {error}")
+            return None
+
+    def _polled(self) -> tuple[int, float, float] | None:
+        from nlos.live.process import read_state
+
+        assert self._state is not None
+        if time.monotonic() - self._looked_s < AGAIN_S:
+            return None
+        self._looked_s = time.monotonic()
+        found = read_state(self._state)
+        samples, change, error = found.get("samples"), found.get("change"), found.get("error")
+        if not isinstance(samples, int) or samples < self._growth * self._seen:
+            return None
+        if not isinstance(change, float) or not isinstance(error, float):
+            return None
+        self._seen = samples
+        return samples, change, error
+
+
+def parse_until(word: str) -> float:
+    """The level of `stable` or `stable:LEVEL`. Raises `UsageError`."""
+    kind, colon, text = word.partition(":")
+    if kind == "stable" and not colon:
+        return LEVEL
+    try:
+        level = float(text)
+    except ValueError:
+        level = math.nan
+    if kind != "stable" or not 0 < level < 1:
+        raise UsageError(f"--until {word}: `stable`, or `stable:LEVEL` with a level between 0 and 1, e.g. stable:0.1")
+    return level

@@ -1,0 +1,71 @@
+"""The live page of a running scan, in a process of its own: it can be killed, stopped or slow, the scan goes on."""
+
+import json
+import os
+import secrets
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from nlos.cli.exit_codes import UsageError
+from nlos.cli.terminal import terminal
+
+if TYPE_CHECKING:
+    from nlos.recon.live import LivePicture
+
+SOCKET, TOKEN = "NLOS_LIVE_SOCKET", "NLOS_LIVE_TOKEN"
+IDLE_S = 60
+NICENESS = 10
+
+
+def start_live(run: Path, method: str) -> "subprocess.Popen[bytes]":
+    """Starts the page of `run` and says its address. The scan reads nothing from it and waits for nothing."""
+    state_file(run).unlink(missing_ok=True)  # of an earlier scan, whose page was killed
+    token = secrets.token_urlsafe(24)
+    with listening(0) as door:
+        command = [sys.executable, "-m", "nlos", "live", str(run), "--method", method, "--idle-s", str(IDLE_S)]
+        process = subprocess.Popen(
+            [*command, "-q"],
+            env={**os.environ, SOCKET: str(door.fileno()), TOKEN: token, "OMP_NUM_THREADS": "1"},
+            pass_fds=[door.fileno()],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        os.setpriority(os.PRIO_PROCESS, process.pid, NICENESS)
+        url = f"http://127.0.0.1:{door.getsockname()[1]}/{token}/"
+    terminal.log(f"live: {url}", -1)
+    terminal.document["live"] = {"url": url, "pid": process.pid}
+    return process
+
+
+def listening(port: int) -> socket.socket:
+    """A socket on the loopback interface. Raises `UsageError` where the port is taken."""
+    try:
+        return socket.create_server(("127.0.0.1", port))
+    except OSError as error:
+        raise UsageError(f"--port {port}: {error.strerror}. Choose another, or 0 for a free one.") from error
+
+
+def state_file(run: Path) -> Path:
+    """Where the live process says what it sees: the picture's samples, change and error."""
+    return run.with_name(f"{run.name}.live")
+
+
+def write_state(path: Path, picture: "LivePicture") -> None:
+    """Replaces the file at once, so that a reader meets whole figures only."""
+    fresh = path.with_name(f"{path.name}.new")
+    fresh.write_text(json.dumps({"samples": picture.samples, "change": picture.change, "error": picture.error}))
+    fresh.replace(path)
+
+
+def read_state(path: Path) -> dict[str, Any]:
+    """What `write_state` wrote; empty where nothing is there, or nothing that makes sense."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}

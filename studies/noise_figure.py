@@ -1,0 +1,95 @@
+"""How well the noise level is estimated: R^2 inside the training range, order beyond it, and the figure of both.
+
+`python -m studies.noise_figure FIGURE.png` measures the weights that come with the program on held-out scenes.
+"""
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from nlos.recon.layers.measurement import rates_of
+from nlos.recon.methods.nano import Nano, Settings, build
+from nlos.recon.training.dataset import DatasetSettings, collate, sample
+from nlos.recon.training.detector import DetectorSettings
+
+INSIDE = DetectorSettings(noiseless=0.0, uniform=0.0, peak_counts_least=0.4, peak_counts_most=200.0)
+BEYOND = (0.05, 0.1, 0.2, 400.0, 1600.0)  # mean peak counts that no training sample has
+SCANS = 60  # of held-out kinds, inside the training range
+
+
+@dataclass(frozen=True)
+class NoiseFit:
+    """Estimated against true noise level, in decades."""
+
+    true: npt.NDArray[np.float64]
+    estimated: npt.NDArray[np.float64]
+
+    @property
+    def r_squared(self) -> float:
+        """Share of the variance of the truth that the estimate explains."""
+        residual = np.square(self.true - self.estimated).sum()
+        return float(1 - residual / np.square(self.true - self.true.mean()).sum())
+
+
+def estimate(network: Nano, data: DatasetSettings, count: int) -> NoiseFit:
+    """The first `count` samples of `data`."""
+    true, estimated = [], []
+    for index in range(count):
+        batch = collate([sample(data, index)])
+        rates = rates_of(network.physics.rebin(batch["counts"]), batch["exposure"])
+        with torch.no_grad():
+            estimated.append(float(network.noise(rates)[0]))
+        true.append(float(batch["noise_level"].log10()))
+    return NoiseFit(np.asarray(true), np.asarray(estimated))
+
+
+def held_out(detector: DetectorSettings, scenes: int) -> DatasetSettings:
+    """Scenes of kinds that no training saw."""
+    return DatasetSettings(seed=3, scenes=scenes, degradations=1, held_out=True, detector=detector)
+
+
+def measure(path: Path, count: int = SCANS) -> dict[str, Any]:
+    """R^2, and the mean true and estimated level at each exposure beyond the training range; draws both to `path`."""
+    from matplotlib.figure import Figure
+
+    data = held_out(INSIDE, count)
+    network = build(Settings(), data.wall, data.time)
+    inside = estimate(network, data, count)
+    beyond = {}
+    for peak in BEYOND:
+        detector = INSIDE.model_copy(update={"peak_counts_least": peak, "peak_counts_most": peak * 1.001})
+        beyond[peak] = estimate(network, held_out(detector, 8), 8)
+    drawing = Figure(figsize=(5, 4.5), layout="constrained")
+    axes = drawing.subplots()
+    outside = NoiseFit(
+        np.concatenate([fit.true for fit in beyond.values()]),
+        np.concatenate([fit.estimated for fit in beyond.values()]),
+    )
+    axes.plot(inside.true, inside.estimated, ".", label=f"training range, R² = {inside.r_squared:.3f}")
+    axes.plot(outside.true, outside.estimated, "x", label="beyond it")
+    ends = [-2.5, 0.5]
+    axes.plot(ends, ends, "k", lw=0.8)
+    axes.set(xlabel="true noise level, log10", ylabel="estimated", title="Noise level estimation, held-out kinds")
+    axes.legend()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    drawing.savefig(path, dpi=80)
+    levels = {f"{peak:g}": [float(fit.true.mean()), float(fit.estimated.mean())] for peak, fit in beyond.items()}
+    return {"r_squared": inside.r_squared, "beyond": levels}
+
+
+def monotone(levels: Mapping[str, Sequence[float]]) -> bool:
+    """Whether the estimate falls as exposure grows, through all exposures beyond the training range."""
+    estimated = [levels[peak][1] for peak in sorted(levels, key=float)]
+    return all(a > b for a, b in pairwise(estimated))
+
+
+if __name__ == "__main__":
+    print(json.dumps(measure(Path(sys.argv[1]))))

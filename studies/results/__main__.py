@@ -1,0 +1,169 @@
+"""Makes docs/results.md: `python -m studies.results [DATA] [DOCS]`, or `make results`.
+
+DATA is the folder with `synthetic` and `real`. What was measured before with the same weights, code and data is not
+measured again (runs/results).
+"""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from nlos.recon.results import software
+from nlos.recon.training.scene_files import write_all
+from studies import convergence, noise_figure
+from studies.results import studies
+from studies.results.kept import BASE, EQUAL
+from studies.results.measured_scenes import METHODS as PICTURED
+from studies.results.measured_scenes import measured_scenes
+from studies.results.noiseless import noiseless
+from studies.results.quality import (
+    CONDITIONS,
+    LEARNED,
+    PHYSICS,
+    THRESHOLDED,
+    Quality,
+    draw_gallery,
+    measure_quality,
+    thresholded,
+    trained,
+)
+from studies.results.tables import (
+    FIGURES,
+    by_condition,
+    by_scene,
+    comparison,
+    margins,
+    samples_seen,
+    settings,
+    table,
+    training,
+    unique,
+)
+from studies.results.targets import against, of_quality, remarks, section
+
+HELD_OUT = Path("runs/held_out")
+HEAD = """Made by `make results`. PSNR and SSIM on the full picture, truth divided by its maximum, prediction by its
+best least-squares scale unless said otherwise; means over scenes. Methods with an inverse filter run at the best of
+five snr for every condition, so that nobody wins by a rival's bad setting. `counts_pN` has N counts in a point's
+brightest bin on average; `@16x16` and `@blue:256` are a sixteenth of the points. No network was trained on any of these
+scenes; every learned method saw simulated training scenes alone, as many as the table below says. Seconds are of the
+machine that made this page, busy or not."""
+HELD_OUT_AT = ("transient", "counts_p5", "counts_p1", "counts_p5@16x16")
+
+
+def quality_section(quality: Quality) -> str:
+    """All tables of one set of scenes."""
+    cut = thresholded(quality)
+    conditions = unique(row["condition"] for row in quality.rows)
+    parts = [margins(quality.rows)]
+    parts += [by_condition(quality.rows + (cut if figure == "ssim" else []), figure) for figure in FIGURES]
+    parts += ["By kind of scene:\n", *(by_scene(quality.rows, condition) for condition in conditions)]
+    return "\n".join(parts)
+
+
+def own_weights(rival: str, methods: Sequence[str]) -> str:
+    """The weights of NANO that are compared with this rival, at equal samples seen."""
+    return EQUAL[rival] if EQUAL[rival] in methods else "nano"
+
+
+def equal_samples(quality: Quality, rivals: Sequence[str]) -> str:
+    """NANO against rivals that have seen equally many samples, with how many those are."""
+    if not rivals:
+        return "Nothing to compare with is trained yet.\n"
+    own = own_weights(rivals[0], unique(row["method"] for row in quality.rows))
+    figures = ("psnr", "ssim", "depth_rmse_m", "depth_mad_m", "depth_missing")
+    differences, worse = comparison(quality.rows, own, rivals, figures)
+    seen = {method: samples_seen(method) for method in (own, *rivals)}
+    text = f"Samples seen: {', '.join(f'{method} {count:,}' for method, count in seen.items() if count is not None)}.\n"
+    if own == "nano":
+        text += "The margins are between the weights as they ship, whatever they have seen.\n"
+    return text + "\n" + differences + (f"\nNot better: {worse}.\n" if worse else "\nNANO is better in every cell.\n")
+
+
+def page(data: Path, docs: Path) -> str:
+    """Measures what is missing, draws, and returns the page."""
+    pictures = docs / "results"
+    pictures.mkdir(parents=True, exist_ok=True)
+    written = remarks(pictures / "remarks.md")
+    methods = [*PHYSICS, *trained(LEARNED)]
+    absent = [method for method in LEARNED if method not in (*methods, *BASE)]
+    rivals = [method for method in EQUAL if method in methods]
+    quality = measure_quality(data / "synthetic", methods, CONDITIONS)
+    write_all(HELD_OUT)
+    held_out = measure_quality(HELD_OUT, [method for method in methods if method not in BASE], HELD_OUT_AT)
+    for name, condition in (("full", "counts_p5"), ("sparse", "counts_p5@16x16")):
+        shown = [method for method in ("lct", "fk", "phasor", "lfe", "nlost", "unet", "nano") if method in methods]
+        draw_gallery(quality, shown, [condition], pictures / f"{name}.png")
+    levels = studies.drawn("noise_level", noise_figure.measure, pictures)
+    others = [path for path in convergence.networks().values() if isinstance(path, Path)]
+    steps = studies.drawn("convergence", convergence.measure, pictures, others)
+    grids = {method: studies.grids(method) for method in trained(("nano", "unet"))}
+    fast = studies.speed()
+    targets = of_quality(quality.rows, thresholded(quality))
+    for rival in rivals:
+        targets += against(quality.rows, own_weights(rival, methods), rival)
+    targets += studies.targets(levels, grids["nano"], fast)
+    say = written.get
+    return "\n".join(
+        [
+            "# Results\n",
+            f"{HEAD} Software: {software()}.\n",
+            f"Not trained yet: {', '.join(absent)}.\n" if absent else "",
+            "## Targets\n",
+            section(targets, written),
+            "## Rendered scenes (`synthetic`)\n",
+            quality_section(quality),
+            f"`{THRESHOLDED}`: the light-cone transform less 15 % of its maximum, which cuts its noise floor off.\n",
+            "counts_p5, front view and depth by each method:\n\n![counts_p5](results/full.png)\n",
+            "counts_p5 at 16 x 16 points:\n\n![counts_p5@16x16](results/sparse.png)\n",
+            "Settings:\n\n" + settings(quality.rows),
+            "## Kinds that no method was trained on\n",
+            "Simulated with shadows, one scene a kind that is held out from training.\n",
+            quality_section(held_out),
+            "## What training cost\n",
+            training([method for method in LEARNED if method not in BASE or method in methods]),
+            say("training", ""),
+            "\n## NANO against LFE and NLOST, equal samples seen\n",
+            equal_samples(quality, [rival for rival in rivals if rival != "unet"]),
+            say("equal", ""),
+            "\n## The plain U-Net, and what it teaches\n",
+            equal_samples(quality, [rival for rival in rivals if rival == "unet"]),
+            say("unet", ""),
+            "\n## Trained without noise\n",
+            noiseless(data / "synthetic", quality),
+            "## Noise level estimation\n",
+            f"R² = {levels.figures['r_squared']:.4f} on {noise_figure.SCANS} scans of held-out kinds inside the "
+            "training range.\n\n"
+            "![noise level](results/noise_level.png)\n",
+            table(
+                ["peak counts, beyond the training range", "true level, log10", "estimated"],
+                [[peak, f"{a:.2f}", f"{b:.2f}"] for peak, (a, b) in levels.figures["beyond"].items()],
+            ),
+            "## One set of weights on every grid\n",
+            f"{studies.SCENES_A_GRID} scenes of held-out kinds, the same photons on the same wall, window and scene.\n",
+            studies.grid_table(grids),
+            "## Convergence of algorithm 1\n",
+            "![convergence](results/convergence.png)\n",
+            studies.convergence_text(steps),
+            say("convergence", ""),
+            "\n## Speed and size\n",
+            table(
+                ["figure", "value", "target", "met"],
+                [[f["figure"], f"{f['value']:g} {f['unit']}", f["target"], "yes" if f["met"] else "no"] for f in fast],
+            ),
+            "## Measured scenes\n",
+            measured_scenes(data / "real", [m for m in PICTURED if m in methods], pictures),
+        ]
+    )
+
+
+def main(data: Path, docs: Path) -> None:
+    if not (data / "synthetic").is_dir():
+        raise SystemExit(f"{data / 'synthetic'} is not there. Give the folder that holds `synthetic` and `real`.")
+    made = page(data, docs)
+    (docs / "results.md").write_text(made, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    given = [Path(argument) for argument in sys.argv[1:3]]
+    main(*given, *(Path("../shared/data"), Path("docs"))[len(given) :])
