@@ -58,7 +58,7 @@ class LiveReconstruction:
         if falloff is not None and self._knows_falloff:
             settings.setdefault("falloff", falloff)
         result = reconstruct(transient, self.method, settings, self._device)
-        now = np.nan_to_num(result.albedo)
+        now = result.albedo
         before = self._compared_with(samples, now)
         measured = transient.exposure_s > 0
         still = np.ones_like(now) if before is None else _stillness(before, now)

@@ -20,7 +20,7 @@ from nlos.recon.gridding import confidence
 from nlos.recon.memory import KnownMemory, available_bytes, refusal
 from nlos.recon.methods import find, parse_settings
 from nlos.recon.physics import PhysicsSettings
-from nlos.recon.volume import Reconstruction, Volume
+from nlos.recon.volume import Reconstruction, Volume, refuse_not_finite
 
 PUBLISHED_BIN_WIDTH_S = 16e-12  # two halvings of 4 ps: O'Toole et al. 2018, Lindell et al. 2019
 
@@ -31,7 +31,7 @@ def reconstruct(
     """What `method` sees in `transient` (time 0 at the wall, direct light removed).
 
     Raises `InvalidData` for counts nobody can reconstruct, `InvalidSettings` for a method or setting that does not
-    exist, `ReconstructionFailed` where memory or the method does not reach.
+    exist, `ReconstructionFailed` where memory or the method does not reach, or what it makes is not finite.
     """
     chosen = parse_settings(method, dict(settings or {}))
     check(transient)
@@ -59,7 +59,7 @@ def reconstruct(
         if learned_volume is not None:
             volume = Volume(learned_volume[0].cpu().numpy(), _depths_m(module), rebinned.wall)
     seconds = clock.perf_counter() - began
-    return Reconstruction(
+    result = Reconstruction(
         albedo=albedo.astype(np.float32),
         depth_m=depth_m.astype(np.float32),
         wall=rebinned.wall,
@@ -70,6 +70,8 @@ def reconstruct(
         weights_sha256=_weights_sha256(chosen),
         confidence=confidence(rebinned.exposure_s),
     )
+    refuse_not_finite(result)
+    return result
 
 
 def _weights_sha256(chosen: Settings) -> str | None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData
-from nlos.recon.volume import Reconstruction, Volume
+from nlos.recon.volume import Reconstruction, Volume, refuse_not_finite
 
 NAMES = ("reconstruction.h5", "albedo.png", "depth.png")
 EVEN = 0.5  # where no point's confidence is lower there is no picture of it
@@ -31,11 +31,13 @@ def write_results(
     """Writes the files into `folder` and returns their paths: three, and where there is something to show
     confidence.png (not every point measured alike), slices.png (a volume), and view3d.html if asked for.
 
-    Raises FileExistsError unless `overwrite`, before anything is written.
+    Raises FileExistsError unless `overwrite`, and ReconstructionFailed for a result that is not finite, before
+    anything is written.
     """
     from nlos.recon.pictures import albedo_picture, confidence_picture, depth_picture, slices_picture
     from nlos.recon.view3d import write_view3d
 
+    refuse_not_finite(reconstruction)
     paths = [folder / name for name in NAMES]
     with_slices = keep_volume and reconstruction.volume is not None
     uneven = reconstruction.confidence is not None and float(reconstruction.confidence.min()) < EVEN

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.errors import ReconstructionFailed
 
 
 @dataclass(frozen=True)
@@ -33,3 +34,23 @@ class Reconstruction:
     """Of the weights file, for learned methods."""
     confidence: npt.NDArray[np.float32] | None = None
     """(H, W), 0 to 1: how well the wall was measured at each point; see `gridding.confidence`."""
+
+
+def refuse_not_finite(reconstruction: Reconstruction) -> None:
+    """Raises `ReconstructionFailed` for a picture or volume with numbers that are not finite, saying how many.
+
+    A depth that is NaN says that nothing is seen there; an infinite one says nothing.
+    """
+    volume = reconstruction.volume
+    fields = {
+        "brightness": np.isfinite(reconstruction.albedo),
+        "depth": ~np.isinf(reconstruction.depth_m),
+        "volume": np.isfinite(volume.albedo) if volume is not None else np.True_,
+    }
+    wrong = [f"{finite.size - int(finite.sum())} of {finite.size} ({name})" for name, finite in fields.items()
+             if not finite.all()]  # fmt: skip
+    if wrong:
+        raise ReconstructionFailed(
+            f"{reconstruction.method}: numbers that are not finite: {', '.join(wrong)}. The counts are finite, so this "
+            "is a fault of the method: use another, and report this one with the file."
+        )

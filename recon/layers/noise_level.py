@@ -58,8 +58,8 @@ class NoiseLevel(nn.Module):
         powers = [signal_power(rates, points, mean - 1, lag) for lag in LAGS]
         statistics = [points, *(value for part in parts for value in part), *powers]
         statistics += [mean_peak(rates, measured, *window) for window in WINDOWS]
-        known = torch.stack([(value + FLOOR).log10() for value in statistics], dim=1)
-        guess = 0.5 * (photon * mean + FLOOR).log10() - (powers[0] + FLOOR).log10()
+        known = torch.stack([log10_of(value, FLOOR) for value in statistics], dim=1)
+        guess = 0.5 * log10_of(photon * mean, FLOOR) - log10_of(powers[0], FLOOR)
         rest = self.scalar(torch.cat((pooled, torch.log1p(pooled.abs()), known), dim=1))[:, 0].float()
         eta = guess + rest
 
@@ -67,13 +67,18 @@ class NoiseLevel(nn.Module):
         fine = self.network.decode(features)
         bright = blurred(rates.mean(dim=2), measured[:, :, 0]) / mean.clamp(min=FLOOR)[each]
         spread = blurred(difference.mean(dim=2), measured[:, :, 0]) / (photon * mean).clamp(min=FLOOR)[each]
-        local = (0.5 * (torch.cat((bright, spread), dim=1) + 1e-3).log10()).clamp(-2, 2)
+        local = (0.5 * log10_of(torch.cat((bright, spread), dim=1), 1e-3)).clamp(-2, 2)
         coarse = F.adaptive_avg_pool2d(local, (fine.shape[3], fine.shape[4]))
         shape = self.map(torch.cat((fine.mean(dim=2), fine.amax(dim=2), coarse), dim=1)).float()
         shape = F.interpolate(shape, size=exposure.shape[1:], mode="bilinear", align_corners=False)[:, 0]
         # Poisson noise goes with the root of the rate, and a longer dwell averages it away
         noise = eta[:, None, None] + local[:, 0] + shape - 0.5 * exposure.clamp(min=FLOOR).log10()
         return eta, torch.where(exposure > 0, noise, torch.inf)
+
+
+def log10_of(value: Tensor, least: float) -> Tensor:
+    """log10 of a quantity that noise can bring below 0, as it does to counts less their mean background."""
+    return (value.clamp(min=0) + least).log10()
 
 
 def part_below(limit: Tensor, profile: Tensor, spread: Tensor) -> tuple[Tensor, Tensor]:

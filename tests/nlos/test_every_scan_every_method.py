@@ -1,0 +1,99 @@
+"""Every scan file that ships, stopped anywhere, times every method: a finite picture, or a refusal in words."""
+
+import os
+import subprocess
+import sys
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nlos.acquisition.errors import InvalidData as RecordingInvalid
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.scanning.gathering import Gathering
+from nlos.calibration.errors import InvalidData as CannotCalibrate
+from nlos.calibration.raw_points import from_samples
+from nlos.chain import LoadedScan, as_recorded, calibrate_scan
+from nlos.configs.load import names
+from nlos.live.scan import loaded
+from nlos.recon.errors import ReconError
+from nlos.recon.gridding import grid_samples
+from nlos.recon.methods import catalogue
+from nlos.recon.reconstruct import reconstruct
+
+SCANS, METHODS = names("scan"), sorted(catalogue())
+SHARES = (0.01, 0.1, 1.0)
+QUICK: dict[str, dict[str, object]] = {"gradient_descent": {"iterations": 2}}
+WHOLE = os.environ.get("NLOS_SOAK") == "1"
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Scan files already taken on the simulated bench, by name; filled as they are asked for."""
+    return {"": tmp_path_factory.mktemp("scans")}
+
+
+def taken(runs: dict[str, Path], name: str) -> Path:
+    """The complete recording of a scan file that ships."""
+    if name not in runs:
+        runs[name] = runs[""] / f"{name}.h5"
+        command = [sys.executable, "-m", "nlos", "scan", name, "-o", str(runs[name])]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=runs[""])
+        assert done.returncode == 0, done.stderr
+    return runs[name]
+
+
+def first_of(run: Path, share: float) -> LoadedScan:
+    """What a recording that was stopped after `share` of its samples is loaded as."""
+    with Recording.open(run) as recording:
+        plan = recording.plan
+        samples = list(islice(recording.samples(), max(1, round(share * len(plan)))))
+        if plan.positions.on_grid:
+            gathering = Gathering(plan)
+            for sample in samples:
+                gathering.add(sample)
+            return loaded(run, gathering)
+        points = from_samples(iter(samples))
+        transient = grid_samples(points.x_m, points.y_m, points.counts, points.exposure_s, plan.wall, points.time)
+        nothing = np.zeros_like(transient.exposure_s)
+        scan = as_recorded(recording, transient, nothing, nothing)
+        return LoadedScan(**(vars(scan) | {"points": points}))
+
+
+def finite_or_refused(scan: LoadedScan, method: str) -> str:
+    """ "seen", or the sentence that says why not; fails where the picture is not finite."""
+    try:
+        transient = calibrate_scan(scan)
+        done = reconstruct(transient, method, QUICK.get(method, {}))
+    except (ReconError, CannotCalibrate, RecordingInvalid) as refusal:
+        why = str(refusal)
+    else:
+        why = "seen"
+        assert np.isfinite(done.albedo).all()
+        assert not np.isinf(done.depth_m).any()
+        assert done.volume is None or np.isfinite(done.volume.albedo).all()
+    assert why == "seen" or (len(why) > 20 and "not finite" not in why)
+    return why
+
+
+@pytest.mark.parametrize(("name", "share"), [("sparse", 1.0), ("five_by_five", 0.01), ("circle", 0.1)])
+def test_nano_sees_what_a_stopped_scan_holds(runs: dict[str, Path], name: str, share: float) -> None:
+    seen = finite_or_refused(first_of(taken(runs, name), share), "nano")
+    assert share < 1 or seen == "seen"
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_sees_points_on_and_off_the_grid(runs: dict[str, Path], method: str) -> None:
+    finite_or_refused(first_of(taken(runs, "five_by_five"), 0.1), method)
+    finite_or_refused(first_of(taken(runs, "circle"), 1.0), method)
+
+
+@pytest.mark.soak
+@pytest.mark.skipif(not WHOLE, reason="the whole table takes a quarter of an hour: make soak")
+@pytest.mark.parametrize("share", SHARES)
+@pytest.mark.parametrize("name", SCANS)
+def test_every_method_sees_every_scan(runs: dict[str, Path], name: str, share: float) -> None:
+    scan = first_of(taken(runs, name), share)
+    for method in METHODS:
+        finite_or_refused(scan, method)
