@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test check soak results ablations clean
+.PHONY: demo test check soak peers results ablations clean
 
 .venv/run-ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
@@ -35,6 +35,9 @@ check: .venv/test-ready
 
 soak: .venv/test-ready
 	NLOS_SOAK=1 $(BIN)/python -m pytest -m soak
+
+peers: .venv/test-ready  # NLOS_PEERS=DIR holds other people's code; docs/peers.md
+	$(BIN)/python -m pytest tests/peers -rs
 
 results: .venv/run-ready  # docs/results.md; goes on from what is measured already
 	$(BIN)/python -m studies.results ../shared/data docs
