@@ -74,7 +74,7 @@ class IsolatedReader:
         if self._child is None or self._child.poll() is not None:
             self.close()
             self._child = subprocess.Popen(
-                [sys.executable, "-m", __name__, str(self._memory_bytes)],
+                [sys.executable, "-P", "-m", __name__, str(self._memory_bytes)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,

@@ -31,7 +31,7 @@ def read_foreign(path: Path) -> dict[str, torch.Tensor]:
     """The named tensors in `path`. Raises ForeignWeightsError, also where the child crashed or took too long."""
     with tempfile.TemporaryDirectory(prefix="nlos-weights-") as folder:
         plain = Path(folder) / "plain.safetensors"
-        command = [sys.executable, "-m", __name__, str(path.absolute()), str(plain)]
+        command = [sys.executable, "-P", "-m", __name__, str(path.absolute()), str(plain)]
         try:
             child = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
         except subprocess.TimeoutExpired as error:

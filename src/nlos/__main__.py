@@ -2,8 +2,13 @@
 
 import os
 import sys
+
+if __name__ == "__main__" and not sys.flags.safe_path:
+    del sys.path[0]  # `python -m` puts the folder one stands in first: a numpy.py in it is no part of this program
+
 import traceback
 
+from nlos.cli.escaped import escape_what_is_printed
 from nlos.cli.terminal import take_global_options, terminal
 
 
@@ -12,6 +17,9 @@ def main() -> None:
     # PyTorch's threads wait for each other asleep, not spinning: a machine that scans has other things to do, and where
     # two of these threads share a core, spinning takes ten times as long as the work (decision 095).
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    # Nor do the children of this process, however a library starts them, import from the folder one stands in.
+    os.environ["PYTHONSAFEPATH"] = "1"
+    escape_what_is_printed()
     sys.exit(run(sys.argv[1:]))
 
 

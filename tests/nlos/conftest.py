@@ -5,6 +5,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -33,4 +35,14 @@ def small(tmp_path: Path) -> Path:
     """A scan of 4 x 4 points."""
     path = tmp_path / "small.yaml"
     path.write_text(SMALL)
+    return path
+
+
+@pytest.fixture
+def plain(tmp_path: Path) -> Path:
+    """A plain HDF5 scan of 3 x 4 points."""
+    path = tmp_path / "plain.h5"
+    with h5py.File(path, "w") as file:
+        file["histograms"] = np.random.default_rng(0).poisson(1.0, (3, 4, 64)).astype(np.uint16)
+        file.attrs.update({"bin_width_s": 4e-12, "wall_size_m": [0.7, 0.5], "direct_cut_bins": 3})
     return path

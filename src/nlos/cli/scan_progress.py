@@ -24,7 +24,7 @@ class ScanProgress:
 
             self._bar = Progress(
                 TextColumn("scan"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"),
-                TimeRemainingColumn(), console=Console(stderr=True), transient=True,
+                TimeRemainingColumn(), console=Console(file=getattr(sys.stderr, "sent", sys.stderr)), transient=True,
             )  # fmt: skip
             self._task = self._bar.add_task("scan", total=total, completed=done, rate="")
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from nlos.cli.escaped import escaped
+
 
 @dataclass
 class Terminal:
@@ -20,12 +22,12 @@ class Terminal:
         """A line of the result. Its values go into the JSON document instead with --json."""
         self.document.update(values)
         if not self.as_json:
-            print(text, flush=True)
+            print(escaped(text), flush=True)
 
     def log(self, text: str, level: int = 0) -> None:
         """A line on stderr, shown when the verbosity is at least `level` (-1 shows even with -q)."""
         if self.verbosity >= level:
-            print(text, file=sys.stderr, flush=True)
+            print(escaped(text), file=sys.stderr, flush=True)
 
     def finish(self) -> None:
         """Prints the JSON document, when that was asked for."""

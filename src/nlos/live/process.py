@@ -25,7 +25,7 @@ def start_live(run: Path, method: str) -> "subprocess.Popen[bytes]":
     state_file(run).unlink(missing_ok=True)  # of an earlier scan, whose page was killed
     token = secrets.token_urlsafe(24)
     with listening(0) as door:
-        command = [sys.executable, "-m", "nlos", "live", str(run), "--method", method, "--idle-s", str(IDLE_S)]
+        command = [sys.executable, "-P", "-m", "nlos", "live", str(run), "--method", method, "--idle-s", str(IDLE_S)]
         process = subprocess.Popen(
             [*command, "-q"],
             env={**os.environ, SOCKET: str(door.fileno()), TOKEN: token, "OMP_NUM_THREADS": "1"},
