@@ -4,7 +4,7 @@ RULES_FILE = "/etc/udev/rules.d/70-nlos.rules"
 RELOAD = "sudo udevadm control --reload && sudo udevadm trigger, then plug the device in again"
 
 _USB = 'SUBSYSTEM=="usb", ATTR{{idVendor}}=="{:04x}", ATTR{{idProduct}}=="{:04x}", TAG+="uaccess"'
-_TTY = 'SUBSYSTEM=="tty", ATTRS{{idVendor}}=="{:04x}", SYMLINK+="{}", TAG+="uaccess"'
+_TTY = 'SUBSYSTEM=="tty", ATTRS{{idVendor}}=="{:04x}", SYMLINK+="{}", TAG+="uaccess", ENV{{ID_MM_DEVICE_IGNORE}}="1"'
 
 TEENSY_VENDOR_ID = 0x16C0
 """The TriggerScope's microcontroller board, and other projects' too."""
@@ -18,5 +18,6 @@ def usb_rule(vendor_id: int, product_id: int) -> str:
 
 
 def tty_rule(vendor_id: int, name: str) -> str:
-    """The rule for a serial port, which also gives it a name that stays: `/dev/<name>`."""
+    """The rule for a serial port, which also gives it a name that stays, `/dev/<name>`, and keeps ModemManager away:
+    it greets every new port with modem commands, and a mirror controller keeps half a line for the next one."""
     return _TTY.format(vendor_id, name)

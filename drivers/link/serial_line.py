@@ -12,6 +12,7 @@ from serial.tools import list_ports
 from nlos.drivers.clock import Clock
 from nlos.drivers.errors import DeviceBusy, DeviceError, DeviceLost, DeviceNotFound, DeviceTimeout, ProtocolError
 from nlos.drivers.link.framing import Take, take_line
+from nlos.drivers.link.port_lock import let_others_in, lock_out_others
 
 try:  # an unplugged port raises termios.error, which is not an OSError, from flush and from setting a timeout
     import termios
@@ -98,6 +99,7 @@ class SerialLine:
             port = serial.serial_for_url(url, baudrate=baud, timeout=0, write_timeout=timeout_s, exclusive=True)
         except _OPEN_ERRORS as error:
             raise _cannot_open(device, url, error) from error
+        lock_out_others(port)
         return cls(device, port, clock, timeout_s=timeout_s, resynchronise=resynchronise, wire_log=wire_log)
 
     def exchange(self, command: bytes, timeout_s: float | None = None, take: Take = take_line) -> bytes:
@@ -201,6 +203,7 @@ class SerialLine:
         """Releases the port; may be called twice, and after it was unplugged."""
         if self._lost is None:
             self._lost = DeviceLost(self.device, "the port is closed.")
+        let_others_in(self._port)
         with contextlib.suppress(*_PORT_ERRORS):  # it may be gone already
             self._port.close()
 

@@ -18,6 +18,7 @@ from nlos.drivers.link.usbtmc_headers import (
     HEADER_BYTES,
     MAX_PADDING_BYTES,
     READ_STATUS_BYTE,
+    STATUS_INTERRUPT_IN_BUSY,
     STATUS_SUCCESS,
     Capabilities,
     HeaderError,
@@ -34,6 +35,7 @@ MOST_PER_TRANSFER = 256 * 1024
 MOST_PER_MESSAGE = 64 * 1024 * 1024
 _SLICE_S = 0.1
 _BUSY_S = 0.1
+_SERVICE_REQUEST = b"\x81"
 
 _Answer = TypeVar("_Answer")
 
@@ -53,6 +55,7 @@ class Usb488:
         self._preemptions = 0
         self._seen_preemptions = 0
         self._busy = False
+        self._service_requested = False
         self._unfinished = False
         """An exchange was left half-way, by an interrupt say: the link is put in step before the next one."""
         self.lock = threading.RLock()
@@ -92,27 +95,44 @@ class Usb488:
             usbtmc_recovery.clear(self._pipes, self._clock, self._clock.now() + self._recovery_s)
 
     def status_byte(self, timeout_s: float) -> int:
-        """READ_STATUS_BYTE, over the control pipe: works while the bulk pipes are stuck."""
-        self._status_tag = 2 if self._status_tag >= 127 else self._status_tag + 1
-        reply = self._pipes.control(READ_STATUS_BYTE, self._status_tag, 3, timeout_s)
-        if len(reply) != 3 or reply[0] != STATUS_SUCCESS or reply[1] != self._status_tag:
-            raise ProtocolError(self._pipes.device, f"READ_STATUS_BYTE answered {reply.hex(' ') or 'nothing'}.")
-        if not self._pipes.has_interrupt:
-            return reply[2]
+        """READ_STATUS_BYTE, over the control pipe: works while the bulk pipes are stuck.
+
+        Where the interrupt pipe is busy, what fills it is read first and the question asked again. A service request
+        that arrives in between is kept for `wait_service_request`.
+        """
         deadline_s = self._clock.now() + timeout_s
         while (left_s := deadline_s - self._clock.now()) > 0:
-            packet = self._pipes.read_interrupt(left_s)
-            if packet is not None and len(packet) == 2 and packet[0] == 0x80 | self._status_tag:
-                return packet[1]
+            self._status_tag = 2 if self._status_tag >= 127 else self._status_tag + 1
+            reply = self._pipes.control(READ_STATUS_BYTE, self._status_tag, 3, left_s)
+            if len(reply) == 3 and reply[:2] == bytes([STATUS_INTERRUPT_IN_BUSY, self._status_tag]):
+                self._notification(min(_SLICE_S, left_s))
+                continue
+            if len(reply) != 3 or reply[:2] != bytes([STATUS_SUCCESS, self._status_tag]):
+                raise ProtocolError(self._pipes.device, f"READ_STATUS_BYTE answered {reply.hex(' ') or 'nothing'}.")
+            if not self._pipes.has_interrupt:
+                return reply[2]
+            while (left_s := deadline_s - self._clock.now()) > 0:
+                packet = self._notification(left_s)
+                if packet[:1] == bytes([0x80 | self._status_tag]) and len(packet) == 2:
+                    return packet[1]
         raise DeviceTimeout(self._pipes.device, "no status byte came.")
 
     def wait_service_request(self, timeout_s: float) -> bool:
-        """Whether the device asked for service (SRQ) within `timeout_s`; always waits, interrupt pipe or not."""
+        """Whether the device asked for service (SRQ) within `timeout_s`, or since the last look."""
         if not self._pipes.has_interrupt:
             self._clock.sleep(timeout_s)
             return False
-        packet = self._pipes.read_interrupt(timeout_s)
-        return packet is not None and packet[:1] == b"\x81"
+        deadline_s = self._clock.now() + timeout_s
+        while not self._service_requested and (left_s := deadline_s - self._clock.now()) > 0:
+            self._notification(left_s)
+        requested, self._service_requested = self._service_requested, False
+        return requested
+
+    def _notification(self, timeout_s: float) -> bytes:
+        """What comes over the interrupt pipe next, empty for nothing. A service request is kept in mind."""
+        packet = self._pipes.read_interrupt(timeout_s) or b""
+        self._service_requested = self._service_requested or packet[:1] == _SERVICE_REQUEST
+        return packet
 
     def urgent(self, message: bytes, timeout_s: float) -> None:
         """Sends `message` (no answer expected) past whatever is under way; never waits for that longer than 100 ms.
@@ -168,17 +188,19 @@ class Usb488:
     def _ask(self, message: bytes, timeout_s: float, expected: int) -> bytes:
         deadline_s = self._clock.now() + timeout_s
         self._send(message, timeout_s)
-        data, end = self._receive(expected, deadline_s)
-        if end:
-            return data
-        parts, total = [data], len(data)
+        parts: list[bytes] = []
+        total, end = 0, False
         while not end:
-            data, end = self._receive(MOST_PER_TRANSFER, deadline_s)
+            data, end = self._receive(MOST_PER_TRANSFER if parts else expected, deadline_s)
             parts.append(data)
             total += len(data)
             if total > MOST_PER_MESSAGE:
                 raise ProtocolError(self._pipes.device, f"its answer does not end ({total} bytes so far).")
-        return b"".join(parts)
+        answer = parts[0] if len(parts) == 1 else b"".join(parts)
+        if self.capabilities.is_488_2 and not answer.endswith(b"\n"):
+            # The one mark of a whole answer (IEEE 488.2 section 8.5): no length or checksum is there to tell.
+            raise ProtocolError(self._pipes.device, f"its answer ends in {answer[-8:]!r}, not in a newline.")
+        return answer
 
     def _receive(self, size: int, deadline_s: float) -> tuple[bytes, bool]:
         """One REQUEST_DEV_DEP_MSG_IN and the transfer that answers it."""

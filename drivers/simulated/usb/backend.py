@@ -14,6 +14,7 @@ import usb.backend
 import usb.core
 
 from nlos.drivers.clock import Clock
+from nlos.drivers.simulated.usb.control_requests import Stall
 from nlos.drivers.simulated.usb.descriptors import (
     configuration_descriptor,
     device_descriptor,
@@ -22,7 +23,7 @@ from nlos.drivers.simulated.usb.descriptors import (
     string_descriptor,
 )
 from nlos.drivers.simulated.usb.ports import UsbHandle, UsbInstrument, UsbPort
-from nlos.drivers.simulated.usb.usbtmc_device import Stall, UsbtmcDevice
+from nlos.drivers.simulated.usb.usbtmc_device import UsbtmcDevice
 
 _ERRORS = {  # libusb's code, errno and words, as on Linux
     "io": (-1, errno.EIO, "Input/Output Error"),
@@ -199,7 +200,7 @@ class SimulatedUsb(usb.backend.IBackend):  # type: ignore[misc]
                 len(transfer.data) % packet != 0 or (transfer.ends_short and got < room)
             )
             if ended and (ends_with_short_packet or not transfer.ends_short):
-                device.transfers.popleft()
+                device.transfer_read()
             if ends_with_short_packet or got == room:
                 return got
 
@@ -208,8 +209,7 @@ class SimulatedUsb(usb.backend.IBackend):  # type: ignore[misc]
         deadline_s = self._clock.now() + timeout / 1000.0
         while True:
             device.instrument.advance(self._clock.now())
-            if device.instrument.take_service_request():
-                device.notifications.append(bytes([0x81, device.instrument.status_byte()]))
+            device.queue_service_request()
             if device.notifications:
                 packet = device.notifications.popleft()
                 memoryview(buff)[: len(packet)] = packet
@@ -240,7 +240,7 @@ class SimulatedUsb(usb.backend.IBackend):  # type: ignore[misc]
         elif bmRequestType & 0x60 == 0x20:
             port.device.instrument.advance(now_s)
             try:
-                reply = port.device.control(bmRequestType, bRequest, wValue, len(data), now_s)
+                reply = port.device.control(bmRequestType, bRequest, wValue, now_s)
             except Stall:
                 _fail("stall")
         else:

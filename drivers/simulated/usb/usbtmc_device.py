@@ -10,19 +10,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from nlos.drivers.simulated.faults import FaultPlan
+from nlos.drivers.simulated.usb.control_requests import ControlRequests, Stall
 
 _HEADER = struct.Struct("<BBBBIBBH")
 HEADER_BYTES = 12
-SUCCESS, PENDING, FAILED, NOT_IN_PROGRESS = 0x01, 0x02, 0x80, 0x81
-EVERLASTING_S = float("inf")
-
 
 Mangle = Callable[[str, bytes], Iterable[tuple[float, bytes]]]
 """(">" to the device or "<" from it, one bulk transfer) -> what comes of it: (seconds later, bytes) each."""
-
-
-class Stall(Exception):
-    """The endpoint, or the control request, is refused."""
 
 
 class Instrument(Protocol):
@@ -62,6 +56,8 @@ class Transfer:
     ends_short: bool = True
     """False: no zero-length packet follows a total that fills whole packets."""
     position: int = 0
+    whole: bool = True
+    """False: the device stops in the middle, and still has the transfer under way."""
 
 
 class UsbtmcDevice:
@@ -80,10 +76,12 @@ class UsbtmcDevice:
         self._incoming = bytearray()
         self._message = bytearray()
         self._response = memoryview(b"")
-        self._out_tag = 0
-        self._in_tag: int | None = None
+        self.out_tag = 0
+        self.in_tag: int | None = None
+        """Of the Bulk-IN transfer under way: from its request until its last packet has gone."""
+        self.last_in_tag = 0
         self._waiting: tuple[int, int] | None = None
-        self._pending_replies = 0
+        self.requests = ControlRequests(self, faults)
 
     # Bulk-OUT
 
@@ -112,7 +110,7 @@ class UsbtmcDevice:
         if tag ^ 0xFF != inverse or tag == 0 or reserved or kind not in (1, 2, 128):
             self.halted.add("out")
             raise Stall
-        self._out_tag = tag
+        self.out_tag = tag
         if kind == 1:
             if len(data) < HEADER_BYTES + size:
                 self._incoming += data
@@ -149,13 +147,13 @@ class UsbtmcDevice:
         if self._response or self.transfers:
             self._response = memoryview(b"")
             self.transfers.clear()
-            self._in_tag = None
+            self.in_tag = None
             self.instrument.message_exchange_error(-410)
 
     # Bulk-IN
 
     def _request(self, tag: int, size: int, now_s: float) -> None:
-        self._in_tag = tag
+        self.in_tag = self.last_in_tag = tag
         if not self._response:
             self.instrument.message_exchange_error(-420)
             self._waiting = (tag, size)
@@ -164,7 +162,6 @@ class UsbtmcDevice:
 
     def _respond(self, tag: int, size: int, now_s: float) -> None:
         strikes = self._faults.strikes
-        self._in_tag = tag
         if strikes("U3", now_s, "in"):
             self.halted.add("in")
         if strikes("U1", now_s):
@@ -197,85 +194,84 @@ class UsbtmcDevice:
         data = bytes(header) + body + padding
         if strikes("U10", now_s):
             data += bytes(size + 8 * self.packet_bytes)
-        ends_short = strikes("U7", now_s) is None
+        ends_short, whole = strikes("U7", now_s) is None, True
         if fault := strikes("U2", now_s):
             data = data[: int(fault.parameters.get("packets", 1)) * self.packet_bytes]
-            ends_short = False
+            ends_short = whole = False
         for later_s, piece in [(0.0, data)] if self.mangle is None else self.mangle("<", data):
-            self.transfers.append(Transfer(piece, now_s + delay_s + later_s, ends_short))
+            self.transfers.append(Transfer(piece, now_s + delay_s + later_s, ends_short, whole=whole))
 
-    # Control endpoint
+    def transfer_read(self) -> None:
+        """The host has taken the first transfer, its short packet included."""
+        if self.transfers.popleft().whole and not self.transfers:
+            self.in_tag = None
 
-    def control(self, kind: int, request: int, value: int, length: int, now_s: float) -> bytes:
-        """A class request (USBTMC table 15, USB488 table 9)."""
-        if self._faults.strikes("U3", now_s, "control"):
-            raise Stall
-        if request in (2, 4, 6) and self._still_pending(now_s):
-            return bytes([PENDING]) + bytes({2: 7, 4: 7, 6: 1}[request])
-        if request == 1:
-            if value != self._out_tag or not (self._incoming or self._message):
-                return bytes([FAILED if not (self._incoming or self._message) else NOT_IN_PROGRESS, self._out_tag])
-            self._incoming.clear()
-            self._message.clear()
-            self.halted.add("out")
-            return bytes([SUCCESS, value & 0xFF])
-        if request == 2:
-            return bytes([SUCCESS]) + bytes(7)
-        if request == 3:
-            return self._initiate_abort_in(value, now_s)
-        if request == 4:
-            return bytes([SUCCESS]) + bytes(7)
-        if request == 5:
-            self._clear()
-            self.halted.add("out")
-            return bytes([SUCCESS])
-        if request == 6:
-            return bytes([SUCCESS, 0])
-        if request == 7:
-            return bytes([SUCCESS, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0b101, 0b1111]) + bytes(8)
-        if request == 128:
-            self.notifications.append(bytes([0x80 | value & 0x7F, self._status_byte()]))
-            return bytes([SUCCESS, value & 0xFF, 0])
-        raise Stall  # among others remote/local control, which the capabilities do not offer
+    # What control requests do
 
-    def _initiate_abort_in(self, tag: int, now_s: float) -> bytes:
-        if self._in_tag is None:
-            return bytes([FAILED, 0])
-        if tag != self._in_tag:
-            return bytes([NOT_IN_PROGRESS, self._in_tag])
-        self._in_tag = None
-        self._waiting = None
-        self.transfers.clear()
-        self.transfers.append(Transfer(b"", now_s))  # the short packet that ends the transfer
-        return bytes([SUCCESS, tag & 0xFF])
+    @property
+    def receiving(self) -> bool:
+        """Whether a Bulk-OUT transfer has begun and not ended."""
+        return bool(self._incoming)
 
-    def _still_pending(self, now_s: float) -> bool:
-        if self._pending_replies == 0 and (fault := self._faults.strikes("U4", now_s)):
-            self._pending_replies = int(fault.parameters.get("replies", 3))
-        if self._pending_replies:
-            self._pending_replies -= 1
-            return True
-        return False
-
-    def _clear(self) -> None:
+    def end_reception(self) -> int:
+        """Ends the Bulk-OUT transfer under way. The data that came stays part of the message, which has no end yet;
+        how many bytes of it."""
+        came = bytes(self._incoming[HEADER_BYTES:])
         self._incoming.clear()
-        self._message.clear()
-        self._response = memoryview(b"")
-        self.transfers.clear()
+        self._message += came
+        return len(came)
+
+    def end_response(self, now_s: float) -> int:
+        """Ends the Bulk-IN transfer under way but for the packet in the FIFO; how many bytes of data were sent."""
+        sent = self._keep_packet_in_fifo(now_s)
+        if not self.transfers:
+            self.transfers.append(Transfer(b"", now_s))  # a short packet ends every transfer
         self._waiting = None
-        self._in_tag = None
+        return max(0, sent - HEADER_BYTES)
+
+    def clear(self, now_s: float) -> None:
+        """Empties both buffers, but for the packet in the Bulk-IN FIFO."""
+        self._keep_packet_in_fifo(now_s)
+        self._forget()
+
+    def _keep_packet_in_fifo(self, now_s: float) -> int:
+        """Drops all that is on its way to the host but the packet that its hardware holds; where that packet ends."""
+        first = self.transfers[0] if self.transfers else None
+        self.transfers.clear()
+        if first is None or first.ready_s > now_s:
+            return 0
+        end = min(len(first.data), first.position - first.position % self.packet_bytes + self.packet_bytes)
+        self.transfers.append(Transfer(first.data[first.position : end], now_s))
+        return end
+
+    def queue_service_request(self) -> None:
+        """SRQ goes to the interrupt endpoint as soon as there is room."""
+        if not self.notifications and self.instrument.take_service_request():
+            self.notifications.append(bytes([0x81, self.instrument.status_byte()]))
+
+    def control(self, kind: int, request: int, value: int, now_s: float) -> bytes:
+        """The reply to a class request. Raises `Stall`."""
+        return self.requests.answer(kind, request, value, now_s)
 
     def clear_halt(self, pipe: str) -> None:
         self.halted.discard(pipe)
 
     def reset(self) -> None:
         """A port reset: the link starts afresh, the instrument keeps its settings."""
-        self._clear()
+        self.transfers.clear()
+        self._forget()
         self.halted.clear()
         self.notifications.clear()
-        self._pending_replies = 0
+        self.requests.reset()
 
-    def _status_byte(self) -> int:
+    def _forget(self) -> None:
+        self._incoming.clear()
+        self._message.clear()
+        self._response = memoryview(b"")
+        self._waiting = None
+        self.in_tag = None
+
+    def status_byte(self) -> int:
         """The instrument's, with bit 4 for an answer that waits."""
         return self.instrument.status_byte() | (16 if self._response or self.transfers else 0)
 

@@ -14,8 +14,8 @@ from nlos.drivers.simulated.usb.descriptors import UsbDescription
 
 
 def said(count: int) -> bytes:
-    """`count` bytes of which no two neighbours are alike."""
-    return (bytes(range(1, 252)) * (count // 251 + 1))[:count]
+    """`count` bytes of which no two neighbours are alike, the last of them the newline that ends every answer."""
+    return (bytes(range(11, 252)) * (count // 241 + 1))[: count - 1] + b"\n"
 
 
 @dataclass
@@ -27,6 +27,7 @@ class Parrot:
     messages: list[bytes] = field(default_factory=list)
     errors: list[int] = field(default_factory=list)
     triggers: int = 0
+    service_requests: int = 0
 
     def execute(self, message: bytes, now_s: float) -> bytes:
         self.messages.append(message)
@@ -48,7 +49,8 @@ class Parrot:
         return float("inf")
 
     def take_service_request(self) -> bool:
-        return False
+        self.service_requests, asked = max(0, self.service_requests - 1), self.service_requests > 0
+        return asked
 
 
 @dataclass

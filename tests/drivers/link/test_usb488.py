@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from nlos.drivers.errors import DeviceBusy, DeviceError, DeviceLost, DeviceNotFound, DeviceTimeout, ProtocolError
@@ -86,6 +86,38 @@ def test_trigger_status_byte_and_clear(cable: Callable) -> None:
     check_usable(rig)
 
 
+@pytest.mark.parametrize("before", [True, False])
+def test_a_service_request_beside_a_status_byte_is_not_lost(cable: Callable, before: bool) -> None:
+    rig = cable()
+    if before:  # the interrupt pipe is busy with it
+        rig.parrot.service_requests = 1
+    else:  # it comes after the question, before the answer is read
+
+        def arrive(device: str, way: str, data: bytes) -> None:
+            if way == "<" and len(data) == 3:
+                rig.backend.device("P1").notifications.appendleft(b"\x81\x54")
+
+        rig.link._pipes._log = arrive
+    assert rig.link.status_byte(1.0) == 0x54
+    start_s = rig.clock.now()
+    assert rig.link.wait_service_request(1.0)
+    assert rig.clock.now() == start_s
+    assert not rig.link.wait_service_request(0.1)
+    assert rig.clock.now() == pytest.approx(start_s + 0.1)
+
+
+def test_an_interrupt_pipe_that_stays_busy_is_given_up_in_time(cable: Callable) -> None:
+    rig = cable(latency_s=0.001)
+    rig.parrot.service_requests = ALWAYS
+    start_s = rig.clock.now()
+    with pytest.raises(DeviceTimeout, match="status byte"):
+        rig.link.status_byte(0.5)
+    assert rig.clock.now() - start_s == pytest.approx(0.5, abs=0.01)
+    rig.parrot.service_requests = 0
+    assert rig.link.wait_service_request(0.0)
+    check_usable(rig)
+
+
 FAULTS = {
     "U1": (fault("U1"), DeviceTimeout),
     "U2": (fault("U2", packets=1), DeviceTimeout),
@@ -97,6 +129,7 @@ FAULTS = {
     "U5 reserved": (fault("U5", field="reserved"), ProtocolError),
     "U6 too large": (fault("U6", what="too_large"), ProtocolError),
     "U6 cut": (fault("U6", what="cut"), ProtocolError),
+    "U6 early end": (fault("U6", what="early_end"), ProtocolError),
     "U8 too much": (fault("U8", bytes=9), ProtocolError),
     "U10": (fault("U10"), ProtocolError),
 }
@@ -117,6 +150,16 @@ def test_a_broken_answer_is_a_named_error_and_the_next_one_is_right(cable: Calla
     with pytest.raises(error):
         rig.link.ask(b"2000", 1.0)
     assert rig.clock.now() - start_s <= 2.0
+    check_usable(rig)
+
+
+@pytest.mark.parametrize("count", range(1, 13))
+@pytest.mark.parametrize("pad", range(4))
+def test_padding_is_never_taken_for_the_end_of_an_answer(cable: Callable, count: int, pad: int) -> None:
+    rig = break_once(cable, fault("U6", what="cut"))
+    rig.parrot.faults.add(fault("U8", bytes=pad))
+    with pytest.raises(DeviceError):
+        rig.link.ask(b"%d" % count, 1.0)
     check_usable(rig)
 
 
@@ -268,6 +311,7 @@ ANY_FAULT = st.one_of(
 )
 
 
+@example(faults=[fault("U6", what="cut"), fault("U8", bytes=1)], counts=[1], packet_bytes=64)
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(st.builds(lambda f, skip: f.model_copy(update={"skip": skip}), ANY_FAULT, st.integers(0, 6)), max_size=4),
