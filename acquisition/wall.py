@@ -1,9 +1,12 @@
 """The relay wall and the grid of points sampled on it."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -24,10 +27,30 @@ class WallGrid:
         if not (self.rows > 0 and self.cols > 0):
             raise ValueError(f"wall grid is {self.rows} x {self.cols}; both counts must be above 0")
 
-    def x_m(self) -> npt.NDArray[np.float64]:
+    def x_m(self) -> Floats:
         """Column centres, left to right, shape (W,)."""
         return ((np.arange(self.cols) + 0.5) / self.cols - 0.5) * self.width_m
 
-    def y_m(self) -> npt.NDArray[np.float64]:
+    def y_m(self) -> Floats:
         """Row centres, top to bottom, shape (H,)."""
         return (0.5 - (np.arange(self.rows) + 0.5) / self.rows) * self.height_m
+
+
+def grid_around(x_m: Floats, y_m: Floats, size_m: tuple[float, float] | None = None) -> WallGrid:
+    """A grid for N points at free positions (N,), fine enough that hardly two share a pixel.
+
+    `size_m`: width and height of the wall; without, the smallest wall around its centre that holds all points. Square
+    pixels, 32 to 256 along the longer side, about two per mean spacing of the points.
+    """
+    count = len(x_m)
+    if size_m is None:
+        reach_x, reach_y = float(np.abs(x_m).max()), float(np.abs(y_m).max())
+        largest = max(reach_x, reach_y, 1e-3)
+        edge = 1 + 1 / math.sqrt(count)  # half a spacing beyond the outermost points
+        size_m = 2 * max(reach_x, largest / 8) * edge, 2 * max(reach_y, largest / 8) * edge
+    width_m, height_m = size_m
+    longer = max(width_m, height_m)
+    pixels = int(np.clip(round(2 * math.sqrt(count * longer / min(width_m, height_m))), 32, 256))
+    return WallGrid(
+        width_m, height_m, max(1, round(pixels * height_m / longer)), max(1, round(pixels * width_m / longer))
+    )

@@ -19,7 +19,12 @@ FAINT = 0.02  # of the brightest point; what the front view shows as black has n
 def albedo_picture(reconstruction: Reconstruction, path: Path) -> None:
     """The front view, brightest at its 99.9th percentile, as PNG."""
     figure = Figure(figsize=(5.2, 4.6), layout="constrained")
-    axes = figure.add_subplot()
+    draw_albedo(reconstruction, figure, figure.add_subplot())
+    _save(figure, path)
+
+
+def draw_albedo(reconstruction: Reconstruction, figure: Figure, axes: Axes) -> None:
+    """The front view with its colour bar."""
     top = float(np.quantile(reconstruction.albedo, 0.999)) or 1.0
     drawn = axes.imshow(
         reconstruction.albedo / top,
@@ -31,13 +36,17 @@ def albedo_picture(reconstruction: Reconstruction, path: Path) -> None:
     )
     figure.colorbar(drawn, ax=axes, label="albedo (relative)", shrink=0.85)
     _label(axes, f"{reconstruction.method}: front view")
-    _save(figure, path)
 
 
 def depth_picture(reconstruction: Reconstruction, path: Path) -> None:
     """The depth map in metres, grey where nothing or next to nothing is seen, as PNG."""
     figure = Figure(figsize=(5.2, 4.6), layout="constrained")
-    axes = figure.add_subplot()
+    draw_depth(reconstruction, figure, figure.add_subplot())
+    _save(figure, path)
+
+
+def draw_depth(reconstruction: Reconstruction, figure: Figure, axes: Axes) -> None:
+    """The depth map with its colour bar."""
     colours = matplotlib.colormaps["viridis_r"].with_extremes(bad="0.85")
     shown = visible_depth(reconstruction)
     seen = shown[np.isfinite(shown)]
@@ -48,7 +57,17 @@ def depth_picture(reconstruction: Reconstruction, path: Path) -> None:
     )  # fmt: skip
     figure.colorbar(drawn, ax=axes, label="depth from the wall (m)", shrink=0.85)
     _label(axes, f"{reconstruction.method}: depth")
-    _save(figure, path)
+
+
+def summary_figure(reconstruction: Reconstruction, figure: Figure | None = None) -> Figure:
+    """Front view and depth map side by side, on `figure` where one is given."""
+    figure = figure or Figure()
+    figure.set_size_inches(9.4, 4.2)
+    figure.set_layout_engine("constrained")
+    left, right = figure.subplots(1, 2)
+    draw_albedo(reconstruction, figure, left)
+    draw_depth(reconstruction, figure, right)
+    return figure
 
 
 def visible_depth(reconstruction: Reconstruction) -> npt.NDArray[np.float32]:

@@ -25,6 +25,7 @@ class Settings(LightConeSettings):
     cubes: ClassVar[float] = 9.5
 
     iterations: Annotated[int, Field(ge=1, le=10_000)] = 30
+    """Steps of the descent."""
     momentum: bool = False
     """Conjugate directions in place of the plain gradient."""
     tv: Annotated[float, Field(ge=0)] = 0.0

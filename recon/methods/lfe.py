@@ -25,14 +25,20 @@ NEARNESS_ENDS = (0.12951, 0.89698)  # in wall widths: nearness 1 and 0, the firs
 
 
 class Settings(BaseSettings):
-    """Shape of the network. `weights`: a name in recon/weights, a path, or null for a network that knows nothing."""
+    """Shape of the network."""
 
     weights: str | None = "lfe"
+    """Weights file, or a name in recon/weights; none for an untrained network."""
     features: int = 3
+    """Learned feature channels beside the average."""
     renderer_width: int = 24
+    """Channels of the rendering networks."""
     lateral_stride: Literal[1, 2] = 1
-    farthest: float = 2.0  # wall widths
+    """2 halves the wall's resolution inside the network."""
+    farthest: float = 2.0
+    """How deep the network looks, in wall widths."""
     paper: bool = False
+    """The published network to the letter; weights of their own are needed."""
 
 
 def build(settings: Settings, wall: WallGrid, time_axis: TimeAxis) -> nn.Module:

@@ -48,15 +48,19 @@ class Settings(AnySettings):
     """The switches of the paper's tables. The defaults are those of the weights that come with the program."""
 
     weights: str | None = "nano"
+    """Weights file, or a name in recon/weights; none for an untrained network."""
     reading: Literal["physical", "literal"] = "physical"
     """Multipliers of physical frequency, or small complex kernels over the frequency grid."""
     lifting: LiftingName = "both"
+    """How the transient is lifted to the operator's channels: from each point's surroundings, from all points."""
     projection: bool = True
     """Attention and a 2D network (literal: maximum and residual convolutions); False: the bare maximum."""
     nle: bool = True
     """Estimate the noise and adapt to it; False: one middling level for all."""
     sfe: bool = True
+    """Spectral feature enhancement by random Fourier frequencies."""
     sfe_bandwidth: Annotated[int, Field(ge=1)] = 64
+    """Number of its frequencies."""
     outer_iterations: Annotated[int, Field(ge=1, le=6)] = 1
     """S of algorithm 1."""
     channels: tuple[int, ...] = (16, 32, 48)
@@ -64,10 +68,15 @@ class Settings(AnySettings):
     iterations: Annotated[int, Field(ge=1)] = 2
     """A scale (n_j)."""
     spectral_scales: int = 2
+    """Scales, from the finest on, that are updated in the frequency domain."""
     features: int = 8
+    """Feature channels handed to the volume projection."""
     activation: ActivationName = "modrelu"
+    """Complex activation (literal reading)."""
     restriction: Restriction = "truncation"
+    """How a coarser scale is made: by truncating the spectrum, or by strides (literal reading)."""
     whiten: bool = True
+    """Divide spectra by their mean magnitude (literal reading)."""
     noise_weights: str | None = None
     """Noise level estimation from these weights, frozen."""
     falloff: Literal[2, 4] = 4

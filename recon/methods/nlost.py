@@ -28,17 +28,26 @@ NEARNESS_ENDS = (0.13431, 0.88260)  # in wall widths: nearness 1 and 0, the firs
 
 
 class Settings(BaseSettings):
-    """Shape of the network. `weights`: a name in recon/weights, a path, or null for a network that knows nothing."""
+    """Shape of the network."""
 
     weights: str | None = "nlost"
+    """Weights file, or a name in recon/weights; none for an untrained network."""
     channels: int = 32
+    """Feature channels of the attention."""
     heads: int = 4
+    """Attention heads."""
     window: int = 16
+    """Side of the windows of local attention, in pixels."""
     lateral_stride: Literal[1, 2] = 2
+    """2 halves the wall's resolution inside the network."""
     renderer_width: int = 24
-    farthest: float = 2.0  # wall widths
-    checkpointing: bool = False  # recompute the attention's activations on the way back: less memory, more time
+    """Channels of the rendering networks."""
+    farthest: float = 2.0
+    """How deep the network looks, in wall widths."""
+    checkpointing: bool = False
+    """Training: compute activations again on the way back; less memory, more time."""
     paper: bool = False
+    """The published network to the letter; weights of their own are needed."""
 
 
 def build(settings: Settings, wall: WallGrid, time_axis: TimeAxis) -> nn.Module:

@@ -35,8 +35,9 @@ class Settings(PhysicsSettings):
     planes: Annotated[int, Field(ge=2)] = 128
     """Depth planes of the exact propagator."""
     near_m: Annotated[float, Field(gt=0)] | None = None
+    """Depth of the first plane; the start of the time axis unless given."""
     far_m: Annotated[float, Field(gt=0)] | None = None
-    """Where its first and last plane lie; all of the time axis unless given."""
+    """Depth of the last plane; the end of the time axis unless given."""
 
     def bytes_needed(self, wall: WallGrid, time: TimeAxis) -> int:
         """Of the exact propagator: every frequency's padded wall three times over, and a plane's kernels a thread."""

@@ -14,14 +14,20 @@ from nlos.recon.layers.wiener_features import SNR_FACTORS, WienerFeatures
 
 
 class Settings(BaseSettings):
-    """Shape of the network. `weights`: a name in recon/weights, a path, or null for a network that knows nothing."""
+    """Shape of the network."""
 
     weights: str | None = "unet"
+    """Weights file, or a name in recon/weights; none for an untrained network."""
     widths: tuple[int, ...] = (16, 32, 48)
+    """Channels of the 3D network, one entry a scale."""
     features: int = 8
+    """Feature channels handed to the 2D network."""
     finish_widths: tuple[int, ...] = (32, 64, 128)
-    core_points: int = 32  # lateral size of the 3D network's grid: a fixed pitch on the wall, whatever the scan's
-    farthest: float = 2.0  # wall widths
+    """Channels of the 2D network, one entry a scale."""
+    core_points: int = 32
+    """Lateral size of the 3D network's grid, a fixed pitch on the wall whatever the scan's."""
+    farthest: float = 2.0
+    """How deep the network looks, in wall widths."""
 
 
 def build(settings: Settings, wall: WallGrid, time_axis: TimeAxis) -> nn.Module:

@@ -9,7 +9,7 @@ if __name__ == "__main__" and not sys.flags.safe_path:
 import traceback
 
 from nlos.cli.escaped import escape_what_is_printed
-from nlos.cli.terminal import take_global_options, terminal
+from nlos.cli.terminal import show_library_log, take_global_options, terminal
 
 
 def main() -> None:
@@ -25,6 +25,7 @@ def main() -> None:
 
 def run(arguments: list[str]) -> int:
     """Runs one command; returns its exit code."""
+    show_library_log()
     try:
         rest, version = take_global_options(arguments)
     except ValueError as error:
@@ -38,6 +39,10 @@ def run(arguments: list[str]) -> int:
 
     from nlos.cli.app import app
 
+    if "_NLOS_COMPLETE" in os.environ:  # a shell asks what may come next: see `nlos completion`
+        from typer._completion_classes import completion_init
+
+        completion_init()
     try:
         returned = app(rest, standalone_mode=False)
         terminal.finish()

@@ -1,15 +1,15 @@
-"""From a file to a picture: read, calibrate, reconstruct, write. What `scan --reconstruct` and `reconstruct` share."""
+"""From a file or arrays to a picture: read, calibrate, reconstruct, write. What every way to a picture shares."""
 
-from collections.abc import Mapping, Sequence
+import logging
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from nlos.cli.exit_codes import UsageError
-from nlos.cli.terminal import terminal
+from nlos.recon.errors import InvalidSettings
 
 if TYPE_CHECKING:
     from nlos.acquisition.recording.recording import Recording
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from nlos.calibration.correct import Report
     from nlos.calibration.raw_points import RawPoints
     from nlos.recon.volume import Reconstruction
+
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,7 @@ def load_scan(path: Path) -> LoadedScan:
             return _load_recording(recording) if recording.on_grid else _load_free(recording)
     scan = read_isolated(path)
     for note in scan.notes:
-        terminal.log(f"{path}: {note}", 1)
+        log.debug("%s: %s", path, note)
     check_raw(path, scan.transient)
     cut = scan.direct_cut_bins if scan.direct_cut_bins > 0 else None
     nothing, offsets = np.zeros_like(scan.transient.exposure_s), scan.time_offset_bins
@@ -68,7 +71,7 @@ def check_raw(path: Path, transient: "Transient") -> None:
             bin_, row, col = (int(i) for i in np.argwhere(bad)[0])
             raise InvalidData(
                 f"{path}: histograms: row {row}, column {col}, bin {bin_} is {what} "
-                f"({transient.counts[bin_, row, col]:g}). Mend or leave out that point (exposure 0)."
+                f"({transient.counts[bin_, row, col]:g}). Fix that point, or mark it as not measured (exposure 0)."
             )
 
 
@@ -130,7 +133,7 @@ def constants_for(scan: LoadedScan, given: Path | None) -> "BenchConstants | Non
         return None
     constants = load(path)
     constants.refuse_other_devices(scan.devices)
-    terminal.log(f"constants: {path}, measured {constants.measured_utc}")
+    log.info("constants: %s, measured %s", path, constants.measured_utc)
     return constants
 
 
@@ -147,8 +150,12 @@ def calibrate_scan(
     if scan.points is not None:
         from nlos.recon.gridding import grid_samples
 
-        done = correct_points(scan.points, constants)
-        _log_calibration(done.report())
+        points = scan.points
+        if scan.rectified and scan.direct_cut_bins is not None:
+            points = replace(points, counts=without_first(points.counts.T, scan.direct_cut_bins).T)
+        done = correct_points(points, constants, rectified=scan.rectified, remove_direct=scan.direct_cut_bins is None)
+        if not scan.rectified:
+            _log_calibration(done.report())
         return grid_samples(scan.points.x_m, scan.points.y_m, done.counts, done.exposure_s, transient.wall, done.time)
     if scan.rectified and scan.direct_cut_bins is not None:
         return cut_direct(transient, scan.direct_cut_bins)
@@ -156,7 +163,7 @@ def calibrate_scan(
         return correct(transient, rectified=True).transient
     if use_file_offsets:
         if scan.offset_bins is None:
-            raise UsageError("offsets=file: the file has no time_offset_bins")
+            raise InvalidSettings("offsets=file: the file has no time_offset_bins")
         return correct(transient, offset_bins=scan.offset_bins).transient
     corrected = correct(transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
     _log_calibration(corrected.report())
@@ -168,34 +175,61 @@ def _log_calibration(report: "Report") -> None:
     assert isinstance(points, int)
     if not isinstance(rms_bins, float):
         if points >= 9:
-            terminal.log(
-                f"calibrated: no plane wall explains the arrivals at {points} points; each was aligned by its own"
+            log.info(
+                "calibrated: no plane wall explains the arrivals at %d points; each was aligned by its own", points
             )
         return
-    terminal.log(
-        f"calibrated: offsets to {report['offset_rms_ps']:.1f} ps RMS of the wall fit, "
-        f"direct light masked up to {report['direct_masked_ns']:.2f} ns"
+    log.info(
+        "calibrated: offsets to %.1f ps RMS of the wall fit, direct light masked up to %.2f ns",
+        report["offset_rms_ps"],
+        report["direct_masked_ns"],
     )
     if rms_bins > 1:
-        terminal.log(
-            f"warning: arrivals scatter by {rms_bins:.1f} bins about a plane wall. Is this a raw scan, does its time "
-            "window hold the direct light, is the wall plane? `nlos calibrate` draws them."
+        log.warning(
+            "arrivals scatter by %.1f bins about a plane wall. Is this a raw scan, does its time window hold the "
+            "direct light, is the wall plane? `nlos calibrate` draws them.",
+            rms_bins,
         )
 
 
 def on_wall(scan: LoadedScan, side_m: object) -> LoadedScan:
-    """The same scan on a square wall, for files that do not store its size. Raises `UsageError`."""
+    """The same scan on a square wall, for files that do not store its size. Raises `InvalidSettings`."""
     if not isinstance(side_m, int | float) or not 0 < side_m <= 100:
-        raise UsageError(f"wall_size_m={side_m}: metres between 0 and 100 are expected")
+        raise InvalidSettings(f"wall_size_m={side_m}: metres between 0 and 100 are expected")
     wall = replace(scan.transient.wall, width_m=float(side_m), height_m=float(side_m))
     return replace(scan, transient=replace(scan.transient, wall=wall))
 
 
 def cut_direct(transient: "Transient", bins: int) -> "Transient":
     """The same transient with its first `bins` set to zero."""
-    counts = transient.counts.copy()
-    counts[:bins] = 0
-    return replace(transient, counts=counts)
+    return replace(transient, counts=without_first(transient.counts, bins))
+
+
+def without_first(counts: npt.NDArray[Any], bins: int) -> npt.NDArray[Any]:
+    """A copy of counts (T, ...) with the first `bins` set to zero."""
+    cut = counts.copy()
+    cut[:bins] = 0
+    return cut
+
+
+def reconstruct_scan(
+    scan: LoadedScan,
+    method: str,
+    settings: Mapping[str, object],
+    *,
+    use_file_offsets: bool = False,
+    constants: Path | None = None,
+    device: str = "cpu",
+) -> "Reconstruction":
+    """A scan calibrated and reconstructed; the falloff that its file states is used unless the settings say another."""
+    from nlos.recon.methods import find
+    from nlos.recon.reconstruct import reconstruct
+
+    chosen = dict(settings)
+    if scan.falloff is not None and "falloff" in find(method).Settings.model_fields:
+        chosen.setdefault("falloff", scan.falloff)
+    transient = calibrate_scan(scan, use_file_offsets, constants_for(scan, constants))
+    return reconstruct(transient, method, chosen, device)
 
 
 def reconstruct_file(
@@ -211,8 +245,6 @@ def reconstruct_file(
     overwrite: bool = False,
 ) -> "Reconstruction":
     """One file to one folder of results. `settings` are the method's, except `offsets=file` and `wall_size_m`."""
-    from nlos.recon.methods import find
-    from nlos.recon.reconstruct import reconstruct
     from nlos.recon.results import NAMES, write_results
 
     for name in (*NAMES, "view3d.html") if html else NAMES:
@@ -222,36 +254,13 @@ def reconstruct_file(
     chosen = dict(settings)
     offsets = chosen.pop("offsets", None)
     if offsets not in (None, "file"):
-        raise UsageError(f"offsets={offsets}: only `offsets=file` is known")
+        raise InvalidSettings(f"offsets={offsets}: only `offsets=file` is known")
     if (side_m := chosen.pop("wall_size_m", None)) is not None:
         scan = on_wall(scan, side_m)
     elif not scan.wall_known:
-        terminal.log(f"warning: {run}: the wall's size is not stored; 1 m stands in. Say --set wall_size_m=METRES.")
-    transient = calibrate_scan(scan, offsets == "file", constants_for(scan, constants))
-    if scan.falloff is not None and "falloff" in find(method).Settings.model_fields:  # a learned method has none
-        chosen.setdefault("falloff", scan.falloff)
-    result = reconstruct(transient, method, chosen, device)
+        log.warning("%s: the wall's size is not stored; assuming 1 m. Say --set wall_size_m=METRES.", run)
+    result = reconstruct_scan(
+        scan, method, chosen, use_file_offsets=offsets == "file", constants=constants, device=device
+    )
     write_results(folder, result, overwrite=overwrite, keep_volume=volume, html=html)
     return result
-
-
-def parse_settings(pairs: Sequence[str]) -> dict[str, object]:
-    """`key=value` words as settings: numbers, true/false, or text. Raises `UsageError`."""
-    chosen: dict[str, object] = {}
-    for pair in pairs:
-        key, equals, text = pair.partition("=")
-        if not equals or not key:
-            raise UsageError(f"--set {pair}: must be key=value")
-        if key in chosen:
-            raise UsageError(f"--set {key}: given twice")
-        chosen[key] = _value(text)
-    return chosen
-
-
-def _value(text: str) -> object:
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return {"true": True, "false": False}.get(text.lower(), text)

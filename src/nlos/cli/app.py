@@ -1,10 +1,13 @@
 """The verbs, each loaded only when it is called: `nlos --help` imports neither torch nor h5py."""
 
+import difflib
 import importlib
 from typing import Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+
+from nlos.cli.exit_codes import UsageError
 
 VERBS = {
     "devices": "What is plugged in, what the bench expects, what is missing and how to mend it.",
@@ -24,15 +27,20 @@ VERBS = {
     "report": "One self-contained HTML file about a recording.",
     "train": "Train a learned method.",
     "evaluate": "Measure methods on scenes with ground truth.",
-    "methods": "The reconstruction methods, one line each.",
-    "patterns": "The scan patterns, one line each.",
+    "methods": "The reconstruction methods, one line each; the settings of one.",
+    "patterns": "The scan patterns, one line each; the settings of one.",
+    "schema": "The JSON Schema of scan, bench and training files, for editors.",
+    "completion": "The script that makes a shell complete nlos's words.",
 }
 """Verb -> what it does. The function `VERB` (or `VERB_` for a Python keyword) lives in `cli/VERB.py`."""
 
 EVERYWHERE = (
     "Everywhere: --json (stdout is one JSON document), -v / -q (more or less on stderr), "
-    "--wire-log FILE (every byte to and from the devices), --version."
+    "--wire-log FILE (every byte to and from the devices), -V / --version, -h / --help."
 )
+
+
+HELP = {"help_option_names": ["-h", "--help"]}
 
 
 class LazyVerbs(TyperGroup):
@@ -45,6 +53,11 @@ class LazyVerbs(TyperGroup):
         return TyperCommand(cmd_name, short_help=VERBS[cmd_name]) if cmd_name in VERBS else None
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        word = args[0] if args else ""
+        if word and not word.startswith("-") and word not in VERBS:
+            near = difflib.get_close_matches(word, VERBS, n=1)
+            hint = f"did you mean '{near[0]}'?" if near else "`nlos --help` lists the verbs."
+            raise UsageError(f"there is no verb '{word}'; {hint}")
         name, command, rest = super().resolve_command(ctx, args)
         return name, load_verb(name) if name else command, rest
 
@@ -53,7 +66,9 @@ def load_verb(name: str) -> Any:
     """The command for a verb, from its own file."""
     module = importlib.import_module(f"nlos.cli.{name}_" if name == "import" else f"nlos.cli.{name}")
     single = typer.Typer(add_completion=False, rich_markup_mode=None)
-    single.command(name, help=VERBS[name], epilog=EVERYWHERE)(getattr(module, module.__name__.split(".")[-1]))
+    single.command(name, help=VERBS[name], epilog=EVERYWHERE, context_settings=HELP)(
+        getattr(module, module.__name__.split(".")[-1])
+    )
     return typer.main.get_command(single)
 
 
@@ -64,6 +79,7 @@ app = typer.Typer(
     epilog=EVERYWHERE,
     add_completion=False,
     no_args_is_help=True,
+    context_settings=HELP,
     rich_markup_mode=None,
 )
 

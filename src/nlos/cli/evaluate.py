@@ -20,7 +20,7 @@ def evaluate(
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Every method on every scene under every condition: a table, and a gallery."""
-    from nlos.chain import parse_settings
+    from nlos.cli.method_settings import parse_settings
     from nlos.recon import evaluate as evaluation
     from nlos.recon.evaluation_report import NAMES, write_evaluation
     from nlos.recon.methods import catalogue

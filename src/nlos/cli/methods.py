@@ -1,14 +1,31 @@
-"""`nlos methods`: the catalogue of reconstruction methods."""
+"""`nlos methods`: the catalogue of reconstruction methods, and the settings of one."""
+
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
 
 from nlos.cli.terminal import terminal
 
 
-def methods() -> None:
-    """Every reconstruction method, one line each."""
-    from nlos.recon.methods import catalogue
+def methods(
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Show this method's settings.")] = None,
+) -> None:
+    """Every reconstruction method, one line each; with NAME, its settings: what, unit, default, range."""
+    from nlos.catalogue import methods as known
+    from nlos.cli.setting_table import show_settings
+    from nlos.recon.methods import find
 
-    found = catalogue()
-    width = max(map(len, found))
-    for name, line in found.items():
-        terminal.result(f"{name:<{width}}  {line}")
-    terminal.document["methods"] = found
+    found = known()
+    if name is None:
+        width = max(map(len, found))
+        for method in found.values():
+            terminal.result(f"{method.name:<{width}}  {method.what}")
+        terminal.result("\n`nlos methods NAME` lists the settings of one; use them as --set KEY=VALUE.")
+        terminal.document["methods"] = {method.name: method.what for method in found.values()}
+        return
+    find(name)
+    method = found[name]
+    terminal.result(f"{name}: {method.what}\n")
+    show_settings(method.settings.values())
+    terminal.document["settings"] = [asdict(setting) for setting in method.settings.values()]

@@ -30,7 +30,8 @@ def reconstruct(
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """From a recording, or any file that an importer reads, to a picture."""
-    from nlos.chain import parse_settings, reconstruct_file
+    from nlos.chain import reconstruct_file
+    from nlos.cli.method_settings import parse_settings
 
     chosen = parse_settings(settings or [])
     _check(method, chosen, device)

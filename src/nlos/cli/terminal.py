@@ -1,6 +1,7 @@
 """What the user asked to see: results on stdout, progress and log on stderr, one JSON document with --json."""
 
 import json
+import logging
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -38,6 +39,26 @@ class Terminal:
 terminal = Terminal()
 
 
+class TerminalHandler(logging.Handler):
+    """Shows what the library logs: warnings and information as they come, details with -v."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        text = record.getMessage()
+        if record.levelno >= logging.WARNING:
+            terminal.log(f"warning: {text}")
+        else:
+            terminal.log(text, 0 if record.levelno >= logging.INFO else 1)
+
+
+def show_library_log() -> None:
+    """From here on, what `nlos` logs appears on the terminal. May be called twice."""
+    library = logging.getLogger("nlos")
+    library.setLevel(logging.DEBUG)
+    library.propagate = False
+    if not any(isinstance(handler, TerminalHandler) for handler in library.handlers):
+        library.addHandler(TerminalHandler())
+
+
 def take_global_options(arguments: list[str]) -> tuple[list[str], bool]:
     """Removes the options that are allowed everywhere and sets `terminal` by them.
 
@@ -58,7 +79,7 @@ def take_global_options(arguments: list[str]) -> tuple[list[str], bool]:
                 terminal.verbosity += 1
             case "-q" | "--quiet":
                 terminal.verbosity -= 1
-            case "--version":
+            case "-V" | "--version":
                 version = True
             case "--wire-log":
                 if not pending:

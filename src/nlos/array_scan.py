@@ -1,0 +1,137 @@
+"""A scan from NumPy arrays: every way in which they can be meant, told apart or refused."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid, grid_around
+from nlos.calibration.raw_points import RawPoints
+from nlos.chain import LoadedScan
+from nlos.recon.errors import InvalidData
+from nlos.recon.gridding import grid_samples
+
+Size = float | Sequence[float]
+AXES = {"T": "T", "Y": "Y", "H": "Y", "X": "X", "W": "X", "N": "N"}
+
+
+def scan_from_arrays(
+    histograms: npt.ArrayLike,
+    *,
+    bin_width: float | None,
+    wall: Size | None,
+    points: Sequence[npt.ArrayLike] | None = None,
+    axes: str | None = None,
+    exposure: npt.ArrayLike | None = None,
+    rectified: bool = True,
+) -> LoadedScan:
+    """A scan from histograms [H, W, T], or [N, T] with `points=(x_m, y_m)`; `axes` names another order.
+
+    `wall`: its side, or width and height, in metres; `bin_width` in seconds. `rectified`: time 0 is the wall and direct
+    light is gone. Raises `InvalidData` saying what was given and what is expected.
+    """
+    width_s = _bin_width(bin_width)
+    counts = _ordered(_numbers(histograms, "histograms"), axes, points is not None)
+    shape = counts.shape[:-1]
+    _refuse_bad(counts)
+    if exposure is None:
+        exposed = np.ones(shape)
+    else:
+        exposed = np.asarray(_numbers(exposure, "exposure"), dtype=np.float64)
+        if exposed.shape != shape:
+            raise InvalidData(f"exposure has shape {exposed.shape}; {shape} is expected, seconds per point.")
+    time = TimeAxis(counts.shape[-1], width_s)
+    if points is None:
+        return _on_grid(counts, exposed, _wall(wall, *shape), time, rectified)
+    x_m, y_m = _places(points, len(counts))
+    grid = grid_around(x_m, y_m, None if wall is None else _sides(wall))
+    nothing = np.zeros(len(counts))
+    free = RawPoints(counts, x_m, y_m, exposed, nothing, nothing, time)
+    on_grid = grid_samples(x_m, y_m, counts, exposed, grid, time)
+    empty = np.zeros_like(on_grid.exposure_s)
+    return LoadedScan(on_grid, {}, empty, empty, rectified, None, None, None, points=free)
+
+
+def _on_grid(
+    counts: npt.NDArray[Any], exposure_s: npt.NDArray[np.float64], wall: WallGrid, time: TimeAxis, rectified: bool
+) -> LoadedScan:
+    cube = np.ascontiguousarray(np.moveaxis(counts, -1, 0), dtype=np.float32)
+    nothing = np.zeros_like(exposure_s)
+    return LoadedScan(Transient(cube, exposure_s, wall, time), {}, nothing, nothing, rectified, None, None, None)
+
+
+def _numbers(values: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
+    array = np.asarray(values)
+    if array.dtype.kind not in "uifb":
+        raise InvalidData(f"{name} hold {array.dtype}; an array of real numbers is expected.")
+    return array
+
+
+def _bin_width(bin_width: float | None) -> float:
+    if bin_width is None:
+        raise InvalidData("bin_width is missing: the width of a time bin in seconds, for example bin_width=32e-12.")
+    if not 1e-13 <= bin_width <= 1e-6:
+        hint = f" Did you mean bin_width={bin_width:g}e-12?" if 0.1 <= bin_width <= 1e6 else ""
+        raise InvalidData(f"bin_width={bin_width:g}: seconds between 1e-13 and 1e-6 are expected.{hint}")
+    return float(bin_width)
+
+
+def _ordered(array: npt.NDArray[Any], axes: str | None, free: bool) -> npt.NDArray[Any]:
+    """[H, W, T], or [N, T] for free positions."""
+    expected = "NT" if free else "YXT"
+    shown = "[N, T] (points, time bins)" if free else "[H, W, T] (rows, columns, time bins)"
+    if array.ndim != len(expected):
+        more = " Histograms [N, T] need points=(x_m, y_m)." if array.ndim == 2 and not free else ""
+        raise InvalidData(f"histograms have shape {array.shape}; {shown} is expected.{more}")
+    if 0 in array.shape:
+        raise InvalidData(f"histograms have shape {array.shape}: there is nothing in them.")
+    if axes is not None:
+        named = "".join(AXES.get(letter, letter) for letter in axes.upper())
+        if sorted(named) != sorted(expected):
+            raise InvalidData(f"axes='{axes}': the letters of '{expected}' are expected, in the order of the array.")
+        array = np.transpose(array, [named.index(letter) for letter in expected])
+    elif not free and array.shape[1] == array.shape[2] != array.shape[0]:
+        raise InvalidData(
+            f"histograms have shape {array.shape}: is time the first axis? Say axes='TYX' if so, "
+            "axes='YXT' if this is [H, W, T] as it stands."
+        )
+    return array
+
+
+def _refuse_bad(counts: npt.NDArray[Any]) -> None:
+    bad = ~np.isfinite(counts) if counts.dtype.kind == "f" else np.zeros(0, dtype=bool)
+    what = "not a finite number"
+    if not bad.any():
+        bad, what = counts < 0, "negative"
+    if bad.any():
+        place = tuple(int(i) for i in np.argwhere(bad)[0])
+        raise InvalidData(
+            f"histograms{list(place)} is {counts[place]:g}, {what}, and {int(bad.sum())} values of {bad.size} are. "
+            "Set a point that was not measured to 0 and say so by exposure=... (0 there)."
+        )
+
+
+def _sides(wall: Size) -> tuple[float, float]:
+    sides = np.asarray(wall, dtype=np.float64).ravel()
+    if sides.size not in (1, 2) or not np.isfinite(sides).all() or (sides <= 0).any() or (sides > 100).any():
+        raise InvalidData(f"wall={wall}: its side, or (width, height), in metres between 0 and 100 is expected.")
+    return float(sides[0]), float(sides[-1])
+
+
+def _wall(wall: Size | None, rows: int, cols: int) -> WallGrid:
+    if wall is None:
+        raise InvalidData("wall is missing: width and height of the scanned wall in metres, e.g. wall=(2.0, 2.0).")
+    return WallGrid(*_sides(wall), rows, cols)
+
+
+def _places(points: Sequence[npt.ArrayLike], count: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    if len(points) != 2:
+        raise InvalidData(f"points holds {len(points)} arrays; points=(x_m, y_m) is expected, one number per point.")
+    x_m, y_m = (np.asarray(_numbers(values, "points"), dtype=np.float64) for values in points)
+    if x_m.shape != (count,) or y_m.shape != (count,):
+        raise InvalidData(f"points have shapes {x_m.shape} and {y_m.shape}; ({count},) each is expected.")
+    if not (np.isfinite(x_m).all() and np.isfinite(y_m).all()):
+        raise InvalidData("points: a position is not a finite number.")
+    return x_m, y_m

@@ -1,0 +1,20 @@
+"""`nlos schema`: the JSON Schema of scan, bench and training files, for editors."""
+
+import json
+from typing import Annotated, Literal
+
+import typer
+
+from nlos.cli.terminal import terminal
+
+
+def schema(
+    kind: Annotated[Literal["scan", "bench", "train"], typer.Argument(metavar="scan|bench|train")],
+) -> None:
+    """Prints the JSON Schema of a kind of YAML file. An editor that knows the YAML language server completes keys after
+    a first line `# yaml-language-server: $schema=FILE`."""
+    from nlos.schemas import schema_of
+
+    made = schema_of(kind)
+    terminal.result(json.dumps(made, indent=2))
+    terminal.document["schema"] = made

@@ -1,0 +1,49 @@
+"""`nlos.reconstruct`: a file, a scan or NumPy arrays to a picture."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy.typing as npt
+
+from nlos.array_scan import Size, scan_from_arrays
+from nlos.chain import reconstruct_scan
+from nlos.picture import Picture
+from nlos.recon.errors import InvalidSettings
+from nlos.scan_data import Scan, load
+
+
+def reconstruct(
+    scan: Scan | str | Path | npt.ArrayLike,
+    method: str = "lct",
+    *,
+    wall: Size | None = None,
+    bin_width: float | None = None,
+    points: Sequence[npt.ArrayLike] | None = None,
+    axes: str | None = None,
+    exposure: npt.ArrayLike | None = None,
+    rectified: bool = True,
+    constants: str | Path | None = None,
+    device: str = "cpu",
+    **settings: object,
+) -> Picture:
+    """What is behind the corner: from a `Scan`, a file, or histograms [H, W, T] ([N, T] with `points=(x_m, y_m)`).
+
+    For arrays: `wall` its side or (width, height) in metres, `bin_width` in seconds, `axes` the order of the axes where
+    it is another ("TYX"), `exposure` in seconds per point (0 = not measured), `rectified` whether time 0 is the wall
+    and direct light is gone; if not, both are found in the histograms. Other keywords are settings of the method:
+    `nlos.methods()[method].settings`. Raises `InvalidData`, `InvalidSettings` and `ReconstructionFailed` of
+    `nlos.recon.errors`, and what `nlos.load` raises.
+    """
+    if isinstance(scan, str | Path):
+        scan = load(scan)
+    if isinstance(scan, Scan):
+        given = {"wall": wall, "bin_width": bin_width, "points": points, "axes": axes, "exposure": exposure}
+        if named := [name for name, value in given.items() if value is not None]:
+            raise InvalidSettings(f"{', '.join(named)}: the scan says so itself; these belong to plain arrays.")
+        loaded = scan.loaded
+    else:
+        loaded = scan_from_arrays(
+            scan, bin_width=bin_width, wall=wall, points=points, axes=axes, exposure=exposure, rectified=rectified
+        )
+    place = None if constants is None else Path(constants)
+    return Picture(reconstruct_scan(loaded, method, settings, constants=place, device=device))

@@ -1,0 +1,104 @@
+"""A scan in Python: counts, places and exposure as NumPy arrays, whatever file they came from."""
+
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.acquisition.transient import Transient
+from nlos.chain import LoadedScan, calibrate_scan, constants_for, load_scan
+
+Floats = npt.NDArray[np.float64]
+
+
+class Scan:
+    """A scan before calibration: what was counted at which point of the wall, for how long.
+
+    Row 0 is the top (y+), column 0 the left (x-), seen from the wall. `nlos.reconstruct(scan)` calibrates it.
+    """
+
+    def __init__(self, loaded: LoadedScan, source: str) -> None:
+        self.loaded, self.source = loaded, source
+
+    @property
+    def on_grid(self) -> bool:
+        """Whether the points form a grid; otherwise each has a position of its own."""
+        return self.loaded.points is None
+
+    @cached_property
+    def counts(self) -> npt.NDArray[np.generic]:
+        """Photon counts, (H, W, T) on a grid or (N, T) at free positions."""
+        points = self.loaded.points
+        return np.moveaxis(self.loaded.transient.counts, 0, 2) if points is None else points.counts
+
+    @property
+    def exposure_s(self) -> Floats:
+        """Live time in seconds, (H, W) or (N,); 0 = not measured."""
+        points = self.loaded.points
+        return self.loaded.transient.exposure_s if points is None else points.exposure_s
+
+    @property
+    def x_m(self) -> Floats:
+        """Metres to the right of the wall's centre: of the columns (W,), or of every point (N,)."""
+        points = self.loaded.points
+        return self.loaded.transient.wall.x_m() if points is None else points.x_m
+
+    @property
+    def y_m(self) -> Floats:
+        """Metres above the wall's centre: of the rows (H,), or of every point (N,)."""
+        points = self.loaded.points
+        return self.loaded.transient.wall.y_m() if points is None else points.y_m
+
+    @property
+    def bin_width_s(self) -> float:
+        """Width of a time bin in seconds."""
+        return self.loaded.transient.time.bin_width_s
+
+    @property
+    def wall_m(self) -> tuple[float, float]:
+        """Width and height of the wall in metres."""
+        wall = self.loaded.transient.wall
+        return wall.width_m, wall.height_m
+
+    @property
+    def rectified(self) -> bool:
+        """Whether time 0 is the wall and the direct light is gone already."""
+        return self.loaded.rectified
+
+    @property
+    def falloff(self) -> int | None:
+        """The light's falloff as the file states it: 4 diffuse, 2 retroreflective; None where it does not."""
+        return self.loaded.falloff
+
+    def calibrated(self, constants: str | Path | None = None) -> Transient:
+        """The transient that methods see, counts (T, H, W): time 0 at the wall, direct light removed.
+
+        `constants`: a file of `nlos calibrate`; else what fits in `constants/`, else the scan's own direct light.
+        """
+        found = constants_for(self.loaded, None if constants is None else Path(constants))
+        return calibrate_scan(self.loaded, constants=found)
+
+    def __repr__(self) -> str:
+        width_m, height_m = self.wall_m
+        shape = " x ".join(str(n) for n in self.counts.shape[:-1])
+        places = f"{shape} points" if self.on_grid else f"{shape} points at free positions"
+        bins = f"{self.counts.shape[-1]} bins of {self.bin_width_s * 1e12:g} ps"
+        photons = float(self.loaded.transient.counts.sum(dtype=np.float64))
+        size = f"{width_m:g} x {height_m:g} m"
+        kind = "rectified" if self.rectified else "raw"
+        return f"<nlos.Scan {self.source}: {places}, {size}, {bins}, {photons:.4g} counts, {kind}>"
+
+    def _repr_png_(self) -> bytes:
+        from nlos.picture import png
+        from nlos.report.scan_picture import scan_figure
+
+        return png(scan_figure(self.loaded.transient))
+
+
+def load(path: str | Path) -> Scan:
+    """A scan from one of our recordings or any format of `nlos import`.
+
+    Raises `FileNotFoundError`, and `InvalidData` naming file, place and reason.
+    """
+    return Scan(load_scan(Path(path)), Path(path).name)

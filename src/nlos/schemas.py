@@ -1,0 +1,59 @@
+"""JSON Schemas of the YAML files, made from the settings that read them."""
+
+from typing import Any, Literal
+
+from pydantic import BaseModel
+
+from nlos.configs.describe import describe
+
+Kind = Literal["scan", "bench", "train"]
+
+
+def schema_of(kind: Kind) -> dict[str, Any]:
+    """The JSON Schema (draft 2020-12) of a kind of file, with the meaning of every key."""
+    model = _model(kind)
+    made: dict[str, Any] = model.model_json_schema(by_alias=True)
+    made["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    made["title"] = f"nlos {kind} file"
+    _explain(made, model)
+    return made
+
+
+def _model(kind: Kind) -> type[BaseModel]:
+    if kind == "scan":
+        from nlos.acquisition.planning.scan_settings import ScanSettings
+
+        return ScanSettings
+    if kind == "bench":
+        from nlos.drivers.bench_settings import BenchSettings
+
+        return BenchSettings
+    from nlos.recon.training.train_settings import TrainSettings
+
+    return TrainSettings
+
+
+def _explain(schema: dict[str, Any], model: type[BaseModel]) -> None:
+    """Adds what each key means, to the file's own keys and to those of every block in it."""
+    blocks = {block.__name__: block for block in _blocks(model)}
+    for name, part in {model.__name__: schema, **schema.get("$defs", {})}.items():
+        if name not in blocks:
+            continue
+        for key, setting in describe(blocks[name]).items():
+            if setting.what and key in part.get("properties", {}):
+                part["properties"][key]["description"] = setting.what
+
+
+def _blocks(model: type[BaseModel]) -> list[type[BaseModel]]:
+    """The model and every model inside it."""
+    found: list[type[BaseModel]] = []
+    todo: list[Any] = [model]
+    while todo:
+        kind = todo.pop()
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            if kind not in found:
+                found.append(kind)
+                todo += [field.annotation for field in kind.model_fields.values()]
+        else:
+            todo += getattr(kind, "__args__", ())
+    return found

@@ -1,0 +1,179 @@
+"""The words of the library: what a notebook needs, tried as one would."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import nlos
+from nlos.__main__ import run
+from nlos.acquisition.errors import PlanRefused, StorageError
+from nlos.recon.errors import InvalidData, InvalidSettings
+
+BIN_S = 64e-12
+Histograms = npt.NDArray[np.float32]
+
+
+def point_scene(rows: int = 16, cols: int = 16, depth_m: float = 0.6, bins: int = 160) -> Histograms:
+    """Histograms [H, W, T] of one small diffuse object at (0.25, 0.125) m, by the law of light alone."""
+    x = ((np.arange(cols) + 0.5) / cols - 0.5)[None, :]
+    y = (0.5 - (np.arange(rows) + 0.5) / rows)[:, None]
+    distance = np.sqrt((x - 0.25) ** 2 + (y - 0.125) ** 2 + depth_m**2)
+    bin_ = np.floor(2 * distance / 299792458.0 / BIN_S).astype(int)
+    counts = np.zeros((rows, cols, bins), np.float32)
+    np.put_along_axis(counts, bin_[..., None], (200 / distance**4)[..., None].astype(np.float32), 2)
+    return counts
+
+
+def brightest(picture: nlos.Picture) -> tuple[float, float, float]:
+    row, col = np.unravel_index(int(np.argmax(picture.albedo)), picture.albedo.shape)
+    return float(picture.x_m[col]), float(picture.y_m[row]), float(picture.depth_m[row, col])
+
+
+def test_an_array_becomes_a_picture_with_the_object_in_its_place() -> None:
+    picture = nlos.reconstruct(point_scene(), wall=(1.0, 1.0), bin_width=BIN_S)
+    x_m, y_m, z_m = brightest(picture)
+    assert (x_m, y_m, z_m) == pytest.approx((0.25, 0.125, 0.6), abs=0.06)
+    assert picture.volume is not None
+    assert picture.depths_m is not None
+    assert picture.volume.shape == (len(picture.depths_m), 16, 16)
+
+
+def test_another_order_of_axes_gives_the_same_picture() -> None:
+    counts = point_scene(rows=12)
+    here = nlos.reconstruct(counts, wall=(1.0, 0.75), bin_width=BIN_S)
+    there = nlos.reconstruct(np.moveaxis(counts, 2, 0), wall=(1.0, 0.75), bin_width=BIN_S, axes="TYX")
+    np.testing.assert_array_equal(here.albedo, there.albedo)
+
+
+def test_free_positions_show_the_object_where_it_is() -> None:
+    counts = point_scene()
+    x, y = np.meshgrid((np.arange(16) + 0.5) / 16 - 0.5, 0.5 - (np.arange(16) + 0.5) / 16)
+    shuffled = np.random.default_rng(3).permutation(256)
+    picture = nlos.reconstruct(
+        counts.reshape(256, -1)[shuffled],
+        points=(x.ravel()[shuffled], y.ravel()[shuffled]),
+        wall=1.0,
+        bin_width=BIN_S,
+    )
+    assert brightest(picture) == pytest.approx((0.25, 0.125, 0.6), abs=0.07)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"histograms": np.zeros((4, 4))}, r"shape \(4, 4\).*\[H, W, T\].*points=\(x_m, y_m\)"),
+        ({"histograms": np.zeros((64, 8, 8))}, "is time the first axis.*axes='TYX'"),
+        ({"histograms": np.full((4, 5, 6), np.nan)}, r"histograms\[0, 0, 0\] is nan, not a finite number"),
+        ({"histograms": np.full((4, 5, 6), -1)}, r"histograms\[0, 0, 0\] is -1, negative"),
+        ({"histograms": np.full((4, 5, 6), 1j)}, "complex.*real numbers"),
+        ({"histograms": np.zeros((4, 0, 6))}, "nothing in them"),
+        ({"bin_width": None}, "bin_width is missing.*32e-12"),
+        ({"bin_width": 32}, r"bin_width=32: seconds.*Did you mean bin_width=32e-12\?"),
+        ({"wall": None}, r"wall is missing.*wall=\(2.0, 2.0\)"),
+        ({"wall": (0, 1)}, "wall=.*metres"),
+        ({"wall": 2000}, "between 0 and 100"),
+        ({"axes": "TXX"}, "axes='TXX'"),
+        ({"exposure": np.ones(3)}, r"exposure has shape \(3,\)"),
+        ({"points": ([0.0], [0.0])}, r"\[N, T\]"),
+        ({"histograms": np.ones((3, 40)), "points": ([0.0, 1.0], [0.0, 1.0])}, r"\(3,\) each is expected"),
+        ({"histograms": np.ones((2, 40)), "points": ([0.0], [0.0], [0.0])}, "points holds 3 arrays"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_meant_is_refused_with_what_is_expected(given: dict[str, object], said: str) -> None:
+    arguments = {"histograms": np.ones((4, 5, 6)), "wall": (1.0, 1.0), "bin_width": BIN_S} | given
+    histograms = arguments.pop("histograms")
+    with pytest.raises(InvalidData, match=said):
+        nlos.reconstruct(histograms, **arguments)  # type: ignore[arg-type]
+
+
+def test_wrong_settings_are_named_with_the_nearest_right_one(tmp_path: Path) -> None:
+    with pytest.raises(InvalidSettings, match="did you mean 'snr'"):
+        nlos.reconstruct(point_scene(), wall=1.0, bin_width=BIN_S, snrr=1)
+    path = plain_file(tmp_path)
+    with pytest.raises(InvalidSettings, match="bin_width: the scan says so itself"):
+        nlos.reconstruct(path, bin_width=BIN_S)
+
+
+def plain_file(folder: Path) -> Path:
+    path = folder / "plain.h5"
+    with h5py.File(path, "w") as file:
+        file["histograms"] = point_scene()
+        file.attrs["bin_width_s"], file.attrs["wall_size_m"] = BIN_S, 1.0
+    return path
+
+
+def test_a_file_loads_as_arrays_and_prints_shortly(tmp_path: Path) -> None:
+    scan = nlos.load(plain_file(tmp_path))
+    np.testing.assert_array_equal(scan.counts, point_scene())
+    assert scan.counts.shape == (*scan.exposure_s.shape, 160)
+    assert (len(scan.y_m), len(scan.x_m)) == (16, 16)
+    assert scan.bin_width_s == BIN_S
+    assert len(repr(scan)) < 160
+    assert scan._repr_png_().startswith(b"\x89PNG")
+
+
+def test_files_and_the_command_line_give_the_same_picture(tmp_path: Path) -> None:
+    path = plain_file(tmp_path)
+    assert run(["reconstruct", str(path), "-o", str(tmp_path / "cli"), "-q"]) == 0
+    with h5py.File(tmp_path / "cli" / "reconstruction.h5") as file:
+        np.testing.assert_array_equal(file["albedo"][()], nlos.reconstruct(path).albedo)
+
+
+def test_a_picture_shows_saves_and_becomes_an_xarray(tmp_path: Path) -> None:
+    picture = nlos.reconstruct(point_scene(), wall=1.0, bin_width=BIN_S)
+    assert picture._repr_png_().startswith(b"\x89PNG")
+    assert len(repr(picture)) < 120
+    saved = picture.save(tmp_path / "out")
+    assert {path.name for path in saved} >= {"reconstruction.h5", "albedo.png", "depth.png"}
+    with pytest.raises(FileExistsError):
+        picture.save(tmp_path / "out")
+    data = picture.to_xarray()
+    assert data["volume"].dims == ("z", "y", "x")
+    assert float(data["depth"].sel(x=0.25, y=0.125, method="nearest")) == pytest.approx(0.6, abs=0.06)
+
+
+def test_a_bench_opens_and_a_scan_runs_from_python(tmp_path: Path) -> None:
+    with nlos.open_bench("zero_latency") as bench:
+        assert bench.simulated
+        samples = list(nlos.scan("five_by_five", bench, output=tmp_path / "run.h5"))
+    scan = nlos.load(tmp_path / "run.h5")
+    assert len(samples) == int((scan.exposure_s > 0).sum())
+    assert scan.counts.sum() == sum(int(sample.histogram.counts.sum()) for sample in samples)
+
+
+def test_a_scan_walked_away_from_leaves_the_light_off_and_its_samples_in_the_file(tmp_path: Path) -> None:
+    with nlos.open_bench("zero_latency") as bench:
+        samples = nlos.scan("five_by_five", bench, output=tmp_path / "run.h5")
+        next(samples)
+        samples.close()
+        assert bench.shutter.confirmed_closed
+    with pytest.raises(StorageError, match="exists"), nlos.open_bench("zero_latency") as bench:
+        nlos.scan("five_by_five", bench, output=tmp_path / "run.h5")
+    assert nlos.load(tmp_path / "run.h5").exposure_s.sum() > 0
+
+
+def test_a_bench_without_a_shutter_asks_first() -> None:
+    with nlos.open_bench("zero_latency") as bench:
+        blind = bench.settings.model_copy(
+            update={"shutter": bench.settings.shutter.model_copy(update={"model": "none"})}
+        )
+        object.__setattr__(bench, "settings", blind)
+        with pytest.raises(PlanRefused, match="no_shutter=True"):
+            nlos.scan("five_by_five", bench)
+
+
+def test_every_method_says_what_may_be_set() -> None:
+    for method in nlos.methods().values():
+        for setting in method.settings.values():
+            assert setting.type
+            assert setting.what, f"{method.name}: {setting.name} has no meaning"
+
+
+def test_importing_it_loads_neither_torch_nor_h5py_nor_numpy() -> None:
+    program = "import sys, nlos; sys.exit(str({'torch', 'h5py', 'numpy'} & set(sys.modules)).replace('set()', '') or 0)"
+    assert subprocess.run([sys.executable, "-c", program], timeout=60, check=False).returncode == 0
