@@ -2,11 +2,12 @@
 
 Request: one JSON frame. Reply: a JSON frame, then what it announces - the plan's columns, or rows of `RECORD` and
 their counts, all little-endian. A client that knows n samples asks for the n-th on; replies carry the request's id, so
-that a late one is never taken for the answer to another question.
+that a late one is never taken for the answer to another question, and say which recording they are of.
 """
 
+import hashlib
 import json
-from dataclasses import asdict
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -15,13 +16,10 @@ from pydantic import Field, ValidationError
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.planning.plan import ScanPlan
-from nlos.acquisition.planning.positions import Positions
 from nlos.acquisition.recording.header import COLUMNS, MAX_BINS, MAX_POINTS
 from nlos.acquisition.recording.provenance import Header
-from nlos.acquisition.recording.recording import RECORD
-from nlos.acquisition.wall import WallGrid
+from nlos.acquisition.recording.recording import EVENT_ROWS, RECORD, Event, Status
 from nlos.configs.settings import Settings
-from nlos.drivers.tcspc.counter import HistogramAxis, StopAtCounts
 
 MAX_ROWS = 256
 MAX_REQUEST_BYTES = 1024
@@ -29,12 +27,14 @@ MAX_REPLY_BYTES = 1 << 30
 
 
 class Request(Settings):
-    """`want`: the plan and header, or at most `most` samples from the `first`-th intact one on."""
+    """`want`: the plan and header, or at most `most` samples from the `first`-th intact one on, and events from the
+    `log`-th on."""
 
     id: int = Field(ge=0, lt=1 << 53)
     want: Literal["plan", "samples"]
     first: int = Field(default=0, ge=0, le=MAX_POINTS)
     most: int = Field(default=MAX_ROWS, ge=1, le=MAX_ROWS)
+    log: int = Field(default=0, ge=0, le=EVENT_ROWS)
 
 
 def decode_request(frame: bytes) -> Request:
@@ -47,14 +47,17 @@ def decode_request(frame: bytes) -> Request:
         raise InvalidData(f"not a request: {error.error_count()} faults") from error
 
 
+def identity(plan: ScanPlan, header: Header) -> str:
+    """Which recording this is: what its tickets name, and what a client holds every answer against."""
+    said = json.dumps([plan.digest(), header.texts()], sort_keys=True)
+    return hashlib.sha256(said.encode()).hexdigest()
+
+
 def encode_plan(number: int, plan: ScanPlan, header: Header) -> list[bytes]:
     """The answer to `want: plan`."""
     about = {
         "id": number,
-        "wall": asdict(plan.wall),
-        "axis": asdict(plan.axis),
-        "stop": asdict(plan.stop) if plan.stop else None,
-        "revisit_below": plan.revisit_below,
+        "plan": plan.scalars(),
         "points": len(plan),
         "digest": plan.digest(),
         "header": header.texts(),
@@ -75,38 +78,79 @@ def decode_plan(frames: list[bytes]) -> tuple[ScanPlan, Header]:
             column[name] = np.frombuffer(frame, dtype=dtype)
             if column[name].shape != (points,):
                 raise ValueError(f"{name} has {len(frame)} bytes for {points} points")
-        axis = HistogramAxis(**about["axis"])
-        if not 0 < axis.bins <= MAX_BINS:
-            raise ValueError(f"{axis.bins} bins")
-        stop = StopAtCounts(**about["stop"]) if about["stop"] else None
-        positions = Positions(column["row"], column["col"], column["x_m"], column["y_m"])
-        plan = ScanPlan(
-            WallGrid(**about["wall"]), axis, positions, column["dwell_s"], column["pass"], stop, about["revisit_below"]
-        )
+        if not 0 < int(about["plan"]["axis"]["bins"]) <= MAX_BINS:
+            raise ValueError(f"{about['plan']['axis']['bins']} bins")
+        plan = ScanPlan.from_parts(about["plan"], column)
         if plan.digest() != about["digest"]:
             raise ValueError("the digest does not fit")
         return plan, Header.from_texts(about["header"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidData(f"the server's plan is not one ({error})") from error
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InvalidData(
+            f"the server's plan is not one that this nlos knows ({error}). Install the same on both machines."
+        ) from error
 
 
-def encode_samples(number: int, first: int, records: npt.NDArray[Any], counts: npt.NDArray[np.uint32],
-                   over: bool) -> list[bytes]:  # fmt: skip
-    """The answer to `want: samples`; `over`: no more will come."""
-    about = {"id": number, "first": first, "rows": len(records), "over": over}
-    return [json.dumps(about).encode(), records.tobytes(), np.ascontiguousarray(counts, dtype="<u4").tobytes()]
+@dataclass(frozen=True)
+class Block:
+    """The answer to `want: samples`: rows from the `first`-th intact one on, and events from the `log`-th on.
+
+    `ended`: None while more may come, else how the scan ended; with `left`, that nobody writes it any more although it
+    says that it is running (a crash, a kill).
+    """
+
+    run: str
+    first: int
+    records: npt.NDArray[Any]  # (n,) RECORD
+    counts: npt.NDArray[np.uint32]  # (n, T)
+    events: tuple[Event, ...] = ()
+    log: int = 0
+    ended: Status | None = None
+    left: bool = False
 
 
-def decode_samples(frames: list[bytes], bins: int) -> tuple[int, npt.NDArray[Any], npt.NDArray[np.uint32], bool]:
-    """(first, records (n,), counts (n, T), over). Raises `InvalidData` for anything else."""
-    about = _json(frames)
-    rows, first, over = about.get("rows"), about.get("first"), about.get("over")
-    if not (isinstance(rows, int) and 0 <= rows <= MAX_ROWS and isinstance(first, int) and isinstance(over, bool)):
-        raise InvalidData("the server's answer does not say what it holds")
-    if len(frames) != 3 or len(frames[1]) != rows * RECORD.itemsize or len(frames[2]) != rows * bins * 4:
-        raise InvalidData(f"the server announced {rows} samples and sent {[len(frame) for frame in frames[1:]]} bytes")
-    counts = np.frombuffer(frames[2], dtype="<u4").reshape(rows, bins)
-    return first, np.frombuffer(frames[1], dtype=RECORD), counts, over
+def encode_block(number: int, block: Block) -> list[bytes]:
+    about = {
+        "id": number,
+        "run": block.run,
+        "first": block.first,
+        "rows": len(block.records),
+        "log": block.log,
+        "events": [[event.unix_s, event.bench_s, event.kind, event.text] for event in block.events],
+        "ended": None if block.ended is None else int(block.ended),
+        "left": block.left,
+    }
+    counts = np.ascontiguousarray(block.counts, dtype="<u4").tobytes()
+    return [json.dumps(about).encode(), block.records.tobytes(), counts]
+
+
+def decode_block(frames: list[bytes], bins: int) -> Block:
+    """Raises `InvalidData` for anything else than `encode_block` made."""
+    try:
+        said = _About.model_validate_json(frames[0] if frames else b"")
+    except ValidationError as error:
+        raise InvalidData("the server's answer does not say what it holds") from error
+    if len(frames) != 3 or len(frames[1]) != said.rows * RECORD.itemsize or len(frames[2]) != said.rows * bins * 4:
+        raise InvalidData(
+            f"the server announced {said.rows} samples and sent {[len(frame) for frame in frames[1:]]} bytes"
+        )
+    counts = np.frombuffer(frames[2], dtype="<u4").reshape(said.rows, bins)
+    records = np.frombuffer(frames[1], dtype=RECORD)
+    ended = None if said.ended is None else Status(said.ended)
+    events = tuple(Event(*event) for event in said.events)
+    return Block(said.run, said.first, records, counts, events, said.log, ended, said.left)
+
+
+class _About(Settings):
+    """The JSON of a `Block`."""
+
+    id: int
+    run: str = Field(max_length=64)
+    first: int = Field(ge=0, le=MAX_POINTS)
+    rows: int = Field(ge=0, le=MAX_ROWS)
+    log: int = Field(ge=0, le=EVENT_ROWS)
+    events: list[tuple[float, float, str, str]] = Field(max_length=EVENT_ROWS)
+    ended: Literal[2, 3, 4, 5] | None
+    left: bool
 
 
 def answered(frames: list[bytes]) -> int:

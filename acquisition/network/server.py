@@ -8,33 +8,48 @@ import numpy as np
 import zmq
 from zmq.auth.thread import ThreadAuthenticator
 
-from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.errors import InvalidData, StorageError
+from nlos.acquisition.network.address import endpoint, listening_address
 from nlos.acquisition.network.messages import (
     MAX_REQUEST_BYTES,
+    Block,
     Request,
     decode_request,
+    encode_block,
     encode_plan,
-    encode_samples,
+    identity,
 )
 from nlos.acquisition.network.ticket import Ticket, new_keys
+from nlos.acquisition.recording.follow import LEFT_ALONE_S
 from nlos.acquisition.recording.recording import Recording, Status, sample_crc
+from nlos.acquisition.recording.writer_lock import is_locked
 
 _POLL_MS = 200
+_LOOK_S = 0.5
 MAX_BLOCK_BYTES = 16 << 20
+
+
+class AddressTaken(OSError):
+    """Nobody can listen there: the port is taken, or the address is not this machine's."""
 
 
 class SampleServer:
     """One recording on one port. CurveZMQ: connections without the ticket's keys are refused in the handshake."""
 
     def __init__(self, run: Path, host: str = "127.0.0.1", port: int = 0) -> None:
-        """Binds at once; port 0 takes a free one. Raises `OSError` where the port is taken."""
+        """Binds at once; port 0 takes a free one. Raises `ValueError` for a host that is not one address,
+        `AddressTaken`, and what opening `run` raises."""
+        address = listening_address(host)
         self._run = run
-        self._recording: Recording | None = None
-        self._inode = 0
+        self._recording, self._inode = Recording.open(run), run.stat().st_ino
+        self._which = identity(self._recording.plan, self._recording.header)
         self._intact: list[int] = []
         self._looked_at = 0
+        self._looked_s = self._alone_since_s = time.monotonic()
         self.answers = 0
         """How many questions were answered."""
+        self.left = False
+        """The file says that it is being written, and nobody has done so for a while."""
         self._context = zmq.Context()
         server_public, server_secret = new_keys()
         client_public, client_secret = new_keys()
@@ -48,26 +63,32 @@ class SampleServer:
         self._socket.curve_secretkey = server_secret.encode()
         self._socket.setsockopt(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
         self._socket.setsockopt(zmq.LINGER, 0)
+        self._socket.setsockopt(zmq.IPV6, ":" in address)
         try:
-            bound = self._socket.bind_to_random_port(f"tcp://{host}") if port == 0 else port
-            if port != 0:
-                self._socket.bind(f"tcp://{host}:{port}")
+            self._socket.bind(endpoint(address, port) if port else endpoint(address, 0).removesuffix("0") + "*")
+            bound = int(self._socket.getsockopt_string(zmq.LAST_ENDPOINT).rpartition(":")[2])
         except zmq.ZMQError as error:
             self.close()
-            raise OSError(f"tcp://{host}:{port}: cannot be bound ({error.strerror}). Choose another --port.") from error
-        self.ticket = Ticket(f"tcp://{host}:{bound}", server_public, client_public, client_secret)
+            raise AddressTaken(f"{endpoint(address, port)}: cannot be bound ({error.strerror})") from error
+        self.ticket = Ticket(endpoint(address, bound), server_public, client_public, client_secret, self._which)
+
+    @property
+    def over(self) -> bool:
+        """Whether no more samples are to be expected: the scan has ended, or its writer is gone."""
+        return self.left or self._recording.status is not Status.RUNNING
 
     def serve(self, go_on: Callable[[], bool]) -> None:
-        """Answers requests until `go_on` says no. A file that vanishes or is replaced is opened again."""
+        """Answers requests until `go_on` says no. Goes on through a crash and `--resume`; raises `StorageError` where
+        another recording takes the file's place."""
         while go_on():
             if self._socket.poll(_POLL_MS):
                 self._answer(self._socket.recv_multipart())
+            if time.monotonic() - self._looked_s > _LOOK_S:
+                self._look()
 
     def close(self) -> None:
         """May be called twice."""
-        if self._recording is not None:
-            self._recording.close()
-            self._recording = None
+        self._recording.close()
         self._socket.close()
         if self._door.is_alive():
             self._door.stop()
@@ -78,20 +99,23 @@ class SampleServer:
         if len(frames) != 2:
             return
         try:
-            request = decode_request(frames[1])
-            reply = self._reply(request)
-        except (InvalidData, FileNotFoundError):
+            reply = self._reply(decode_request(frames[1]))
+        except InvalidData:
             return
-        self._socket.send_multipart([frames[0], *reply], flags=zmq.NOBLOCK)
+        try:
+            self._socket.send_multipart([frames[0], *reply], flags=zmq.NOBLOCK)
+        except zmq.Again:
+            return  # the asker is gone or does not listen; it asks again
         self.answers += 1
 
     def _reply(self, request: Request) -> list[bytes]:
-        recording = self._refreshed()
+        self._look()
+        recording = self._recording
         if request.want == "plan":
             return encode_plan(request.id, recording.plan, recording.header)
         bins = recording.plan.axis.bins
         most = max(1, min(request.most, MAX_BLOCK_BYTES // (bins * 4)))
-        over = recording.status is not Status.RUNNING
+        over = self.over
         self._look_further(recording, request.first + most, over)
         rows = self._intact[request.first : request.first + most]
         if rows:
@@ -99,7 +123,13 @@ class SampleServer:
         else:
             counts = np.zeros((0, bins), np.uint32)
         last = over and request.first + len(rows) >= len(self._intact) and self._looked_at >= len(recording)
-        return encode_samples(request.id, request.first, recording.records[rows], counts, last)
+        status = Status.FAILED if self.left else recording.status
+        events = tuple(recording.events()[request.log :])
+        return encode_block(
+            request.id,
+            Block(self._which, request.first, recording.records[rows], counts, events, request.log,
+                  status if last else None, self.left),
+        )  # fmt: skip
 
     def _look_further(self, recording: Recording, wanted: int, over: bool) -> None:
         """Lists intact rows up to the `wanted`-th; stops at one still on its way to the disk."""
@@ -112,17 +142,25 @@ class SampleServer:
                 return
             self._looked_at += 1
 
-    def _refreshed(self) -> Recording:
-        """The recording as it is now, reopened where another file took its name."""
-        inode = self._run.stat().st_ino
-        if self._recording is not None and inode != self._inode:
+    def _look(self) -> None:
+        """The recording as it is now, reopened where `--resume` put a new file in its place."""
+        now_s = self._looked_s = time.monotonic()
+        try:
+            inode = self._run.stat().st_ino
+        except FileNotFoundError as error:
+            raise StorageError(f"{self._run}: was deleted or moved while it was served.") from error
+        if inode != self._inode:
+            fresh = Recording.open(self._run)
             self._recording.close()
-            self._recording = None
-        if self._recording is None:
-            self._recording, self._inode = Recording.open(self._run), inode
+            self._recording, self._inode = fresh, inode
             self._intact, self._looked_at = [], 0
-        self._recording.refresh()
-        return self._recording
+            if identity(fresh.plan, fresh.header) != self._which:
+                raise StorageError(f"{self._run}: another recording has taken its place. Serve that one anew.")
+        before = len(self._recording)
+        alone = self._recording.refresh() == before and not is_locked(self._run)
+        if not alone or self._recording.status is not Status.RUNNING:
+            self._alone_since_s = now_s
+        self.left = now_s - self._alone_since_s > LEFT_ALONE_S
 
 
 class _OnlyKey:
@@ -133,8 +171,3 @@ class _OnlyKey:
 
     def callback(self, domain: str, key: bytes) -> bool:
         return key == self._key
-
-
-def until(deadline_s: float) -> Callable[[], bool]:
-    """A `go_on` that ends at a moment of the monotonic clock."""
-    return lambda: time.monotonic() < deadline_s

@@ -1,15 +1,20 @@
-"""A ticket: where a served recording is, and the keys without which nobody is answered."""
+"""A ticket: where a served recording is, which one, and the keys without which nobody is answered."""
 
 import json
 import os
-from dataclasses import asdict, dataclass
+import secrets
+import struct
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import zmq
+from zmq.utils import z85
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.network.address import check_endpoint
 
 _KEY_LENGTH = 40  # a CurveZMQ key in Z85 (RFC 26/CURVEZMQ, RFC 32/Z85)
+_KEYS = ("server_public", "client_public", "client_secret")
 
 
 @dataclass(frozen=True)
@@ -20,12 +25,33 @@ class Ticket:
     server_public: str
     client_public: str
     client_secret: str
+    recording: str
+    """Which recording is served (`messages.identity`): a client takes no other."""
 
     def save(self, path: Path) -> None:
-        """Writes a file that only its owner can read."""
-        path.unlink(missing_ok=True)
-        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
+        """Puts a file in place that only its owner can read; an earlier ticket there is replaced.
+
+        Raises `FileExistsError` where something else lies there.
+        """
+        if os.path.lexists(path):
+            try:
+                Ticket.load(path)
+            except (InvalidData, OSError) as error:
+                raise FileExistsError(
+                    f"{path}: exists and is not a ticket. Move it, or rename the recording."
+                ) from error
+        fresh = path.with_name(f"{path.name}.{secrets.token_hex(4)}.new")
+        with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
             json.dump({"nlos": "ticket", **asdict(self)}, file, indent=1)
+        fresh.replace(path)
+
+    def withdraw(self, path: Path) -> None:
+        """Removes the file at `path` if it is this ticket: another server may have put its own there since."""
+        try:
+            if Ticket.load(path) == self:
+                path.unlink(missing_ok=True)
+        except (InvalidData, OSError):
+            return
 
     @classmethod
     def load(cls, path: Path) -> "Ticket":
@@ -33,19 +59,22 @@ class Ticket:
         if not path.exists():
             raise FileNotFoundError(f"{path}: no such file. `nlos serve RUN` writes it while it serves.")
         try:
-            raw = path.read_bytes()[:4096]
-            stored = json.loads(raw)
+            with path.open("rb") as file:
+                stored = json.loads(file.read(4096))
         except (ValueError, RecursionError) as error:
             raise InvalidData(f"{path}: not a ticket ({error})") from error
         if not isinstance(stored, dict) or stored.pop("nlos", None) != "ticket":
             raise InvalidData(f"{path}: not a ticket. `nlos serve RUN` writes one.")
-        fields = ("address", "server_public", "client_public", "client_secret")
-        if set(stored) != set(fields) or not all(isinstance(stored[field], str) for field in fields):
-            raise InvalidData(f"{path}: a ticket has {', '.join(fields)}")
-        if not stored["address"].startswith("tcp://"):
-            raise InvalidData(f"{path}: address {stored['address']!r} must begin with tcp://")
-        if any(len(stored[field]) != _KEY_LENGTH for field in fields[1:]):
-            raise InvalidData(f"{path}: its keys must be {_KEY_LENGTH} characters long")
+        names = [field.name for field in fields(cls)]
+        if set(stored) != set(names) or not all(isinstance(stored[name], str) for name in names):
+            raise InvalidData(f"{path}: a ticket has {', '.join(names)}. `nlos serve RUN` writes one.")
+        try:
+            check_endpoint(stored["address"])
+            for key in _KEYS:
+                if len(stored[key]) != _KEY_LENGTH or len(z85.decode(stored[key].encode("ascii"))) != 32:
+                    raise ValueError(f"{key} is not a key of {_KEY_LENGTH} characters")
+        except (ValueError, KeyError, struct.error) as error:
+            raise InvalidData(f"{path}: address or keys are damaged ({error}). Copy the ticket again.") from error
         return cls(**stored)
 
 

@@ -103,18 +103,34 @@ class ScanPlan:
 
     def digest(self) -> str:
         """SHA-256 over everything that the plan says: equal digests are equal plans."""
-        scalars: dict[str, object] = {
+        digest = hashlib.sha256(json.dumps(self.scalars(), sort_keys=True).encode())
+        for array in self.columns().values():
+            digest.update(array.tobytes())
+        return digest.hexdigest()
+
+    def scalars(self) -> dict[str, Any]:
+        """Everything that is not one of `columns`, as JSON has it; `from_parts` is the way back."""
+        found: dict[str, Any] = {
             "wall": asdict(self.wall),
             "axis": asdict(self.axis),
             "stop": asdict(self.stop) if self.stop else None,
             "revisit_below": self.revisit_below,
         }
-        if self.lag_s is not None:
-            scalars["lag_s"] = self.lag_s
-        digest = hashlib.sha256(json.dumps(scalars, sort_keys=True).encode())
-        for array in self.columns().values():
-            digest.update(array.tobytes())
-        return digest.hexdigest()
+        return found if self.lag_s is None else {**found, "lag_s": self.lag_s}
+
+    @classmethod
+    def from_parts(cls, scalars: Mapping[str, Any], columns: Mapping[str, npt.NDArray[Any]]) -> "ScanPlan":
+        """The plan with these `scalars` and `columns`. Raises `ValueError`, `KeyError` or `TypeError` for others."""
+        said = dict(scalars)
+        return cls(
+            wall=WallGrid(**said.pop("wall")),
+            axis=HistogramAxis(**said.pop("axis")),
+            positions=Positions(columns["row"], columns["col"], columns["x_m"], columns["y_m"]),
+            dwell_s=columns["dwell_s"],
+            pass_=columns["pass"],
+            stop=StopAtCounts(**stop) if (stop := said.pop("stop")) else None,
+            **said,
+        )
 
     def columns(self) -> dict[str, npt.NDArray[Any]]:
         """The points as arrays of length N, keyed by the names that a recording stores them under."""

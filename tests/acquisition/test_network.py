@@ -1,11 +1,13 @@
 """A served recording arrives whole on the far side, however often the line is cut, and only with its ticket."""
 
+import json
 import os
 import socket
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +17,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.network.messages import decode_plan, decode_request, decode_samples
+from nlos.acquisition.network.address import listening_address
+from nlos.acquisition.network.messages import decode_block, decode_plan, decode_request
 from nlos.acquisition.network.mirror import mirror
-from nlos.acquisition.network.server import SampleServer
+from nlos.acquisition.network.server import AddressTaken, SampleServer
 from nlos.acquisition.network.ticket import Ticket, new_keys
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.positions import pixels
@@ -142,8 +145,7 @@ def test_a_line_that_is_cut_again_and_again_delivers_every_sample_once(tmp_path:
     run = write(tmp_path / "run.h5")
     with serving(run) as server:
         cable = Cable(int(server.ticket.address.rsplit(":", 1)[1]), 3, 50 if os.environ.get("NLOS_SOAK") else 6)
-        keys = server.ticket
-        ticket = Ticket(f"tcp://127.0.0.1:{cable.port}", keys.server_public, keys.client_public, keys.client_secret)
+        ticket = replace(server.ticket, address=f"tcp://127.0.0.1:{cable.port}")
         assert mirror(ticket, tmp_path / "far.h5", patience_s=60, answer_s=0.3) == 400
         cable.close()
     assert cable.cuts > 0
@@ -165,8 +167,9 @@ def test_nobody_is_answered_without_the_tickets_keys(tmp_path: Path) -> None:
     run = write(tmp_path / "run.h5", 10)
     with serving(run) as server:
         address, public, secret = server.ticket.address, *new_keys()
+        stranger = replace(server.ticket, client_public=public, client_secret=secret)
         with pytest.raises(TimeoutError):
-            mirror(Ticket(address, server.ticket.server_public, public, secret), tmp_path / "far.h5", patience_s=1)
+            mirror(stranger, tmp_path / "far.h5", patience_s=1)
         plain = zmq.Context().socket(zmq.DEALER)
         plain.connect(address)
         plain.send(b'{"id": 1, "want": "plan"}')
@@ -191,11 +194,74 @@ def test_hostile_replies_are_refused(frames: list[bytes]) -> None:
     with pytest.raises(InvalidData):
         decode_plan(frames)
     with pytest.raises(InvalidData):
-        decode_samples(frames, 64)
+        decode_block(frames, 64)
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"nlos": "ticket"}', '{"nlos": "ticket", "address": 1}'])
-def test_what_is_no_ticket_is_refused(text: str, tmp_path: Path) -> None:
-    (tmp_path / "bad.ticket").write_text(text)
+GOOD = {
+    "nlos": "ticket", "address": "tcp://127.0.0.1:5000", "server_public": "a" * 40, "client_public": "b" * 40,
+    "client_secret": "c" * 40, "recording": "d" * 64,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "", "{}", "[1]", "[" * 4000, '{"nlos": "ticket"}', {"address": 1}, {"more": "1"}, {"nlos": "tickets"},
+        {"server_public": "a" * 39}, {"client_public": "\u00e9" * 40}, {"client_secret": '"' * 40},
+        *({"address": each} for each in (
+            "", "127.0.0.1:5000", "tcp://", "tcp://127.0.0.1", "tcp://127.0.0.1:", "tcp://127.0.0.1:0",
+            "tcp://127.0.0.1:65536", "tcp://127.0.0.1:99999999999", "tcp://127.0.0.1:-1", "tcp://*:5000",
+            "tcp://127.0.0.1:*", "tcp://0.0.0.0:5000", "tcp://0:5000", "tcp://0x0:5000", "tcp://[::]:5000",
+            "tcp://a b:5000", "tcp://127.0.0.1:5000;10.0.0.1:5000", "ipc:///tmp/x", "udp://127.0.0.1:5000",
+            "tcp://127.0.0.1:5000\n", "tcp://:5000", "tcp://[::1:5000", "inproc://here",
+        )),
+    ],
+)  # fmt: skip
+def test_what_is_no_ticket_is_refused(change: "str | dict[str, object]", tmp_path: Path) -> None:
+    path = tmp_path / "bad.ticket"
+    path.write_text(change if isinstance(change, str) else json.dumps({**GOOD, **change}))
     with pytest.raises(InvalidData, match=r"bad\.ticket"):
-        Ticket.load(tmp_path / "bad.ticket")
+        Ticket.load(path)
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:5000", "tcp://bench.lab.example:1", "tcp://[::1]:65535"])
+def test_a_ticket_is_read_as_it_was_saved(address: str, tmp_path: Path) -> None:
+    ticket = Ticket(**{key: value for key, value in {**GOOD, "address": address}.items() if key != "nlos"})
+    ticket.save(tmp_path / "run.ticket")
+    assert Ticket.load(tmp_path / "run.ticket") == ticket
+    assert [path.name for path in tmp_path.iterdir()] == ["run.ticket"]
+
+
+def test_a_server_removes_its_own_ticket_only(tmp_path: Path) -> None:
+    run, path = write(tmp_path / "run.h5", 10), tmp_path / "run.ticket"
+    with serving(run) as first, serving(run) as second:
+        first.ticket.save(path)
+        second.ticket.save(path)
+        first.ticket.withdraw(path)
+        assert Ticket.load(path) == second.ticket
+        second.ticket.withdraw(path)
+        assert not path.exists()
+        path.write_text("notes of mine")
+        with pytest.raises(FileExistsError, match="not a ticket"):
+            first.ticket.save(path)
+        first.ticket.withdraw(path)
+    assert path.read_text() == "notes of mine"
+
+
+@pytest.mark.parametrize(
+    "host",
+    ["0.0.0.0", "0", "0x0", "0.0", "00.0x0.0", "000.000.000.000", "::", "[::]", "0::0", "::ffff:0.0.0.0", "", "*"],
+)
+def test_every_spelling_of_every_interface_is_refused(host: str) -> None:
+    with pytest.raises(ValueError, match=r"interface|no address"):
+        listening_address(host)
+
+
+def test_one_address_is_bound_and_no_other(tmp_path: Path) -> None:
+    run = write(tmp_path / "run.h5", 10)
+    for host in ("127.0.0.1", "localhost", "0x7f000001", "127.1"):
+        server = SampleServer(run, host)
+        assert server.ticket.address.startswith(("tcp://127.0.0.1:", "tcp://[::1]:"))
+        with pytest.raises(AddressTaken):
+            SampleServer(run, host, int(server.ticket.address.rsplit(":", 1)[1]))
+        server.close()

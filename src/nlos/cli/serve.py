@@ -5,12 +5,15 @@ import threading
 import time
 from pathlib import Path
 from types import FrameType
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
+
+if TYPE_CHECKING:
+    from nlos.acquisition.network.server import SampleServer
 
 
 def serve(
@@ -22,16 +25,17 @@ def serve(
     idle_s: Annotated[float, typer.Option(metavar="S", help="Ends so long after scan and last question.")] = 60.0,
 ) -> None:
     """Writes RUN.ticket; `nlos reconstruct RUN.ticket --follow` on the other machine does the rest. Ctrl-C ends it."""
-    from nlos.acquisition.network.server import SampleServer
-    from nlos.acquisition.recording.recording import Recording, Status
+    from nlos.acquisition.network.address import listening_address
+    from nlos.acquisition.network.server import AddressTaken, SampleServer
 
-    if host in ("0.0.0.0", "::", "*"):
-        raise UsageError(f"--host {host}: name the one address by which the other machine reaches this one")
-    Recording.open(run).close()
     try:
-        server = SampleServer(run, host, port)
-    except OSError as error:
-        raise UsageError(f"--host {host} --port {port}: {error}") from error
+        address = listening_address(host)
+    except ValueError as error:
+        raise UsageError(f"--host {error}") from error
+    try:
+        server = SampleServer(run, address, port)
+    except AddressTaken as error:
+        raise UsageError(f"--host {host} --port {port}: {error}. Choose another --port.") from error
     stop = threading.Event()
 
     def ended(number: int, frame: FrameType | None) -> None:
@@ -39,27 +43,35 @@ def serve(
 
     previous = {number: signal.signal(number, ended) for number in (signal.SIGINT, signal.SIGTERM)}
     ticket = run.with_suffix(".ticket")
-    server.ticket.save(ticket)
-    terminal.result(f"{ticket}: {server.ticket.address}", ticket=str(ticket), address=server.ticket.address)
-    looked_s = asked_s = time.monotonic()
-    over, asked = False, 0
-
-    def go_on() -> bool:
-        nonlocal looked_s, asked_s, over, asked
-        now_s = time.monotonic()
-        if server.answers != asked:
-            asked, asked_s = server.answers, now_s
-        if not over and now_s - looked_s > 1.0:
-            looked_s = now_s
-            with Recording.open(run) as recording:
-                over = recording.status is not Status.RUNNING
-        return not (stop.is_set() or (over and now_s - asked_s > idle_s))
-
+    idle = _Idle(server, run, idle_s)
     try:
-        server.serve(go_on)
+        server.ticket.save(ticket)
+        terminal.result(f"{ticket}: {server.ticket.address}", ticket=str(ticket), address=server.ticket.address)
+        server.serve(lambda: not (stop.is_set() or idle()))
     finally:
         server.close()
-        ticket.unlink(missing_ok=True)
+        server.ticket.withdraw(ticket)
         for number, handler in previous.items():
             signal.signal(number, handler)
     terminal.log(f"{run}: {server.answers} questions answered")
+
+
+class _Idle:
+    """Whether scan and questions have been over for long enough. A scan that is resumed is under way again."""
+
+    def __init__(self, server: "SampleServer", run: Path, idle_s: float) -> None:
+        self._server, self._run, self._idle_s = server, run, idle_s
+        self._asked, self._since_s = 0, time.monotonic()
+        self._left = False
+
+    def __call__(self) -> bool:
+        server, now_s = self._server, time.monotonic()
+        if server.left and not self._left:
+            terminal.log(
+                f"{self._run}: nobody writes it any more although it says that its scan is running. What is there is "
+                f"served for {self._idle_s:g} s after the last question; `nlos scan ... --resume` takes the rest."
+            )
+        self._left = server.left
+        if server.answers != self._asked or not server.over:
+            self._asked, self._since_s = server.answers, now_s
+        return now_s - self._since_s > self._idle_s

@@ -1,7 +1,6 @@
 """`reconstruct --follow`: results in a folder, replaced as they sharpen while the scan is being written."""
 
 import tempfile
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -99,25 +98,9 @@ def local_copy(run: Path, folder: Path) -> Iterator[Path]:
     if run.suffix != ".ticket":
         yield run
         return
-    from nlos.acquisition.network.mirror import mirror
-    from nlos.acquisition.network.ticket import Ticket
+    from nlos.acquisition.network.far_copy import FarCopy
 
     local = folder / run.with_suffix(".h5").name
-    ticket = Ticket.load(run)
-    failed: list[Exception] = []
-
-    def copy() -> None:
-        from nlos.acquisition.errors import InvalidData, StorageError
-
-        try:
-            mirror(ticket, local)
-        except (InvalidData, StorageError, TimeoutError) as error:
-            failed.append(error)
-            terminal.log(f"{run}: {error}", -1)
-
-    thread = threading.Thread(target=copy, daemon=True)
-    thread.start()
-    yield local
-    thread.join(5.0)
-    if failed:
-        raise failed[0]
+    with FarCopy(run, local) as copy:
+        yield local
+        copy.check()
