@@ -90,10 +90,10 @@ OPTOTUNE = (
     FaultRow("B4", "over-temperature, current limit, sensor lost",
              "`DeviceFault`, shutter closed; acknowledged by a person only",
              _ALL, "`bit`, `latched_only`"),
-    FaultRow("B5", "stuck in Pro mode, a truncated or refused frame",
+    FaultRow("B5", "stuck in Pro mode, a truncated, damaged or refused frame",
              "nothing where Simple mode comes back and the frame is whole the second time, else `ProtocolError`; "
              "`CommandRejected` for a refused one",
-             _SAME, "`place`: `stuck`, `truncated`, `refused`"),
+             _SAME, "`place`: `stuck`, `truncated`, `damaged`, `refused`"),
     FaultRow("B6", "it points elsewhere than commanded",
              "a warning with both positions; `DeviceFault` above the hard limit",
              _SAME, "`off`"),

@@ -1,7 +1,8 @@
 """Words and frames of the Optotune MR-E-2 and MR-E-3: pure functions, in both directions.
 
-Simple mode speaks lines of text; Pro mode binary frames `7E | addr | command | length | payload | CRC (0 0) | 7E`. The
-facts are from the operation manuals and the vendor's SDK; none was verified on a device.
+Simple mode speaks lines of text, Pro mode frames `7E | addr | command | length | payload | CRC | 7E`. The CRC of a
+request after GOPRO is 0 0; that of a reply is always a real one. The facts are from the operation manuals and the
+vendor's SDK; none was verified on a device.
 """
 
 import math
@@ -14,14 +15,15 @@ from nlos.drivers.galvo.mirror import MirrorAngles
 FULL_SCALE = math.tan(math.radians(50.0))
 """Tangent of the optical angle that coordinate 1 stands for: 25 degrees mechanical."""
 
-GET_VALUE = 0x11
-SET_COMM_MODE = 0x06
+SET_COMM_MODE, GET_VALUE, GET_MULTIPLE = 0x06, 0x11, 0x13
 REFUSED = 0x80
-MEASURED_X, MEASURED_Y, BOARD_FAULTS = 0x3B00, 0x3B01, 0x1007
+BOARD_FAULTS = 0x1007
+MEASURED_XY = {"MR-E-2": (0x2302, 0x2303), "MR-E-3": (0x3B00, 0x3B01)}
+"""Registers of the position that the mirror's own sensor sees, by controller."""
 
 _FLAG, _ESCAPE, _FLIP = 0x7E, 0x7D, 0x20
 _STATUS = re.compile(rb"(?:0x)?([0-9A-Fa-f]{8})")
-_MODEL = re.compile(rb"MR-?E-?[23]")
+_MODEL = re.compile(rb"MR-?E-?([23])")
 
 
 class Status(IntFlag):
@@ -72,17 +74,42 @@ def decode_status(line: bytes) -> Status | None:
     return Status(int(match[1], 16)) if match else None
 
 
-def names_model(text: bytes) -> bool:
-    """Whether `text` holds the name of a controller that this driver knows."""
-    return _MODEL.search(text) is not None
+def names_model(text: bytes) -> str:
+    """The controller that `text` names, "MR-E-2" or "MR-E-3"; empty for none that this driver knows."""
+    match = _MODEL.search(text)
+    return f"MR-E-{match[1].decode()}" if match else ""
 
 
-def encode_frame(command: int, payload: bytes = b"") -> bytes:
-    """A Pro-mode frame without checksum, as after GOPRO."""
+def crc_16(data: bytes) -> int:
+    """CRC-16/ARC: polynomial 0x8005 reflected, from 0."""
+    crc = 0
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0xA001 if crc & 1 else 0)
+    return crc
+
+
+def encode_frame(command: int, payload: bytes = b"", crc: bool = False) -> bytes:
+    """A Pro-mode frame; without a CRC as the host sends it after GOPRO, with one as the controller answers."""
+    content = bytes((0, command, len(payload))) + payload
     stuffed = bytearray()
-    for byte in bytes((0, command, len(payload))) + payload + b"\0\0":
+    for byte in content + (crc_16(content) if crc else 0).to_bytes(2, "little"):
         stuffed += bytes((_ESCAPE, byte ^ _FLIP)) if byte in (_FLAG, _ESCAPE) else bytes((byte,))
     return bytes((_FLAG, *stuffed, _FLAG))
+
+
+def to_simple() -> bytes:
+    """The frame that ends Pro mode: SET_COMM_MODE 0, a two-byte value."""
+    return encode_frame(SET_COMM_MODE, b"\0\0")
+
+
+def get_registers(*registers: int) -> bytes:
+    """The frame that asks for one register, or for several at once."""
+    ids = struct.pack(f">{len(registers)}H", *registers)
+    if len(registers) == 1:
+        return encode_frame(GET_VALUE, ids)
+    return encode_frame(GET_MULTIPLE, struct.pack(">H", len(registers)) + ids)
 
 
 def take_frame(buffer: bytearray) -> bytes | None:
@@ -100,7 +127,7 @@ def take_frame(buffer: bytearray) -> bytes | None:
 
 
 def decode_frame(frame: bytes) -> tuple[int, bytes]:
-    """(command, payload) of a complete frame. Raises `ValueError`."""
+    """(command, payload) of a complete reply. Raises `ValueError` where it is cut, or its CRC is another one."""
     content = bytearray()
     escaped = False
     for byte in frame[1:-1]:
@@ -109,20 +136,18 @@ def decode_frame(frame: bytes) -> tuple[int, bytes]:
             continue
         content.append(byte ^ _FLIP if escaped else byte)
         escaped = False
-    if escaped or len(content) < 5 or content[0] != 0 or content[2] != len(content) - 5 or any(content[-2:]):
+    if escaped or len(content) < 5 or content[0] != 0 or content[2] != len(content) - 5:
         raise ValueError(f"{frame[:40]!r} is cut or damaged")
+    if crc_16(bytes(content[:-2])) != int.from_bytes(content[-2:], "little"):
+        raise ValueError(f"{frame[:40]!r} is damaged: its CRC is {bytes(content[-2:]).hex()}")
     return content[1], bytes(content[3:-2])
 
 
-def encode_registers(*registers: int) -> bytes:
-    return struct.pack(f">{len(registers)}H", *registers)
-
-
 def decode_position(payload: bytes) -> tuple[float, float]:
-    """Two measured coordinates. Raises `ValueError` where they are none."""
-    if len(payload) != 8:
-        raise ValueError(f"{len(payload)} bytes instead of two measured coordinates")
-    x, y = struct.unpack(">2f", payload)
+    """Two measured coordinates, behind the count that the reply repeats. Raises `ValueError` where they are none."""
+    if len(payload) != 10 or payload[:2] != b"\0\2":
+        raise ValueError(f"{payload[:20].hex(' ')} are not two measured coordinates")
+    x, y = struct.unpack(">2f", payload[2:])
     if not (math.isfinite(x) and math.isfinite(y) and math.hypot(x, y) <= 1.2):
         raise ValueError(f"measured coordinates {x:g}, {y:g} are off the unit disc")
     return x, y

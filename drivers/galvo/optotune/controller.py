@@ -1,9 +1,8 @@
 """Talking to an Optotune MR-E-2 or MR-E-3: text in Simple mode, binary read-back in Pro mode, and back."""
 
 import contextlib
-import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Self
 
 from nlos.drivers.clock import Clock
@@ -16,15 +15,15 @@ from nlos.drivers.link.serial_line import SerialLine, WireLog
 DEVICE = "optotune"
 REOPEN = "Close the shutter, check the controller, then open the bench again."
 
-_MEASURED_NOISE = 1e-3  # on the unit disc; repeatability is 40 urad, a fiftieth of this
-
 
 class Controller:
     """Every command is answered, so that replies are counted against commands; which command a reply answers it does
     not say. Raises `DeviceTimeout`, `ProtocolError`, `DeviceReset`, `DeviceLost`, `CommandRejected`."""
 
-    def __init__(self, line: SerialLine) -> None:
+    def __init__(self, line: SerialLine, model: str) -> None:
         self._line = line
+        self.model = model
+        """"MR-E-2" or "MR-E-3"."""
 
     @classmethod
     def open(cls, port: str, clock: Clock, *, timeout_s: float, wire_log: WireLog | None = None) -> Self:
@@ -37,12 +36,12 @@ class Controller:
         )
         try:
             line.drain()
-            _to_simple_mode(line)
+            model = _to_simple_mode(line)
             line.in_step = True
         except BaseException:
             line.close()
             raise
-        return cls(line)
+        return cls(line, model)
 
     def identity(self) -> DeviceIdentity:
         """Who answers. Asked twice: nothing in a reply says which command it answers, or that it is undamaged."""
@@ -84,21 +83,16 @@ class Controller:
             raise _wrong(b"ACKNOWLEDGE", reply)
 
     def measured_position(self) -> tuple[float, float]:
-        """Where the controller's own sensor sees the mirror, on the unit disc. Read twice: frames have no checksum."""
-        payloads = self._read(wire.MEASURED_X, wire.MEASURED_Y, times=2)
+        """Where the controller's own sensor sees the mirror, on the unit disc."""
+        payload = self._read(*wire.MEASURED_XY[self.model])
         try:
-            (first_x, first_y), (x, y) = (wire.decode_position(payload) for payload in payloads)
+            return wire.decode_position(payload)
         except ValueError as error:
             raise ProtocolError(DEVICE, f"{error}.", REOPEN) from error
-        if math.hypot(x - first_x, y - first_y) > _MEASURED_NOISE:
-            raise ProtocolError(
-                DEVICE, f"two measurements disagree: {first_x:g}, {first_y:g} and {x:g}, {y:g}.", REOPEN
-            )
-        return x, y
 
     def board_faults(self) -> int:
         """The board's fault register."""
-        (payload,) = self._read(wire.BOARD_FAULTS)
+        payload = self._read(wire.BOARD_FAULTS)
         if len(payload) != 4:
             raise ProtocolError(DEVICE, f"{payload!r} is no 32-bit register.", REOPEN)
         return int.from_bytes(payload, "big")
@@ -122,16 +116,16 @@ class Controller:
     def close(self) -> None:
         self._line.close()
 
-    def _read(self, *registers: int, times: int = 1) -> list[bytes]:
+    def _read(self, *registers: int) -> bytes:
         """The registers' bytes. After a damaged frame they are asked for once more: reading changes nothing."""
         try:
-            return self._read_once(registers, times)
+            return self._read_once(*registers)
         except _FrameDamaged:
-            return self._read_once(registers, times)
+            return self._read_once(*registers)
 
-    def _read_once(self, registers: Sequence[int], times: int) -> list[bytes]:
+    def _read_once(self, *registers: int) -> bytes:
         with self._pro_mode():
-            return [self._ask(wire.GET_VALUE, wire.encode_registers(*registers)) for _ in range(times)]
+            return self._ask(wire.get_registers(*registers))
 
     @contextlib.contextmanager
     def _pro_mode(self) -> Iterator[None]:
@@ -141,13 +135,14 @@ class Controller:
             raise _wrong(b"GOPRO", reply)
         try:
             yield
-            self._ask(wire.SET_COMM_MODE, b"\0")
+            self._ask(wire.to_simple())
         finally:
             self._line.in_step = False  # the next text command first proves that Simple mode is back
         self._line.resynchronise()
 
-    def _ask(self, command: int, payload: bytes) -> bytes:
-        came = False
+    def _ask(self, request: bytes) -> bytes:
+        """The payload of the reply to a request, whose command stands in its third byte."""
+        command, came = request[2], False
 
         def take(buffer: bytearray) -> bytes | None:
             nonlocal came
@@ -155,7 +150,7 @@ class Controller:
             return wire.take_frame(buffer)
 
         try:
-            frame = self._line.exchange(wire.encode_frame(command, payload), take=take)
+            frame = self._line.exchange(request, take=take)
             answered, answer = wire.decode_frame(frame)
         except ValueError as error:
             raise _FrameDamaged(DEVICE, f"{error}.", REOPEN) from error
@@ -184,8 +179,9 @@ def _prove(line: SerialLine, stale: bytes) -> None:
         raise ProtocolError(DEVICE, f"it answered a command that nobody sent: {stale[:60]!r}.", REOPEN)
 
 
-def _to_simple_mode(line: SerialLine) -> None:
-    """Simple mode, and no reply outstanding: only GETID is answered by the model, and replies keep their order.
+def _to_simple_mode(line: SerialLine) -> str:
+    """Simple mode, and no reply outstanding: only GETID is answered by the model, and replies keep their order. Returns
+    the model.
 
     The first START after Pro mode or after garbage may be refused; one that nothing answers went to Pro mode.
     """
@@ -196,8 +192,8 @@ def _to_simple_mode(line: SerialLine) -> None:
                 line.transact(b"START\r\n", line.timeout_s / 4)
             said = line.transact(b"GETID\r\n", line.timeout_s / 4)
             if not wire.names_model(said):
-                line.receive(wire.names_model, line.timeout_s / 4)
-            return
+                said, _ = line.receive(lambda reply: bool(wire.names_model(reply)), line.timeout_s / 4)
+            return wire.names_model(said)
         except (DeviceTimeout, ProtocolError):
             if attempt == 2 and said not in (b"", b"OK", b"NO"):
                 raise WrongDevice(
@@ -205,8 +201,9 @@ def _to_simple_mode(line: SerialLine) -> None:
                 ) from None
             if attempt == 2:
                 raise
-        line.write(wire.encode_frame(wire.SET_COMM_MODE, b"\0"))
+        line.write(wire.to_simple())
         line.drain()
+    raise AssertionError("the third attempt returns or raises")
 
 
 def _wrong(command: bytes, reply: bytes) -> ProtocolError:

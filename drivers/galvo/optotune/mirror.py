@@ -18,6 +18,7 @@ from nlos.drivers.errors import (
     LimitError,
     ProtocolError,
     SettleTimeout,
+    WrongDevice,
 )
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.galvo.optotune import commands as wire
@@ -34,12 +35,14 @@ _PARKINGS = 6  # replies that are seconds late come within so many attempts
 class OptotuneSettings(Settings):
     """The mirror block of a bench file.
 
-    `settle` is for planning only, and not from a data sheet: measure it. `readback`: after every move the measured
-    position is compared with the commanded one; it costs about 60 ms a move.
+    `controller`: the one that it must be, or "auto" for whichever of the two answers. `settle` is for planning only,
+    and not from a data sheet: measure it. `readback`: after every move the measured position is compared with the
+    commanded one; it costs about 60 ms a move.
     """
 
     model: Literal["optotune"]
     port: str
+    controller: Literal["auto", "MR-E-2", "MR-E-3"] = "auto"
     max_mechanical_deg: float = Field(default=25.0, gt=0, le=25)
     settle: SettleModel = SettleModel(
         table=(
@@ -82,6 +85,12 @@ class Optotune:
         """
         controller = Controller.open(settings.port, clock, timeout_s=settings.timeout_s, wire_log=wire_log)
         try:
+            if settings.controller not in ("auto", controller.model):
+                raise WrongDevice(
+                    DEVICE,
+                    f"it is an {controller.model}; the bench file names an {settings.controller}.",
+                    "Correct `controller` in the bench file.",
+                )
             mirror = cls(settings, clock, controller, controller.identity())
             mirror._set_up()
         except BaseException:

@@ -1,22 +1,22 @@
-"""An Optotune MR-E-3 controller with its mirror, in Simple and in Pro mode, as its manual describes it.
+"""An Optotune MR-E-2 or MR-E-3 controller with its mirror, in Simple and in Pro mode, as its manuals and SDK have it.
 
 Written independently of the driver: its own framing, its own register file, its own geometry.
 """
 
 import math
 import re
-import struct
 
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.galvo.optotune.mirror import OptotuneSettings
 from nlos.drivers.galvo.settle import SettleModel
 from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.optotune import pro_mode
 
 _UNIT = math.tan(math.radians(50.0))
 _POSITION = re.compile(rb"(X|Y|XY)=(-?\d+(?:\.\d+)?)(?:;(-?\d+(?:\.\d+)?))?")
+_MODEL = {"auto": b"MR-E-3", "MR-E-2": b"MR-E-2", "MR-E-3": b"MR-E-3"}
 _LATCHED = {0: 8, 1: 9, 2: 10, 5: 11, 6: 12, 7: 13}
 _DATA = {
-    b"GETID": b"MR-E-3",
     b"GETVERSION": b"1.4.2",
     b"GETSN": b"SIM00001",
     b"GETDEVICESN": b"SIM-MIRROR-1",
@@ -34,7 +34,7 @@ class OptotuneFirmware:
         *,
         settle: SettleModel | None = None,
         settle_scale: float = 0.9,
-        pro_mode: bool = False,
+        left_in_pro_mode: bool = False,
         model: bytes = b"MR-E-3",
     ) -> None:
         self._bench = bench
@@ -42,12 +42,12 @@ class OptotuneFirmware:
         self._settle_scale = settle_scale
         self._model = model
         self._power_up()
-        self._pro = pro_mode
+        self._pro = left_in_pro_mode
 
     @classmethod
     def matching(cls, bench: SimulatedBench, settings: OptotuneSettings) -> "OptotuneFirmware":
         """The controller and mirror that these settings describe."""
-        return cls(bench, settle=settings.settle)
+        return cls(bench, settle=settings.settle, model=_MODEL[settings.controller])
 
     def opened(self) -> bytes:
         if self._fault("B5", "stuck"):
@@ -71,7 +71,7 @@ class OptotuneFirmware:
 
     def _power_up(self) -> None:
         self._pending = b""
-        self._pro = False
+        self._pro = self._demands_crc = False
         self._puzzled = False  # after Pro mode or garbage the first START is refused
         self._x = self._y = self._off = 0.0
         self._stable_at_s = 0.0
@@ -103,8 +103,8 @@ class OptotuneFirmware:
         if line == b"ACKNOWLEDGE":
             self._latched = self._stuck
             return b"OK"
-        if line == b"GOPRO":
-            self._pro = True
+        if line in (b"GOPRO", b"GOPROCRC"):
+            self._pro, self._demands_crc = True, line == b"GOPROCRC"
             return b"OK"
         if line == b"RESET":
             self._power_up()
@@ -167,37 +167,34 @@ class OptotuneFirmware:
         return self._latched | self._stuck | moving << 4
 
     def _take_frame(self) -> bytes:
-        start = self._pending.find(b"~")
-        end = self._pending.find(b"~", start + 1)
-        if start < 0 or end < 0:
-            return b""
-        content = re.sub(
-            rb"}(.)", lambda match: bytes((match[1][0] ^ 0x20,)), self._pending[start + 1 : end], flags=re.S
-        )
-        self._pending = self._pending[end + 1 :]
-        if len(content) < 5 or len(content) != content[2] + 5:
-            return b""
-        command, payload = content[1], content[3:-2]
-        known = command in (0x06, 0x11) and (command == 0x06 or len(payload) % 2 == 0)
-        if not known or self._fault("B5", "refused") is not None:
-            return _frame(command | 0x80, b"\x01")
-        answer = _frame(command, self._answer(command, payload))
-        return answer[:-3] if self._fault("B5", "truncated") is not None else answer
+        frame, self._pending = pro_mode.cut_frame(self._pending)
+        request = pro_mode.unpack(frame, self._demands_crc) if frame else None
+        if request is None:
+            return b""  # what is no frame is not answered
+        command, payload = request
+        answer = self._carry_out(command, payload)
+        if answer is None or self._fault("B5", "refused") is not None:
+            return pro_mode.pack(command | 0x80, b"\x01")
+        reply = pro_mode.pack(command, answer)
+        if self._fault("B5", "damaged") is not None:
+            reply = reply[:4] + bytes((reply[4] ^ 0x01,)) + reply[5:]
+        return reply[:-3] if self._fault("B5", "truncated") is not None else reply
 
-    def _answer(self, command: int, payload: bytes) -> bytes:
-        if command == 0x06:
-            self._pro, self._puzzled = payload != b"\0", True
+    def _carry_out(self, command: int, payload: bytes) -> bytes | None:
+        """The payload of the reply, None where the request is refused."""
+        if command == pro_mode.SET_COMM_MODE and payload == b"\0\0":
+            self._pro, self._puzzled = False, True
             return b""
-        values = b""
-        for (register,) in struct.iter_unpack(">H", payload):
-            if register in (0x3B00, 0x3B01):
-                value = self._x if register == 0x3B00 else self._y
-                values += struct.pack(">f", value + self._off)
-            else:
-                values += struct.pack(">I", 0x20 if register == 0x1007 and self._never_stable else 0)
-        return values
+        return pro_mode.read(command, payload, self._registers())
 
-
-def _frame(command: int, payload: bytes) -> bytes:
-    content = bytes((0, command, len(payload))) + payload + b"\0\0"
-    return b"~" + re.sub(rb"[}~]", lambda match: bytes((0x7D, match[0][0] ^ 0x20)), content) + b"~"
+    def _registers(self) -> dict[int, float | int]:
+        """What can be read: the static input's current and coordinates, the board's faults, the measured position."""
+        x_register, y_register = {b"MR-E-2": (0x2302, 0x2303)}.get(self._model, (0x3B00, 0x3B01))
+        return {
+            0x1007: 0x20 if self._never_stable else 0,
+            0x5001: 0.0,
+            0x5002: self._x,
+            0x5102: self._y,
+            x_register: self._x + self._off,
+            y_register: self._y + self._off,
+        }

@@ -24,6 +24,7 @@ from nlos.drivers.galvo.optotune import commands as wire
 from nlos.drivers.galvo.optotune.mirror import Optotune, OptotuneSettings
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.optotune import pro_mode
 from nlos.drivers.simulated.optotune.firmware import OptotuneFirmware
 from nlos.drivers.simulated.serial.port import plug, plugged, unplug
 
@@ -41,7 +42,7 @@ def lab(dark_bench: Callable[..., SimulatedBench]) -> Lab:
     ) -> tuple[SimulatedBench, Optotune]:
         bench = dark_bench(*faults)
         unplug("steered")
-        url = plug("steered", OptotuneFirmware(bench, pro_mode=pro_mode, model=model), bench, 0.001)
+        url = plug("steered", OptotuneFirmware(bench, left_in_pro_mode=pro_mode, model=model), bench, 0.001)
         plugged("steered").mangle = chop
         mirror = Optotune.open(OptotuneSettings(model="optotune", port=url, **settings), bench.clock)
         bench.clock.advance_to(AFTER_OPENING_S)
@@ -64,7 +65,10 @@ def test_replies_in_pieces_change_nothing(lab: Lab, chopped: Callable[..., objec
 
 
 def test_a_written_dialogue(dark_bench: Callable[..., SimulatedBench], transcript: Callable[..., object]) -> None:
-    centre = wire.encode_registers(0x3B00, 0x3B01)
+    ask_centre, centre = (
+        b"~\0\x13\x06\0\x02\x23\x02\x23\x03\0\0~",
+        wire.encode_frame(0x13, b"\0\2" + bytes(8), crc=True),
+    )
     opening = [
         (b"START\r\n", b"OK\r\n"),
         (b"GETID\r\n", b"MR-E-2\r\n"),
@@ -75,8 +79,8 @@ def test_a_written_dialogue(dark_bench: Callable[..., SimulatedBench], transcrip
         (b"STATUS\r\n", b"00000000\r\n"),
         (b"STATUS\r\n", b"00000000\r\n"),
         (b"GOPRO\r\n", b"OK\r\n"),
-        *2 * [(wire.encode_frame(0x11, centre), wire.encode_frame(0x11, bytes(8)))],
-        (b"~\0\x06\x01\0\0\0~", b"~\0\x06\0\0\0~"),
+        (ask_centre, centre),
+        (b"~\0\x06\x02\0\0\0\0~", wire.encode_frame(0x06, crc=True)),
         (b"START\r\n", b"NO\r\n"),
         (b"START\r\n", b"OK\r\n"),
         (b"GETID\r\n", b"MR-E-2\r\n"),
@@ -90,22 +94,134 @@ def test_a_written_dialogue(dark_bench: Callable[..., SimulatedBench], transcrip
     assert (mirror.identity.serial, mirror.identity.firmware) == ("ABC", "1.0")
 
 
+PUBLISHED = {  # frames as the vendor's SDK makes and reads them
+    "one register asked for": (wire.get_registers(0x5001), "7E 00 11 02 50 01 00 00 7E"),
+    "its reply, 0.0": (wire.encode_frame(wire.GET_VALUE, bytes(4), crc=True), "7E 00 11 04 00 00 00 00 F2 81 7E"),
+    "two registers asked for": (wire.get_registers(0x3B00, 0x3B01), "7E 00 13 06 00 02 3B 00 3B 01 00 00 7E"),
+    "back to Simple mode": (wire.to_simple(), "7E 00 06 02 00 00 00 00 7E"),
+}
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_frames_are_the_published_ones(name: str) -> None:
+    frame, published = PUBLISHED[name]
+    assert frame == bytes.fromhex(published)
+
+
+def test_the_published_reply_is_read_and_no_other_checksum_is() -> None:
+    reply = bytes.fromhex(PUBLISHED["its reply, 0.0"][1])
+    assert wire.decode_frame(reply) == (wire.GET_VALUE, bytes(4))
+    with pytest.raises(ValueError, match="its CRC is 0000"):
+        wire.decode_frame(bytes.fromhex("7E 00 11 04 00 00 00 00 00 00 7E"))
+
+
+def test_the_checksum_is_crc_16_arc() -> None:
+    assert wire.crc_16(b"123456789") == 0xBB3D  # the check value of every catalogue of CRCs
+    assert pro_mode.checksum(b"123456789") == b"\x3d\xbb"
+
+
+@pytest.mark.parametrize("name", [name for name in PUBLISHED if name != "its reply, 0.0"])
+def test_the_simulated_controller_answers_the_published_requests(
+    dark_bench: Callable[..., SimulatedBench], name: str
+) -> None:
+    firmware = OptotuneFirmware(dark_bench())
+    assert firmware.receive(b"START\r\nGOPRO\r\n", 0.0) == b"OK\r\nOK\r\n"
+    answer = firmware.receive(bytes.fromhex(PUBLISHED[name][1]), 0.0)
+    expected = {
+        "one register asked for": PUBLISHED["its reply, 0.0"][0],
+        "two registers asked for": wire.encode_frame(0x13, b"\0\2" + bytes(8), crc=True),
+        "back to Simple mode": wire.encode_frame(0x06, crc=True),
+    }
+    assert answer == expected[name]
+    simple = firmware.receive(b"START\r\n", 0.0)
+    assert simple == (b"NO\r\n" if name == "back to Simple mode" else b"")  # Pro mode knows no lines
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        "7E 00 06 01 00 00 00 7E",  # one byte is no comm mode
+        "7E 00 11 04 3B 00 3B 01 00 00 7E",  # GET_VALUE takes one register
+        "7E 00 13 06 00 03 3B 00 3B 01 00 00 7E",  # another count
+        "7E 00 11 02 23 02 00 00 7E",  # a register of the MR-E-2
+    ],
+)
+def test_the_simulated_controller_refuses_what_the_vendors_would(
+    dark_bench: Callable[..., SimulatedBench], request_: str
+) -> None:
+    firmware = OptotuneFirmware(dark_bench())
+    firmware.receive(b"GOPRO\r\n", 0.0)
+    request = bytes.fromhex(request_)
+    command, _ = wire.decode_frame(firmware.receive(request, 0.0))
+    assert command == request[2] | wire.REFUSED
+
+
+def test_after_goprocrc_a_request_without_checksum_is_not_answered(dark_bench: Callable[..., SimulatedBench]) -> None:
+    firmware = OptotuneFirmware(dark_bench())
+    firmware.receive(b"GOPROCRC\r\n", 0.0)
+    assert firmware.receive(wire.get_registers(0x5001), 0.0) == b""
+    asked = wire.encode_frame(wire.GET_VALUE, b"\x50\x01", crc=True)
+    assert firmware.receive(asked, 0.0) == PUBLISHED["its reply, 0.0"][0]
+
+
+@pytest.mark.parametrize("controller", ["MR-E-2", "MR-E-3"])
+def test_either_controller_is_opened_moved_and_read_back(lab: Lab, controller: str) -> None:
+    bench, mirror = lab(model=controller.encode(), controller=controller, readback=True)
+    assert mirror.identity.product == controller
+    for angles in (ASIDE, MirrorAngles(-0.3, 0.2), MirrorAngles(0.0, 0.0)):
+        mirror.move_to(angles)
+        assert bench.beam.x_rad == pytest.approx(angles.x_rad, abs=1e-5)
+        measured = mirror.measured()
+        assert (measured.x_rad, measured.y_rad) == pytest.approx((angles.x_rad, angles.y_rad), abs=1e-5)
+    assert not mirror.warnings
+
+
+@pytest.mark.parametrize("controller", ["MR-E-2", "MR-E-3"])
+def test_another_controller_than_the_bench_file_names_is_refused(lab: Lab, controller: str) -> None:
+    other = b"MR-E-3" if controller == "MR-E-2" else b"MR-E-2"
+    with pytest.raises(WrongDevice, match=f"names an {controller}"):
+        lab(model=other, controller=controller)
+    assert not plugged("steered").held
+
+
+@pytest.mark.parametrize("controller", ["auto", "MR-E-2", "MR-E-3"])
+def test_the_simulated_controller_is_the_one_that_the_bench_file_names(
+    dark_bench: Callable[..., SimulatedBench], controller: str
+) -> None:
+    bench = dark_bench()
+    settings = OptotuneSettings(model="optotune", port="sim://named", controller=controller)
+    unplug("named")
+    plug("named", OptotuneFirmware.matching(bench, settings), bench)
+    mirror = Optotune.open(settings, bench.clock)
+    assert mirror.identity.product == ("MR-E-3" if controller == "auto" else controller)
+
+
 @given(st.binary(max_size=200))
 def test_frames_come_back_whatever_they_hold(payload: bytes) -> None:
-    frame = wire.encode_frame(0x11, payload)
+    frame = wire.encode_frame(0x11, payload, crc=True)
     assert frame.count(b"~") == 2
     buffer = bytearray(frame + b"rest")
     taken = wire.take_frame(buffer)
     assert taken == frame
     assert wire.decode_frame(taken) == (0x11, payload)
     assert buffer == b"rest"
+    assert pro_mode.pack(0x11, payload) == frame
+
+
+@given(st.binary(max_size=40), st.data())
+def test_a_changed_bit_in_a_frame_is_never_read(payload: bytes, data: st.DataObject) -> None:
+    frame = bytearray(wire.encode_frame(0x11, payload, crc=True))
+    at = data.draw(st.integers(1, len(frame) - 2))
+    frame[at] ^= 1 << data.draw(st.integers(0, 7))
+    with pytest.raises(ValueError, match="damaged"):
+        wire.decode_frame(bytes(frame))
 
 
 @given(st.binary(max_size=40), st.data())
 def test_a_frame_that_lost_its_tail_is_never_read(payload: bytes, data: st.DataObject) -> None:
-    frame = wire.encode_frame(0x11, payload)
+    frame = wire.encode_frame(0x11, payload, crc=True)
     cut = data.draw(st.integers(1, len(frame) - 2))
-    with pytest.raises(ValueError, match="cut or damaged"):
+    with pytest.raises(ValueError, match="damaged"):
         wire.decode_frame(frame[:cut] + b"~")
 
 
@@ -250,15 +366,18 @@ def test_a_fault_found_on_opening_forbids_moves_and_can_be_acknowledged(lab: Lab
     Optotune.open(settings, bench.clock).move_to(ASIDE)
 
 
-def test_a_frame_that_is_cut_short_is_asked_for_again(lab: Lab) -> None:
-    bench, mirror = lab(later("B5", place="truncated"))
+@pytest.mark.parametrize("place", ["truncated", "damaged"])
+def test_a_frame_that_is_cut_short_or_damaged_is_asked_for_again(lab: Lab, place: str) -> None:
+    bench, mirror = lab(later("B5", place=place))
     mirror.move_to(ASIDE)
     assert mirror.measured().x_rad == pytest.approx(ASIDE.x_rad, abs=1e-5)
     mirror.park()
     assert abs(bench.beam.x_rad) < 1e-6
 
 
-@pytest.mark.parametrize(("place", "error"), [("refused", CommandRejected), ("truncated", ProtocolError)])
+@pytest.mark.parametrize(
+    ("place", "error"), [("refused", CommandRejected), ("truncated", ProtocolError), ("damaged", ProtocolError)]
+)
 def test_a_refused_or_twice_damaged_frame_fails_loudly_and_simple_mode_comes_back(
     lab: Lab, place: str, error: type[DeviceError]
 ) -> None:
