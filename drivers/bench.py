@@ -53,6 +53,13 @@ class Bench:
         self.clock = clock
         self.simulated = simulated
         self._events = events
+        self.while_waiting: Callable[[], None] = lambda: None
+        """Called every 10 ms while points are waited for; what it raises ends the wait."""
+        counter.meanwhile(self._look)
+
+    def _look(self) -> None:
+        self.mirror.look()
+        self.while_waiting()
 
     @property
     def identities(self) -> tuple[DeviceIdentity, ...]:
@@ -115,7 +122,6 @@ def open_bench(
                 inner.close()
             # A mirror controller that drives the shutter closes it before it does anything else.
             mirror = closing.mirror = open_mirror(settings.mirror, clock, wire_log=wire_log)
-            counter.meanwhile(mirror.look)
             if settings.shutter.model == "triggerscope_ttl" and isinstance(mirror, TriggerScope):
                 inner = TtlShutter(mirror)
             shutter = closing.shutter = GuardedShutter(inner, counter, settings.safety, events)

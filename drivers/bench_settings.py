@@ -75,6 +75,8 @@ class SimulationSettings(Settings):
     usb_latency_ms: float = Field(default=0.25, ge=0, le=1000)
     usb_megabytes_per_s: float | None = Field(default=None, gt=0)
     faults: tuple[Fault, ...] = ()
+    witness: str | None = None
+    """A file to which the simulated table itself writes every change of shutter and beam, one line each."""
 
 
 class BenchSettings(Settings):

@@ -10,7 +10,7 @@ from nlos.drivers.clock import Clock
 from nlos.drivers.errors import DeviceError, SafetyTrip
 from nlos.drivers.events import EventLog
 from nlos.drivers.shutter import LaserShutter, ShutterState
-from nlos.drivers.tcspc.counter import Histogram, HistogramCounter
+from nlos.drivers.tcspc.counter import CountRates, Histogram, HistogramCounter
 
 _SHUTTER_MOVES_S = 0.1
 
@@ -50,6 +50,11 @@ class GuardedShutter:
     def has_watchdog(self) -> bool:
         """Whether the shutter closes by itself when this computer falls silent."""
         return self._shutter.on_counter and self._counter.has_watchdog and self._settings.watchdog_s > 0
+
+    @property
+    def may_be_open(self) -> bool:
+        """Whether it was told to open and is not confirmed closed since."""
+        return self._open
 
     def open(self) -> None:
         """Raises `SafetyTrip` after a trip, until `clear_trip`, and where the interlock is open. In a dry run nothing
@@ -117,6 +122,11 @@ class GuardedShutter:
         rate_cps = histogram.total_count / histogram.live_time_s
         if rate_cps > self._settings.trip_cps:
             self.trip(f"{rate_cps:.3g} counts/s, above {self._settings.trip_cps:.3g}")
+
+    def watch_rates(self, rates: CountRates) -> None:
+        """The same for the counter's rate meter, in the middle of a long dwell."""
+        if rates.detector_hz > self._settings.trip_cps:
+            self.trip(f"{rates.detector_hz:.3g} counts/s, above {self._settings.trip_cps:.3g}")
 
     def trip(self, why: str) -> None:
         """Closes the shutter and keeps it closed until `clear_trip`. Raises `SafetyTrip`."""

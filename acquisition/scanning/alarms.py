@@ -17,6 +17,7 @@ from nlos.acquisition.sample import Sample
 from nlos.configs.settings import Settings
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import SafetyTrip
+from nlos.drivers.tcspc.counter import CountRates
 
 CLEARS_AT = 0.5
 """Share of the distance to the limit at which an alarm clears again."""
@@ -130,6 +131,10 @@ class Alarms:
             trouble = self._disk()
         return trouble
 
+    def judge_rates(self, rates: CountRates) -> Trouble | None:
+        """Looks at the counter's rate meter in the middle of a long dwell."""
+        return self._sync(rates.sync_hz) or self._pile_up(rates.detector_hz)
+
     def _look(self, name: str, deviation: float, text: str) -> Trouble | None:
         action = {
             "sync": self._settings.on_sync,
@@ -152,6 +157,9 @@ class Alarms:
         if self._count_s < RATE_S:
             return None
         rate_hz, self._count, self._count_s = self._count / self._count_s, 0, 0.0
+        return self._pile_up(rate_hz)
+
+    def _pile_up(self, rate_hz: float) -> Trouble | None:
         limit_hz = self._settings.pile_up * self._repetition_hz
         text = f"{rate_hz:.4g} counts/s are more than {self._settings.pile_up:.0%} of the laser's pulses (pile-up)"
         return self._look("count rate", rate_hz / limit_hz, text)

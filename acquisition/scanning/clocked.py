@@ -14,12 +14,13 @@ import numpy.typing as npt
 
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.scanning.control import ScanControl
+from nlos.acquisition.scanning.light_watch import LightOff, LightWatch
 from nlos.drivers.bench import Bench
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.tcspc.counter import CounterStatus, Trigger
 
-BLOCK_S = 0.4
-"""How long a block of points lasts: how often the watchdog is kicked, samples appear and a pause is noticed."""
+BLOCK_S = 0.1
+"""How long a block of points lasts: how often the watchdog is kicked, samples are judged and a pause is noticed."""
 BLOCK_POINTS = 64
 """Read while the others are taken, so that little is left to read when the sequence ends."""
 GRACE_S = 2.0
@@ -102,10 +103,12 @@ def take(
     angles: Sequence[MirrorAngles],
     control: ScanControl,
     start_s: float,
+    watch: LightWatch,
     sequencer: Sequencer = stepping,
 ) -> Iterator[Sample]:
     """Takes as many of `points` as one sequence holds; the counter must be configured. Ends early once `control` wants
-    a pause or the markers disagree. The shutter is opened here and left to the caller to close."""
+    a pause, the markers disagree or `watch` has shut off the light. The shutter is opened here and left to the caller
+    to close."""
     mirror, counter, clock = bench.mirror, bench.counter, bench.clock
     most = min(mirror.max_sequence, counter.max_points)
     plan = sequencer(points, angles, mirror.settle_s, most, counter.list_mode)
@@ -122,37 +125,46 @@ def take(
     for first in range(0, entries, block):
         count = min(block, entries - first)
         span_s = sum(plan.dwells_s[first : first + count]) + count * plan.blanking_s
-        status = counter.wait_points(first + count, timeout_s=span_s + GRACE_S)
+        try:
+            status = counter.wait_points(first + count, timeout_s=span_s + GRACE_S)
+        except LightOff:
+            yield from held
+            return
         if control.wanted:
             return
-        if not _markers_agree(bench, status, entries):
+        if not _markers_agree(bench, status):
             bench.report(
                 "sample",
                 f"{status.markers} mirror steps for {status.points_done} of {entries} points from "
                 f"{points[0].number}: what is not confirmed is taken again",
             )
             return
-        histograms = counter.read(first, count)
-        if not counter.list_mode:
+        taken = [
+            Sample(points[plan.index[entry]], histogram, armed_s + histogram.gate_opened_s)
+            for entry, histogram in enumerate(counter.read(first, count), first)
+            if plan.index[entry] >= 0
+        ]
+        try:
+            watch.inspect(taken)
+        except LightOff:
+            yield from held
+            return
+        yield from held
+        held = taken
+        if span_s > BLOCK_S:  # long points do not wait for the next one to be confirmed
+            if not _markers_agree(bench, counter.wait_points(first + count, timeout_s=GRACE_S)):
+                return
             yield from held
             held = []
-        for entry, histogram in enumerate(histograms, first):
-            if plan.index[entry] >= 0:
-                held.append(Sample(points[plan.index[entry]], histogram, armed_s + histogram.gate_opened_s))
     mirror.stop()
     yield from held
 
 
-def _markers_agree(bench: Bench, status: CounterStatus, entries: int) -> bool:
-    """Whether the mirror made as many steps as points were begun. The two numbers are not read at the same instant, so
-    a step that came in between is looked at again; in list mode points lag behind markers, and only the end counts."""
+def _markers_agree(bench: Bench, status: CounterStatus) -> bool:
+    """Whether the mirror made as many steps as were due. The two numbers are not read at the same instant, so a step
+    that came in between is looked at again."""
     for _ in range(LOOKS):
-        if status.markers is None:
-            return True
-        over = not status.running or status.points_done >= entries
-        if bench.counter.list_mode and not over:
-            return status.markers >= status.points_done
-        if status.markers == (entries if over else status.points_done + 1):
+        if status.markers is None or status.markers == status.steps_due:
             return True
         status = bench.counter.wait_points(status.points_done, timeout_s=GRACE_S)
     return False

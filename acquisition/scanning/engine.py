@@ -17,6 +17,7 @@ from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.scanning import clocked, stepped
 from nlos.acquisition.scanning.alarms import Action, AlarmRaised, Alarms, Trouble
 from nlos.acquisition.scanning.control import ScanControl, ScanState
+from nlos.acquisition.scanning.light_watch import LightWatch
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import DeviceError, DeviceFault, DeviceTimeout, SafetyTrip
 from nlos.drivers.galvo.mirror import MirrorAngles
@@ -144,13 +145,22 @@ class _Run:
         """The samples of one armed batch, until it ends, a pause is wanted or a point has to be taken again."""
         points = [self._plan[number] for number in numbers]
         angles = [self._angles[number] for number in numbers]
-        source = self._take(self._bench, points, angles, self._control, self._start_s)
+        watch = LightWatch(self._bench, self._alarms, self._is_taken_again)
+        self._bench.while_waiting = watch.look
+        try:
+            source = self._take(self._bench, points, angles, self._control, self._start_s, watch)
+            yield from self._kept(source)
+        finally:
+            self._bench.while_waiting = lambda: None
+        if watch.trip is not None:
+            raise watch.trip
+        if watch.trouble is not None:
+            self._meet(watch.trouble, watch.number)
+
+    def _kept(self, source: Iterator[Sample]) -> Iterator[Sample]:
+        """Samples as they are confirmed, until one has to be taken again or nothing is left to gain."""
         for sample in self._until_interrupted(source):
             if self._is_spoilt(sample):
-                return
-            self._bench.shutter.watch(sample.histogram)
-            if self._alarms is not None and (trouble := self._alarms.judge(sample)) is not None:
-                self._meet(trouble, sample.point.number)
                 return
             counts = sample.histogram.counts
             self._photons[sample.point.number] = int(counts.sum()) if self._plan.revisit_below is not None else 0
@@ -192,14 +202,19 @@ class _Run:
                 "Check trigger and marker wires, or scan point by point.",
             )
 
+    def _is_taken_again(self, sample: Sample) -> bool:
+        """Whether the point is to be taken once more."""
+        spoilt = bool(sample.histogram.flags & SPOILT)
+        return spoilt and self._attempts.get(sample.point.number, 0) + 1 < ATTEMPTS
+
     def _is_spoilt(self, sample: Sample) -> bool:
-        """Whether the point has to be taken again; said in the event log either way."""
+        """The same, counted, and said in the event log either way."""
         flags = sample.histogram.flags & SPOILT
         if not flags:
             return False
         number = sample.point.number
+        again = self._is_taken_again(sample)
         attempt = self._attempts[number] = self._attempts.get(number, 0) + 1
-        again = attempt < ATTEMPTS
         verdict = "is taken again" if again else f"is kept so after {attempt} attempts"
         self._bench.report("sample", f"point {number} {verdict}: {flags.name}")
         return again

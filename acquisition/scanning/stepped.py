@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.scanning.control import ScanControl
+from nlos.acquisition.scanning.light_watch import LightOff, LightWatch
 from nlos.drivers.bench import Bench
 from nlos.drivers.galvo.mirror import MirrorAngles
 
@@ -14,10 +15,16 @@ GRACE_S = 2.0
 
 
 def take(
-    bench: Bench, points: Sequence[ScanPoint], angles: Sequence[MirrorAngles], control: ScanControl, start_s: float
+    bench: Bench,
+    points: Sequence[ScanPoint],
+    angles: Sequence[MirrorAngles],
+    control: ScanControl,
+    start_s: float,
+    watch: LightWatch,
 ) -> Iterator[Sample]:
     """Takes `points` in order; the counter must be configured and hold that many. Ends early, without the point under
-    way, once `control` wants a pause. The shutter is opened for the first point and left to the caller to close."""
+    way, once `control` wants a pause or `watch` has shut off the light. The shutter is opened for the first point and
+    left to the caller to close."""
     mirror, counter, clock = bench.mirror, bench.counter, bench.clock
     counter.arm([point.dwell_s for point in points], [point.number for point in points])
     mirror.move_to(angles[0])
@@ -26,14 +33,19 @@ def take(
         mirror.wait_settled()
         taken_s = clock.now() - start_s
         counter.trigger()
-        if not _dwelt(bench, point.dwell_s, control):
+        try:
+            if not _dwelt(bench, point.dwell_s, control):
+                return
+            counter.wait_points(index + 1, timeout_s=GRACE_S)
+            if control.wanted:
+                return
+            if index + 1 < len(points):
+                mirror.begin_move(angles[index + 1])
+            sample = Sample(point, counter.read(index, 1)[0], taken_s)
+            watch.inspect((sample,))
+        except LightOff:
             return
-        counter.wait_points(index + 1, timeout_s=GRACE_S)
-        if control.wanted:
-            return
-        if index + 1 < len(points):
-            mirror.begin_move(angles[index + 1])
-        yield Sample(point, counter.read(index, 1)[0], taken_s)
+        yield sample
 
 
 def _dwelt(bench: Bench, dwell_s: float, control: ScanControl) -> bool:

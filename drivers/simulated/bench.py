@@ -55,16 +55,20 @@ class SimulatedBench:
         self.faults = faults or FaultPlan()
         self.interlock_closed = True
         self._shutter_open = False
-        self._light = light
+        self.light = light
+        """What the detector sees; a test may change it in the middle of a scan."""
         self._x = Swing(0.0, 0.0, 0.0, 0.0)
         self._y = Swing(0.0, 0.0, 0.0, 0.0)
         self._wires: dict[str, list[Callable[[float], None]]] = {}
         self._going_on: list[Callable[[float], None]] = []
+        self.witness: Callable[[float, str], None] = lambda when_s, what: None
+        """Told of every change of shutter and beam as it happens on this bench, whoever caused it."""
 
     def steer(self, angles: MirrorAngles, when_s: float | None = None, settle_s: float = 0.0) -> None:
         """A mirror controller's output changed at `when_s` (now): the beam points there `settle_s` later, until
         then somewhere on its way."""
         start_s = self.clock.now() if when_s is None else when_s
+        self.witness(start_s, f"beam to {angles.x_rad:.6f} {angles.y_rad:.6f}")
         self._x = self._x.towards(angles.x_rad, start_s, settle_s)
         self._y = self._y.towards(angles.y_rad, start_s, settle_s)
 
@@ -87,6 +91,7 @@ class SimulatedBench:
         """The shutter's drive line changed. An open interlock loop keeps it closed."""
         self._catch_up()
         self._shutter_open = is_open and self.interlock_closed
+        self.witness(self.clock.now(), f"shutter {'open' if self._shutter_open else 'closed'}")
 
     def follow(self, catch_up: Callable[[float], None]) -> None:
         """An instrument that goes on by itself: `catch_up(now)` is called before the shutter changes, so that what was
@@ -108,4 +113,4 @@ class SimulatedBench:
 
     def expose(self, gate: Gate) -> Exposure:
         """What the detector counts in `gate`: beam where it is as the gate opens, shutter as it is now."""
-        return self._light(gate, self.beam_at(gate.opened_s), self._shutter_open)
+        return self.light(gate, self.beam_at(gate.opened_s), self._shutter_open)

@@ -1,8 +1,10 @@
 """The instruments that a simulated bench's file names, plugged into simulated cables around one bench."""
 
+import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from nlos.drivers.bench_settings import BenchSettings, SimulationSettings
@@ -43,11 +45,23 @@ def plug_in(settings: BenchSettings, scene: RecordedScan | None = None) -> Itera
     bench = SimulatedBench(light_of(settings, scene), faults=FaultPlan(simulation.faults))
     name = settings.mirror.port.removeprefix("sim://")
     firmware = FIRMWARES[settings.mirror.model](bench, settings.mirror)
-    plug(name, firmware, bench, simulation.serial_latency_ms * 1e-3)
-    try:
+    with ExitStack() as stack:
+        if simulation.witness is not None:
+            bench.witness = _written_to(Path(simulation.witness), stack)
+        plug(name, firmware, bench, simulation.serial_latency_ms * 1e-3)
+        stack.callback(unplug, name)
         yield PluggedIn(bench, _counter(settings, simulation, bench))
-    finally:
-        unplug(name)
+
+
+def _written_to(path: Path, stack: ExitStack) -> Callable[[float, str], None]:
+    """A line a change: a signal handler that shuts the light writes between lines, never within one."""
+    log = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    stack.callback(os.close, log)
+
+    def witness(when_s: float, what: str) -> None:
+        os.write(log, f"{when_s:.6f} {what}\n".encode())
+
+    return witness
 
 
 def _counter(

@@ -1,10 +1,12 @@
 """The inside of a counter in T3 mode: photons, wraps and marker edges become records as bench time passes.
 
 Light between two clock edges is drawn for the whole period from where the beam comes to rest, and replaced by that of
-the moving beam until then: what a dwell holds depends on its place and length alone, not on where the beam came from.
+the moving beam until then. It is drawn backwards from the period's end, where the dwell is: what a dwell holds depends
+on its place and length alone, not on where the beam came from, nor on how long it was given to come.
 """
 
 from collections import deque
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
@@ -18,6 +20,7 @@ _NEVER_S = float("inf")
 _CLOCK_UNIT_S = 100e-9
 _SLICE_S = 500e-6
 """While the mirror moves, light is taken from where the beam is at the start of each such slice."""
+_LAYER_S = 1e-3
 _FIFO_RECORDS = 2_000_000
 _SALT = 3
 
@@ -99,12 +102,27 @@ class T3Instrument:
             pulses.append(moving + self._pulse(settled_s))
             delays.append(delays_moving)
             settled_s += _SLICE_S
-        resting, delays_resting = self._photons(settled_s, until_s - start_s)
-        settled = resting >= self._pulse(settled_s) - self._pulse(start_s)
-        pulses.append(resting[settled] + self._pulse(start_s))
-        delays.append(delays_resting[settled])
+        for resting, delays_resting in self._resting(settled_s, start_s, until_s):
+            settled = resting >= self._pulse(settled_s)
+            pulses.append(resting[settled])
+            delays.append(delays_resting[settled])
         self._record(np.concatenate(pulses), np.concatenate(delays), self._pulse(until_s))
         self._done_s = until_s
+
+    def _resting(
+        self, settled_s: float, start_s: float, until_s: float
+    ) -> Iterator[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]]:
+        """Laser pulse (since the measurement's start) and delay of the photons from where the beam rests, in layers
+        from the end of the period; the measurement of a single point is one piece."""
+        if self._edge_s == _NEVER_S:
+            pulses, delays = self._photons(settled_s, until_s - start_s)
+            yield pulses + self._pulse(start_s), delays
+            return
+        end, near_s, far_s = self._pulse(until_s), 0.0, _LAYER_S
+        while near_s < until_s - settled_s:
+            back, delays = self._photons(settled_s, far_s - near_s)
+            yield end - 1 - round(near_s * self._repetition_hz) - back, delays
+            near_s, far_s = far_s, 4 * far_s
 
     def _photons(
         self, when_s: float, dwell_s: float, kept: bool = True

@@ -79,12 +79,14 @@ class Trigger(Enum):
 
 @dataclass(frozen=True)
 class CounterStatus:
-    """`points_done` counts complete points since `arm`; `markers` the mirror's marker edges, None where not wired."""
+    """`points_done` counts complete points since `arm`; `markers` the mirror's marker edges, None where not wired;
+    `steps_due` how many there should have been by then. Where the two differ, mirror and counter are out of step."""
 
     running: bool
     points_done: int
     lost: int
     markers: int | None
+    steps_due: int = 0
 
 
 class HistogramCounter(Protocol):
@@ -107,7 +109,7 @@ class HistogramCounter(Protocol):
     @property
     def list_mode(self) -> bool:
         """Whether histograms are sorted out of a stream of photons by the mirror's markers (scheme S3). Its clock has
-        one period: points that it steps need equal dwells, and are known to be right only when all are done."""
+        one period: points that it steps need equal dwells."""
         ...
 
     @property

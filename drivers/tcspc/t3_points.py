@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,7 @@ class Windows:
     unfinished_since: int | None = None
 
 
+_SEQUENCE_STARTS = 0b100
 _CHUNK = 1 << 16  # photons sorted at once: their keys stay in the processor's cache
 
 FindWindows = Callable[[Pulses, npt.NDArray[np.uint8]], Windows]
@@ -35,25 +37,39 @@ class StepMarkers:
     def __init__(self, dwells: Pulses, blanking: int, step_bits: int = 0b011) -> None:
         self._dwells, self._blanking, self._step_bits = dwells, blanking, step_bits
         self.seen = 0
-        """Step markers so far. More or fewer than points: the segment is invalid."""
-        self.pulses: list[int] = []
-        """When each of them came."""
-        self.repeated = 0
-        """Steps whose marker did not alternate with the one before: one was missed in between."""
-        self._last_bits = 0
+        """Step markers so far."""
+        self._pulses: list[int] = []
+        self._bits: list[int] = []
+        self._started: int | None = None
 
     def __call__(self, pulses: Pulses, bits: npt.NDArray[np.uint8]) -> Windows:
+        if self._started is None and (bits & _SEQUENCE_STARTS).any():
+            self._started = int(pulses[(bits & _SEQUENCE_STARTS) != 0][0])
         step = (bits & self._step_bits) != 0
         pulses, bits = pulses[step], bits[step] & self._step_bits
-        before = np.concatenate(([self._last_bits], bits[:-1]))
-        self.repeated += int((bits == before).sum()) if self._step_bits & (self._step_bits - 1) else 0
-        self._last_bits = int(bits[-1]) if len(bits) else self._last_bits
         point = np.arange(self.seen, self.seen + len(pulses))
         self.seen += len(pulses)
-        self.pulses += pulses.tolist()
+        self._pulses += pulses.tolist()
+        self._bits += bits.tolist()
         known = point < len(self._dwells)
         point, start = point[known], pulses[known] + self._blanking
         return Windows(point, start, start + self._dwells[point])
+
+    def against(self, period: float) -> tuple[int, int]:
+        """Steps seen while the points were due, and how many there were by their times and turns.
+
+        A clock steps every `period` pulses; markers 1 and 2 take turns, beginning with 1, and marker 3 comes with the
+        first. A marker that was lost leaves a gap of two periods and the wrong turn, one too many comes too early.
+        """
+        pulses, bits = self._pulses, self._bits
+        if not pulses:
+            return 0, 0
+        end = pulses[0] + (len(self._dwells) - 0.5) * period  # the clock goes on for a moment after the last point
+        seen = sum(pulse < end for pulse in pulses)
+        due = 1 + sum(round((after - before) / period) for before, after in pairwise(pulses[:seen]))
+        in_turn = bits[:seen] == [1 + index % 2 for index in range(seen)]
+        from_start = self._started is None or abs(pulses[0] - self._started) < 0.5 * period
+        return seen, due if in_turn and from_start else max(due, seen + 1)
 
 
 class LineMarkers:

@@ -103,14 +103,9 @@ class PicoquantT3(Picoquant):
         done = self._points.complete if self._running else len(self._dwells_s)
         if done >= len(self._dwells_s):
             self.abort()
-        return CounterStatus(self._running, done, int(self._points.lost.sum()), self._edges_on_time())
-
-    def _edges_on_time(self) -> int:
-        """Step markers that came while the points were due: the clock goes on for a moment after the last."""
-        if self._markers is None or not self._markers.pulses:
-            return 0
-        last = self._markers.pulses[0] + (len(self._dwells_s) - 0.5) * self._period_s * self._sync_hz
-        return sum(pulse < last for pulse in self._markers.pulses)
+        assert self._markers is not None
+        seen, due = self._markers.against(self._period_s * self._sync_hz)
+        return CounterStatus(self._running, done, int(self._points.lost.sum()), seen, due)
 
     def _begin(self, milliseconds: int) -> None:
         self._single = (np.zeros(self._axis.bins if self._axis else 0, dtype=np.int64), 0)

@@ -147,7 +147,7 @@ class Tcspc488:
             status = self._poll(wanted)
             self._running_or_done(status)
             if status.done >= count:
-                return CounterStatus(status.running, status.done, status.lost, status.markers)
+                return CounterStatus(status.running, status.done, status.lost, status.markers, self._steps_due(status))
             if now_s >= deadline_s:
                 raise DeviceTimeout(self._device, f"{status.done} of {count} points complete after {timeout_s:g} s.")
             look_s = now_s + _EARLY_S if self._stops else due_s
@@ -177,6 +177,10 @@ class Tcspc488:
         if count > self._triggered:
             raise CommandRejected(self._device, f"{count} points wanted, {self._triggered} triggered.", "Trigger.")
         return self._gate_due_s
+
+    def _steps_due(self, status: Status) -> int:
+        """The mirror has taken a step for each point that was begun: one more than are done, until all are."""
+        return min(status.done + 1, len(self._numbers))
 
     def _running_or_done(self, status: Status) -> None:
         if status.tripped:

@@ -62,7 +62,8 @@ class Tcspc488T3(Tcspc488):
             status = self._drain()
             done = len(self._numbers) if self._broken else self._points.complete
             if done >= count:
-                return CounterStatus(status.running, done, int(self._points.lost.sum()), status.markers)
+                lost = int(self._points.lost.sum())
+                return CounterStatus(status.running, done, lost, status.markers, self._steps_due(status))
             now_s = self.clock.now()
             if now_s >= deadline_s:
                 raise DeviceTimeout(self._device, f"{done} of {count} points complete after {timeout_s:g} s.")

@@ -85,6 +85,7 @@ def _tell_light(expected: "Expectation") -> None:
 
 def _tell(plan: "ScanPlan", choice: "Choice") -> None:
     from nlos.acquisition.planning.preflight import disk_bytes
+    from nlos.acquisition.scanning.light_watch import SHUT_WITHIN_S
 
     forecast = choice.forecast
     low_s, high_s = forecast.band_s
@@ -100,3 +101,4 @@ def _tell(plan: "ScanPlan", choice: "Choice") -> None:
         duration_s=forecast.total_s, band_s=[low_s, high_s], parts=parts,
     )  # fmt: skip
     terminal.result(f"disk       {disk / 1e6:.1f} MB", disk_bytes=disk)
+    terminal.result(f"light      off within {SHUT_WITHIN_S:g} s of a trip or an alarm", shut_within_s=SHUT_WITHIN_S)

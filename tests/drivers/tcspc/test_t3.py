@@ -164,7 +164,7 @@ def test_photons_go_to_the_point_in_whose_dwell_they_arrived(layout: T3Format, c
     assert (histograms.counts == truth).all()
     assert histograms.between == outside
     assert histograms.complete == find.seen == 5
-    assert find.repeated == 0
+    assert find.against(2500) == (5, 5)
 
 
 @settings(deadline=None, max_examples=60)
@@ -174,12 +174,36 @@ def test_markers_recorded_after_later_photons_change_nothing(cuts: list[int], se
     assert (histograms.counts == truth).all()
 
 
-def test_markers_that_are_missing_or_too_many_are_counted() -> None:
+TURNS = [1 | 4, 2, 1, 2, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("pulses", "bits"),
+    [
+        ([200, 400, 600], TURNS[1:4]),  # the first is lost
+        ([400, 600, 800], TURNS[2:5]),  # the first two are lost, and with them marker 3
+        ([0, 400, 600], [TURNS[0], *TURNS[2:4]]),  # one in the middle is lost
+        ([0, 0, 200], TURNS[:3]),  # the mirror took two steps at once
+        ([0, 70, 200, 400], TURNS[:4]),  # one too many
+        ([0, 130, 200, 400], TURNS[:4]),
+        ([0, 200, 400], [TURNS[0], 2, 2]),  # a wire that saw the other's edge
+    ],
+)
+def test_markers_that_are_missing_or_too_many_disagree_at_once(pulses: list[int], bits: list[int]) -> None:
+    find = StepMarkers(np.full(6, 100), 10)
+    if pulses[0] == 400:
+        find(np.array([0]), np.array([4], dtype=np.uint8))  # marker 3 alone came through
+    find(np.array(pulses), np.array(bits, dtype=np.uint8))
+    seen, due = find.against(200)
+    assert seen != due
+
+
+def test_steps_after_the_last_point_are_no_steps_too_many() -> None:
     find = StepMarkers(np.full(3, 100), 10)
-    find(np.array([0, 200, 600]), np.array([1, 2, 2], dtype=np.uint8))
-    assert (find.seen, find.repeated) == (3, 1)
+    find(np.array([0, 205, 395, 600]), np.array([5, 2, 1, 5], dtype=np.uint8))
+    assert find.against(200) == (3, 3)
     windows = find(np.array([800]), np.array([1], dtype=np.uint8))
-    assert (find.seen, len(windows.point)) == (4, 0)
+    assert (find.seen, len(windows.point)) == (5, 0)
 
 
 def test_points_exposed_while_records_were_lost_are_flagged() -> None:
