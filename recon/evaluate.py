@@ -22,7 +22,7 @@ from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData, InvalidSettings, ReconError
 from nlos.recon.methods import find, parse_settings
 from nlos.recon.metrics import depth_scores, image_scores
-from nlos.recon.physics import PhysicsSettings
+from nlos.recon.physics_settings import PhysicsSettings
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.subsets import measured_points
 from nlos.recon.volume import Reconstruction

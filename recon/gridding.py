@@ -6,19 +6,20 @@ their own (as the paper does with its 32 x 32 and 64 x 64 scans), over Delaunay 
 """
 
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
-import torch
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import Delaunay, KDTree, QhullError
 
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData
-from nlos.recon.transport.linear import linear
+
+if TYPE_CHECKING:
+    import torch
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -75,28 +76,45 @@ def confidence(exposure_s: Floats) -> npt.NDArray[np.float32]:
     return np.asarray(np.exp(-0.5 * distance**2) * enough, dtype=np.float32)
 
 
-def fill_unmeasured(rates: torch.Tensor, measured: torch.Tensor) -> torch.Tensor:
+def fill_unmeasured(rates: "torch.Tensor", measured: "torch.Tensor") -> "torch.Tensor":
     """(B, C, T, H, W) with the points that are not `measured` (B, H, W) interpolated from those that are."""
     if bool(measured.all()):
         return rates
+    import torch
+
     return torch.stack([_filled(sample, where) for sample, where in zip(rates, measured, strict=True)])
 
 
-def _filled(sample: torch.Tensor, measured: torch.Tensor) -> torch.Tensor:
+def filled(x: npt.NDArray[np.float32], measured: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
+    """`fill_unmeasured` for an array (..., H, W) with one map of `measured` points (H, W)."""
+    return x if measured.all() else _times(fill_matrix(measured), x)
+
+
+def fill_matrix(measured: npt.NDArray[np.bool_]) -> scipy.sparse.csr_array:
+    """(H * W, H * W): every grid point from the `measured` ones (H, W). Raises `InvalidData` where there is none."""
+    if not measured.any():
+        raise InvalidData("no point of the wall was measured: every exposure is 0.")
+    return _fill_matrix(measured.tobytes(), *measured.shape)
+
+
+def _times(matrix: scipy.sparse.csr_array, x: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    flat = x.reshape(-1, matrix.shape[0]).T
+    return np.ascontiguousarray((matrix.astype(flat.dtype) @ flat).T).reshape(x.shape)
+
+
+def _filled(sample: "torch.Tensor", measured: "torch.Tensor") -> "torch.Tensor":
     if bool(measured.all()):
         return sample
-    if not bool(measured.any()):
-        raise InvalidData("no point of the wall was measured: every exposure is 0.")
-    rows, cols = measured.shape
-    mask = measured.cpu().numpy()
-    matrix = _fill_matrix(mask.tobytes(), rows, cols)
+    import torch
+
+    from nlos.recon.transport.linear import linear
+
+    matrix = fill_matrix(measured.cpu().numpy())
+    transposed = scipy.sparse.csr_array(matrix.T)
 
     def times(held: scipy.sparse.csr_array, x: torch.Tensor) -> torch.Tensor:
-        flat = x.detach().reshape(-1, rows * cols).T.cpu().numpy()
-        done = np.ascontiguousarray((held.astype(flat.dtype) @ flat).T)
-        return torch.from_numpy(done).to(x.device).reshape(x.shape)
+        return torch.from_numpy(_times(held, x.detach().cpu().numpy())).to(x.device)
 
-    transposed = scipy.sparse.csr_array(matrix.T)
     return linear(sample, lambda x: times(matrix, x), lambda x: times(transposed, x))
 
 

@@ -1,11 +1,15 @@
 """How noisy a transient is, from nothing but its own counts, and what that means for an inverse filter."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
+import numpy.typing as npt
 
 from nlos.acquisition.transient import TimeAxis
+
+if TYPE_CHECKING:
+    import torch
 
 REFERENCE_BIN_S = 32e-12
 REFERENCE_POINTS = 64 * 64
@@ -23,40 +27,69 @@ LOG_SNR = (-1.5, -1.1, -0.9, 0.0, 0.3)
 class Noise:
     """What was found in a batch, one value a sample."""
 
-    background: torch.Tensor  # (B,) counts a bin, ambient light and dark counts
-    quality: torch.Tensor
+    background: "torch.Tensor"  # (B,) counts a bin, ambient light and dark counts
+    quality: "torch.Tensor"
     """(B,) log10 of signal over noise energy, as if in 32 ps bins on 64 x 64 points."""
 
-    def snr(self) -> torch.Tensor:
+    def snr(self) -> "torch.Tensor":
         """The signal to noise ratio at which a Wiener filter serves best, (B,)."""
         return 10 ** _interpolate(self.quality, LOG_SNR)
 
-    def undone(self) -> torch.Tensor:
+    def undone(self) -> "torch.Tensor":
         """The part of the falloff exponent worth undoing, (B,): 1 unless far bins hold mostly noise."""
         return _interpolate(self.quality, UNDONE)
 
 
-def estimate(rates: torch.Tensor, measured: torch.Tensor | None, time: TimeAxis) -> Noise:
+def estimate(rates: "torch.Tensor", measured: "torch.Tensor | None", time: TimeAxis) -> Noise:
     """Background and quality of (B, C, T, H, W) over the points `measured` (B, H, W), or all.
 
     Noise is white along time and light is not, so the second difference along time is nearly all noise. Bins that
     are 0 everywhere at the beginning (cut, or gated) take no part.
     """
+    import torch
+
     found = [_estimate(sample, None if measured is None else measured[b], time) for b, sample in enumerate(rates)]
     background, quality = torch.tensor(found, dtype=torch.float64).T
     return Noise(background.to(rates.device, rates.dtype), quality.to(rates.device, rates.dtype))
 
 
-def _estimate(sample: torch.Tensor, measured: torch.Tensor | None, time: TimeAxis) -> tuple[float, float]:
+def _estimate(sample: "torch.Tensor", measured: "torch.Tensor | None", time: TimeAxis) -> tuple[float, float]:
+    if sample.device.type == "cpu":
+        return background_and_quality(sample.detach().numpy(), None if measured is None else measured.numpy(), time)
+    import torch
+
     if measured is None or bool(measured.all()):
-        rows, cols = (_spread(size).to(sample.device) for size in sample.shape[-2:])
-        chosen = sample[..., rows[:, None], cols].flatten(2)
-        points = sample.shape[-2] * sample.shape[-1]
+        rows, cols = (torch.from_numpy(_spread(size)).to(sample.device) for size in sample.shape[-2:])
+        chosen, points = sample[..., rows[:, None], cols].flatten(2), sample.shape[-2] * sample.shape[-1]
     else:
-        chosen = sample[..., measured]
-        points = int(measured.sum())
-    x = chosen.detach().cpu().numpy()  # (C, T, N); a few MB, for which NumPy on one core is quickest
-    lit = x[:, first_lit_bin(chosen[None, ..., None]) :]
+        chosen, points = sample[..., measured], int(measured.sum())
+    return _judge(chosen.detach().cpu().numpy(), points, time)
+
+
+def background_and_quality(
+    sample: npt.NDArray[np.floating[Any]], measured: npt.NDArray[np.bool_] | None, time: TimeAxis
+) -> tuple[float, float]:
+    """`estimate` for one sample (C, T, H, W): counts a bin, and log10 of signal over noise energy."""
+    if measured is None or measured.all():
+        rows, cols = (_spread(size) for size in sample.shape[-2:])
+        chosen = sample[..., rows[:, None], cols].reshape(*sample.shape[:2], -1)
+        return _judge(chosen, sample.shape[-2] * sample.shape[-1], time)
+    return _judge(sample[..., measured], int(measured.sum()), time)
+
+
+def best_snr(quality: float) -> float:
+    """The signal to noise ratio at which a Wiener filter serves best."""
+    return float(10 ** np.interp(quality, QUALITY, LOG_SNR))
+
+
+def part_undone(quality: float) -> float:
+    """The part of the falloff exponent worth undoing."""
+    return float(np.interp(quality, QUALITY, UNDONE))
+
+
+def _judge(x: npt.NDArray[np.floating[Any]], points: int, time: TimeAxis) -> tuple[float, float]:
+    """Of chosen points (C, T, N), a few MB, for which NumPy on one core is quickest, out of `points`."""
+    lit = x[:, first_lit_bin(x[None, ..., None]) :]
     mean = lit.mean(axis=(0, 2), dtype=np.float64)
     stretch = max(min(8, len(mean)), len(mean) // WINDOWS)
     background = float(np.convolve(mean, np.full(stretch, 1 / stretch), mode="valid").min())
@@ -68,29 +101,31 @@ def _estimate(sample: torch.Tensor, measured: torch.Tensor | None, time: TimeAxi
     return background, float(np.log10(ratio * (REFERENCE_BIN_S / time.bin_width_s) * (points / REFERENCE_POINTS)))
 
 
-def without_background(rates: torch.Tensor, background: torch.Tensor) -> torch.Tensor:
+def without_background(rates: "torch.Tensor", background: "torch.Tensor") -> "torch.Tensor":
     """`rates` less `background` (B,), where bins at the beginning that were cut or gated stay 0."""
     level = background.to(rates.dtype).view(-1, 1, 1, 1, 1).expand(-1, 1, rates.shape[2], 1, 1).clone()
     level[:, :, : first_lit_bin(rates)] = 0
     return rates - level
 
 
-def first_lit_bin(rates: torch.Tensor) -> int:
-    """The first bin that is not 0 everywhere; 0 if all are."""
+def first_lit_bin(rates: Any) -> int:
+    """The first bin of (B, C, T, H, W) that is not 0 everywhere; 0 if all are. Arrays or tensors."""
     for k in range(rates.shape[2]):
         if rates[:, :, k].any():
             return k
     return 0
 
 
-def _spread(size: int) -> torch.Tensor:
+def _spread(size: int) -> npt.NDArray[np.int64]:
     """Up to `MOST_LINES` indices below `size`, evenly spread and the same from either end."""
     if size <= MOST_LINES:
-        return torch.arange(size)
-    half = (2 * torch.arange(MOST_LINES // 2) + 1) * size // (2 * MOST_LINES)
-    return torch.cat([half, size - 1 - half.flip(0)])
+        return np.arange(size)
+    half = (2 * np.arange(MOST_LINES // 2) + 1) * size // (2 * MOST_LINES)
+    return np.concatenate([half, size - 1 - half[::-1]])
 
 
-def _interpolate(x: torch.Tensor, values: tuple[float, ...]) -> torch.Tensor:
+def _interpolate(x: "torch.Tensor", values: tuple[float, ...]) -> "torch.Tensor":
+    import torch
+
     found = np.interp(x.detach().cpu().double().numpy(), QUALITY, values)
     return torch.from_numpy(found).to(x.device, x.dtype)

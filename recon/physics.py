@@ -1,70 +1,12 @@
-"""What the physics methods share: their settings, and the way counts become what their operators expect."""
-
-from typing import Annotated, ClassVar
+"""What the physics methods share: the way counts become what their operators expect."""
 
 import torch
-from pydantic import Field
 
 from nlos.acquisition.transient import TimeAxis
-from nlos.acquisition.wall import WallGrid
-from nlos.configs.settings import Settings
 from nlos.recon.gridding import fill_unmeasured
-from nlos.recon.memory import cube_bytes
 from nlos.recon.noise import estimate, without_background
-from nlos.recon.transport.conventions import Conventions
+from nlos.recon.physics_settings import PUBLISHED_SNR, PhysicsSettings
 from nlos.recon.transport.falloff import Falloff
-from nlos.recon.transport.light_cone_kernel import padded_cells
-
-PUBLISHED_SNR = 0.8  # O'Toole et al. 2018, all scenes of theirs but the diffuse ones
-
-
-class PhysicsSettings(Settings):
-    """Settings that every physics method knows."""
-
-    has_inverse_filter: ClassVar[bool] = True
-    """Whether `snr` means anything to the method."""
-
-    snr: Annotated[float, Field(gt=0)] | None = None
-    """Signal to noise ratio for the inverse; picked from the data unless given (authors: 0.8)."""
-    falloff: Annotated[float, Field(ge=0, le=8)] = 4.0
-    """Exponent with which light fades: 4 for diffuse, 2 for retroreflective surfaces."""
-    bin_width_ps: Annotated[float, Field(gt=0)] | None = None
-    """Rebin to this width first; a whole multiple of the data's."""
-    conventions: Conventions = "physical"
-    """`physical`, or `authors` for comparison with the published programs."""
-
-    cubes: ClassVar[float] = 3.5
-    """Peak memory beside the program itself, in float32 volumes of the counts' size, measured."""
-
-    def bytes_needed(self, wall: WallGrid, time: TimeAxis) -> int:
-        """Peak memory beside the program itself."""
-        return int(self.cubes * cube_bytes(wall, time))
-
-    def smaller(self, wall: WallGrid, time: TimeAxis, free: int) -> dict[str, int]:
-        """Settings that would take less, the gentlest first: setting -> bytes."""
-        wider = (TimeAxis(max(time.bins // k, 1), time.bin_width_s * k, time.start_s) for k in (2, 4, 8, 16))
-        return {f"bin_width_ps={axis.bin_width_s * 1e12:g}": self.bytes_needed(wall, axis) for axis in wider}
-
-
-class LightConeSettings(PhysicsSettings):
-    """Settings of the methods that work on the light cone."""
-
-    tile: Annotated[int, Field(ge=1)] | None = None
-    """Frequencies held at a time, to save memory; all of them unless given. The result is the same."""
-
-    def bytes_needed(self, wall: WallGrid, time: TimeAxis) -> int:
-        """Peak memory beside the program itself: counts, both ends of the filter, and the spectrum held."""
-        frequencies = padded_cells(wall, time, self.conventions) // 2 + 1
-        held = min(self.tile or frequencies, frequencies)
-        return int(self.cubes * cube_bytes(wall, time)) + 8 * held * wall.rows * wall.cols
-
-    def smaller(self, wall: WallGrid, time: TimeAxis, free: int) -> dict[str, int]:
-        """The settings that would take less, largest first: setting -> bytes."""
-        frequencies = padded_cells(wall, time, self.conventions) // 2 + 1
-        beside = int(self.cubes * cube_bytes(wall, time))
-        tile = min((free - beside) // (8 * wall.rows * wall.cols), frequencies - 1)
-        tiled = {f"tile={tile}": beside + 8 * tile * wall.rows * wall.cols} if tile >= 1 else {}
-        return tiled | super().smaller(wall, time, free)
 
 
 def prepare(

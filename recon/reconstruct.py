@@ -4,24 +4,22 @@ import hashlib
 import time as clock
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import lru_cache
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
-import torch
-from torch import nn
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
-from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings
 from nlos.recon.errors import InvalidData, ReconstructionFailed
 from nlos.recon.front_view import depth_map, front_view
 from nlos.recon.gridding import confidence
 from nlos.recon.memory import KnownMemory, available_bytes, refusal
-from nlos.recon.methods import find, parse_settings
-from nlos.recon.physics import PhysicsSettings
+from nlos.recon.methods import find, parse_settings, torch_is_installed
+from nlos.recon.physics_settings import PhysicsSettings
 from nlos.recon.volume import Reconstruction, Volume, refuse_not_finite
 
+Image = npt.NDArray[np.float32]
 PUBLISHED_BIN_WIDTH_S = 16e-12  # two halvings of 4 ps: O'Toole et al. 2018, Lindell et al. 2019
 
 
@@ -43,21 +41,12 @@ def reconstruct(
         if why := refusal(method, rebinned.wall, rebinned.time, needed, free, remedies):
             raise ReconstructionFailed(why)
     began = clock.perf_counter()
-    module = _module(method, chosen, rebinned.wall, rebinned.time).to(device)
-    with torch.inference_mode():
-        counts = torch.from_numpy(np.ascontiguousarray(rebinned.counts))[None, None].to(device)
-        exposure_s = torch.from_numpy(np.ascontiguousarray(rebinned.exposure_s))[None].to(device)
-        seen = module(counts, exposure_s)
-    if isinstance(seen, torch.Tensor):
-        albedo_volume = seen[0, 0].cpu().numpy()
-        volume = Volume(albedo_volume, _depths_m(module), rebinned.wall)
-        albedo, depth_m = front_view(volume), depth_map(volume)
+    if torch_is_installed():
+        from nlos.recon.with_torch import see
+
+        albedo, depth_m, volume = see(rebinned, method, chosen, device)
     else:
-        learned_albedo, learned_depth_m, learned_volume = seen
-        albedo, depth_m = learned_albedo[0].cpu().numpy(), learned_depth_m[0].cpu().numpy()
-        volume = None
-        if learned_volume is not None:
-            volume = Volume(learned_volume[0].cpu().numpy(), _depths_m(module), rebinned.wall)
+        albedo, depth_m, volume = _see_plainly(rebinned, method, chosen)
     seconds = clock.perf_counter() - began
     result = Reconstruction(
         albedo=albedo.astype(np.float32),
@@ -103,14 +92,11 @@ def _bin_width_s(chosen: Settings, transient: Transient) -> float:
     return width_s
 
 
-def _depths_m(module: nn.Module) -> npt.NDArray[np.float64]:
-    depths_m = module.depths_m
-    return np.asarray(depths_m.cpu() if isinstance(depths_m, torch.Tensor) else depths_m, dtype=np.float64)
-
-
-@lru_cache(maxsize=4)
-def _module(method: str, settings: Settings, wall: WallGrid, time: TimeAxis) -> nn.Module:
-    return find(method).build(settings, wall, time).eval()
+def _see_plainly(transient: Transient, method: str, chosen: Settings) -> tuple[Image, Image, Volume]:
+    """The same without torch."""
+    plain = cast(Any, find(method)).build(chosen, transient.wall, transient.time)
+    volume = Volume(plain(transient.counts, transient.exposure_s), plain.depths_m, transient.wall)
+    return front_view(volume), depth_map(volume), volume
 
 
 def check(transient: Transient) -> None:

@@ -9,6 +9,7 @@ or None. The module's `depths_m`, (D,), says where the planes of its volume lie.
 import ast
 import difflib
 import importlib
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
@@ -21,6 +22,10 @@ from nlos.recon.errors import InvalidSettings
 
 if TYPE_CHECKING:
     from torch import nn
+
+
+PLAIN = ("lct", "fk")
+"""Methods that need no torch."""
 
 
 class Method(Protocol):
@@ -47,7 +52,14 @@ def find(name: str) -> Method:
         raise InvalidSettings(
             f"there is no method '{name}'; " + (f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}")
         )
+    if name in PLAIN and not torch_is_installed():
+        return cast(Method, importlib.import_module(f"nlos.recon.plain.{name}"))
     return cast(Method, importlib.import_module(f"{__name__}.{name}"))
+
+
+def torch_is_installed() -> bool:
+    """Without it, the methods in `recon/plain` reconstruct all the same."""
+    return find_spec("torch") is not None
 
 
 def parse_settings(name: str, given: dict[str, object]) -> AnySettings:

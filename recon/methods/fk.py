@@ -1,24 +1,16 @@
 """f-k migration: runs the measured light back as a wave; robust for glossy and mixed surfaces."""
 
-from typing import ClassVar
-
 import torch
 from torch import nn
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
-from nlos.recon.physics import PhysicsSettings, prepare
+from nlos.recon.physics import prepare
+from nlos.recon.plain.fk import Settings
 from nlos.recon.transport.conventions import depths_m
 from nlos.recon.transport.falloff import Falloff
 from nlos.recon.transport.fk_migration import FkMigration
-
-
-class Settings(PhysicsSettings):
-    """Settings of f-k migration. It has no inverse filter: `snr` changes nothing."""
-
-    has_inverse_filter: ClassVar[bool] = False
-    cubes: ClassVar[float] = 8.5
 
 
 class Migration(nn.Module):

@@ -10,7 +10,8 @@ from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.errors import InvalidSettings
-from nlos.recon.physics import LightConeSettings, prepare
+from nlos.recon.physics import prepare
+from nlos.recon.physics_settings import LightConeSettings
 from nlos.recon.transport.conventions import depths_m
 from nlos.recon.transport.falloff import Falloff
 from nlos.recon.transport.light_cone import LightConeConvolution

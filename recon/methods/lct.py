@@ -6,15 +6,12 @@ from torch import nn
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
-from nlos.recon.physics import LightConeSettings, prepare
+from nlos.recon.physics import prepare
+from nlos.recon.plain.lct import Settings
 from nlos.recon.transport.conventions import depths_m
 from nlos.recon.transport.falloff import Falloff
 from nlos.recon.transport.light_cone import LightConeConvolution
 from nlos.recon.transport.resampling import LightConeResampling
-
-
-class Settings(LightConeSettings):
-    """Settings of the light-cone transform."""
 
 
 class LightConeTransform(nn.Module):

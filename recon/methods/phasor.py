@@ -12,7 +12,8 @@ from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.errors import InvalidSettings
 from nlos.recon.memory import cube_bytes
-from nlos.recon.physics import PhysicsSettings, prepare
+from nlos.recon.physics import prepare
+from nlos.recon.physics_settings import PhysicsSettings
 from nlos.recon.transport.conventions import depths_m, range_m
 from nlos.recon.transport.falloff import Falloff
 from nlos.recon.transport.light_cone import LightConeConvolution

@@ -1,11 +1,11 @@
 """Undoes the fading of light with distance: every time bin times (its distance / the farthest)^exponent."""
 
-import numpy as np
 import torch
 from torch import nn
 
 from nlos.acquisition.transient import TimeAxis
-from nlos.recon.transport.conventions import Conventions, check_supported, depths_m, range_m
+from nlos.recon.transport.conventions import Conventions
+from nlos.recon.transport.falloff_weights import relative_distance
 
 
 class Falloff(nn.Module):
@@ -18,13 +18,9 @@ class Falloff(nn.Module):
 
     def __init__(self, time: TimeAxis, exponent: float = 4.0, conventions: Conventions = "physical") -> None:
         super().__init__()
-        check_supported(time, conventions)
         self.exponent = exponent
-        if conventions == "authors":
-            relative = np.linspace(0.0, 1.0, time.bins)
-        else:
-            relative = np.maximum(depths_m(time, conventions), 0.0) / range_m(time, conventions)
-        self.register_buffer("distance", torch.from_numpy(relative)[:, None, None], persistent=False)
+        relative = torch.from_numpy(relative_distance(time, conventions))
+        self.register_buffer("distance", relative[:, None, None], persistent=False)
 
     def weights(self, undone: torch.Tensor | None = None) -> torch.Tensor:
         """(T, 1, 1); of the exponent only the part `undone` (B,) where given, then (B, 1, T, 1, 1)."""

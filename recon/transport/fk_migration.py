@@ -1,48 +1,27 @@
-"""f-k migration: the scene as the source of a wave at time 0, found by running the measured wave backwards.
+"""f-k migration: the scene as the source of a wave at time 0, found by running the measured wave backwards."""
 
-Source: Lindell, Wetzstein, O'Toole, ACM TOG 38(4), 2019; Stolt 1978. A real FFT along time gives exactly the half
-spectrum that migration uses, and both lateral frequencies stay on the grid, so Stolt's change of variable from time
-frequency to depth frequency is a one-dimensional linear interpolation.
-"""
+from collections.abc import Iterable
 
-from collections.abc import Callable, Iterable
-from typing import Any
-
-import numpy as np
 import torch
 from torch import nn
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.transport.conventions import Conventions, check_supported, speed_m_per_s
-from nlos.recon.transport.fourier import Array, add_signal_, array_of, cast, each, fft, good_size, half_spectrum, ifft
+from nlos.recon.transport.conventions import Conventions
+from nlos.recon.transport.fourier import add_signal_, array_of, tensor_of
 from nlos.recon.transport.linear import linear
-
-PLANES_AT_ONCE = 8
+from nlos.recon.transport.stolt import StoltMigration, scatter
 
 
 class FkMigration(nn.Module):
     """Real field at the wall (B, C, T, H, W) -> complex field at time 0 (B, C, D, H, W), one plane a bin.
 
-    Under `physical`, samples lie at bin centres, and the interpolation is done about the middle of the window with its
-    loss of amplitude divided out; under `authors` as published. The adjoint maps back to a real field.
+    See `StoltMigration`. The adjoint maps back to a real field.
     """
 
     def __init__(self, wall: WallGrid, time: TimeAxis, conventions: Conventions = "physical") -> None:
         super().__init__()
-        check_supported(time, conventions)
-        self.wall, self.time, self.conventions = wall, time, conventions
-        if conventions == "authors":
-            self.padded = (2 * time.bins, 2 * wall.rows, 2 * wall.cols)
-            self.first, self.middle = 0.0, 0.0
-        else:
-            self.padded = (good_size(2 * time.bins), good_size(2 * wall.rows), good_size(2 * wall.cols))
-            self.first = time.start_s / time.bin_width_s + 0.5  # where sample 0 lies, in bins
-            self.middle = (time.bins - 1) / 2  # of the window, in samples
-        # One lateral cycle on the padded wall is as many cycles on the padded depth axis.
-        depth_m = self.padded[0] * time.bin_width_s * speed_m_per_s(conventions) / 2
-        self.per_row_cycle = depth_m / (wall.height_m / wall.rows * self.padded[1])
-        self.per_col_cycle = depth_m / (wall.width_m / wall.cols * self.padded[2])
+        self.wave, self.wall, self.time = StoltMigration(wall, time, conventions), wall, time
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
         """The migrated wave."""
@@ -53,28 +32,21 @@ class FkMigration(nn.Module):
         return linear(image, self._unmigrate, self._migrate)
 
     def _migrate(self, field: torch.Tensor) -> torch.Tensor:
-        samples = self._samples(field)
-        images = []
-        for sample in samples:
-            spectrum = half_spectrum((sample * self._gain(sample))[None], self.padded[0], self.padded[1])[
-                0
-            ]  # (F, Y, W)
-            spectrum *= self._about_middle(spectrum)
-            images.append(self._to_depth(self._stolt(spectrum, _gather)))
+        images = [tensor_of(self.wave.migrate(array_of(sample))) for sample in self._samples(field)]
         return (images[0][None] if len(images) == 1 else torch.stack(images)).reshape(field.shape)
 
     def _unmigrate(self, image: torch.Tensor) -> torch.Tensor:
-        fields = []
+        wave, fields = self.wave, []
         for sample in self._samples(image):
-            spectrum = torch.fft.fft(sample, n=self.padded[0], dim=0)[: self.padded[0] // 2 + 1]
-            wide = spectrum.new_zeros((len(spectrum), self.padded[1], self.wall.cols))
+            spectrum = torch.fft.fft(sample, n=wave.padded[0], dim=0)[: wave.padded[0] // 2 + 1]
+            wide = spectrum.new_zeros((len(spectrum), wave.padded[1], self.wall.cols))
             wide[:, : self.wall.rows] = spectrum
-            spectrum = self._stolt(wide, _scatter)[:, : self.wall.rows]
-            spectrum *= self._about_middle(spectrum).conj()
+            spectrum = tensor_of(wave.stolt(array_of(wide), scatter))[:, : self.wall.rows]
+            spectrum *= wave.about_middle(spectrum).conj()
             spectrum[1:-1] /= 2  # the transpose of a real FFT counts each frequency once, its inverse twice
             sample_field = spectrum.real.new_zeros((1, self.time.bins, *spectrum.shape[1:]))
-            add_signal_(sample_field, spectrum[None], self.padded[0])
-            fields.append(sample_field[0] * self._gain(sample_field))
+            add_signal_(array_of(sample_field), array_of(spectrum[None]), wave.padded[0])
+            fields.append(sample_field[0] * wave.gain(sample_field))
         return torch.stack(fields).reshape(image.shape)
 
     def _samples(self, x: torch.Tensor) -> Iterable[torch.Tensor]:
@@ -85,96 +57,3 @@ class FkMigration(nn.Module):
                 "Build it for the wall and time axis of the data."
             )
         return x.detach().reshape(-1, *expected)
-
-    def _gain(self, like: torch.Tensor) -> torch.Tensor:
-        """Linear interpolation between frequencies fades what is far from the middle of the window; undone here."""
-        from_middle = (np.arange(self.time.bins) - self.middle) / self.padded[0]
-        gain = np.ones(self.time.bins) if self.conventions == "authors" else 1 / np.sinc(from_middle) ** 2
-        return torch.from_numpy(gain).to(like.device, like.dtype)[:, None, None]
-
-    def _about_middle(self, like: torch.Tensor) -> torch.Tensor:
-        """Moves time 0 to the middle of the window, about which the spectrum is smoothest; (F, 1, 1)."""
-        cycles = np.arange(self.padded[0] // 2 + 1) * (self.middle / self.padded[0])
-        return torch.from_numpy(np.exp(2j * np.pi * cycles)).to(like.device, like.dtype)[:, None, None]
-
-    def _to_depth(self, spectrum: torch.Tensor) -> torch.Tensor:
-        """Half spectrum along depth (F, Y, W) -> complex field (D, H, W): in its place, a row at a time."""
-        planes, rows = self.time.bins, self.wall.rows
-        half = array_of(spectrum)
-
-        def work(row: int) -> None:
-            half[:planes, row] = ifft(half[:, row], 0, self.padded[0])[:planes]
-
-        each(work, range(rows), half)
-        return spectrum[:planes, :rows]
-
-    def _stolt(self, spectrum: torch.Tensor, move: Callable[[Array, Array, Array, Array], Array]) -> torch.Tensor:
-        """Time frequency -> depth frequency of (F, Y, W) by `_gather`, back by its transpose `_scatter`; in place."""
-        cols = spectrum.shape[2]
-        wide = array_of(spectrum)
-
-        def across(planes: slice) -> None:
-            wide[planes] = fft(wide[planes], 1)
-
-        def work(ky: int) -> None:
-            below, weight, factor = self._table(ky, wide)
-            for row in {ky, -ky % self.padded[1]}:
-                plane = fft(wide[:, row], 1, self.padded[2])  # (F, X)
-                wide[:, row] = ifft(move(plane, below, weight, factor), 1)[:, :cols]
-
-        def back(planes: slice) -> None:
-            wide[planes] = ifft(wide[planes], 1)
-
-        some = [slice(first, first + PLANES_AT_ONCE) for first in range(0, len(wide), PLANES_AT_ONCE)]
-        each(across, some, wide)
-        each(work, range(self.padded[1] // 2 + 1), wide)
-        each(back, some, wide)
-        return spectrum
-
-    def _table(self, ky: int, like: Array) -> tuple[Array, Array, Array]:
-        """For a row of lateral frequencies: flat index below, weight of the one above and factor, each (F, X)."""
-        xp: Any
-        xp, place = (np, {}) if isinstance(like, np.ndarray) else (torch, {"device": like.device})
-        frequencies, last = like.shape[0], like.shape[0] - (2 if self.conventions == "authors" else 1)
-        kz = xp.arange(frequencies, dtype=xp.float64, **place)[:, None]
-        kx = xp.arange(self.padded[2] // 2 + 1, dtype=xp.float64, **place)
-        source = (kz**2 + (self.per_col_cycle * kx) ** 2 + (self.per_row_cycle * ky) ** 2) ** 0.5
-        below = xp.clip(xp.floor(source), 0, frequencies - 2)
-        cycles = (kz * self.first - source * (self.first + self.middle)) / self.padded[0]
-        real = "float64" if like.dtype in (np.complex128, torch.complex128) else "float32"
-        angle = cast(2 * xp.pi * (cycles - xp.floor(cycles)), real)
-        jacobian = cast((source <= last) * kz / xp.clip(source, 1e-6, None), real)
-        factor = jacobian * (xp.cos(angle) + 1j * xp.sin(angle))
-        col = xp.arange(self.padded[2], **place)
-        mirrored = xp.minimum(col, self.padded[2] - col)
-        index = cast(below, "int64")[:, mirrored] * self.padded[2] + col
-        return index, cast(source - below, real)[:, mirrored], factor[:, mirrored]
-
-
-def _gather(plane: Array, below: Array, weight: Array, factor: Array) -> Array:
-    """Linear interpolation along the first axis of `plane` (F, X), then times `factor`."""
-    flat = plane.reshape(-1)
-    under, over = flat[below], flat[below + plane.shape[1]]
-    over -= under
-    over *= weight
-    over += under
-    over *= factor
-    return over
-
-
-def _scatter(plane: Array, below: Array, weight: Array, factor: Array) -> Array:
-    """The conjugate transpose of `_gather`."""
-    value = plane * factor.conj()
-    index = [below.reshape(-1), (below + plane.shape[1]).reshape(-1)]
-    parts = [(value * (1 - weight)).reshape(-1), (value * weight).reshape(-1)]
-    if isinstance(plane, np.ndarray):
-        sums = [
-            np.bincount(i, weights=component, minlength=plane.size)
-            for i, part in zip(index, parts, strict=True)
-            for component in (part.real, part.imag)
-        ]
-        return (sums[0] + sums[2] + 1j * (sums[1] + sums[3])).astype(plane.dtype).reshape(plane.shape)
-    moved = torch.zeros(plane.numel(), 2, dtype=weight.dtype, device=plane.device)
-    for i, part in zip(index, parts, strict=True):
-        moved.index_add_(0, i, torch.view_as_real(part))
-    return torch.view_as_complex(moved).reshape(plane.shape)

@@ -2,18 +2,23 @@
 
 On the CPUs measured, scipy's pocketfft is two to three times faster than torch's MKL at these sizes, works in place,
 and lets go of the interpreter's lock, so that blocks of a volume go through it in threads. Operators therefore compute
-on "arrays": NumPy's on a CPU, tensors elsewhere; the functions here take both. Nothing here is recorded by autograd:
-`linear.py` gives whole operators their gradient.
+on "arrays": NumPy's on a CPU, tensors elsewhere; the functions here take both, and need torch only for tensors. Nothing
+here is recorded by autograd: `linear.py` gives whole operators their gradient.
 """
 
+import os
+import sys
 import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 import scipy.fft
-import torch
+
+if TYPE_CHECKING:
+    import torch
 
 T = TypeVar("T")
 Array = Any
@@ -32,9 +37,40 @@ def good_size(at_least: int) -> int:
     return good
 
 
-def array_of(x: torch.Tensor) -> Array:
+def array_of(x: "torch.Tensor") -> Array:
     """What to compute on: the tensor's memory as a NumPy array on a CPU, the tensor itself elsewhere."""
     return x.detach().numpy() if x.device.type == "cpu" else x.detach()
+
+
+def tensor_of(x: Array) -> "torch.Tensor":
+    """The reverse of `array_of`."""
+    import torch
+
+    return torch.from_numpy(x) if isinstance(x, np.ndarray) else x
+
+
+def beside(x: Array, constant: npt.NDArray[Any]) -> Array:
+    """A NumPy constant where `x` is, of its type."""
+    if isinstance(x, np.ndarray):
+        return constant.astype(x.dtype)
+    import torch
+
+    return torch.from_numpy(constant).to(x.device, x.dtype)
+
+
+def empty(x: Array, shape: tuple[int, ...], complex_: bool = False) -> Array:
+    """An array of that shape where `x` is, of its precision."""
+    if isinstance(x, np.ndarray):
+        return np.empty(shape, np.result_type(x.dtype, np.complex64) if complex_ else x.dtype)
+    return x.new_empty(shape, dtype=x.dtype.to_complex() if complex_ else x.dtype)
+
+
+def threads() -> int:
+    """As many as torch may use; without torch, the processors of this process."""
+    torch = sys.modules.get("torch")
+    if torch is not None:
+        return int(torch.get_num_threads())
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def each(work: Callable[[T], None], items: Iterable[T], like: Array) -> None:
@@ -43,7 +79,7 @@ def each(work: Callable[[T], None], items: Iterable[T], like: Array) -> None:
     The first error is raised.
     """
     if isinstance(like, np.ndarray):
-        with ThreadPoolExecutor(torch.get_num_threads()) as pool:
+        with ThreadPoolExecutor(threads()) as pool:
             for _ in pool.map(work, items):
                 pass
     else:
@@ -55,6 +91,8 @@ def fft(x: Array, axis: int, size: int | None = None) -> Array:
     """Complex FFT along `axis`, zero-padded to `size`; without a size, an array may be overwritten."""
     if isinstance(x, np.ndarray):
         return scipy.fft.fft(x, n=size, axis=axis, overwrite_x=size is None)
+    import torch
+
     return torch.fft.fft(x, n=size, dim=axis)
 
 
@@ -62,58 +100,62 @@ def ifft(x: Array, axis: int, size: int | None = None) -> Array:
     """Inverse complex FFT along `axis`, zero-padded to `size`; without a size, an array may be overwritten."""
     if isinstance(x, np.ndarray):
         return scipy.fft.ifft(x, n=size, axis=axis, overwrite_x=size is None)
+    import torch
+
     return torch.fft.ifft(x, n=size, dim=axis)
 
 
-def half_spectrum(
-    x: torch.Tensor, padded: int, padded_rows: int | None = None, planes: slice = slice(None)
-) -> torch.Tensor:
+def half_spectrum(x: Array, padded: int, padded_rows: int | None = None, planes: slice = slice(None)) -> Array:
     """The half spectra of (N, T, H, W) along T, zero-padded: (N, F, H, W), made a few rows at a time.
 
     With `padded_rows` there is room for that many rows, the new ones 0; with `planes` only those frequencies are kept.
     """
     samples, _, rows, cols = x.shape
-    kind = torch.complex128 if x.dtype == torch.float64 else torch.complex64
     kept = len(range(padded // 2 + 1)[planes])
-    spectrum = torch.empty((samples, kept, padded_rows or rows, cols), dtype=kind, device=x.device)
+    spectrum = empty(x, (samples, kept, padded_rows or rows, cols), complex_=True)
     spectrum[:, :, rows:] = 0
-    signal, done = array_of(x), array_of(spectrum)
 
     def work(some: slice) -> None:
-        part = signal[:, :, some]
+        part = x[:, :, some]
         if isinstance(part, np.ndarray):
-            done[:, :, some] = scipy.fft.rfft(part, n=padded, axis=1)[:, planes]
+            spectrum[:, :, some] = scipy.fft.rfft(part, n=padded, axis=1)[:, planes]
         else:
-            done[:, :, some] = torch.fft.rfft(part, n=padded, dim=1)[:, planes]
+            import torch
 
-    each(work, _row_blocks(x, padded, 1), signal)
+            spectrum[:, :, some] = torch.fft.rfft(part, n=padded, dim=1)[:, planes]
+
+    each(work, _row_blocks(x, padded, 1), x)
     return spectrum
 
 
-def add_signal_(signal: torch.Tensor, spectrum: torch.Tensor, padded: int, planes: slice = slice(None)) -> None:
+def add_signal_(signal: Array, spectrum: Array, padded: int, planes: slice = slice(None)) -> None:
     """signal (N, T, H, W) += the beginning of what has the half spectra (N, F, H, W) at `planes` and 0 elsewhere."""
     kept, frequencies = signal.shape[1], padded // 2 + 1
-    half, done = array_of(spectrum), array_of(signal)
 
     def work(some: slice) -> None:
-        part = half[:, :, some]
+        part = spectrum[:, :, some]
         if part.shape[1] < frequencies:
             shape = (part.shape[0], frequencies, *part.shape[2:])
             placed = np.zeros(shape, part.dtype) if isinstance(part, np.ndarray) else part.new_zeros(shape)
             placed[:, planes] = part
             part = placed
         if isinstance(part, np.ndarray):
-            done[:, :, some] += scipy.fft.irfft(part, n=padded, axis=1)[:, :kept]
+            signal[:, :, some] += scipy.fft.irfft(part, n=padded, axis=1)[:, :kept]
         else:
-            done[:, :, some] += torch.fft.irfft(part, n=padded, dim=1)[:, :kept]
+            import torch
 
-    each(work, _row_blocks(signal, padded, 8), half)
+            signal[:, :, some] += torch.fft.irfft(part, n=padded, dim=1)[:, :kept]
+
+    each(work, _row_blocks(signal, padded, 8), spectrum)
 
 
-def _row_blocks(x: torch.Tensor, padded: int, share: int) -> list[slice]:
+def _row_blocks(x: Array, padded: int, share: int) -> list[slice]:
     samples, _, rows, cols = x.shape
-    budget = (CPU_BLOCK_BYTES if x.device.type == "cpu" else CUDA_BLOCK_BYTES) // share
-    return _blocks(rows, samples * padded * cols * x.element_size(), budget)
+    return _blocks(rows, samples * padded * cols * x.itemsize, _budget(x) // share)
+
+
+def _budget(x: Array) -> int:
+    return CPU_BLOCK_BYTES if isinstance(x, np.ndarray) or x.device.type == "cpu" else CUDA_BLOCK_BYTES
 
 
 def _blocks(count: int, bytes_each: int, budget: int) -> list[slice]:
@@ -121,46 +163,44 @@ def _blocks(count: int, bytes_each: int, budget: int) -> list[slice]:
     return [slice(first, min(first + step, count)) for first in range(0, count, step)]
 
 
-def filter_planes_(spectrum: torch.Tensor, padded: tuple[int, int], multiply: Multiply) -> None:
+def filter_planes_(spectrum: Array, padded: tuple[int, int], multiply: Multiply) -> None:
     """Circularly convolves every (H, W) plane of `spectrum` (N, F, H, W) in space, zero-padded to `padded`, in place.
 
     `multiply(block, planes)` multiplies the planes' spatial spectra (N, f, *padded) in place by the filter. Planes go
     through small buffers, one a thread, so the padded volume never exists.
     """
     samples, planes, rows, cols = spectrum.shape
-    budget = CPU_BLOCK_BYTES if spectrum.device.type == "cpu" else CUDA_BLOCK_BYTES
-    chunks = _blocks(planes, samples * padded[0] * padded[1] * spectrum.element_size(), budget)
-    whole = array_of(spectrum)
+    chunks = _blocks(planes, samples * padded[0] * padded[1] * spectrum.itemsize, _budget(spectrum))
     own = threading.local()
 
     def on_cpu(chosen: slice) -> None:
         if not hasattr(own, "buffer"):
-            own.buffer = np.empty((samples, chunks[0].stop, *padded), whole.dtype)
+            own.buffer = np.empty((samples, chunks[0].stop, *padded), spectrum.dtype)
         block = own.buffer[:, : chosen.stop - chosen.start]
         filled = block[:, :, :rows]
         block[:, :, rows:] = 0
         filled[..., cols:] = 0
-        filled[..., :cols] = whole[:, chosen]
+        filled[..., :cols] = spectrum[:, chosen]
         for part, axis in ((filled, -1), (block, -2)):
             scipy.fft.fft(part, axis=axis, overwrite_x=True)
         multiply(block, chosen)
         for part, axis in ((block, -2), (filled, -1)):
             scipy.fft.ifft(part, axis=axis, overwrite_x=True)
-        whole[:, chosen] = filled[..., :cols]
+        spectrum[:, chosen] = filled[..., :cols]
 
     def on_gpu(chosen: slice) -> None:
-        block = fft(fft(whole[:, chosen], -1, padded[1]), -2, padded[0])
+        block = fft(fft(spectrum[:, chosen], -1, padded[1]), -2, padded[0])
         multiply(block, chosen)
-        whole[:, chosen] = ifft(ifft(block, -2)[:, :, :rows], -1)[..., :cols]
+        spectrum[:, chosen] = ifft(ifft(block, -2)[:, :, :rows], -1)[..., :cols]
 
-    each(on_cpu if isinstance(whole, np.ndarray) else on_gpu, chunks, whole)
+    each(on_cpu if isinstance(spectrum, np.ndarray) else on_gpu, chunks, spectrum)
 
 
 def multiply_even_(block: Array, quadrant: Array) -> None:
     """block (..., Y, X) *= a filter even in both frequencies, given as its quadrant (..., Y // 2 + 1, X // 2 + 1)."""
     rows, cols = block.shape[-2] // 2 + 1, block.shape[-1] // 2 + 1
     numpy = isinstance(block, np.ndarray)
-    flip: Any = np.flip if numpy else torch.flip
+    flip: Any = np.flip if numpy else type(block).flip
     shape = (*quadrant.shape[:-1], block.shape[-1])
     half = np.empty(shape, quadrant.dtype) if numpy else quadrant.new_empty(shape)
     half[..., :cols] = quadrant
@@ -171,4 +211,8 @@ def multiply_even_(block: Array, quadrant: Array) -> None:
 
 def cast(x: Array, kind: str) -> Array:
     """As "float32", "int64" ..."""
-    return x.astype(kind) if isinstance(x, np.ndarray) else x.to(getattr(torch, kind))
+    if isinstance(x, np.ndarray):
+        return x.astype(kind)
+    import torch
+
+    return x.to(getattr(torch, kind))

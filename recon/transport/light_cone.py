@@ -5,7 +5,6 @@ Where v = (c t / 2)^2 and s = z^2, light from (x, y, s) reaches the wall point a
 has in closed form.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,49 +13,24 @@ from torch import nn
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.transport.conventions import Conventions, check_supported
-from nlos.recon.transport.fourier import (
-    Array,
-    Multiply,
-    add_signal_,
-    array_of,
-    filter_planes_,
-    half_spectrum,
-    multiply_even_,
-)
-from nlos.recon.transport.light_cone_kernel import chirps, published_transfer
+from nlos.recon.transport.conventions import Conventions
+from nlos.recon.transport.fourier import array_of, tensor_of
+from nlos.recon.transport.light_cone_filter import Gain, LightConeFilter
 from nlos.recon.transport.linear import linear
-from nlos.recon.transport.resampling import resampling_matrix
 
 Snr = float | torch.Tensor
-Gain = Callable[[Any, slice], Any]
-"""(|H|^2 at some planes, those planes) -> a real factor; arrays on a CPU, tensors elsewhere."""
 
 
 class LightConeConvolution(nn.Module):
-    """The light-cone kernel over (B, C, V, H, W), V the cells of `LightConeResampling`; unit L2 norm.
-
-    Zero-padded so far that nothing wraps around: twice in space, and along v by the largest delay between two wall
-    points. `transfer` gives its spectrum to those who compute there. `tile` frequencies along v are held at once, all
-    unless given; the result is the same.
-    """
-
-    rows_chirp: torch.Tensor  # (F, Y // 2 + 1, 2) real and imaginary part, physical only
-    cols_chirp: torch.Tensor  # (F, X // 2 + 1, 2)
+    """The light-cone kernel over (B, C, V, H, W), V the cells of `LightConeResampling`; see `LightConeFilter`."""
 
     def __init__(
         self, wall: WallGrid, time: TimeAxis, conventions: Conventions = "physical", tile: int | None = None
     ) -> None:
         super().__init__()
-        check_supported(time, conventions)
-        self.wall, self.time, self.conventions, self.tile = wall, time, conventions, tile
-        self.cells = resampling_matrix(time, conventions).shape[0]
-        if conventions == "authors":
-            self.padded = (2 * self.cells, 2 * wall.rows, 2 * wall.cols)
-        else:
-            self.padded, rows_chirp, cols_chirp = chirps(wall, time, self.cells)
-            self.register_buffer("rows_chirp", rows_chirp, persistent=False)
-            self.register_buffer("cols_chirp", cols_chirp, persistent=False)
+        self.filter = LightConeFilter(wall, time, conventions, tile)
+        self.wall, self.time, self.conventions = wall, time, conventions
+        self.cells, self.padded = self.filter.cells, self.filter.padded
 
     def forward(self, u: torch.Tensor, gain: torch.Tensor | None = None) -> torch.Tensor:
         """What the wall sees of albedo `u`: H u; each frequency along v times a real `gain` (F,) where given."""
@@ -103,62 +77,14 @@ class LightConeConvolution(nn.Module):
         return linear(y, lambda x: self._filtered(x, True, gain), lambda x: self._filtered(x, False, gain))
 
     def transfer(self, planes: slice = slice(None)) -> torch.Tensor:
-        """H at `planes` of the half spectrum along v: its quadrant (f, Y // 2 + 1, X // 2 + 1), even in both; float64.
-
-        Of the authors' conventions, whose kernel is not even, the whole (f, Y, X) in complex64.
-        """
-        if self.conventions == "authors":
-            return published_transfer(self.wall, self.time)[planes]
-        rows, cols = torch.view_as_complex(self.rows_chirp[planes]), torch.view_as_complex(self.cols_chirp[planes])
-        return rows[:, :, None] * cols[:, None, :]
+        """See `LightConeFilter.transfer`."""
+        return torch.from_numpy(self.filter.transfer(planes))
 
     def _filtered(self, x: torch.Tensor, conjugate: bool, gain: Gain | None = None) -> torch.Tensor:
         """x * H, or x * conj(H), times a gain that may depend on |H|^2."""
-        batch, channels, cells, rows, cols = x.shape
-        if (cells, rows, cols) != (self.cells, self.wall.rows, self.wall.cols):
-            raise ValueError(
-                f"the light cone was built for {self.cells} x {self.wall.rows} x {self.wall.cols} (V, H, W), "
-                f"the data are {cells} x {rows} x {cols}. Build it for the wall and time axis of the data."
-            )
-        flat = x.detach().reshape(batch * channels, cells, rows, cols)
-        done = torch.zeros_like(flat)
-        frequencies = self.padded[0] // 2 + 1
-        tile = min(self.tile or frequencies, frequencies)
-        for first in range(0, frequencies, tile):
-            planes = slice(first, min(first + tile, frequencies))
-            spectrum = half_spectrum(flat, self.padded[0], planes=planes)
-            filter_planes_(spectrum, self.padded[1:], self._multiplier(spectrum, conjugate, gain, first))
-            add_signal_(done, spectrum, self.padded[0], planes)
-        return done.reshape(x.shape)
-
-    def _multiplier(self, spectrum: torch.Tensor, conjugate: bool, gain: Gain | None, first: int) -> Multiply:
-        """What multiplies padded planes of the spectrum, which begins at frequency `first`, by H or its conjugate."""
-        if self.conventions == "authors":
-            published = _like(spectrum, published_transfer(self.wall, self.time).to(spectrum.dtype))
-
-            def by_published(block: Array, here: slice) -> None:
-                planes = slice(first + here.start, first + here.stop)
-                h = published[planes]
-                w = h.conj() if conjugate else h
-                block *= w if gain is None else w * gain(h.real**2 + h.imag**2, planes)
-
-            return by_published
-        rows, cols = (
-            _like(spectrum, torch.view_as_complex(chirp).to(spectrum.dtype))
-            for chirp in (self.rows_chirp, self.cols_chirp)
-        )
-        rows_power, cols_power = (part.real**2 + part.imag**2 for part in (rows, cols))
-        if conjugate:
-            rows, cols = rows.conj(), cols.conj()
-
-        def by_chirps(block: Array, here: slice) -> None:
-            planes = slice(first + here.start, first + here.stop)
-            w = rows[planes, :, None] * cols[planes, None, :]
-            if gain is not None:
-                w = w * gain(rows_power[planes, :, None] * cols_power[planes, None, :], planes)
-            multiply_even_(block, w)
-
-        return by_chirps
+        batch, channels, *size = x.shape
+        done = self.filter(array_of(x.reshape(batch * channels, *size)), conjugate, gain)
+        return tensor_of(done).reshape(x.shape)
 
 
 class _Wiener(torch.autograd.Function):
@@ -204,11 +130,6 @@ def _plane_gain(gain: torch.Tensor) -> Gain:
 
 def _beside(power: Any, constants: torch.Tensor) -> Any:
     return constants.numpy() if isinstance(power, np.ndarray) else constants
-
-
-def _like(spectrum: torch.Tensor, constants: torch.Tensor) -> Array:
-    """The constants where the spectrum is filtered."""
-    return array_of(constants.to(spectrum.device))
 
 
 def _one_each(snr: torch.Tensor, y: torch.Tensor) -> torch.Tensor:

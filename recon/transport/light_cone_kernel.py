@@ -10,14 +10,15 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 import scipy.fft
-import torch
 from scipy.special import fresnel
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.transport.conventions import Conventions, range_m
 from nlos.recon.transport.fourier import good_size
-from nlos.recon.transport.resampling import resampling_matrix
+from nlos.recon.transport.resampling_matrix import resampling_matrix
+
+Spectrum = npt.NDArray[np.complex128]
 
 
 def padded_cells(wall: WallGrid, time: TimeAxis, conventions: Conventions = "physical") -> int:
@@ -34,8 +35,8 @@ def padded_cells(wall: WallGrid, time: TimeAxis, conventions: Conventions = "phy
 
 
 @lru_cache(maxsize=8)
-def chirps(wall: WallGrid, time: TimeAxis, cells: int) -> tuple[tuple[int, int, int], torch.Tensor, torch.Tensor]:
-    """The padded size (P, Y, X) and the spectra of both chirps, (F, Y // 2 + 1, 2) and (F, X // 2 + 1, 2), float64."""
+def chirps(wall: WallGrid, time: TimeAxis, cells: int) -> tuple[tuple[int, int, int], Spectrum, Spectrum]:
+    """The padded size (P, Y, X) and the spectra of both chirps, (F, Y // 2 + 1) and (F, X // 2 + 1), complex128."""
     pitches = _pitches(wall, time, cells)
     padded_v = padded_cells(wall, time)
     cycles = np.arange(padded_v // 2 + 1) / padded_v  # per cell
@@ -58,7 +59,7 @@ def chirps(wall: WallGrid, time: TimeAxis, cells: int) -> tuple[tuple[int, int, 
     both_sides[[0, -1]] = 1
     norm = np.sqrt(np.sum(powers[0] * powers[1] * both_sides) / padded_v)
     (rows, rows_spectrum), (cols, cols_spectrum) = spectra
-    return (padded_v, rows, cols), _real_view(rows_spectrum / norm), _real_view(cols_spectrum)
+    return (padded_v, rows, cols), rows_spectrum / norm, cols_spectrum
 
 
 def _pitches(wall: WallGrid, time: TimeAxis, cells: int) -> tuple[float, float]:
@@ -76,12 +77,8 @@ def _fresnel_integral(
     return np.asarray(((cosine_b - cosine_a) - 1j * (sine_b - sine_a)) / scale, dtype=np.complex128)
 
 
-def _real_view(x: npt.NDArray[np.complex128]) -> torch.Tensor:
-    return torch.view_as_real(torch.from_numpy(np.ascontiguousarray(x)))
-
-
 @lru_cache(maxsize=2)
-def published_transfer(wall: WallGrid, time: TimeAxis) -> torch.Tensor:
+def published_transfer(wall: WallGrid, time: TimeAxis) -> npt.NDArray[np.complex64]:
     """The published kernel's spectrum, (M + 1, 2 H, 2 W): one voxel a column, half a sample off towards +row, -col."""
     cells = time.bins
     reach = range_m(time, "authors")
@@ -94,4 +91,4 @@ def published_transfer(wall: WallGrid, time: TimeAxis) -> torch.Tensor:
     kernel[nearest, rows, cols] = 1 / np.sqrt(nearest.size)
     kernel = np.roll(kernel, (wall.rows, wall.cols), axis=(1, 2))
     mirrored = np.roll(kernel[:, :, ::-1], 1, axis=2)  # they scan columns from the right
-    return torch.from_numpy(scipy.fft.rfftn(mirrored, axes=(1, 2, 0)))
+    return np.asarray(scipy.fft.rfftn(mirrored, axes=(1, 2, 0)), dtype=np.complex64)

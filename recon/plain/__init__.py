@@ -1,0 +1,1 @@
+"""Methods that need nothing but NumPy and SciPy: where torch is not installed, these reconstruct."""

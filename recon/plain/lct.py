@@ -1,0 +1,45 @@
+"""The light-cone transform in NumPy and SciPy."""
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.physics_settings import LightConeSettings
+from nlos.recon.plain.prepared import prepare
+from nlos.recon.transport.conventions import depths_m
+from nlos.recon.transport.light_cone_filter import LightConeFilter
+from nlos.recon.transport.resampling_matrix import resampling_matrix
+
+
+class Settings(LightConeSettings):
+    """Settings of the light-cone transform."""
+
+
+class PlainLightConeTransform:
+    """Counts (T, H, W) and exposure (H, W) -> albedo (D, H, W), a plane a bin. Source: O'Toole et al., Nature 2018."""
+
+    def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
+        self.settings, self.time = settings, time
+        self.depths_m = depths_m(time, settings.conventions)
+        self.matrix = resampling_matrix(time, settings.conventions).astype(np.float32)
+        self.filter = LightConeFilter(wall, time, settings.conventions, settings.tile)
+
+    def __call__(self, counts: npt.NDArray[np.float32], exposure_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+        """The albedo volume, not below 0."""
+        signal, snr = prepare(counts, exposure_s, self.settings, self.time)
+        noise = np.float32(1 / snr)
+        on_cone = along_time(self.matrix, signal)[None]
+        image = self.filter(on_cone, True, lambda power, planes: 1 / (power + noise))[0]
+        return np.maximum(along_time(scipy.sparse.csr_array(self.matrix.T), image), 0)
+
+
+def along_time(matrix: scipy.sparse.csr_array, x: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """A sparse matrix (V, T) applied along the first axis of (T, H, W)."""
+    return np.asarray(matrix @ x.reshape(len(x), -1)).reshape(matrix.shape[0], *x.shape[1:])
+
+
+def build(settings: Settings, wall: WallGrid, time: TimeAxis) -> PlainLightConeTransform:
+    """The transform for one geometry."""
+    return PlainLightConeTransform(settings, wall, time)
