@@ -1,4 +1,4 @@
-"""What an importer returns: a scan on a wall grid, as its file holds it, and what the file could not say."""
+"""What an importer returns: a scan on a grid or at free positions as its file holds it, and what it did not say."""
 
 from dataclasses import dataclass, field, replace
 from typing import Self
@@ -6,14 +6,36 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from nlos.acquisition.transient import Transient
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid, grid_around
+
+LARGEST_WALL_M = 100.0
+MOST_POINTS = 4096 * 4096
+NARROWEST_BIN_S, WIDEST_BIN_S = 1e-13, 1e-6
+LONGEST_EXPOSURE_S = 1e7
+
+PLAIN_FIELDS = ("source_format", "direct_cut_bins", "falloff", "rectified", "wall_known")
+"""Fields of a scan that are single values."""
+
+
+@dataclass(frozen=True)
+class FreePoints:
+    """N histograms at positions of their own on the wall; `wall` is the grid that they are to be put on."""
+
+    counts: npt.NDArray[np.float32]  # (N, T)
+    exposure_s: npt.NDArray[np.float64]  # (N,)
+    x_m: npt.NDArray[np.float64]  # (N,)
+    y_m: npt.NDArray[np.float64]  # (N,)
+    wall: WallGrid
+    time: TimeAxis
 
 
 @dataclass(frozen=True)
 class ImportedScan:
-    """A scan from another program. `transient` is as recorded: nothing cut, nothing shifted."""
+    """A scan from another program, as recorded: nothing cut, nothing shifted."""
 
-    transient: Transient
+    held: Transient | FreePoints
     source_format: str
     direct_cut_bins: int = 0
     """The first bins that hold only direct light; 0 where the file says nothing."""
@@ -24,11 +46,58 @@ class ImportedScan:
     time_offset_bins: npt.NDArray[np.float64] | None = None  # (H, W)
     """Bin in which the rectified time 0 lies, where the file says so."""
     wall_known: bool = True
-    """Whether the file says how large the wall is; where it does not, 1 m x 1 m stands in."""
+    """Whether the file says how large the wall is; where it does not, 1 m x 1 m is assumed."""
     notes: tuple[str, ...] = field(default=())
     """What the file does not hold and was assumed, or holds and was left behind."""
 
+    @property
+    def transient(self) -> Transient:
+        """The scan on its grid. Raises `InvalidData` for free positions."""
+        if isinstance(self.held, FreePoints):
+            raise InvalidData("its points are off the grid")
+        return self.held
+
+    @property
+    def points(self) -> FreePoints | None:
+        """The scan at free positions; None where it lies on a grid."""
+        return self.held if isinstance(self.held, FreePoints) else None
+
     def on_wall(self, width_m: float, height_m: float) -> Self:
-        """The same scan on a wall of that size, for files that do not store it."""
-        wall = replace(self.transient.wall, width_m=width_m, height_m=height_m)
-        return replace(self, transient=replace(self.transient, wall=wall), wall_known=True)
+        """The same scan on a wall of that size, for files that do not store it. Free positions keep their places."""
+        if isinstance(self.held, FreePoints):
+            wall = grid_around(self.held.x_m, self.held.y_m, (width_m, height_m))
+        else:
+            wall = replace(self.held.wall, width_m=width_m, height_m=height_m)
+        return replace(self, held=replace(self.held, wall=wall), wall_known=True)
+
+    def check(self, name: str) -> None:
+        """Raises `InvalidData`, naming file `name` and place, for what nobody can have measured."""
+        held, time, wall = self.held, self.held.time, self.held.wall
+        if not (0 < wall.width_m <= LARGEST_WALL_M and 0 < wall.height_m <= LARGEST_WALL_M):
+            raise InvalidData(f"{name}: the wall is {wall.width_m:g} x {wall.height_m:g} m; up to 100 m make sense")
+        if not NARROWEST_BIN_S <= time.bin_width_s <= WIDEST_BIN_S:
+            raise InvalidData(f"{name}: the bin width is {time.bin_width_s:g} s; 1e-13 to 1e-6 s make sense")
+        if not 0 <= time.start_s <= 1:
+            raise InvalidData(f"{name}: its time axis begins at {time.start_s:g} s; 0 to 1 s make sense")
+        if held.exposure_s.size > MOST_POINTS or not 0 <= self.direct_cut_bins < time.bins:
+            raise InvalidData(f"{name}: {held.exposure_s.size} points, {self.direct_cut_bins} bins of direct light")
+        for place, values in (("exposure_s", held.exposure_s), ("time_offset_bins", self.time_offset_bins)):
+            if values is not None and not np.isfinite(values).all():
+                raise InvalidData(f"{name}: {place}: holds values that are not finite")
+        if not 0 < held.exposure_s.max() <= LONGEST_EXPOSURE_S or held.exposure_s.min() < 0:
+            raise InvalidData(f"{name}: exposure_s: from {held.exposure_s.min():g} to {held.exposure_s.max():g} s")
+        if isinstance(held, FreePoints) and not (np.isfinite(held.x_m).all() and np.isfinite(held.y_m).all()):
+            raise InvalidData(f"{name}: x_m, y_m: hold positions that are not finite")
+        for bad, what in ((~np.isfinite(held.counts), "not a number"), (held.counts < 0, "negative")):
+            if bad.any():
+                place = _place(held, np.argwhere(bad)[0].tolist())
+                value = held.counts[tuple(np.argwhere(bad)[0])]
+                raise InvalidData(
+                    f"{name}: histograms: {place} is {what} ({value:g}). Fix that point, or give it exposure 0."
+                )
+
+
+def _place(held: Transient | FreePoints, index: list[int]) -> str:
+    if isinstance(held, FreePoints):
+        return f"point {index[0]}, bin {index[1]}"
+    return f"row {index[1]}, column {index[2]}, bin {index[0]}"

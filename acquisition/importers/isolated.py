@@ -1,6 +1,7 @@
 """Reads files from outside in a child process: whatever a damaged file does to a parser, it does it over there.
 
 The child has a memory limit and a deadline; arrays come back as .npy files in a folder of the parent's, never pickled.
+What this process then reads itself - its own recordings, results, constants - a child has read to the end before.
 """
 
 import contextlib
@@ -9,46 +10,58 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Self
+from typing import Any, Self
 
 import numpy as np
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.importers.given import NOTHING, Given
+from nlos.acquisition.importers.imported import PLAIN_FIELDS, FreePoints, ImportedScan
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 
-DEADLINE_S = 300.0
+DEADLINE_S, BYTES_PER_S = 30.0, 10e6
+"""A file gets so long, and longer the larger it is."""
 MEMORY_BYTES = 24 << 30
 """Address space of the child: three times the largest scan that is read, and what Python and its libraries map."""
 
-_PLAIN_FIELDS = ("source_format", "direct_cut_bins", "falloff", "rectified", "wall_known")
+_CHILD = "nlos.acquisition.importers.isolated_child"
+
+
+class NoScan(InvalidData):
+    """A file that can be read but holds no scan; `contents` is what it holds, by name."""
+
+    def __init__(self, message: str, contents: Mapping[str, object]) -> None:
+        self.contents = contents
+        super().__init__(message)
 
 
 class IsolatedReader:
     """A child process that reads one file after another; it is started anew after a crash.
 
-    `memory_bytes` limits the child's address space where the operating system can (not on Windows).
+    `memory_bytes` limits the child's address space where the operating system can (not on Windows); `deadline_s` the
+    time for one file, `DEADLINE_S` and what its size takes unless given.
     """
 
-    def __init__(self, memory_bytes: int = MEMORY_BYTES, deadline_s: float = DEADLINE_S) -> None:
+    def __init__(self, memory_bytes: int = MEMORY_BYTES, deadline_s: float | None = None) -> None:
         self._memory_bytes, self._deadline_s = memory_bytes, deadline_s
         self._child: subprocess.Popen[str] | None = None
 
-    def read(self, path: Path) -> ImportedScan:
-        """As `formats.read_any`. Raises `InvalidData` also where the reader crashed or ran out of time or memory."""
-        if not path.is_file():
-            raise FileNotFoundError(f"{path}: no such file")
+    def read(self, path: Path, given: Given = NOTHING, *, describe: bool = False) -> ImportedScan:
+        """As `formats.read_any`. Raises `InvalidData` also where the reader crashed or ran out of time or memory;
+        with `describe`, `NoScan` for a file that holds something else."""
         with tempfile.TemporaryDirectory(prefix="nlos-import-") as folder:
-            answer = self._ask({"path": str(path.absolute()), "shown": str(path), "folder": folder})
-            if answer is None:
-                raise InvalidData(f"{path}: the reader did not survive this file; it is damaged, or not what it says")
-            if "error" in answer:
-                raise InvalidData(str(answer["error"]))
+            answer = self._ask(path, {"given": asdict(given), "folder": folder, "describe": describe})
             return _load(Path(folder), answer)
+
+    def check(self, path: Path, reader: str) -> None:
+        """Has the child run `reader` (`package.module:function`, given the path) to its end. Raises `InvalidData`
+        where it refuses, crashes, or runs out of time or memory: then nobody else should read that file."""
+        self._ask(path, {"reader": reader})
 
     def close(self) -> None:
         """Ends the child. May be called twice."""
@@ -69,94 +82,90 @@ class IsolatedReader:
     ) -> None:
         self.close()
 
-    def _ask(self, request: dict[str, str]) -> dict[str, object] | None:
-        """The child's answer; None where it died or had to be killed at the deadline."""
+    def _ask(self, path: Path, wanted: dict[str, object]) -> dict[str, Any]:
+        """The child's answer. Raises `InvalidData` where it is an error, or none came."""
+        if not path.is_file():
+            raise FileNotFoundError(f"{path}: no such file")
+        deadline_s = self._deadline_s
+        if deadline_s is None:
+            deadline_s = DEADLINE_S + path.stat().st_size / BYTES_PER_S
+        asked = {"reader": None, "describe": False, "deadline_s": deadline_s} | wanted
+        line = self._exchange(json.dumps(asked | {"path": str(path.absolute()), "shown": str(path)}), deadline_s)
+        if not line:
+            code = self._child.wait() if self._child is not None else 0
+            self.close()
+            late = f" within {deadline_s:.0f} s" if code in (-14, -9) else ""
+            raise InvalidData(
+                f"{path}: the reader did not survive this file{late}; it is damaged, or not what it says. "
+                "Copy it again from where it was made."
+            )
+        answer: dict[str, Any] = json.loads(line)
+        if "error" in answer:
+            if answer.get("contents"):
+                raise NoScan(str(answer["error"]), answer["contents"])
+            raise InvalidData(str(answer["error"]))
+        return answer
+
+    def _exchange(self, request: str, deadline_s: float) -> str:
+        """One line to the child and one back; empty where it died or had to be killed after the deadline."""
         if self._child is None or self._child.poll() is not None:
             self.close()
             self._child = subprocess.Popen(
-                [sys.executable, "-P", "-m", __name__, str(self._memory_bytes)],
+                [sys.executable, "-P", "-m", _CHILD, str(self._memory_bytes)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
                 text=True,
+                encoding="utf-8",
             )
         child = self._child
-        timer = threading.Timer(self._deadline_s, child.kill)
+        assert child.stdin is not None
+        assert child.stdout is not None
+        timer = threading.Timer(deadline_s + 10.0, child.kill)  # the child ends itself, but where it has no timer
         timer.start()
         try:
-            line = _exchange(child, json.dumps(request))
+            child.stdin.write(request + "\n")
+            child.stdin.flush()
+            return child.stdout.readline()
+        except BrokenPipeError:
+            return ""
         finally:
             timer.cancel()
-        if not line:
-            self.close()
-            return None
-        answer: dict[str, object] = json.loads(line)
-        return answer
 
 
-def read_isolated(path: Path) -> ImportedScan:
+def read_isolated(path: Path, given: Given = NOTHING, *, describe: bool = False) -> ImportedScan:
     """One file, read by a child process of its own."""
     with IsolatedReader() as reader:
-        return reader.read(path)
+        return reader.read(path, given, describe=describe)
 
 
-def _exchange(child: "subprocess.Popen[str]", request: str) -> str:
-    if child.stdin is None or child.stdout is None:
-        return ""
-    try:
-        child.stdin.write(request + "\n")
-        child.stdin.flush()
-    except BrokenPipeError:
-        return ""
-    return child.stdout.readline()
+_sound: set[tuple[str, int, int, int, int]] = set()
 
 
-def _load(folder: Path, answer: dict[str, object]) -> ImportedScan:
-    fields = {key: answer[key] for key in _PLAIN_FIELDS}
-    wall, time = answer["wall"], answer["time"]
-    if not isinstance(wall, dict) or not isinstance(time, dict):
-        raise InvalidData("the reader answered without wall or time axis")
-    offsets = folder / "time_offset_bins.npy"
-    return ImportedScan(
-        Transient(
-            np.load(folder / "counts.npy", allow_pickle=False),
-            np.load(folder / "exposure_s.npy", allow_pickle=False),
-            WallGrid(**wall),
-            TimeAxis(**time),
-        ),
-        time_offset_bins=np.load(offsets, allow_pickle=False) if offsets.exists() else None,
-        notes=tuple(str(note) for note in answer["notes"]) if isinstance(answer["notes"], list) else (),
-        **fields,  # type: ignore[arg-type]
+def check_isolated(path: Path, reader: str) -> None:
+    """`IsolatedReader.check` in a child of its own; once for a file that has not changed since."""
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    now = path.stat()
+    seen = (reader, now.st_dev, now.st_ino, now.st_size, now.st_mtime_ns)
+    if seen not in _sound:
+        with IsolatedReader() as child:
+            child.check(path, reader)
+        _sound.add(seen)
+
+
+def _load(folder: Path, answer: dict[str, Any]) -> ImportedScan:
+    """What the child left in `folder`."""
+    arrays = {path.stem: np.load(path, allow_pickle=False) for path in folder.glob("*.npy")}
+    wall, time = WallGrid(**answer["wall"]), TimeAxis(**answer["time"])
+    counts, exposure_s = arrays["counts"], arrays["exposure_s"]
+    places_m = arrays.get("places_m")
+    held = (
+        Transient(counts, exposure_s, wall, time)
+        if places_m is None
+        else FreePoints(counts, exposure_s, places_m[0], places_m[1], wall, time)
     )
-
-
-def _serve(requests: IO[str], answers: IO[str], memory_bytes: int) -> None:
-    """The child: one line of JSON in, arrays into the folder, one line of JSON out."""
-    from nlos.acquisition.importers.formats import read_any
-
-    if sys.platform != "win32":
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    for line in requests:
-        request = json.loads(line)
-        try:
-            scan = read_any(Path(request["path"]))
-        except (InvalidData, FileNotFoundError) as error:
-            answer: dict[str, object] = {"error": str(error).replace(request["path"], request["shown"])}
-        except MemoryError:
-            answer = {"error": f"{request['shown']}: asks for more memory than {memory_bytes >> 20} MiB"}
-        else:
-            folder, transient = Path(request["folder"]), scan.transient
-            np.save(folder / "counts.npy", transient.counts)
-            np.save(folder / "exposure_s.npy", transient.exposure_s)
-            if scan.time_offset_bins is not None:
-                np.save(folder / "time_offset_bins.npy", scan.time_offset_bins)
-            answer = {key: getattr(scan, key) for key in (*_PLAIN_FIELDS, "notes")}
-            answer |= {"wall": asdict(transient.wall), "time": asdict(transient.time)}
-        print(json.dumps(answer), file=answers, flush=True)
-
-
-if __name__ == "__main__":
-    _serve(sys.stdin, sys.stdout, int(sys.argv[1]))
+    fields = {key: answer[key] for key in PLAIN_FIELDS}
+    return ImportedScan(
+        held, time_offset_bins=arrays.get("time_offset_bins"), notes=tuple(map(str, answer["notes"])), **fields
+    )

@@ -15,6 +15,8 @@ from scipy.io import loadmat, whosmat
 from scipy.io.matlab import MatReadError
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.arrays import held_scan
+from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES, find_dataset, open_hdf5, read_array
 from nlos.acquisition.transient import TimeAxis, Transient
@@ -46,14 +48,14 @@ _LAYOUTS = (
 )
 
 
-def read_matlab(path: Path) -> ImportedScan:
+def read_matlab(path: Path, given: Given = NOTHING) -> ImportedScan:
     """Reads a scan from a .mat file; a `tof.mat` beside an f-k measurement gives its time offsets.
 
     Raises `InvalidData` naming file, key and reason.
     """
     shapes = _shapes(path)
-    if {"histograms", "bin_width_s", "wall_size_m"} <= shapes.keys():
-        return _read_own(path, shapes)
+    if "histograms" in shapes:
+        return _read_own(path, shapes, given)
     layout = next((layout for layout in _LAYOUTS if layout.key in shapes), None)
     if layout is None:
         known = ", ".join(layout.key for layout in _LAYOUTS)
@@ -61,7 +63,7 @@ def read_matlab(path: Path) -> ImportedScan:
     counts = _read(path, layout.key, shapes)
     if counts.ndim != 3:
         raise InvalidData(f"{path}: {layout.key}: has shape {counts.shape}; two wall axes and time are expected")
-    notes = ["exposure is not stored; 1 s per point is assumed"]
+    notes = ["exposure is not stored; assuming 1 s per point"]
     wall_m = layout.wall_m
     if "width" in shapes:
         half = np.asarray(_read(path, "width", shapes), dtype=np.float64).ravel()
@@ -69,9 +71,9 @@ def read_matlab(path: Path) -> ImportedScan:
             raise InvalidData(f"{path}: width: half the wall's side in metres is expected (found {half[:3]})")
         wall_m = 2 * float(half[0])
     else:
-        notes.append(f"the wall's size is not stored; {wall_m:g} m is this format's own")
+        notes.append(f"the wall's size is not stored; assuming {wall_m:g} m, this format's own")
     if layout.falloff is None:
-        notes.append("diffuse or retroreflective is not stored; set falloff to 4 or 2")
+        notes.append("diffuse or retroreflective is not stored; assuming diffuse (--set falloff=2 for the other)")
     if layout.x_first:
         counts = counts.transpose(1, 0, 2)[:, ::-1]
     rows, cols, bins = counts.shape
@@ -92,26 +94,47 @@ def read_matlab(path: Path) -> ImportedScan:
     )
 
 
-def _read_own(path: Path, shapes: dict[str, tuple[int, ...]]) -> ImportedScan:
-    """A file of our own exporter: arrays under the names that the NPZ export uses."""
+def _read_own(path: Path, shapes: dict[str, tuple[int, ...]], given: Given) -> ImportedScan:
+    """A file of our own exporter, or anybody's with the names that the NPZ export uses."""
     counts = _read(path, "histograms", shapes)
-    if counts.ndim != 3:
-        raise InvalidData(f"{path}: histograms: has shape {counts.shape}; [H, W, T] is expected")
-    rows, cols, bins = counts.shape
-    numbers = [_read(path, key, shapes).astype(np.float64).ravel() for key in ("bin_width_s", "wall_size_m")]
-    start_s = float(_read(path, "offset_s", shapes).ravel()[0]) if "offset_s" in shapes else 0.0
-    exposure = _read(path, "exposure_s", shapes).astype(np.float64) if "exposure_s" in shapes else np.ones((rows, cols))
-    if numbers[1].size != 2 or not (np.isfinite(numbers[0][0]) and (numbers[1] > 0).all()) or not numbers[0][0] > 0:
-        raise InvalidData(f"{path}: bin_width_s or wall_size_m: are no positive numbers")
-    if exposure.shape != (rows, cols) or not np.isfinite(start_s):
-        raise InvalidData(f"{path}: exposure_s: has shape {exposure.shape}, the scan {(rows, cols)}")
-    transient = Transient(
-        np.ascontiguousarray(np.moveaxis(counts, 2, 0), dtype=np.float32),
-        exposure,
-        WallGrid(float(numbers[1][0]), float(numbers[1][1]), rows, cols),
-        TimeAxis(bins, float(numbers[0][0]), start_s),
+    if counts.ndim not in (2, 3):
+        raise InvalidData(f"{path}: histograms: has shape {counts.shape}; [H, W, T] or [N, T] is expected")
+    single = {
+        key: np.asarray(_read(path, key, shapes), dtype=np.float64).ravel()
+        for key in ("bin_width_s", "wall_size_m", "offset_s", "rectified")
+        if key in shapes
+    }
+    if any(values.size == 0 or not np.isfinite(values).all() for values in single.values()):
+        raise InvalidData(f"{path}: {', '.join(single)}: are no finite numbers")
+    for key, option, said in (
+        ("bin_width_s", "--bin-width-ps PS", given.bin_width_s),
+        ("wall_size_m", "--wall-size-m W or WxH", given.wall_m),
+    ):
+        if said is None and key not in single and not (key == "wall_size_m" and counts.ndim == 2):
+            raise InvalidData(f"{path}: {key}: is not stored. Say {option}")
+    sides_m = given.wall_m
+    if sides_m is None and "wall_size_m" in single:
+        sides_m = float(single["wall_size_m"][0]), float(single["wall_size_m"][-1])
+        if not min(sides_m) > 0:
+            raise InvalidData(f"{path}: wall_size_m: is {sides_m}; metres above 0 are expected")
+    beside = {
+        key: np.asarray(_read(path, key, shapes), dtype=np.float64) if key in shapes else None
+        for key in ("exposure_s", "x_m", "y_m")
+    }
+    if counts.ndim == 2:  # MATLAB has no arrays of one dimension
+        beside = {key: None if values is None else values.ravel() for key, values in beside.items()}
+    held, notes = held_scan(
+        str(path),
+        "histograms",
+        counts,
+        beside,
+        given.bin_width_s or float(single["bin_width_s"][0]),
+        sides_m,
+        given,
+        float(single["offset_s"][0]) if "offset_s" in single else 0.0,
     )
-    return ImportedScan(transient, "MATLAB export", rectified=False)
+    rectified = "rectified" in single and bool(single["rectified"][0])
+    return ImportedScan(held, "MATLAB export", rectified=rectified, notes=notes)
 
 
 def _time_of_flight(path: Path, grid: tuple[int, int], layout: _Layout) -> npt.NDArray[np.float64] | None:

@@ -8,45 +8,38 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.arrays import held_scan
+from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES
-from nlos.acquisition.transient import TimeAxis, Transient
-from nlos.acquisition.wall import WallGrid
 
 _MAX_RATIO = 1100  # zlib's own limit is about 1032
 
 
-def read_npz(path: Path) -> ImportedScan:
-    """Reads a scan on a grid. Raises `InvalidData` naming file, place and reason."""
+def read_npz(path: Path, given: Given = NOTHING) -> ImportedScan:
+    """Reads a scan. Raises `InvalidData` naming file, place and reason."""
     arrays = _arrays(path)
     counts = _numbers(path, arrays, "histograms")
-    if counts.ndim == 2:
-        raise InvalidData(f"{path}: histograms lie at free positions; import the recording that they came from")
-    if counts.ndim != 3 or counts.size == 0:
-        raise InvalidData(f"{path}: histograms: has shape {counts.shape}; [H, W, T] is expected")
-    rows, cols, bins = counts.shape
-    width_s = float(_numbers(path, arrays, "bin_width_s").reshape(-1)[0])
-    if not 1e-13 <= width_s <= 1e-6:
-        raise InvalidData(f"{path}: bin_width_s is {width_s:g} s; 1e-13 to 1e-6 s make sense")
-    notes = []
-    if "exposure_s" in arrays:
-        exposure = _numbers(path, arrays, "exposure_s").astype(np.float64)
-    else:
-        exposure = np.ones((rows, cols))
-        notes.append("exposure is not stored; 1 s per point is assumed")
-    if exposure.shape != (rows, cols):
-        raise InvalidData(f"{path}: exposure_s: has shape {exposure.shape}, the scan {(rows, cols)}")
-    width_m = _extent(path, arrays, "x_m", cols, notes)
-    height_m = _extent(path, arrays, "y_m", rows, notes)
-    transient = Transient(
-        np.ascontiguousarray(np.moveaxis(counts, 2, 0), dtype=np.float32),
-        exposure,
-        WallGrid(width_m, height_m, rows, cols),
-        TimeAxis(
-            bins, width_s, float(_numbers(path, arrays, "offset_s").reshape(-1)[0]) if "offset_s" in arrays else 0.0
-        ),
-    )
-    return ImportedScan(transient, "NPZ", rectified=False, notes=tuple(notes))
+    if counts.ndim not in (2, 3):
+        raise InvalidData(f"{path}: histograms: has shape {counts.shape}; [H, W, T] or [N, T] is expected")
+    if given.bin_width_s is None and "bin_width_s" not in arrays:
+        raise InvalidData(f"{path}: no array 'bin_width_s'. Say --bin-width-ps PS; the file holds {_listed(arrays)}")
+    width_s = given.bin_width_s or _number(path, arrays, "bin_width_s")
+    start_s = _number(path, arrays, "offset_s") if "offset_s" in arrays else 0.0
+    beside = {
+        name: _numbers(path, arrays, name).astype(np.float64) if name in arrays else None
+        for name in ("exposure_s", "x_m", "y_m")
+    }
+    notes: list[str] = []
+    sides_m = given.wall_m
+    if sides_m is None and counts.ndim == 3:
+        ordered = given.ordered(counts, f"{path}: histograms", told=True)
+        rows, cols = ordered.shape[:2]
+        sides_m = _extent(path, arrays, "x_m", cols, notes), _extent(path, arrays, "y_m", rows, notes)
+    held, more = held_scan(str(path), "histograms", counts, beside, width_s, sides_m, given, start_s)
+    rectified = "rectified" in arrays and bool(_number(path, arrays, "rectified"))
+    known = given.wall_m is not None or counts.ndim == 2 or not notes
+    return ImportedScan(held, "NPZ", rectified=rectified, wall_known=known, notes=(*notes, *more))
 
 
 def _arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
@@ -68,18 +61,32 @@ def _arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
 def _numbers(path: Path, arrays: dict[str, npt.NDArray[np.generic]], name: str) -> npt.NDArray[np.generic]:
     array = arrays.get(name)
     if array is None:
-        raise InvalidData(f"{path}: no array '{name}'; the file holds {', '.join(sorted(arrays)) or 'nothing'}")
+        raise InvalidData(f"{path}: no array '{name}'; the file holds {_listed(arrays)}")
     if array.dtype.kind not in "uif" or array.size == 0:
         raise InvalidData(f"{path}: {name}: holds {array.dtype} {array.shape}, not numbers")
     return array
 
 
+def _number(path: Path, arrays: dict[str, npt.NDArray[np.generic]], name: str) -> float:
+    value = float(np.asarray(_numbers(path, arrays, name), dtype=np.float64).ravel()[0])
+    if not np.isfinite(value):
+        raise InvalidData(f"{path}: {name}: is {value:g}, not a number")
+    return value
+
+
+def _listed(arrays: dict[str, npt.NDArray[np.generic]]) -> str:
+    return ", ".join(sorted(arrays)) or "nothing"
+
+
 def _extent(path: Path, arrays: dict[str, npt.NDArray[np.generic]], name: str, points: int, notes: list[str]) -> float:
     """The wall's side: pitch times points, from the positions of columns or rows."""
     if name not in arrays:
-        notes.append(f"{name} is not stored; a wall of 1 m is assumed")
+        notes.append(f"{name} is not stored; assuming a wall of 1 m")
         return 1.0
     values = np.unique(_numbers(path, arrays, name).astype(np.float64).round(9))
     if values.size != points or not np.isfinite(values).all():
         raise InvalidData(f"{path}: {name}: holds {values.size} positions for {points} rows or columns")
-    return float(np.ptp(values)) * points / (points - 1) if points > 1 else 1.0
+    if points == 1:
+        notes.append(f"{name} holds one position; assuming a wall of 1 m")
+        return 1.0
+    return float(np.ptp(values)) * points / (points - 1)

@@ -27,7 +27,7 @@ from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 
 SUFFIXES = (".ptu", ".pt2", ".pt3", ".ht2", ".ht3", ".t3r", ".phd", ".hhd")
-_NO_WALL = "the wall's size is not stored; 1 m x 1 m stands in"
+_NO_WALL = "the wall's size is not stored; assuming 1 m x 1 m"
 
 
 def read_picoquant(path: Path) -> ImportedScan:
@@ -80,7 +80,7 @@ def _read_ptu(path: Path) -> ImportedScan:
     counts = image.reshape(rows, cols, bins)
     notes = [_NO_WALL, "photons between lines and outside frames are no points of the scan and are left behind"]
     if not dwell_s > 0:
-        notes.append("the dwell is not stored; 1 s per point is assumed")
+        notes.append("the dwell is not stored; assuming 1 s per point")
     exposure = np.full((rows, cols), dwell_s * frames if dwell_s > 0 else 1.0)
     return _scan(counts, exposure, bin_width_s, "PTU image", tuple(notes), path)
 

@@ -1,76 +1,85 @@
-"""Plain HDF5 scans: `histograms` [H, W, T] and a few attributes, read without conversion.
+"""Plain HDF5 scans: `histograms` [H, W, T], or [N, T] at `x_m`, `y_m` [N], and a few attributes; read as they stand.
 
-Attributes: `bin_width_s`, `wall_size_m` (one number, or width and height); optionally `direct_cut_bins`,
-`falloff_exponent_authors` (2 or 4) and a dataset `time_offset_bins` [H, W].
+Attributes: `bin_width_s`, `wall_size_m` (one number, or width and height; free positions do without); optionally
+`direct_cut_bins`, `falloff_exponent_authors` (2 or 4), `rectified` (default 1), and datasets `exposure_s` and
+`time_offset_bins` [H, W].
 """
 
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
+import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.arrays import held_scan
+from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, open_hdf5, read_array
-from nlos.acquisition.transient import TimeAxis, Transient
-from nlos.acquisition.wall import WallGrid
+
+_SINGLE = ("exposure_s", "x_m", "y_m", "time_offset_bins")
 
 
-def read_plain(path: Path, dataset: str = "histograms") -> ImportedScan:
-    """Reads one plain HDF5 scan; exposure 1 s everywhere. Raises `InvalidData` naming file, place and reason."""
+def read_plain(path: Path, dataset: str = "histograms", given: Given = NOTHING) -> ImportedScan:
+    """Reads one plain HDF5 scan. Raises `InvalidData` naming file, place and reason."""
     with open_hdf5(path) as file:
         stored = find_dataset(file, dataset)
         if stored is None:
             present = ", ".join(sorted(file.keys())[:12]) or "nothing"
-            raise InvalidData(f"{path}: no dataset '{dataset}' [H, W, T]; the file holds {present}")
-        counts = read_array(stored, 3)
-        bin_width_s = _number(file, "bin_width_s")
-        if not 1e-13 <= bin_width_s <= 1e-6:
-            raise InvalidData(f"{path}: bin_width_s is {bin_width_s:g} s; 1e-13 to 1e-6 s make sense")
-        width_m, height_m = _wall_size(file)
-        cut = int(_number(file, "direct_cut_bins", 0))
-        rows, cols, bins = counts.shape
-        if not 0 <= cut < bins:
-            raise InvalidData(f"{path}: direct_cut_bins is {cut}, but histograms have {bins} bins")
-        falloff = int(_number(file, "falloff_exponent_authors", 4))
-        if falloff not in (2, 4):
-            raise InvalidData(f"{path}: falloff_exponent_authors is {falloff}; 2 or 4 are known")
-        offsets = find_dataset(file, "time_offset_bins")
-        offset_bins = None if offsets is None else read_array(offsets, 2).astype(np.float64)
-        rectified = bool(_number(file, "rectified", 1))
-    if offset_bins is not None and offset_bins.shape != (rows, cols):
-        raise InvalidData(f"{path}: time_offset_bins has shape {offset_bins.shape}, the scan {(rows, cols)}")
-    transient = Transient(
-        counts=np.ascontiguousarray(np.moveaxis(counts, 2, 0), dtype=np.float32),
-        exposure_s=np.ones((rows, cols)),
-        wall=WallGrid(width_m, height_m, rows, cols),
-        time=TimeAxis(bins, bin_width_s),
-    )
+            raise InvalidData(
+                f"{path}: no dataset '{dataset}' [H, W, T], or [N, T] with x_m and y_m [N]; the file holds {present}"
+            )
+        counts = read_array(stored, 2 if len(stored.shape) == 2 else 3)
+        beside = {name: _beside(file, name) for name in _SINGLE}
+        width_s = given.bin_width_s or _number(file, "bin_width_s", "--bin-width-ps PS")
+        sides_m = given.wall_m or _wall_size(file, needed=counts.ndim == 3)
+        cut = int(_number(file, "direct_cut_bins", default=0))
+        falloff = int(_number(file, "falloff_exponent_authors", default=4))
+        rectified = bool(_number(file, "rectified", default=1))
+    if falloff not in (2, 4):
+        raise InvalidData(f"{path}: falloff_exponent_authors is {falloff}; 2 or 4 are known")
+    held, notes = held_scan(str(path), dataset, counts, beside, width_s, sides_m, given)
+    if not 0 <= cut < held.time.bins:
+        raise InvalidData(f"{path}: direct_cut_bins is {cut}, but histograms have {held.time.bins} bins")
+    offsets = beside["time_offset_bins"]
+    if offsets is not None and offsets.shape != held.exposure_s.shape:
+        raise InvalidData(f"{path}: time_offset_bins has shape {offsets.shape}, the scan {held.exposure_s.shape}")
     return ImportedScan(
-        transient,
+        held,
         "plain HDF5",
         direct_cut_bins=cut,
         falloff=falloff,
         rectified=rectified,
-        time_offset_bins=offset_bins,
-        notes=("exposure is not stored; 1 s per point is assumed",),
+        time_offset_bins=offsets,
+        notes=notes,
     )
 
 
-def _number(file: h5py.File, key: str, default: float | None = None) -> float:
+def _beside(file: h5py.File, name: str) -> npt.NDArray[Any] | None:
+    """An array that goes with the histograms, where the file has it."""
+    stored = find_dataset(file, name)
+    return None if stored is None else read_array(stored, len(stored.shape)).astype(np.float64)
+
+
+def _number(file: h5py.File, key: str, option: str | None = None, default: float | None = None) -> float:
     value = file.attrs.get(key, default)
     array = np.asarray(value)
     if value is None or array.size != 1 or array.dtype.kind not in "uifb" or not np.isfinite(array).all():
-        raise InvalidData(f"{file.filename}: attribute {key} must be one finite number (found {value!r})")
+        remedy = f". Say {option}" if option else ""
+        raise InvalidData(f"{file.filename}: attribute {key} must be one finite number (found {value!r}){remedy}")
     return float(array.reshape(()))
 
 
-def _wall_size(file: h5py.File) -> tuple[float, float]:
+def _wall_size(file: h5py.File, needed: bool) -> tuple[float, float] | None:
     value = file.attrs.get("wall_size_m")
+    if value is None and not needed:
+        return None
     array = np.asarray(value)
     if value is None or array.dtype.kind not in "uif" or array.size not in (1, 2):
         raise InvalidData(
-            f"{file.filename}: attribute wall_size_m must be one number or width and height (found {value!r})"
+            f"{file.filename}: attribute wall_size_m must be one number or width and height (found {value!r}). "
+            "Say --wall-size-m W or WxH"
         )
     sizes = array.astype(np.float64).ravel()
     if not (np.isfinite(sizes).all() and (sizes > 0).all()):

@@ -100,7 +100,7 @@ def _upright(
         TimeAxis(int(counts.shape[0]), width_s),
     )
     rectified = bool((np.abs(offsets) < 1e-6).all())
-    notes = ("exposure is not stored; 1 s per point is assumed", "scene description and normals are left behind")
+    notes = ("exposure is not stored; assuming 1 s per point", "scene description and normals are left behind")
     return ImportedScan(
         transient, name, falloff=4, rectified=rectified, time_offset_bins=None if rectified else offsets, notes=notes
     )

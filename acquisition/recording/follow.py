@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from nlos.acquisition.errors import InvalidData, StorageError
+from nlos.acquisition.recording.checked import open_checked
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer_lock import is_locked
 from nlos.acquisition.sample import Sample
@@ -69,7 +70,7 @@ def _opened(path: Path, patience_s: float, clock: Clock) -> Recording:
     deadline_s = began_s + patience_s
     while True:
         try:
-            return Recording.open(path)
+            return open_checked(path)
         except (FileNotFoundError, InvalidData) as error:
             if path.exists() and not is_locked(path) and clock.now() - began_s > LEFT_ALONE_S:
                 raise

@@ -8,13 +8,12 @@ import numpy as np
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.positions import Positions
+from nlos.acquisition.recording.plausible import check_geometry, check_plan, chunks_fit, json_object, json_texts
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.wall import WallGrid
 from nlos.drivers.tcspc.counter import HistogramAxis, StopAtCounts
 
 FORMAT, VERSION = "nlos-scan", 1
-MAX_POINTS = 4096 * 4096
-MAX_BINS = 65536
 MAX_TEXT_BYTES = 1 << 22
 COLUMNS = {"row": "<i4", "col": "<i4", "x_m": "<f8", "y_m": "<f8", "dwell_s": "<f8", "pass": "<i4"}
 
@@ -42,6 +41,14 @@ def read_header(file: h5py.File) -> Header:
         if item.dtype.kind != "S" or item.dtype.itemsize > MAX_TEXT_BYTES:
             raise InvalidData(f"{file.filename}: header/{name}: is not a text of at most {MAX_TEXT_BYTES} bytes")
         texts[name] = bytes(item[()]).decode("utf-8")
+    for name in ("scan_json", "bench_json", "constants_json"):
+        json_object(f"{file.filename}: header/{name}", texts[name])
+    devices = json_object(f"{file.filename}: header/devices", texts["devices"])
+    named = {"software": json_object(f"{file.filename}: header/software", texts["software"]), **devices}
+    for name, texts_of in named.items():
+        if not isinstance(texts_of, dict) or not all(isinstance(text, str) for text in texts_of.values()):
+            raise InvalidData(f"{file.filename}: header: {name!r}: must hold texts by name")
+    json_texts(f"{file.filename}: header/warnings", texts["warnings"])
     return Header.from_texts(texts)
 
 
@@ -71,8 +78,11 @@ def read_plan(file: h5py.File) -> ScanPlan:
         if group.attrs.get_id(name).get_storage_size() < 1024
     }
     shape = plain_dataset(file, "plan/row", None, np.dtype(COLUMNS["row"])).shape
-    if len(shape) != 1 or not 0 < shape[0] <= MAX_POINTS or not 0 < int(states["bins"]) <= MAX_BINS:
-        raise InvalidData(f"{file.filename}: a plan of shape {shape} with {states['bins']} bins is not plausible")
+    if len(shape) != 1:
+        raise InvalidData(f"{file.filename}: plan/row: has shape {shape}")
+    wall = WallGrid(float(states["width_m"]), float(states["height_m"]), int(states["rows"]), int(states["cols"]))
+    axis = HistogramAxis(int(states["bins"]), float(states["bin_width_s"]), float(states["offset_s"]))
+    check_geometry(file.filename, wall, axis, shape[0])
     columns = {}
     for name, dtype in COLUMNS.items():
         item = plain_dataset(file, f"plan/{name}", shape, np.dtype(dtype))
@@ -81,8 +91,8 @@ def read_plan(file: h5py.File) -> ScanPlan:
         columns[name] = item[:]
     counts, first_bin, end_bin = (int(value) for value in states["stop"])
     plan = ScanPlan(
-        wall=WallGrid(float(states["width_m"]), float(states["height_m"]), int(states["rows"]), int(states["cols"])),
-        axis=HistogramAxis(int(states["bins"]), float(states["bin_width_s"]), float(states["offset_s"])),
+        wall=wall,
+        axis=axis,
         positions=Positions(columns["row"], columns["col"], columns["x_m"], columns["y_m"]),
         dwell_s=columns["dwell_s"],
         pass_=columns["pass"],
@@ -92,6 +102,7 @@ def read_plan(file: h5py.File) -> ScanPlan:
     )
     if plan.digest() != str(states["digest"]):
         raise InvalidData(f"{file.filename}: the plan does not match its own digest; the file is damaged")
+    check_plan(file.filename, plan)
     return plan
 
 
@@ -113,6 +124,7 @@ def plain_dataset(
         or item.is_virtual
         or item.external
         or item.id.get_create_plist().get_nfilters()
+        or not chunks_fit(item)
     ):
         raise InvalidData(f"{place}: is not a plain dataset of this file")
     if (shape is not None and item.shape != shape) or (dtype is not None and item.dtype != dtype):

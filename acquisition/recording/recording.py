@@ -34,6 +34,7 @@ import numpy.typing as npt
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.planning.exposure import unbiased_live_s
 from nlos.acquisition.recording.header import plain_dataset, read_header, read_plan
+from nlos.acquisition.recording.plausible import check_status, plausible_rows
 from nlos.acquisition.sample import Sample
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.drivers.tcspc.counter import Histogram, HistogramFlag
@@ -102,6 +103,7 @@ class Recording:
         self._count_rows = plain_dataset(file, "samples/counts", (points, bins), np.dtype("<u4"))
         self._records = np.zeros(0, dtype=RECORD)
         self.refresh()
+        _ = self.status
 
     @classmethod
     def open(cls, path: Path) -> "Recording":
@@ -116,7 +118,9 @@ class Recording:
             if file is not None:
                 file.close()
             raise
-        except (OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowError) as error:
+        except (
+            OSError, RuntimeError, LookupError, ValueError, TypeError, ArithmeticError, AttributeError, MemoryError
+        ) as error:  # fmt: skip
             if file is not None:
                 file.close()
             raise InvalidData(f"{path}: not a readable scan file ({error})") from error
@@ -136,7 +140,9 @@ class Recording:
 
     @property
     def status(self) -> Status:
-        return Status(int(self._status[0]["state"]))
+        state, acknowledged, _ = self._status[0].tolist()
+        check_status(str(self.path), state, acknowledged, len(self.plan), tuple(Status))
+        return Status(state)
 
     @property
     def acknowledged(self) -> int:
@@ -192,9 +198,9 @@ class Recording:
         size = RECORD.itemsize
         raw = self._records[start : start + len(counts)].tobytes()
         crcs = self._records["crc"][start : start + len(counts)].tolist()
-        numbers = self._records["number"][start : start + len(counts)]
+        records = self._records[start : start + len(counts)]
         fits = [sample_crc(raw[i * size : (i + 1) * size], counts[i]) == crc for i, crc in enumerate(crcs)]
-        return np.array(fits, dtype=np.bool_) & (numbers < len(self.plan))
+        return np.array(fits, dtype=np.bool_) & plausible_rows(records, len(self.plan))
 
     def samples(self, first: int = 0) -> Iterator[Sample]:
         """The intact samples in the order taken, from row `first`; `verify` names the others."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.recording.checked import check_recording
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer import RecordingWriter, lay_out
@@ -110,6 +111,7 @@ def resume(path: Path, plan: ScanPlan, header: Header, *, clock: Clock | None = 
     try:
         if path.exists():
             try:
+                check_recording(path)
                 with Recording.open(path) as recording:
                     _same_scan(recording, plan, header)
                     taken, elapsed_s = recording.photons(), recording.elapsed_s

@@ -33,10 +33,10 @@ def load_run(run: Path, wall_size_m: float | None = None) -> RunInput:
 
     `wall_size_m`: the wall's side, where the file does not store it; without, the direct times are asked.
     """
-    from nlos.acquisition.importers.formats import is_recording
     from nlos.acquisition.importers.isolated import read_isolated
+    from nlos.acquisition.importers.magic import is_recording
     from nlos.acquisition.importers.to_recording import said_by_source
-    from nlos.acquisition.recording.recording import Recording
+    from nlos.acquisition.recording.checked import open_checked
     from nlos.calibration.errors import InvalidData
     from nlos.calibration.raw_points import from_samples, from_transient
 
@@ -47,7 +47,7 @@ def load_run(run: Path, wall_size_m: float | None = None) -> RunInput:
         if not scan.wall_known:
             raw = _on_wall(run, raw, scan.transient.wall.width_m, wall_size_m)
         return RunInput(raw, {}, None, False)
-    with Recording.open(run) as recording:
+    with open_checked(run) as recording:
         said = said_by_source(recording)
         _refuse_rectified(run, bool(said.get("rectified", False)))
         try:

@@ -46,12 +46,12 @@ class LoadedScan:
 
 def load_scan(path: Path) -> LoadedScan:
     """Reads our own recordings and every format that an importer knows. Raises `InvalidData`."""
-    from nlos.acquisition.importers.formats import is_recording
     from nlos.acquisition.importers.isolated import read_isolated
-    from nlos.acquisition.recording.recording import Recording
+    from nlos.acquisition.importers.magic import is_recording
+    from nlos.acquisition.recording.checked import open_checked
 
     if is_recording(path):
-        with Recording.open(path) as recording:
+        with open_checked(path) as recording:
             return _load_recording(recording) if recording.on_grid else _load_free(recording)
     scan = read_isolated(path)
     for note in scan.notes:

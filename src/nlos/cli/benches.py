@@ -95,10 +95,10 @@ def _scene(path: Path | None) -> "RecordedScan | None":
         return None
     import numpy as np
 
-    from nlos.acquisition.recording.recording import Recording
+    from nlos.acquisition.recording.checked import open_checked
     from nlos.drivers.simulated.recorded import RecordedScan
 
-    with Recording.open(path) as recording:
+    with open_checked(path) as recording:
         rows = [(sample.point, sample.histogram) for sample in recording.samples()]
         axis = recording.plan.axis
     return RecordedScan(

@@ -48,12 +48,12 @@ def _write_scan(run: Path, word: str, target: Path) -> list[str]:
     from nlos.acquisition.exporters.ptu import write_ptu
     from nlos.acquisition.exporters.scan_arrays import arrays_of_import, arrays_of_recording
     from nlos.acquisition.exporters.ytal import write_ytal
-    from nlos.acquisition.importers.formats import is_recording
     from nlos.acquisition.importers.isolated import read_isolated
-    from nlos.acquisition.recording.recording import Recording
+    from nlos.acquisition.importers.magic import is_recording
+    from nlos.acquisition.recording.checked import open_checked
 
     if is_recording(run):
-        with Recording.open(run) as recording:
+        with open_checked(run) as recording:
             arrays = arrays_of_recording(recording)
     else:
         arrays = arrays_of_import(read_isolated(run), run)
@@ -68,10 +68,12 @@ def _write_scan(run: Path, word: str, target: Path) -> list[str]:
 
 
 def _write_picture(run: Path, word: str, target: Path) -> list[str]:
+    from nlos.acquisition.importers.isolated import check_isolated
     from nlos.recon.export_ply import write_ply
     from nlos.recon.export_vti import write_vti
     from nlos.recon.results import read_reconstruction
 
+    check_isolated(run, "nlos.recon.results:read_reconstruction")
     result = read_reconstruction(run)
     if word == "vti":
         write_vti(target, result)

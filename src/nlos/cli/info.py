@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 
 def info(run: Annotated[Path, typer.Argument(metavar="RUN")]) -> None:
     """What is in a recording, or in any file that an importer reads."""
-    from nlos.acquisition.importers.formats import is_recording
-    from nlos.acquisition.recording.recording import Recording
+    from nlos.acquisition.importers.magic import is_recording
+    from nlos.acquisition.recording.checked import open_checked
 
     if is_recording(run):
-        with Recording.open(run) as recording:
+        with open_checked(run) as recording:
             found = _of_recording(recording)
     else:
         found = _of_import(run)
@@ -64,24 +64,20 @@ def _imported(recording: "Recording") -> dict[str, object]:
 
 
 def _of_import(run: Path) -> dict[str, Any]:
-    from nlos.acquisition.errors import InvalidData
-    from nlos.acquisition.importers.describe import describe
-    from nlos.acquisition.importers.isolated import read_isolated
+    from nlos.acquisition.importers.isolated import NoScan, read_isolated
 
     try:
-        scan = read_isolated(run)
-    except InvalidData as error:
-        contents = describe(run)
-        if not contents:
-            raise
-        return {**contents, "not a scan": str(error)}
-    transient = scan.transient
-    wall, time = transient.wall, transient.time
+        scan = read_isolated(run, describe=True)
+    except NoScan as error:
+        return {**error.contents, "not a scan": str(error)}
+    held = scan.held
+    wall, time = held.wall, held.time
+    points = "" if scan.points is None else f"{len(scan.points.x_m)} points at free positions; grid "
     return {
         "format": scan.source_format,
-        "wall": f"{wall.width_m:g} x {wall.height_m:g} m, {wall.rows} x {wall.cols}",
+        "wall": f"{wall.width_m:g} x {wall.height_m:g} m, {points}{wall.rows} x {wall.cols}",
         "time axis": f"{time.bins} bins of {time.bin_width_s * 1e12:g} ps",
-        "photons": float(transient.counts.sum(dtype="float64")),
+        "photons": float(held.counts.sum(dtype="float64")),
         "rectified": scan.rectified,
         "direct cut": scan.direct_cut_bins,
         "falloff": scan.falloff,

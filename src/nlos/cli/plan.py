@@ -59,11 +59,11 @@ def _learned(like: Path, bench: "Bench") -> "tuple[ExpectedRates, Links]":
     """Photon rates, and the cables' times if the past scan was stepped by the host."""
     from nlos.acquisition.planning.preflight import ExpectedRates, aim_of
     from nlos.acquisition.planning.timing import Pace, learned_links, links_of, moves_s
-    from nlos.acquisition.recording.recording import Recording
+    from nlos.acquisition.recording.checked import open_checked
     from nlos.drivers.galvo.mirror import MirrorAngles
 
     links = links_of(bench)
-    with Recording.open(like) as recording:
+    with open_checked(like) as recording:
         rates = ExpectedRates.of_recording(recording)
         if any(event.kind == "scheme" and event.text.startswith("S1") for event in recording.events()):
             positions = recording.plan.positions

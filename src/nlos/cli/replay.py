@@ -18,14 +18,14 @@ def replay(
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Plays the samples of a recording, into a new recording and a picture where asked for."""
-    from nlos.acquisition.recording.recording import Recording
+    from nlos.acquisition.recording.checked import open_checked
     from nlos.acquisition.recording.replay import replay as play
     from nlos.acquisition.recording.writer import RecordingWriter
 
     pace = _pace(speed)
     if output is not None and output.resolve() == run.resolve():
         raise UsageError(f"{output}: is the recording that is replayed")
-    with Recording.open(run) as recording:
+    with open_checked(run) as recording:
         writer = None
         if output is not None:
             writer = RecordingWriter.create(output, recording.plan, recording.header, overwrite=overwrite)

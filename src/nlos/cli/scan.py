@@ -206,12 +206,12 @@ def _ask(interrupts: Interrupts, progress: ScanProgress, why: str) -> bool:
 def _is_complete(target: Path, plan: "ScanPlan", resume: bool) -> bool:
     """Whether --resume has nothing to do; then no device is even opened."""
     from nlos.acquisition.errors import InvalidData
-    from nlos.acquisition.recording.recording import Recording
+    from nlos.acquisition.recording.checked import open_checked
 
     if not (resume and target.exists()):
         return False
     try:
-        with Recording.open(target) as recording:
+        with open_checked(target) as recording:
             return recording.plan == plan and not recording.missing()
     except InvalidData:
         return False

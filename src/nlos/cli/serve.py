@@ -27,11 +27,13 @@ def serve(
     """Writes RUN.ticket; `nlos reconstruct RUN.ticket --follow` on the other machine does the rest. Ctrl-C ends it."""
     from nlos.acquisition.network.address import listening_address
     from nlos.acquisition.network.server import AddressTaken, SampleServer
+    from nlos.acquisition.recording.checked import open_checked
 
     try:
         address = listening_address(host)
     except ValueError as error:
         raise UsageError(f"--host {error}") from error
+    open_checked(run).close()
     try:
         server = SampleServer(run, address, port)
     except AddressTaken as error:

@@ -11,8 +11,10 @@ from nlos.cli.terminal import terminal
 
 def verify(run: Annotated[Path, typer.Argument(metavar="RUN")]) -> None:
     """Checks every sample's checksum; names the bad and the missing ones."""
+    from nlos.acquisition.recording.checked import check_recording
     from nlos.acquisition.recording.salvage import verify as verify_recording
 
+    check_recording(run)
     found = verify_recording(run)
     terminal.result(
         f"{run}: {found.status.name.lower()}; {found.written} of {found.planned} points written, "

@@ -57,14 +57,14 @@ _FOUND = {
 def write_report(run: Path, target: Path, methods: Sequence[str]) -> None:
     """Writes the report on `run` to `target`: of a scan that has no picture, why. Raises what reading raises, and
     `InvalidSettings` for a method that does not exist, before anything is computed."""
-    from nlos.acquisition.recording.recording import Recording
+    from nlos.acquisition.recording.checked import open_checked
     from nlos.calibration.errors import CalibrationError
     from nlos.recon.errors import ReconError
     from nlos.recon.methods import find
     from nlos.recon.reconstruct import reconstruct
 
     knows_falloff = {method: "falloff" in find(method).Settings.model_fields for method in methods}
-    with Recording.open(run) as recording:
+    with open_checked(run) as recording:
         parts = [_about(recording), _scan(recording)]
         rest = _settings(recording) + _events(recording)
     scan = load_scan(run)

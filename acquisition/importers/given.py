@@ -1,0 +1,78 @@
+"""What a user says about a file that does not say it, or not rightly: it goes before what the file says."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.imported import ImportedScan
+
+_LETTERS = {"T": "T", "Y": "Y", "H": "Y", "X": "X", "W": "X", "N": "N"}
+
+
+@dataclass(frozen=True)
+class Given:
+    """None: nothing was said."""
+
+    wall_m: tuple[float, float] | None = None
+    """Width and height."""
+    bin_width_s: float | None = None
+    axes: str | None = None
+    """The order of the histograms' axes: the letters T, Y, X (or T, H, W), or N and T for free positions."""
+    rectified: bool | None = None
+    """Whether time 0 is the wall and direct light is gone."""
+
+    def ordered(self, counts: npt.NDArray[Any], place: str, told: bool = False) -> npt.NDArray[Any]:
+        """Histograms as [H, W, T] or [N, T]. `told`: other arrays of the file have shown the order to be that.
+
+        Raises `InvalidData`, naming `place`, where the order is not `axes`' or looks like another.
+        """
+        expected = "NT" if counts.ndim == 2 else "YXT"
+        if self.axes is not None:
+            named = "".join(_LETTERS.get(letter, letter) for letter in self.axes.upper())
+            if sorted(named) != sorted(expected):
+                raise InvalidData(
+                    f"{place}: has shape {counts.shape}; --axes {self.axes} does not name its {counts.ndim} axes. Use "
+                    f"the letters of {expected} in the order in which they are stored."
+                )
+            return np.transpose(counts, [named.index(letter) for letter in expected])
+        if counts.ndim == 3 and not told and _time_seems_first(counts.shape):
+            raise InvalidData(
+                f"{place}: has shape {counts.shape}, where [H, W, T] is expected: is time the first axis? Say "
+                "--axes TYX if so, --axes YXT if it is [H, W, T] as it stands."
+            )
+        return counts
+
+    def applied(self, scan: ImportedScan) -> ImportedScan:
+        """The scan with what was said in place of what the file said, and a note of each."""
+        notes = list(scan.notes)
+        if self.bin_width_s is not None and self.bin_width_s != scan.held.time.bin_width_s:
+            time = replace(scan.held.time, bin_width_s=self.bin_width_s)
+            stored_ps = scan.held.time.bin_width_s * 1e12
+            notes.append(f"bins of {self.bin_width_s * 1e12:g} ps, as given ({stored_ps:g} ps in the file)")
+            scan = replace(scan, held=replace(scan.held, time=time))
+        if self.wall_m is not None:
+            scan = scan.on_wall(*self.wall_m)
+            notes = [note for note in notes if "wall" not in note]
+            notes.append(f"a wall of {self.wall_m[0]:g} x {self.wall_m[1]:g} m, as given")
+        if self.rectified is not None and self.rectified != scan.rectified:
+            notes.append(f"{'rectified' if self.rectified else 'raw'}, as given")
+            cut = scan.direct_cut_bins if self.rectified else 0
+            scan = replace(scan, rectified=self.rectified, direct_cut_bins=cut)
+        return replace(scan, notes=tuple(notes))
+
+    def refuse_axes(self, name: str, scan: ImportedScan) -> None:
+        """Raises `InvalidData` where axes were named for a format that has one order only."""
+        if self.axes is not None and not scan.source_format.startswith(("plain", "NPZ", "MATLAB export")):
+            raise InvalidData(f"{name}: --axes: {scan.source_format} has an order of its own; leave --axes out")
+
+
+NOTHING = Given()
+
+
+def _time_seems_first(shape: tuple[int, ...]) -> bool:
+    """Grids are square more often than not, and no grid is four times as high as there are time bins."""
+    first, second, third = shape
+    return (second == third != first) or (first >= 4 * third and first >= 4 * second)

@@ -1,0 +1,37 @@
+"""Scan files from anywhere, read to their end by a child first: no damage reaches the process that uses them."""
+
+from pathlib import Path
+
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.isolated import check_isolated
+from nlos.acquisition.importers.magic import is_recording
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.writer_lock import is_locked
+
+_READER = "nlos.acquisition.recording.checked:read_through"
+
+
+def open_checked(path: Path) -> Recording:
+    """`Recording.open`, once `check_recording` has passed. A file that a living process writes is as sound as that."""
+    if not is_locked(path):
+        check_recording(path)
+    return Recording.open(path)
+
+
+def check_recording(path: Path) -> None:
+    """Has a child read the file to its end. Raises `FileNotFoundError`, and `InvalidData` where `path` is no recording,
+    or one that no process survives."""
+    if not is_recording(path):
+        raise InvalidData(
+            f"{path}: is no recording, or its beginning is damaged. `nlos import {path.name} -o RUN.h5` makes one of "
+            "other formats."
+        )
+    check_isolated(path, _READER)
+
+
+def read_through(path: Path) -> None:
+    """Everything that verbs read. What a row holds is judged by whoever uses it. Raises `InvalidData`."""
+    with Recording.open(path) as recording:
+        recording.events()
+        for _ in recording.blocks():
+            pass
