@@ -1,5 +1,6 @@
 """PTU: a scan as a T3 image, one frame, one channel, written by `ptufile` (C. Gohlke)."""
 
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import ptufile
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.exporters.scan_arrays import ScanArrays
 
-_MAX_BINS = 1 << 15  # 15 bits of delay in a HydraHarp T3 record
+_MAX_BINS = 1 << 15  # 15 bits of delay in a generic T3 record
 _SYNC_PERIOD_S = 100e-9
 
 
@@ -41,6 +42,12 @@ def write_ptu(scan: ScanArrays, path: Path) -> list[str]:
         period_s,
         scan.time.bin_width_s,
         pixel_time,
-        record_type=ptufile.PtuRecordType.HydraHarp2T3,
+        record_type=ptufile.PtuRecordType.GenericT3,
+        tags={  # optional in the vendor's dictionary, but phconvert reads no file without them
+            "HW_Type": "nlos",
+            "MeasDesc_AcquisitionTime": max(1, round(float(scan.exposure_s.sum()) * 1e3)),  # ms
+            "CreatorSW_Name": "nlos",
+            "CreatorSW_Version": version("nlos"),
+        },
     )
     return notes

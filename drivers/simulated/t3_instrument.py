@@ -39,6 +39,8 @@ class T3Instrument:
         self._wraps = 0
         self._running = False
         self.overrun = False
+        self.hears = True
+        """Whether the detector's pulses cross the trigger level."""
         bench.follow(self.advance)
         for k, line in enumerate(("marker_1", "marker_2", "marker_4")):
             bench.wire(line, partial(self._mark, 1 << k))
@@ -131,7 +133,8 @@ class T3Instrument:
         bins = min(1 << self._layout.delay_bits, int(1 / (self._repetition_hz * self._bin_width_s)) + 1)
         gate = Gate(when_s, dwell_s, bins, self._bin_width_s, 0.0, kept=kept)
         rng = spad.generator(self._seed, gate, self._bench.beam_at(when_s), _SALT)
-        return spad.arrivals(self._bench.expose(gate), rng)
+        pulses, delays = spad.arrivals(self._bench.expose(gate), rng)
+        return (pulses, delays) if self.hears else (pulses[:0], delays[:0])
 
     def _pulse(self, when_s: float) -> int:
         return round((when_s - self._started_s) * self._repetition_hz)

@@ -113,3 +113,35 @@ def test_a_counter_of_another_serial_number_is_not_taken_for_the_one_that_is_nam
     monkeypatch.setattr(usb.backend.libusb1, "get_backend", lambda find_library=None: plugged_in)
     assert run([verb, "--bench", bench_file(tmp_path, "lab", counter={"usb": "SIM0001"})]) == 3
     assert "another one is plugged in: SIM0007" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("converted", [False, True])
+def test_the_doctor_asks_for_divider_and_stretcher_before_anything_is_opened(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], converted: bool
+) -> None:
+    document = yaml.safe_load(Path(bench_file(tmp_path, "multiharp")).read_text("utf-8"))
+    document["mirror"]["port"] = str(tmp_path / "ttyACM7")
+    document["counter"] |= {"library": str(tmp_path / "libmh150.so"), "levels_converted": converted}
+    del document["simulation"]
+    (tmp_path / "bench.yaml").write_text(yaml.safe_dump(document), "utf-8")
+    assert run(["doctor", "--bench", str(tmp_path / "bench.yaml"), "--json"]) == 3
+    findings = json.loads(capsys.readouterr().out)["findings"]
+    asked = [finding for finding in findings if finding["what"] == "levels"]
+    if converted:
+        assert not asked
+        return
+    assert [finding["verdict"] for finding in asked] == ["WARN", "WARN"]
+    assert "5 V" in asked[0]["said"]
+    assert "3.3 V at most: is there a divider" in asked[0]["said"]
+    assert "NIM" in asked[1]["said"]
+    assert "at least 10 us" in asked[1]["said"]
+    assert findings.index(asked[0]) < [finding["verdict"] for finding in findings].index("FAIL")
+
+
+def test_the_doctor_asks_for_no_divider_where_none_is_needed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("lab", "simulated", "multiharp"):  # another counter, and nothing real to damage
+        run(["doctor", "--bench", bench_file(tmp_path, name), "--json"])
+        findings = json.loads(capsys.readouterr().out)["findings"]
+        assert not [finding for finding in findings if finding["what"] == "levels"]

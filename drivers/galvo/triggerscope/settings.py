@@ -1,6 +1,6 @@
 """What a bench file says of a TriggerScope-MM and the galvo head behind it."""
 
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -23,6 +23,11 @@ class TriggerScopeSettings(Settings):
     `allow_unverified_dac`: moves although no start-up banner was seen, which is how a controller without SD card looks:
     it confirms every command and moves nothing.
     """
+
+    marker_output_v: ClassVar[float] = 5.0
+    """Its outputs go through level shifters from 3.3 V."""
+    trigger_input: ClassVar[str] = "TTL of at least 10 us"
+    """It is polled: a shorter pulse is not seen."""
 
     model: Literal["triggerscope"]
     port: str

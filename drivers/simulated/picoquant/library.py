@@ -17,9 +17,13 @@ from nlos.drivers.tcspc.picoquant.families import FAMILIES
 _TEXTS = {
     0: "ERROR_NONE", -1: "ERROR_DEVICE_OPEN_FAIL", -2: "ERROR_DEVICE_BUSY", -10: "ERROR_DEVICE_NOT_OPEN",
     -11: "ERROR_DEVICE_LOCKED", -16: "ERROR_INSTANCE_RUNNING", -17: "ERROR_INVALID_ARGUMENT", -18: "ERROR_INVALID_MODE",
-    -22: "ERROR_NOT_INITIALIZED", -23: "ERROR_NOT_CALIBRATED", -28: "ERROR_FIFO_RESET", -36: "ERROR_USB_VCMD_FAIL",
+    -22: "ERROR_NOT_INITIALIZED", -23: "ERROR_NOT_CALIBRATED", -28: "ERROR_FIFORESET_FAIL", -36: "ERROR_USB_VCMD_FAIL",
     -37: "ERROR_USB_BULKRD_FAIL",
 }  # fmt: skip
+_NIM_MV = 800
+"""Laser sync and detector send negative pulses of this height."""
+_TEXT_BYTES = {"GetLibraryVersion": 8, "GetErrorString": 40, "OpenDevice": 32, "GetSerialNumber": 32}
+"""How much a call may write to its first string, whatever the caller reserved (the vendor's demo)."""
 _BASE_PS = {"PH": 4.0, "HH": 1.0, "MH": 5.0}
 _T3 = 3
 _BEFORE_OPEN = frozenset(("GetLibraryVersion", "GetErrorString", "OpenDevice", "CloseDevice"))
@@ -47,6 +51,7 @@ class PicoquantLibrary:
         self._repetition_hz, self._serial, self._version = repetition_hz, serial, version
         self._t3 = T3Instrument(bench, self._family.layout, repetition_hz, seed)
         self._open = self._calibrated = False
+        self._sync_crossed = self._detector_crossed = False
         self._mode: int | None = None
         self._binning = self._offset = 0
         self._length = self._family.fixed_bins or 65536
@@ -62,6 +67,9 @@ class PicoquantLibrary:
             raise AttributeError(f"{self._family.linux_library}: undefined symbol: {name}")
 
         def call(*arguments: Any) -> int:
+            strings = [each for each in arguments if isinstance(getattr(each, "value", None), bytes)]
+            if any(len(each) < _TEXT_BYTES.get(bare, 0) for each in strings):
+                raise MemoryError(f"{name} writes {_TEXT_BYTES[bare]} bytes into a buffer of {len(strings[0])}")
             return self._called(bare, method, arguments)
 
         return call
@@ -90,7 +98,7 @@ class PicoquantLibrary:
         return 0
 
     def _GetErrorString(self, text: Any, code: int) -> int:
-        text.value = _TEXTS.get(code, f"ERROR_{-code}").encode()
+        text.value = f"{self._family.prefix}_{_TEXTS.get(code, f'ERROR_{-code}')}".encode()
         return 0
 
     def _OpenDevice(self, index: int, serial: Any) -> int:
@@ -139,7 +147,33 @@ class PicoquantLibrary:
     def _accept(self, *_: Any) -> int:
         return 0
 
-    _SetInputCFD = _SetSyncCFD = _SetSyncEdgeTrg = _SetInputEdgeTrg = _SetSyncOffset = _SetSyncChannelOffset = _accept
+    def _SetSyncEdgeTrg(self, level_mv: int, edge: int) -> int:
+        if not (-1200 <= level_mv <= 1200 and edge in (0, 1)):
+            return -17
+        self._sync_crossed = -_NIM_MV < level_mv < 0
+        return 0
+
+    def _SetInputEdgeTrg(self, channel: int, level_mv: int, edge: int) -> int:
+        if not (-1200 <= level_mv <= 1200 and edge in (0, 1)):
+            return -17
+        self._detector_crossed = self._t3.hears = -_NIM_MV < level_mv < 0
+        return 0
+
+    def _SetSyncCFD(self, level_mv: int, zero_cross_mv: int) -> int:
+        if not (0 <= level_mv <= 1000 and 0 <= zero_cross_mv <= 40):
+            return -17
+        self._sync_crossed = 0 < level_mv < _NIM_MV
+        return 0
+
+    def _SetInputCFD(self, channel: int, level_mv: int, zero_cross_mv: int) -> int:
+        if self._family.prefix == "PH" and channel == 0:
+            return self._SetSyncCFD(level_mv, zero_cross_mv)
+        if not (0 <= level_mv <= 1000 and 0 <= zero_cross_mv <= 40):
+            return -17
+        self._detector_crossed = self._t3.hears = 0 < level_mv < _NIM_MV
+        return 0
+
+    _SetSyncOffset = _SetSyncChannelOffset = _accept
     _SetInputChannelOffset = _SetInputChannelEnable = _SetStopOverflow = _SetMarkerEdges = _SetMarkerEnable = _accept
     _SetMarkerHoldoffTime = _accept
 
@@ -218,7 +252,7 @@ class PicoquantLibrary:
             return -16
         target: npt.NDArray[np.uint32] = np.frombuffer(counts, np.uint32)
         target[:] = 0
-        if self._exposure is not None:
+        if self._exposure is not None and self._detector_crossed:
             target[: self._length] = np.minimum(self._exposure.counts, self._family.largest_count)
         return 0
 
@@ -242,12 +276,12 @@ class PicoquantLibrary:
         return 0
 
     def _GetSyncRate(self, rate: Any) -> int:
-        _write(rate, round(self._repetition_hz))
+        _write(rate, round(self._repetition_hz) if self._sync_crossed else 0)
         return 0
 
     def _GetCountRate(self, channel: int, rate: Any) -> int:
         if self._family.prefix == "PH" and channel == 0:
             return self._GetSyncRate(rate)
         seen = self._bench.expose(Gate(self._bench.clock.now(), 0.1, 1024, self._bin_width_s, 0.0, kept=False))
-        _write(rate, round(seen.total_count / seen.live_s))
+        _write(rate, round(seen.total_count / seen.live_s) if self._detector_crossed else 0)
         return 0

@@ -1,12 +1,13 @@
 """PicoHarp 300, HydraHarp 400 and MultiHarp 150: what their libraries have in common, and where they differ.
 
-From the libraries' manuals and header files, version 3 of each.
+From the libraries' manuals and header files: version 3 of each, and version 4 of MHLib, which has the same signatures
+and wants the same order for every call made here.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from nlos.configs.settings import Settings
 from nlos.drivers.tcspc.t3 import GENERIC, PICOHARP_300, T3Format
@@ -23,6 +24,7 @@ class Family:
     linux_library: str
     windows_library: str
     package: str
+    library_versions: tuple[str, ...]
     layout: T3Format
     fixed_bins: int | None
     """Histograms always have so many bins; None: 1024 to 65536 by a length code."""
@@ -43,41 +45,53 @@ class Family:
     counts_dropped: int
     constant_fraction: bool
     """Inputs have constant-fraction discriminators and need calibration; otherwise edge triggers."""
+    nim_level_mv: int
+    """What a NIM pulse (0 to -0.8 V) crosses: for a discriminator its magnitude, for an edge trigger the voltage."""
+    levels_mv: tuple[int, int]
     trigger_output: bool
+    marker_input_most_v: float | None
+    """Above it the inputs take damage; None: 5 V TTL."""
 
 
 FAMILIES: dict[str, Family] = {
     "picoharp300": Family(
-        "PicoHarp 300", "PH", "libph300.so", "phlib64.dll", "PicoHarp software and PHLib, version 3",
+        "PicoHarp 300", "PH", "libph300.so", "phlib64.dll", "PicoHarp software and PHLib, version 3", ("3",),
         PICOHARP_300, 65536, 0, 8, (1, 2, 4, 8), 1e-12, 10**9, 131_072, True, 210_480, 65_535,
-        0x0003, 0x0040, 0, 0x0100, 0, True, False,
+        0x0003, 0x0040, 0, 0x0100, 0, True, 100, (0, 800), False, None,
     ),
     "hydraharp400": Family(
-        "HydraHarp 400", "HH", "libhh400.so", "hhlib64.dll", "HydraHarp software and HHLib, version 3",
+        "HydraHarp 400", "HH", "libhh400.so", "hhlib64.dll", "HydraHarp software and HHLib, version 3", ("3",),
         GENERIC, None, 0, 26, (1, 2, 4, 8, 16), 1e-9, 500_000, 131_072, True, 524_296, 2**32 - 1,
-        0x0002, 0x0001, 0x0004, 0x0010, 0, True, False,
+        0x0002, 0x0001, 0x0004, 0x0010, 0, True, 100, (0, 1000), False, None,
     ),
     "multiharp150": Family(
-        "MultiHarp 150", "MH", "libmh150.so", "mhlib64.dll", "MultiHarp software and MHLib, version 3",
+        "MultiHarp 150", "MH", "libmh150.so", "mhlib64.dll", "MultiHarp software and MHLib, version 3 or 4",
+        ("3", "4"),
         GENERIC, None, 2, 24, (1, 2, 4, 8, 16), 1e-9, 10**8, 1_048_576, False, 25_500, 2**32 - 1,
-        0x0002, 0x0001, 0x0004, 0x0010, 0x0040, False, True,
+        0x0002, 0x0001, 0x0004, 0x0010, 0x0040, False, -50, (-1200, 1200), True, 3.3,
     ),
 }  # fmt: skip
 
 
 class PicoquantInput(Settings):
     """Sync or detector input. `level_mv`: discriminator level (PicoHarp, HydraHarp: the magnitude of a negative pulse)
-    or edge trigger level (MultiHarp). `zero_cross_mv` is for the former, `edge` for the latter."""
+    or edge trigger level (MultiHarp); by default one that a NIM pulse crosses (100, and -50 for the MultiHarp).
+    `zero_cross_mv` is for the former, `edge` for the latter."""
 
-    level_mv: int = Field(default=100, ge=-1200, le=1200)
+    level_mv: int | None = Field(default=None, ge=-1200, le=1200)
     zero_cross_mv: int = Field(default=10, ge=0, le=40)
     edge: Literal["rising", "falling"] = "falling"
     offset_ps: int = Field(default=0, ge=-99_999, le=99_999)
 
+    def level_of(self, family: Family) -> int:
+        """The level that is set on an instrument of this family."""
+        return family.nim_level_mv if self.level_mv is None else self.level_mv
+
 
 class PicoquantSettings(Settings):
     """`library`: "vendor" (found where its installer puts it), a path, or "simulated". `serial`: that of the
-    instrument, or "auto" for the first one that answers. `channel` counts from 0."""
+    instrument, or "auto" for the first one that answers. `channel` counts from 0. `levels_converted`: somebody put
+    divider and stretcher into the cables from and to the mirror controller (docs/instruments.md, "Levels")."""
 
     model: Literal["picoquant"]
     device: Device
@@ -88,7 +102,27 @@ class PicoquantSettings(Settings):
     sync: PicoquantInput = PicoquantInput()
     detector: PicoquantInput = PicoquantInput()
     sync_divider: Literal[1, 2, 4, 8, 16] = 1
+    levels_converted: bool = False
     marker_holdoff_ns: int = Field(default=1000, ge=0)
     """Edges of one marker input closer together than this are taken for one."""
     marker_disorder_us: float = Field(default=50.0, ge=0, le=10_000)
     """How much later than photons of the same time a marker may stand in the record stream."""
+
+    @property
+    def marker_input_most_v(self) -> float | None:
+        """The highest voltage that the marker inputs stand."""
+        return FAMILIES[self.device].marker_input_most_v
+
+    @property
+    def clock_output(self) -> str:
+        """What the pixel clock looks like, empty where there is none."""
+        return "NIM" if FAMILIES[self.device].trigger_output else ""
+
+    @model_validator(mode="after")
+    def _levels_exist(self) -> Self:
+        family = FAMILIES[self.device]
+        low, high = family.levels_mv
+        for name, each in (("sync", self.sync), ("detector", self.detector)):
+            if not low <= each.level_of(family) <= high:
+                raise ValueError(f"{name}.level_mv {each.level_mv} is outside {low} to {high} mV of a {family.product}")
+        return self

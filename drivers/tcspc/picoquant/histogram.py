@@ -55,7 +55,7 @@ class Picoquant:
         resolution_ps, steps = ctypes.c_double(), ctypes.c_int()
         library.call("GetBaseResolution", ctypes.byref(resolution_ps), ctypes.byref(steps))
         self._base_s = resolution_ps.value * 1e-12
-        model, part, version = (ctypes.create_string_buffer(32) for _ in range(3))
+        model, part, version = (ctypes.create_string_buffer(64) for _ in range(3))
         library.call("GetHardwareInfo", model, part, version)
         self.identity = DeviceIdentity(
             settings.model, "PicoQuant", model.value.decode("ascii", "replace"), serial, version.value.decode("ascii")

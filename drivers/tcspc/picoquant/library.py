@@ -26,6 +26,8 @@ from nlos.drivers.tcspc.picoquant.families import Family
 WireLog = Callable[[str, str, bytes], None]
 
 _RETRY_AFTER_S = 0.1
+_TEXT_BYTES = 64
+"""The libraries write without asking for how much there is room: 40 bytes at most, 32 of a serial number."""
 _TRANSIENT = (-36, -37)
 """USB_VCMD_FAIL and USB_BULKRD_FAIL come at random on some computers and are gone 100 ms later (known from PHLib)."""
 _NEVER_TWICE = frozenset(("StartMeas", "ReadFiFo", "OpenDevice", "Initialize", "ClearHistMem"))
@@ -61,11 +63,12 @@ class VendorLibrary:
         self.device, self.family, self.index = device, family, 0
         self._functions, self._clock, self._wire_log = functions, clock, wire_log
         self._lock = threading.RLock()
-        version = self.text("GetLibraryVersion", 8)
-        if version.partition(".")[0] != "3":
+        version = self.text("GetLibraryVersion", _TEXT_BYTES)
+        if version.partition(".")[0] not in family.library_versions:
             raise WrongDevice(
                 device,
-                f"the library says it is version {version!r}; this adapter is written for version 3.",
+                f"the library says it is version {version!r}; this adapter is written for version "
+                f"{' and '.join(family.library_versions)}.",
                 f"Install {family.package}, from the vendor's web site.",
             )
 
@@ -110,7 +113,7 @@ class VendorLibrary:
 
     def error(self, name: str, code: int) -> DeviceError:
         """The exception for a return code, with the library's own words."""
-        words = self.text("GetErrorString", 64, code)
+        words = self.text("GetErrorString", _TEXT_BYTES, code)
         kind = _ERRORS.get(code, DeviceLost if -38 <= code <= -32 else DeviceFault)
         remedy = _REMEDIES.get(code, "Check its USB cable, then open the bench again." if kind is DeviceLost else "")
         return kind(self.device, f"{self.family.prefix}_{name} failed: {words} ({code}).", remedy)
@@ -149,7 +152,7 @@ def open_instrument(library: VendorLibrary, serial: str) -> str:
     """
     others, codes = [], []
     for index in range(8):
-        buffer = ctypes.create_string_buffer(16)
+        buffer = ctypes.create_string_buffer(_TEXT_BYTES)
         code = library.attempt("OpenDevice", index, buffer)
         found = buffer.value.decode("ascii", "replace")
         if code == 0 and serial in ("auto", found):

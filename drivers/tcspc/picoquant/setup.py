@@ -65,6 +65,7 @@ def axis_codes(device: str, family: Family, base_s: float, axis: HistogramAxis, 
 def set_up_inputs(library: VendorLibrary, settings: PicoquantSettings) -> None:
     """Dividers, levels, offsets, and calibration where the instrument has one."""
     family, sync, detector = library.family, settings.sync, settings.detector
+    sync_mv, detector_mv = sync.level_of(family), detector.level_of(family)
     if settings.sync_divider not in family.sync_dividers:
         raise LimitError(
             library.device,
@@ -76,16 +77,16 @@ def set_up_inputs(library: VendorLibrary, settings: PicoquantSettings) -> None:
     library.call("SetSyncDiv", settings.sync_divider)
     if family.prefix == "PH":
         # Its two inputs are 0, the sync, and 1, the detector.
-        library.call("SetInputCFD", 0, sync.level_mv, sync.zero_cross_mv)
-        library.call("SetInputCFD", 1, detector.level_mv, detector.zero_cross_mv)
+        library.call("SetInputCFD", 0, sync_mv, sync.zero_cross_mv)
+        library.call("SetInputCFD", 1, detector_mv, detector.zero_cross_mv)
         library.call("SetSyncOffset", sync.offset_ps)
         return
     if family.constant_fraction:
-        library.call("SetSyncCFD", sync.level_mv, sync.zero_cross_mv)
-        library.call("SetInputCFD", settings.channel, detector.level_mv, detector.zero_cross_mv)
+        library.call("SetSyncCFD", sync_mv, sync.zero_cross_mv)
+        library.call("SetInputCFD", settings.channel, detector_mv, detector.zero_cross_mv)
     else:
-        library.call("SetSyncEdgeTrg", sync.level_mv, sync.edge == "rising")
-        library.call("SetInputEdgeTrg", settings.channel, detector.level_mv, detector.edge == "rising")
+        library.call("SetSyncEdgeTrg", sync_mv, sync.edge == "rising")
+        library.call("SetInputEdgeTrg", settings.channel, detector_mv, detector.edge == "rising")
     library.call("SetSyncChannelOffset", sync.offset_ps)
     library.call("SetInputChannelOffset", settings.channel, detector.offset_ps)
     library.call("SetInputChannelEnable", settings.channel, 1)

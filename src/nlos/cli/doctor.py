@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from nlos.cli.benches import load_bench, opened
-from nlos.cli.doctor_checks import BENCH_CHECKS, Finding, absent, disk, small_scan, software
+from nlos.cli.doctor_checks import BENCH_CHECKS, Finding, absent, disk, levels, small_scan, software
 from nlos.cli.exit_codes import ExitCode
 from nlos.cli.terminal import terminal
 
@@ -51,6 +51,7 @@ def _examine(word: str | None, light: bool, clear_trip: str | None) -> Iterator[
     table = load_bench(word)
     yield from software()
     yield from disk(Path())
+    yield from levels(table.settings)
     if missing := list(absent(table.settings)):
         yield from missing
         return

@@ -88,6 +88,16 @@ def absent(settings: "BenchSettings") -> Iterator[Finding]:
             yield Finding("FAIL", item.model, f"{item.role} at {item.address}: {item.what}", item.remedy)
 
 
+def levels(settings: "BenchSettings") -> Iterator[Finding]:
+    """Cables that carry more, or less, than the input at their end takes. Asked before anything is opened."""
+    from nlos.drivers.cable_levels import level_conflicts
+
+    if settings.simulated:
+        return
+    for conflict in level_conflicts(settings.mirror, settings.counter):
+        yield Finding("WARN", "levels", conflict.what, conflict.remedy)
+
+
 def links(bench: "Bench") -> Iterator[Finding]:
     """Round trips, in the bench's own time."""
     start_s = bench.clock.now()

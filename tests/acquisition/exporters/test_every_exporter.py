@@ -15,6 +15,7 @@ from nlos.acquisition.exporters.ytal import write_ytal
 from nlos.acquisition.importers.formats import read_any
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
+from nlos.drivers.tcspc.ptu import decode_tags
 
 Writer = Callable[[ScanArrays, Path], list[str]]
 WRITERS: dict[str, Writer] = {".npz": write_npz, ".mat": write_matlab, ".hdf5": write_ytal, ".ptu": write_ptu}
@@ -52,3 +53,15 @@ def test_free_positions_are_refused_where_the_format_has_no_place(suffix: str, t
     with pytest.raises(InvalidData, match="npz"):
         WRITERS[suffix](free, tmp_path / f"free{suffix}")
     assert not (tmp_path / f"free{suffix}").exists()
+
+
+@pytest.mark.parametrize("even", [True, False])
+def test_a_ptu_has_the_tags_that_other_readers_want(even: bool, tmp_path: Path) -> None:
+    """phconvert reads no file without the first two, which the vendor's dictionary calls optional."""
+    write_ptu(scan(even), tmp_path / "scan.ptu")
+    tags, _ = decode_tags((tmp_path / "scan.ptu").read_bytes(), "scan.ptu")
+    assert tags["MeasDesc_AcquisitionTime"] == round(float(scan(even).exposure_s.sum()) * 1e3)
+    assert tags["HW_Type"] == tags["CreatorSW_Name"] == "nlos"
+    assert tags["TTResultFormat_TTTRRecType"] == 0x00010307
+    for name in ("File_CreatingTime", "CreatorSW_Version", "TTResult_SyncRate", "MeasDesc_Resolution"):
+        assert name in tags

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
@@ -213,12 +214,52 @@ def test_an_absent_library_says_what_to_install_and_where() -> None:
         open_picoquant(settings("multiharp150", library="/nowhere/lib.so"), VirtualClock())
 
 
-def test_another_version_of_the_library_is_refused() -> None:
+@pytest.mark.parametrize("device", FAMILIES)
+@pytest.mark.parametrize("version", ["2.0", "3.0", "3.1", "4.0", "5.0", ""])
+def test_versions_of_the_library_that_are_known_are_taken_and_no_other(device: str, version: str) -> None:
     bench = table()
-    with pytest.raises(WrongDevice, match=r"version '2\.0'"):
-        open_picoquant(
-            settings("multiharp150"), bench.clock, PicoquantLibrary(bench, "multiharp150", 10e6, version="2.0")
-        )
+    library = PicoquantLibrary(bench, device, 10e6, version=version)
+    if version[:1] == "3" or (version, device) == ("4.0", "multiharp150"):
+        open_picoquant(settings(device), bench.clock, library).close()
+        return
+    with pytest.raises(WrongDevice, match=f"version '{version}'"):
+        open_picoquant(settings(device), bench.clock, library)
+
+
+def test_a_serial_number_may_have_31_characters() -> None:
+    bench = table()
+    library = PicoquantLibrary(bench, "multiharp150", 10e6, serial="1" * 31)
+    counter = open_picoquant(settings("multiharp150"), bench.clock, library)
+    assert counter.identity.serial == "1" * 31
+    with pytest.raises(MemoryError, match="MH_OpenDevice writes 32 bytes into a buffer of 16"):
+        library.MH_OpenDevice(0, ctypes.create_string_buffer(16))
+
+
+@pytest.mark.parametrize("device", FAMILIES)
+@pytest.mark.parametrize("mode", ["histogram", "t3"])
+def test_a_nim_detector_is_seen_as_the_inputs_come(device: str, mode: str) -> None:
+    counter, _ = opened(device, mode=mode)
+    assert counter.rates().sync_hz == 10e6
+    assert counter.rates().detector_hz > 5e4
+    assert one_by_one(counter)[0].total_count > 500
+
+
+@pytest.mark.parametrize("device", FAMILIES)
+@pytest.mark.parametrize("mode", ["histogram", "t3"])
+def test_a_level_that_no_pulse_reaches_counts_nothing(device: str, mode: str) -> None:
+    beyond = {"level_mv": 100 if device == "multiharp150" else 800}
+    counter, _ = opened(device, mode=mode, detector=beyond)
+    assert counter.rates().detector_hz == 0
+    assert one_by_one(counter)[0].total_count == 0
+    counter, _ = opened(device, mode=mode, sync=beyond)
+    with pytest.raises(SyncLost, match="no sync signal"):
+        one_by_one(counter)
+
+
+@pytest.mark.parametrize(("device", "level_mv"), [("picoharp300", -50), ("picoharp300", 801), ("hydraharp400", 1001)])
+def test_a_level_that_the_instrument_lacks_is_refused(device: str, level_mv: int) -> None:
+    with pytest.raises(ValidationError, match=f"detector.level_mv {level_mv} is outside 0 to"):
+        settings(device, detector={"level_mv": level_mv})
 
 
 def test_the_instrument_is_found_by_its_serial_number_or_not_at_all() -> None:
@@ -268,8 +309,8 @@ def test_the_wire_log_shows_what_each_call_was_given_and_gave_back() -> None:
 def test_calls_out_of_order_are_refused_by_the_stand_in() -> None:
     library = PicoquantLibrary(table(), "hydraharp400", 10e6)
     assert library.HH_SetBinning(0, 1) == -10
-    assert library.HH_OpenDevice(0, ctypes.create_string_buffer(16)) == 0
-    assert library.HH_OpenDevice(1, ctypes.create_string_buffer(16)) == -1
+    assert library.HH_OpenDevice(0, ctypes.create_string_buffer(64)) == 0
+    assert library.HH_OpenDevice(1, ctypes.create_string_buffer(64)) == -1
     assert library.HH_SetBinning(0, 1) == -22
     assert library.HH_Initialize(0, 0, 0) == 0
     assert library.HH_StartMeas(0, 10) == -23
