@@ -70,6 +70,8 @@ class SerialLine:
         self.device = device
         self.timeout_s = timeout_s
         self.in_step = True
+        self.half_sent = False
+        """Whether a write was cut: the next bytes end half a command."""
         self._port = port
         self._clock = clock
         self._resynchronise = resynchronise
@@ -163,7 +165,7 @@ class SerialLine:
             except BaseException:
                 self.in_step = False
                 raise
-            self.in_step = True
+            self.in_step, self.half_sent = True, False
 
     def drain(self) -> bytes:
         """Reads until the line has been quiet for 50 ms, for at most the timeout, and returns what came."""
@@ -191,12 +193,12 @@ class SerialLine:
         try:
             written = self._port.write(data)
         except serial.SerialTimeoutException as error:
-            self.in_step = False
+            self.in_step, self.half_sent = False, True
             raise DeviceTimeout(self.device, f"{data[:40]!r} could not be sent, the port does not take it.") from error
         except _PORT_ERRORS as error:
             raise self._gone(error) from error
         if written != len(data):
-            self.in_step = False
+            self.in_step, self.half_sent = False, True
             raise DeviceTimeout(self.device, f"only {written} of {len(data)} bytes could be sent.")
 
     def close(self) -> None:

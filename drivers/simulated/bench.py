@@ -46,6 +46,9 @@ class Exposure:
 Light = Callable[[Gate, MirrorAngles, bool], Exposure]
 """(gate, where the beam points, whether the shutter is open) -> what the detector saw."""
 
+Pulse = Callable[[float, float], None]
+"""(bench time of the rising edge, seconds until the falling one)"""
+
 
 class SimulatedBench:
     """Where the beam points, whether the shutter is open, which wires carry edges, and what the detector sees."""
@@ -59,7 +62,7 @@ class SimulatedBench:
         """What the detector sees; a test may change it in the middle of a scan."""
         self._x = Swing(0.0, 0.0, 0.0, 0.0)
         self._y = Swing(0.0, 0.0, 0.0, 0.0)
-        self._wires: dict[str, list[Callable[[float], None]]] = {}
+        self._wires: dict[str, list[tuple[float, Pulse]]] = {}
         self._going_on: list[Callable[[float], None]] = []
         self.witness: Callable[[float, str], None] = lambda when_s, what: None
         """Told of every change of shutter and beam as it happens on this bench, whoever caused it."""
@@ -103,13 +106,18 @@ class SimulatedBench:
             catch_up(self.clock.now())
 
     def wire(self, line: str, listener: Callable[[float], None]) -> None:
-        """Connects an instrument's input to a named line (`pixel_clock`, `marker_1`, ...)."""
-        self._wires.setdefault(line, []).append(listener)
+        """Connects an instrument's input to a named line (`pixel_clock`, `marker_1`, ...): told of rising edges."""
+        self.wire_pulses(line, lambda when_s, width_s: listener(when_s))
 
-    def edge(self, line: str, when_s: float) -> None:
-        """A rising edge on a line at bench time `when_s`, in the order of calls."""
-        for listener in self._wires.get(line, []):
-            listener(when_s)
+    def wire_pulses(self, line: str, listener: Pulse, least_s: float = 0.0) -> None:
+        """An input that is told how long the line stays high, and does not see less than `least_s`."""
+        self._wires.setdefault(line, []).append((least_s, listener))
+
+    def edge(self, line: str, when_s: float, width_s: float = 100e-6) -> None:
+        """A rising edge on a line at bench time `when_s`, in the order of calls; `width_s` later it is low again."""
+        for least_s, listener in self._wires.get(line, []):
+            if width_s >= least_s:
+                listener(when_s, width_s)
 
     def expose(self, gate: Gate) -> Exposure:
         """What the detector counts in `gate`: beam where it is as the gate opens, shutter as it is now."""

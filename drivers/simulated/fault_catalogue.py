@@ -3,7 +3,10 @@
 `docs/faults.md` is this table. Print it with `python -m nlos.drivers.simulated.fault_catalogue`.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+
+from nlos.drivers.simulated.triggerscope.left_overs import HALF_LINES, LEFT_OVERS
 
 
 @dataclass(frozen=True)
@@ -15,6 +18,10 @@ class FaultRow:
     seen: str
     kept: str
     parameters: str = ""
+
+
+def _words(names: Iterable[str]) -> str:
+    return ", ".join(f"`{name}`" for name in names)
 
 
 _ALL = "everything acknowledged; the point under way is taken again by `--resume`"
@@ -76,6 +83,12 @@ TRIGGERSCOPE = (
     FaultRow("A7", "another program changes a range, which moves the mirror",
              "a warning: the mirror is centred and aimed anew",
              _SAME, "`range`"),
+    FaultRow("A8", "left-over state: another program left it armed, blanked, open or in other ranges",
+             "nothing: it is made dark, still and centred before anything else",
+             _SAME, "`state`: " + _words(LEFT_OVERS)),
+    FaultRow("A9", "half a line: another program was killed in the middle of a command",
+             "nothing: the half line is spoiled, not completed",
+             _SAME, "`line`: " + _words(HALF_LINES)),
 )
 OPTOTUNE = (
     FaultRow("B1", "`NO`, `OL`, `OU` or `ERROR` in reply to a position",

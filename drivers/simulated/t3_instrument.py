@@ -18,6 +18,7 @@ from nlos.drivers.tcspc.t3 import T3Format
 
 _NEVER_S = float("inf")
 _CLOCK_UNIT_S = 100e-9
+_STRETCHED_S = 20e-6  # the outputs are NIM pulses: a stretcher makes TTL pulses of them that a polled input sees
 _SLICE_S = 500e-6
 """While the mirror moves, light is taken from where the beam is at the start of each such slice."""
 _LAYER_S = 1e-3
@@ -71,7 +72,7 @@ class T3Instrument:
             if running:
                 self._expose_until(self._edge_s)
             edge_s, self._edge_s = self._edge_s, self._edge_s + self._period_s
-            self._bench.edge("pixel_clock", edge_s)
+            self._bench.edge("pixel_clock", edge_s, _STRETCHED_S)
         if running and self._edge_s == _NEVER_S and now_s >= self._end_s - 1e-9:
             self._expose_until(self._end_s)
         self._running = running

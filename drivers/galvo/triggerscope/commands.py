@@ -10,6 +10,9 @@ from collections.abc import Iterator, Sequence
 from nlos.drivers.identity import DeviceIdentity
 
 IDENTIFY = b"*\n"
+SPOIL = b"99999999999\n"
+"""Ends half a line that another program left behind, as a number beyond every argument's range or as a line of a wrong
+length, so that it is refused and not carried out; by itself it is an unknown command."""
 RANGE = 4  # +-10 V
 CENTRE = 32767  # what the controller itself sets as mid-scale; half a code, 0.15 mV, below 0 V
 CODES = 65536
@@ -45,11 +48,6 @@ def set_code(dac: int, code: int) -> bytes:
     return b"SAO%d-%d\n" % (dac, code)
 
 
-def set_centre(dac: int) -> bytes:
-    """Moves an output to its centre."""
-    return set_code(dac, CENTRE)
-
-
 def clear_states(dac: int) -> bytes:
     return b"PAC%d\n" % dac
 
@@ -57,6 +55,11 @@ def clear_states(dac: int) -> bytes:
 def step_states(dac: int, on: bool) -> bytes:
     """Starts (first state at the first rising edge) or stops stepping."""
     return b"PAS%d-%d-1\n" % (dac, on)
+
+
+def end_blanking(dac: int) -> bytes:
+    """An output no longer follows the level of the trigger input; it shows its code."""
+    return b"BAO%d-0-0\n" % dac
 
 
 def set_mask(group: int, mask: int) -> bytes:
@@ -69,6 +72,10 @@ def clear_masks(group: int) -> bytes:
 
 def step_masks(group: int, on: bool) -> bytes:
     return b"PDS%d-%d-1\n" % (group, on)
+
+
+def end_mask_blanking(group: int) -> bytes:
+    return b"BDO%d-0-0\n" % group
 
 
 def echo(command: bytes) -> bytes:

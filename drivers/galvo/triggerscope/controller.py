@@ -40,6 +40,7 @@ class Controller:
         try:
             gave_banner = _wait_for_banner(line, banner_timeout_s)
             line.in_step = True
+            _spoil(line)
             replies = [line.exchange(wire.IDENTIFY) for _ in range(2)]
             identity = wire.decode_identity(replies[0])
             if identity is None or replies[0] != replies[1]:
@@ -72,7 +73,11 @@ class Controller:
         return True
 
     def interject(self, command: bytes) -> None:
-        """Sends a command that cannot wait, also from a signal handler, and returns when its echo confirms it."""
+        """Sends a command that cannot wait, also from a signal handler, and returns when its echo confirms it. Half a
+        command is spoiled first: completed, it might be the one that opens the shutter."""
+        if self._line.half_sent:
+            self.command(command)
+            return
         try:
             self._line.interject(command, wire.echo(command))
         except (DeviceTimeout, ProtocolError):
@@ -84,10 +89,13 @@ class Controller:
             self._line.in_step = False
             raise _restarted()
 
-    def recover(self) -> None:
-        """In step again after whatever happened, a restart included; for commands that are right from any state."""
-        with contextlib.suppress(DeviceReset, RangeChanged):
+    def recover(self) -> bool:
+        """In step again after whatever happened; whether the ranges are as they were set."""
+        try:
             self._line.resynchronise()
+        except (DeviceReset, RangeChanged):
+            return False
+        return True
 
     def command_unheard(self, commands: Iterable[bytes]) -> None:
         """Sends commands, one after the other, to a controller whose replies do not come. Raises `DeviceLost`."""
@@ -128,13 +136,25 @@ def _wait_for_banner(line: SerialLine, timeout_s: float) -> bool:
     return True
 
 
+def _spoil(line: SerialLine) -> bytes:
+    """Half a line, left by a killed program or by a write that was cut, is thrown away before anything can complete
+    it. Returns the lines that came before the error that answers."""
+    line.write(wire.SPOIL)
+    try:
+        return line.receive(lambda reply: b"ERROR_" in reply, line.timeout_s / 2)[1]
+    except (DeviceTimeout, ProtocolError):
+        return b""
+
+
 def _prove(line: SerialLine, stale: bytes) -> None:
     """In step: commands are answered in order, so after the identity no reply to an earlier command is outstanding.
 
-    Asked twice, because a first newline may only end what was left of a cut command. An answer that nobody waited for
-    is no noise: a command was carried out a second time, or another program's was, and the mirror may have moved.
+    An answer that nobody waited for is no noise: a command was carried out a second time, or another program's was, and
+    the mirror may have moved.
     """
-    unasked = line.in_step and b"!" in stale
+    in_step = line.in_step
+    stale += _spoil(line)
+    unasked = in_step and b"!" in stale
     for attempt in range(2):
         line.write(wire.IDENTIFY)
         try:

@@ -9,6 +9,7 @@ from nlos.drivers.errors import CommandRejected, DeviceFault, DeviceReset, Devic
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.galvo.triggerscope import commands as wire
 from nlos.drivers.galvo.triggerscope.controller import DEVICE, REOPEN, Controller, RangeChanged
+from nlos.drivers.galvo.triggerscope.set_up import centre, disarm, ranges, set_up
 from nlos.drivers.galvo.triggerscope.settings import TriggerScopeSettings
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.link.serial_line import WireLog
@@ -27,6 +28,8 @@ class TriggerScope:
         self._clock = clock
         self._controller = controller
         self._axes = (settings.x, settings.y)
+        self._dacs = (settings.x.dac, settings.y.dac)
+        self._ranges_set = True
         self._unknown: BaseException | None = None
         limit_rad = math.radians(2.0 * settings.max_mechanical_deg)
         self._anywhere = (MirrorAngles(-limit_rad, -limit_rad), MirrorAngles(limit_rad, limit_rad))
@@ -50,6 +53,8 @@ class TriggerScope:
             wire_log=wire_log,
         )
         mirror = cls(settings, clock, controller)
+        if not controller.gave_banner and settings.allow_unverified_dac:
+            mirror.warnings.append(f"{DEVICE}: no start-up banner; that the mirror moves is not verified.")
         try:
             mirror._set_up()
         except BaseException:
@@ -111,10 +116,8 @@ class TriggerScope:
             raise CommandRejected(DEVICE, "no sequence is loaded.", "Call load() before each start().")
         self.move_to(self._sequence[0])
         with self._motion():
-            self._controller.command(wire.set_mask(0, 0))
-            for axis in self._axes:
-                self._controller.command(wire.step_states(axis.dac, True))
-            self._controller.command(wire.step_masks(0, True))
+            stepping = [wire.step_states(dac, True) for dac in self._dacs]
+            self._send([wire.set_mask(0, 0), *stepping, wire.step_masks(0, True)])
         self._armed = True
 
     def stop(self) -> None:
@@ -134,7 +137,8 @@ class TriggerScope:
             self._controller.look()
 
     def park(self) -> None:
-        """Centre, from any state, and still. After an error this does not make the mirror usable again.
+        """Centre, from any state, and still. After an error this does not make the mirror usable again. Ranges are set
+        anew only where they are gone: setting one swings the other axis out.
 
         Replies that are seconds late are waited for; where none comes, the commands are sent all the same before the
         error is raised.
@@ -150,7 +154,7 @@ class TriggerScope:
                 CommandRejected,
             ):  # a late answer may name the controller
                 if not left:
-                    self._controller.command_unheard([*self._disarming(), *self._centring()])
+                    self._controller.command_unheard([*disarm(self._dacs), *centre(self._dacs)])
                     raise
         self._sequence = ()
         self.wait_settled()
@@ -172,45 +176,37 @@ class TriggerScope:
         self._controller.close()
 
     def _set_up(self) -> None:
-        if self._settings.shutter_pin is not None:
-            self.set_shutter_line(False)
-        if not self._controller.gave_banner and self._settings.allow_unverified_dac:
-            self.warnings.append(f"{DEVICE}: no start-up banner; that the mirror moves is not verified.")
-        self._controller.command(b"SSL0\n")  # the signal LEDs cost time in the controller's loop
-        self._disarm()
-        self._centre()
+        pin = self._settings.shutter_pin
+        self._send(set_up(self._dacs, None if pin is None else (pin - 1) // 8))
+        self._armed, self._ranges_set = False, True
+        self._arrive_at_centre()
 
     def _park(self) -> None:
         with self._motion():
-            self._controller.recover()
+            self._ranges_set &= self._controller.recover()
+            if not self._ranges_set:
+                self._set_up()
+                return
             self._disarm()
-            self._centre()
+            self._send(centre(self._dacs))
+            self._arrive_at_centre()
 
-    def _centre(self) -> None:
-        """Setting the range centres the output too; the explicit code makes the centre what was commanded last."""
-        for command in self._centring():
-            self._controller.command(command)
+    def _arrive_at_centre(self) -> None:
         x_rad, y_rad = (wire.angle_for(wire.CENTRE, axis.volts_per_degree, axis.offset_v) for axis in self._axes)
         self._region, self._target = self._anywhere, None
         self._arrive(MirrorAngles(x_rad, y_rad))
 
-    def _centring(self) -> list[bytes]:
-        return [each(axis.dac) for axis in self._axes for each in (wire.set_range, wire.set_centre)]
-
     def _disarm(self) -> None:
-        for command in self._disarming():
-            self._controller.command(command)
+        self._send(disarm(self._dacs))
         self._armed = False
 
-    def _disarming(self) -> list[bytes]:
-        stepping = [wire.step_states(axis.dac, False) for axis in self._axes]
-        return [*stepping, wire.step_masks(0, False), wire.set_mask(0, 0)]
+    def _send(self, commands: Sequence[bytes]) -> None:
+        for command in commands:
+            self._controller.command(command)
 
     def _upload(self, lines: Sequence[tuple[bytes, bytes]]) -> None:
         for _ in range(2):
-            for axis in self._axes:
-                self._controller.command(wire.clear_states(axis.dac))
-            self._controller.command(wire.clear_masks(0))
+            self._send([*(wire.clear_states(dac) for dac in self._dacs), wire.clear_masks(0)])
             if self._controller.upload(lines):
                 return
         raise ProtocolError(DEVICE, "twice it kept another part of the sequence than was sent.", REOPEN)
@@ -220,7 +216,8 @@ class TriggerScope:
             act()
         except RangeChanged as changed:
             self.warnings.append(str(changed))
-            self._centre()
+            self._send([*ranges(self._dacs), *centre(self._dacs)])
+            self._arrive_at_centre()
             act()
 
     def _codes(self, angles: MirrorAngles) -> tuple[int, int]:
@@ -238,8 +235,7 @@ class TriggerScope:
         return codes[0], codes[1]
 
     def _set_codes(self, codes: tuple[int, int]) -> None:
-        for axis, code in zip(self._axes, codes, strict=True):
-            self._controller.command(wire.set_code(axis.dac, code))
+        self._send([wire.set_code(dac, code) for dac, code in zip(self._dacs, codes, strict=True)])
 
     def _arrive(self, angles: MirrorAngles) -> None:
         """A move may begin before the one before has settled: then from anywhere on its way."""
@@ -273,4 +269,5 @@ class TriggerScope:
             yield
         except BaseException as error:
             self._unknown = self._unknown or error
+            self._ranges_set &= not isinstance(error, DeviceReset | RangeChanged)
             raise

@@ -176,7 +176,7 @@ class Acquisition:
         self._edges += 1
         self._edge_s = NEVER_S
         if settings.clock_100ns:
-            self._bench.edge("pixel_clock", when_s)
+            self._bench.edge("pixel_clock", when_s, self._period_s(self.done) / 2.0)
             fault = self._bench.faults.strikes("U15", when_s, "clock")
             if fault is not None:  # the counter itself overlooks the edge that the mirror has followed
                 self._missed = HistogramFlag.TRIGGER_MISSED

@@ -1,116 +1,84 @@
-"""A TriggerScope-MM (firmware V4B v.620-MM) and the galvo head on two of its DACs, traps included.
+"""A TriggerScope-MM's firmware (V4B v.620-MM, or V4 v.613-MM by its name), traps included.
 
-Written from the behaviour of the vendor's published firmware, independently of the driver: commands arriving together
-are parsed as one, PAO writes past its table, long PAO replies overrun their buffer, clearing fills a table with code 0.
+Written from the behaviour of the vendor's published sketches, independently of the driver, and compared with the
+compiled ones by `make peers`: commands arriving together are parsed as one, malformed ones are often carried out, a
+range zeroes every output, tables are written past their end, and nothing is forgotten as a port is closed.
 """
 
-import math
-import re
 from collections.abc import Callable
-from dataclasses import dataclass
 
-from nlos.drivers.galvo.mirror import MirrorAngles
-from nlos.drivers.galvo.settle import SettleModel
-from nlos.drivers.galvo.triggerscope.mirror import TriggerScopeSettings
+from nlos.drivers.galvo.triggerscope.settings import TriggerScopeSettings
 from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.triggerscope.left_overs import HALF_LINES, LEFT_OVERS
+from nlos.drivers.simulated.triggerscope.lines import Line, integer
+from nlos.drivers.simulated.triggerscope.outputs import STATES, Output
+from nlos.drivers.simulated.triggerscope.wiring import DACS, LEAST_PULSE_S, Wiring
 
-_DACS = 16
-_STATES = 1200
-_REPLY_BUFFER = 20  # bytes, the NUL included, for the reply to PAO
-_SPAN_V = {1: (0.0, 5.0), 2: (0.0, 10.0), 3: (-5.0, 5.0), 4: (-10.0, 10.0), 5: (-2.5, 2.5)}
-_BANNER = b"ARC TRIGGERSCOPE 16 R4 Board 4B v.620-MM"
-_COMMAND = re.compile(rb"[A-Z]{3}(\d+(?:-\d+)*)")
+V4B = b"ARC TRIGGERSCOPE 16 R4 Board 4B v.620-MM"
+V4 = b"ARC TRIGGERSCOPE 16 R3C Board 4 v.613-MM"
+_REPLY_BUFFER = 20  # bytes, the NUL included, for the reply to PAO and PDO
 _HELP = (b"*", b"?", b"SAR<n>-<r>", b"SAO<n>-<v>", b"PAO<n>-<s>-<v>...", b"PAS<n>-<s>-<t>", b"SDO<g>-<m>", b"")
-
-
-@dataclass
-class _Stepper:
-    """Where one output is in its table of states."""
-
-    length: int = 0
-    index: int = 0
-    armed: bool = False
-
-    def step(self) -> int:
-        """The state to apply now; wraps at the loaded length, and stays at 0 where nothing was loaded."""
-        state = self.index
-        self.index = self.index + 1 if self.index + 1 < self.length else 0
-        return state
+_UNKNOWN = b"ERROR_UNKNOWN_COMMAND"
 
 
 class TriggerScopeFirmware:
-    """Controller and head. Volts are per degree of mechanical angle; `settle_scale`: real settling over the model's."""
+    """The controller; `wiring` is what hangs on it. `STAT?` and `TEST?`, for a person's terminal, are missing."""
 
     def __init__(
-        self,
-        bench: SimulatedBench,
-        *,
-        x_dac: int = 1,
-        y_dac: int = 2,
-        x_volts_per_degree: float = 0.5,
-        y_volts_per_degree: float = 0.5,
-        settle: SettleModel | None = None,
-        settle_scale: float = 0.9,
-        shutter_pin: int | None = None,
-        sd_card: bool = True,
-        board: bytes = _BANNER,
+        self, bench: SimulatedBench, wiring: Wiring | None = None, *, sd_card: bool = True, board: bytes = V4B
     ) -> None:
+        self.wiring = wiring or Wiring(bench)
         self._bench = bench
-        self._x_dac, self._y_dac = x_dac, y_dac
-        self._volts_per_degree = {x_dac: x_volts_per_degree, y_dac: y_volts_per_degree}
-        self._settle = settle or SettleModel()
-        self._settle_scale = settle_scale
-        self._shutter_pin = shutter_pin
-        self._sd_card = sd_card
         self._board = board
-        self._act: dict[bytes, tuple[int, Callable[[bytes, list[int]], bytes]]] = {  # name -> (arguments, what it does)
-            b"SAR": (2, self._set_range),
-            b"SAO": (2, self._set_code),
-            b"PAN": (1, self._capacity),
-            b"PAC": (1, self._clear),
-            b"PAO": (3, self._load),
-            b"PAS": (3, self._step_by_trigger),
-            b"BAO": (3, self._blank),
-            b"BAD": (2, self._echo),
-            b"BAL": (2, self._echo),
-            b"SDO": (2, self._set_mask),
-            b"PDN": (1, self._capacity),
-            b"PDC": (1, self._clear_masks),
-            b"PDO": (3, self._load_masks),
-            b"PDS": (3, self._masks_by_trigger),
-            b"BDO": (3, self._echo),
-            b"SSL": (1, self._echo),
+        self._sd_card = sd_card
+        self._falls_s: float | None = None  # when the trigger input is low again
+        self._act: dict[bytes, Callable[[Line], bytes | None]] = {
+            b"SAR": self._set_range,
+            b"SAO": self._set_code,
+            b"PAN": lambda line: self._capacity(line, range(1, DACS + 1)),
+            b"PAC": self._clear,
+            b"PAO": self._load,
+            b"PAS": self._step_by_trigger,
+            b"BAO": self._blank,
+            b"BAD": self._blanking_time,
+            b"BAL": self._blanking_time,
+            b"SDO": self._set_mask,
+            b"PDN": lambda line: self._capacity(line, range(2)),
+            b"PDC": self._clear_masks,
+            b"PDO": self._load_masks,
+            b"PDS": self._step_masks_by_trigger,
+            b"BDO": self._blank_masks,
+            b"SSL": self._signal_leds,
         }
         self._power_up()
-        bench.wire("pixel_clock", self._on_edge)
+        bench.wire_pulses("pixel_clock", self._rise, LEAST_PULSE_S)
+        bench.follow(self._fall_if_due)
 
     @classmethod
     def matching(cls, bench: SimulatedBench, settings: TriggerScopeSettings) -> "TriggerScopeFirmware":
         """The controller and head that these settings describe."""
-        return cls(
-            bench,
-            x_dac=settings.x.dac,
-            y_dac=settings.y.dac,
-            x_volts_per_degree=settings.x.volts_per_degree,
-            y_volts_per_degree=settings.y.volts_per_degree,
-            settle=settings.settle,
-            shutter_pin=settings.shutter_pin,
-        )
+        return cls(bench, Wiring.matching(bench, settings))
 
     def opened(self) -> bytes:
-        if self._bench.faults.strikes("A3", self._bench.clock.now()):
-            self._sd_card = False
-        return self._board + b"\r\n" if self._sd_card else b""
+        """The start-up text waits for the first host after power-up; later ones find everything as it was left."""
+        faults, now_s = self._bench.faults, self._bench.clock.now()
+        if faults.strikes("A3", now_s):
+            self._banner, self.wiring.live = b"", False
+        if fault := faults.strikes("A8", now_s):
+            for command in LEFT_OVERS[str(fault.parameters.get("state", "opens_on_edges"))]:
+                self._answer(Line(command + b"\n"))
+        if fault := faults.strikes("A9", now_s):
+            self._text += HALF_LINES[str(fault.parameters.get("line", "table"))]
+        banner, self._banner = self._banner, b""
+        return banner
 
     def reboot(self) -> bytes:
         self._power_up()
-        self._move(self._bench.clock.now())
-        if self._shutter_pin is not None:  # its outputs are low again
-            self._bench.set_shutter(False)
-        return b"done.\r\n" + self.opened()
+        return self.opened()
 
     def receive(self, data: bytes, when_s: float) -> bytes:
         """One string collects whatever arrives; a newline anywhere in it makes it one command, the rest is lost."""
+        self._fall_if_due(when_s)
         self._text += data
         if b"\n" not in self._text or self._crashed:
             return b""
@@ -119,164 +87,207 @@ class TriggerScopeFirmware:
         now_s = self._bench.clock.now()
         if fault := self._bench.faults.strikes("A2", now_s):
             if fault.parameters.get("kind") == "unknown":
-                return b"ERROR_UNKNOWN_COMMAND\r\n"
+                return _UNKNOWN + b"\r\n"
             return b"!ERROR_%s: refused\r\n" % text[:3]
         intruder = b""
+        self._when_s = now_s
         if fault := self._bench.faults.strikes("A7", now_s):  # somebody else's command, its reply comes our way too
-            intruder = self._set_range(b"", [self._x_dac, int(fault.parameters.get("range", 3))]) + b"\r\n"
+            line = Line(b"SAR%d-%d\n" % (self.wiring.x_dac, int(fault.parameters.get("range", 3))))
+            intruder = self._answer(line) + b"\r\n"
         self._when_s = when_s
-        return intruder + self._answer(text) + b"\r\n"
+        return intruder + self._answer(Line(text)) + b"\r\n"
 
     def _power_up(self) -> None:
         self._text = bytearray()
         self._crashed = False
-        self._when_s = 0.0
-        self._range = dict.fromkeys(range(1, _DACS + 1), 1)
-        self._code = dict.fromkeys(range(1, _DACS + 1), 0)
-        self._states = [0] * (_DACS * _STATES)  # [DAC][state], one block of memory
-        self._masks = [[0] * _STATES, [0] * _STATES]
-        self._mask = [0, 0]
-        self._dac_stepper = {dac: _Stepper() for dac in range(1, _DACS + 1)}
-        self._mask_stepper = [_Stepper(), _Stepper()]
+        self._level = False
+        self._when_s = self._bench.clock.now()
+        self._banner = b"done.\r\n" + self._board + b"\r\n" if self._sd_card else b""
+        self.wiring.live = self._sd_card  # without its card it never gets to the DACs
+        self._dacs = {dac: Output(self._putter(dac), 65535) for dac in range(1, DACS + 1)}
+        self._groups = [Output(self._pin_putter(group), 255) for group in range(2)]
+        self.wiring.power_up()
 
-    def _answer(self, text: bytes) -> bytes:
-        if text == b"*\n":
-            return self._board
-        if text == b"?\n":
-            return b"\r\n".join(_HELP)
-        name = text[:3]
-        if name not in self._act:
-            return b"ERROR_UNKNOWN_COMMAND"
-        arguments, act = self._act[name]
-        match = _COMMAND.match(text)
-        numbers = [int(number) for number in match[1].split(b"-")] if match else []
-        outputs = range(1, _DACS + 1) if name[1:2] == b"A" else range(2)
-        if match is None or len(numbers) < arguments or numbers[0] not in outputs:
-            return b"!ERROR_%s: bad argument" % name
-        return act(match[0], numbers)
+    def _putter(self, dac: int) -> Callable[[int], None]:
+        return lambda code: self.wiring.set_code(dac, code, self._when_s)
 
-    def _echo(self, text: bytes, numbers: list[int]) -> bytes:
-        return b"!" + text
+    def _pin_putter(self, group: int) -> Callable[[int], None]:
+        return lambda mask: self.wiring.set_pins(group, mask, self._when_s)
 
-    def _set_range(self, text: bytes, numbers: list[int]) -> bytes:
-        dac, number = numbers[:2]
-        if number not in _SPAN_V:
-            return b"!ERROR_SAR: no such range"
-        self._range[dac] = number
-        self._output(dac, 32767 if number >= 3 else 0, self._bench.clock.now())
-        return b"!SAR%d-%d" % (dac, number)
+    # The trigger input
 
-    def _set_code(self, text: bytes, numbers: list[int]) -> bytes:
-        dac, code = numbers[:2]
-        if code > 65535:
-            return b"!ERROR_SAO: out of range"
-        self._output(dac, code, self._when_s)
-        return b"!" + text
-
-    def _capacity(self, text: bytes, numbers: list[int]) -> bytes:
-        return b"!%s-%d" % (text, _STATES)
-
-    def _clear(self, text: bytes, numbers: list[int]) -> bytes:
-        dac = numbers[0]
-        self._states[(dac - 1) * _STATES : dac * _STATES] = [0] * _STATES  # the output itself stays where it is
-        self._dac_stepper[dac] = _Stepper()
-        return b"!" + text
-
-    def _load(self, text: bytes, numbers: list[int]) -> bytes:
-        dac, start, *codes = numbers
-        if any(code > 65535 for code in codes):
-            return b"!ERROR_PAO: out of range"
-        if self._bench.faults.strikes("A4", self._bench.clock.now()):
-            codes = codes[:-1]
-        first = (dac - 1) * _STATES + start
-        if first + len(codes) > len(self._states):  # past the last table lies other memory
-            self._crashed = True
-            return b""
-        self._states[first : first + len(codes)] = codes  # unchecked: may run into the next DAC's table
-        stepper = self._dac_stepper[dac]
-        stepper.length = max(stepper.length, start + len(codes))
-        reply = b"!PAO%d-%d-%d-%d" % (dac, start, len(codes), stepper.length)
-        self._crashed = len(reply) >= _REPLY_BUFFER
-        return reply
-
-    def _step_by_trigger(self, text: bytes, numbers: list[int]) -> bytes:
-        dac, on, rising = numbers[:3]
-        stepper = self._dac_stepper[dac]
-        stepper.armed, stepper.index = bool(on), 0
-        if on and not rising:
-            self._output(dac, self._states[(dac - 1) * _STATES + stepper.step()], self._when_s)
-        return b"!" + text
-
-    def _blank(self, text: bytes, numbers: list[int]) -> bytes:
-        if numbers[1]:
-            self._output(numbers[0], 0, self._when_s)
-        return b"!" + text
-
-    def _set_mask(self, text: bytes, numbers: list[int]) -> bytes:
-        group, mask = numbers[:2]
-        if mask > 255:
-            return b"!ERROR_SDO: out of range"
-        self._pins(group, mask, self._when_s)
-        return b"!" + text
-
-    def _load_masks(self, text: bytes, numbers: list[int]) -> bytes:
-        group, start, *masks = numbers
-        if any(mask > 255 for mask in masks) or start + len(masks) > _STATES:
-            return b"!ERROR_PDO: out of range"
-        self._masks[group][start : start + len(masks)] = masks
-        stepper = self._mask_stepper[group]
-        stepper.length = max(stepper.length, start + len(masks))
-        return b"!PDO%d-%d-%d-%d" % (group, start, len(masks), stepper.length)
-
-    def _clear_masks(self, text: bytes, numbers: list[int]) -> bytes:
-        group = numbers[0]
-        self._masks[group] = [0] * _STATES
-        self._mask_stepper[group] = _Stepper()
-        return b"!" + text
-
-    def _masks_by_trigger(self, text: bytes, numbers: list[int]) -> bytes:
-        group, on, rising = numbers[:3]
-        stepper = self._mask_stepper[group]
-        stepper.armed, stepper.index = bool(on), 0
-        if on and not rising:
-            self._pins(group, self._masks[group][stepper.step()], self._when_s)
-        return b"!" + text
-
-    def _on_edge(self, when_s: float) -> None:
+    def _rise(self, when_s: float, width_s: float) -> None:
         fault = self._bench.faults.strikes("A6", when_s)
         kind = str(fault.parameters.get("kind", "missed")) if fault else ""
         for _ in range({"missed": 0, "extra": 2}.get(kind, 1)):
-            for dac, stepper in self._dac_stepper.items():
-                if stepper.armed:
-                    self._code[dac] = self._states[(dac - 1) * _STATES + stepper.step()]
-            self._move(when_s)
-            for group, stepper in enumerate(self._mask_stepper):
-                if stepper.armed:
-                    self._pins(group, self._masks[group][stepper.step()], when_s)
+            self._fall_if_due(when_s, at_once=True)
+            self._follow(True, when_s)
+            self._falls_s = when_s + width_s
 
-    def _output(self, dac: int, code: int, when_s: float) -> None:
-        self._code[dac] = code
-        self._move(when_s)
+    def _fall_if_due(self, now_s: float, at_once: bool = False) -> None:
+        if self._falls_s is not None and (at_once or self._falls_s <= now_s):
+            falls_s, self._falls_s = min(self._falls_s, now_s), None
+            self._follow(False, falls_s)
 
-    def _pins(self, group: int, mask: int, when_s: float) -> None:
-        rising = mask & ~self._mask[group]
-        self._mask[group] = mask
-        if self._shutter_pin is not None and group == (self._shutter_pin - 1) // 8:
-            self._bench.set_shutter(bool(mask >> (self._shutter_pin - 1) % 8 & 1))
-        if group == 0:
-            for bit in (1, 2, 4):
-                if rising & bit:
-                    self._bench.edge(f"marker_{bit}", when_s)
+    def _follow(self, level: bool, when_s: float) -> None:
+        self._level, self._when_s = level, when_s
+        for output in (*self._dacs.values(), *self._groups):
+            output.follow(level)
 
-    def _move(self, when_s: float) -> None:
-        """The head follows the voltages of its two DACs. Without SD card the DACs were never initialised."""
-        if not self._sd_card:
-            return
-        target = MirrorAngles(self._deflection(self._x_dac), self._deflection(self._y_dac))
-        settle_s = self._settle_scale * self._settle.settle_s(self._bench.beam_at(when_s), target)
-        self._bench.steer(target, when_s, settle_s)
+    # Commands: each returns its reply, or None where the firmware reports an error
 
-    def _deflection(self, dac: int) -> float:
-        low_v, high_v = _SPAN_V[self._range[dac]]
-        volts = low_v + (high_v - low_v) * self._code[dac] / 65536
-        return 2.0 * math.radians(volts / self._volts_per_degree[dac])
+    def _answer(self, line: Line) -> bytes:
+        if line.string == b"*\n":
+            return self._board
+        if line.string == b"?\n":
+            return b"\r\n".join(_HELP)
+        if line.string == b"CLEAR_ALL\n":  # keeps lengths and stepping: what steps on then steps through code 0
+            for output in self._dacs.values():
+                output.table = [0] * STATES
+            for group in self._groups:
+                group.table, group.length = [0] * STATES, 0
+            return b"!CLEAR_ALL"
+        if line.part(0, 9) == b"CLEAR_DAC":
+            return self._clear_first(line)
+        if line.name not in self._act:
+            return _UNKNOWN
+        reply = self._act[line.name](line)
+        named = b"BAD" if line.name == b"BAL" else line.name  # as the firmware itself confuses them
+        return b"!ERROR_%s: bad argument" % named if reply is None else b"!" + line.name + reply
+
+    def _clear_first(self, line: Line) -> bytes:
+        """Clears 50 states of a DAC; its number is not checked."""
+        column = (integer(line.part(10)) - 1) & 255
+        for state in range(50):
+            row, dac = divmod(state * DACS + column, DACS)
+            self._dacs[dac + 1].table[row] = 0
+        return b"!CLEAR_DAC,%d" % (column + 1)
+
+    def _set_range(self, line: Line) -> bytes | None:
+        dac = line.byte(3)
+        number = line.byte(6 if dac > 9 else 5)
+        if not (1 <= number <= 5 and 1 <= dac <= DACS):
+            return None
+        self.wiring.set_range(dac, number, self._when_s)
+        self._dacs[dac].value = 32767 if number > 2 else 0
+        self._dacs[dac].put_out(self._dacs[dac].value)  # whatever blanking says
+        return b"%d-%d" % (dac, number)
+
+    def _set_code(self, line: Line) -> bytes | None:
+        if (output := line.output()) is None:
+            return None
+        dac, start = output
+        code = line.number(start)
+        if not 0 <= code <= 65535:
+            return None
+        self._dacs[dac].value = code
+        self._dacs[dac].show(self._level)
+        return b"%d-%d" % (dac, code)
+
+    def _capacity(self, line: Line, outputs: range) -> bytes | None:
+        number = line.byte(3)
+        return b"%d-%d" % (number, STATES) if number in outputs else None
+
+    def _clear(self, line: Line) -> bytes | None:
+        dac = line.number(3)
+        if len(line.text) not in (5, 6) or dac not in self._dacs:
+            return None
+        self._dacs[dac].clear()  # the output itself stays where it is
+        return b"%d" % dac
+
+    def _load(self, line: Line) -> bytes | None:
+        if (output := line.output()) is None:
+            return None
+        dac, start = output
+        shorter = bool(self._bench.faults.strikes("A4", self._bench.clock.now()))
+        return self._fill(self._dacs[dac], dac, line.states(start), shorter)
+
+    def _fill(self, output: Output, number: int, states: tuple[int, list[int]] | None, shorter: bool) -> bytes | None:
+        """Nothing stops it at the table's end: it confirms, and goes on with a memory that is another one."""
+        if states is None:
+            return None
+        first, values = states
+        count = 0
+        for value in values[: len(values) - shorter]:
+            if not 0 <= value <= output.most:
+                return None
+            if first + count < STATES:
+                output.table[first + count] = value
+            else:
+                self._crashed = True
+            count += 1
+            output.length = max(output.length, first + count)
+        reply = b"%d-%d-%d-%d" % (number, first, count, output.length)
+        self._crashed |= len(reply) + 4 >= _REPLY_BUFFER
+        return reply
+
+    def _step_by_trigger(self, line: Line) -> bytes | None:
+        output = line.output()
+        if len(line.text) not in (9, 10) or output is None:
+            return None
+        dac, start = output
+        return self._step(self._dacs[dac], dac, line.number(start, start + 1), line.number(start + 2))
+
+    def _step(self, output: Output, number: int, on: int, rising: int) -> bytes | None:
+        if on not in (0, 1) or rising not in (0, 1):
+            return None
+        (output.begin_stepping if on else output.end_stepping)(bool(rising))
+        return b"%d-%d-%d" % (number, on, rising)
+
+    def _blank(self, line: Line) -> bytes | None:
+        if (output := line.output()) is None:
+            return None
+        dac, start = output
+        if not line.separated(start + 1):
+            return None
+        return self._blank_output(self._dacs[dac], dac, line.number(start, start + 1), line.number(start + 2))
+
+    def _blank_output(self, output: Output, number: int, on: int, inverse: int) -> bytes | None:
+        if on not in (0, 1) or inverse not in (0, 1):
+            return None
+        output.blanking, output.active_at = bool(on), not inverse
+        output.show(self._level)
+        return b"%d-%d-%d" % (number, on, inverse)
+
+    def _blanking_time(self, line: Line) -> bytes | None:
+        if (output := line.output()) is None:
+            return None
+        dac, start = output
+        return b"%d-%d" % (dac, line.number(start) & 0xFFFFFFFF)
+
+    def _set_mask(self, line: Line) -> bytes | None:
+        group, mask = line.byte(3), line.number(5)
+        if group > 1 or not 0 <= mask <= 255:
+            return None
+        self._groups[group].value = mask
+        self._groups[group].show(self._level)
+        return b"%d-%d" % (group, mask)
+
+    def _clear_masks(self, line: Line) -> bytes | None:
+        group = line.number(3, 4)
+        if len(line.text) != 5 or group not in (0, 1):
+            return None
+        self._groups[group].clear()
+        return b"%d" % group
+
+    def _load_masks(self, line: Line) -> bytes | None:
+        group = line.number(3, 4)
+        if group not in (0, 1) or not line.separated(4):
+            return None
+        return self._fill(self._groups[group], group, line.states(5), False)
+
+    def _step_masks_by_trigger(self, line: Line) -> bytes | None:
+        group = line.number(3, 4)
+        if len(line.text) != 9 or group not in (0, 1):
+            return None
+        return self._step(self._groups[group], group, line.number(5, 6), line.number(7, 8))
+
+    def _blank_masks(self, line: Line) -> bytes | None:
+        group = line.number(3, 4)
+        if len(line.text) != 9 or group not in (0, 1):
+            return None
+        return self._blank_output(self._groups[group], group, line.number(5, 6), line.number(7, 8))
+
+    def _signal_leds(self, line: Line) -> bytes | None:
+        on = line.byte(3)
+        return b"%d" % on if on in (0, 1) else None

@@ -23,9 +23,16 @@ def echoed(*commands: bytes) -> list[tuple[bytes, bytes]]:
     return [(command + b"\n", b"!" + command + b"\r\n") for command in commands]
 
 
+SPOIL = (b"99999999999\n", b"ERROR_UNKNOWN_COMMAND\r\n")
+IDENTIFY = [SPOIL, (b"*\n", BANNER), (b"*\n", BANNER)]
+DARK = echoed(b"SDO1-0", b"PDC1", b"SDO1-0", b"BDO1-0-0")
+QUIET = echoed(b"SSL0", b"PAC1", b"PAC2", b"SDO0-0", b"PDC0", b"SDO0-0", b"BDO0-0-0")
+RANGES = echoed(b"SAR1-4", b"SAR2-4")
+UNBLANK = echoed(b"BAO1-0-0", b"BAO2-0-0")
+CENTRE = echoed(b"SAO1-32767", b"SAO2-32767")
 DISARM = echoed(b"PAS1-0-1", b"PAS2-0-1", b"PDS0-0-1", b"SDO0-0")
-CENTRE = echoed(b"SAR1-4", b"SAO1-32767", b"SAR2-4", b"SAO2-32767")
-OPENING = [(b"*\n", BANNER), (b"*\n", BANNER), *echoed(b"SSL0"), *DISARM, *CENTRE]
+SET_UP = [*QUIET, *RANGES, *UNBLANK, *CENTRE]
+OPENING = [*IDENTIFY, *SET_UP]
 CLEAR = echoed(b"PAC1", b"PAC2", b"PDC0")
 
 
@@ -58,9 +65,22 @@ def test_it_opens_by_asking_who_answers_and_centring(talk: Callable[..., Trigger
 
 
 def test_a_shutter_output_is_closed_before_anything_else(talk: Callable[..., TriggerScope]) -> None:
-    mirror = talk(*OPENING[:2], *echoed(b"SDO1-0"), *OPENING[2:], *echoed(b"SDO1-4", b"SDO1-0"), shutter_pin=11)
+    mirror = talk(*IDENTIFY, *DARK, *SET_UP, *echoed(b"SDO1-4", b"SDO1-0"), shutter_pin=11)
     mirror.set_shutter_line(True)
     mirror.set_shutter_line(False)
+
+
+def test_ranges_are_set_as_it_opens_and_never_as_it_parks(talk: Callable[..., TriggerScope]) -> None:
+    """Each SAR puts -10 V on the other axis."""
+    mirror = talk(*OPENING, SPOIL, (b"*\n", BANNER), *DISARM, *CENTRE)
+    mirror.park()
+
+
+def test_half_a_line_is_not_completed_and_the_identity_is_asked_twice(talk: Callable[..., TriggerScope]) -> None:
+    refused = (SPOIL[0], b"!ERROR_SDO: Format: SDOn-s\r\n")
+    assert talk(refused, *IDENTIFY[1:], *SET_UP, banner=b"").identity.vendor == "ARC"
+    with pytest.raises(WrongDevice, match=r"then b'ARC TRIGGERSCOPE 16 R3C"):
+        talk(refused, (b"*\n", BANNER), (b"*\n", BANNER.replace(b"R4", b"R3C")), banner=b"")
 
 
 def test_a_move_is_two_codes(talk: Callable[..., TriggerScope]) -> None:
@@ -90,7 +110,7 @@ def test_a_sequence_whose_count_disagrees_is_cleared_and_sent_once_more(talk: Ca
 
 def test_another_device_on_the_port_is_refused(talk: Callable[..., TriggerScope]) -> None:
     with pytest.raises(WrongDevice, match=r"says b'GRBL 1.1'.*Correct `port`"):
-        talk((b"*\n", b"GRBL 1.1\r\n"), (b"*\n", b"GRBL 1.1\r\n"), banner=b"")
+        talk((SPOIL[0], b"ERROR_1\r\n"), (b"*\n", b"GRBL 1.1\r\n"), (b"*\n", b"GRBL 1.1\r\n"), banner=b"")
 
 
 @pytest.mark.parametrize("name", ["PAO", "PDO"])

@@ -24,6 +24,7 @@ from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.serial.port import plug, plugged, unplug
 from nlos.drivers.simulated.triggerscope.firmware import TriggerScopeFirmware
+from nlos.drivers.simulated.triggerscope.wiring import Wiring
 
 ASIDE = MirrorAngles(0.1, -0.05)
 ELSEWHERE = MirrorAngles(-0.2, 0.15)
@@ -38,8 +39,8 @@ def lab(dark_bench: Callable[..., SimulatedBench]) -> Lab:
     def make(*faults: Fault, sd_card: bool = True, **settings: object) -> tuple[SimulatedBench, TriggerScope]:
         bench = dark_bench(*faults)
         unplug("faulty")
-        shutter_pin = settings.get("shutter_pin")
-        url = plug("faulty", TriggerScopeFirmware(bench, sd_card=sd_card, shutter_pin=shutter_pin), bench, 0.001)
+        wiring = Wiring(bench, shutter_pin=settings.get("shutter_pin"))
+        url = plug("faulty", TriggerScopeFirmware(bench, wiring, sd_card=sd_card), bench, 0.001)
         mirror = TriggerScope.open(TriggerScopeSettings(model="triggerscope", port=url, **settings), bench.clock)
         bench.clock.advance_to(AFTER_OPENING_S)
         return bench, mirror
@@ -243,8 +244,19 @@ def test_a_range_changed_between_segments_is_put_right_too(lab: Lab, skip: int) 
 
 
 def test_a_closing_shutter_gets_past_a_lost_reply_within_its_time(lab: Lab) -> None:
-    bench, mirror = lab(later("G1"), shutter_pin=9)
-    bench.set_shutter(True)
+    bench, mirror = lab(Fault(name="G1", after_s=AFTER_OPENING_S, skip=1), shutter_pin=9)
+    mirror.set_shutter_line(True)
+    assert bench.shutter_open
+    mirror.set_shutter_line(False)
+    assert not bench.shutter_open
+
+
+@pytest.mark.parametrize("sent", range(7))  # of `SDO1-1` and its newline
+def test_half_an_opening_of_the_shutter_is_never_completed(lab: Lab, sent: int) -> None:
+    bench, mirror = lab(Fault(name="G9", after_s=AFTER_OPENING_S, parameters={"sent": sent}), shutter_pin=9)
+    plugged("faulty").firmware.wiring.log = lambda when_s, what, number, value: pytest.fail(f"{what} {number} {value}")
+    with pytest.raises(DeviceTimeout):
+        mirror.set_shutter_line(True)
     mirror.set_shutter_line(False)
     assert not bench.shutter_open
 

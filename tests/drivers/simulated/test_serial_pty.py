@@ -45,7 +45,7 @@ def test_a_mirror_moves_through_a_real_port_and_is_lost_with_it(
         time.sleep(0.5)  # a host that leaves is noticed by looking
         mirror = open_mirror(settings, SystemClock())
     with pytest.raises(DeviceLost, match="went away"):
-        mirror.move_to(ASIDE)
+        mirror.park()
     mirror.close()
     mirror.close()
 

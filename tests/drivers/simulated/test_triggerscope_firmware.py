@@ -7,6 +7,7 @@ import pytest
 
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.triggerscope.firmware import TriggerScopeFirmware
+from nlos.drivers.simulated.triggerscope.wiring import Wiring
 
 BANNER = b"ARC TRIGGERSCOPE 16 R4 Board 4B v.620-MM\r\n"
 FULL_SCALE_RAD = 2.0 * math.radians(20.0)
@@ -19,7 +20,7 @@ def bench(dark_bench: Callable[..., SimulatedBench]) -> SimulatedBench:
 
 @pytest.fixture
 def say(bench: SimulatedBench) -> Callable[[bytes], bytes]:
-    firmware = TriggerScopeFirmware(bench, settle_scale=0.0)
+    firmware = TriggerScopeFirmware(bench, Wiring(bench, settle_scale=0.0))
     return lambda data: firmware.receive(data, bench.clock.now())
 
 
@@ -35,6 +36,9 @@ def say(bench: SimulatedBench) -> Callable[[bytes], bytes]:
         (b"PAS2-1-1\n", b"!PAS2-1-1\r\n"),
         (b"BAO2-0-1\n", b"!BAO2-0-1\r\n"),
         (b"BAD2-500\n", b"!BAD2-500\r\n"),
+        (b"BDO1-0-1\n", b"!BDO1-0-1\r\n"),
+        (b"CLEAR_ALL\n", b"!CLEAR_ALL\r\n"),
+        (b"CLEAR_DAC 3\n", b"!CLEAR_DAC,3\r\n"),
         (b"SDO1-255\n", b"!SDO1-255\r\n"),
         (b"PDN0\n", b"!PDN0-1200\r\n"),
         (b"PDO0-0-1-2\n", b"!PDO0-0-2-2\r\n"),
@@ -49,7 +53,7 @@ def test_commands_are_echoed_behind_an_exclamation_mark(
     assert say(command) == reply
 
 
-@pytest.mark.parametrize("command", [b"sao1-100\n", b"*\r\n", b"?\r\n", b"\n", b"CLEAR_ALL\n"])
+@pytest.mark.parametrize("command", [b"sao1-100\n", b"*\r\n", b"?\r\n", b"\n", b"\0*\n"])
 def test_what_it_does_not_know_has_no_exclamation_mark(say: Callable[[bytes], bytes], command: bytes) -> None:
     assert say(command) == b"ERROR_UNKNOWN_COMMAND\r\n"
 
@@ -75,12 +79,44 @@ def test_a_command_may_come_in_pieces(say: Callable[[bytes], bytes]) -> None:
     assert [say(piece) for piece in (b"SA", b"O1-", b"7", b"\n")] == [b"", b"", b"", b"!SAO1-7\r\n"]
 
 
-def test_setting_a_range_moves_the_output(bench: SimulatedBench, say: Callable[[bytes], bytes]) -> None:
+def test_setting_a_range_centres_its_output_and_throws_every_other_to_code_0(
+    bench: SimulatedBench, say: Callable[[bytes], bytes]
+) -> None:
     say(b"SAR1-4\n")
-    say(b"SAO1-0\n")
-    assert bench.beam.x_rad == pytest.approx(-FULL_SCALE_RAD)
+    say(b"SAO1-65535\n")
+    assert bench.beam.x_rad == pytest.approx(FULL_SCALE_RAD, rel=1e-4)
     say(b"SAR1-4\n")
     assert bench.beam.x_rad == pytest.approx(0.0, abs=1e-4)
+    say(b"SAR2-4\n")
+    assert bench.beam.x_rad == pytest.approx(-FULL_SCALE_RAD)
+    assert bench.beam.y_rad == pytest.approx(0.0, abs=1e-4)
+    say(b"BAO1-0-0\n")  # shows again what SAR had noted as its value
+    assert bench.beam.x_rad == pytest.approx(0.0, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("command", "reply"),
+    [
+        (b"SAO1-007 and more\n", b"!SAO1-7\r\n"),
+        (b"SAO257-5\n", b"!ERROR_SAO: "),  # no separator behind one or two digits
+        (b"SDO256-7\n", b"!SDO0-6\r\n"),  # 256 is 0 in 8 bits, and the value begins at the sixth character
+        (b"SDO\n", b"!SDO0-0\r\n"),
+        (b"SAR1,4\n", b"!SAR1-4\r\n"),
+        (b"PAO1--5--6-\n", b"!PAO1-0-2-2\r\n"),
+        (b"PAO1-5\n", b"!ERROR_PAO: "),
+        (b"PDSxx1x1\n", b"!PDS0-1-1\r\n"),
+        (b"PDS1-1-1 \n", b"!ERROR_PDS: "),  # a length that it does not expect
+        (b"PAS1-1-1*\n", b"!PAS1-1-1\r\n"),
+        (b"BAL99-1\n", b"!ERROR_BAD: "),  # the name in this text is the firmware's own mistake
+        (b"BAD1--1\n", b"!BAD1-4294967295\r\n"),
+        (b"SSL256\n", b"!SSL0\r\n"),
+        (b"SA\0O1-5\n", b"ERROR_UNKNOWN_COMMAND\r\n"),
+    ],
+)
+def test_malformed_lines_are_answered_as_the_firmware_answers_them(
+    say: Callable[[bytes], bytes], command: bytes, reply: bytes
+) -> None:
+    assert say(command).startswith(reply)
 
 
 def test_a_cleared_table_slams_the_mirror_to_full_scale(bench: SimulatedBench, say: Callable[[bytes], bytes]) -> None:
@@ -107,23 +143,69 @@ def test_falling_edges_apply_the_first_state_at_once(bench: SimulatedBench, say:
     assert bench.beam.x_rad == pytest.approx(FULL_SCALE_RAD, rel=1e-4)
 
 
-def test_a_table_written_past_its_end_runs_into_the_next_dacs(
+@pytest.mark.parametrize(
+    ("command", "reply"),
+    [
+        (b"PAO1-1199-1-2\n", b"!PAO1-1199-2-1201\r\n"),
+        (b"PDO1-1199-1-2\n", b"!PDO1-1199-2-1201\r\n"),
+        (b"PAO16-1100-" + b"-".join([b"1"] * 100) + b"\n", b"!PAO16-1100-100-1200\r\n"),
+    ],
+    ids=["table", "masks", "reply buffer"],
+)
+def test_overrunning_its_memory_is_confirmed_and_ends_it(
+    say: Callable[[bytes], bytes], command: bytes, reply: bytes
+) -> None:
+    assert say(command) == reply
+    assert say(b"*\n") == b""
+
+
+def test_a_table_without_length_is_stepped_through_to_its_end_and_beyond(
     bench: SimulatedBench, say: Callable[[bytes], bytes]
 ) -> None:
-    say(b"SAR2-4\n")
-    say(b"PAO2-0-32768\n")
-    say(b"PAO1-1199-5-65535\n")
-    say(b"PAS2-1-1\n")
-    bench.edge("pixel_clock", bench.clock.now())
-    assert bench.beam.y_rad == pytest.approx(FULL_SCALE_RAD, rel=1e-4)
+    for command in (b"SAR1-4\n", b"PAO1-0-40000-50000\n", b"PAC1\n", b"PAS1-1-1\n"):
+        say(command)
+    for _ in range(1200):
+        bench.edge("pixel_clock", bench.clock.now())
+    assert bench.beam.x_rad == pytest.approx(-FULL_SCALE_RAD)
+    bench.edge("pixel_clock", bench.clock.now())  # memory that is not the table's: the worst is assumed
+    assert bench.beam.x_rad == pytest.approx(FULL_SCALE_RAD, rel=1e-4)
 
 
-@pytest.mark.parametrize(
-    "command", [b"PAO16-1199-1-2\n", b"PAO16-1100-" + b"-".join([b"1"] * 100) + b"\n"], ids=["memory", "reply buffer"]
-)
-def test_overrunning_its_memory_or_reply_buffer_ends_it(say: Callable[[bytes], bytes], command: bytes) -> None:
-    say(command)
-    assert say(b"*\n") == b""
+def test_what_a_program_leaves_outlives_its_port(bench: SimulatedBench) -> None:
+    firmware = TriggerScopeFirmware(bench, Wiring(bench, shutter_pin=9))
+    assert firmware.opened() == b"done.\r\n" + BANNER
+    for command in (b"PDO1-0-1-0\n", b"PDS1-1-1\n", b"PAO1-0"):
+        firmware.receive(command, 0.0)
+    assert firmware.opened() == b""
+    bench.edge("pixel_clock", 0.0)
+    assert bench.shutter_open
+    assert firmware.receive(b"*\n", 0.0).startswith(b"!ERROR_PAO:")
+    assert firmware.receive(b"*\n", 0.0) == BANNER
+
+
+@pytest.mark.parametrize(("inverse", "levels"), [(0, [False, True, False]), (1, [True, False, True])])
+def test_blanked_outputs_follow_the_level_of_the_trigger_input(
+    bench: SimulatedBench, inverse: int, levels: list[bool]
+) -> None:
+    firmware = TriggerScopeFirmware(bench, Wiring(bench, shutter_pin=9))
+    for command in (b"SDO1-1\n", b"BDO1-1-%d\n" % inverse):
+        firmware.receive(command, 0.0)
+    seen = [bench.shutter_open]
+    bench.edge("pixel_clock", 0.0, width_s=0.01)
+    seen.append(bench.shutter_open)
+    bench.clock.sleep(0.02)
+    assert [*seen, bench.shutter_open] == levels
+
+
+def test_a_pulse_shorter_than_its_loop_is_not_seen(bench: SimulatedBench, say: Callable[[bytes], bytes]) -> None:
+    for command in (b"PDO0-0-1-2\n", b"PDS0-1-1\n"):
+        say(command)
+    steps: list[float] = []
+    bench.wire("marker_1", steps.append)
+    bench.edge("pixel_clock", 1.0, width_s=5e-6)
+    assert steps == []
+    bench.edge("pixel_clock", 2.0, width_s=20e-6)
+    assert steps == [2.0]
 
 
 def test_without_sd_card_every_command_is_confirmed_and_nothing_moves(bench: SimulatedBench) -> None:
@@ -136,12 +218,12 @@ def test_without_sd_card_every_command_is_confirmed_and_nothing_moves(bench: Sim
 
 def test_analogue_blanking_is_full_scale_on_a_mirror(bench: SimulatedBench, say: Callable[[bytes], bytes]) -> None:
     say(b"SAR1-4\n")
-    say(b"BAO1-1-1\n")
+    say(b"BAO1-1-0\n")
     assert bench.beam.x_rad == pytest.approx(-FULL_SCALE_RAD)
 
 
 def test_the_beam_is_on_its_way_until_the_head_has_settled(bench: SimulatedBench) -> None:
-    firmware = TriggerScopeFirmware(bench, settle_scale=1.0)
+    firmware = TriggerScopeFirmware(bench, Wiring(bench, settle_scale=1.0))
     firmware.receive(b"SAR1-4\n", 0.0)
     bench.clock.sleep(1.0)
     start_rad = bench.beam.x_rad
@@ -152,7 +234,7 @@ def test_the_beam_is_on_its_way_until_the_head_has_settled(bench: SimulatedBench
 
 
 def test_a_pin_drives_the_shutter(bench: SimulatedBench) -> None:
-    firmware = TriggerScopeFirmware(bench, shutter_pin=9)
+    firmware = TriggerScopeFirmware(bench, Wiring(bench, shutter_pin=9))
     firmware.receive(b"SDO1-1\n", 0.0)
     assert bench.shutter_open
     firmware.receive(b"SDO1-0\n", 0.0)
