@@ -19,15 +19,20 @@ class ShutterSettings(Settings):
     """What closes the light: the counter's own output, a TTL output of the mirror controller, or nothing."""
 
     model: Literal["tcspc488", "triggerscope_ttl", "none"]
+    """Which instrument closes the light."""
 
 
 class AllowedArea(Settings):
     """The part of the wall's plane that the beam may be sent to, in wall coordinates."""
 
     left_m: float
+    """Least x."""
     right_m: float
+    """Greatest x."""
     bottom_m: float
+    """Least y."""
     top_m: float
+    """Greatest y."""
 
     @model_validator(mode="after")
     def _has_an_inside(self) -> Self:
@@ -51,30 +56,45 @@ class GeometrySettings(Settings):
     own limits are all that holds the beam."""
 
     wall_distance_m: float = Field(gt=0, le=100)
+    """From the second mirror to the wall, straight ahead."""
     mirror_separation_m: float = Field(default=0.0, ge=0, le=1)
+    """Between the two galvo mirrors."""
     allowed: AllowedArea | None = None
+    """The part of the wall's plane that the beam may be sent to; the mirror's limits alone unless given."""
 
 
 class LaserSettings(Settings):
     """The pulsed laser. `name`, wavelength and power go into the recording; software controls none of them."""
 
     name: str = ""
+    """Goes into the recording."""
     repetition_hz: float = Field(default=10e6, ge=1e3, le=1e9)
+    """Pulses a second; the counter's sync rate is checked against it."""
     wavelength_nm: float | None = Field(default=None, gt=0)
+    """Goes into the recording."""
     power_mw: float | None = Field(default=None, ge=0)
+    """Goes into the recording."""
 
 
 class SimulationSettings(Settings):
     """What a simulated bench is made of beyond its instruments. Latencies are there and back, on the bench's clock."""
 
     seed: int = Field(default=0, ge=0)
+    """Of every random number of the bench: the same seed gives the same photons."""
     scene: SceneSettings = SceneSettings()
+    """What is behind the corner."""
     detector: DetectorSettings = DetectorSettings()
+    """The single-photon detector."""
     misalignment: Misalignment = Misalignment()
+    """How the real bench differs from the drawing."""
     serial_latency_ms: float = Field(default=1.0, ge=0, le=1000)
+    """There and back on the serial cable."""
     usb_latency_ms: float = Field(default=0.25, ge=0, le=1000)
+    """There and back on the USB cable."""
     usb_megabytes_per_s: float | None = Field(default=None, gt=0)
+    """Throughput of the USB cable; unlimited unless given."""
     faults: tuple[Fault, ...] = ()
+    """What goes wrong, see docs/faults.md."""
     witness: str | None = None
     """A file to which the simulated table itself writes every change of shutter and beam, one line each."""
 
@@ -83,13 +103,21 @@ class BenchSettings(Settings):
     """A bench file. The bench is simulated where its instruments' addresses say so: all of them, or none."""
 
     name: str
+    """The bench's name, for people and for its constants."""
     mirror: MirrorSettings
+    """The mirror controller: `model`, its port, its head."""
     counter: CounterSettings
+    """The photon counter: `model`, its address, its inputs."""
     shutter: ShutterSettings
+    """What closes the light."""
     geometry: GeometrySettings
+    """Where the wall is."""
     laser: LaserSettings = LaserSettings()
+    """The pulsed laser."""
     safety: SafetySettings = SafetySettings()
+    """When the light is shut off without anybody asking."""
     simulation: SimulationSettings | None = None
+    """What a simulated bench is made of; not for real instruments."""
 
     @property
     def simulated(self) -> bool:

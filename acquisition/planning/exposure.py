@@ -82,6 +82,7 @@ class Budget(_Exposure):
 
     kind: Literal["budget"] = "budget"
     total_s: float = Field(gt=0)
+    """Dwell of all points together."""
 
     def visits(self, positions: Positions, wall: WallGrid, dwell_s: float) -> Visits:
         """Rounded down to whole microseconds. Raises `PlanRefused` where there is more time than needed, or none."""
@@ -104,9 +105,13 @@ class ByDistance(_Exposure):
 
     kind: Literal["by_distance"] = "by_distance"
     x_m: float
+    """Where the object is thought to be."""
     y_m: float
+    """Where the object is thought to be."""
     z_m: float = Field(gt=0)
+    """Its depth behind the wall."""
     falloff: Literal[2, 4] = 4
+    """4 for diffuse, 2 for retroreflective surfaces: dwell makes up for it."""
 
     def weights(self, positions: Positions, wall: WallGrid) -> Floats:
         """r^falloff."""
@@ -120,6 +125,7 @@ class ByMap(_Exposure):
 
     kind: Literal["by_map"] = "by_map"
     file: str
+    """The CSV file, relative to the folder one stands in."""
 
     def weights(self, positions: Positions, wall: WallGrid) -> Floats:
         """The map's value at every position. Raises `InvalidData` naming the file."""
@@ -136,8 +142,11 @@ class StopAtNCounts(_Exposure):
 
     kind: Literal["stop_at_counts"] = "stop_at_counts"
     counts: int = Field(ge=2, le=2**31 - 1)
+    """Counts at which a point ends."""
     from_ns: float = Field(ge=0)
+    """Start of the window."""
     to_ns: float = Field(gt=0)
+    """End of the window."""
 
     def stop(self, axis: HistogramAxis) -> StopAtCounts:
         """The window in bins. Raises `PlanRefused` where it is no part of the time axis."""
@@ -156,7 +165,9 @@ class TwoPass(_Exposure):
 
     kind: Literal["two_pass"] = "two_pass"
     counts: int = Field(ge=1)
+    """Histograms with fewer are measured again."""
     again_ms: float = Field(ge=0.001, le=10_000)
+    """Dwell of the second pass."""
 
     def visits(self, positions: Positions, wall: WallGrid, dwell_s: float) -> Visits:
         """Both passes in full: which points of the second are taken is decided by what the first counted."""

@@ -23,17 +23,24 @@ class WallSettings(Settings):
     """The scanned part of the relay wall, and the grid on it."""
 
     width_m: float = Field(gt=0, le=100)
+    """Width of the scanned area."""
     height_m: float = Field(gt=0, le=100)
+    """Height of the scanned area."""
     rows: int = Field(ge=1, le=4096)
+    """Pixels from top to bottom."""
     cols: int = Field(ge=1, le=4096)
+    """Pixels from left to right."""
 
 
 class HistogramSettings(Settings):
     """The time axis that the counter is set to: `bins` of `bin_width_ps`, from `offset_ns` after the sync pulse."""
 
     bins: int = Field(ge=64, le=65536)
+    """Time bins per point."""
     bin_width_ps: float = Field(gt=0, le=1e6)
+    """Width of a bin; one that the counter has."""
     offset_ns: float = Field(default=0.0, ge=0, le=1e8)
+    """Start of the histogram after the sync pulse."""
 
 
 class ContinuousSettings(Settings):
@@ -50,13 +57,20 @@ class ScanSettings(Settings):
     """
 
     wall: WallSettings
+    """The scanned area and its grid."""
     pattern: Pattern
+    """Which points are measured: `nlos patterns`."""
     dwell_ms: float = Field(ge=0.001, le=10_000)
     histogram: HistogramSettings
+    """The time axis."""
     exposure: Exposure = Uniform()
+    """How the dwell is distributed over the points: uniform unless given."""
     alarms: AlarmSettings = AlarmSettings()
+    """Limits, and what to do at each."""
     continuous: ContinuousSettings | None = None
+    """Sweep lines without settling."""
     order: Literal["pattern", "strips", "two_opt"] | None = None
+    """The order of the points: as the pattern lists them, in strips, or by a shorter path."""
 
     def plan(self) -> ScanPlan:
         """The plan. Raises `PlanRefused` where pattern, exposure and wall do not fit together."""

@@ -44,16 +44,21 @@ class AlarmSettings(Settings):
     sync_tolerance: float = Field(default=0.05, gt=0, lt=1)
     """How far the laser's pulse rate may be from the bench file's, as a fraction."""
     on_sync: Action = Field(default=Action.PAUSE, strict=False)
+    """What a laser whose pulse rate is off does to the scan."""
     pile_up: float = Field(default=0.05, gt=0, le=1)
     """Detector counts per laser pulse above which histograms are distorted by pile-up."""
     on_count_rate: Action = Field(default=Action.ABORT, strict=False)
+    """What pile-up does to the scan."""
     max_dark_hz: float | None = Field(default=None, gt=0)
     """Detector rate allowed with the shutter closed, before the scan."""
     on_dark_rate: Action = Field(default=Action.ABORT, strict=False)
+    """What too many dark counts do to the scan."""
     on_blank: Action = Field(default=Action.PAUSE, strict=False)
     """No photons at all where photons came before: a shutter, a cable or a detector that went off."""
     min_free_mb: float = Field(default=100.0, ge=0)
+    """Free space on the recording's disk below which `on_disk` applies."""
     on_disk: Action = Field(default=Action.ABORT, strict=False)
+    """What a disk that fills up does to the scan."""
 
 
 class AlarmRaised(SafetyTrip):

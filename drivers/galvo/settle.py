@@ -13,7 +13,9 @@ class SettlePoint(Settings):
     """One measured line of the table: a step of one axis, in mechanical degrees, and the time it takes to settle."""
 
     step_deg: float = Field(gt=0)
+    """Step of one axis, mechanical."""
     settle_ms: float = Field(gt=0)
+    """Until the beam is still."""
 
 
 class SettleModel(Settings):
@@ -28,6 +30,7 @@ class SettleModel(Settings):
         SettlePoint(step_deg=20.0, settle_ms=7.7),
         SettlePoint(step_deg=40.0, settle_ms=20.0),
     )
+    """Measured steps and settling times."""
 
     @model_validator(mode="after")
     def _rises(self) -> Self:

@@ -15,11 +15,17 @@ class Misalignment(Settings):
     """How the real bench differs from the drawing: what a calibration is there to find."""
 
     scanner_x_m: float = 0.0
+    """The scanner stands so far right of the wall's centre."""
     scanner_y_m: float = 0.0
+    """The scanner stands so far above the wall's centre."""
     x_gain: float = Field(default=1.0, gt=0)
+    """Real over nominal deflection of the x mirror."""
     y_gain: float = Field(default=1.0, gt=0)
+    """Real over nominal deflection of the y mirror."""
     x_offset_deg: float = 0.0
+    """Optical deflection at nominal zero."""
     y_offset_deg: float = 0.0
+    """Optical deflection at nominal zero."""
     wall_pitch_deg: float = Field(default=0.0, gt=-60, lt=60)
     """The wall's top edge leans away from the scanner."""
     wall_yaw_deg: float = Field(default=0.0, gt=-60, lt=60)

@@ -18,10 +18,15 @@ class Fault(Settings):
     """
 
     name: str
+    """Its name in docs/faults.md."""
     after_s: float = Field(default=0.0, ge=0)
+    """Bench time before which it does not strike."""
     skip: int = Field(default=0, ge=0)
+    """Occasions that it lets pass."""
     times: int = Field(default=1, ge=1)
+    """How often it strikes."""
     parameters: dict[str, Any] = Field(default_factory=dict)
+    """The fault's own: how many bytes, which flag."""
 
     @field_validator("name")
     @classmethod

@@ -22,6 +22,7 @@ class SceneSettings(Settings):
     """What is behind the corner, and how bright it is at the detector, in counts per second."""
 
     objects: tuple[Surface, ...] = ()
+    """Hidden surfaces."""
     direct_cps: float = Field(default=40e3, ge=0)
     """Light scattered once, at the wall, with the beam undeflected."""
     hidden_cps: float = Field(default=500e3, ge=0)
@@ -31,6 +32,7 @@ class SceneSettings(Settings):
     delay_ns: float = 0.0
     """Electronic delay between the sync input and the detector input."""
     surfel_m: float = Field(default=0.01, gt=0)
+    """Size of the flat pieces that surfaces are cut into."""
 
 
 class SceneLight:

@@ -20,12 +20,17 @@ class DetectorSettings(Settings):
     """A thin-junction SPAD with its electronics; jitter includes the laser pulse."""
 
     jitter_fwhm_ps: float = Field(default=70.0, gt=0)
+    """Full width at half maximum of the response, laser pulse included."""
     tail_fraction: float = Field(default=0.05, ge=0, lt=1)
     """Part of the detections that are late by an exponential diffusion tail."""
     tail_ps: float = Field(default=100.0, gt=0)
+    """Time constant of the diffusion tail."""
     dark_cps: float = Field(default=100.0, ge=0)
+    """Clicks in the dark."""
     dead_time_ns: float = Field(default=77.0, ge=0)
+    """Blind after a click."""
     afterpulse_probability: float = Field(default=0.0, ge=0, lt=0.5)
+    """Of a click being followed by one without a photon."""
     afterpulse_ns: float = Field(default=30.0, gt=0)
     """Time constant of afterpulses, counted from the end of the dead time."""
 

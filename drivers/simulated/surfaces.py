@@ -24,16 +24,25 @@ class Surface(Settings):
     """
 
     letter: str | None = None
+    """A capital letter or digit."""
     bitmap: tuple[str, ...] | None = None
+    """Rows of text: # is white, 1 to 9 are shades, . is nothing."""
     panel_m: tuple[float, float] | None = None
+    """Width and height of a flat panel."""
     sphere_m: float | None = Field(default=None, gt=0)
     """Radius."""
     centre_m: Vector
+    """Its centre: x, y, and z from the wall."""
     height_m: float | None = Field(default=None, gt=0)
+    """Height of a letter or bitmap."""
     albedo: float = Field(default=1.0, ge=0, le=1)
+    """0 to 1."""
     pitch_deg: float = Field(default=0.0, ge=-90, le=90)
+    """Its top edge tips away from the wall."""
     yaw_deg: float = Field(default=0.0, ge=-90, le=90)
+    """Its right edge swings away from the wall."""
     retroreflective: bool = False
+    """Sends light back where it came from."""
 
     @model_validator(mode="after")
     def _is_one_shape(self) -> "Surface":

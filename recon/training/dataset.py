@@ -36,20 +36,35 @@ class DatasetSettings(Settings):
     """Which samples: geometry, how many scenes, of which kinds, how measured. Equal settings mean equal samples."""
 
     seed: int = 1
+    """Of the scenes."""
     scenes: int = 2000
+    """How many different scenes."""
     degradations: int = 3
+    """Differently measured copies of each."""
     held_out: bool = False
+    """Draw the kinds that are kept for testing."""
     kinds: tuple[str, ...] = ()
+    """Kinds of scenes; all unless given."""
     wall_width_m: float = 2.0
+    """Side of the wall."""
     rows: int = 64
+    """Scan points from top to bottom."""
     cols: int = 64
+    """Scan points from left to right."""
     bins: int = 256
+    """Time bins."""
     bin_width_ps: float = 64.0
+    """Width of a bin."""
     retroreflective: bool = False
-    shadows: bool = False  # surfaces hide each other from the wall
+    """Surfaces that send light back where it came from."""
+    shadows: bool = False
+    """Surfaces hide each other from the wall."""
     second_bounce: bool = False
-    impulse_responses: tuple[str, ...] = ()  # measured ones: HDF5 files, see `impulse_responses.py`
+    """Light that meets two hidden surfaces."""
+    impulse_responses: tuple[str, ...] = ()
+    """HDF5 files of measured responses."""
     detector: DetectorSettings = DetectorSettings()
+    """How scenes are measured."""
 
     @property
     def wall(self) -> WallGrid:

@@ -21,18 +21,30 @@ UNIFORM_NOISE_MOST = 10.0
 class DetectorSettings(Settings):
     """How often which condition occurs. The shares of the conditions, `noisy` being the rest, must not exceed 1."""
 
-    peak_counts_least: float = 0.4  # mean over the wall of each point's highest bin
+    peak_counts_least: float = 0.4
+    """Least mean over the wall of each point's highest bin."""
     peak_counts_most: float = 200.0
-    noiseless: float = 0.12  # share of samples without photon noise, as a path tracer leaves them
-    uniform: float = 0.08  # share with the uniform noise U(0, 10) on a scale of 0 to 255
-    sparse: float = 0.30  # share scanned at a part of the points
+    """Greatest mean over the wall of each point's highest bin."""
+    noiseless: float = 0.12
+    """Share of samples without photon noise."""
+    uniform: float = 0.08
+    """Share with the uniform noise U(0, 10) on a scale of 0 to 255."""
+    sparse: float = 0.30
+    """Share scanned at a part of the points."""
     uneven_dwell: float = 0.15
+    """Share with dwells that differ."""
     jitter_fwhm_most_ps: float = 120.0
-    dark_per_peak_most: float = 0.06  # background a bin, dark and ambient, over the mean peak
+    """Widest response."""
+    dark_per_peak_most: float = 0.06
+    """Most background a bin, dark and ambient, over the mean peak."""
     afterpulsing_most: float = 0.03
-    pile_up: float = 0.10  # share of samples with pile-up and dead time
+    """Greatest probability of an afterpulse."""
+    pile_up: float = 0.10
+    """Share with pile-up and dead time."""
     detections_per_pulse_most: float = 0.15
-    calibration_residue: float = 0.20  # share with leftover offsets and a leftover direct tail
+    """Most clicks a laser pulse where there is pile-up."""
+    calibration_residue: float = 0.20
+    """Share with leftover offsets and a leftover direct tail."""
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,16 @@ LEAST_ERROR = 3e-4
 
 
 class LossSettings(Settings):
-    """Weights of the terms; 0 leaves one out."""
+    """Weights of the terms; 0 skips one."""
 
     picture: float = 10.0
+    """Weight of the square error of the front view."""
     log_picture: float = 0.0
     """Of the logarithm of each picture's square error, halfway between its own and its best scale: mean decibels."""
     depth: float = 0.3
+    """Weight of the depth error, where there is a surface."""
     total_variation: float = 0.0
+    """Weight of the volume's total variation."""
 
 
 def picture_of(batch: Mapping[str, torch.Tensor]) -> torch.Tensor:

@@ -18,29 +18,51 @@ class TrainSettings(Settings):
     """
 
     method: str
+    """The method that is trained: `nlos methods`."""
     method_settings: dict[str, Any] = Field(default_factory=dict)
+    """Its settings."""
     data: DatasetSettings = DatasetSettings()
+    """The scenes that are learned from."""
     validation: DatasetSettings = DatasetSettings(seed=2, scenes=32, degradations=1, held_out=True)
+    """The scenes that it is judged by while it learns."""
     loss: LossSettings = LossSettings()
+    """What is minimised."""
     seed: int = 1
+    """Of the order of samples and of the first weights."""
     samples: int = 6000
+    """How many samples are seen."""
     batch: int = 2
+    """Samples a step."""
     learning_rate: float = 2e-3
+    """After the warm-up."""
     last_rate: float = 4e-5
+    """At the end of the cosine."""
     warm_up_steps: int = 100
+    """Steps over which the rate rises."""
     weight_decay: float = 1e-4
+    """Of AdamW."""
     clip: float = 1.0
-    average: float = 0.995  # of the weights, running
+    """Largest norm of the gradient."""
+    average: float = 0.995
+    """Running average of the weights: the part that is kept at each step."""
     flips: bool = True
-    pooled_share: float = 0.0  # of the steps that see wall points added 2 x 2: a scan on half the grid
+    """Turn samples over at random."""
+    pooled_share: float = 0.0
+    """Part of the steps that see wall points added 2 x 2: a scan on half the grid."""
     precision: Literal["auto", "float32", "bf16"] = "auto"
-    start_from: str | None = None  # weights to begin with
+    """Of the arithmetic; bf16 on GPUs that have it by default."""
+    start_from: str | None = None
+    """Weights to begin with."""
     checkpoint_minutes: float = 2.0
-    max_minutes: float | None = None  # stops there, resumable
-    tensorboard: bool = False  # beside the log; needs the extra of that name
+    """Between two states on disk."""
+    max_minutes: float | None = None
+    """Stops there; the same command resumes."""
+    tensorboard: bool = False
+    """Also write TensorBoard logs; needs the extra of that name."""
     cache: str | None = (
         "runs/scenes"  # the folder where rendered samples are kept; null keeps none, for scenes seen once
     )
+    """Folder where rendered samples are kept; none for scenes seen once."""
 
     @property
     def cache_path(self) -> Path | None:

@@ -21,8 +21,11 @@ class ArchimedeanSpiral(Settings):
 
     kind: Literal["archimedean_spiral"] = "archimedean_spiral"
     dr_m: float = Field(gt=0)
+    """Distance between turns."""
     spacing_m: float | None = Field(default=None, gt=0)
+    """Distance between points along the spiral; that between turns unless given."""
     tilt_deg: float = 0.0
+    """Turns the spiral about the wall's centre."""
 
     def points(self, wall: WallGrid) -> Positions:
         """From the centre out to the wall's nearer edges. Raises `PlanRefused` for more than a million points."""

@@ -19,7 +19,9 @@ class BlueNoise(Settings):
 
     kind: Literal["blue_noise"] = "blue_noise"
     count: int = Field(ge=1, le=65536, alias="points")
+    """How many pixels are measured."""
     seed: int = Field(default=0, ge=0)
+    """Of the random numbers: the same seed gives the same points."""
 
     def points(self, wall: WallGrid) -> Positions:
         """In the order drawn, so that a shorter list is the beginning of a longer one with the same seed.

@@ -16,9 +16,13 @@ class Circle(Settings):
 
     kind: Literal["circle"] = "circle"
     count: int = Field(ge=1, le=1_000_000, alias="points")
+    """Points along the circle."""
     radius_m: float = Field(gt=0)
+    """Its radius."""
     x_m: float = 0.0
+    """Its centre, to the right of the wall's."""
     y_m: float = 0.0
+    """Its centre, above the wall's."""
 
     def points(self, wall: WallGrid) -> Positions:
         """Anticlockwise from the right. Raises `PlanRefused` where the circle leaves the wall."""

@@ -21,6 +21,7 @@ class CoarseToFine(Settings):
 
     kind: Literal["coarse_to_fine"] = "coarse_to_fine"
     batch: int = Field(default=1, ge=1)
+    """Points that are put on a short path together."""
 
     def points(self, wall: WallGrid) -> Positions:
         """By rank in the dispersed-dot dither matrix (Bayer 1973) that the grid is a corner of."""

@@ -16,7 +16,9 @@ class ConcentricCircles(Settings):
 
     kind: Literal["concentric_circles"] = "concentric_circles"
     circles: int = Field(ge=1, le=4096)
+    """Number of circles."""
     count: int = Field(ge=1, le=1_000_000, alias="points")
+    """Points over all circles."""
 
     def points(self, wall: WallGrid) -> Positions:
         """From the innermost circle outwards, each turn in the other direction. Raises `PlanRefused` for fewer points

@@ -23,8 +23,11 @@ class FermatSpiral(Settings):
 
     kind: Literal["fermat_spiral"] = "fermat_spiral"
     dr_m: float = Field(gt=0)
+    """Scale of the spiral, r = dr sqrt(n) / factor."""
     factor: float = Field(default=1.0, gt=0)
+    """Divides the spacing: larger is denser."""
     tilt_deg: float = 0.0
+    """Turns the spiral about the wall's centre."""
 
     def points(self, wall: WallGrid) -> Positions:
         """From the centre outwards, as the flower grows. Raises `PlanRefused` for more than a million points."""

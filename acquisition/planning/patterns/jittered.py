@@ -16,8 +16,11 @@ class Jittered(Settings):
 
     kind: Literal["jittered"] = "jittered"
     rows: int = Field(ge=1, le=4096)
+    """Cells from top to bottom."""
     cols: int = Field(ge=1, le=4096)
+    """Cells from left to right."""
     seed: int = Field(default=0, ge=0)
+    """Of the random numbers: the same seed gives the same points."""
 
     def points(self, wall: WallGrid) -> Positions:
         """Drawn cell by cell. Raises `PlanRefused` where a cell would hold no pixel."""

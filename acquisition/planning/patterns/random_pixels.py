@@ -16,7 +16,9 @@ class RandomPixels(Settings):
 
     kind: Literal["random"] = "random"
     count: int = Field(ge=1, le=4096 * 4096, alias="points")
+    """How many pixels are measured."""
     seed: int = Field(default=0, ge=0)
+    """Of the random numbers: the same seed gives the same points."""
 
     def points(self, wall: WallGrid) -> Positions:
         """Drawn without replacement. Raises `PlanRefused` where the grid has fewer pixels."""

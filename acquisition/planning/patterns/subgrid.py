@@ -16,7 +16,9 @@ class Subgrid(Settings):
 
     kind: Literal["subgrid"] = "subgrid"
     rows: int = Field(ge=1, le=4096)
+    """Measured rows."""
     cols: int = Field(ge=1, le=4096)
+    """Measured columns."""
 
     def points(self, wall: WallGrid) -> Positions:
         """Pixels floor((i + 0.5) H / R). Raises `PlanRefused` where the wall's grid has fewer."""
