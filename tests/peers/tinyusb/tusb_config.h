@@ -1,0 +1,21 @@
+/* TinyUSB's build options for tests/peers: a device on no microcontroller, one thread, USBTMC-USB488. */
+#pragma once
+
+#define CFG_TUSB_MCU OPT_MCU_NONE
+#define CFG_TUSB_OS OPT_OS_NONE
+#define CFG_TUSB_DEBUG 0
+#define CFG_TUD_ENABLED 1
+#define CFG_TUD_ENDPOINT0_SIZE 64
+#define CFG_TUD_USBTMC 1
+#define CFG_TUD_USBTMC_ENABLE_INT_EP 1
+#define CFG_TUD_USBTMC_ENABLE_488 1
+
+#ifdef HIGH_SPEED
+#define CFG_TUSB_RHPORT0_MODE (OPT_MODE_DEVICE | OPT_MODE_HIGH_SPEED)
+#define CFG_TUD_MAX_SPEED OPT_MODE_HIGH_SPEED
+#define BULK_BYTES 512
+#else
+#define CFG_TUSB_RHPORT0_MODE (OPT_MODE_DEVICE | OPT_MODE_FULL_SPEED)
+#define CFG_TUD_MAX_SPEED OPT_MODE_FULL_SPEED
+#define BULK_BYTES 64
+#endif
