@@ -60,12 +60,18 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     """compiled("v4b", ["core.cpp", ...], ["-I..."]): the program or, with `-shared` among the flags, library."""
     folder = tmp_path_factory.mktemp("compiled")
 
-    def build(name: str, sources: Sequence[str | Path], flags: Sequence[str] = (), compiler: str = "g++") -> Path:
+    def build(
+        name: str,
+        sources: Sequence[str | Path],
+        flags: Sequence[str | Path] = (),
+        compiler: str = "g++",
+        before: Sequence[str | Path] = (),
+    ) -> Path:
         if shutil.which(compiler) is None:
             pytest.skip(f"no {compiler} on this machine")
         output = folder / name
         if not output.exists():
-            command = [compiler, "-O1", "-w", *map(str, sources), *flags, "-o", str(output)]
+            command = [compiler, "-O1", "-w", *map(str, (*before, *sources, *flags)), "-o", str(output)]
             done = subprocess.run(command, capture_output=True, text=True)
             assert done.returncode == 0, f"{' '.join(command)}\n{done.stderr[:4000]}"
         return output

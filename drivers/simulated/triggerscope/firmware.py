@@ -12,11 +12,14 @@ from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.triggerscope.left_overs import HALF_LINES, LEFT_OVERS
 from nlos.drivers.simulated.triggerscope.lines import Line, integer
 from nlos.drivers.simulated.triggerscope.outputs import STATES, Output
-from nlos.drivers.simulated.triggerscope.wiring import DACS, LEAST_PULSE_S, Wiring
+from nlos.drivers.simulated.triggerscope.trigger_input import TriggerInput
+from nlos.drivers.simulated.triggerscope.wiring import DACS, Wiring
 
 V4B = b"ARC TRIGGERSCOPE 16 R4 Board 4B v.620-MM"
 V4 = b"ARC TRIGGERSCOPE 16 R3C Board 4 v.613-MM"
+"""Its firmware switches a light off, before each command, by a pin that is TTL output 6 on this board."""
 _REPLY_BUFFER = 20  # bytes, the NUL included, for the reply to PAO and PDO
+_CLEAR_LINE = 25  # bytes of a CLEAR_DAC that fit its buffer
 _HELP = (b"*", b"?", b"SAR<n>-<r>", b"SAO<n>-<v>", b"PAO<n>-<s>-<v>...", b"PAS<n>-<s>-<t>", b"SDO<g>-<m>", b"")
 _UNKNOWN = b"ERROR_UNKNOWN_COMMAND"
 
@@ -31,7 +34,6 @@ class TriggerScopeFirmware:
         self._bench = bench
         self._board = board
         self._sd_card = sd_card
-        self._falls_s: float | None = None  # when the trigger input is low again
         self._act: dict[bytes, Callable[[Line], bytes | None]] = {
             b"SAR": self._set_range,
             b"SAO": self._set_code,
@@ -51,8 +53,7 @@ class TriggerScopeFirmware:
             b"SSL": self._signal_leds,
         }
         self._power_up()
-        bench.wire_pulses("pixel_clock", self._rise, LEAST_PULSE_S)
-        bench.follow(self._fall_if_due)
+        self._trigger = TriggerInput(bench, self._follow)
 
     @classmethod
     def matching(cls, bench: SimulatedBench, settings: TriggerScopeSettings) -> "TriggerScopeFirmware":
@@ -78,12 +79,14 @@ class TriggerScopeFirmware:
 
     def receive(self, data: bytes, when_s: float) -> bytes:
         """One string collects whatever arrives; a newline anywhere in it makes it one command, the rest is lost."""
-        self._fall_if_due(when_s)
+        self._trigger.fall_if_due(when_s)
         self._text += data
         if b"\n" not in self._text or self._crashed:
             return b""
         text = bytes(self._text)
         self._text.clear()
+        if self._board == V4:
+            self.wiring.set_pin(6, False, when_s)
         now_s = self._bench.clock.now()
         if fault := self._bench.faults.strikes("A2", now_s):
             if fault.parameters.get("kind") == "unknown":
@@ -100,7 +103,6 @@ class TriggerScopeFirmware:
     def _power_up(self) -> None:
         self._text = bytearray()
         self._crashed = False
-        self._level = False
         self._when_s = self._bench.clock.now()
         self._banner = b"done.\r\n" + self._board + b"\r\n" if self._sd_card else b""
         self.wiring.live = self._sd_card  # without its card it never gets to the DACs
@@ -114,23 +116,8 @@ class TriggerScopeFirmware:
     def _pin_putter(self, group: int) -> Callable[[int], None]:
         return lambda mask: self.wiring.set_pins(group, mask, self._when_s)
 
-    # The trigger input
-
-    def _rise(self, when_s: float, width_s: float) -> None:
-        fault = self._bench.faults.strikes("A6", when_s)
-        kind = str(fault.parameters.get("kind", "missed")) if fault else ""
-        for _ in range({"missed": 0, "extra": 2}.get(kind, 1)):
-            self._fall_if_due(when_s, at_once=True)
-            self._follow(True, when_s)
-            self._falls_s = when_s + width_s
-
-    def _fall_if_due(self, now_s: float, at_once: bool = False) -> None:
-        if self._falls_s is not None and (at_once or self._falls_s <= now_s):
-            falls_s, self._falls_s = min(self._falls_s, now_s), None
-            self._follow(False, falls_s)
-
     def _follow(self, level: bool, when_s: float) -> None:
-        self._level, self._when_s = level, when_s
+        self._when_s = when_s
         for output in (*self._dacs.values(), *self._groups):
             output.follow(level)
 
@@ -156,7 +143,8 @@ class TriggerScopeFirmware:
         return b"!ERROR_%s: bad argument" % named if reply is None else b"!" + line.name + reply
 
     def _clear_first(self, line: Line) -> bytes:
-        """Clears 50 states of a DAC; its number is not checked."""
+        """Clears 50 states of a DAC; neither its number nor the length of the line is checked."""
+        self._crashed |= len(line.text) > _CLEAR_LINE
         column = (integer(line.part(10)) - 1) & 255
         for state in range(50):
             row, dac = divmod(state * DACS + column, DACS)
@@ -181,7 +169,7 @@ class TriggerScopeFirmware:
         if not 0 <= code <= 65535:
             return None
         self._dacs[dac].value = code
-        self._dacs[dac].show(self._level)
+        self._dacs[dac].show(self._trigger.level)
         return b"%d-%d" % (dac, code)
 
     def _capacity(self, line: Line, outputs: range) -> bytes | None:
@@ -246,7 +234,7 @@ class TriggerScopeFirmware:
         if on not in (0, 1) or inverse not in (0, 1):
             return None
         output.blanking, output.active_at = bool(on), not inverse
-        output.show(self._level)
+        output.show(self._trigger.level)
         return b"%d-%d-%d" % (number, on, inverse)
 
     def _blanking_time(self, line: Line) -> bytes | None:
@@ -260,7 +248,7 @@ class TriggerScopeFirmware:
         if group > 1 or not 0 <= mask <= 255:
             return None
         self._groups[group].value = mask
-        self._groups[group].show(self._level)
+        self._groups[group].show(self._trigger.level)
         return b"%d-%d" % (group, mask)
 
     def _clear_masks(self, line: Line) -> bytes | None:

@@ -10,8 +10,6 @@ from nlos.drivers.simulated.bench import SimulatedBench
 
 DACS = 16
 SPAN_V = {1: (0.0, 5.0), 2: (0.0, 10.0), 3: (-5.0, 5.0), 4: (-10.0, 10.0), 5: (-2.5, 2.5)}
-LEAST_PULSE_S = 10e-6
-"""The trigger input is polled in the firmware's main loop: a shorter pulse comes and goes unseen."""
 
 _MARKERS = {1: "marker_1", 2: "marker_2", 3: "marker_4"}  # TTL output -> line, named by its bit
 

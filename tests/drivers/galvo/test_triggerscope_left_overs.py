@@ -8,7 +8,7 @@ import sys
 import textwrap
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import pytest
 
@@ -20,7 +20,8 @@ from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.serial.port import plug, plugged, unplug
 from nlos.drivers.simulated.triggerscope.firmware import TriggerScopeFirmware
 from nlos.drivers.simulated.triggerscope.left_overs import HALF_LINES, LEFT_OVERS
-from nlos.drivers.simulated.triggerscope.wiring import SPAN_V, Wiring
+from nlos.drivers.simulated.triggerscope.output_watch import OutputWatch
+from nlos.drivers.simulated.triggerscope.wiring import Wiring
 
 SHUTTER = 9
 PATH = [MirrorAngles(0.1, -0.05), MirrorAngles(-0.2, 0.15), MirrorAngles(0.0, 0.1)]
@@ -28,41 +29,11 @@ LIMIT_DEG = 10.0
 ROUND_TRIP_S = 0.001
 
 
-VOLTS = {number: span for number, span in SPAN_V.items() if number != 5}
-
-
 @dataclass
-class Watch:
-    """What the outputs did while a program of ours had the port: light that no scan asked for, axes that left their
-    limits, how long they stayed out, and whether it was dark then."""
-
+class Lab:
     bench: SimulatedBench
     firmware: TriggerScopeFirmware
-    ours: bool = False
-    scanning: bool = False
-    light: int = 0
-    left_limits_lit: int = 0
-    longest_s: float = 0.0
-    _range: dict[int, int] = field(default_factory=lambda: {1: 1, 2: 1})
-    _beyond: dict[int, tuple[float, bool]] = field(default_factory=dict)  # since when, and whether we were there
-
-    def __call__(self, when_s: float, what: str, number: int, value: int) -> None:
-        if what == "pin" and number == SHUTTER and value and self.ours and not self.scanning:
-            self.light += 1
-        elif what == "range" and number in self._range:
-            self._range[number] = value
-        elif what == "code" and number in self._range:
-            low_v, high_v = VOLTS[self._range[number]]
-            since_s, our_doing = self._beyond.pop(number, (0.0, False))
-            if our_doing:
-                self.longest_s = max(self.longest_s, when_s - since_s)
-            if abs(low_v + (high_v - low_v) * value / 65536) > LIMIT_DEG * 0.5 * 1.001:
-                self._beyond[number] = (since_s, our_doing) if since_s else (when_s, self.ours)
-                self.left_limits_lit += self.ours and self.bench.shutter_open
-
-    @property
-    def is_beyond(self) -> bool:
-        return bool(self._beyond)
+    watch: OutputWatch
 
     def leave(self, state: str, line: str | None) -> None:
         """Another program sets a state and is killed in the middle of a line."""
@@ -72,19 +43,19 @@ class Watch:
 
 
 @pytest.fixture
-def watch(dark_bench: Callable[..., SimulatedBench]) -> Callable[..., Watch]:
-    def make(*faults: Fault) -> Watch:
+def lab(dark_bench: Callable[..., SimulatedBench]) -> Callable[..., Lab]:
+    def make(*faults: Fault) -> Lab:
         bench = dark_bench(*faults)
-        firmware = TriggerScopeFirmware(bench, Wiring(bench, shutter_pin=SHUTTER))
+        wiring = Wiring(bench, shutter_pin=SHUTTER)
+        firmware = TriggerScopeFirmware(bench, wiring)
         unplug("left")
         plug("left", firmware, bench, ROUND_TRIP_S)
-        firmware.wiring.log = this = Watch(bench, firmware)
-        return this
+        return Lab(bench, firmware, OutputWatch(wiring, SHUTTER, LIMIT_DEG * 0.5 * 1.001))
 
     return make
 
 
-def open_mirror(this: Watch) -> TriggerScope:
+def open_mirror(this: Lab) -> TriggerScope:
     settings = TriggerScopeSettings(
         model="triggerscope",
         port="sim://left",
@@ -92,20 +63,20 @@ def open_mirror(this: Watch) -> TriggerScope:
         max_mechanical_deg=LIMIT_DEG,
         allow_unverified_dac=True,  # only the first program after power-up sees a banner
     )
-    this.ours = True
+    this.watch.ours = True
     mirror = TriggerScope.open(settings, this.bench.clock)
     assert not this.bench.shutter_open
-    assert not this.is_beyond
+    assert not this.watch.is_beyond
     for dac in (1, 2):
         assert this.firmware._dacs[dac].value == 32767
     return mirror
 
 
-def begin_scan(this: Watch, mirror: TriggerScope, edges: int) -> None:
+def begin_scan(this: Lab, mirror: TriggerScope, edges: int) -> None:
     """Loads, opens the shutter, and takes some of the steps."""
     mirror.load(PATH)
     mirror.start()
-    this.scanning = True
+    this.watch.scanning = True
     mirror.set_shutter_line(True)
     for angles in PATH[:edges]:
         this.bench.edge("pixel_clock", this.bench.clock.now())
@@ -113,27 +84,25 @@ def begin_scan(this: Watch, mirror: TriggerScope, edges: int) -> None:
         assert math.hypot(this.bench.beam.x_rad - angles.x_rad, this.bench.beam.y_rad - angles.y_rad) < 1e-4
 
 
-def end_scan(this: Watch, mirror: TriggerScope) -> None:
+def end_scan(this: Lab, mirror: TriggerScope) -> None:
     mirror.set_shutter_line(False)
-    this.scanning = False
+    this.watch.scanning = False
     mirror.stop()
     for _ in range(3):  # the clock may tick on
         this.bench.edge("pixel_clock", this.bench.clock.now())
     mirror.park()
 
 
-def kill(this: Watch) -> None:
+def kill(this: Lab) -> None:
     """The program is gone from one moment to the next: its port closes, nothing else happens to the controller."""
     plugged("left").close()
-    this.ours = this.scanning = False
+    this.watch.ours = this.watch.scanning = False
 
 
 @pytest.mark.parametrize("line", [None, *HALF_LINES])
 @pytest.mark.parametrize("state", LEFT_OVERS)
-def test_open_scan_park_kill_reopen_after_any_left_over(
-    watch: Callable[..., Watch], state: str, line: str | None
-) -> None:
-    this = watch()
+def test_open_scan_park_kill_reopen_after_any_left_over(lab: Callable[..., Lab], state: str, line: str | None) -> None:
+    this = lab()
     this.bench.clock.sleep(1.0)
     for _ in range(2):
         this.leave(state, line)
@@ -145,9 +114,11 @@ def test_open_scan_park_kill_reopen_after_any_left_over(
     mirror = open_mirror(this)
     end_scan(this, mirror)
     mirror.close()
-    assert this.light == 0
-    assert this.left_limits_lit == 0
-    assert this.longest_s <= 1.5 * ROUND_TRIP_S, "one axis stands at code 0 while the other's range is set, no longer"
+    assert this.watch.light == 0
+    assert this.watch.left_limits_lit == 0
+    assert this.watch.longest_s <= 1.5 * ROUND_TRIP_S, (
+        "one axis stands at code 0 while the other's range is set, no longer"
+    )
 
 
 @pytest.mark.parametrize(
@@ -158,8 +129,8 @@ def test_open_scan_park_kill_reopen_after_any_left_over(
     ],
     ids=lambda fault: fault.parameters.get("state") or fault.parameters["line"],
 )
-def test_left_overs_are_faults_by_name(watch: Callable[..., Watch], fault: Fault) -> None:
-    this = watch(fault)
+def test_left_overs_are_faults_by_name(lab: Callable[..., Lab], fault: Fault) -> None:
+    this = lab(fault)
     mirror = open_mirror(this)
     begin_scan(this, mirror, len(PATH))
     end_scan(this, mirror)
