@@ -8,7 +8,7 @@ with its error under its own name (`dead_time_s`, `dead_time_s_error`). Datasets
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from datetime import datetime
 from functools import cached_property
@@ -18,6 +18,8 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
+from nlos.acquisition.importers.untrusted_hdf5 import find_dataset
+from nlos.acquisition.recording.plausible import json_object
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 from nlos.calibration.errors import ForeignConstants, InvalidData, PoorCalibration
 from nlos.calibration.geometry import ScannerGeometry
@@ -174,7 +176,7 @@ def load(path: Path) -> BenchConstants:
             if file.attrs.get("format") != FORMAT or file.attrs.get("version") != VERSION:
                 raise InvalidData(f"{path}: not a constants file of version {VERSION}")
             return _read(file)
-    except (OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+    except (OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError, ArithmeticError) as error:
         if isinstance(error, InvalidData):
             raise
         raise InvalidData(f"{path}: not a readable constants file ({error})") from error
@@ -192,10 +194,9 @@ def load_response(path: Path) -> ImpulseResponse:
                 if response is None:
                     raise InvalidData(f"{path}: these constants hold no impulse response")
                 return response
-            name = "counts" if "counts" in file else "sum"
-            counts = _array(file[name], 1)
-            if "time_s" in file:
-                time_s = _array(file["time_s"], 1)
+            counts = _array(file, "counts" if find_dataset(file, "counts") is not None else "sum", 1)
+            if find_dataset(file, "time_s") is not None:
+                time_s = _array(file, "time_s", 1)
                 width_s = float(np.ptp(time_s)) / max(len(time_s) - 1, 1)
                 even = time_s[0] + np.arange(len(time_s)) * width_s
                 if len(time_s) != len(counts) or np.abs(time_s - even).max() > 0.1 * width_s:
@@ -203,17 +204,19 @@ def load_response(path: Path) -> ImpulseResponse:
             else:
                 width_s = _finite(file.attrs["bin_width_s"])
         return from_histogram(counts - np.median(counts), width_s).cropped(0.01)
-    except (OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+    except (OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError, ArithmeticError) as error:
         if isinstance(error, InvalidData):
             raise
         raise InvalidData(f"{path}: not a readable impulse response ({error})") from error
 
 
-def newest_that_fits(folder: Path, devices: Mapping[str, str], bin_width_s: float | None = None) -> Path | None:
-    """The most recently measured constants file in `folder` that is for these devices and this bin width; files that
+def newest_that_fits(
+    files: Iterable[Path], devices: Mapping[str, str], bin_width_s: float | None = None
+) -> Path | None:
+    """The most recently measured constants file of `files` that is for these devices and this bin width; files that
     cannot be read or are for other devices are passed over. None where there is none."""
     found: list[tuple[datetime, Path]] = []
-    for path in sorted(folder.glob("*.h5")):
+    for path in files:
         try:
             constants = load(path)
             constants.refuse_other_devices(devices)
@@ -226,25 +229,23 @@ def newest_that_fits(folder: Path, devices: Mapping[str, str], bin_width_s: floa
 
 
 def _read(file: h5py.File) -> BenchConstants:
-    about = json.loads(file.attrs["about"])
+    about = json_object(f"{file.filename}: about", str(file.attrs["about"]))
     quantities = {
         name: Quantity(_finite(file.attrs[name]), float(file.attrs[f"{name}_error"]))
         for name in _QUANTITIES
         if name in file.attrs
     }
     response = arrivals = None
-    if "response" in file:
-        stored = file["response"]
-        response = ImpulseResponse(_array(stored, 1), _finite(stored.attrs["step_s"]), _finite(stored.attrs["start_s"]))
-    if "arrivals" in file:
-        group = file["arrivals"]
-        x, y, residual = (_array(group[name], 1) for name in ("x_m", "y_m", "residual_s"))
-        position, covariance = _array(group["scanner_position_m"], 1), _array(group["covariance"], 2)
+    if (stored := find_dataset(file, "response")) is not None:
+        density = _array(file, "response", 1)
+        response = ImpulseResponse(density, _finite(stored.attrs["step_s"]), _finite(stored.attrs["start_s"]))
+    if find_dataset(file, "arrivals/x_m") is not None:
+        x, y, residual = (_array(file, f"arrivals/{name}", 1) for name in ("x_m", "y_m", "residual_s"))
+        position, covariance = _array(file, "arrivals/scanner_position_m", 1), _array(file, "arrivals/covariance", 2)
+        delay_s, rms_s = (_finite(_array(file, f"arrivals/{name}", 0)) for name in ("delay_s", "rms_s"))
         if position.shape != (3,) or covariance.shape != (4, 4) or not len(x) == len(y) == len(residual):
             raise InvalidData(f"{file.filename}: arrivals have shapes that do not belong together")
-        arrivals = Arrivals(
-            position, _finite(group["delay_s"][()]), covariance, _finite(group["rms_s"][()]), x, y, residual
-        )
+        arrivals = Arrivals(position, delay_s, covariance, rms_s, x, y, residual)
     return BenchConstants(
         devices={str(role): str(name) for role, name in about["devices"].items()},
         measured_utc=str(about["measured_utc"]),
@@ -252,22 +253,32 @@ def _read(file: h5py.File) -> BenchConstants:
         bin_width_s=_finite(file.attrs["bin_width_s"]),
         arrivals=arrivals,
         response=response,
-        direct_shape=_array(file["direct_shape"], 1) if "direct_shape" in file else None,
+        direct_shape=_optional(file, "direct_shape"),
         direct_end_bin=int(file.attrs["direct_end_bin"]),
-        dark_per_bin_hz=_array(file["dark_per_bin_hz"], 1) if "dark_per_bin_hz" in file else None,
+        dark_per_bin_hz=_optional(file, "dark_per_bin_hz"),
         afterpulse_decay_s=_finite(file.attrs["afterpulse_decay_s"]) if "afterpulse_decay_s" in file.attrs else None,
-        geometry=ScannerGeometry(**about["geometry"]) if "geometry" in about else None,
-        geometry_errors=dict(about.get("geometry_errors", {})),
+        geometry=geometry_of(about["geometry"]) if "geometry" in about else None,
+        geometry_errors={str(name): float(value) for name, value in about.get("geometry_errors", {}).items()},
         **quantities,
     )
 
 
-def _array(item: h5py.Dataset, dimensions: int) -> Floats:
-    if not isinstance(item, h5py.Dataset) or item.ndim != dimensions or item.size > LARGEST_ARRAY:
-        raise InvalidData(f"{item.file.filename}: {item.name} is not a plausible array of {dimensions} dimensions")
+def geometry_of(fields: Mapping[str, object]) -> ScannerGeometry:
+    """A geometry from its fields in a file. Raises `ValueError`, `TypeError` or `AttributeError` for others."""
+    return ScannerGeometry(**{name: _finite(value) for name, value in fields.items()})
+
+
+def _optional(file: h5py.File, name: str) -> Floats | None:
+    return None if find_dataset(file, name) is None else _array(file, name, 1)
+
+
+def _array(file: h5py.File, name: str, dimensions: int) -> Floats:
+    item = find_dataset(file, name)
+    if item is None or item.ndim != dimensions or item.size > LARGEST_ARRAY or item.dtype.kind not in "uif":
+        raise InvalidData(f"{file.filename}: {name} is not a plausible array of {dimensions} dimensions")
     values = np.asarray(item[()], dtype=np.float64)
     if not np.isfinite(values).all():
-        raise InvalidData(f"{item.file.filename}: {item.name} holds values that are not finite")
+        raise InvalidData(f"{file.filename}: {name} holds values that are not finite")
     return values
 
 

@@ -6,7 +6,9 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
+from nlos.calibration.background import is_flat
 from nlos.calibration.constants import Quantity
+from nlos.calibration.errors import InvalidData
 from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.time_offset import measure_time_offsets
 
@@ -22,6 +24,17 @@ def wall_scale(raw: RawPoints) -> Quantity | None:
     offsets = measure_time_offsets(raw.counts, raw.x_m, raw.y_m, raw.time, exposed=raw.exposure_s > 0)
     width_s = raw.time.bin_width_s
     return fit_scale(offsets.measured_bins * width_s, offsets.error_bins * width_s, raw.x_m, raw.y_m)
+
+
+def found_side(raw: RawPoints, side_m: float) -> tuple[float, float] | None:
+    """The side of the wall and its standard error in metres, where `side_m` was assumed; None where the scan does not
+    tell it: no direct light, too few points, counts that no calibration takes."""
+    try:
+        raw.check()
+        scale = None if is_flat(raw.counts) else wall_scale(raw)
+    except InvalidData:
+        return None
+    return None if scale is None else (scale.value * side_m, scale.error * side_m)
 
 
 def fit_scale(arrival_s: Floats, error_s: Floats, x_m: Floats, y_m: Floats) -> Quantity | None:

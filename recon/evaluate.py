@@ -12,11 +12,12 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import numpy.typing as npt
 
+from nlos.acquisition.importers.isolated import check_isolated
 from nlos.acquisition.importers.plain import read_plain
+from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, needed_array, open_hdf5
 from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData, InvalidSettings, ReconError
@@ -143,6 +144,7 @@ def find_scenes(paths: Sequence[Path], say: Say) -> Iterator[Scene]:
         if not path.exists():
             raise InvalidData(f"{path} does not exist.")
         for file in sorted(path.glob("*.h5")) if path.is_dir() else [path]:
+            check_isolated(file, "nlos.acquisition.importers.untrusted_hdf5:read_everything")
             scene = read_scene(file)
             if scene is None:
                 say(f"{file.name}: no ground truth, left out")
@@ -153,16 +155,16 @@ def find_scenes(paths: Sequence[Path], say: Say) -> Iterator[Scene]:
 def read_scene(path: Path) -> Scene | None:
     """The scene in `path`, or None where it has no truth. Raises `InvalidData` where its truth cannot be used."""
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path) as file:
             if not {"gt_intensity", "gt_depth", "gt_mask"} <= set(file):
                 return None
             intensity, depth_m, mask = (
-                np.asarray(file[name][()], dtype=np.float32) for name in ("gt_intensity", "gt_depth", "gt_mask")
+                needed_array(file, name, (None, None)) for name in ("gt_intensity", "gt_depth", "gt_mask")
             )
             sizes = np.atleast_1d(np.asarray(file.attrs["wall_size_m"], dtype=np.float64))
             wall = WallGrid(float(sizes[0]), float(sizes[-1]), *intensity.shape)
             falloff = file.attrs.get("falloff_exponent_authors")
-    except (OSError, KeyError, ValueError, TypeError) as error:
+    except (OSError, LookupError, ValueError, TypeError) as error:
         raise InvalidData(f"{path}: {error}. A scene needs bin_width_s, wall_size_m and gt_* of [H, W].") from error
     if not (intensity.ndim == 2 and intensity.shape == depth_m.shape == mask.shape):
         raise InvalidData(
@@ -176,8 +178,9 @@ def read_scene(path: Path) -> Scene | None:
 
 def datasets(scene: Scene) -> list[str]:
     """The names of the scene's histograms."""
-    with h5py.File(scene.path, "r") as file:
-        return [name for name, held in file.items() if getattr(held, "ndim", 0) == 3]
+    with open_hdf5(scene.path) as file:
+        held = {name: find_dataset(file, name) for name in file}
+        return [name for name, dataset in held.items() if dataset is not None and dataset.ndim == 3]
 
 
 def has_condition(scene: Scene, condition: str) -> bool:

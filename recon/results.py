@@ -13,6 +13,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from nlos.acquisition.importers.imported import LARGEST_WALL_M
+from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, needed_array, open_hdf5
+from nlos.acquisition.recording.plausible import json_object
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData
 from nlos.recon.volume import Reconstruction, Volume, refuse_not_finite
@@ -87,25 +90,37 @@ def write_reconstruction(path: Path, reconstruction: Reconstruction, keep_volume
 
 
 def read_reconstruction(path: Path) -> Reconstruction:
-    """Reads what `write_reconstruction` wrote. Raises `InvalidData` naming what is missing."""
+    """Reads what `write_reconstruction` wrote. Raises `InvalidData` naming what is missing or wrong."""
     try:
-        with h5py.File(path, "r") as file:
-            albedo, depth_m = file["albedo"][()], file["depth_m"][()]
-            width_m, height_m = file.attrs["wall_size_m"]
-            wall = WallGrid(float(width_m), float(height_m), *albedo.shape)
-            volume = Volume(file["volume"][()], file["depths_m"][()], wall) if "volume" in file else None
+        with open_hdf5(path) as file:
+            albedo = needed_array(file, "albedo", (None, None))
+            rows, cols = albedo.shape
+            width_m, height_m = (float(side) for side in file.attrs["wall_size_m"])
+            if not (0 < width_m <= LARGEST_WALL_M and 0 < height_m <= LARGEST_WALL_M and np.isfinite(albedo).all()):
+                raise InvalidData(f"a picture on a wall of {width_m:g} x {height_m:g} m that is not finite")
+            wall = WallGrid(width_m, height_m, rows, cols)
+            volume = None
+            if find_dataset(file, "volume") is not None:
+                held = needed_array(file, "volume", (None, rows, cols))
+                depths_m = needed_array(file, "depths_m", (len(held),)).astype(np.float64)
+                if not (np.isfinite(held).all() and np.isfinite(depths_m).all()):
+                    raise InvalidData("volume or depths_m: hold values that are not finite")
+                volume = Volume(held, depths_m, wall)
+            known = find_dataset(file, "confidence") is not None
             return Reconstruction(
-                albedo=albedo.astype(np.float32),
-                depth_m=depth_m.astype(np.float32),
+                albedo=albedo,
+                depth_m=needed_array(file, "depth_m", (rows, cols)),
                 wall=wall,
                 method=str(file.attrs["method"]),
                 seconds=float(file.attrs["seconds"]),
-                settings=json.loads(file.attrs["settings"]),
+                settings=json_object("settings", str(file.attrs["settings"])),
                 volume=volume,
                 weights_sha256=str(file.attrs["weights_sha256"]) or None,
-                confidence=file["confidence"][()] if "confidence" in file else None,
+                confidence=needed_array(file, "confidence", (rows, cols)) if known else None,
             )
-    except (KeyError, OSError, ValueError) as error:
+    except (LookupError, OSError, ValueError, TypeError, RuntimeError, AttributeError) as error:
+        if isinstance(error, FileNotFoundError):
+            raise
         raise InvalidData(f"{path} is not a reconstruction: {error}. Make one with `nlos reconstruct`.") from error
 
 

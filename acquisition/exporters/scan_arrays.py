@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.importers.imported import FreePoints, ImportedScan
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
@@ -50,10 +50,10 @@ def arrays_of_recording(recording: Recording) -> ScanArrays:
 
 def arrays_of_import(scan: ImportedScan, path: Path) -> ScanArrays:
     """The arrays of another program's scan. Raises `InvalidData` where its counts are no whole numbers."""
-    transient = scan.transient
-    counts = np.moveaxis(transient.counts, 0, 2)
+    held = scan.held
+    counts = held.counts if isinstance(held, FreePoints) else np.moveaxis(held.counts, 0, 2)
     whole = counts.astype(np.uint32)
     if not np.array_equal(whole, counts):
         raise InvalidData(f"{path}: its counts are no whole numbers; only photon counts are exported")
-    wall = transient.wall
-    return ScanArrays(np.ascontiguousarray(whole), transient.exposure_s, wall.x_m(), wall.y_m(), wall, transient.time)
+    places = (held.x_m, held.y_m) if isinstance(held, FreePoints) else (held.wall.x_m(), held.wall.y_m())
+    return ScanArrays(np.ascontiguousarray(whole), held.exposure_s, *places, held.wall, held.time)

@@ -10,7 +10,9 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
@@ -134,9 +136,26 @@ class IsolatedReader:
 
 
 def read_isolated(path: Path, given: Given = NOTHING, *, describe: bool = False) -> ImportedScan:
-    """One file, read by a child process of its own."""
-    with IsolatedReader() as reader:
+    """One file, read by a child process of its own, or by that of `one_reader`."""
+    with one_reader() as reader:
         return reader.read(path, given, describe=describe)
+
+
+_shared: ContextVar[IsolatedReader | None] = ContextVar("_shared", default=None)
+
+
+@contextmanager
+def one_reader() -> Iterator[IsolatedReader]:
+    """Inside, all files are read by the same child: for whoever reads many."""
+    if (outer := _shared.get()) is not None:
+        yield outer
+        return
+    with IsolatedReader() as reader:
+        token = _shared.set(reader)
+        try:
+            yield reader
+        finally:
+            _shared.reset(token)
 
 
 _sound: set[tuple[str, int, int, int, int]] = set()
@@ -149,7 +168,7 @@ def check_isolated(path: Path, reader: str) -> None:
     now = path.stat()
     seen = (reader, now.st_dev, now.st_ino, now.st_size, now.st_mtime_ns)
     if seen not in _sound:
-        with IsolatedReader() as child:
+        with one_reader() as child:
             child.check(path, reader)
         _sound.add(seen)
 

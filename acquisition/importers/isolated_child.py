@@ -53,17 +53,17 @@ def _limit(memory_bytes: int) -> None:
 
 def _answer(request: dict[str, Any]) -> dict[str, object]:
     path, shown = Path(request["path"]), request["shown"]
+    place, _, name = (request["reader"] or f"{__name__}:read_any").partition(":")
+    module = importlib.import_module(place)
+    refusals = (InvalidData, FileNotFoundError, getattr(module, "InvalidData", InvalidData))  # each room has its own
     try:
         if request["reader"] is not None:
-            module, _, name = request["reader"].partition(":")
-            getattr(importlib.import_module(module), name)(path)
+            getattr(module, name)(path)
             return {}
         given = request["given"]
         wall_m = None if given["wall_m"] is None else tuple(given["wall_m"])
         return _sent(read_any(path, Given(**{**given, "wall_m": wall_m})), Path(request["folder"]))
-    except (ValueError, FileNotFoundError) as error:  # each room's InvalidData is a ValueError
-        if type(error).__name__ not in ("InvalidData", "FileNotFoundError"):
-            raise
+    except refusals as error:
         return {"error": str(error).replace(str(path), shown), "contents": _contents(path, request)}
 
 

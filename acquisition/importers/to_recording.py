@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.importers.imported import FreePoints, ImportedScan
 from nlos.acquisition.planning.plan import ScanPlan
-from nlos.acquisition.planning.positions import pixels
+from nlos.acquisition.planning.positions import free, pixels
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer import RecordingWriter
@@ -20,22 +20,23 @@ _KEY = "imported"
 
 def write_recording(scan: ImportedScan, source: Path, target: Path, *, overwrite: bool = False) -> int:
     """Writes `target`; returns how many points it holds. Raises `InvalidData` where counts are no whole numbers."""
-    transient = scan.transient
-    counts = transient.counts.astype(np.uint32)
-    if not np.array_equal(counts, transient.counts):
+    held = scan.held
+    counts = held.counts.astype(np.uint32)
+    if not np.array_equal(counts, held.counts):
         raise InvalidData(f"{source}: its counts are no whole numbers, so no photon counts; reconstruct it as it is")
-    rows, cols = np.nonzero(transient.exposure_s > 0)
-    if rows.size == 0:
-        raise InvalidData(f"{source}: no point was exposed")
-    dwell_s = transient.exposure_s[rows, cols]
-    time = transient.time
+    exposed = np.nonzero(held.exposure_s > 0)
+    if isinstance(held, FreePoints):
+        positions, histograms = free(held.x_m[exposed], held.y_m[exposed]), counts[exposed]
+    else:
+        positions, histograms = pixels(held.wall, *exposed), np.moveaxis(counts, 0, -1)[exposed]
+    dwell_s, time = held.exposure_s[exposed], held.time
     axis = HistogramAxis(time.bins, time.bin_width_s, time.start_s)
-    plan = ScanPlan(transient.wall, axis, pixels(transient.wall, rows, cols), dwell_s, np.zeros(len(rows), np.int32))
+    plan = ScanPlan(held.wall, axis, positions, dwell_s, np.zeros(len(dwell_s), np.int32))
     header = Header(scan_json=json.dumps({_KEY: _said(scan, source)})).stamped()
     started_s = np.concatenate([[0.0], np.cumsum(dwell_s)])
     with RecordingWriter.create(target, plan, header, overwrite=overwrite) as writer:
         for point in plan:
-            histogram = counts[:, rows[point.number], cols[point.number]]
+            histogram = np.ascontiguousarray(histograms[point.number])
             begun_s = float(started_s[point.number])
             writer.write(
                 Sample(

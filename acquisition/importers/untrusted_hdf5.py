@@ -32,18 +32,41 @@ def open_hdf5(path: Path) -> Iterator[h5py.File]:
 
 
 def find_dataset(file: h5py.File, name: str) -> h5py.Dataset | None:
-    """The dataset called `name` at the top of the file, None where there is none. Links out of the file are refused."""
-    link = file.get(name, getlink=True) if name in file.keys() else None  # noqa: SIM118 - `in file` follows links
-    if link is None:
-        return None
-    if not isinstance(link, h5py.HardLink):
-        raise InvalidData(f"{file.filename}: {name}: is a link to elsewhere; links are not followed")
-    item = file[name]
+    """The dataset called `name` (`leaf` or `group/leaf`), None where there is none. Links out of the file are
+    refused."""
+    item: h5py.Group | h5py.Dataset = file
+    for word in name.split("/"):
+        if not isinstance(item, h5py.Group) or word not in item.keys():  # noqa: SIM118 - `in item` follows links
+            return None
+        if not isinstance(item.get(word, getlink=True), h5py.HardLink):
+            raise InvalidData(f"{file.filename}: {name}: is a link to elsewhere; links are not followed")
+        item = item[word]
     if not isinstance(item, h5py.Dataset):
         return None
     if item.is_virtual or item.external:
         raise InvalidData(f"{file.filename}: {name}: its data lie in other files; copy them into one file")
     return item
+
+
+def needed_array(file: h5py.File, name: str, shape: tuple[int | None, ...]) -> npt.NDArray[np.float32]:
+    """The finite numbers at `name`; None in `shape` stands for any length. Raises `InvalidData`."""
+    dataset = find_dataset(file, name)
+    if dataset is None or dataset.shape is None:
+        raise InvalidData(f"{file.filename}: {name}: is missing, or no array")
+    array = read_array(dataset, len(shape))
+    if any(wanted not in (None, found) for wanted, found in zip(shape, array.shape, strict=True)):
+        raise InvalidData(f"{file.filename}: {name}: has shape {array.shape}; {shape} is expected")
+    return array.astype(np.float32)
+
+
+def read_everything(path: Path) -> None:
+    """Reads every array of numbers at the top of a file: for a child that goes before others. Raises `InvalidData`."""
+    with open_hdf5(path) as file:
+        dict(file.attrs)
+        for name in file:
+            dataset = find_dataset(file, name)
+            if dataset is not None and dataset.shape and dataset.dtype.kind in "uif":
+                read_array(dataset, len(dataset.shape))
 
 
 def read_array(dataset: h5py.Dataset, dimensions: int) -> npt.NDArray[np.generic]:

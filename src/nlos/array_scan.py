@@ -9,7 +9,7 @@ import numpy.typing as npt
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid, grid_around
 from nlos.calibration.raw_points import RawPoints
-from nlos.chain import LoadedScan
+from nlos.loaded import LoadedScan
 from nlos.recon.errors import InvalidData
 from nlos.recon.gridding import grid_samples
 

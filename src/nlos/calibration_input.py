@@ -1,5 +1,6 @@
 """What `nlos calibrate` starts from: runs with their devices and aim, and tables of spots."""
 
+import io
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,6 +14,9 @@ if TYPE_CHECKING:
     from nlos.calibration.geometry import ScannerGeometry
     from nlos.calibration.geometry_fit import Spots
     from nlos.calibration.raw_points import RawPoints
+
+
+LARGEST_TABLE_BYTES = 8 << 20
 
 
 @dataclass(frozen=True)
@@ -33,19 +37,26 @@ def load_run(run: Path, wall_size_m: float | None = None) -> RunInput:
 
     `wall_size_m`: the wall's side, where the file does not store it; without, the direct times are asked.
     """
+    import numpy as np
+
     from nlos.acquisition.importers.isolated import read_isolated
     from nlos.acquisition.importers.magic import is_recording
     from nlos.acquisition.importers.to_recording import said_by_source
     from nlos.acquisition.recording.checked import open_checked
     from nlos.calibration.errors import InvalidData
-    from nlos.calibration.raw_points import from_samples, from_transient
+    from nlos.calibration.raw_points import RawPoints, from_samples, from_transient
 
     if not is_recording(run):
         scan = read_isolated(run)
         _refuse_rectified(run, scan.rectified)
-        raw = from_transient(scan.transient)
+        free = scan.points
+        if free is None:
+            raw = from_transient(scan.transient)
+        else:
+            nothing = np.zeros_like(free.exposure_s)
+            raw = RawPoints(free.counts, free.x_m, free.y_m, free.exposure_s, nothing, nothing, free.time)
         if not scan.wall_known:
-            raw = _on_wall(run, raw, scan.transient.wall.width_m, wall_size_m)
+            raw = _on_wall(run, raw, scan.held.wall.width_m, wall_size_m)
         return RunInput(raw, {}, None, False)
     with open_checked(run) as recording:
         said = said_by_source(recording)
@@ -56,7 +67,8 @@ def load_run(run: Path, wall_size_m: float | None = None) -> RunInput:
             raise type(error)(f"{run}: {error}") from error
         names = {role: f"{device.model} {device.serial}".strip() for role, device in recording.header.devices.items()}
         aim = _aimed_by(recording.header.constants_json, recording.header.bench_json)
-        dry_run = bool(json.loads(recording.header.bench_json).get("safety", {}).get("dry_run", False))
+        safety = json.loads(recording.header.bench_json).get("safety")
+        dry_run = isinstance(safety, dict) and bool(safety.get("dry_run", False))
         if not said.get("wall_known", True):
             raw = _on_wall(run, raw, recording.plan.wall.width_m, wall_size_m)
     return RunInput(raw, names, aim, dry_run)
@@ -70,24 +82,23 @@ def _refuse_rectified(run: Path, rectified: bool) -> None:
 
 
 def _on_wall(run: Path, raw: "RawPoints", side_m: float, wall_size_m: float | None) -> "RawPoints":
-    """The points of a file without a wall size, `side_m` having stood in for it: on the wall that was named, else on
+    """The points of a file without a wall size, for which `side_m` was assumed: on the wall that was named, else on
     the one that the direct times tell."""
-    from nlos.calibration.background import is_flat
-    from nlos.calibration.wall_size import wall_scale
+    from nlos.calibration.wall_size import found_side
 
     if wall_size_m is not None:
         return raw.scaled(wall_size_m / side_m)
     raw.check()
-    scale = None if is_flat(raw.counts) else wall_scale(raw)
-    if scale is None:
-        terminal.log(f"warning: {run}: the wall's size is not stored; {side_m:g} m stands in. Say --wall-size-m.")
+    found = found_side(raw, side_m)
+    if found is None:
+        terminal.log(f"warning: {run}: the wall's size is not stored; assuming {side_m:g} m. Say --wall-size-m.")
         return raw
-    found_m, error_m = scale.value * side_m, scale.error * side_m
+    found_m, error_m = found
     terminal.result(
         f"the wall's size is not stored: by the direct times it is {found_m:.3f} +- {error_m:.3f} m wide",
         wall_size_m=found_m, wall_size_error_m=error_m,
     )  # fmt: skip
-    return raw.scaled(scale.value)
+    return raw.scaled(found_m / side_m)
 
 
 def refuse_unmeant_darkness(runs: list[Path], loaded: list[RunInput]) -> None:
@@ -114,17 +125,21 @@ def read_spots(path: Path) -> "Spots":
     from nlos.calibration.geometry_fit import Spots
 
     columns = ("x_deg", "y_deg", "x_m", "y_m")
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        table = csv.DictReader(file, skipinitialspace=True)
+    if path.stat().st_size > LARGEST_TABLE_BYTES:
+        raise InvalidData(f"{path}: is larger than any table of spots ({LARGEST_TABLE_BYTES >> 20} MiB)")
+    rows = []
+    try:
+        table = csv.DictReader(io.StringIO(path.read_text(encoding="utf-8-sig"), newline=""), skipinitialspace=True)
         missing = [name for name in columns if name not in (table.fieldnames or ())]
         if missing:
             raise InvalidData(f"{path}: has no column {', '.join(missing)}; expected {', '.join(columns)}")
-        rows = []
         for row in table:
             try:
                 rows.append([float(row[name]) for name in columns])
             except (TypeError, ValueError):
                 raise InvalidData(f"{path}:{table.line_num}: {dict(row)} does not hold four numbers") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InvalidData(f"{path}: is no table of comma-separated text ({error})") from error
     x_deg, y_deg, x_m, y_m = np.array(rows, dtype=np.float64).reshape(-1, 4).T
     if not np.isfinite(rows).all():
         raise InvalidData(f"{path}: holds numbers that are not finite")
@@ -134,13 +149,16 @@ def read_spots(path: Path) -> "Spots":
 def _aimed_by(constants_json: str, bench_json: str) -> "Aim | ScannerGeometry | None":
     """The earlier constants' geometry where they took part in the scan, else the bench file's; None without either."""
     from nlos.acquisition.planning.aim import Aim
-    from nlos.calibration.geometry import ScannerGeometry
+    from nlos.calibration.constants import geometry_of
+    from nlos.calibration.errors import InvalidData
 
-    fitted = json.loads(constants_json).get("geometry")
-    if fitted:
-        return ScannerGeometry(**fitted)
-    drawn = json.loads(bench_json).get("geometry")
-    return Aim(drawn["wall_distance_m"], drawn.get("mirror_separation_m", 0.0)) if drawn else None
+    try:
+        fitted, drawn = (json.loads(text).get("geometry") for text in (constants_json, bench_json))
+        if fitted:
+            return geometry_of(fitted)
+        return Aim(float(drawn["wall_distance_m"]), float(drawn.get("mirror_separation_m", 0.0))) if drawn else None
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise InvalidData(f"header: the geometry of the bench cannot be read ({error})") from error
 
 
 def common_devices(runs: list[Path], each: list[Mapping[str, str]]) -> Mapping[str, str]:

@@ -7,7 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.transient import Transient
-from nlos.chain import LoadedScan, calibrate_scan, constants_for, load_scan
+from nlos.chain import calibrate_scan, constants_for
+from nlos.loaded import LoadedScan, load_scan
 
 Floats = npt.NDArray[np.float64]
 

@@ -122,8 +122,8 @@ def test_a_dark_run_alone_tells_the_dark_rate_if_it_was_meant_to_be_dark(
 @pytest.mark.parametrize(
     ("harm", "reason"),
     [
-        ("nan", r"point 21 at .* bin 7 is nan"),
-        ("negative", r"point 21 at .* bin 7 is -1"),
+        ("nan", r"row 1, column 5, bin 7 is not a number"),
+        ("negative", r"row 1, column 5, bin 7 is negative"),
         ("saturated", r"point 21 at .* bin 7 holds 65535"),
         ("clipped", r"point 0 at .* all hold 40 counts, the most in the whole scan"),
         ("rectified", "is rectified already"),

@@ -107,8 +107,8 @@ def test_the_newest_that_fits_is_taken(constants: BenchConstants, tmp_path: Path
     save(replace(constants, measured_utc="2026-03-09T00:00:00+00:00", devices={"counter": "other"}), tmp_path / "b.h5")
     save(constants, tmp_path / "c.h5")
     (tmp_path / "d.h5").write_bytes(b"not HDF5")
-    assert newest_that_fits(tmp_path, BENCH, 32e-12) == tmp_path / "a.h5"
-    assert newest_that_fits(tmp_path, BENCH, 16e-12) is None
+    assert newest_that_fits(sorted(tmp_path.glob("*.h5")), BENCH, 32e-12) == tmp_path / "a.h5"
+    assert newest_that_fits(sorted(tmp_path.glob("*.h5")), BENCH, 16e-12) is None
 
 
 @pytest.mark.parametrize("harm", ["truncated", "nan", "format", "shape"])

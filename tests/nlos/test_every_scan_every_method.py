@@ -14,9 +14,10 @@ from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.scanning.gathering import Gathering
 from nlos.calibration.errors import InvalidData as CannotCalibrate
 from nlos.calibration.raw_points import from_samples
-from nlos.chain import LoadedScan, as_recorded, calibrate_scan
+from nlos.chain import calibrate_scan
 from nlos.configs.load import names
 from nlos.live.scan import loaded
+from nlos.loaded import LoadedScan, as_recorded
 from nlos.recon.errors import ReconError
 from nlos.recon.gridding import grid_samples
 from nlos.recon.methods import catalogue

@@ -12,11 +12,12 @@ from nlos.acquisition.recording.recording import Recording
 from nlos.calibration.constants import load
 from nlos.calibration.correct import common_bins, correct_known
 from nlos.calibration.raw_points import from_samples
-from nlos.chain import calibrate_scan, constants_for, load_scan
+from nlos.chain import calibrate_scan, constants_for
 from nlos.live.calibration import SampleCalibration
 from nlos.live.good_enough import Enough
 from nlos.live.process import state_file, write_state
 from nlos.live.scan import LiveScan, Pace
+from nlos.loaded import load_scan
 from nlos.recon.live import LivePicture, LiveReconstruction
 from nlos.recon.reconstruct import reconstruct
 

@@ -46,15 +46,15 @@ def measured_constants(given: Path | None, devices: "Mapping[str, DeviceIdentity
 
     Raises `ForeignConstants` where the constants named are of another bench.
     """
-    from nlos.calibration.constants import load, newest_that_fits
+    from nlos.calibration.checked import load_checked, newest_checked
 
     names = {role: f"{who.model} {who.serial}".strip() for role, who in devices.items()}
     path = given
     if path is None and Path("constants").is_dir():
-        path = newest_that_fits(Path("constants"), names)
+        path = newest_checked(Path("constants"), names)
     if path is None:
         return None
-    constants = load(path)
+    constants = load_checked(path)
     constants.refuse_other_devices(names)
     # Without spots, mirror gain and wall distance are not told apart: a person has to ask for such an aim.
     if given is None and "x_gain" not in constants.geometry_errors:

@@ -45,7 +45,8 @@ def calibrate(
     """Measures the bench's constants from recordings and says how good they are."""
     from datetime import UTC, datetime
 
-    from nlos.calibration.constants import Quantity, load_response, save
+    from nlos.calibration.checked import response_checked
+    from nlos.calibration.constants import Quantity, save
     from nlos.calibration.measure import measure_constants
     from nlos.calibration_input import common_devices, load_run, read_spots, refuse_unmeant_darkness
     from nlos.report.calibration_pictures import write_pictures
@@ -62,7 +63,7 @@ def calibrate(
         measured_utc=datetime.now(UTC).isoformat(timespec="seconds"),
         aim=next((one.aim for one in loaded if one.aim is not None), None),
         dead_time=None if dead_time_ns is None else Quantity(dead_time_ns * 1e-9, 0.0),
-        response=None if response is None else load_response(response),
+        response=None if response is None else response_checked(response),
         spots=None if spots is None else read_spots(spots),
     )
     if found.raw is None and not dark:

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from nlos.cli.file_words import Axes, BinWidth, Rectified, WallSize, given
 from nlos.cli.terminal import terminal
 
 
@@ -13,28 +14,30 @@ def import_(
         list[Path], typer.Argument(metavar="FILE...", help="MAT, PTU, PT3, HT3, T3R, PHD, HHD, HDF5, NPZ.")
     ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="RUN.h5", help="With several files: a folder.")],
-    wall_size_m: Annotated[
-        float | None, typer.Option(min=0.001, max=100.0, help="Side of the wall, for formats that do not store it.")
-    ] = None,
+    wall_size_m: WallSize = None,
+    bin_width_ps: BinWidth = None,
+    axes: Axes = None,
+    rectified: Rectified = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Reads other people's formats into a recording; says what a format could not hold."""
-    from nlos.acquisition.importers.isolated import IsolatedReader
+    from nlos.acquisition.importers.isolated import one_reader
     from nlos.acquisition.importers.to_recording import write_recording
 
+    said = given(wall_size_m, bin_width_ps, axes, rectified)
     written = []
-    with IsolatedReader() as reader:
+    with one_reader() as reader:
         for file in files:
             target = output if len(files) == 1 else output / f"{file.stem}.h5"
-            scan = reader.read(file)
-            if wall_size_m is not None:
-                scan = scan.on_wall(wall_size_m, wall_size_m)
+            scan = reader.read(file, said)
             target.parent.mkdir(parents=True, exist_ok=True)
             points = write_recording(scan, file, target, overwrite=overwrite)
-            photons = int(scan.transient.counts.sum(dtype="float64"))
+            photons = int(scan.held.counts.sum(dtype="float64"))
             terminal.result(f"{target}: {points} points, {photons} photons ({scan.source_format})")
             for note in scan.notes:
                 terminal.log(f"  {note}")
+            if not scan.wall_known:
+                terminal.log("  `reconstruct` and `calibrate` find the wall by the direct times; or say --wall-size-m")
             written.append({"file": str(file), "recording": str(target), "points": points, "photons": photons,
                             "format": scan.source_format, "notes": list(scan.notes)})  # fmt: skip
     terminal.document["imported"] = written

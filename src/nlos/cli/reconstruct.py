@@ -5,7 +5,9 @@ from typing import Annotated
 
 import typer
 
+from nlos.acquisition.importers.given import NOTHING
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
+from nlos.cli.file_words import Axes, BinWidth, Depths, Rectified, WallSize, depths, given
 from nlos.cli.terminal import terminal
 
 
@@ -27,6 +29,11 @@ def reconstruct(
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Dask: tcp://HOST:PORT, or `local` for workers here.")
     ] = None,
+    wall_size_m: WallSize = None,
+    bin_width_ps: BinWidth = None,
+    axes: Axes = None,
+    rectified: Rectified = None,
+    depth_m: Depths = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """From a recording, or any file that an importer reads, to a picture."""
@@ -35,7 +42,12 @@ def reconstruct(
 
     chosen = parse_settings(settings or [])
     _check(method, chosen, device)
+    said, limits_m = given(wall_size_m, bin_width_ps, axes, rectified), depths(depth_m)
     if follow:
+        if said != NOTHING or limits_m is not None:
+            raise UsageError(
+                "--follow: a scan that is being recorded says itself what it is; limit its picture afterwards"
+            )
         _follow(runs, method, chosen, output, constants, device, volume, html, overwrite, scheduler)
         return
     folders = [output / run.stem if len(runs) > 1 else output for run in runs]
@@ -48,13 +60,14 @@ def reconstruct(
         seconds = reconstruct_on(
             scheduler, list(zip(runs, folders, strict=True)), method, chosen,
             constants=constants, device=device, html=html, volume=volume, overwrite=overwrite,
+            given=said, depth_m=limits_m,
         )  # fmt: skip
     else:
         for run, folder in zip(runs, folders, strict=True):
             terminal.log(f"{run}: {method}")
             done = reconstruct_file(
                 run, method, chosen, folder, constants=constants, device=device, html=html, volume=volume,
-                overwrite=overwrite,
+                overwrite=overwrite, given=said, depth_m=limits_m,
             )  # fmt: skip
             seconds.append(done.seconds)
     for folder, took_s in zip(folders, seconds, strict=True):
@@ -70,8 +83,7 @@ def _check(method: str, settings: dict[str, object], device: str) -> None:
     from nlos.recon.device import check_device
     from nlos.recon.methods import parse_settings
 
-    of_the_file = ("offsets", "wall_size_m")
-    parse_settings(method, {key: value for key, value in settings.items() if key not in of_the_file})
+    parse_settings(method, {key: value for key, value in settings.items() if key != "offsets"})
     check_device(device)
 
 

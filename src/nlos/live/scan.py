@@ -21,8 +21,8 @@ from nlos.cli.terminal import terminal
 if TYPE_CHECKING:
     from nlos.acquisition.scanning.gathering import Gathering
     from nlos.calibration.constants import BenchConstants
-    from nlos.chain import LoadedScan
     from nlos.live.calibration import SampleCalibration
+    from nlos.loaded import LoadedScan
     from nlos.recon.live import LivePicture, LiveReconstruction
 
 
@@ -223,7 +223,7 @@ class Pace:
 def loaded(run: Path, gathering: "Gathering") -> "LoadedScan":
     """What was gathered from `run`, as a file of just these samples would be loaded."""
     from nlos.acquisition.recording.recording import Recording
-    from nlos.chain import as_recorded
+    from nlos.loaded import as_recorded
 
     with Recording.open(run) as recording:
         return as_recorded(recording, gathering.transient(), gathering.sync_count.copy(), gathering.total_count.copy())

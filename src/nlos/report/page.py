@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from nlos.chain import calibrate_scan, constants_for, load_scan
+from nlos.chain import calibrate_scan, constants_for
 from nlos.cli.terminal import terminal
+from nlos.loaded import load_scan
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from nlos.acquisition.transient import Transient
     from nlos.calibration.constants import BenchConstants
     from nlos.calibration.correct import Corrected
-    from nlos.chain import LoadedScan
+    from nlos.loaded import LoadedScan
     from nlos.recon.volume import Reconstruction
 
 _STYLE = """

@@ -1,0 +1,59 @@
+"""The options by which a user says what a file does not: one spelling for every verb that reads files."""
+
+from typing import Annotated
+
+import typer
+
+from nlos.acquisition.importers.given import Given
+from nlos.cli.exit_codes import UsageError
+
+WallSize = Annotated[
+    str | None, typer.Option("--wall-size-m", metavar="W[xH]", help="The wall, for files that do not store its size.")
+]
+BinWidth = Annotated[
+    float | None, typer.Option("--bin-width-ps", min=0.1, max=1e6, help="For files that do not store it.")
+]
+Axes = Annotated[
+    str | None,
+    typer.Option("--axes", metavar="TYX|YXT|...", help="Order of the axes, where it is not YXT."),
+]
+Rectified = Annotated[
+    bool | None,
+    typer.Option(
+        "--rectified/--raw", help="Time 0 is the wall and direct light is gone, or neither.", show_default=False
+    ),
+]
+Depths = Annotated[
+    str | None, typer.Option("--depth-m", metavar="NEAR:FAR", help="Limits picture and volume to these depths.")
+]
+
+
+def given(wall_size_m: str | None, bin_width_ps: float | None, axes: str | None, rectified: bool | None) -> Given:
+    """What the options say. Raises `UsageError`."""
+    wall_m = None if wall_size_m is None else _sides(wall_size_m)
+    return Given(wall_m, None if bin_width_ps is None else bin_width_ps * 1e-12, axes, rectified)
+
+
+def depths(words: str | None) -> tuple[float, float] | None:
+    """Nearest and farthest depth in metres. Raises `UsageError`."""
+    if words is None:
+        return None
+    near, _, far = words.partition(":")
+    try:
+        nearest_m, farthest_m = float(near or 0.0), float(far)
+    except ValueError:
+        nearest_m, farthest_m = 0.0, -1.0
+    if not 0 <= nearest_m < farthest_m <= 1000:
+        raise UsageError(f"--depth-m {words}: NEAR:FAR in metres is expected, as 0.5:2")
+    return nearest_m, farthest_m
+
+
+def _sides(words: str) -> tuple[float, float]:
+    width, _, height = words.lower().partition("x")
+    try:
+        sides = float(width), float(height or width)
+    except ValueError:
+        sides = 0.0, 0.0
+    if not all(0.001 <= side <= 100 for side in sides):
+        raise UsageError(f"--wall-size-m {words}: W or WxH in metres, 0.001 to 100, is expected, as 2 or 2x1.5")
+    return sides

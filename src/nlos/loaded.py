@@ -1,0 +1,166 @@
+"""A scan from any file, as arrays: our own recordings, every format that an importer knows, and what a user adds."""
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.given import NOTHING, Given
+from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.importers.isolated import read_isolated
+from nlos.acquisition.importers.magic import is_recording
+from nlos.acquisition.importers.to_recording import said_by_source
+from nlos.acquisition.recording.checked import open_checked
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.transient import Transient
+from nlos.acquisition.wall import WallGrid
+from nlos.calibration.raw_points import RawPoints, from_samples, from_transient
+from nlos.calibration.wall_size import found_side
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class LoadedScan:
+    """A scan from any file, before calibration."""
+
+    transient: Transient
+    devices: Mapping[str, str]
+    """Role -> model and serial number; empty where the file does not say."""
+    sync_count: npt.NDArray[np.float64]  # (H, W); 0 where not counted
+    total_count: npt.NDArray[np.float64]  # (H, W)
+    rectified: bool
+    direct_cut_bins: int | None
+    """The file's own cut; None where the direct light has to be found."""
+    falloff: int | None
+    offset_bins: npt.NDArray[np.float64] | None  # (H, W)
+    """The file's own time offsets."""
+    wall_known: bool = True
+    """Whether the file says how large the wall is."""
+    points: RawPoints | None = None
+    """Samples at free positions as they were taken; `transient` then has them in the pixels they lie in."""
+
+
+def load_scan(path: Path, given: Given = NOTHING) -> LoadedScan:
+    """Reads our own recordings and every format that an importer knows; what is `given` goes before what the file says.
+    A wall of unknown size is the one that the direct times tell. What was assumed is logged. Raises `InvalidData`."""
+    if is_recording(path):
+        with open_checked(path) as recording:
+            scan = _load_recording(recording) if recording.on_grid else _load_free(recording)
+        scan = _as_given(path, scan, given)
+    else:
+        read = read_isolated(path, given)
+        for note in read.notes:
+            if read.wall_known or "wall" not in note:
+                log.info("%s: %s", path, note)
+        scan = _as_loaded(read)
+    return scan if scan.wall_known else _on_found_wall(path, scan)
+
+
+def _as_loaded(scan: ImportedScan) -> LoadedScan:
+    """A file of another program."""
+    cut, free = scan.direct_cut_bins if scan.direct_cut_bins > 0 else None, scan.points
+    if free is None:
+        transient, points = scan.transient, None
+    else:
+        nothing = np.zeros_like(free.exposure_s)
+        points = RawPoints(free.counts, free.x_m, free.y_m, free.exposure_s, nothing, nothing, free.time)
+        transient = _gridded(points, free.wall)
+    nothing = np.zeros_like(transient.exposure_s)
+    return LoadedScan(
+        transient,
+        {},
+        nothing,
+        nothing,
+        scan.rectified,
+        cut,
+        scan.falloff,
+        scan.time_offset_bins,
+        scan.wall_known,
+        points,
+    )
+
+
+def _as_given(path: Path, scan: LoadedScan, given: Given) -> LoadedScan:
+    """A recording with what a user says about it. Raises `InvalidData` for what only the recording can say."""
+    if given.bin_width_s is not None or given.axes is not None:
+        raise InvalidData(f"{path}: is a recording: it knows its bin width and the order of its axes")
+    if given.wall_m is not None:
+        if scan.points is not None:
+            raise InvalidData(f"{path}: is a recording of free positions: it knows its wall")
+        wall = replace(scan.transient.wall, width_m=given.wall_m[0], height_m=given.wall_m[1])
+        scan = replace(scan, transient=replace(scan.transient, wall=wall), wall_known=True)
+        log.info("%s: a wall of %g x %g m, as given", path, *given.wall_m)
+    if given.rectified is not None:
+        scan = replace(scan, rectified=given.rectified)
+        log.info("%s: %s, as given", path, "rectified" if given.rectified else "raw")
+    return scan
+
+
+def _on_found_wall(path: Path, scan: LoadedScan) -> LoadedScan:
+    """A scan whose file does not say how large the wall is, on the wall that its direct times tell."""
+    wall = scan.transient.wall
+    found = None if scan.rectified else found_side(from_transient(scan.transient), wall.width_m)
+    if found is None:
+        log.warning(
+            "%s: the wall's size is not stored, and the times do not tell it; assuming %g x %g m. "
+            "Say --wall-size-m W or WxH.", path, wall.width_m, wall.height_m,
+        )  # fmt: skip
+        return scan
+    log.info("%s: the wall's size is not stored: by the direct times it is %.3f +- %.3f m wide", path, *found)
+    scale = found[0] / wall.width_m
+    wall = replace(wall, width_m=wall.width_m * scale, height_m=wall.height_m * scale)
+    return replace(scan, transient=replace(scan.transient, wall=wall))
+
+
+def _gridded(points: RawPoints, wall: WallGrid) -> Transient:
+    from nlos.recon.gridding import grid_samples
+
+    return grid_samples(points.x_m, points.y_m, points.counts, points.exposure_s, wall, points.time)
+
+
+def _load_recording(recording: Recording) -> LoadedScan:
+    """A whole recording."""
+    transient = recording.transient()
+    sync_count, total_count = np.zeros_like(transient.exposure_s), np.zeros_like(transient.exposure_s)
+    for start, counts, intact in recording.blocks():
+        records = recording.records[start : start + len(counts)][intact]
+        place = recording.plan.positions.row[records["number"]], recording.plan.positions.col[records["number"]]
+        np.add.at(sync_count, place, records["sync_count"])
+        np.add.at(total_count, place, records["total_count"])
+    return as_recorded(recording, transient, sync_count, total_count)
+
+
+def _load_free(recording: Recording) -> LoadedScan:
+    """A whole recording of points off the grid: what was drawn along a spiral, a circle, a line."""
+    points = from_samples(recording.samples())
+    transient = _gridded(points, recording.plan.wall)
+    nothing = np.zeros_like(transient.exposure_s)
+    return replace(as_recorded(recording, transient, nothing, nothing), points=points)
+
+
+def as_recorded(
+    recording: Recording,
+    transient: Transient,
+    sync_count: npt.NDArray[np.float64],
+    total_count: npt.NDArray[np.float64],
+) -> LoadedScan:
+    """All or some of a recording's samples; one that was imported keeps what its source said."""
+
+    said = said_by_source(recording)
+    cut, falloff, offsets = said.get("direct_cut_bins"), said.get("falloff"), said.get("time_offset_bins")
+    return LoadedScan(
+        transient,
+        {role: f"{who.model} {who.serial}".strip() for role, who in recording.header.devices.items()},
+        sync_count,
+        total_count,
+        bool(said.get("rectified", False)),
+        cut if isinstance(cut, int) and cut > 0 else None,
+        falloff if isinstance(falloff, int) else None,
+        np.asarray(offsets, dtype=np.float64) if isinstance(offsets, list) else None,
+        bool(said.get("wall_known", True)),
+    )

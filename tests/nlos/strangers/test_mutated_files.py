@@ -1,0 +1,59 @@
+"""Files damaged at random, of every kind, given to every verb that reads them: an exit code with a reason, no hang."""
+
+import json
+import os
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+CAMPAIGN = 20_000 if os.environ.get("NLOS_SOAK") else 60
+REPORT = os.environ.get("NLOS_MUTATED_REPORT")
+
+
+def mutated(raw: np.ndarray, seed: int) -> bytes:
+    """A damaged copy: bytes flipped, words set to extremes, the end cut off, a part repeated, moved or zeroed."""
+    rng = np.random.default_rng(seed)
+    copy = raw.copy()
+    head = min(len(raw), 4096)
+    where = int(rng.integers(0, head if rng.random() < 0.7 else len(raw)))
+    match int(rng.integers(0, 6)):
+        case 0:
+            flips = rng.integers(0, head, int(rng.integers(1, 8)))
+            copy[flips] = rng.integers(0, 256, len(flips))
+        case 1:
+            copy[where : where + 8] = rng.choice([0, 1, 127, 255], len(copy[where : where + 8]))
+        case 2:
+            copy = copy[:where]
+        case 3:
+            copy = np.concatenate([copy[:where], copy[where // 2 :]])
+        case 4:
+            copy[where : where + int(rng.integers(8, 512))] = 0
+        case 5:
+            bits = rng.integers(0, len(copy), int(rng.integers(1, 20)))
+            copy[bits] ^= (1 << rng.integers(0, 8, len(bits))).astype(np.uint8)
+    return copy.tobytes()
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("part", range(2))
+def test_a_damaged_file_is_an_exit_code_with_a_reason(kinds, verbs, commands, tmp_path: Path, part: int) -> None:
+    wholes = [(kind, np.frombuffer(path.read_bytes(), np.uint8), path) for kind, path in kinds.items()]
+    bad, table = [], Counter()
+    for seed in range(part, CAMPAIGN, 2):
+        kind, whole, path = wholes[(seed // 2) % len(wholes)]
+        words = verbs(kind)[(seed // 2 // len(wholes)) % len(verbs(kind))]
+        damaged = tmp_path / f"damaged{path.suffix}"
+        damaged.write_bytes(mutated(whole, seed))
+        outcome = commands.run([*words, damaged.name])
+        table[kind, words[0], outcome.code] += 1
+        unnamed = outcome.code == 7 and damaged.name not in outcome.text and len(words) < 4
+        if outcome.is_a_bug or unnamed:
+            bad.append((seed, kind, outcome))
+            print(seed, kind, outcome, flush=True)
+        damaged.unlink(missing_ok=True)
+    if REPORT:
+        rows = [[*key, count] for key, count in sorted(table.items())]
+        Path(f"{REPORT}.{part}.json").write_text(json.dumps(rows))
+    assert bad == []
