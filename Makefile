@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test check soak peers results ablations clean
+.PHONY: demo test check soak peers results studies clean
 
 .venv/run-ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
@@ -42,7 +42,7 @@ peers: .venv/test-ready  # NLOS_PEERS=DIR holds other people's code; docs/peers.
 results: .venv/run-ready  # docs/results.md; goes on from what is measured already
 	$(BIN)/python -m studies.results ../shared/data docs
 
-ablations: .venv/run-ready  # docs/ablations.md; goes on from the rows that are trained already
+studies: .venv/run-ready  # docs/ablations.md; resumes; a second `make studies` beside it shares the work
 	$(BIN)/python -m studies.ablations
 
 clean:

@@ -1,7 +1,7 @@
 """Does algorithm 1 converge? Relative changes of its passes and iterations, and Lipschitz estimates of its parts.
 
-`python -m studies.convergence FIGURE.png` measures on one simulated scan the weights that come with the program
-and, where `make ablations` has trained them, networks whose passes were trained through.
+`python -m studies.convergence FIGURE.png` measures on one simulated scan the weights that come with the program, of
+both readings, and networks that `make studies` has trained through several passes.
 """
 
 import json
@@ -13,23 +13,24 @@ from pathlib import Path
 from typing import Any, cast
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
-from nlos.recon.layers.physical_unfolding import PhysicalUnfolding
-from nlos.recon.methods.nano import Nano, Settings, build
+from nlos.recon.methods import faithful, nano
+from nlos.recon.training.checkpoint import OWN_FOLDER
 from nlos.recon.training.dataset import collate, sample
 from nlos.recon.training.train import WEIGHTS
-from studies.ablations import SAMPLES, VALIDATION, WHOLE, folder_of, in_order
+from studies.rows import SAMPLES, SEEDS, WATCHED, folder_of, in_order
 
 Map = Callable[[Tensor], Tensor]
+Network = nano.Nano | faithful.Faithful
 
 
 @dataclass(frozen=True)
 class Contraction:
     """Local Lipschitz estimates, C_p C_B^K C_l, which theorem 2 of the paper asks to be below 1, and changes."""
 
-    lifting: float  # B_l: features -> u^0
-    projection: float  # B_p: u^K -> logits and features
+    lifting: float  # B_l: u^{s-1} -> u^0 and everything else that depends on u^{s-1} alone
+    projection: float  # B_p: u^K -> u
     iterations: tuple[float, ...]  # I - dt S of each iteration, finest scale first
     whole_pass: float  # u^{s-1} -> u^s
     changes: tuple[float, ...]  # log10 |u^{k+1} - u^k| / |u^{k+1}| of each iteration
@@ -40,8 +41,23 @@ class Contraction:
         return self.lifting * self.projection * float(torch.tensor(self.iterations).prod())
 
 
+@dataclass(frozen=True)
+class Pass:
+    """One pass of algorithm 1 on one measurement, taken apart."""
+
+    start: Tensor  # what the first pass begins with
+    run: Map  # u^{s-1} -> u^s
+    lift: Map  # u^{s-1} -> all that depends on it before the first iteration, in one vector
+    project: Map  # the last state -> u
+    before_project: nn.Module  # its first input is the last state
+    steps: tuple[nn.Module, ...]  # the iterations: the first input is the state
+
+
 def lipschitz(function: Map, at: Tensor, steps: int = 12, seed: int = 0) -> float:
-    """The largest singular value of the Jacobian of `function` at `at`, by power iteration on J^T J."""
+    """The largest singular value of the Jacobian of `function` at `at`, by power iteration on J^T J. Complex numbers
+    are taken as pairs of real ones."""
+    if at.is_complex():
+        return lipschitz(lambda x: as_real(function(torch.view_as_complex(x))), torch.view_as_real(at), steps, seed)
     generator = torch.Generator().manual_seed(seed)
     direction = torch.randn(at.shape, generator=generator)
     value = 0.0
@@ -64,83 +80,120 @@ def relative_change(a: Tensor, b: Tensor) -> float:
     return max(-16.0, float((b - a).norm().div(b.norm().clamp(min=1e-30)).log10()))
 
 
+def as_real(x: Tensor) -> Tensor:
+    """Pairs of real numbers for complex ones, anything else as it is."""
+    return torch.view_as_real(x) if x.is_complex() else x
+
+
 @torch.no_grad()
-def passes(network: Nano, counts: Tensor, exposure: Tensor | None, count: int) -> list[Tensor]:
+def passes(network: Network, counts: Tensor, exposure: Tensor | None, count: int) -> list[Tensor]:
     """The volumes u^1 .. u^count of algorithm 1 on one measurement."""
-    start, run = _one_pass(network, counts, exposure)
-    states = [run(start)]
+    one = one_pass(network, counts, exposure)
+    states = [one.run(one.start)]
     for _ in range(1, count):
-        states.append(run(states[-1]))
+        states.append(one.run(states[-1]))
     return states
 
 
-def contraction(network: Nano, counts: Tensor, exposure: Tensor | None = None, steps: int = 12) -> Contraction:
-    """Lipschitz estimates at the states that one measurement runs through; for the physical reading."""
-    unfolding = network.unfolding
-    if not isinstance(unfolding, PhysicalUnfolding):
-        raise ValueError("the estimates are made for the physical reading; build nano with reading=physical")
-    start, run = _one_pass(network, counts, exposure)
-    seen: list[tuple[torch.nn.Module, tuple[Tensor, ...]]] = []
+def contraction(network: Network, counts: Tensor, exposure: Tensor | None = None, steps: int = 12) -> Contraction:
+    """Lipschitz estimates at the states that one measurement runs through."""
+    one = one_pass(network, counts, exposure)
+    seen: dict[nn.Module, tuple[Tensor, ...]] = {}
 
-    def note(module: torch.nn.Module, inputs: tuple[Tensor, ...]) -> None:
-        seen.append((module, inputs))
+    def note(module: nn.Module, inputs: tuple[Tensor, ...]) -> None:
+        seen[module] = inputs
 
-    watched = [step for scale in unfolding.iterations for step in cast(torch.nn.ModuleList, scale)]
-    hooks = [module.register_forward_pre_hook(note) for module in (*watched, unfolding.lift_u, network.head)]
+    hooks = [module.register_forward_pre_hook(note) for module in (*one.steps, one.before_project)]
     with torch.no_grad():
-        run(start)
+        first = one.run(one.start)
     for hook in hooks:
         hook.remove()
-    values: dict[torch.nn.Module, float] = {}
-    changes: dict[torch.nn.Module, float] = {}
-    for module, (first, *others) in seen:
+    values, changes = [], []
+    for module in one.steps:
+        state, *others = seen[module]
 
-        def one(x: Tensor, module: torch.nn.Module = module, others: list[Tensor] = others) -> Tensor:
+        def step(x: Tensor, module: nn.Module = module, others: list[Tensor] = others) -> Tensor:
             out: Tensor = module(x, *others)
             return out
 
-        values[module] = lipschitz(one, first.contiguous(), steps)
-        if module in watched:
-            with torch.no_grad():
-                changes[module] = relative_change(first, one(first))
+        values.append(lipschitz(step, state.contiguous(), steps))
+        with torch.no_grad():
+            changes.append(relative_change(state, step(state)))
     return Contraction(
-        lifting=values[unfolding.lift_u],
-        projection=values[network.head],
-        iterations=tuple(values[module] for module in watched),
-        whole_pass=lipschitz(run, run(start).detach(), steps),
-        changes=tuple(changes[module] for module in watched),
+        lifting=lipschitz(one.lift, first, steps),
+        projection=lipschitz(one.project, seen[one.before_project][0].contiguous(), steps),
+        iterations=tuple(values),
+        whole_pass=lipschitz(one.run, first, steps),
+        changes=tuple(changes),
     )
 
 
-def _one_pass(network: Nano, counts: Tensor, exposure: Tensor | None) -> tuple[Tensor, Map]:
-    """u^0 = 0 and the map u^{s-1} -> u^s of one measurement."""
+def one_pass(network: Network, counts: Tensor, exposure: Tensor | None) -> Pass:
+    """Algorithm 1 of one measurement, of either reading."""
     with torch.no_grad():
-        volumes, eta, maps, lifted, _ = network.prepared(counts, exposure)
-        features = network.features(volumes, maps, lifted)
+        return _of_nano(network, counts, exposure) if isinstance(network, nano.Nano) else _of_printed(
+            network, counts, exposure
+        )  # fmt: skip
+
+
+def _of_nano(network: nano.Nano, counts: Tensor, exposure: Tensor | None) -> Pass:
+    volumes, eta, maps, lifted, _ = network.prepared(counts, exposure)
+    features = network.features(volumes, maps, lifted)
+    unfolding = network.unfolding
 
     def run(u: Tensor) -> Tensor:
         return network.operator(network.with_last(features, u), volumes, eta, maps).volume
 
-    return torch.zeros_like(volumes[:, 0]), run
+    def lift(u: Tensor) -> Tensor:
+        seen = network.with_last(features, u)
+        return torch.cat([unfolding.lift_u(seen).flatten(), unfolding.lift_g(seen).flatten()])
+
+    steps = tuple(step for scale in unfolding.iterations for step in cast(nn.ModuleList, scale))
+    return Pass(torch.zeros_like(volumes[:, 0]), run, lift, network.head, network.head, steps)
 
 
-def networks() -> dict[str, Path | str]:
-    """Weights by what they are called in the figure: those that ship, and those of `make ablations` with S > 1."""
-    found: dict[str, Path | str] = {"nano": "nano"}
-    for row in in_order():
-        path = folder_of(row, SAMPLES) / WEIGHTS
-        if row.switches.keys() - WHOLE.keys() == {"outer_iterations"} and path.exists():
-            found[f"trained with {row.name}"] = path
+def _of_printed(network: faithful.Faithful, counts: Tensor, exposure: Tensor | None) -> Pass:
+    prepared = network.prepared(counts, exposure)
+    unfolding = network.unfolding
+
+    def run(u: Tensor) -> Tensor:
+        return network.one_pass(u, prepared.lifted, prepared.guide, prepared.log_noise)
+
+    def lift(u: Tensor) -> Tensor:
+        return as_real(unfolding.lift(unfolding.spectrum(u))).flatten()
+
+    steps = [step for scale in unfolding.iterations for step in cast(nn.ModuleList, scale)]
+    if unfolding.encoded is not None:
+        steps.append(unfolding.encoded)
+    return Pass(prepared.start, run, lift, unfolding.project, unfolding.project, tuple(steps))
+
+
+def trained() -> dict[str, tuple[Path, dict[str, Any]]]:
+    """Weights of `make studies` with S > 1, and what is switched in them, by what they are called in the figure."""
+    found = {}
+    for row, seed in in_order(SAMPLES, SEEDS[:1]):
+        path = folder_of(row, SAMPLES, seed) / WEIGHTS
+        if row.switches.keys() == {"outer_iterations"} and path.exists():
+            found[f"faithful, trained with {row.name}"] = path, row.switches
+    return found
+
+
+def networks() -> dict[str, Network]:
+    """By what they are called in the figure: those that ship, and those of `make studies` with S > 1."""
+    wall, time = WATCHED.wall, WATCHED.time
+    found: dict[str, Network] = {"nano": nano.build(nano.Settings(outer_iterations=2), wall, time)}
+    if (OWN_FOLDER / "faithful.safetensors").exists():
+        found["faithful"] = faithful.build(faithful.Settings(outer_iterations=2), wall, time)
+    for name, (path, switches) in trained().items():
+        found[name] = faithful.build(faithful.Settings(weights=str(path), **switches), wall, time)
     return found
 
 
 def measure(path: Path, count: int = 12) -> dict[str, Any]:
-    """Every network on the first validation scan of the ablations; draws the figure to `path`."""
-    batch = collate([sample(VALIDATION, 0)])
+    """Every network on the first scan of the ablations' held-out scenes; draws the figure to `path`."""
+    batch = collate([sample(WATCHED, 0)])
     curves, found = {}, {}
-    for name, weights in networks().items():
-        settings = Settings(weights=str(weights), outer_iterations=2)
-        network = build(settings, VALIDATION.wall, VALIDATION.time)
+    for name, network in networks().items():
         curves[name] = relative_changes(passes(network, batch["counts"], batch["exposure"], count))
         found[name] = contraction(network, batch["counts"], batch["exposure"])
     figure(curves, found, path)

@@ -32,3 +32,24 @@ class StochasticFrequencyEncoding(nn.Module):
     def forward(self, u: Tensor) -> Tensor:
         out: Tensor = self.mlp(torch.einsum("lc,bcdhw->bldhw", self.mixing.to(u.dtype), u))
         return u + out
+
+
+class DenseFrequencyEncoding(nn.Module):
+    """S u^ = MLP_C(sum_l M_l x u^), M in R^(B x C) Gaussian and dense, B the bandwidth: eq. 13 of NANO as printed.
+
+    The complex MLP has B hidden channels, so that its size grows with B^2, as the paper's 66 M parameters say.
+    (B, C, D, H, W) complex -> the same shape.
+    """
+
+    mixing: Tensor
+
+    def __init__(self, channels: int, bandwidth: int, seed: int = 0, activation: ActivationName = "modrelu"):
+        super().__init__()
+        generator = torch.Generator().manual_seed(seed)
+        mixing = torch.randn(bandwidth, channels, generator=generator) / channels**0.5
+        self.register_buffer("mixing", mixing, persistent=False)  # (bandwidth, C)
+        self.mlp = ComplexMLP(bandwidth, bandwidth, channels, activation, gain=0.3)
+
+    def forward(self, u: Tensor) -> Tensor:
+        out: Tensor = self.mlp(torch.einsum("lc,bcdhw->bldhw", self.mixing.to(u.dtype), u))
+        return out

@@ -20,10 +20,11 @@ class NoiseEmbedding(nn.Module):
 
 
 class NoiseInducedOperator(nn.Module):
-    """S u^ = -u^ + NLO * u^ with NLO = Conv_C(sigma_C(Conv_C(eta^ + F^_st))), pointwise (NANO, section IV-B2).
+    """S u^ = NLO * u^ with NLO = Conv_C(sigma_C(Conv_C(eta^))), pointwise (NANO, section IV-B2, "NLO").
 
-    eta^ (B, C, 1, 1, 1) and the lifted features F^_st (B, C, D, H, W) condition it together. The last convolution
-    starts at zero, so S starts as -1 and the first update is u_g - u, as in the steepest descent of eq. 7.
+    Where there are lifted features F^_st (B, C, D, H, W), they condition it together with eta^ (B, C, 1, 1, 1), added
+    to it. Kernels of 1: what is convolved is constant over the spectrum but for F^_st. The last convolution starts at
+    -1, so that the first update is u_g - u, as in the steepest descent of eq. 7.
     (B, C, D, H, W) complex -> the same shape; linear in u^.
     """
 
@@ -32,9 +33,9 @@ class NoiseInducedOperator(nn.Module):
         self.modulation = nn.Sequential(
             ComplexConv3d(channels, channels, kernel=1),
             complex_activation(activation, channels),
-            ComplexConv3d(channels, channels, kernel=1, gain=0.0),
+            ComplexConv3d(channels, channels, kernel=1, gain=0.1, bias=-1.0 + 0.0j),
         )
 
-    def forward(self, u: Tensor, lifted: Tensor, embedding: Tensor) -> Tensor:
-        modulated: Tensor = self.modulation(lifted + embedding) * u
-        return modulated - u
+    def forward(self, u: Tensor, lifted: Tensor | None, embedding: Tensor) -> Tensor:
+        modulated: Tensor = self.modulation(embedding if lifted is None else lifted + embedding)
+        return modulated * u

@@ -1,4 +1,4 @@
-"""Multi-scale unfolding by small complex kernels over the frequency grid: the literal reading of the paper.
+"""Multi-scale unfolding by small complex kernels over the frequency grid, as the paper prints it.
 
 Such a kernel is a window in space and stride 2 over frequencies folds the volume, so this is no filter of physical
 frequencies; it is built because the paper's tables are about it.
@@ -6,63 +6,43 @@ frequencies; it is built because the paper's tables are about it.
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Literal, cast
+from typing import cast
 
 import torch
 from torch import Tensor, nn
 
-from nlos.recon.layers.complex_activation import ActivationName, complex_activation
+from nlos.recon.layers.complex_activation import ActivationName
 from nlos.recon.layers.complex_convolution import ComplexConv3d
 from nlos.recon.layers.complex_mlp import ComplexMLP
-from nlos.recon.layers.frequency_encoding import StochasticFrequencyEncoding
+from nlos.recon.layers.frequency_encoding import DenseFrequencyEncoding
 from nlos.recon.layers.noise_operator import NoiseEmbedding, NoiseInducedOperator
-from nlos.recon.layers.spectral_resampling import resample_spectrum
-
-AXES = (2, 3, 4)
-Restriction = Literal["truncation", "stride"]
+from nlos.recon.layers.spectral_scales import AXES, Prolong, Prolongation, Restrict, Restriction, shifted, unshifted
 
 
 class LiteralIteration(nn.Module):
-    """u^ <- u^ + sigma_C(Conv_C(u_g + S_eta u^)), the step size absorbed in the convolution (NANO, eq. 12)."""
+    """u^ <- u^ + Conv_C(u_g + S_eta u^), the step size absorbed in the convolution (NANO, eq. 12)."""
 
     def __init__(self, channels: int, activation: ActivationName):
         super().__init__()
         self.operator = NoiseInducedOperator(channels, activation)
-        self.convolution = ComplexConv3d(channels, channels, gain=0.3)
-        self.activation = complex_activation(activation, channels)
+        self.convolution = ComplexConv3d(channels, channels, gain=0.1)
 
-    def forward(self, u: Tensor, guide: Tensor, lifted: Tensor, embedding: Tensor) -> Tensor:
-        out: Tensor = self.activation(self.convolution(guide + self.operator(u, lifted, embedding)))
+    def forward(self, u: Tensor, guide: Tensor, lifted: Tensor | None, embedding: Tensor) -> Tensor:
+        out: Tensor = self.convolution(guide + self.operator(u, lifted, embedding))
         return u + out
 
 
-class Restrict(nn.Module):
-    """To half the frequencies: a strided complex convolution (the paper), or truncation and a 1x1x1 one."""
+class EncodedIteration(nn.Module):
+    """The same with S u^ from stochastic frequency encoding and its complex MLP (eq. 13): the last at the coarsest."""
 
-    def __init__(self, channels_in: int, channels_out: int, restriction: Restriction):
+    def __init__(self, channels: int, bandwidth: int, activation: ActivationName):
         super().__init__()
-        self.truncate = restriction == "truncation"
-        kernel, stride = (1, 1) if self.truncate else (3, 2)
-        self.mix = ComplexConv3d(channels_in, channels_out, kernel, stride)
+        self.encoding = DenseFrequencyEncoding(channels, bandwidth, activation=activation)
+        self.convolution = ComplexConv3d(channels, channels, gain=0.1)
 
-    def forward(self, spectrum: Tensor) -> Tensor:
-        if self.truncate:
-            size = [(n + 1) // 2 for n in spectrum.shape[2:]]
-            spectrum = shifted(resample_spectrum(unshifted(spectrum), size))
-        out: Tensor = self.mix(spectrum)
-        return out
-
-
-def shifted(spectrum: Tensor) -> Tensor:
-    """FFT order -> frequency 0 in the middle, so that kernels see neighbouring frequencies side by side."""
-    result: Tensor = torch.fft.fftshift(spectrum, dim=AXES)
-    return result
-
-
-def unshifted(spectrum: Tensor) -> Tensor:
-    """Back to FFT order."""
-    result: Tensor = torch.fft.ifftshift(spectrum, dim=AXES)
-    return result
+    def forward(self, u: Tensor, guide: Tensor) -> Tensor:
+        out: Tensor = self.convolution(guide + self.encoding(u))
+        return u + out
 
 
 def whitening(size: Sequence[int], device: torch.device) -> Tensor:
@@ -73,63 +53,87 @@ def whitening(size: Sequence[int], device: torch.device) -> Tensor:
 
 
 class SpectralUnfolding(nn.Module):
-    """Phi_eta over J scales of n_j iterations on (u^, F^_st, u_g), skips upwards, SFE below, and B_p (section IV-B2).
+    """B_p . Phi_eta . B_l (section IV-B2): u^0 = MLP_C(u~^0), J scales of n_j iterations on (u^, F^_st, u_g) each
+    restricted for itself, skips upwards, u~ = MLP_C(u^K).
 
-    features (B, F, D, H, W) real, eta (B, conditions) -> (B, channels[0], D, H, W) real. u^0, F_st and u_g are lifted
-    from the features by real 3x3x3 convolutions; the complex MLP of B_p adds to u^K.
+    start u^{s-1} (B, 1, D, H, W), lifted F_st (B, L, D, H, W) or None, guide u_g (B, 1, D, H, W), all real, over cells
+    in which light transport is a convolution; eta (B, conditions) -> (B, 1, D, H, W) real. With every convolution of
+    the iterations and of the way up at zero the result is `start`.
     """
 
     def __init__(
         self,
-        features: int,
-        channels: Sequence[int] = (16, 24, 32),
+        channels: Sequence[int],
         iterations: int = 2,
-        conditions: int = 3,
-        activation: ActivationName = "modrelu",
-        restriction: Restriction = "truncation",
-        whiten: bool = True,
+        lifted: int = 4,
+        conditions: int = 1,
+        activation: ActivationName = "prelu",
+        operator_activation: ActivationName = "tanh",
+        restriction: Restriction = "stride",
+        prolongation: Prolongation = "insertion",
+        whiten: bool = False,
         sfe_bandwidth: int = 0,
     ):
         super().__init__()
         self.whiten = whiten
-        self.lift = nn.ModuleList(nn.Conv3d(features, channels[0], 3, padding=1) for _ in range(3))
+        finest = channels[0]
+        self.lift = ComplexMLP(1, 2 * finest, finest, activation, start_as_identity=True)
+        self.take_guide = ComplexConv3d(1, finest, kernel=1)
+        self.take_lifted = ComplexConv3d(lifted, finest, kernel=1) if lifted else None
         self.embeddings = nn.ModuleList(NoiseEmbedding(conditions, width) for width in channels)
         self.iterations = nn.ModuleList(
-            nn.ModuleList(LiteralIteration(width, activation) for _ in range(iterations)) for width in channels
+            nn.ModuleList(LiteralIteration(width, operator_activation) for _ in range(iterations)) for width in channels
         )
+        if sfe_bandwidth:
+            del cast(nn.ModuleList, self.iterations[-1])[-1]  # the encoded one is the last of the coarsest scale
         pairs = list(pairwise(channels))
+        kinds = 2 + bool(lifted)
         self.restrict = nn.ModuleList(
-            nn.ModuleList(Restrict(fine, coarse, restriction) for _ in range(3)) for fine, coarse in pairs
+            nn.ModuleList(Restrict(fine, coarse, restriction) for _ in range(kinds)) for fine, coarse in pairs
         )
-        self.prolong = nn.ModuleList(ComplexConv3d(coarse, fine, kernel=1, gain=0.5) for fine, coarse in pairs)
-        self.aggregate = nn.ModuleList(ComplexConv3d(fine, fine, gain=0.3) for fine, _ in pairs)
-        self.sfe = (
-            StochasticFrequencyEncoding(channels[-1], sfe_bandwidth, activation=activation) if sfe_bandwidth else None
-        )
-        self.project = ComplexMLP(channels[0], 2 * channels[0], channels[0], activation, gain=0.3)
+        self.prolong = nn.ModuleList(Prolong(coarse, fine, restriction, prolongation) for fine, coarse in pairs)
+        self.aggregate = nn.ModuleList(ComplexConv3d(fine, fine, gain=0.1) for fine, _ in pairs)
+        self.encoded = EncodedIteration(channels[-1], sfe_bandwidth, activation) if sfe_bandwidth else None
+        self.project = ComplexMLP(finest, 2 * finest, 1, activation, start_as_identity=True)
 
-    def forward(self, features: Tensor, eta: Tensor) -> Tensor:
-        lifted = [layer(features).float() for layer in self.lift]
-        with torch.autocast(features.device.type, enabled=False):
-            weight = whitening(features.shape[2:], features.device) if self.whiten else torch.ones(1)
-            u, f_st, guide = (shifted(torch.fft.fftn(x, dim=AXES, norm="ortho")) * weight for x in lifted)
+    def forward(self, start: Tensor, lifted: Tensor | None, guide: Tensor, eta: Tensor) -> Tensor:
+        states = [self.lift(self.spectrum(start)), self.take_guide(self.spectrum(guide))]
+        if self.take_lifted is not None:
+            assert lifted is not None
+            states.append(self.take_lifted(self.spectrum(lifted)))
+        u = self.project(self.multiscale(states, eta))
+        with torch.autocast(start.device.type, enabled=False):
+            if self.whiten:
+                u = u / whitening(u.shape[2:], u.device)
+            volume: Tensor = torch.fft.ifftn(unshifted(u), dim=AXES, norm="ortho").real
+        return volume
+
+    def spectrum(self, field: Tensor) -> Tensor:
+        """(B, C, D, H, W) real -> its spectrum, zero frequency in the middle, whitened where that is asked for."""
+        with torch.autocast(field.device.type, enabled=False):
+            spectrum = shifted(torch.fft.fftn(field.float(), dim=AXES, norm="ortho"))
+            return spectrum * whitening(field.shape[2:], field.device) if self.whiten else spectrum
+
+    def multiscale(self, states: list[Tensor], eta: Tensor) -> Tensor:
+        """Phi_eta on the lifted spectra (u^0, u_g[, F^_st])."""
         outputs: list[Tensor] = []
         for scale, embed in enumerate(self.embeddings):
             if scale:
                 layers = cast(nn.ModuleList, self.restrict[scale - 1])
-                u, f_st, guide = (layer(x) for layer, x in zip(layers, (u, f_st, guide), strict=True))
+                states = [layer(x) for layer, x in zip(layers, states, strict=True)]
+            u, guide, lifted = (*states, None)[:3]
+            assert u is not None
+            assert guide is not None
             embedding = embed(eta)
             for iteration in cast(nn.ModuleList, self.iterations[scale]):
-                u = iteration(u, guide, f_st, embedding)
+                u = iteration(u, guide, lifted, embedding)
+            if self.encoded is not None and scale == len(self.embeddings) - 1:
+                u = self.encoded(u, guide)
+            states = [u, *states[1:]]
             outputs.append(u)
         u = outputs.pop()
-        if self.sfe is not None:
-            u = self.sfe(u)
         for scale in range(len(outputs) - 1, -1, -1):
             fine = outputs[scale]
-            raised = shifted(resample_spectrum(unshifted(self.prolong[scale](u)), fine.shape[2:]))
-            u = fine + raised + self.aggregate[scale](fine + raised)
-        u = u + self.project(u)
-        with torch.autocast(features.device.type, enabled=False):
-            volume: Tensor = torch.fft.ifftn(unshifted(u / weight), dim=AXES, norm="ortho").real
-        return volume
+            raised = fine + self.prolong[scale](u, fine.shape[2:])
+            u = raised + self.aggregate[scale](raised)
+        return u

@@ -20,9 +20,10 @@ class Projection:
 
 
 class MaximumProjection(nn.Module):
-    """I = Conv(max_z u), depth = argmax_z u, Conv a few residual blocks (NANO, section IV-C, "VPL").
+    """I = Conv(max_z u), D = argmax_z u, Conv a few residual blocks (NANO, section IV-C, "VPL").
 
-    u (B, D, H, W), depths (D,) -> Projection. `finish` False leaves the bare maximum.
+    u (B, D, h, w), depths (D,) -> Projection of `size` (H, W), by default (h, w): brightness by bilinear interpolation
+    before the convolutions, depth that of the nearest. `finish` False leaves the bare maximum.
     """
 
     def __init__(self, channels: int = 32, blocks: int = 3, finish: bool = True):
@@ -33,15 +34,17 @@ class MaximumProjection(nn.Module):
             nn.init.zeros_(last.weight)
             nn.init.zeros_(last.bias)  # type: ignore[arg-type]
             body = [ResidualBlock(2, channels) for _ in range(blocks)]
-            self.finish = nn.Sequential(nn.Conv2d(2, channels, 3, padding=1), *body, last)
+            self.finish = nn.Sequential(nn.Conv2d(1, channels, 3, padding=1), *body, last)
 
-    def forward(self, u: Tensor, depths: Tensor) -> Projection:
-        albedo, index = u.max(dim=1)
+    def forward(self, u: Tensor, depths: Tensor, size: tuple[int, int] | None = None) -> Projection:
+        albedo, index = u.max(dim=1, keepdim=True)
         depth = depths[index]
+        if size is not None and size != tuple(u.shape[2:]):
+            albedo = F.interpolate(albedo, size=size, mode="bilinear", align_corners=False)
+            depth = F.interpolate(depth, size=size, mode="nearest-exact")
         if self.finish is not None:
-            inputs = torch.stack((albedo, depth), dim=1)
-            albedo = albedo + self.finish(inputs)[:, 0].float()
-        return Projection(albedo, depth, u)
+            albedo = albedo + self.finish(albedo).float()
+        return Projection(albedo[:, 0], depth[:, 0], u)
 
 
 class AttentionProjection(nn.Module):

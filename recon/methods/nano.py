@@ -12,7 +12,6 @@ from torch import Tensor, nn
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
-from nlos.recon.layers.complex_activation import ActivationName
 from nlos.recon.layers.lifted_volumes import LiftedVolumes
 from nlos.recon.layers.measurement import (
     SLICE,
@@ -26,7 +25,6 @@ from nlos.recon.layers.measurement import (
 )
 from nlos.recon.layers.noise_level import NoiseLevel
 from nlos.recon.layers.physical_unfolding import PhysicalUnfolding
-from nlos.recon.layers.spectral_unfolding import Restriction, SpectralUnfolding
 from nlos.recon.layers.symmetries import Fields, mean_over_symmetries
 from nlos.recon.layers.transient_lifting import LiftingName
 from nlos.recon.layers.volume_projection import AttentionProjection, MaximumProjection, Projection
@@ -49,12 +47,10 @@ class Settings(AnySettings):
 
     weights: str | None = "nano"
     """Weights file, or a name in recon/weights; none for an untrained network."""
-    reading: Literal["physical", "literal"] = "physical"
-    """Multipliers of physical frequency, or small complex kernels over the frequency grid."""
     lifting: LiftingName = "both"
     """How the transient is lifted to the operator's channels: from each point's surroundings, from all points."""
     projection: bool = True
-    """Attention and a 2D network (literal: maximum and residual convolutions); False: the bare maximum."""
+    """Attention and a 2D network; False: the bare maximum."""
     nle: bool = True
     """Estimate the noise and adapt to it; False: one middling level for all."""
     sfe: bool = True
@@ -68,15 +64,9 @@ class Settings(AnySettings):
     iterations: Annotated[int, Field(ge=1)] = 2
     """A scale (n_j)."""
     spectral_scales: int = 2
-    """Scales, from the finest on, that are updated in the frequency domain."""
+    """Scales, the coarsest ones, that are updated in the frequency domain."""
     features: int = 8
     """Feature channels handed to the volume projection."""
-    activation: ActivationName = "modrelu"
-    """Complex activation (literal reading)."""
-    restriction: Restriction = "truncation"
-    """How a coarser scale is made: by truncating the spectrum, or by strides (literal reading)."""
-    whiten: bool = True
-    """Divide spectra by their mean magnitude (literal reading)."""
     noise_weights: str | None = None
     """Noise level estimation from these weights, frozen."""
     falloff: Literal[2, 4] = 4
@@ -122,37 +112,24 @@ class Nano(nn.Module):
             self.lifted = LiftedVolumes(settings.lifting, self.physics, (rows, cols))
         features = OWN_FEATURES + (4 if self.lifted else 0)
         bandwidth = settings.sfe_bandwidth if settings.sfe else 0
-        self.unfolding: PhysicalUnfolding | SpectralUnfolding
-        if settings.reading == "physical":
-            self.unfolding = PhysicalUnfolding(
-                features,
-                settings.channels,
-                settings.iterations,
-                settings.spectral_scales,
-                CONDITIONS,
-                sfe_bandwidth=bandwidth,
-            )
-            for lift in (self.unfolding.lift_u, self.unfolding.lift_g):
-                lift.weight.data[:, OWN_FEATURES - 1 :] = 0  # the last pass and the lifted features come in from zero
-        else:
-            self.unfolding = SpectralUnfolding(
-                features,
-                settings.channels,
-                settings.iterations,
-                CONDITIONS,
-                settings.activation,
-                settings.restriction,
-                settings.whiten,
-                bandwidth,
-            )
+        self.unfolding = PhysicalUnfolding(
+            features,
+            settings.channels,
+            settings.iterations,
+            settings.spectral_scales,
+            CONDITIONS,
+            sfe_bandwidth=bandwidth,
+        )
+        for lift in (self.unfolding.lift_u, self.unfolding.lift_g):
+            lift.weight.data[:, OWN_FEATURES - 1 :] = 0  # the last pass and the lifted features come in from zero
         self.head = nn.Conv3d(settings.channels[0], 1 + settings.features, 1)
         nn.init.normal_(self.head.weight, std=0.05)
         nn.init.zeros_(cast(Tensor, self.head.bias))
         self.projection: AttentionProjection | MaximumProjection
-        if settings.reading == "physical" and settings.projection:
+        if settings.projection:
             self.projection = AttentionProjection(VOLUMES, settings.features, 2, reach=PROFILE)
         else:
-            self.projection = MaximumProjection(finish=settings.projection)
+            self.projection = MaximumProjection(finish=False)
         trained = self.noise_level if settings.stage == "noise" else None
         for name, parameter in self.named_parameters():
             parameter.requires_grad = name.startswith("noise_level.") == (trained is not None)
@@ -249,10 +226,7 @@ class Nano(nn.Module):
 
     def operator(self, features: Tensor, volumes: Tensor, eta: Tensor, maps: Tensor) -> Projection:
         """One pass: Phi_eta, B_p, and the volume projection (C)."""
-        if isinstance(self.unfolding, PhysicalUnfolding):
-            u = self.unfolding(features, eta, self.pitch)
-        else:
-            u = self.unfolding(features, eta)
+        u = self.unfolding(features, eta, self.pitch)
         out, depths = self.head(u).float(), self.physics.depths[: volumes.shape[2]]
         if isinstance(self.projection, AttentionProjection):
             return cast(Projection, self.projection(out[:, 0], out[:, 1:], volumes, maps, depths))
@@ -295,13 +269,10 @@ def to_grid(field: Tensor, size: tuple[int, int, int], highest: bool = False) ->
 
 def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
     """The operator for this wall and time axis; raises WeightsError if the weights are not of this shape."""
-    from nlos.recon.training.checkpoint import find_weights, put_weights, read_weights, with_weights
+    from nlos.recon.training.checkpoint import put_part, with_weights
 
     assert isinstance(settings, Settings)
     network = Nano(settings, wall, time_axis)
     if settings.noise_weights is not None:
-        path = find_weights(settings.noise_weights)
-        prefix = "noise_level."
-        tensors = {k.removeprefix(prefix): v for k, v in read_weights(path).tensors.items() if k.startswith(prefix)}
-        put_weights(network.noise_level, tensors, str(path))
+        put_part(network.noise_level, "noise_level.", settings.noise_weights)
     return with_weights(network, settings.weights)

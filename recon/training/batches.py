@@ -31,13 +31,13 @@ def batch_at(
 
 
 def pooled(batch: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    """The scan that a grid of half as many rows and columns makes: 2 x 2 points added; noise_map is left out."""
+    """The scan that a grid of half as many rows and columns makes: 2 x 2 points added; noise_map is not kept."""
 
     def mean(x: torch.Tensor) -> torch.Tensor:
         rows, cols = x.shape[-2:]
         return x.reshape(*x.shape[:-2], rows // 2, 2, cols // 2, 2).mean(dim=(-1, -3))
 
-    result = {name: batch[name] for name in ("noise_level", "background")}
+    result = {name: batch[name] for name in ("noise_level", "background") if name in batch}
     result |= {name: mean(batch[name]) for name in ("intensity", "albedo", "coverage", "exposure")}
     result["counts"] = 4 * mean(batch["counts"])
     result["background"] = 4 * batch["background"]
@@ -58,3 +58,22 @@ def mirrored_batch(batch: Mapping[str, torch.Tensor], rng: np.random.Generator) 
     square = batch["intensity"].shape[-1] == batch["intensity"].shape[-2]
     transpose = bool(rng.random() < 0.5) and square
     return {name: mirrored(x, flips, transpose).contiguous() if x.ndim >= 3 else x for name, x in batch.items()}
+
+
+def with_uniform_noise(
+    batch: Mapping[str, torch.Tensor], most: float, rng: np.random.Generator
+) -> dict[str, torch.Tensor]:
+    """Uniform noise U(0, a) added to every bin that was measured, a from U(0, `most`) for each scan, on the scale on
+    which the scan's brightest rate is 255 (that of the 8-bit films of LFE's data set, to which NANO's paper adds it).
+
+    The noise of the scan before says nothing any more: noise_level and noise_map are not kept.
+    """
+    result = {name: x for name, x in batch.items() if name not in ("noise_level", "noise_map")}
+    counts, exposure = batch["counts"], batch["exposure"][:, None, None]
+    brightest = (counts / exposure.clamp(min=1e-6) * (exposure > 0)).amax(dim=(1, 2, 3, 4))
+    level = torch.from_numpy(rng.uniform(0, most, len(counts))).to(counts) * brightest / 255
+    generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
+    noise = torch.rand(counts.shape, generator=generator).to(counts)
+    result["counts"] = counts + level[:, None, None, None, None] * exposure * noise
+    result["background"] = batch["background"] + level / 2
+    return result

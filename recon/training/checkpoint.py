@@ -99,6 +99,13 @@ def put_weights(module: nn.Module, tensors: Mapping[str, torch.Tensor], source: 
             parameter.copy_(tensors[name])
 
 
+def put_part(module: nn.Module, prefix: str, name: str) -> None:
+    """Put those of the weights `name` whose names begin with `prefix` into `module`. Raises WeightsError."""
+    path = find_weights(name)
+    tensors = read_weights(path).tensors
+    put_weights(module, {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}, str(path))
+
+
 def share_parameters(source: nn.Module, target: nn.Module) -> nn.Module:
     """Makes `target` (built for another grid) use the very parameters of `source`; returns it."""
     for name, parameter in source.named_parameters():

@@ -68,3 +68,11 @@ def plot(log: Path) -> None:
     right.plot([c["step"] for c in checks], [c["validation"]["psnr"] for c in checks], "k.-")
     right.set_ylabel("validation PSNR, dB")
     figure.savefig(log.with_name("loss.png"), dpi=120)
+
+
+def finished(folder: Path) -> dict[str, float] | None:
+    """What the finished run in `folder` reached on its validation scenes; None where there is none."""
+    log = folder / "log.jsonl"
+    lines = log.read_text(encoding="utf-8").splitlines() if log.exists() else []
+    summaries = [json.loads(line) for line in lines if '"finished": true' in line]
+    return dict(summaries[-1]["validation"]) if summaries else None

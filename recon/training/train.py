@@ -25,7 +25,7 @@ from torch import nn
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.methods import find
-from nlos.recon.training.batches import batch_at, mirrored_batch, pooled, whole_scan
+from nlos.recon.training.batches import batch_at, mirrored_batch, pooled, whole_scan, with_uniform_noise
 from nlos.recon.training.checkpoint import (
     commit,
     load_weights,
@@ -85,6 +85,8 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
             torch.manual_seed(hash((settings.seed, step, rank)))
             rng = np.random.default_rng((settings.seed, step, 12))
             network = model
+            if settings.uniform_noise_most:
+                batch = with_uniform_noise(batch, settings.uniform_noise_most, rng)
             wanted = halved is not None and rng.random() < settings.pooled_share
             if halved is not None and wanted and _everywhere(whole_scan(batch), world, device):
                 batch, network = pooled(batch), halved
@@ -175,10 +177,12 @@ def half_precision(settings: TrainSettings, device: str) -> bool:
 
 
 def learning_rate(settings: TrainSettings, step: int) -> float:
-    """Linear warm-up, then half a cosine."""
+    """Linear warm-up, then half a cosine or a steady decay."""
     if step < settings.warm_up_steps:
         return settings.learning_rate * (step + 1) / settings.warm_up_steps
     done = (step - settings.warm_up_steps) / max(1, settings.steps - settings.warm_up_steps)
+    if settings.schedule == "exponential":
+        return float(settings.learning_rate * (settings.last_rate / settings.learning_rate) ** done)
     return settings.last_rate + (settings.learning_rate - settings.last_rate) * (1 + math.cos(math.pi * done)) / 2
 
 

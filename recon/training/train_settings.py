@@ -13,8 +13,8 @@ from nlos.recon.training.losses import LossSettings
 class TrainSettings(Settings):
     """One training. Length counts samples, so that methods can be compared at equal numbers seen.
 
-    The schedule is a warm-up, then a cosine from `learning_rate` to `last_rate`. The defaults are the recipe that
-    trained best on two cores (docs/decisions).
+    The schedule is a warm-up, then a cosine or an exponential from `learning_rate` to `last_rate`. The defaults are the
+    recipe that trained best on two cores (docs/decisions).
     """
 
     method: str
@@ -36,9 +36,11 @@ class TrainSettings(Settings):
     learning_rate: float = 2e-3
     """After the warm-up."""
     last_rate: float = 4e-5
-    """At the end of the cosine."""
+    """At the end."""
     warm_up_steps: int = 100
     """Steps over which the rate rises."""
+    schedule: Literal["cosine", "exponential"] = "cosine"
+    """How the rate falls afterwards."""
     weight_decay: float = 1e-4
     """Of AdamW."""
     clip: float = 1.0
@@ -47,6 +49,8 @@ class TrainSettings(Settings):
     """Running average of the weights: the part that is kept at each step."""
     flips: bool = True
     """Turn samples over at random."""
+    uniform_noise_most: float = 0.0
+    """The largest a of the uniform noise U(0, a) added anew every step, where a scan's brightest bin is 255."""
     pooled_share: float = 0.0
     """Part of the steps that see wall points added 2 x 2: a scan on half the grid."""
     precision: Literal["auto", "float32", "bf16"] = "auto"

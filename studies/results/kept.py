@@ -13,11 +13,17 @@ import numpy.typing as npt
 from nlos.recon.training.checkpoint import OWN_FOLDER
 
 FOLDER = Path("runs/results")
-EQUAL = {"lfe": "nano_4000", "nlost": "nano_4000", "unet": "nano_6500"}
+EQUAL = {
+    "lfe": "nano_4000",
+    "lfe_4000": "nano_4000",
+    "faithful": "nano_4000",
+    "nlost": "nano_4000",
+    "unet": "nano_6500",
+}
 """Weights of a NANO that has seen as many samples as each rival."""
-BASE = dict.fromkeys(EQUAL.values(), "nano")
+BASE = dict.fromkeys(EQUAL.values(), "nano") | {"lfe_4000": "lfe"}
 """The method of weights that are not called like it."""
-CODE = Path(__file__).parents[2]  # recon/
+CODE = OWN_FOLDER.parent  # recon/
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""How much LFE and NLOST lose from noise when they are trained without it, as the paper had them, and with it."""
+"""How much LFE and NLOST lose from noise when they are trained without it, which its paper did not do, and with it."""
 
 from pathlib import Path
 from typing import Any
@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from nlos.recon.evaluate import as_json, evaluate
 from nlos.recon.training.checkpoint import read_weights
+from nlos.recon.training.log import finished
 from nlos.recon.training.train import WEIGHTS
-from studies.ablations import finished
 from studies.results.kept import kept, of_code, of_files, weights_path
 from studies.results.quality import Quality
 from studies.results.tables import mean, of, pick, samples_seen, shown, table

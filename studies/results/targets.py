@@ -12,7 +12,8 @@ Row = dict[str, Any]
 FULL = ("transient", "counts_p20", "counts_p5", "counts_p1")
 MARGINS = {"transient": 5.0, "counts_p20": 7.0, "counts_p5": 7.0, "counts_p1": 7.0, "counts_p20@16x16": 6.0}
 LEAST = {"transient": 21.6, "counts_p20": 21.0, "counts_p5": 20.4, "counts_p1": 19.4, "counts_p20@16x16": 19.0}
-RIVALS_AT = (*FULL, "counts_p5@16x16", "counts_p5@blue:256")
+SPARSE = ("counts_p20@16x16", "counts_p5@16x16", "counts_p5@blue:256")
+RIVALS_AT = (*FULL, *SPARSE)  # every condition that is evaluated
 FOUR = ("psnr", "ssim", "depth_rmse_m", "depth_mad_m")
 
 

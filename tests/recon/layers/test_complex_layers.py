@@ -28,10 +28,6 @@ def test_a_complex_convolution_is_the_product_of_kernel_and_feature() -> None:
     torch.testing.assert_close(layer(h), weight * h)
 
 
-def test_a_strided_complex_convolution_halves_odd_sizes_upwards() -> None:
-    assert ComplexConv3d(1, 2, stride=2)(spectrum(1, 1, 5, 4, 7)).shape == (1, 2, 3, 2, 4)
-
-
 def test_modrelu_commutes_with_a_phase_and_the_split_activation_does_not() -> None:
     h, phase = spectrum(1, 3, 4, 4, 4), torch.polar(torch.tensor(1.0), torch.tensor(0.7))
     modrelu = ModReLU(3)
@@ -53,11 +49,21 @@ def test_a_complex_mlp_treats_every_frequency_alike() -> None:
     torch.testing.assert_close(layer(h.roll(1, 2)), layer(h).roll(1, 2))
 
 
-def test_the_noise_induced_operator_starts_as_minus_one_and_is_linear_in_the_state() -> None:
+@pytest.mark.parametrize("activation", ["modrelu", "prelu", "tanh"])
+def test_a_complex_mlp_can_start_as_the_identity_of_its_first_channel(activation: str) -> None:
+    layer = ComplexMLP(2, 6, 3, activation, start_as_identity=True)  # type: ignore[arg-type]
+    h = spectrum(1, 2, 4, 4, 4)
+    torch.testing.assert_close(layer(h)[:, 0], h[:, 0], rtol=1e-4, atol=1e-4)
+    layer(h)[:, 1:].abs().sum().backward()
+    assert any(p.grad is not None and p.grad.abs().max() > 0 for p in layer.parameters())
+
+
+def test_the_noise_induced_operator_starts_near_minus_one_and_is_linear_in_the_state() -> None:
     operator = NoiseInducedOperator(4)
     u, v, lifted = spectrum(1, 4, 3, 3, 3), spectrum(1, 4, 3, 3, 3), spectrum(1, 4, 3, 3, 3)
-    embedding = NoiseEmbedding(3, 4)(torch.randn(1, 3))
-    torch.testing.assert_close(operator(u, lifted, embedding), -u)
+    embedding = NoiseEmbedding(1, 4)(torch.randn(1, 1))
+    assert (operator(u, lifted, embedding) + u).norm() < 0.5 * u.norm()
+    assert torch.isfinite(operator(u, None, embedding)).all()
     torch.nn.init.normal_(operator.modulation[2].real)
     both = operator(u + 2j * v, lifted, embedding)
     torch.testing.assert_close(
@@ -65,9 +71,10 @@ def test_the_noise_induced_operator_starts_as_minus_one_and_is_linear_in_the_sta
     )
 
 
-def test_the_noise_induced_operator_depends_on_the_noise() -> None:
-    embed, operator = NoiseEmbedding(3, 4), NoiseInducedOperator(4)
+def test_the_noise_induced_operator_depends_on_the_noise_and_on_what_was_lifted() -> None:
+    embed, operator = NoiseEmbedding(1, 4), NoiseInducedOperator(4)
     torch.nn.init.normal_(operator.modulation[2].real)
     u, lifted = spectrum(1, 4, 3, 3, 3), spectrum(1, 4, 3, 3, 3)
-    quiet, loud = (operator(u, lifted, embed(torch.full((1, 3), level))) for level in (-1.0, 1.0))
+    quiet, loud = (operator(u, lifted, embed(torch.full((1, 1), level))) for level in (-1.0, 1.0))
     assert (quiet - loud).abs().max() > 1e-3
+    assert (operator(u, 2 * lifted, embed(torch.ones(1, 1))) - loud).abs().max() > 1e-3

@@ -143,7 +143,7 @@ def test_frequencies_held_a_few_at_a_time_change_no_volume(monkeypatch: pytest.M
     whole = WienerVolumes(WALL, TIME)(rates, level)
     monkeypatch.setattr(measurement, "SPECTRUM_BYTES", 5 * 16 * 12 * 12)
     tiled = WienerVolumes(WALL, TIME)
-    assert tiled.cone.tile == 5
+    assert tiled.cone.filter.tile == 5
     torch.testing.assert_close(tiled(rates, level), whole, rtol=1e-4, atol=1e-6 * float(whole.abs().max()))
 
 

@@ -1,4 +1,4 @@
-"""Multipliers of physical frequency, truncation, random frequencies, and both unfoldings built on them."""
+"""Multipliers of physical frequency, truncation, random frequencies, and the unfolding built on them."""
 
 import pytest
 import torch
@@ -7,7 +7,6 @@ from nlos.recon.layers.frequency_encoding import StochasticFrequencyEncoding
 from nlos.recon.layers.physical_multiplier import PhysicalMultiplier
 from nlos.recon.layers.physical_unfolding import PhysicalUnfolding
 from nlos.recon.layers.spectral_resampling import resample_field, resample_spectrum
-from nlos.recon.layers.spectral_unfolding import Restrict, SpectralUnfolding
 
 
 def wave(size: tuple[int, int, int]) -> torch.Tensor:
@@ -25,12 +24,6 @@ def test_a_truncated_spectrum_is_that_of_the_coarser_field() -> None:
     fine = torch.fft.fftn(wave((12, 10, 8)), dim=(2, 3, 4), norm="ortho")
     coarse = torch.fft.fftn(wave((6, 5, 6)), dim=(2, 3, 4), norm="ortho")
     torch.testing.assert_close(resample_spectrum(fine, (6, 5, 6)), coarse, rtol=1e-4, atol=1e-4)
-
-
-@pytest.mark.parametrize("restriction", ["truncation", "stride"])
-def test_restriction_halves_the_frequencies_upwards(restriction: str) -> None:
-    layer = Restrict(2, 3, restriction)  # type: ignore[arg-type]
-    assert layer(torch.randn(1, 2, 7, 6, 5, dtype=torch.complex64)).shape == (1, 3, 4, 3, 3)
 
 
 def filtered(field: torch.Tensor, multiplier: PhysicalMultiplier, gains: torch.Tensor) -> torch.Tensor:
@@ -86,23 +79,6 @@ def test_low_rank_frequency_encoding_is_a_small_fraction_of_the_full_one() -> No
 def test_the_physical_unfolding_keeps_odd_sizes_and_every_scale_is_used(sfe: int) -> None:
     network = PhysicalUnfolding(5, channels=(4, 6, 8), sfe_bandwidth=sfe)
     out = network(torch.randn(2, 5, 9, 7, 10), torch.randn(2, 3), (0.02, 0.03, 0.03))
-    assert out.shape == (2, 4, 9, 7, 10)
-    out.square().mean().backward()
-    assert all(p.grad is not None for p in network.parameters())
-
-
-@pytest.mark.parametrize("literal", [False, True])
-@pytest.mark.parametrize("sfe", [0, 8])
-def test_the_literal_unfolding_keeps_odd_sizes_and_every_scale_is_used(literal: bool, sfe: int) -> None:
-    network = SpectralUnfolding(
-        5,
-        channels=(4, 6, 8),
-        activation="prelu" if literal else "modrelu",
-        restriction="stride" if literal else "truncation",
-        whiten=not literal,
-        sfe_bandwidth=sfe,
-    )
-    out = network(torch.randn(2, 5, 9, 7, 10), torch.randn(2, 3))
     assert out.shape == (2, 4, 9, 7, 10)
     out.square().mean().backward()
     assert all(p.grad is not None for p in network.parameters())

@@ -36,11 +36,10 @@ def network(**settings: object) -> Nano:
     return made.eval()
 
 
-@pytest.mark.parametrize("reading", ["physical", "literal"])
 @pytest.mark.parametrize("unit", [7, 1000])
-def test_the_picture_does_not_depend_on_the_count_unit(reading: str, unit: int) -> None:
+def test_the_picture_does_not_depend_on_the_count_unit(unit: int) -> None:
     torch.manual_seed(0)
-    method = build(Settings.model_validate(SMALL | {"reading": reading, "lifting": "both"}), WALL, TIME).eval()
+    method = build(Settings.model_validate(SMALL | {"lifting": "both"}), WALL, TIME).eval()
     counts = shell(WALL, TIME)
     with torch.no_grad():
         one, other = method(counts), method(unit * counts)
@@ -79,9 +78,8 @@ def test_a_scaled_bench_gives_the_same_picture() -> None:
         (WallGrid(2.0, 2.0, 16, 16), TimeAxis(128, 64e-12, 1e-9)),
     ],
 )
-@pytest.mark.parametrize("reading", ["physical", "literal"])
-def test_one_set_of_weights_serves_every_geometry(wall: WallGrid, time: TimeAxis, reading: str) -> None:
-    settings = Settings.model_validate(SMALL | {"reading": reading, "lifting": "both"})
+def test_one_set_of_weights_serves_every_geometry(wall: WallGrid, time: TimeAxis) -> None:
+    settings = Settings.model_validate(SMALL | {"lifting": "both"})
     method, other = build(settings, WALL, TIME), build(settings, wall, time)
     other.load_state_dict(method.state_dict())
     with torch.no_grad():
@@ -123,14 +121,8 @@ def test_points_that_were_not_measured_are_not_looked_at() -> None:
 
 @pytest.mark.parametrize(
     "switches",
-    [
-        {"lifting": lifting, "reading": reading}
-        for reading in ("physical", "literal")
-        for lifting in ("none", "mlp", "global", "local", "both")
-    ]
-    + [{"projection": False}, {"nle": False}, {"sfe": True}, {"outer_iterations": 3}, {"spectral_scales": 0}]
-    + [{"reading": "literal", **more} for more in ({"projection": False}, {"sfe": True}, {"outer_iterations": 2})]
-    + [{"reading": "literal", "activation": name, "restriction": "stride"} for name in ("prelu", "tanh")],
+    [{"lifting": lifting} for lifting in ("none", "mlp", "global", "local", "both")]
+    + [{"projection": False}, {"nle": False}, {"sfe": True}, {"outer_iterations": 3}, {"spectral_scales": 0}],
 )
 def test_every_switch_trains(switches: dict[str, object]) -> None:
     torch.manual_seed(0)

@@ -1,44 +1,119 @@
-"""Every row of the ablation tables is a network that can be built, and the page says what was found."""
+"""Every row of the ablation tables can be trained; a queue of them resumes and is shared; errors are honest."""
 
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from nlos.recon.methods.nano import Settings
-from studies.ablations import LOG, TABLES, WHOLE, Row, finished, folder_of, in_order, page, settings_of
+from nlos.recon.methods import find
+from studies import ablations, rows
+from studies.ablations import Claim, run, written
+from studies.judged import FIGURES, FILE
+from studies.paired import difference
+from studies.rows import JUDGED, SEEDS, TABLES, Row, folder_of, in_order, settings_of
 
-ROWS = [row for rows in TABLES.values() for row in rows]
+ROWS = [(title, row) for title, table in TABLES.items() for row in table]
 
 
-@pytest.mark.parametrize("row", ROWS, ids=[row.name for row in ROWS])
-def test_every_row_is_a_valid_training_of_nano(row: Row) -> None:
-    settings = settings_of(row, 100)
-    Settings.model_validate_json(json.dumps(settings.method_settings))
-    assert settings.steps == 50
+@pytest.mark.parametrize(("title", "row"), ROWS, ids=[f"{title.split()[0]} {row.name}" for title, row in ROWS])
+def test_every_row_is_a_valid_training(title: str, row: Row) -> None:
+    settings = settings_of(row, 100, 1)
+    find(row.method).Settings.model_validate_json(json.dumps(settings.method_settings))
+    assert settings.steps == 100
 
 
 def test_rows_that_differ_have_folders_of_their_own_and_equal_ones_share() -> None:
-    folders = {folder_of(row, 100): (row.switches, row.loss) for row in ROWS}
-    for row in ROWS:
-        assert folders[folder_of(row, 100)] == (row.switches, row.loss)
+    folders = {folder_of(row, 100, 1): (row.method, row.switches, row.loss) for _, row in ROWS}
+    for _, row in ROWS:
+        assert folders[folder_of(row, 100, 1)] == (row.method, row.switches, row.loss)
+    assert len(in_order(100)) == len(folders) * len(SEEDS)
 
 
-def test_the_page_gives_differences_to_the_last_row() -> None:
+def test_all_rows_of_a_seed_come_before_the_next_seed_and_the_dearest_last() -> None:
+    order = in_order(100)
+    assert [seed for _, seed in order] == sorted(seed for _, seed in order)
+    first = [row.switches.get("outer_iterations", 1) for row, seed in order if seed == 1]
+    assert first == sorted(first)
+
+
+def test_a_difference_is_paired_and_its_error_is_that_of_seeds_and_scenes() -> None:
+    rng = np.random.default_rng(1)
+    scenes, seeds = rng.normal(0, 5, (1, 400)), rng.normal(0, 0.3, (3, 1))
+    other = 20 + scenes + rng.normal(0, 0.1, (3, 400))
+    row = other + 1 + seeds + rng.normal(0, 0.5, (3, 400))
+    found = difference(row, other)
+    assert found.mean == pytest.approx(1 + seeds.mean(), abs=0.1)
+    assert found.error == pytest.approx(seeds.std(ddof=1) / 3**0.5, rel=0.3)
+    assert found.told == (abs(found.mean) > 2 * found.error)
+    assert not difference(row[:1], other[:1]).told
+
+
+def test_errors_hold_what_they_promise() -> None:
+    """Of differences that are nothing, about one in twenty is told from it; not one in two."""
+    rng = np.random.default_rng(2)
+    told = 0
+    for _ in range(300):
+        scenes = rng.normal(0, 1, (1, 30))
+        a, b = (scenes + rng.normal(0, 0.2, (5, 1)) + rng.normal(0, 0.3, (5, 30)) for _ in range(2))
+        told += difference(a, b).told
+    assert told / 300 < 0.15
+
+
+def test_a_scene_without_a_depth_is_left_to_the_others() -> None:
+    row = np.array([[1.0, np.nan, 3.0], [1.2, np.nan, 3.1]])
+    assert difference(row, row - 0.5).mean == pytest.approx(0.5)
+
+
+def judged_as(folder: Path, value: float) -> None:
+    folder.mkdir(parents=True)
+    figures = {name: {figure: [value, value + 1] for figure in FIGURES} for name in JUDGED}
+    (folder / FILE).write_text(json.dumps(figures))
+
+
+def test_the_page_gives_differences_to_the_last_row_with_errors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rows, "FOLDER", tmp_path)
     parts = next(iter(TABLES.values()))
-    known = {folder_of(row, 100): {"psnr": 20.0 + k, "depth_mad_m": 0.02} for k, row in enumerate(parts)}
-    text = page(known, 100)
-    assert "| IV: no SFE | 23.00 | -1.00 | -1.61 | 20.0 | 25 |" in text
-    assert "| I: global alone | not trained yet | | -2.43 | | 28 |" in text
+    for k, row in enumerate(parts):
+        for seed in (1, 2):
+            judged_as(folder_of(row, 100, seed), 20.0 + k + 0.001 * seed)
+    text = written(ablations.known(100, (1, 2)), 100, (1, 2))
+    assert "| IV: no SFE | 2 | 23.50 | -1.00 ± 0.00 * |" in text
+    assert "| I: global alone | 0 |" in text
+    assert "10 of" in text
 
 
-def test_the_row_that_all_are_compared_with_is_trained_first() -> None:
-    assert in_order()[0].switches == WHOLE
+def test_a_row_that_another_process_works_on_is_passed_over_until_that_is_gone(tmp_path: Path) -> None:
+    (tmp_path / ablations.CLAIM).write_text("1")  # a process that lives as long as the machine
+    with Claim(tmp_path) as mine:
+        assert not mine
+    (tmp_path / ablations.CLAIM).write_text("999999999")
+    with Claim(tmp_path) as mine:
+        assert mine
+    assert not (tmp_path / ablations.CLAIM).exists()
 
 
-def test_a_row_is_finished_when_its_log_says_so(tmp_path: Path) -> None:
-    assert finished(tmp_path) is None
-    (tmp_path / LOG).write_text('{"step": 1}\n')
-    assert finished(tmp_path) is None
-    (tmp_path / LOG).write_text('{"step": 2, "minutes": 1.5, "validation": {"psnr": 20.0}, "finished": true}\n')
-    assert finished(tmp_path) == {"psnr": 20.0}
+def test_the_queue_trains_judges_and_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tiny = {"rows": 8, "cols": 8, "bins": 32, "bin_width_ps": 512.0}
+    monkeypatch.setattr(rows, "FOLDER", tmp_path)
+    monkeypatch.setattr(rows, "SMALL", tiny)
+    monkeypatch.setattr(rows, "WATCHED", rows.WATCHED.model_copy(update=tiny | {"scenes": 1}))
+    small = {name: data.model_copy(update=tiny | {"scenes": 2}) for name, data in JUDGED.items()}
+    monkeypatch.setattr("studies.judged.judge.__defaults__", (small,))
+    table = {
+        "t": (
+            Row("none", switches={"lifting": "none", "channels": [4, 4]}),
+            Row("whole", switches={"channels": [4, 4]}),
+        )
+    }
+    monkeypatch.setattr(rows, "TABLES", table)
+    monkeypatch.setattr(ablations, "TABLES", table)
+    run(2, (1,), tmp_path / "page.md")
+    page = (tmp_path / "page.md").read_text()
+    assert "2 of 2 trainings are done" in page
+    times = [path.stat().st_mtime_ns for path in tmp_path.rglob(FILE)]
+    assert len(times) == 2
+    run(2, (1,), tmp_path / "page.md")
+    assert [path.stat().st_mtime_ns for path in tmp_path.rglob(FILE)] == times

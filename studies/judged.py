@@ -1,0 +1,52 @@
+"""How good a trained row is on scenes that no row was trained on: every figure of every scene, kept by its weights."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from nlos.recon.metrics import depth_scores, image_scores
+from nlos.recon.training.checkpoint import load_weights
+from nlos.recon.training.dataset import DatasetSettings, collate, sample
+from nlos.recon.training.losses import picture_of
+from nlos.recon.training.train import WEIGHTS, build
+from nlos.recon.training.train_settings import TrainSettings
+from studies.rows import JUDGED
+
+FIGURES = ("psnr", "ssim", "depth_rmse_m", "depth_mad_m")
+FILE = "judged.json"
+Judged = Mapping[str, Mapping[str, list[float]]]
+"""Set of scenes -> figure -> one value a scene."""
+
+
+def judge(settings: TrainSettings, folder: Path, sets: Mapping[str, DatasetSettings] = JUDGED) -> Judged:
+    """Measure the weights in `folder` on every set, and write the figures there."""
+    found: dict[str, dict[str, list[float]]] = {}
+    for name, data in sets.items():
+        network = build(settings, data.wall, data.time)
+        load_weights(network, str(folder / WEIGHTS))
+        network.eval()
+        scenes = [_scores(network, data, index, settings.cache_path) for index in range(len(data))]
+        found[name] = {figure: [scene[figure] for scene in scenes] for figure in FIGURES}
+    (folder / FILE).write_text(json.dumps(found), encoding="utf-8")
+    return found
+
+
+def judged(folder: Path) -> Judged | None:
+    """What was measured of the weights in `folder`; None where nothing was."""
+    if not (folder / FILE).exists():
+        return None
+    found: dict[str, Any] = json.loads((folder / FILE).read_text(encoding="utf-8"))
+    return found
+
+
+def _scores(network: torch.nn.Module, data: DatasetSettings, index: int, cache: Path | None) -> dict[str, float]:
+    batch = collate([sample(data, index, cache)])
+    with torch.inference_mode():
+        albedo, depth_m, _ = network(batch["counts"], batch["exposure"])
+    truth, true_depth_m = picture_of(batch)[0].numpy(), batch["depth_m"][0].numpy()
+    picture = np.clip(albedo[0].float().numpy(), 0, None)
+    return image_scores(picture, truth) | depth_scores(depth_m[0].float().numpy(), true_depth_m, true_depth_m > 0)

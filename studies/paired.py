@@ -1,0 +1,43 @@
+"""Differences between two trainings, paired over scenes and seeds, with the error that they have."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Figures = npt.NDArray[np.float64]  # (seeds, scenes); NaN where a scene has none
+TOLD = 2.0  # errors
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Mean of a figure less the same of another training, and its standard error over seeds and scenes."""
+
+    mean: float
+    error: float
+    seeds: int
+
+    @property
+    def told(self) -> bool:
+        """Whether it is more than chance: above two errors, and from more than one seed."""
+        return self.seeds > 1 and abs(self.mean) > TOLD * self.error
+
+    def __str__(self) -> str:
+        return f"{self.mean:+.2f} ± {self.error:.2f}"
+
+
+def difference(row: Figures, other: Figures) -> Difference:
+    """`row` less `other`, seed by seed and scene by scene; seeds that one of them lacks are not used.
+
+    Scenes are drawn for both alike and so are seeds: the variance of the mean is that of the seeds' means over the
+    seeds plus that of the scenes' means over the scenes. With one seed the first is not known and the error too small.
+    """
+    seeds = min(len(row), len(other))
+    paired = row[:seeds] - other[:seeds]
+    paired = paired[:, np.isfinite(paired).any(axis=0)]
+    known = np.nanmean(paired, axis=0)
+    variance = float(known.var(ddof=1)) / len(known) if len(known) > 1 else math.nan
+    if seeds > 1:
+        variance += float(np.nanmean(paired, axis=1).var(ddof=1)) / seeds
+    return Difference(float(known.mean()), math.sqrt(variance), seeds)

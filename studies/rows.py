@@ -1,0 +1,144 @@
+"""The rows of the paper's tables, and of what ships with one part left out: each a training of its own."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from nlos.recon.training.dataset import DatasetSettings
+from nlos.recon.training.detector import DetectorSettings
+from nlos.recon.training.losses import LossSettings
+from nlos.recon.training.train_settings import TrainSettings
+
+FOLDER = Path("runs/studies")
+FORM = "b"  # another letter once the networks or their training change: what was trained before is then trained anew
+SAMPLES = 4000
+SEEDS = (1, 2, 3)
+SMALL: dict[str, Any] = {"rows": 32, "cols": 32, "bins": 128, "bin_width_ps": 128.0}
+WATCHED = DatasetSettings(seed=2, scenes=4, degradations=1, held_out=True, **SMALL)
+"""While it trains; rows are judged on `JUDGED`."""
+
+
+def photons(least: float, most: float) -> DatasetSettings:
+    """Held-out scenes scanned at every point, so many counts in a point's brightest bin on average."""
+    detector = DetectorSettings(
+        peak_counts_least=least, peak_counts_most=most, noiseless=0.0, uniform=0.0, sparse=0.0, uneven_dwell=0.0
+    )
+    return DatasetSettings(seed=4, scenes=48, degradations=1, held_out=True, detector=detector, **SMALL)
+
+
+JUDGED = {
+    "15 to 30 dB": photons(71.0, 2240.0),  # 20 counts are 9.5 dB of signal energy over noise energy, see `snr.py`
+    "15 to 20 dB": photons(71.0, 224.0),
+    "all conditions": DatasetSettings(seed=4, scenes=48, degradations=1, held_out=True, **SMALL),
+}
+PRINTED_LOSS = LossSettings(picture=10.0, depth=0.0, total_variation=0.3)
+OWN_LOSS = LossSettings(picture=5.0, log_picture=0.06, depth=2.0)
+Paper = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of one table: its name there, what is switched, and the paper's figures for it where it has them."""
+
+    name: str
+    method: str = "faithful"
+    switches: dict[str, Any] = field(default_factory=dict)
+    loss: LossSettings = PRINTED_LOSS
+    paper: dict[str, float] = field(default_factory=dict)
+
+
+def printed(psnr: float, ssim: float, rmse_m: float | None = None, mad_m: float | None = None) -> dict[str, float]:
+    """The paper's figures for a row."""
+    figures = {"psnr": psnr, "ssim": ssim, "depth_rmse_m": rmse_m, "depth_mad_m": mad_m}
+    return {name: value for name, value in figures.items() if value is not None}
+
+
+NO_NLE = {"nle": False}
+TABLES: dict[str, tuple[Row, ...]] = {
+    "Parts of the printed network (paper: table III, high)": (
+        Row("I: no lifting, no projection, no NLE", switches={"lifting": "none", "projection": False} | NO_NLE,
+            paper=printed(25.34, 0.87, 0.126, 0.031)),
+        Row("II: MLP lifting, no NLE", switches={"lifting": "mlp"} | NO_NLE, paper=printed(24.68, 0.85, 0.103, 0.053)),
+        Row("III: both liftings, no NLE", switches=NO_NLE, paper=printed(26.21, 0.87, 0.082, 0.030)),
+        Row("IV: no SFE", switches={"sfe": False}, paper=printed(26.48, 0.87, 0.070, 0.025)),
+        Row("V: whole", paper=printed(28.09, 0.90, 0.065, 0.021)),
+    ),
+    "Lifting of the printed network (paper: table IV)": (
+        Row("none", switches={"lifting": "none"}),
+        Row("I: global alone", switches={"lifting": "global"}, paper=printed(25.66, 0.86, 0.091, 0.028)),
+        Row("II: local alone", switches={"lifting": "local"}, paper=printed(25.93, 0.86, 0.085, 0.029)),
+        Row("III: both", paper=printed(28.09, 0.90, 0.065, 0.021)),
+    ),
+    "Loss (paper: table V), on the network that ships: an argmax has no gradient for a depth loss": (
+        Row("I: albedo", "nano", loss=LossSettings(depth=0.0), paper=printed(28.03, 0.89, 0.093, 0.036)),
+        Row("II: albedo and depth", "nano", loss=LossSettings(), paper=printed(26.92, 0.81, 0.070, 0.022)),
+        Row("III: albedo, depth and TV", "nano", loss=LossSettings(total_variation=30.0),
+            paper=printed(27.58, 0.87, 0.068, 0.025)),
+        Row("IV: albedo and TV", "nano", loss=LossSettings(depth=0.0, total_variation=30.0),
+            paper=printed(28.09, 0.90, 0.065, 0.021)),
+    ),
+    "Passes of the printed network (paper: table VII)": tuple(
+        Row(f"S = {s}", switches={"outer_iterations": s} if s > 1 else {}, paper=printed(psnr, ssim))
+        for s, psnr, ssim in (
+            (6, 28.36, 0.910), (5, 28.22, 0.905), (4, 28.21, 0.902), (3, 28.21, 0.885), (2, 28.26, 0.886),
+            (1, 27.98, 0.881),
+        )
+    ),
+    "Readings of what the paper leaves open (this project)": (
+        Row("way up: transposed convolution", switches={"prolongation": "transposed"}),
+        Row("scales by truncation", switches={"restriction": "truncation"}),
+        Row("u(0) = 0", switches={"start": "zero"}),
+        Row("u_g = H* tau", switches={"guide": "adjoint"}),
+        Row("spectrum over z", switches={"depth_axis": "metric"}),
+        Row("PReLU in NLO", switches={"operator_activation": "prelu"}),
+        Row("whitened spectrum", switches={"whiten": True}),
+        Row("bandwidth 64", switches={"sfe_bandwidth": 64}),
+        Row("as printed"),
+    ),
+    "What ships, one part left out (this project)": (
+        Row("no SFE", "nano", {"sfe": False}, OWN_LOSS),
+        Row("no lifting", "nano", {"lifting": "none"}, OWN_LOSS),
+        Row("no noise estimation", "nano", {"nle": False}, OWN_LOSS),
+        Row("no spectral updates", "nano", {"spectral_scales": 0}, OWN_LOSS),
+        Row("no 2D network", "nano", {"projection": False}, OWN_LOSS),
+        Row("whole", "nano", {}, OWN_LOSS),
+    ),
+}  # fmt: skip
+
+
+def settings_of(row: Row, samples: int, seed: int) -> TrainSettings:
+    """The training of one row: only what the row names differs from the others of its method."""
+    own: dict[str, Any] = {"symmetries": False} if row.method == "nano" else {}
+    return TrainSettings(
+        method=row.method,
+        method_settings={"noise_weights": "nano"} | own | row.switches,
+        data=DatasetSettings(seed=1, scenes=samples, degradations=1, **SMALL),
+        validation=WATCHED,
+        loss=row.loss,
+        seed=seed,
+        samples=samples,
+        batch=1,
+        learning_rate=1e-3,
+        average=0.998,
+        cache=str(FOLDER / "scenes"),
+        uniform_noise_most=10.0 if row.method == "faithful" else 0.0,
+    )
+
+
+def folder_of(row: Row, samples: int, seed: int) -> Path:
+    """Rows that are the same in two tables are trained once."""
+    words = [row.method, *(f"{key}-{value}" for key, value in sorted(row.switches.items()))]
+    words += [f"{key}-{value:g}" for key, value in row.loss.model_dump(exclude_defaults=True).items()]
+    return FOLDER / f"{samples}-{FORM}" / "_".join(words).replace(" ", "") / f"seed-{seed}"
+
+
+def in_order(samples: int, seeds: tuple[int, ...] = SEEDS) -> list[tuple[Row, int]]:
+    """Every training once: all rows of the first seed before any of the second, the dearest last."""
+
+    def cost(row: Row) -> int:
+        return int(row.switches.get("outer_iterations", 1))
+
+    rows = sorted((row for rows in TABLES.values() for row in rows), key=cost)
+    unique = {folder_of(row, samples, seed): (row, seed) for seed in seeds for row in rows}
+    return list(unique.values())

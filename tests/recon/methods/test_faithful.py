@@ -1,0 +1,158 @@
+"""NANO as it is printed: what its parts start from, what they depend on, and that every reading of it trains."""
+
+import numpy as np
+import pytest
+import torch
+import torch.nn.functional as F
+
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.layers.measurement import rates_of
+from nlos.recon.methods.faithful import Faithful, Settings, brightness, build, halved
+from nlos.recon.methods.nano import Nano
+from nlos.recon.methods.nano import Settings as NanoSettings
+
+WALL = WallGrid(2.0, 2.0, 16, 16)
+TIME = TimeAxis(64, 128e-12)
+SMALL = {"weights": None, "channels": (4, 6, 8), "sfe_bandwidth": 12}
+
+
+def shell(wall: WallGrid, time: TimeAxis, photons: float = 20.0) -> torch.Tensor:
+    """Light of one point half a wall width behind the wall's middle, seen everywhere, and some background."""
+    x, y = np.meshgrid(wall.x_m() - 0.1 * wall.width_m, wall.y_m())
+    path_m = 2 * np.sqrt(x**2 + y**2 + (0.5 * wall.width_m) ** 2)
+    arrival = path_m / 299792458.0 / time.bin_width_s - 0.5
+    rate = photons * np.exp(-0.5 * (np.arange(time.bins)[:, None, None] - arrival) ** 2) + 0.1
+    return torch.from_numpy(np.random.default_rng(1).poisson(rate).astype(np.float32))[None, None]
+
+
+def network(**settings: object) -> Faithful:
+    torch.manual_seed(0)
+    return build(Settings.model_validate(SMALL | settings), WALL, TIME).eval()
+
+
+def silence(module: torch.nn.Module, *parts: str) -> None:
+    """All parameters whose names hold one of `parts` to zero."""
+    with torch.no_grad():
+        for name, parameter in module.named_parameters():
+            if any(part in name for part in parts):
+                parameter.zero_()
+
+
+STEPS = (".convolution.", "prolong.", "aggregate.", "encoded.")
+
+
+@torch.inference_mode()
+def test_with_its_steps_at_zero_the_paper_s_network_is_the_regularised_inverse() -> None:
+    method, counts = network(), shell(WALL, TIME)
+    silence(method.unfolding, *STEPS)
+    _, _, volume = method(counts)
+    physics = method.physics
+    rates = rates_of(physics.rebin(counts), None)
+    level = method.noise(rates.raw, rates.exposure)
+    inverse = physics.inverse(physics.squared(physics.slices(rates.net), level), level)
+    inverse = halved(inverse / brightness(physics.metric(inverse))[:, None, None, None, None])
+    expected = F.interpolate(physics.metric(inverse)[:, 0], size=(16, 16), mode="bilinear", align_corners=False)
+    torch.testing.assert_close(volume, expected, rtol=1e-3, atol=1e-3)
+
+
+@torch.inference_mode()
+def test_with_its_networks_at_zero_nano_is_the_regularised_inverse_under_its_own_attention() -> None:
+    torch.manual_seed(0)
+    method = Nano(NanoSettings(weights=None, channels=(4, 6, 8), symmetries=False), WALL, TIME).eval()
+    silence(method, "head.", "projection.finish.")
+    counts = shell(WALL, TIME)
+    volumes = method.prepared(counts, None)[0]
+    weight = torch.softmax(4.0 * volumes[:, 0], dim=1)
+    expected = 0.8 * (weight * volumes[:, 0]).sum(dim=1)
+    torch.testing.assert_close(method(counts)[0], expected.clamp(0, 1), rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize("unit", [7, 1000])
+@torch.inference_mode()
+def test_the_picture_does_not_depend_on_the_count_unit(unit: int) -> None:
+    method, counts = network(), shell(WALL, TIME)
+    for a, b in zip(method(counts), method(unit * counts), strict=True):
+        torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-3, equal_nan=True)
+
+
+@torch.inference_mode()
+def test_depths_lie_where_the_light_says() -> None:
+    method = network()
+    silence(method.unfolding, *STEPS)
+    albedo, depth_m, _ = method(shell(WALL, TIME))
+    row, col = divmod(int(albedo.argmax()), 16)
+    assert abs(WALL.x_m()[col] - 0.2) <= 0.13
+    assert abs(WALL.y_m()[row]) <= 0.13
+    assert abs(float(depth_m[0, row, col]) - 1.0) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("wall", "time"),
+    [
+        (WallGrid(2.0, 2.0, 32, 32), TIME),
+        (WallGrid(1.0, 0.6, 21, 12), TimeAxis(100, 64e-12)),
+        (WallGrid(0.7, 0.7, 9, 9), TimeAxis(300, 16e-12, -1e-10)),
+        (WallGrid(2.0, 2.0, 16, 16), TimeAxis(128, 64e-12, 1e-9)),
+    ],
+)
+@torch.inference_mode()
+def test_one_set_of_weights_serves_every_geometry(wall: WallGrid, time: TimeAxis) -> None:
+    other = build(Settings.model_validate(SMALL), wall, time).eval()
+    other.load_state_dict(network().state_dict())
+    albedo, depth_m, volume = other(shell(wall, time))
+    assert albedo.shape == depth_m.shape == (1, wall.rows, wall.cols)
+    assert volume.shape == (1, len(other.depths_m), wall.rows, wall.cols)
+    assert torch.isfinite(albedo).all()
+
+
+SWITCHES: list[dict[str, object]] = [
+    {},
+    {"lifting": "none"},
+    {"lifting": "mlp"},
+    {"lifting": "global"},
+    {"lifting": "local"},
+    {"projection": False},
+    {"nle": False},
+    {"sfe": False},
+    {"outer_iterations": 3},
+    {"start": "zero"},
+    {"guide": "adjoint"},
+    {"depth_axis": "metric"},
+    {"depth_axis": "metric", "outer_iterations": 2},
+    {"activation": "tanh"},
+    {"operator_activation": "prelu"},
+    {"restriction": "truncation", "whiten": True, "activation": "modrelu", "operator_activation": "modrelu"},
+    {"prolongation": "transposed"},
+]
+
+
+@pytest.mark.parametrize("switches", SWITCHES)
+def test_every_reading_trains(switches: dict[str, object]) -> None:
+    method = network(**switches).train()
+    albedo, _, volume = method(shell(WALL, TIME))
+    (albedo.square().mean() + volume.square().mean()).backward()
+    for name, parameter in method.named_parameters():
+        if name.startswith("noise_level."):
+            assert parameter.grad is None
+        elif name.startswith("unfolding."):
+            assert parameter.grad is not None, name
+            assert torch.isfinite(parameter.grad).all(), name
+
+
+@torch.inference_mode()
+def test_the_noise_level_is_the_only_condition_and_it_conditions() -> None:
+    method, counts = network(), shell(WALL, TIME)
+    prepared = torch.randn(1, 1, 64, 8, 8)
+    lifted = torch.randn(1, 4, 64, 8, 8)
+    quiet, loud = (method.one_pass(prepared, lifted, prepared, torch.tensor([level])) for level in (-2.0, 0.0))
+    assert (quiet - loud).abs().max() > 1e-4 * quiet.abs().max()
+    assert network(nle=False).noise(counts, torch.ones(1, 16, 16)) == torch.tensor([-1.0])
+
+
+@torch.inference_mode()
+def test_a_second_pass_starts_from_the_first() -> None:
+    counts = shell(WALL, TIME)
+    method = network(start="zero")
+    again = network(start="zero", outer_iterations=2)
+    assert (method(counts)[2] - again(counts)[2]).abs().max() > 1e-3
