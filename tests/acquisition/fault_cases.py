@@ -1,0 +1,71 @@
+"""Five benches, the faults that each of them can meet, and a plan that all of them scan."""
+
+import json
+from typing import Any
+
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.configs.load import load
+from nlos.drivers.bench import BenchSettings
+from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.triggerscope.left_overs import HALF_LINES, LEFT_OVERS
+
+SERIAL: list[tuple[str, dict[str, Any]]] = [
+    ("G1", {}), ("G2", {"delay_s": 2.0}), ("G3", {"delay_s": 0.1}), ("G4", {"kind": "noise"}), ("G4", {"kind": "nul"}),
+    ("G4", {"kind": "overlong"}), ("G5", {}), ("G6", {}), ("G7", {"chunk": 2}), ("G8", {"place": "read"}),
+    ("G8", {"place": "write"}), ("G9", {}),
+]  # fmt: skip
+TRIGGERSCOPE: list[tuple[str, dict[str, Any]]] = [
+    ("A2", {}), ("A4", {}), ("A6", {"kind": "missed"}), ("A6", {"kind": "extra"}), ("A7", {}),
+    *(("A8", {"state": state}) for state in LEFT_OVERS), *(("A9", {"line": line}) for line in HALF_LINES),
+]  # fmt: skip
+OPTOTUNE: list[tuple[str, dict[str, Any]]] = [
+    ("B1", {"reply": "NO"}), ("B1", {"reply": "OL"}), ("B2", {}), ("B3", {}), ("B4", {"bit": 1}),
+    ("B5", {"place": "stuck"}), ("B6", {"off": 0.02}),
+]  # fmt: skip
+USB: list[tuple[str, dict[str, Any]]] = [
+    ("U1", {}), ("U2", {}), ("U3", {"place": "in"}), ("U3", {"place": "out"}), ("U3", {"place": "control"}),
+    ("U4", {}), ("U5", {"field": "tag"}), ("U5", {"field": "kind"}), ("U6", {"what": "cut"}),
+    ("U6", {"what": "early_end"}), ("U7", {}), ("U8", {"bytes": 2}), ("U10", {}), ("U11", {"place": "read"}),
+    ("U11", {"place": "write"}), ("U12", {"what": "crc"}), ("U12", {"what": "number"}), ("U12", {"what": "header"}),
+    ("U13", {"errors": 20}), ("U14", {"cause": "over_count"}), ("U14", {"cause": "watchdog"}),
+    ("U14", {"cause": "sync"}), ("U15", {"what": "missed"}), ("U15", {"what": "overrun"}), ("U15", {"place": "clock"}),
+    ("U16", {}), ("U18", {}), ("U19", {"delay_s": 0.05}),
+]  # fmt: skip
+LIST_MODE: list[tuple[str, dict[str, Any]]] = [
+    ("U20", {"place": "records", "what": "marker_order"}), ("U20", {"place": "records", "what": "fifo_full"}),
+    ("U20", {"place": "block"}),
+]  # fmt: skip
+VENDOR: list[tuple[str, dict[str, Any]]] = [
+    ("V1", {"place": "GetFlags"}), ("V1", {"place": "ReadFiFo"}), ("V2", {}), ("V3", {}), ("V4", {}),
+    ("U20", {"place": "marker", "late_pulses": 200}),
+]  # fmt: skip
+BENCHES = {
+    "stepped": ("simulated", {"counter": {"markers": False}}, SERIAL + TRIGGERSCOPE + USB),
+    "clocked": ("simulated", {}, SERIAL + TRIGGERSCOPE + USB),
+    "listed": ("simulated", {"counter": {"mode": "t3"}}, SERIAL + TRIGGERSCOPE + USB + LIST_MODE),
+    "optotune": ("optotune", {}, SERIAL + OPTOTUNE + USB),
+    "multiharp": ("multiharp", {}, SERIAL + TRIGGERSCOPE + VENDOR),
+}
+
+
+def settings(name: str, *faults: Fault) -> BenchSettings:
+    file, changes, _ = BENCHES[name]
+    text = load("bench", file, BenchSettings).settings.model_dump(mode="json")
+    for block, values in changes.items():
+        text[block] |= values
+    text["simulation"]["scene"]["surfel_m"] = 0.05
+    text["simulation"]["faults"] = [fault.model_dump(mode="json") for fault in faults]
+    return BenchSettings.model_validate_json(json.dumps(text))
+
+
+def plan(name: str) -> ScanPlan:
+    width_ps = 40.0 if name == "multiharp" else 32.0
+    return ScanSettings.model_validate(
+        {
+            "wall": {"width_m": 0.6, "height_m": 0.6, "rows": 6, "cols": 6},
+            "pattern": {"kind": "serpentine"},
+            "dwell_ms": 2.0,
+            "histogram": {"bins": 512, "bin_width_ps": width_ps, "offset_ns": 8.0},
+        }
+    ).plan()

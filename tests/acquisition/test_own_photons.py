@@ -1,0 +1,135 @@
+"""Under every scheme, fault and resume, each stored sample holds the photons of its own point, taken as planned."""
+
+import os
+import random
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nlos.acquisition.planning.preflight import aim_of, checked_angles
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.salvage import resume, verify
+from nlos.acquisition.scanning.engine import record, scan
+from nlos.drivers.bench import open_bench
+from nlos.drivers.errors import DeviceError
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.simulated import instruments
+from nlos.drivers.simulated.bench import Gate
+from nlos.drivers.simulated.faults import Fault
+from tests.acquisition.coded_light import CodedLight, Spelled, code, expected, read
+from tests.acquisition.fault_cases import BENCHES, plan, settings
+
+SOAK = os.environ.get("NLOS_SOAK") == "1"
+SCANS = 2000 if SOAK else 12
+TOLERANCE = {"optotune": 2}  # it is told in six digits
+FIRST_OF_EACH = {(name, word): parameters for name in BENCHES for word, parameters in reversed(BENCHES[name][2])}
+
+
+def tells_settings(name: str) -> bool:
+    return name != "multiharp"
+
+
+def take(path: Path, name: str, faults: list[Fault], monkeypatch: pytest.MonkeyPatch) -> list[MirrorAngles]:
+    """What `nlos scan --resume` does, on a bench opened anew, with light that says where it comes from."""
+    this, chosen = plan(name), settings(name, *faults)
+    light = CodedLight(this.axis, chosen.laser.repetition_hz, tells_settings(name))
+    monkeypatch.setattr(instruments, "light_of", lambda settings, scene=None: light)
+    with open_bench(chosen) as bench:
+        angles = checked_angles(this, bench, aim_of(bench))
+        begun = resume(path, this, Header(bench_json=settings(name).model_dump_json()))
+        if begun.writer is not None:
+            with begun.writer as writer:
+                record(scan(this, bench, taken=begun.taken, elapsed_s=begun.elapsed_s), writer)
+    return angles
+
+
+def wrong_samples(path: Path, name: str) -> list[str]:
+    """Samples that hold other photons than their own point's."""
+    this, wrong = plan(name), []
+    with open_bench(settings(name)) as bench:
+        angles = checked_angles(this, bench, aim_of(bench))
+    with Recording.open(path) as recording:
+        for sample in recording.samples():
+            number = sample.point.number
+            due = expected(this, angles, number, tells_settings(name))
+            try:
+                said = read(sample.histogram.counts)
+            except ValueError as error:
+                wrong.append(f"point {number}: {error}")
+                continue
+            near = TOLERANCE.get(name, 1)  # a DAC's step is as fine as one code
+            if abs(said.x - due.x) > near or abs(said.y - due.y) > near or replace(said, x=due.x, y=due.y) != due:
+                wrong.append(f"point {number}: {said} instead of {due}")
+    return wrong
+
+
+def scan_to_the_end(path: Path, name: str, rounds: list[list[Fault]], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each round meets its faults; a round that ends with a device's error is followed by `--resume`."""
+    for faults in [*rounds, [], []]:
+        try:
+            take(path, name, faults, monkeypatch)
+        except DeviceError:
+            if path.exists():
+                assert wrong_samples(path, name) == []
+            continue
+        break
+    else:
+        pytest.fail("it did not even end with the faults gone")
+    assert verify(path).complete
+    assert wrong_samples(path, name) == []
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_every_scheme_stores_the_photons_of_each_point_with_it(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scan_to_the_end(tmp_path / "run.h5", name, [], monkeypatch)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(
+    ("name", "word"), sorted(FIRST_OF_EACH) if SOAK else sorted(FIRST_OF_EACH)[::8], ids=lambda value: str(value)
+)
+def test_after_every_fault_by_name(name: str, word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fault = Fault(name=word, skip=10, parameters=FIRST_OF_EACH[name, word])
+    scan_to_the_end(tmp_path / "run.h5", name, [[fault]], monkeypatch)
+
+
+def draw(seed: int) -> tuple[str, list[list[Fault]]]:
+    """One to three faults at once, on the first attempt and perhaps on the resumed one too."""
+    chance = random.Random(seed)
+    name = chance.choice(sorted(BENCHES))
+
+    def some() -> list[Fault]:
+        return [
+            Fault(name=word, skip=chance.choice((0, 1, 3, 10, 30, 60)), parameters=parameters)
+            for word, parameters in chance.choices(BENCHES[name][2], k=chance.choice((1, 2, 2, 3)))
+        ]
+
+    return name, [some() for _ in range(chance.choice((1, 1, 2)))]
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(SCANS))
+def test_two_and_three_faults_at_once_put_no_sample_in_the_wrong_place(
+    seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name, rounds = draw(seed)
+    scan_to_the_end(tmp_path / "run.h5", name, rounds, monkeypatch)
+
+
+def test_a_mistake_by_one_step_is_exact() -> None:
+    """What the codes are for: neighbours differ, a mixture is refused, and so are photons of a beam under way."""
+    this = plan("stepped")
+    light = CodedLight(this.axis, 10e6, True)
+    gate = Gate(0.0, 2e-3, this.axis.bins, this.axis.bin_width_s, this.axis.offset_s, number=7)
+    here, next_ = (light(gate, MirrorAngles(x, 0.05), True).counts for x in (0.1, 0.1 + 20.0 / 65536 * 0.07))
+    assert read(here) == Spelled(code(0.1), code(0.05), 8, 512, 32, 8000, 2000)
+    assert read(next_).x == code(0.1) + 1
+    for mixture in (here + next_, here + light(replace(gate, kept=False), MirrorAngles(0.1, 0.05), True).counts,
+                    np.roll(here, 1), light(gate, MirrorAngles(0.1, 0.05), False).counts):  # fmt: skip
+        with pytest.raises(ValueError, match=r"digit|no digit"):
+            read(mixture)
