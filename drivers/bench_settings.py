@@ -11,6 +11,7 @@ from nlos.drivers.safety import SafetySettings
 from nlos.drivers.simulated.beam import Misalignment
 from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.scene import SceneSettings
+from nlos.drivers.simulated.servo import ServoSettings
 from nlos.drivers.simulated.spad import DetectorSettings
 from nlos.drivers.tcspc.models import CounterSettings
 
@@ -87,6 +88,8 @@ class SimulationSettings(Settings):
     """The single-photon detector."""
     misalignment: Misalignment = Misalignment()
     """How the real bench differs from the drawing."""
+    servo: ServoSettings = ServoSettings()
+    """The galvo head that really moves the beam; the mirror's `settle` is what plans it."""
     serial_latency_ms: float = Field(default=1.0, ge=0, le=1000)
     """There and back on the serial cable."""
     usb_latency_ms: float = Field(default=0.25, ge=0, le=1000)

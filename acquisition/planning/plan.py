@@ -31,8 +31,9 @@ class ScanPlan:
     pass_: npt.NDArray[np.int32]  # (N,)
     stop: StopAtCounts | None = None
     revisit_below: int | None = None
-    lag_s: float | None = None
-    """The mirror may be kept moving along lines, and then trails its commands by this; None: it settles on points."""
+    within_px: float | None = None
+    """The mirror may be kept moving along lines where that keeps the beam within this many steps of a line of each
+    point; None: it settles on points."""
 
     def __post_init__(self) -> None:
         if not len(self.positions) == len(self.dwell_s) == len(self.pass_):
@@ -116,7 +117,7 @@ class ScanPlan:
             "stop": asdict(self.stop) if self.stop else None,
             "revisit_below": self.revisit_below,
         }
-        return found if self.lag_s is None else {**found, "lag_s": self.lag_s}
+        return found if self.within_px is None else {**found, "within_px": self.within_px}
 
     @classmethod
     def from_parts(cls, scalars: Mapping[str, Any], columns: Mapping[str, npt.NDArray[Any]]) -> "ScanPlan":

@@ -1,6 +1,7 @@
 """What a scan will meet, looked at before anything moves: the mirror's reach, the counter's settings, the disk, the
 light, and how much signal each point can expect."""
 
+import math
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -51,6 +52,16 @@ def checked_angles(plan: ScanPlan, bench: Bench, aim: Aiming) -> list[MirrorAngl
     for dwell_s in set(plan.dwell_s.tolist()):
         bench.counter.check(plan.axis, dwell_s)
     return angles
+
+
+def beam_within_px(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles]) -> float:
+    """How far from its point a beam that has settled may be, in pixels of the plan's grid, at worst on the wall."""
+    within_rad = 2 * math.radians(bench.settings.mirror.settle.within_deg)
+    x_rad, y_rad = (np.array([getattr(each, axis) for each in angles]) for axis in ("x_rad", "y_rad"))
+    geometry, wall = bench.settings.geometry, plan.wall
+    x_m = (geometry.wall_distance_m / np.cos(y_rad) + geometry.mirror_separation_m) / np.cos(x_rad) ** 2 * within_rad
+    y_m = geometry.wall_distance_m / np.cos(y_rad) ** 2 * within_rad
+    return float(np.hypot(x_m / wall.width_m * wall.cols, y_m / wall.height_m * wall.rows).max())
 
 
 def disk_bytes(plan: ScanPlan) -> int:

@@ -44,9 +44,9 @@ class HistogramSettings(Settings):
 
 
 class ContinuousSettings(Settings):
-    """Lines may be swept without settling. `lag_ms`: by how much the mirror trails a ramp, as measured on it."""
+    """Lines may be swept without settling, where the beam is found to be within `within_pixels` of each point."""
 
-    lag_ms: float = Field(ge=0, le=10)
+    within_pixels: float = Field(default=0.25, gt=0, le=0.25)
 
 
 class ScanSettings(Settings):
@@ -96,7 +96,7 @@ class ScanSettings(Settings):
             visits.pass_,
             stop,
             self.exposure.revisit_below,
-            self.continuous.lag_ms * 1e-3 if self.continuous else None,
+            self.continuous.within_pixels if self.continuous else None,
         )
 
     def _ordered(self, positions: Positions) -> Positions:

@@ -10,6 +10,8 @@ import numpy as np
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.timing import Forecast, Links, clocked_forecast, links_of, moves_s, stepped_forecast
 from nlos.acquisition.scanning.clocked import Sequencer, stepping
+from nlos.acquisition.scanning.lag import Lag
+from nlos.acquisition.scanning.lag_trial import USUAL, first_guess_s, trial
 from nlos.acquisition.scanning.sweeping import Lines, sweep
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import LimitError
@@ -38,7 +40,13 @@ class Choice:
     forecast: Forecast
 
 
-def choose(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links | None = None) -> Choice:
+def choose(
+    plan: ScanPlan,
+    bench: Bench,
+    angles: Sequence[MirrorAngles],
+    links: Links | None = None,
+    lag: Lag | None = None,
+) -> Choice:
     """The fastest scheme. Clocked ones need a sequence in the mirror, a clock in the counter, and the marker wires
     without which nobody would notice that the two are out of step."""
     links = links or links_of(bench)
@@ -47,9 +55,9 @@ def choose(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: 
         return Choice(Scheme.STEPPED, obstacle, stepped)
     scheme = Scheme.LISTED if bench.counter.list_mode else Scheme.CLOCKED
     clocked = clocked_forecast(plan, bench, angles, links)
-    if plan.lag_s is not None and np.median(plan.dwell_s) < np.median(moves_s(bench, angles)):
+    if plan.within_px is not None and np.median(plan.dwell_s) < np.median(moves_s(bench, angles)):
         try:
-            swept = clocked_forecast(plan, bench, angles, links, sequencer(Scheme.SWEPT, plan, angles))
+            swept = forecast(Scheme.SWEPT, plan, bench, angles, links, lag)
         except LimitError as error:
             return Choice(scheme, f"not in continuous lines: {error.what}", clocked)
         if swept.total_s < min(clocked.total_s, stepped.total_s):
@@ -60,23 +68,47 @@ def choose(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: 
 
 
 def forecast(
-    scheme: Scheme, plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links | None = None
+    scheme: Scheme,
+    plan: ScanPlan,
+    bench: Bench,
+    angles: Sequence[MirrorAngles],
+    links: Links | None = None,
+    lag: Lag | None = None,
 ) -> Forecast:
-    """How long the plan takes in `scheme`."""
+    """How long the plan takes in `scheme`; continuous lines with the usual measurement of the lag before them where it
+    is not known."""
     links = links or links_of(bench)
     if scheme is Scheme.STEPPED:
         return stepped_forecast(plan, bench, angles, links)
-    return clocked_forecast(plan, bench, angles, links, sequencer(scheme, plan, angles))
+    if scheme is not Scheme.SWEPT:
+        return clocked_forecast(plan, bench, angles, links)
+    lines = continuous_lines(plan, angles)
+    if lag is not None:
+        lines.lag_s = lag.lag_s
+        return clocked_forecast(plan, bench, angles, links, partial(sweep, lines=lines))
+    lines.lag_s = first_guess_s(lines, bench.mirror.settle_s)
+    most = min(bench.mirror.max_sequence, bench.counter.max_points)
+    before = trial(plan, lines, bench.mirror.settle_s, most, bench.counter.list_mode, 0).made
+    return clocked_forecast(plan, bench, angles, links, partial(sweep, lines=lines), [before] * USUAL)
 
 
-def sequencer(scheme: Scheme, plan: ScanPlan, angles: Sequence[MirrorAngles]) -> Sequencer:
+def sequencer(scheme: Scheme, plan: ScanPlan, angles: Sequence[MirrorAngles], lag_s: float | None = None) -> Sequencer:
     """How a clocked scheme makes sequences of points. Raises `ValueError` for continuous lines that the plan does not
-    allow."""
+    allow, or whose lag is not known."""
     if scheme is not Scheme.SWEPT:
         return stepping
-    if plan.lag_s is None:
-        raise ValueError("the plan does not allow continuous lines: it states no lag")
-    return partial(sweep, lines=Lines(plan, angles, plan.lag_s))
+    lines = continuous_lines(plan, angles)
+    if lag_s is None:
+        raise ValueError("continuous lines need the mirror's lag")
+    lines.lag_s = lag_s
+    return partial(sweep, lines=lines)
+
+
+def continuous_lines(plan: ScanPlan, angles: Sequence[MirrorAngles]) -> Lines:
+    """The plan's lines, for a mirror without lag. Raises `ValueError` where it does not allow any."""
+    if plan.within_px is None:
+        raise ValueError("the plan does not allow continuous lines")
+    return Lines(plan, angles, 0.0)
 
 
 def _obstacle(bench: Bench) -> str:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.sample import Sample
-from nlos.acquisition.scanning.clocked import Sequencer, stepping
+from nlos.acquisition.scanning.clocked import Sequencer, Stepping, stepping
 from nlos.drivers.bench import Bench
 from nlos.drivers.galvo.mirror import MirrorAngles
 
@@ -151,16 +151,24 @@ def stepped_forecast(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles
 
 
 def clocked_forecast(
-    plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links, sequencer: Sequencer = stepping
+    plan: ScanPlan,
+    bench: Bench,
+    angles: Sequence[MirrorAngles],
+    links: Links,
+    sequencer: Sequencer = stepping,
+    before: Sequence[Stepping] = (),
 ) -> Forecast:
-    """Schemes S2 and S3: points pay for blanking, sequences for upload and start. Raises `LimitError` where a run-up
-    leaves the mirror's reach."""
+    """Schemes S2 and S3: points pay for blanking, sequences for upload and start; so do those that come `before`.
+    Raises `LimitError` where a run-up leaves the mirror's reach."""
     points = list(plan)
     most = min(bench.mirror.max_sequence, bench.counter.max_points)
     whole = Forecast(0.0, 0.0, links.scan_s, 0.0, links.margin, certain_share(plan))
     first, where = 0, MirrorAngles(0.0, 0.0)
+    left = list(before)
     while first < len(points):
         part = sequencer(points[first:], angles[first:], bench.mirror.settle_s, most, bench.counter.list_mode)
+        if left:
+            part = replace(left.pop(), count=0)
         for each in part.angles:
             bench.mirror.check(each)
         dwell_s = sum(point.dwell_s for point in points[first : first + part.count])

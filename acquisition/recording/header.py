@@ -62,8 +62,8 @@ def write_plan(file: h5py.File, plan: ScanPlan) -> None:
     group.attrs["offset_s"] = plan.axis.offset_s
     group.attrs["stop"] = [stop.counts, stop.first_bin, stop.end_bin] if stop else [0, 0, 0]
     group.attrs["revisit_below"] = plan.revisit_below or 0
-    if plan.lag_s is not None:
-        group.attrs["lag_s"] = plan.lag_s
+    if plan.within_px is not None:
+        group.attrs["within_px"] = plan.within_px
     group.attrs["digest"] = plan.digest()
     for name, column in plan.columns().items():
         group.create_dataset(name, data=column, dtype=COLUMNS[name])
@@ -98,7 +98,7 @@ def read_plan(file: h5py.File) -> ScanPlan:
         pass_=columns["pass"],
         stop=StopAtCounts(counts, first_bin, end_bin) if counts else None,
         revisit_below=int(states["revisit_below"]) or None,
-        lag_s=float(states["lag_s"]) if "lag_s" in states else None,
+        within_px=float(states["within_px"]) if "within_px" in states else None,
     )
     if plan.digest() != str(states["digest"]):
         raise InvalidData(f"{file.filename}: the plan does not match its own digest; the file is damaged")

@@ -69,11 +69,11 @@ def check_plan(name: str, plan: ScanPlan) -> None:
             raise InvalidData(f"{name}: plan: point {int(np.argmin(good))} {what}")
     if plan.first_pass == 0:
         raise InvalidData(f"{name}: plan: pass 0 has no points")
-    stop, lag_s = plan.stop, plan.lag_s
+    stop, within_px = plan.stop, plan.within_px
     if stop is not None and not (stop.counts > 0 and 0 <= stop.first_bin < stop.end_bin <= plan.axis.bins):
         raise InvalidData(f"{name}: plan: stop at {stop.counts} counts in bins {stop.first_bin} to {stop.end_bin}")
-    if (plan.revisit_below or 0) < 0 or not 0 <= (lag_s or 0.0) <= 1:
-        raise InvalidData(f"{name}: plan: revisit_below {plan.revisit_below}, lag_s {lag_s}")
+    if (plan.revisit_below or 0) < 0 or not 0 <= (within_px or 0.0) <= 1:
+        raise InvalidData(f"{name}: plan: revisit_below {plan.revisit_below}, within_px {within_px}")
 
 
 def plausible_rows(records: npt.NDArray[Any], points: int) -> npt.NDArray[np.bool_]:

@@ -1,7 +1,10 @@
 """The states of a running scan, and what a person may ask of it from a signal handler or another thread."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from enum import Enum
+
+from nlos.acquisition.sample import Sample
+from nlos.drivers.errors import DeviceTimeout
 
 Report = Callable[[str, str], None]
 """(kind, text): where events go."""
@@ -71,3 +74,17 @@ class ScanControl:
             return False
         self.enter(ScanState.RUNNING)
         return True
+
+
+def until_interrupted(source: Iterator[Sample], control: ScanControl) -> Iterator[Sample]:
+    """Samples until a signal handler, shutting the light, breaks into the exchange of the point under way."""
+    while True:
+        try:
+            sample = next(source, None)
+        except DeviceTimeout:
+            if control.wanted:
+                return
+            raise
+        if sample is None:
+            return
+        yield sample

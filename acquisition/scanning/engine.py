@@ -14,12 +14,13 @@ from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.preflight import aim_of, checked_angles
 from nlos.acquisition.planning.schemes import Choice, Scheme, choose, forecast, sequencer
 from nlos.acquisition.sample import Sample, ScanPoint
-from nlos.acquisition.scanning import clocked, stepped
+from nlos.acquisition.scanning import clocked, lag_trial, stepped
 from nlos.acquisition.scanning.alarms import Action, AlarmRaised, Alarms, Trouble
-from nlos.acquisition.scanning.control import ScanControl, ScanState
+from nlos.acquisition.scanning.control import ScanControl, ScanState, until_interrupted
+from nlos.acquisition.scanning.lag import Lag
 from nlos.acquisition.scanning.light_watch import LightWatch
 from nlos.drivers.bench import Bench
-from nlos.drivers.errors import DeviceError, DeviceFault, DeviceTimeout, SafetyTrip
+from nlos.drivers.errors import DeviceError, DeviceFault, SafetyTrip
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.tcspc.counter import HistogramFlag
 
@@ -52,19 +53,21 @@ def scan(
     alarms: Alarms | None = None,
     decide: Callable[[], bool] | None = None,
     elapsed_s: float = 0.0,
+    lag: Lag | None = None,
 ) -> Generator[Sample, None, None]:
     """Checks the plan at once (`LimitError`), then yields its samples as they are taken.
 
     `taken`: point number -> photons of what an earlier recording already holds, `elapsed_s` how long that took.
     `scheme`: the fastest that bench and plan allow, unless told. `alarms` may pause, postpone
     or end. `decide` is asked after every sample whether the scan may end early; where a first pass is
-    followed by a second, the first yes ends the first. Raises `DeviceError` with the shutter closed.
+    followed by a second, the first yes ends the first. Continuous lines are swept by `lag`, or by what is measured
+    before them. Raises `DeviceError` with the shutter closed.
     """
     angles = checked_angles(plan, bench, aim or aim_of(bench))
-    choice = choose(plan, bench, angles)
+    choice = choose(plan, bench, angles, lag=lag)
     if scheme is not None and scheme is not choice.scheme:
-        choice = Choice(scheme, "as asked for", forecast(scheme, plan, bench, angles))
-    run = _Run(plan, bench, angles, dict(taken or {}), control or ScanControl(), alarms, decide, elapsed_s)
+        choice = Choice(scheme, "as asked for", forecast(scheme, plan, bench, angles, lag=lag))
+    run = _Run(plan, bench, angles, dict(taken or {}), control or ScanControl(), alarms, decide, elapsed_s, lag)
     return run.samples(choice)
 
 
@@ -93,10 +96,12 @@ class _Run:
         alarms: Alarms | None,
         decide: Callable[[], bool] | None,
         elapsed_s: float,
+        lag: Lag | None,
     ) -> None:
         self._plan, self._bench, self._angles = plan, bench, angles
         self._photons, self._control, self._alarms, self._decide = photons, control, alarms, decide
         self._start_s = bench.clock.now() - elapsed_s
+        self._lag = lag
         self._attempts: dict[int, int] = {}
         self._take: Callable[..., Iterator[Sample]] = stepped.take
         self._first, self._stuck = -1, 0
@@ -109,12 +114,15 @@ class _Run:
         most = "" if choice.forecast.certain == 1.0 else "at most "
         expected = f"{most}{choice.forecast.total_s:.1f} s expected"
         bench.report("scheme", f"{choice.scheme.value}, {expected}; {choice.why}")
-        if choice.scheme is not Scheme.STEPPED:
-            self._take = partial(clocked.take, sequencer=sequencer(choice.scheme, self._plan, self._angles))
         control.enter(ScanState.RUNNING)
         try:
             self._look_around()
             bench.counter.configure(self._plan.axis, self._plan.stop)
+            if choice.scheme is not Scheme.STEPPED:
+                lag_s = self._lag_s() if choice.scheme is Scheme.SWEPT else None
+                if control.state is not ScanState.RUNNING:
+                    return
+                self._take = partial(clocked.take, sequencer=sequencer(choice.scheme, self._plan, self._angles, lag_s))
             while todo := self._todo():
                 if not control.wanted:
                     self._check_progress(todo[0])
@@ -141,6 +149,17 @@ class _Run:
             if control.state is not ScanState.COMPLETE:
                 self._dark_whatever_happens()
 
+    def _lag_s(self) -> float:
+        """By how much the mirror trails continuous lines: as known, or measured now; paused and ended as ever."""
+        while self._lag is None and self._control.state is ScanState.RUNNING:
+            self._lag = lag_trial.measure(self._plan, self._bench, self._angles, self._control, self._start_s)
+            if self._lag is None:
+                self._pause()
+        if self._lag is None:
+            return 0.0
+        self._bench.report("lag", self._lag.text())
+        return self._lag.lag_s
+
     def _segment(self, numbers: Sequence[int]) -> Iterator[Sample]:
         """The samples of one armed batch, until it ends, a pause is wanted or a point has to be taken again."""
         points = [self._plan[number] for number in numbers]
@@ -159,7 +178,7 @@ class _Run:
 
     def _kept(self, source: Iterator[Sample]) -> Iterator[Sample]:
         """Samples as they are confirmed, until one has to be taken again or nothing is left to gain."""
-        for sample in self._until_interrupted(source):
+        for sample in until_interrupted(source, self._control):
             if self._is_spoilt(sample):
                 return
             counts = sample.histogram.counts
@@ -177,19 +196,6 @@ class _Run:
             return
         self._bench.report("scan", "ended early: nothing is left to gain")
         self._control.enter(ScanState.ENDED)
-
-    def _until_interrupted(self, source: Iterator[Sample]) -> Iterator[Sample]:
-        """Ends where a signal handler, shutting the light, broke into the exchange of the point under way."""
-        while True:
-            try:
-                sample = next(source, None)
-            except DeviceTimeout:
-                if self._control.wanted:
-                    return
-                raise
-            if sample is None:
-                return
-            yield sample
 
     def _check_progress(self, first: int) -> None:
         """Before a batch: ends a scan that comes back to the same point again and again. Raises `DeviceFault`."""

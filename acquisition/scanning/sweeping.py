@@ -1,8 +1,8 @@
 """Continuous lines: for dwells shorter than the settling time, the mirror is kept moving and never settles.
 
 A mirror that follows a ramp trails it by a constant lag. Commands lead by that lag, so that the beam crosses each point
-in the middle of its dwell; every line begins with a run-up, during which the mirror reaches the ramp's speed and the
-counter's points are thrown away. What this costs is sharpness: a point is smeared over a pixel along the line.
+in the middle of its dwell; every line begins at rest with a run-up, during which the mirror reaches the ramp's speed
+and the counter's points are thrown away. What this costs is sharpness: a point is smeared over a pixel along the line.
 """
 
 import math
@@ -22,8 +22,10 @@ EVEN = 0.1
 """How much one step of a line may differ from the one before, as a fraction."""
 LONGEST = 4096
 """Points of the longest line that is looked for."""
-REST = 0.1
-"""Pixels that the trailing may still be off when the run-up is over."""
+RUN_UP = 2.0
+"""How long a run-up is, in settling times of one step and the lag: a servo that settles to a tenth in one has less than
+one hundredth left."""
+SETTLED = "Raise dwell_ms, scan a smaller wall, or take `continuous` out of the scan file."
 
 Floats = npt.NDArray[np.float64]
 
@@ -45,15 +47,24 @@ class Lines:
     def commands(self, first: int, end: int, settle: Settle) -> list[MirrorAngles]:
         """What the mirror is told for the points `first` up to `end`, run-up included. Raises `LimitError` for a line
         that it could not even jump across in its time."""
-        ends = MirrorAngles(*self.place[first]), MirrorAngles(*self.place[end - 1])
-        jump_s, line_s = settle(*ends), float(self.dwell_s[first:end].sum())
+        return self.along(np.arange(first, end), settle)
+
+    def along(self, numbers: npt.NDArray[np.intp], settle: Settle, dwell_s: float | None = None) -> list[MirrorAngles]:
+        """The same for points of one line in either direction, and at another pace than the plan's."""
+        place = self.place[numbers]
+        dwell_s = dwell_s or float(self.dwell_s[numbers[0]])
+        jump_s, line_s = settle(MirrorAngles(*place[0]), MirrorAngles(*place[-1])), dwell_s * len(place)
         if jump_s > line_s:
             raise LimitError(
                 "mirror",
                 f"cannot follow a line in {line_s * 1e3:.3g} ms that takes it {jump_s * 1e3:.3g} ms in one jump.",
-                "Raise dwell_ms, scan a smaller wall, or take `continuous` out of the scan file.",
+                SETTLED,
             )
-        return _line(self.place[first:end], self.lag_s / float(self.dwell_s[first]))
+        if len(place) == 1:
+            return [MirrorAngles(*place[0])]
+        step_s = settle(MirrorAngles(*place[0]), MirrorAngles(*place[1]))
+        run_up = math.ceil(RUN_UP * (step_s + max(self.lag_s, 0.0)) / dwell_s - 1e-9)
+        return _line(place, self.lag_s / dwell_s, run_up)
 
 
 def sweep(
@@ -78,28 +89,44 @@ def sweep(
             wanted[points[at].number] = at
             at += 1
         dwell_s = float(lines.dwell_s[first])
-        commands = lines.commands(first, end, settle)
-        wait_s = settle(made.angles[-1], commands[0]) if made.angles else 0.0
-        waits = math.ceil(wait_s / dwell_s - 1e-9) if list_mode else int(wait_s > 0)
-        entries = waits + len(commands)
-        if len(made.index) + entries > most or (list_mode and made.count and dwell_s != made.dwells_s[0]):
+        index = [wanted.get(each, -1) for each in range(first, end)]
+        longer = append_line(made, lines.commands(first, end, settle), index, dwell_s, settle, list_mode)
+        if len(longer.index) > most or (list_mode and made.count and dwell_s != made.dwells_s[0]):
             if made.count:
                 break
-            raise LimitError(
-                "mirror",
-                f"holds {most} positions; a continuous line of {end - first} points takes {entries} with its run-up.",
-                "Plan shorter lines, or take `continuous` out of the scan file.",
-            )
-        run_up = len(commands) - (end - first)
-        index = [-1] * (waits + run_up) + [wanted.get(each, -1) for each in range(first, end)]
-        made.numbers.extend(
-            points[k].number if k >= 0 else WAITING_NUMBER - entry for entry, k in enumerate(index, len(made.index))
-        )
-        made.angles.extend([commands[0]] * waits + commands)
-        made.dwells_s.extend([dwell_s if list_mode else _whole_us(wait_s)] * waits + [dwell_s] * len(commands))
-        made.index.extend(index)
-        made = replace(made, count=at)
+            raise too_long(most, end - first, len(longer.index))
+        numbers = [points[k].number if k >= 0 else WAITING_NUMBER - entry for entry, k in enumerate(longer.index)]
+        made = replace(longer, numbers=numbers, count=at)
     return made
+
+
+def append_line(
+    made: Stepping, commands: list[MirrorAngles], index: list[int], dwell_s: float, settle: Settle, list_mode: bool
+) -> Stepping:
+    """A sequence with one more line: the mirror comes to rest at the beginning of its run-up. `index`: as `Stepping`'s,
+    for the points of the line. The numbers are left to the caller."""
+    wait_s = 0.0
+    if made.angles:
+        # The end of the line before was no rest: what a step takes to settle comes on top of the jump.
+        wait_s = settle(made.angles[-1], commands[0]) + settle(commands[0], commands[-1 if len(commands) < 2 else 1])
+    waits = math.ceil(wait_s / dwell_s - 1e-9) if list_mode else int(wait_s > 0)
+    thrown = waits + len(commands) - len(index)
+    waited_s = dwell_s if list_mode else _whole_us(wait_s)
+    return replace(
+        made,
+        angles=[*made.angles, *[commands[0]] * waits, *commands],
+        dwells_s=[*made.dwells_s, *[waited_s] * waits, *[dwell_s] * len(commands)],
+        index=[*made.index, *[-1] * thrown, *index],
+    )
+
+
+def too_long(most: int, points: int, entries: int) -> LimitError:
+    """What to say of a line that no sequence holds."""
+    return LimitError(
+        "mirror",
+        f"holds {most} positions; a continuous line of {points} points takes {entries} with its run-up.",
+        "Plan shorter lines, or take `continuous` out of the scan file.",
+    )
 
 
 def line_length(place: Floats, dwells_s: Floats) -> int:
@@ -113,11 +140,8 @@ def line_length(place: Floats, dwells_s: Floats) -> int:
     return int(breaks[0]) + 2 if len(breaks) else len(place)
 
 
-def _line(place: Floats, lag: float) -> list[MirrorAngles]:
-    """Commands for a line that the beam trails by `lag` points: run-up, then one for each point."""
-    if len(place) == 1:
-        return [MirrorAngles(*place[0])]
-    run_up = math.ceil(lag * math.log(lag / REST + math.e)) if lag > 0 else 0
+def _line(place: Floats, lag: float, run_up: int) -> list[MirrorAngles]:
+    """Commands for a line that the beam trails by `lag` points: `run_up` of them, then one for each point."""
     at = np.arange(-run_up, len(place)) + lag
     inner = np.stack([np.interp(at, np.arange(len(place)), column) for column in place.T], axis=1)
     before = np.minimum(at, 0.0)[:, None] * (place[1] - place[0])

@@ -19,12 +19,14 @@ class SettlePoint(Settings):
 
 
 class SettleModel(Settings):
-    """Settled: within 1/1000 of full scale. Log-log interpolation between measured steps, straight on beyond the last.
+    """Settled: within `within_deg`. Log-log interpolation between measured steps, straight on beyond the last.
 
     The default bounds a 10 mm galvo head from above: its specified small-angle step response, and half a period of the
     highest sine it follows at 20 and 40 degrees (Thorlabs GVS012 specification). Measure the head and replace it.
     """
 
+    within_deg: float = Field(default=0.01, gt=0, le=1)
+    """How near the target the axis is by then, in mechanical degrees."""
     table: tuple[SettlePoint, ...] = (
         SettlePoint(step_deg=0.4, settle_ms=0.40),
         SettlePoint(step_deg=20.0, settle_ms=7.7),

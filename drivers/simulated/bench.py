@@ -1,7 +1,7 @@
 """The one beam, clock and shutter that all simulated instruments share."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +9,7 @@ import numpy.typing as npt
 from nlos.drivers.clock import VirtualClock
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.simulated.faults import FaultPlan
+from nlos.drivers.simulated.servo import ServoSettings
 from nlos.drivers.simulated.swing import Swing
 
 
@@ -30,6 +31,8 @@ class Gate:
     stop_window: tuple[int, int] | None = None
     kept: bool = True
     """False for a look at the rate meter and for photons of a beam in flight: no measurement holds them."""
+    track: tuple[MirrorAngles, ...] = ()
+    """Where a beam that never rests is while the gate is open, evenly in time; empty where it rests."""
 
 
 @dataclass(frozen=True)
@@ -49,19 +52,32 @@ Light = Callable[[Gate, MirrorAngles, bool], Exposure]
 Pulse = Callable[[float, float], None]
 """(bench time of the rising edge, seconds until the falling one)"""
 
+_PLACES = 3
+"""At how many places along the way of a moving beam its light is taken."""
+
 
 class SimulatedBench:
     """Where the beam points, whether the shutter is open, which wires carry edges, and what the detector sees."""
 
-    def __init__(self, light: Light, clock: VirtualClock | None = None, faults: FaultPlan | None = None) -> None:
+    def __init__(
+        self,
+        light: Light,
+        clock: VirtualClock | None = None,
+        faults: FaultPlan | None = None,
+        servo: ServoSettings | None = None,
+    ) -> None:
         self.clock = clock or VirtualClock()
         self.faults = faults or FaultPlan()
+        self.servo = servo or ServoSettings()
         self.interlock_closed = True
+        self.on_gate: Callable[[Gate, MirrorAngles], None] | None = None
+        """A witness: told of every gate of a measurement and of the mean place of the beam while it is open."""
         self._shutter_open = False
         self.light = light
         """What the detector sees; a test may change it in the middle of a scan."""
         self._x = Swing(0.0, 0.0, 0.0, 0.0)
         self._y = Swing(0.0, 0.0, 0.0, 0.0)
+        self._path: Callable[[float], MirrorAngles] = self._swing
         self._wires: dict[str, list[tuple[float, Pulse]]] = {}
         self._going_on: list[Callable[[float], None]] = []
         self.witness: Callable[[float, str], None] = lambda when_s, what: None
@@ -74,6 +90,12 @@ class SimulatedBench:
         self.witness(start_s, f"beam to {angles.x_rad:.6f} {angles.y_rad:.6f}")
         self._x = self._x.towards(angles.x_rad, start_s, settle_s)
         self._y = self._y.towards(angles.y_rad, start_s, settle_s)
+        self._path = self._swing
+
+    def follow_path(self, path: Callable[[float], MirrorAngles], angles: MirrorAngles, when_s: float) -> None:
+        """The beam is sent to `angles` at `when_s`, and is where `path` says at every time from then on."""
+        self.witness(when_s, f"beam to {angles.x_rad:.6f} {angles.y_rad:.6f}")
+        self._path = path
 
     @property
     def beam(self) -> MirrorAngles:
@@ -82,6 +104,9 @@ class SimulatedBench:
 
     def beam_at(self, when_s: float) -> MirrorAngles:
         """Where the beam points at a bench time not before the last steering."""
+        return self._path(when_s)
+
+    def _swing(self, when_s: float) -> MirrorAngles:
         return MirrorAngles(self._x.at(when_s), self._y.at(when_s))
 
     @property
@@ -120,5 +145,19 @@ class SimulatedBench:
                 listener(when_s, width_s)
 
     def expose(self, gate: Gate) -> Exposure:
-        """What the detector counts in `gate`: beam where it is as the gate opens, shutter as it is now."""
-        return self.light(gate, self.beam_at(gate.opened_s), self._shutter_open)
+        """What the detector counts in `gate`: shutter as it is now, beam where it is, or on its way, until then."""
+        beam = self.beam_at(gate.opened_s)
+        if gate.kept:
+            gate, beam = self._along_the_way(gate, beam)
+            if self.on_gate is not None:
+                self.on_gate(gate, beam)
+        return self.light(gate, beam, self._shutter_open)
+
+    def _along_the_way(self, gate: Gate, beam: MirrorAngles) -> tuple[Gate, MirrorAngles]:
+        """The gate with the track of a beam that does not rest in it, and the mean place of the beam."""
+        moments = ((k + 0.5) / _PLACES for k in range(_PLACES))
+        track = tuple(self.beam_at(gate.opened_s + part * gate.dwell_s) for part in moments)
+        if all(each == beam for each in track):
+            return gate, beam
+        mean = MirrorAngles(sum(each.x_rad for each in track) / _PLACES, sum(each.y_rad for each in track) / _PLACES)
+        return replace(gate, track=track), mean

@@ -42,7 +42,7 @@ def plug_in(settings: BenchSettings, scene: RecordedScan | None = None) -> Itera
     simulation = settings.simulation
     if simulation is None:
         raise ValueError("the bench file has no simulation block")
-    bench = SimulatedBench(light_of(settings, scene), faults=FaultPlan(simulation.faults))
+    bench = SimulatedBench(light_of(settings, scene), faults=FaultPlan(simulation.faults), servo=simulation.servo)
     name = settings.mirror.port.removeprefix("sim://")
     firmware = FIRMWARES[settings.mirror.model](bench, settings.mirror)
     with ExitStack() as stack:

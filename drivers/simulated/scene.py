@@ -59,8 +59,10 @@ class SceneLight:
         self._retro = pieces.retroreflective if pieces.retroreflective.any() else None
 
     def __call__(self, gate: Gate, beam: MirrorAngles, shutter_open: bool) -> Exposure:
-        spot = self._path.spot(beam) if shutter_open else None
-        per_pulse = self.photons_per_pulse(spot, gate.bin_width_s, gate.offset_s)
+        ways = gate.track or (beam,)
+        spots = [self._path.spot(each) for each in ways] if shutter_open else [None]
+        rates = [self.photons_per_pulse(spot, gate.bin_width_s, gate.offset_s) for spot in spots]
+        per_pulse = rates[0] if len(rates) == 1 else np.mean(rates, axis=0)
         detected = spad.distort(per_pulse, gate.bin_width_s, self._detector)
         return spad.draw(detected, gate, self._repetition_hz, spad.generator(self._seed, gate, beam))
 

@@ -20,7 +20,8 @@ _NEVER_S = float("inf")
 _CLOCK_UNIT_S = 100e-9
 _STRETCHED_S = 20e-6  # the outputs are NIM pulses: a stretcher makes TTL pulses of them that a polled input sees
 _SLICE_S = 500e-6
-"""While the mirror moves, light is taken from where the beam is at the start of each such slice."""
+"""While the mirror moves, light is taken from where the beam is in the middle of each such slice."""
+_INSTANT_S = 0.5e-6
 _LAYER_S = 1e-3
 _FIFO_RECORDS = 2_000_000
 _SALT = 3
@@ -100,8 +101,14 @@ class T3Instrument:
             return
         at_rest, settled_s = self._bench.beam_at(until_s), start_s
         pulses, delays = [], []
+        if self._bench.beam_at(until_s - _INSTANT_S) != at_rest:  # on a continuous line it does not come to rest
+            moving, delays_moving = self._photons(start_s, until_s - start_s)
+            self._record(moving + self._pulse(start_s), delays_moving, self._pulse(until_s))
+            self._done_s = until_s
+            return
         while settled_s < until_s and self._bench.beam_at(settled_s) != at_rest:
-            moving, delays_moving = self._photons(settled_s, min(_SLICE_S, until_s - settled_s), kept=False)
+            slice_s = min(_SLICE_S, until_s - settled_s)
+            moving, delays_moving = self._photons(settled_s, slice_s, kept=False)
             pulses.append(moving + self._pulse(settled_s))
             delays.append(delays_moving)
             settled_s += _SLICE_S
@@ -130,10 +137,11 @@ class T3Instrument:
     def _photons(
         self, when_s: float, dwell_s: float, kept: bool = True
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Laser pulse (counted from 0) and delay of the photons from where the beam points at `when_s`."""
+        """Laser pulse (counted from 0) and delay of the photons from where the beam points at `when_s`, or, while it
+        moves (not `kept`), in the middle of the dwell."""
         bins = min(1 << self._layout.delay_bits, int(1 / (self._repetition_hz * self._bin_width_s)) + 1)
-        gate = Gate(when_s, dwell_s, bins, self._bin_width_s, 0.0, kept=kept)
-        rng = spad.generator(self._seed, gate, self._bench.beam_at(when_s), _SALT)
+        gate = Gate(when_s if kept else when_s + dwell_s / 2, dwell_s, bins, self._bin_width_s, 0.0, kept=kept)
+        rng = spad.generator(self._seed, gate, self._bench.beam_at(gate.opened_s), _SALT)
         pulses, delays = spad.arrivals(self._bench.expose(gate), rng)
         return (pulses, delays) if self.hears else (pulses[:0], delays[:0])
 

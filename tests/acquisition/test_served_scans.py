@@ -30,6 +30,7 @@ from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.salvage import resume, verify
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.engine import record, scan
+from nlos.acquisition.scanning.lag import Lag
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.tcspc.counter import StopAtCounts
@@ -47,7 +48,7 @@ PLANS: dict[str, dict[str, Any]] = {
     },
 }  # fmt: skip
 BENCHES = {"S1": "optotune", "S2": "zero_latency", "S3": "multiharp", "continuous lines": "zero_latency"}
-CONTINUOUS = {"wall": {**WALL, "rows": 24, "cols": 24}, "dwell_ms": 0.2, "continuous": {"lag_ms": 0.24}}
+CONTINUOUS = {"wall": {**WALL, "rows": 24, "cols": 24}, "dwell_ms": 0.2, "continuous": {}}
 CASES = [(scheme, kind) for scheme in ("S1", "S2", "S3") for kind in PLANS]
 CASES.remove(("S3", "stop at counts"))  # the MultiHarp has no such stop
 
@@ -125,7 +126,7 @@ def test_every_kind_of_plan_is_served_in_every_scheme(
             server.ticket.save(tmp_path / "run.ticket")
             with FarCopy(tmp_path / "run.ticket", far, patience_s=20) as copy:
                 bench.on_event = lambda kind, text: writer.log(kind, text)
-                record(scan(plan, bench, scheme=forced), writer)
+                record(scan(plan, bench, scheme=forced, lag=Lag(0.12e-3, 0.1)), writer)
                 bench.on_event = None
                 writer.log("scan", "complete")
                 writer.finish(Status.COMPLETE)
@@ -151,6 +152,7 @@ from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.engine import scan
+from nlos.acquisition.scanning.lag import Lag
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
 plan = ScanSettings.model_validate_json(sys.argv[2]).plan()

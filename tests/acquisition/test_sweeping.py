@@ -1,6 +1,8 @@
 """Continuous lines put the beam on each point in the middle of its dwell, although the mirror never settles."""
 
 from collections.abc import Callable
+from functools import partial
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -9,115 +11,195 @@ import pytest
 from nlos.acquisition.errors import PlanRefused
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.preflight import aim_of, checked_angles
-from nlos.acquisition.planning.schemes import Scheme, choose, forecast
+from nlos.acquisition.planning.schemes import Scheme, choose, continuous_lines, forecast
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.sample import Sample
+from nlos.acquisition.scanning.control import ScanControl, ScanState
 from nlos.acquisition.scanning.engine import scan
-from nlos.acquisition.scanning.sweeping import Lines, line_length, sweep
+from nlos.acquisition.scanning.lag import Lag
+from nlos.acquisition.scanning.sweeping import line_length, sweep
 from nlos.drivers.bench import Bench, BenchSettings, open_bench
 from nlos.drivers.errors import LimitError
 from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.servo import ServoSettings
 
 Benches = Callable[..., BenchSettings]
 Plans = Callable[..., ScanPlan]
-WALL = {"width_m": 0.3, "height_m": 0.3, "rows": 24, "cols": 24}
-LAG_MS = 0.24
-"""By how much the simulated head trails a ramp, as measured on it."""
+WALL = {"width_m": 0.5, "height_m": 0.5, "rows": 24, "cols": 24}
+KNOWN = Lag(0.12e-3, 0.1)
+"""About what the simulated head has at this speed."""
 
 
 def fast_plan(small_plan: Plans, **overrides: Any) -> ScanPlan:
-    return small_plan(24, 24, **{"wall": WALL, "dwell_ms": 0.2, "continuous": {"lag_ms": LAG_MS}, **overrides})
+    histogram = {"bins": 256, "bin_width_ps": 32, "offset_ns": 10}
+    return small_plan(24, 24, **{"wall": WALL, "dwell_ms": 0.2, "continuous": {}, "histogram": histogram, **overrides})
 
 
-def beam_at_edges(bench: Bench) -> list[tuple[float, float]]:
-    """Fills, edge by edge of the clock, with where on the wall the beam is."""
-    seen: list[tuple[float, float]] = []
-    simulated = bench.simulated
-    assert simulated is not None
-    aim = aim_of(bench)
-    simulated.wire("pixel_clock", lambda when_s: seen.append(aim.wall_point(simulated.beam_at(when_s))))
-    return seen
+@pytest.fixture
+def bright(bench_settings: Benches) -> Benches:
+    """bright(*faults, name=..., servo={}, direct_cps=...): a bench in front of a bare wall, which is quickly drawn."""
+
+    def make(*faults: Fault, servo: dict[str, float] | None = None, direct_cps: float = 300e3, **options: Any) -> Any:
+        settings = bench_settings(*faults, **options)
+        assert settings.simulation is not None
+        scene = settings.simulation.scene.model_copy(update={"objects": (), "direct_cps": direct_cps})
+        changes = {"servo": ServoSettings(**(servo or {})), "scene": scene}
+        return settings.model_copy(update={"simulation": settings.simulation.model_copy(update=changes)})
+
+    return make
+
+
+def swept(plan: ScanPlan, bench: Bench, **options: Any) -> tuple[list[Sample], float, Lag]:
+    """(samples, how far from its point the beam was at worst, in pixels, what was found out about the lag)"""
+    assert bench.simulated is not None
+    aim, seen, lags = aim_of(bench), dict[int | None, tuple[float, float]](), list[Lag]()
+    bench.on_event = lambda kind, text: lags.append(Lag.of_text(text)) if kind == "lag" else None
+    bench.simulated.on_gate = lambda gate, beam: seen.__setitem__(gate.number, aim.wall_point(beam))
+    samples = list(scan(plan, bench, scheme=Scheme.SWEPT, **options))
+    bench.simulated.on_gate = None
+    pitch_m = plan.wall.width_m / plan.wall.cols
+    points = [sample.point for sample in samples]
+    off = max(np.hypot(seen[p.number][0] - p.x_m, seen[p.number][1] - p.y_m) for p in points) / pitch_m
+    return samples, float(off), lags[-1]
 
 
 @pytest.mark.parametrize("pattern", ["serpentine", "raster"])
+@pytest.mark.parametrize("servo", [{}, {"bandwidth_hz": 1200.0, "delay_us": 60.0}])
 def test_the_beam_crosses_every_point_in_the_middle_of_its_dwell(
-    bench_settings: Benches, small_plan: Plans, pattern: str
+    bright: Benches, small_plan: Plans, pattern: str, servo: dict[str, float]
 ) -> None:
     plan = fast_plan(small_plan, pattern=pattern)
-    with open_bench(bench_settings()) as bench:
-        angles = checked_angles(plan, bench, aim_of(bench))
-        made = sweep(list(plan), angles, bench.mirror.settle_s, 1200, False, Lines(plan, angles, LAG_MS * 1e-3))
-        edges = beam_at_edges(bench)
-        samples = list(scan(plan, bench, scheme=Scheme.SWEPT))
+    with open_bench(bright(servo=servo)) as bench:
+        samples, off_px, lag = swept(plan, bench)
     assert [sample.point for sample in samples] == list(plan)
-    assert made.count == len(plan)
-    measuring = np.array([entry for entry, index in enumerate(made.index) if index >= 0][:-1])
-    crossed = (np.array(edges)[measuring] + np.array(edges)[measuring + 1]) / 2
-    wanted = np.stack([plan.positions.x_m, plan.positions.y_m], axis=1)[:-1]
-    assert np.hypot(*(crossed - wanted).T).max() < 0.25 * 0.3 / 24
+    assert off_px <= lag.within_px <= 0.25
 
 
-def test_lines_are_swept_where_that_is_faster_and_the_plan_allows_it(
-    bench_settings: Benches, small_plan: Plans
+@pytest.mark.parametrize(
+    "servo",
+    [{"bandwidth_hz": 150.0}, {"slew_deg_per_s": 1000.0}, {"slew_deg_per_s": 1450.0}],
+    ids=["too narrow a band", "too slow", "too slow in the middle of a line"],
+)
+def test_a_mirror_that_does_not_follow_is_found_out_and_refused(
+    bright: Benches, small_plan: Plans, servo: dict[str, float]
 ) -> None:
-    with open_bench(bench_settings(name="simulated")) as bench:
+    plan = fast_plan(small_plan)
+    with open_bench(bright(servo=servo)) as bench:
+        with pytest.raises(LimitError, match=r"within .* pixels of its points after \d+ sequences|its table says"):
+            list(scan(plan, bench, scheme=Scheme.SWEPT))
+        assert bench.simulated is not None
+        assert not bench.simulated.shutter_open
+
+
+def test_without_light_from_the_wall_nothing_is_swept(bright: Benches, small_plan: Plans) -> None:
+    with open_bench(bright(direct_cps=0.0)) as bench, pytest.raises(LimitError, match="Let more light from the wall"):
+        list(scan(fast_plan(small_plan), bench, scheme=Scheme.SWEPT))
+
+
+def test_lines_are_swept_where_that_is_faster_and_the_plan_allows_it(bright: Benches, small_plan: Plans) -> None:
+    long = {"wall": {"width_m": 0.5, "height_m": 1.0, "rows": 64, "cols": 64}, "dwell_ms": 0.1}
+    with open_bench(bright(name="simulated")) as bench:
         for plan, scheme in [
-            (fast_plan(small_plan), Scheme.SWEPT),
-            (small_plan(24, 24, wall=WALL, dwell_ms=0.2), Scheme.CLOCKED),
+            (fast_plan(small_plan, **long), Scheme.SWEPT),
+            (fast_plan(small_plan), Scheme.CLOCKED),
+            (fast_plan(small_plan, **long, continuous=None), Scheme.CLOCKED),
             (fast_plan(small_plan, dwell_ms=8), Scheme.CLOCKED),
         ]:
-            choice = choose(plan, bench, checked_angles(plan, bench, aim_of(bench)))
-            assert choice.scheme is scheme
-            started_s = bench.clock.now()
-            assert len(list(scan(plan, bench))) == len(plan)
-            assert choice.forecast.total_s == pytest.approx(bench.clock.now() - started_s, rel=0.05)
-        plan = fast_plan(small_plan)
-        angles = checked_angles(plan, bench, aim_of(bench))
-        swept, settled = (forecast(s, plan, bench, angles).total_s for s in (Scheme.SWEPT, Scheme.CLOCKED))
-        assert swept < 0.7 * settled
+            angles = checked_angles(plan, bench, aim_of(bench))
+            assert choose(plan, bench, angles).scheme is scheme
+        plan = fast_plan(small_plan, **long)
+        expected = forecast(Scheme.SWEPT, plan, bench, checked_angles(plan, bench, aim_of(bench)))
+        started_s = bench.clock.now()
+        assert len(list(scan(plan, bench, lag=KNOWN))) == len(plan)
+        took_s = bench.clock.now() - started_s
+        known = forecast(Scheme.SWEPT, plan, bench, checked_angles(plan, bench, aim_of(bench)), lag=KNOWN)
+        assert known.total_s == pytest.approx(took_s, rel=0.05)
+        assert known.total_s < expected.total_s
 
 
-def test_photons_listed_one_by_one_are_swept_too(bench_settings: Benches, small_plan: Plans) -> None:
-    plan = fast_plan(small_plan, histogram={"bins": 512, "bin_width_ps": 40, "offset_ns": 10}, dwell_ms=1)
-    with open_bench(bench_settings(name="multiharp")) as bench:
-        samples = list(scan(plan, bench, scheme=Scheme.SWEPT))
+def test_photons_listed_one_by_one_are_swept_too(bright: Benches, small_plan: Plans) -> None:
+    plan, settings = fast_plan(small_plan), bright()
+    counter = settings.counter.model_copy(update={"mode": "t3"})
+    with open_bench(settings.model_copy(update={"counter": counter})) as bench:
+        assert bench.counter.list_mode
+        samples, off_px, lag = swept(plan, bench)
     assert [sample.point for sample in samples] == list(plan)
+    assert off_px <= lag.within_px
 
 
-def test_a_lost_step_is_noticed_on_the_way(bench_settings: Benches, small_plan: Plans) -> None:
+@pytest.mark.parametrize("kind", ["missed", "extra"])
+@pytest.mark.parametrize("skip", [50, 3500])
+def test_a_lost_step_is_noticed_on_the_way(bright: Benches, small_plan: Plans, kind: str, skip: int) -> None:
+    """While the lag is measured, and later."""
     plan = fast_plan(small_plan)
     results = []
-    for faults in ([], [Fault(name="A6", skip=300, parameters={"kind": "missed"})]):
-        with open_bench(bench_settings(*faults)) as bench:
-            results.append([s.histogram.counts for s in scan(plan, bench, scheme=Scheme.SWEPT)])
-    assert np.array_equal(*results)
+    for faults in ([], [Fault(name="A6", skip=skip, parameters={"kind": kind})]):
+        with open_bench(bright(*faults)) as bench:
+            samples, off_px, lag = swept(plan, bench)
+            assert off_px <= lag.within_px
+            results.append((lag, [sample.histogram.counts for sample in samples]))
+    assert results[0][0] == results[1][0]
+    assert np.array_equal(results[0][1], results[1][1])
 
 
-def test_a_line_begun_in_the_middle_is_swept_whole(bench_settings: Benches, small_plan: Plans) -> None:
+def test_a_line_begun_in_the_middle_is_swept_whole(bright: Benches, small_plan: Plans) -> None:
     plan = fast_plan(small_plan)
-    with open_bench(bench_settings()) as bench:
-        whole = list(scan(plan, bench, scheme=Scheme.SWEPT))
-        taken = {number: 0 for number in range(len(plan)) if number < 100 or number % 7 == 0}
-        rest = list(scan(plan, bench, scheme=Scheme.SWEPT, taken=taken))
+    with open_bench(bright()) as bench:
+        whole, _, lag = swept(plan, bench)
+    taken = {number: 0 for number in range(len(plan)) if number < 100 or number % 7 == 0}
+    with open_bench(bright()) as bench:
+        rest, off_px, _ = swept(plan, bench, taken=taken, lag=lag)
     expected = [sample for sample in whole if sample.point.number not in taken]
     assert [s.point for s in rest] == [s.point for s in expected]
     assert np.array_equal([s.histogram.counts for s in rest], [s.histogram.counts for s in expected])
+    assert off_px <= lag.within_px
 
 
-def test_a_plan_that_states_no_lag_or_stops_at_counts_is_not_swept(bench_settings: Benches, small_plan: Plans) -> None:
-    with open_bench(bench_settings()) as bench, pytest.raises(ValueError, match="states no lag"):
+def test_a_pause_while_the_lag_is_measured_loses_nothing(bright: Benches, small_plan: Plans) -> None:
+    plan = fast_plan(small_plan)
+    for goes_on in (True, False):
+        control = ScanControl(lambda why, goes_on=goes_on: goes_on)
+        control.interrupt("Ctrl-C")
+        with open_bench(bright()) as bench:
+            samples = list(scan(plan, bench, scheme=Scheme.SWEPT, control=control))
+            assert bench.simulated is not None
+            assert not bench.simulated.shutter_open
+        assert len(samples) == (len(plan) if goes_on else 0)
+        assert control.state is (ScanState.COMPLETE if goes_on else ScanState.ENDED)
+
+
+def test_a_plan_that_does_not_allow_it_or_stops_at_counts_is_not_swept(
+    bench_settings: Benches, small_plan: Plans
+) -> None:
+    with open_bench(bench_settings()) as bench, pytest.raises(ValueError, match="does not allow"):
         scan(small_plan(), bench, scheme=Scheme.SWEPT)
     stop = {"kind": "stop_at_counts", "counts": 20, "from_ns": 11.0, "to_ns": 15.0}
     with pytest.raises(PlanRefused, match="uneven pace"):
         fast_plan(small_plan, exposure=stop)
 
 
+@pytest.mark.parametrize(
+    ("pattern", "message"),
+    [
+        ({"kind": "circle", "points": 360, "radius_m": 0.2}, "several directions"),
+        ({"kind": "random", "points": 200, "seed": 1}, "lines have"),
+    ],
+)
+def test_plans_without_long_parallel_lines_are_refused(
+    bench_settings: Benches, small_plan: Plans, pattern: dict[str, Any], message: str
+) -> None:
+    plan = fast_plan(small_plan, pattern=pattern)
+    with open_bench(bench_settings()) as bench, pytest.raises(LimitError, match=message):
+        scan(plan, bench, scheme=Scheme.SWEPT)
+
+
 def test_a_run_up_beyond_the_mirrors_reach_is_refused_before_anything_moves(
     bench_settings: Benches, small_plan: Plans
 ) -> None:
     wall = {"width_m": 3.3, "height_m": 1.0, "rows": 2, "cols": 64}
-    plan = small_plan(wall=wall, dwell_ms=0.35, continuous={"lag_ms": LAG_MS})
+    plan = small_plan(wall=wall, dwell_ms=0.35, continuous={})
     with open_bench(bench_settings()) as bench:
         angles = checked_angles(plan, bench, aim_of(bench))
         with pytest.raises(LimitError, match="outside"):
@@ -128,17 +210,39 @@ def test_a_run_up_beyond_the_mirrors_reach_is_refused_before_anything_moves(
 
 
 def test_a_line_faster_than_the_mirror_is_refused(bench_settings: Benches, small_plan: Plans) -> None:
-    plan = small_plan(4, 24, dwell_ms=0.1, continuous={"lag_ms": LAG_MS})
-    with open_bench(bench_settings()) as bench, pytest.raises(LimitError, match=r"cannot follow a line in 2\.4 ms"):
+    plan = small_plan(4, 24, dwell_ms=0.1, continuous={})
+    with open_bench(bench_settings()) as bench, pytest.raises(LimitError, match=r"cannot follow a line in 2\.\d+ ms"):
         scan(plan, bench, scheme=Scheme.SWEPT)
 
 
 def test_a_recording_keeps_that_its_lines_were_continuous(small_plan: Plans, run_path: Any) -> None:
-    plan = fast_plan(small_plan)
+    plan = fast_plan(small_plan, continuous={"within_pixels": 0.125})
     RecordingWriter.create(run_path, plan, Header()).finish(1)  # type: ignore[arg-type]
     with Recording.open(run_path) as recording:
         assert recording.plan == plan
-        assert recording.plan.lag_s == pytest.approx(LAG_MS * 1e-3)
+        assert recording.plan.within_px == 0.125
+
+
+@pytest.mark.parametrize("list_mode", [False, True])
+def test_every_line_begins_at_rest(bench_settings: Benches, small_plan: Plans, list_mode: bool) -> None:
+    plan = fast_plan(small_plan, pattern="raster")
+    with open_bench(bench_settings()) as bench:
+        settle = bench.mirror.settle_s
+        angles = checked_angles(plan, bench, aim_of(bench))
+        lines = continuous_lines(plan, angles)
+        lines.lag_s = 1e-4
+        made = partial(sweep, lines=lines)(list(plan), angles, settle, 1200, list_mode)
+    assert len(made.index) == len(made.angles) == len(made.dwells_s) == len(made.numbers) <= 1200
+    assert len(set(made.numbers)) == len(made.numbers)
+    before, begun = made.angles[0], 0
+    for place, stay in groupby(zip(made.angles, made.dwells_s, strict=True), key=lambda entry: entry[0]):
+        if place.x_rad < before.x_rad:  # a fly-back
+            assert sum(dwell_s for _, dwell_s in stay) >= settle(before, place)
+            begun += 1
+        before = place
+    assert begun > 5
+    if list_mode:
+        assert len(set(made.dwells_s)) == 1
 
 
 def test_lines_end_where_steps_or_dwells_change() -> None:

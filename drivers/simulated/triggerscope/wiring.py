@@ -4,9 +4,9 @@ import math
 from collections.abc import Callable
 
 from nlos.drivers.galvo.mirror import MirrorAngles
-from nlos.drivers.galvo.settle import SettleModel
 from nlos.drivers.galvo.triggerscope.settings import TriggerScopeSettings
 from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.servo import GalvoHead, ServoSettings
 
 DACS = 16
 SPAN_V = {1: (0.0, 5.0), 2: (0.0, 10.0), 3: (-5.0, 5.0), 4: (-10.0, 10.0), 5: (-2.5, 2.5)}
@@ -18,7 +18,8 @@ OutputLog = Callable[[float, str, int, int], None]
 
 
 class Wiring:
-    """Two DACs drive a galvo head, TTL outputs 1 to 3 mark steps, one may drive the shutter."""
+    """Two DACs drive a galvo head, TTL outputs 1 to 3 mark steps, one may drive the shutter. Without `servo` the beam
+    is there at once."""
 
     def __init__(
         self,
@@ -28,8 +29,7 @@ class Wiring:
         y_dac: int = 2,
         x_volts_per_degree: float = 0.5,
         y_volts_per_degree: float = 0.5,
-        settle: SettleModel | None = None,
-        settle_scale: float = 0.9,
+        servo: ServoSettings | None = None,
         shutter_pin: int | None = None,
     ) -> None:
         self.bench = bench
@@ -38,8 +38,7 @@ class Wiring:
         self.log: OutputLog | None = None
         self.x_dac, self.y_dac = x_dac, y_dac
         self._volts_per_degree = {x_dac: x_volts_per_degree, y_dac: y_volts_per_degree}
-        self._settle = settle or SettleModel()
-        self._settle_scale = settle_scale
+        self._head = GalvoHead(servo) if servo else None
         self._shutter_pin = shutter_pin
         self._range = dict.fromkeys(range(1, DACS + 1), 1)
         self._code = dict.fromkeys(range(1, DACS + 1), 0)
@@ -54,7 +53,7 @@ class Wiring:
             y_dac=settings.y.dac,
             x_volts_per_degree=settings.x.volts_per_degree,
             y_volts_per_degree=settings.y.volts_per_degree,
-            settle=settings.settle,
+            servo=bench.servo,
             shutter_pin=settings.shutter_pin,
         )
 
@@ -80,9 +79,11 @@ class Wiring:
         self._note(when_s, "code", dac, code)
         if self.live and dac in (self.x_dac, self.y_dac):
             target = MirrorAngles(self._deflection(self.x_dac), self._deflection(self.y_dac))
-            beam = self.bench.beam_at(when_s)
-            step_rad = target.x_rad - beam.x_rad if dac == self.x_dac else target.y_rad - beam.y_rad
-            self.bench.steer(target, when_s, self._settle_scale * self._settle.axis_settle_s(step_rad))
+            if self._head is None:
+                self.bench.steer(target, when_s)
+            else:
+                self._head.steer(target, when_s)
+                self.bench.follow_path(self._head.at, target, when_s)
 
     def set_pin(self, number: int, high: bool, when_s: float) -> None:
         """A TTL output, 1 to 16."""

@@ -27,7 +27,14 @@ def plan(
 ) -> None:
     """Checks everything that `scan` would; duration with its parts, disk, photons to expect. Moves nothing: a real
     bench is not even opened, its simulated twin is asked."""
-    from nlos.acquisition.planning.preflight import ExpectedRates, aim_of, check_light, checked_angles, expectation
+    from nlos.acquisition.planning.preflight import (
+        ExpectedRates,
+        aim_of,
+        beam_within_px,
+        check_light,
+        checked_angles,
+        expectation,
+    )
     from nlos.acquisition.planning.scan_settings import ScanSettings
     from nlos.acquisition.planning.schemes import choose
     from nlos.configs.load import load
@@ -44,7 +51,9 @@ def plan(
         elif table.settings.simulated and open_bench.simulated is not None:
             rates = ExpectedRates.of_simulation(planned, open_bench.simulated, angles)
         choice = choose(planned, open_bench, angles, links)
+        within_px = beam_within_px(planned, open_bench, angles)
     _tell(planned, choice)
+    _tell_beam(within_px, planned, choice)
     if rates is not None:
         _tell_light(expectation(planned, rates))
         check_light(rates, table.settings.laser.repetition_hz)
@@ -81,6 +90,17 @@ def _tell_light(expected: "Expectation") -> None:
         + f" a point; signal-to-noise of the indirect light {expected.signal_to_noise:.1f}",
         counts_per_point=counts, signal_to_noise=expected.signal_to_noise,
     )  # fmt: skip
+
+
+def _tell_beam(settled_px: float, plan: "ScanPlan", choice: "Choice") -> None:
+    from nlos.acquisition.planning.schemes import Scheme
+
+    if choice.scheme is Scheme.SWEPT and plan.within_px is not None:
+        within_px = plan.within_px
+        how = "in the middle of its dwell; the lag is measured first, and nothing is swept where that does not hold"
+    else:
+        within_px, how = settled_px, "when its gate opens, as the mirror's settling is stated"
+    terminal.result(f"beam       within {within_px:.2g} pixel of each point {how}", beam_within_px=within_px)
 
 
 def _tell(plan: "ScanPlan", choice: "Choice") -> None:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from nlos.acquisition.recording.salvage import Resumed
     from nlos.acquisition.recording.writer import RecordingWriter
     from nlos.acquisition.scanning.alarms import AlarmSettings
+    from nlos.acquisition.scanning.lag import Lag
     from nlos.drivers.bench import Bench
 
 
@@ -117,7 +118,8 @@ def _acquire(
     roles = {"mirror": bench.mirror.identity, "counter": bench.counter.identity}
     known = measured_constants(constants, roles)
     aim = known.geometry if known is not None and known.geometry is not None else aim_of(bench)
-    choice = choose(plan, bench, checked_angles(plan, bench, aim))
+    lag = _known_lag(target) if resume and plan.within_px is not None else None
+    choice = choose(plan, bench, checked_angles(plan, bench, aim), lag=lag)
     forecast_s = choice.forecast.total_s
     terminal.log(f"scheme {choice.scheme.value}, {forecast_s:.1f} s expected; {choice.why}")
     check_disk(plan, target)
@@ -141,7 +143,7 @@ def _acquire(
     with progress:
         samples = run(
             plan, bench, aim=aim, taken=begun.taken, control=control, alarms=watch, decide=enough,
-            elapsed_s=begun.elapsed_s,
+            elapsed_s=begun.elapsed_s, lag=lag,
         )  # fmt: skip
         bench.on_event = lambda kind, text: writer.log(kind, text, bench.clock.now() - start_s)
         status = Status.FAILED
@@ -189,6 +191,22 @@ def _begin(target: Path, plan: "ScanPlan", header: "Header", resume: bool, overw
     if resume:
         return go_on(target, plan, header)
     return Resumed(RecordingWriter.create(target, plan, header, overwrite=overwrite), {}, 0.0)
+
+
+def _known_lag(target: Path) -> "Lag | None":
+    """What a recording that is resumed was swept by; its lines go on by the same."""
+    from nlos.acquisition.errors import InvalidData
+    from nlos.acquisition.recording.recording import Recording
+    from nlos.acquisition.scanning.lag import Lag
+
+    if not target.exists():
+        return None
+    try:
+        with Recording.open(target) as recording:
+            said = [event.text for event in recording.events() if event.kind == "lag"]
+            return Lag.of_text(said[0]) if said else None
+    except InvalidData:
+        return None
 
 
 def _safe(writer: "RecordingWriter", target: Path) -> str:

@@ -70,10 +70,10 @@ def test_the_beam_is_there_when_a_move_returns(lab: Callable[..., Lab]) -> None:
 
 def test_the_beam_is_still_on_its_way_while_the_mirror_settles(lab: Callable[..., Lab]) -> None:
     there = lab()
-    there.mirror.begin_move(MirrorAngles(0.3, 0.0))
-    assert not there.points_at(MirrorAngles(0.3, 0.0))
+    there.mirror.begin_move(MirrorAngles(0.6, 0.0))
+    assert not there.points_at(MirrorAngles(0.6, 0.0))
     there.mirror.wait_settled()
-    assert there.points_at(MirrorAngles(0.3, 0.0))
+    assert there.points_at(MirrorAngles(0.6, 0.0))
 
 
 def test_settling_takes_about_as_long_as_expected(lab: Callable[..., Lab]) -> None:

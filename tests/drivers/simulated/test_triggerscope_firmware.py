@@ -6,6 +6,7 @@ from collections.abc import Callable
 import pytest
 
 from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.servo import ServoSettings
 from nlos.drivers.simulated.triggerscope.firmware import TriggerScopeFirmware
 from nlos.drivers.simulated.triggerscope.wiring import Wiring
 
@@ -20,7 +21,7 @@ def bench(dark_bench: Callable[..., SimulatedBench]) -> SimulatedBench:
 
 @pytest.fixture
 def say(bench: SimulatedBench) -> Callable[[bytes], bytes]:
-    firmware = TriggerScopeFirmware(bench, Wiring(bench, settle_scale=0.0))
+    firmware = TriggerScopeFirmware(bench, Wiring(bench))
     return lambda data: firmware.receive(data, bench.clock.now())
 
 
@@ -223,7 +224,7 @@ def test_analogue_blanking_is_full_scale_on_a_mirror(bench: SimulatedBench, say:
 
 
 def test_the_beam_is_on_its_way_until_the_head_has_settled(bench: SimulatedBench) -> None:
-    firmware = TriggerScopeFirmware(bench, Wiring(bench, settle_scale=1.0))
+    firmware = TriggerScopeFirmware(bench, Wiring(bench, servo=ServoSettings()))
     firmware.receive(b"SAR1-4\n", 0.0)
     bench.clock.sleep(1.0)
     start_rad = bench.beam.x_rad
