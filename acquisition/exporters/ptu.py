@@ -29,6 +29,8 @@ def write_ptu(scan: ScanArrays, path: Path) -> list[str]:
         "the wall's size has no place in PTU",
         "photons are spread evenly over each dwell: arrival order is not stored",
     ]
+    if scan.time.start_s:
+        notes.append(f"delays count from the first bin, {scan.time.start_s * 1e9:g} ns after the laser pulse")
     period_s = max(_SYNC_PERIOD_S, bins * scan.time.bin_width_s)
     dwells = np.unique(scan.exposure_s.round(9))
     photons = int(counts.sum(axis=2, dtype=np.int64).max(initial=0))
@@ -43,8 +45,8 @@ def write_ptu(scan: ScanArrays, path: Path) -> list[str]:
         scan.time.bin_width_s,
         pixel_time,
         record_type=ptufile.PtuRecordType.GenericT3,
-        tags={  # optional in the vendor's dictionary, but phconvert reads no file without them
-            "HW_Type": "nlos",
+        tags={  # the first two are optional in the vendor's dictionary, but phconvert reads no file without them
+            "HW_Type": "MultiHarp",  # whose records these are: the vendor's library takes names that it knows
             "MeasDesc_AcquisitionTime": max(1, round(float(scan.exposure_s.sum()) * 1e3)),  # ms
             "CreatorSW_Name": "nlos",
             "CreatorSW_Version": version("nlos"),

@@ -17,6 +17,7 @@ from nlos.drivers.tcspc.picoquant.families import FAMILIES
 _TEXTS = {
     0: "ERROR_NONE", -1: "ERROR_DEVICE_OPEN_FAIL", -2: "ERROR_DEVICE_BUSY", -10: "ERROR_DEVICE_NOT_OPEN",
     -11: "ERROR_DEVICE_LOCKED", -16: "ERROR_INSTANCE_RUNNING", -17: "ERROR_INVALID_ARGUMENT", -18: "ERROR_INVALID_MODE",
+    -20: "ERROR_INVALID_MEMORY",
     -22: "ERROR_NOT_INITIALIZED", -23: "ERROR_NOT_CALIBRATED", -28: "ERROR_FIFORESET_FAIL", -36: "ERROR_USB_VCMD_FAIL",
     -37: "ERROR_USB_BULKRD_FAIL",
 }  # fmt: skip
@@ -82,7 +83,7 @@ class PicoquantLibrary:
         if name in _BEFORE_OPEN:
             return method(self, *arguments)
         if not self._open or arguments[0] != 0:
-            return -10
+            return -20  # as the real libraries say where nothing was opened
         if self._mode is None and name not in _BEFORE_INITIALIZE:
             return -22
         if name == "StartMeas" and not self._calibrated:

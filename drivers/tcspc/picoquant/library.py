@@ -41,6 +41,7 @@ _ERRORS: dict[int, type[DeviceError]] = {
     -16: CommandRejected,
     -17: LimitError,
     -18: CommandRejected,
+    -20: DeviceLost,
     -22: CommandRejected,
     -23: CommandRejected,
     -28: DeviceFault,
@@ -50,6 +51,7 @@ _REMEDIES: dict[int, str] = {
     -10: "Check its cable and power, then open the bench again.",
     -11: "Close the program that uses it.",
     -16: "Stop the measurement first.",
+    -20: "Open the bench again: this instrument is not open.",
     -28: "Switch the instrument off and on.",
 }
 

@@ -58,10 +58,12 @@ def test_free_positions_are_refused_where_the_format_has_no_place(suffix: str, t
 @pytest.mark.parametrize("even", [True, False])
 def test_a_ptu_has_the_tags_that_other_readers_want(even: bool, tmp_path: Path) -> None:
     """phconvert reads no file without the first two, which the vendor's dictionary calls optional."""
-    write_ptu(scan(even), tmp_path / "scan.ptu")
+    left_behind = write_ptu(scan(even), tmp_path / "scan.ptu")
+    assert any("1 ns after the laser pulse" in note for note in left_behind)
     tags, _ = decode_tags((tmp_path / "scan.ptu").read_bytes(), "scan.ptu")
     assert tags["MeasDesc_AcquisitionTime"] == round(float(scan(even).exposure_s.sum()) * 1e3)
-    assert tags["HW_Type"] == tags["CreatorSW_Name"] == "nlos"
+    assert tags["HW_Type"] == "MultiHarp"
+    assert tags["CreatorSW_Name"] == "nlos"
     assert tags["TTResultFormat_TTTRRecType"] == 0x00010307
     for name in ("File_CreatingTime", "CreatorSW_Version", "TTResult_SyncRate", "MeasDesc_Resolution"):
         assert name in tags

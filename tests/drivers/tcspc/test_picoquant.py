@@ -278,7 +278,7 @@ def test_the_instrument_is_found_by_its_serial_number_or_not_at_all() -> None:
 CODES = {
     DeviceNotFound: (-1,),
     DeviceBusy: (-2, -11),
-    DeviceLost: (-10, -32, -36, -38),
+    DeviceLost: (-10, -20, -32, -36, -38),
     CommandRejected: (-16, -18, -22, -23),
     LimitError: (-17,),
     DeviceFault: (-28, -99),
@@ -308,7 +308,7 @@ def test_the_wire_log_shows_what_each_call_was_given_and_gave_back() -> None:
 
 def test_calls_out_of_order_are_refused_by_the_stand_in() -> None:
     library = PicoquantLibrary(table(), "hydraharp400", 10e6)
-    assert library.HH_SetBinning(0, 1) == -10
+    assert library.HH_SetBinning(0, 1) == -20
     assert library.HH_OpenDevice(0, ctypes.create_string_buffer(64)) == 0
     assert library.HH_OpenDevice(1, ctypes.create_string_buffer(64)) == -1
     assert library.HH_SetBinning(0, 1) == -22

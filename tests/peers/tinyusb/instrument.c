@@ -40,7 +40,6 @@ static usbtmc_response_capabilities_488_t const capabilities = {
     .USBTMC_status = USBTMC_STATUS_SUCCESS,
     .bcdUSBTMC = USBTMC_VERSION,
     .bcdUSB488 = USBTMC_488_VERSION,
-    /* This struct lists the bits of byte 14 in the opposite order of USB488 table 8: symmetric here, all but REN. */
     .bmIntfcCapabilities488 = {.supportsTrigger = 1, .is488_2 = 1},
     .bmDevCapabilities488 = {.SCPI = 1, .SR1 = 1, .DT1 = 1},
 };
