@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test check soak peers results studies clean
+.PHONY: demo test check docs soak peers results studies clean
 
 .venv/run-ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
@@ -32,6 +32,15 @@ check: .venv/test-ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+.venv/docs-ready: .venv/run-ready
+	$(PIP) -e '.[recon,live,docs]'
+	touch $@
+
+docs: .venv/docs-ready  # the site, in site/
+	$(BIN)/python docs/make_settings.py
+	$(BIN)/python docs/make_design.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
 soak: .venv/test-ready
 	NLOS_SOAK=1 $(BIN)/python -m pytest -m soak

@@ -20,7 +20,7 @@ from pydantic_core import PydanticUndefined
 UNITS = {
     "_m": "m", "_mm": "mm", "_s": "s", "_ms": "ms", "_us": "us", "_ns": "ns", "_ps": "ps", "_hz": "Hz", "_khz": "kHz",
     "_mhz": "MHz", "_cps": "counts/s", "_deg": "deg", "_rad": "rad", "_mv": "mV", "_v": "V",
-    "_bytes": "bytes", "_mb": "MB",
+    "_bytes": "bytes", "_mb": "MB", "_megabytes_per_s": "MB/s",
 }  # fmt: skip
 
 
@@ -112,6 +112,8 @@ def _type(annotation: Any) -> str:
     if origin is dict:
         return "mapping"
     names = {float: "number", int: "whole number", bool: "true or false", str: "text"}
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return f"{annotation.__name__.removesuffix('Settings')} block"
     return names.get(annotation, getattr(annotation, "__name__", str(annotation)))
 
 

@@ -11,7 +11,7 @@ Kind = Literal["scan", "bench", "train"]
 
 def schema_of(kind: Kind) -> dict[str, Any]:
     """The JSON Schema (draft 2020-12) of a kind of file, with the meaning of every key."""
-    model = _model(kind)
+    model = model_of(kind)
     made: dict[str, Any] = model.model_json_schema(by_alias=True)
     made["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     made["title"] = f"nlos {kind} file"
@@ -19,7 +19,7 @@ def schema_of(kind: Kind) -> dict[str, Any]:
     return made
 
 
-def _model(kind: Kind) -> type[BaseModel]:
+def model_of(kind: str) -> type[BaseModel]:
     if kind == "scan":
         from nlos.acquisition.planning.scan_settings import ScanSettings
 
@@ -35,16 +35,16 @@ def _model(kind: Kind) -> type[BaseModel]:
 
 def _explain(schema: dict[str, Any], model: type[BaseModel]) -> None:
     """Adds what each key means, to the file's own keys and to those of every block in it."""
-    blocks = {block.__name__: block for block in _blocks(model)}
+    named = {block.__name__: block for block in blocks(model)}
     for name, part in {model.__name__: schema, **schema.get("$defs", {})}.items():
-        if name not in blocks:
+        if name not in named:
             continue
-        for key, setting in describe(blocks[name]).items():
+        for key, setting in describe(named[name]).items():
             if setting.what and key in part.get("properties", {}):
                 part["properties"][key]["description"] = setting.what
 
 
-def _blocks(model: type[BaseModel]) -> list[type[BaseModel]]:
+def blocks(model: type[BaseModel]) -> list[type[BaseModel]]:
     """The model and every model inside it."""
     found: list[type[BaseModel]] = []
     todo: list[Any] = [model]

@@ -1,0 +1,66 @@
+"""Makes docs/design.md, the decisions by room: `python docs/make_design.py`."""
+
+from pathlib import Path
+
+DOCS = Path(__file__).parent
+ROOMS = {
+    "The house and the command line": [(1, 2), (110, 110)],
+    "Drivers": [(10, 34), (111, 116), (140, 149)],
+    "Acquisition": [(40, 46), (117, 139)],
+    "Calibration": [(50, 59)],
+    "Physics reconstruction": [(60, 69), (150, 150)],
+    "Learned reconstruction": [(70, 89), (100, 109), (160, 179)],
+    "Watching a scan": [(90, 99)],
+}
+TOP = """# Design
+
+Data flows from left to right and never back; a test reads the imports and enforces it.
+
+```
+configs/      drivers/        acquisition/           calibration/            recon/
+YAML     ->   bytes <->  ->   plan, scan, record ->  raw counts -> counts -> transient -> what is
+files         devices         replay, follow         the physics can use     behind the corner
+
+            nlos   the API and the command line: the only room that knows all the others
+```
+
+| you look for | it is in |
+|---|---|
+| bytes to and from an instrument | `drivers/galvo/<model>/commands.py`, `drivers/tcspc/<model>/` |
+| the other end of the cable | `drivers/simulated/<model>/`; what can go wrong there: [Faults](faults.md) |
+| which points, in which order, for how long | `acquisition/planning/` |
+| the scan itself, its schemes and alarms | `acquisition/scanning/` |
+| the file, and how it survives everything | `acquisition/recording/` |
+| dead time, time zero, direct light | `calibration/`; their order: `calibration/correct.py` |
+| an operator of light transport | `recon/transport/`; a method: `recon/methods/` |
+| what a verb does | `src/nlos/cli/<verb>.py` |
+
+## Decisions
+
+What was decided, why, and what was measured, ten lines each.
+"""
+
+
+def page() -> str:
+    """The page in Markdown."""
+    parts = [TOP]
+    known = {int(path.name[:3]): path for path in sorted((DOCS / "decisions").glob("[0-9]*.md"))}
+    placed = set()
+    for room, spans in ROOMS.items():
+        chosen = [number for number in known if any(low <= number <= high for low, high in spans)]
+        placed.update(chosen)
+        parts.append(f"### {room}\n")
+        parts += [_line(number, known[number]) for number in sorted(chosen)]
+        parts.append("")
+    if left := sorted(set(known) - placed):
+        parts += ["### Everything else\n", *(_line(number, known[number]) for number in left), ""]
+    return "\n".join(parts)
+
+
+def _line(number: int, path: Path) -> str:
+    title = path.read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ").replace("`", "")
+    return f"- [{number:03d}](decisions/{path.name}) {title}"
+
+
+if __name__ == "__main__":
+    (DOCS / "design.md").write_text(page(), encoding="utf-8")

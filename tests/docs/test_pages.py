@@ -1,0 +1,59 @@
+"""What the pages show works: every code block is run, page by page, in an empty folder."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from nlos.configs.describe import describe
+from nlos.schemas import blocks, model_of
+
+DOCS = Path(__file__).parents[2] / "docs"
+PAGES = sorted(path.relative_to(DOCS).as_posix() for path in DOCS.glob("howto/*.md"))
+BLOCK = re.compile(r"^(<!-- not run: [^\n]* -->\n)?```(sh|python)\n(.*?)^```", re.S | re.M)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_block_of_a_page_runs(page: str, tmp_path: Path) -> None:
+    text = (DOCS / page).read_text(encoding="utf-8")
+    shown = text.count("\n```sh\n") + text.count("\n```python\n")
+    found = BLOCK.findall(text)
+    assert len(found) == shown, "a block that this test does not see"
+    script = ["set -euo pipefail", "touch blocks.py"]
+    for skipped, language, code in found:
+        if skipped:
+            continue
+        if language == "sh":
+            script.append(code)
+        else:  # blocks of Python share their names: each run repeats the earlier ones
+            script += [
+                "cat >> blocks.py <<'END_OF_BLOCK'",
+                code.rstrip(),
+                "END_OF_BLOCK",
+                "rm -rf out run.h5*",
+                "python blocks.py",
+            ]
+    here = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    words = ["bash", "-c", "\n".join(script)]
+    done = subprocess.run(words, cwd=tmp_path, env=here, capture_output=True, text=True, timeout=280, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_settings_pages_are_made_from_the_classes() -> None:
+    sys.path.insert(0, str(DOCS))
+    try:
+        from make_settings import pages  # type: ignore[import-not-found]
+    finally:
+        sys.path.pop(0)
+    for name, text in pages().items():
+        assert (DOCS / "settings" / name).read_text(encoding="utf-8") == text, "run: python docs/make_settings.py"
+
+
+@pytest.mark.parametrize("kind", ["scan", "train"])
+def test_every_key_says_what_it_means(kind: str) -> None:
+    for block in blocks(model_of(kind)):
+        for key, setting in describe(block).items():
+            assert setting.what or key in ("kind", "model"), f"{block.__name__}: {key} has no meaning"
