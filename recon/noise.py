@@ -16,6 +16,9 @@ REFERENCE_POINTS = 64 * 64
 MOST_LINES = 32  # of a wall measured everywhere, in each direction; more tell no more about its noise
 WINDOWS = 20  # the background is the darkest of this many stretches of the time axis
 
+SHORTEST_STRETCH = 8
+STANDS_OUT = 6.0  # in standard deviations of a stretch's sum, over all points
+
 # Measured on seven scenes of a foreign renderer, noiseless and at 20, 5 and 1 peak counts: log10 of the quality, the
 # part of the falloff exponent worth undoing, and log10 of the best snr. See docs/decisions/060.
 QUALITY = (-0.4, 0.26, 0.73, 1.1, 2.0)
@@ -29,7 +32,9 @@ class Noise:
 
     background: "torch.Tensor"  # (B,) counts a bin, ambient light and dark counts
     quality: "torch.Tensor"
-    """(B,) log10 of signal over noise energy, as if in 32 ps bins on 64 x 64 points."""
+    """(B,) log10 of signal over noise energy up to `end`, as if in 32 ps bins on 64 x 64 points."""
+    end: "torch.Tensor"
+    """(B,) the bin after the last one that holds light: later ones hold noise alone."""
 
     def snr(self) -> "torch.Tensor":
         """The signal to noise ratio at which a Wiener filter serves best, (B,)."""
@@ -49,11 +54,11 @@ def estimate(rates: "torch.Tensor", measured: "torch.Tensor | None", time: TimeA
     import torch
 
     found = [_estimate(sample, None if measured is None else measured[b], time) for b, sample in enumerate(rates)]
-    background, quality = torch.tensor(found, dtype=torch.float64).T
-    return Noise(background.to(rates.device, rates.dtype), quality.to(rates.device, rates.dtype))
+    background, quality, end = torch.tensor(found, dtype=torch.float64).T.to(rates.device)
+    return Noise(background.to(rates.dtype), quality.to(rates.dtype), end.long())
 
 
-def _estimate(sample: "torch.Tensor", measured: "torch.Tensor | None", time: TimeAxis) -> tuple[float, float]:
+def _estimate(sample: "torch.Tensor", measured: "torch.Tensor | None", time: TimeAxis) -> tuple[float, float, int]:
     if sample.device.type == "cpu":
         return background_and_quality(sample.detach().numpy(), None if measured is None else measured.numpy(), time)
     import torch
@@ -68,8 +73,8 @@ def _estimate(sample: "torch.Tensor", measured: "torch.Tensor | None", time: Tim
 
 def background_and_quality(
     sample: npt.NDArray[np.floating[Any]], measured: npt.NDArray[np.bool_] | None, time: TimeAxis
-) -> tuple[float, float]:
-    """`estimate` for one sample (C, T, H, W): counts a bin, and log10 of signal over noise energy."""
+) -> tuple[float, float, int]:
+    """`estimate` for one sample (C, T, H, W): counts a bin, log10 of signal over noise energy, and where light ends."""
     if measured is None or measured.all():
         rows, cols = (_spread(size) for size in sample.shape[-2:])
         chosen = sample[..., rows[:, None], cols].reshape(*sample.shape[:2], -1)
@@ -87,18 +92,22 @@ def part_undone(quality: float) -> float:
     return float(np.interp(quality, QUALITY, UNDONE))
 
 
-def _judge(x: npt.NDArray[np.floating[Any]], points: int, time: TimeAxis) -> tuple[float, float]:
+def _judge(x: npt.NDArray[np.floating[Any]], points: int, time: TimeAxis) -> tuple[float, float, int]:
     """Of chosen points (C, T, N), a few MB, for which NumPy on one core is quickest, out of `points`."""
-    lit = x[:, first_lit_bin(x[None, ..., None]) :]
+    first = first_lit_bin(x[None, ..., None])
+    lit = x[:, first:]
     mean = lit.mean(axis=(0, 2), dtype=np.float64)
     stretch = max(min(8, len(mean)), len(mean) // WINDOWS)
     background = float(np.convolve(mean, np.full(stretch, 1 / stretch), mode="valid").min())
+    end = last_lit_bin(mean - background)
+    lit = lit[:, :end]
     energy = float(np.mean((lit - np.float32(background)) ** 2, dtype=np.float64))
     noise = energy
     if lit.shape[1] > 2:
         noise = float(np.mean(np.diff(lit, 2, axis=1) ** 2, dtype=np.float64)) / 6
     ratio = min(max((energy - noise) / max(noise, 1e-300), 1e-3), 1e6)
-    return background, float(np.log10(ratio * (REFERENCE_BIN_S / time.bin_width_s) * (points / REFERENCE_POINTS)))
+    quality = float(np.log10(ratio * (REFERENCE_BIN_S / time.bin_width_s) * (points / REFERENCE_POINTS)))
+    return background, quality, first + end
 
 
 def without_background(rates: "torch.Tensor", background: "torch.Tensor") -> "torch.Tensor":
@@ -114,6 +123,21 @@ def first_lit_bin(rates: Any) -> int:
         if rates[:, :, k].any():
             return k
     return 0
+
+
+def last_lit_bin(excess: npt.NDArray[np.float64]) -> int:
+    """The bin after the last stretch of `excess` (T,), the mean over points less the background, that stands out of its
+    noise; T where none does."""
+    bins = len(excess)
+    if bins < 8 * SHORTEST_STRETCH:
+        return bins
+    sigma = float(np.sqrt(np.mean(np.diff(excess, 2) ** 2) / 6))
+    ends = []
+    for length in (SHORTEST_STRETCH, max(SHORTEST_STRETCH, bins // 64), max(SHORTEST_STRETCH, bins // 16)):
+        sums = np.convolve(excess, np.ones(length), mode="valid")
+        standing = np.flatnonzero(sums > STANDS_OUT * sigma * np.sqrt(length))
+        ends += [int(standing[-1]) + length] if len(standing) else []
+    return max(ends) if ends else bins
 
 
 def _spread(size: int) -> npt.NDArray[np.int64]:

@@ -19,8 +19,8 @@ def prepare(
     """Counts (B, C, T, H, W) as signal alone with its falloff undone, and the snr.
 
     Exposure is divided out, the background subtracted, points that were not measured are interpolated; how much of the
-    falloff is undone and the snr follow from the noise found. Under the authors' conventions nothing is subtracted, all
-    falloff undone, and the snr theirs.
+    falloff is undone, as far as there is light, and the snr follow from the noise found. Under the authors' conventions
+    nothing is subtracted, all falloff undone, and the snr theirs.
     """
     rates = equally_exposed(counts, exposure_s)
     noise = estimate(rates, None if exposure_s is None else exposure_s > 0, time)
@@ -29,7 +29,11 @@ def prepare(
     snr = found if settings.snr is None else settings.snr
     signal = without_background(rates, noise.background) if physical else rates.clone()
     if falloff is not None:
-        signal *= falloff.weights(noise.undone() if physical else None).to(signal.dtype)
+        weights = falloff.weights(noise.undone() if physical else None)
+        if physical:  # beyond the last light there is only noise, which must not be made the brightest of all
+            held = torch.arange(time.bins, device=weights.device).minimum(noise.end[:, None] - 1)
+            weights = weights.gather(2, held.view(len(held), 1, -1, 1, 1))
+        signal *= weights.to(signal.dtype)
     if exposure_s is not None:
         signal = fill_unmeasured(signal, exposure_s > 0)
     return signal, snr

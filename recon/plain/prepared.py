@@ -22,13 +22,15 @@ def prepare(
         mean = exposure_s.sum() / max(int(measured.sum()), 1)
         weight = np.where(measured, mean / np.maximum(exposure_s, 1e-30), 0.0)
         rates = counts * weight.astype(counts.dtype)
-    background, quality = background_and_quality(rates[None], measured, time)
+    background, quality, end = background_and_quality(rates[None], measured, time)
     physical = settings.conventions == "physical"
     undone = part_undone(quality) if physical else 1.0
     signal = rates.copy()
     if physical:
         signal[first_lit_bin(rates[None, None]) :] -= np.float32(background)
     weights = falloff_weights(time, settings.falloff * undone, settings.conventions)
+    if physical:
+        weights = weights[np.minimum(np.arange(time.bins), end - 1)]
     signal *= weights.astype(signal.dtype)[:, None, None]
     snr = settings.snr or (best_snr(quality) if physical else PUBLISHED_SNR)
     return filled(signal, measured), snr
