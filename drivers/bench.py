@@ -7,7 +7,7 @@ from functools import partial
 
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.clock import Clock, SystemClock
-from nlos.drivers.errors import DeviceError, DeviceLost
+from nlos.drivers.errors import BenchClosed, DeviceError, DeviceLost
 from nlos.drivers.events import EventLog, OnEvent
 from nlos.drivers.exit_paths import ExitPaths
 from nlos.drivers.galvo.mirror import GalvoMirror
@@ -53,6 +53,7 @@ class Bench:
         self.clock = clock
         self.simulated = simulated
         self._events = events
+        self.closed = False
         self.while_waiting: Callable[[], None] = lambda: None
         """Called every 10 ms while points are waited for; what it raises ends the wait."""
         counter.meanwhile(self._look)
@@ -60,6 +61,11 @@ class Bench:
     def _look(self) -> None:
         self.mirror.look()
         self.while_waiting()
+
+    def check_open(self) -> None:
+        """Raises `BenchClosed`: a scan outlives the `with` block of its bench."""
+        if self.closed:
+            raise BenchClosed("bench", f"{self.settings.name} was closed; this scan cannot go on.")
 
     @property
     def identities(self) -> tuple[DeviceIdentity, ...]:
@@ -127,6 +133,7 @@ def open_bench(
             shutter = closing.shutter = GuardedShutter(inner, counter, settings.safety, events)
             shutter.close()
             bench = Bench(settings, mirror, counter, shutter, clock, events, simulated)
+            stack.callback(setattr, bench, "closed", True)
             for warning in bench.warnings:
                 events.report("warning", warning)
             yield bench
@@ -161,7 +168,7 @@ class _Closing:
         try:
             self._events.report("signal", why)
             if self.shutter is not None:
-                self.shutter.close(why)
+                self.shutter.hold(why)
         except DeviceError:
             pass  # reported; the way out tries again
         finally:

@@ -81,6 +81,18 @@ class DataLoss(DeviceError):
     """Photons were lost in the device (FIFO full, slot overrun). What arrived is kept and flagged."""
 
 
+class BenchClosed(DeviceError):
+    """The bench was closed meanwhile: nothing on it can be asked for any more."""
+
+    usual_remedy = "Open the bench again and begin a new scan."
+
+
+class ShutterHeld(DeviceError):
+    """A signal shut the light off: it stays off until a scan is begun or goes on."""
+
+    usual_remedy = "Begin a new scan, or go on with the paused one."
+
+
 class SafetyTrip(DeviceError):
     """The light was shut off: over-count, open interlock or watchdog. Clearing it is a person's decision."""
 

@@ -1,14 +1,53 @@
 """Every way out of a program that holds a laser bench: signals, the end of the interpreter, and a `with` block."""
 
+import _thread
 import atexit
 import os
 import signal
+import sys
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Any
 
 _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name))
+_SOON_S = 0.005
+_ENDING_TAKES_S = 20.0
+"""A program that was told to end is told again only after so long: what it still does is bring things to an end."""
+
+_open: list["ExitPaths"] = []
+
+
+def signal_soon(number: int) -> None:
+    """Raises a signal from another thread, a moment later: what the main thread is in the middle of is over by then."""
+
+    def raise_it() -> None:
+        time.sleep(_SOON_S)
+        main = threading.main_thread().ident
+        if main is not None and hasattr(signal, "pthread_kill"):
+            signal.pthread_kill(main, number)  # wakes it, too, where it sleeps
+        else:
+            signal.raise_signal(number)
+
+    _thread.start_new_thread(raise_it, ())
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """While the block runs, a signal shuts the light and waits: for the few steps that must not be cut in two, such as
+    a file's last ones. Does nothing where no bench is open."""
+    holding = list(_open)
+    for paths in holding:
+        paths.held += 1
+    try:
+        yield
+    finally:
+        for paths in holding:
+            paths.held -= 1
+        for paths in reversed(holding):
+            paths.deliver()
 
 
 class ExitPaths:
@@ -17,15 +56,22 @@ class ExitPaths:
     stand the instrument's watchdog and the interlock.
 
     A signal that would have killed the process raises `SystemExit(128 + number)` instead, so that every `with` and
-    `finally` on the way runs. Signals that arrive while the bench is closing wait until it is closed.
+    `finally` on the way runs. That happens once: signals that follow, and those that arrive while the bench is closing
+    or while something is `undisturbed`, shut the light and wait. An end that Python swallowed, because it fell into a
+    finaliser, is raised again.
     """
 
     def __init__(self, shut_light: Callable[[str], None], close: Callable[[], None]) -> None:
         self._shut_light, self._close = shut_light, close
         self._process = os.getpid()
         self._previous: dict[int, Any] = {}
-        self._closing = False
+        self._closing = self._shutting = self._raising_again = False
         self._waiting: list[int] = []
+        self._ending: BaseException | None = None
+        self._ending_s = 0.0
+        self._unraisable = sys.unraisablehook
+        self.held = 0
+        """How many blocks want to be `undisturbed`."""
 
     def __enter__(self) -> "ExitPaths":
         atexit.register(self._close_once)
@@ -34,6 +80,8 @@ class ExitPaths:
                 # A signal that is ignored (nohup) or handled outside Python stays so.
                 if signal.getsignal(number) not in (signal.SIG_IGN, None):
                     self._previous[number] = signal.signal(number, self._on_signal)
+            self._unraisable, sys.unraisablehook = sys.unraisablehook, self._raise_again
+            _open.append(self)
         return self
 
     def __exit__(
@@ -43,12 +91,17 @@ class ExitPaths:
             self._close_once()
         finally:
             atexit.unregister(self._close_once)
+            if self in _open:
+                _open.remove(self)
+                sys.unraisablehook = self._unraisable
             for number, previous in self._previous.items():
                 # Whoever took the signal over meanwhile keeps it.
                 if signal.getsignal(number) == self._on_signal:
                     signal.signal(number, previous)
-        for number in self._waiting:
-            self._go_on(number, None)
+        self.held = 0
+        self._closing = False
+        if kind is None:  # else the program is on its way out already
+            self.deliver()
 
     def _close_once(self) -> None:
         if self._closing or os.getpid() != self._process:
@@ -57,16 +110,47 @@ class ExitPaths:
         self._close()
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        if os.getpid() == self._process:
-            if self._closing:
-                self._waiting.append(number)
-                return
+        if os.getpid() != self._process:
+            self._go_on(number, frame)
+            return
+        if self._raising_again:  # here an exception would be lost once more
+            signal_soon(number)
+            return
+        if self._shutting or self._closing:  # a signal within this handler, or the light is off already
+            self._waiting.append(number)
+            return
+        self._shutting = True
+        try:
             self._shut_light(signal.Signals(number).name)
-        self._go_on(number, frame)
+        finally:
+            self._shutting = False
+        self._waiting.insert(0, number)
+        self.deliver(frame)
+
+    def deliver(self, frame: FrameType | None = None) -> None:
+        """Does what the program does about the signals that waited, unless something must not be disturbed."""
+        while self._waiting and not (self.held or self._closing or self._shutting):
+            self._go_on(self._waiting.pop(0), frame)
 
     def _go_on(self, number: int, frame: FrameType | None) -> None:
+        if self._ending is not None and time.monotonic() - self._ending_s < _ENDING_TAKES_S:
+            return
         previous = self._previous[number]
-        if callable(previous):
-            previous(number, frame)
-        else:
-            raise SystemExit(128 + number)
+        try:
+            if callable(previous):
+                previous(number, frame)
+            else:
+                raise SystemExit(128 + number)
+        except BaseException as ending:
+            self._ending, self._ending_s = ending, time.monotonic()
+            raise
+
+    def _raise_again(self, lost: Any) -> None:
+        """Python swallows what is raised within a finaliser or a weak reference's callback: the end comes again."""
+        if self._ending is None or lost.exc_value is not self._ending:
+            self._unraisable(lost)
+            return
+        code = getattr(lost.exc_value, "code", None)
+        self._ending, self._raising_again = None, True
+        signal_soon(code - 128 if isinstance(code, int) and code - 128 in self._previous else signal.SIGINT)
+        self._raising_again = False

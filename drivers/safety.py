@@ -7,7 +7,7 @@ from pydantic import Field, field_validator
 
 from nlos.configs.settings import Settings
 from nlos.drivers.clock import Clock
-from nlos.drivers.errors import DeviceError, SafetyTrip
+from nlos.drivers.errors import DeviceError, SafetyTrip, ShutterHeld
 from nlos.drivers.events import EventLog
 from nlos.drivers.shutter import LaserShutter, ShutterState
 from nlos.drivers.tcspc.counter import CountRates, Histogram, HistogramCounter
@@ -46,6 +46,7 @@ class GuardedShutter:
         self._open = False
         self.confirmed_closed = False  # and not opened since
         self._trip: str | None = None
+        self._held = ""
 
     @property
     def has_watchdog(self) -> bool:
@@ -57,11 +58,17 @@ class GuardedShutter:
         """Whether it was told to open and is not confirmed closed since."""
         return self._open
 
+    def is_held(self) -> bool:
+        """Whether a signal shut the light off and nobody has released the shutter since."""
+        return bool(self._held)
+
     def open(self) -> None:
-        """Raises `SafetyTrip` after a trip, until `clear_trip`, and where the interlock is open. In a dry run nothing
-        opens."""
+        """Raises `SafetyTrip` after a trip, until `clear_trip`, and where the interlock is open, `ShutterHeld` after
+        `hold`, until `release`. In a dry run nothing opens."""
         if self._trip is not None:
             raise SafetyTrip("shutter", f"stays closed after a trip ({self._trip}).", "Find the cause, then clear it.")
+        if self.is_held():
+            raise ShutterHeld("shutter", f"stays closed after {self._held}.")
         if self._settings.dry_run:
             self._events.report("shutter", "asked to open: stays closed in a dry run")
             return
@@ -80,8 +87,20 @@ class GuardedShutter:
                 if isinstance(error, SafetyTrip):
                     self._events.report("trip", f"the shutter refused to open: {error}")
             raise
+        if self.is_held():  # a signal came in between
+            self.close(self._held)
+            raise ShutterHeld("shutter", f"was closed again after {self._held}.")
         if not was_open:
             self._events.report("shutter", "opened")
+
+    def hold(self, why: str) -> None:
+        """Closes, and keeps closed what somebody may be about to open: within a signal handler."""
+        self._held = why
+        self.close(why)
+
+    def release(self) -> None:
+        """A scan is begun, or goes on: it may open again."""
+        self._held = ""
 
     def close(self, why: str = "") -> None:
         """As `LaserShutter.close`; then the watchdog, which has nothing left to watch, is turned off."""

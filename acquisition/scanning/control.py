@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from enum import Enum
 
 from nlos.acquisition.sample import Sample
-from nlos.drivers.errors import DeviceTimeout
+from nlos.drivers.errors import DeviceTimeout, ShutterHeld
 
 Report = Callable[[str, str], None]
 """(kind, text): where events go."""
@@ -77,11 +77,12 @@ class ScanControl:
 
 
 def until_interrupted(source: Iterator[Sample], control: ScanControl) -> Iterator[Sample]:
-    """Samples until a signal handler, shutting the light, breaks into the exchange of the point under way."""
+    """Samples until a signal handler, shutting the light, breaks into the exchange of the point under way, or comes
+    before the light is on."""
     while True:
         try:
             sample = next(source, None)
-        except DeviceTimeout:
+        except (DeviceTimeout, ShutterHeld):
             if control.wanted:
                 return
             raise

@@ -111,6 +111,9 @@ class _Run:
 
     def samples(self, choice: Choice) -> Generator[Sample, None, None]:
         control, bench = self._control, self._bench
+        bench.check_open()
+        if not control.wanted:
+            bench.shutter.release()
         most = "" if choice.forecast.certain == 1.0 else "at most "
         expected = f"{most}{choice.forecast.total_s:.1f} s expected"
         bench.report("scheme", f"{choice.scheme.value}, {expected}; {choice.why}")
@@ -146,7 +149,7 @@ class _Run:
         finally:
             if control.state is ScanState.RUNNING:
                 control.enter(ScanState.ENDED)
-            if control.state is not ScanState.COMPLETE:
+            if control.state is not ScanState.COMPLETE and not bench.closed:
                 self._dark_whatever_happens()
 
     def _lag_s(self) -> float:
@@ -184,6 +187,7 @@ class _Run:
             counts = sample.histogram.counts
             self._photons[sample.point.number] = int(counts.sum()) if self._plan.revisit_below is not None else 0
             yield sample
+            self._bench.check_open()
             if self._decide is not None and self._decide():
                 self._end_early(sample.point)
                 return
@@ -262,6 +266,7 @@ class _Run:
         going = self._control.pause(ScanState.STOPPED if alarm else ScanState.ENDED)
         self._bench.report("scan", "goes on" if going else "ended while paused")
         if going:
+            self._bench.shutter.release()
             self._look_around()
         elif alarm:
             raise AlarmRaised("alarm", f"{alarm}.", "Mend it, then go on with --resume.")

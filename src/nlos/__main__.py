@@ -9,6 +9,8 @@ if __name__ == "__main__" and not sys.flags.safe_path:
 import traceback
 
 from nlos.cli.escaped import escape_what_is_printed
+from nlos.cli.interrupts import ignore_interrupts, never_lose_an_interrupt
+from nlos.cli.outliving import outlive_terminal
 from nlos.cli.terminal import show_library_log, take_global_options, terminal
 
 
@@ -19,8 +21,15 @@ def main() -> None:
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     # Nor do the children of this process, however a library starts them, import from the folder one stands in.
     os.environ["PYTHONSAFEPATH"] = "1"
+    outlive_terminal()
     escape_what_is_printed()
-    sys.exit(run(sys.argv[1:]))
+    try:
+        never_lose_an_interrupt()
+        code = run(sys.argv[1:])
+    except KeyboardInterrupt:
+        code = 130
+    ignore_interrupts()
+    sys.exit(code)
 
 
 def run(arguments: list[str]) -> int:
@@ -50,6 +59,7 @@ def run(arguments: list[str]) -> int:
     except SystemExit as stop:
         return int(stop.code or 0) if isinstance(stop.code, int | None) else 1
     except BaseException as error:
+        ignore_interrupts()  # it ends: a second Ctrl-C has nothing to add
         return report(error)
 
 

@@ -10,7 +10,7 @@ from nlos.acquisition.sample import Sample
 from nlos.acquisition.scanning.control import ScanControl, ScanState
 from nlos.acquisition.scanning.engine import scan
 from nlos.drivers.bench import Bench, BenchSettings, open_bench
-from nlos.drivers.errors import DeviceError, DeviceLost, LimitError, SafetyTrip
+from nlos.drivers.errors import BenchClosed, DeviceError, DeviceLost, LimitError, SafetyTrip
 from nlos.drivers.simulated.faults import Fault
 
 Benches = Callable[..., BenchSettings]
@@ -176,3 +176,20 @@ def test_every_plan_gets_a_hundredth_of_a_second_of_overhead_at_most(
         list(scan(plan, bench))
         per_point_s = (bench.clock.now() - start_s) / len(plan)
     assert 0.0084 < per_point_s < 0.0119
+
+
+def test_a_scan_whose_bench_is_closed_refuses_to_go_on(
+    bench_settings: Callable[..., BenchSettings], small_plan: Plans
+) -> None:
+    with open_bench(bench_settings()) as bench:
+        samples = scan(small_plan(), bench)
+        begun = scan(small_plan(), bench)
+        next(begun)
+    lines: list[str] = []
+    assert bench.simulated is not None
+    bench.simulated.witness = lambda when_s, what: lines.append(what)
+    for source in (samples, begun):
+        with pytest.raises(BenchClosed):
+            next(source)
+    assert not bench.simulated.shutter_open
+    assert lines == []

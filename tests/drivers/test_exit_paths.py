@@ -5,12 +5,14 @@ import re
 import signal
 import subprocess
 import sys
+import time
+import weakref
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from nlos.drivers.exit_paths import ExitPaths
+from nlos.drivers.exit_paths import ExitPaths, undisturbed
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
 
@@ -135,3 +137,89 @@ def test_a_killed_program_leaves_the_light_to_the_watchdog(dark_bench: Callable[
     bench.clock.sleep(1.5)
     instrument.advance(bench.clock.now())
     assert not bench.shutter_open
+
+
+class Finalised:
+    """Its finaliser takes long enough for a signal to come."""
+
+    def __init__(self, *numbers: int) -> None:
+        self._numbers = numbers
+
+    def __del__(self) -> None:
+        for number in self._numbers:
+            signal.raise_signal(number)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_an_end_that_falls_into_a_finaliser_comes_again_and_prints_nothing(
+    number: signal.Signals, capfd: pytest.CaptureFixture[str]
+) -> None:
+    happened: list[str] = []
+    with (  # noqa: PT012
+        pytest.raises(SystemExit) as exit_,
+        ExitPaths(happened.append, lambda: happened.append("closed")),
+    ):
+        Finalised(number)
+        time.sleep(5)
+        pytest.fail("the signal was lost")
+    assert exit_.value.code == 128 + number
+    assert happened == [number.name, number.name, "closed"]
+    assert capfd.readouterr().err == ""
+
+
+def test_an_interrupt_that_falls_into_a_weak_references_callback_comes_again() -> None:
+    happened: list[str] = []
+    kept = Finalised()
+    watched = weakref.ref(kept, lambda reference: signal.raise_signal(signal.SIGINT))
+    with (  # noqa: PT012
+        pytest.raises(KeyboardInterrupt),
+        ExitPaths(happened.append, lambda: happened.append("closed")),
+    ):
+        del kept
+        time.sleep(5)
+        pytest.fail("the signal was lost")
+    assert watched() is None
+    assert happened[-1] == "closed"
+
+
+def test_signals_after_the_first_do_not_cut_its_way_out_short() -> None:
+    happened: list[str] = []
+    with (  # noqa: PT012
+        pytest.raises(SystemExit) as exit_,
+        ExitPaths(happened.append, lambda: happened.append("closed")),
+    ):
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        finally:
+            for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
+                signal.raise_signal(number)
+            happened.append("saved")
+    assert exit_.value.code == 143
+    assert happened[-2:] == ["saved", "closed"]
+
+
+def test_a_signal_within_the_handler_of_another_waits() -> None:
+    happened: list[str] = []
+
+    def shut(why: str) -> None:
+        happened.append(f"shuts for {why}")
+        if len(happened) == 1:
+            signal.raise_signal(signal.SIGINT)
+        happened.append(f"shut for {why}")
+
+    with pytest.raises(SystemExit) as exit_, ExitPaths(shut, lambda: None):
+        signal.raise_signal(signal.SIGTERM)
+    assert exit_.value.code in (143, 130)
+    assert happened == ["shuts for SIGTERM", "shut for SIGTERM"]
+
+
+def test_what_is_undisturbed_is_done_before_a_signal_ends_the_program_but_light_is_shut_at_once() -> None:
+    happened: list[str] = []
+    with (  # noqa: PT012
+        pytest.raises(SystemExit),
+        ExitPaths(happened.append, lambda: happened.append("closed")),
+        undisturbed(),
+    ):
+        signal.raise_signal(signal.SIGTERM)
+        happened.append("saved")
+    assert happened == ["SIGTERM", "saved", "closed"]

@@ -60,8 +60,8 @@ class EscapedStream(io.TextIOBase):
 def escape_what_is_printed() -> None:
     """From now on nothing that this process prints commands the terminal, and no name is beyond its alphabet."""
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
+        if (reconfigure := getattr(stream, "reconfigure", None)) is not None:
+            reconfigure(errors="backslashreplace")
     if sys.stdout is not None:
         sys.stdout = EscapedStream(sys.stdout)
     if sys.stderr is not None:

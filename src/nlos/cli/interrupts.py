@@ -5,12 +5,37 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from nlos.cli.terminal import terminal
+from nlos.drivers.exit_paths import signal_soon
 
 if TYPE_CHECKING:
     from nlos.acquisition.scanning.control import ScanControl
+
+
+_watched = False
+
+
+def never_lose_an_interrupt() -> None:
+    """Python prints and forgets a Ctrl-C that falls into a finaliser or a weak reference's callback: it comes again."""
+    global _watched
+    _watched = True
+    before = sys.unraisablehook
+
+    def hook(lost: Any) -> None:
+        if isinstance(lost.exc_value, KeyboardInterrupt):
+            signal_soon(signal.SIGINT)
+        else:
+            before(lost)
+
+    sys.unraisablehook = hook
+
+
+def ignore_interrupts() -> None:
+    """From now on the process is ending, and says what it has to say. Does nothing in another program's process."""
+    if _watched:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 class Interrupts:

@@ -1,7 +1,7 @@
 """`nlos scan`: acquires a plan on a bench into a recording that nothing can take away."""
 
 import json
-from contextlib import closing
+from contextlib import ExitStack, closing
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,6 +11,7 @@ import typer
 from nlos.cli.benches import load_bench, measured_constants, opened
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.interrupts import Interrupts
+from nlos.cli.scan_ending import ScanEnding
 from nlos.cli.scan_progress import ScanProgress
 from nlos.cli.terminal import terminal
 from nlos.live.good_enough import Enough, parse_until
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from nlos.acquisition.planning.plan import ScanPlan
     from nlos.acquisition.recording.provenance import Header
     from nlos.acquisition.recording.salvage import Resumed
-    from nlos.acquisition.recording.writer import RecordingWriter
     from nlos.acquisition.scanning.alarms import AlarmSettings
     from nlos.acquisition.scanning.lag import Lag
     from nlos.drivers.bench import Bench
@@ -109,11 +109,10 @@ def _acquire(
 
     from nlos.acquisition.planning.preflight import aim_of, check_disk, checked_angles
     from nlos.acquisition.planning.schemes import choose
-    from nlos.acquisition.recording.recording import Status
     from nlos.acquisition.scanning.alarms import Alarms
-    from nlos.acquisition.scanning.control import ScanControl, ScanState
+    from nlos.acquisition.scanning.control import ScanControl
     from nlos.acquisition.scanning.engine import scan as run
-    from nlos.drivers.errors import DeviceError, SafetyTrip
+    from nlos.drivers.exit_paths import undisturbed
 
     roles = {"mirror": bench.mirror.identity, "counter": bench.counter.identity}
     known = measured_constants(constants, roles)
@@ -127,60 +126,44 @@ def _acquire(
     watch.wait_for_rates(bench)
     used = "{}" if known is None else json.dumps(known.summary(), default=str)
     header = replace(header, devices=roles, warnings=tuple(bench.warnings), constants_json=used).stamped()
-    begun = _begin(target, plan, header, resume, overwrite)
-    writer = begun.writer
-    if writer is None:
-        return
-    enough = None
-    if live or (level is not None and not bench.settings.simulated):
-        start_live(target, method)
-    if level is not None:
-        enough = Enough(target, plan, level, method, bench.report, watched=not bench.settings.simulated)
-    progress = ScanProgress(len(plan), len(begun.taken))
-    control = ScanControl(lambda why: _ask(interrupts, progress, why))
-    interrupts.pauses(control)
-    start_s = bench.clock.now() - begun.elapsed_s
-    with progress:
+    with ExitStack() as stack:
+        with undisturbed():  # a recording that is begun is ended, whenever a signal comes
+            begun = _begin(target, plan, header, resume, overwrite)
+            writer = begun.writer
+            if writer is None:
+                return
+            progress = ScanProgress(len(plan), len(begun.taken))
+            control = ScanControl(lambda why: _ask(interrupts, progress, why))
+            ending = stack.enter_context(ScanEnding(bench, writer, control))
+        interrupts.pauses(control)
+        enough = None
+        if live or (level is not None and not bench.settings.simulated):
+            start_live(target, method)
+        if level is not None:
+            enough = Enough(target, plan, level, method, bench.report, watched=not bench.settings.simulated)
+        start_s = bench.clock.now() - begun.elapsed_s
+        stack.enter_context(progress)
         samples = run(
             plan, bench, aim=aim, taken=begun.taken, control=control, alarms=watch, decide=enough,
             elapsed_s=begun.elapsed_s, lag=lag,
         )  # fmt: skip
         bench.on_event = lambda kind, text: writer.log(kind, text, bench.clock.now() - start_s)
-        status = Status.FAILED
-        try:
-            with closing(samples):
-                for sample in samples:
-                    writer.write(sample)
-                    progress.step()
-                    if enough is not None:
-                        enough.add(sample)
-            complete = control.state is ScanState.COMPLETE
-            status = Status.COMPLETE if complete else Status.INTERRUPTED
-        except SafetyTrip as error:
-            status = Status.STOPPED
-            raise Stopped(ExitCode.ALARM, f"{error} {_safe(writer, target)}") from error
-        except DeviceError as error:
-            error.remedy = f"{error.remedy} {_safe(writer, target)}".strip()
-            error.args = (f"{error.device}: {error.what} {error.remedy}",)
-            raise
-        except (KeyboardInterrupt, SystemExit):
-            status = Status.INTERRUPTED
-            terminal.log(f"nlos: ended by a signal. {_safe(writer, target)}", -9)
-            raise
-        finally:
-            bench.report("scan", status.name.lower())
-            bench.on_event = None
-            writer.finish(status)
+        with closing(samples):
+            for sample in samples:
+                writer.write(sample)
+                progress.step()
+                if enough is not None:
+                    enough.add(sample)
     duration_s = bench.clock.now() - start_s
     terminal.result(
         f"{target}: {writer.acknowledged} of {len(plan)} points in {duration_s:.1f} s of bench time "
         f"({forecast_s:.1f} s predicted)",
         recording=str(target), taken=writer.acknowledged - len(begun.taken), points=writer.acknowledged,
         planned=len(plan), bench_s=duration_s, predicted_s=forecast_s,
-        scheme=choice.scheme.value, status=status.name.lower(),
+        scheme=choice.scheme.value, status="complete" if ending.complete else "interrupted",
     )  # fmt: skip
-    if status is not Status.COMPLETE and (interrupts.seen or enough is None or not enough.reached):
-        raise Stopped(ExitCode.INTERRUPTED, f"ended by Ctrl-C. {_safe(writer, target)}")
+    if not ending.complete and (interrupts.seen or enough is None or not enough.reached):
+        raise Stopped(ExitCode.INTERRUPTED, f"ended by Ctrl-C. {ending.safe}")
 
 
 def _begin(target: Path, plan: "ScanPlan", header: "Header", resume: bool, overwrite: bool) -> "Resumed":
@@ -207,10 +190,6 @@ def _known_lag(target: Path) -> "Lag | None":
             return Lag.of_text(said[0]) if said else None
     except InvalidData:
         return None
-
-
-def _safe(writer: "RecordingWriter", target: Path) -> str:
-    return f"The samples so far are safe in {target}; `--resume` takes the others."
 
 
 def _ask(interrupts: Interrupts, progress: ScanProgress, why: str) -> bool:

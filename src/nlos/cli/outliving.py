@@ -1,0 +1,72 @@
+"""A command outlives its terminal: what can no longer be printed is dropped, and the work goes on.
+
+A pipe whose reader went, a full device, a terminal that hung up, a stream closed before the command began: none of
+these is a reason to end a scan in its middle.
+"""
+
+import io
+import os
+import sys
+from typing import Any, TextIO
+
+
+class OutlivingStream(io.TextIOBase):
+    """A text stream that sends to nowhere once what it sends to is gone."""
+
+    def __init__(self, sent: TextIO) -> None:
+        self._sent = sent
+
+    def write(self, text: str) -> int:
+        try:
+            self._sent.write(text)
+        except (OSError, ValueError):  # ValueError: closed
+            self._send_to_nowhere()
+        return len(text)
+
+    def flush(self) -> None:
+        try:
+            self._sent.flush()
+        except (OSError, ValueError):
+            self._send_to_nowhere()
+
+    def _send_to_nowhere(self) -> None:
+        """What is still buffered goes there too, also when the interpreter flushes for the last time."""
+        try:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self._sent.fileno())
+            os.close(nowhere)
+        except (OSError, ValueError):
+            self._sent = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - as long as the process
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._sent, name)
+
+    def isatty(self) -> bool:
+        try:
+            return self._sent.isatty()
+        except (OSError, ValueError):
+            return False
+
+    def fileno(self) -> int:
+        return self._sent.fileno()
+
+    def close(self) -> None:
+        """Leaves the process's own stream open."""
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        return self._sent.encoding
+
+
+def outlive_terminal() -> None:
+    """From now on nothing that this process prints can end it, and no file that it opens takes the number of a standard
+    stream: a library's message would then be written into a recording."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free: this one
+        if getattr(sys, name) is None:
+            mode = "r" if name == "stdin" else "w"
+            setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115
+    sys.stdout, sys.stderr = OutlivingStream(sys.stdout), OutlivingStream(sys.stderr)

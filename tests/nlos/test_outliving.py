@@ -1,0 +1,120 @@
+"""A command outlives its terminal: whatever happens to its streams, and whenever, it does what it would have done."""
+
+import os
+import random
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from nlos.acquisition.recording.recording import Status
+from nlos.acquisition.recording.salvage import verify
+
+SOAK = os.environ.get("NLOS_SOAK") == "1"
+Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
+NLOS = f"{sys.executable} -m nlos"
+SCAN = """\
+wall: {width_m: 1.0, height_m: 1.0, rows: 24, cols: 24}
+pattern: serpentine
+dwell_ms: 8
+histogram: {bins: 1024, bin_width_ps: 16, offset_ns: 10}
+"""
+STREAMS = {
+    "no reader of stderr": "2> >(true)",
+    "no reader of stdout": "> >(true)",
+    "no reader of both": "2>&1 | true",
+    "full stderr": "2> /dev/full",
+    "full stdout": "> /dev/full",
+    "both full": "> /dev/full 2> /dev/full",
+    "closed stdin": "0<&-",
+    "closed stdout": ">&-",
+    "closed stderr": "2>&-",
+    "all closed": "0<&- >&- 2>&-",
+    "JSON to a full device": "--json > /dev/full",
+}
+
+
+def bash(command: str, folder: Path) -> int:
+    """The exit code of the first command of the pipe; what it leaves open is its own business."""
+    script = f"{command}\nexit ${{PIPESTATUS[0]}}"
+    return subprocess.run(["bash", "-c", script], cwd=folder, timeout=120, env=os.environ | {"LANG": "C"}).returncode
+
+
+def is_whole(path: Path) -> bool:
+    found = verify(path)
+    return found.complete and found.status is Status.COMPLETE
+
+
+@pytest.mark.parametrize("streams", STREAMS)
+def test_a_scan_completes_whatever_its_streams_are(tmp_path: Path, streams: str) -> None:
+    (tmp_path / "small.yaml").write_text(SCAN)
+    assert bash(f"{NLOS} scan small.yaml -v -o run.h5 {STREAMS[streams]}", tmp_path) == 0
+    assert is_whole(tmp_path / "run.h5")
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recorded")
+    (folder / "small.yaml").write_text(SCAN)
+    assert bash(f"{NLOS} -q scan small.yaml -o run.h5 > /dev/null", folder) == 0
+    return folder / "run.h5"
+
+
+LONG_VERBS = {
+    "replay": "replay {run} --speed max -o out.h5",
+    "recover": "recover {run} -o out.h5",
+    "export": "export {run} --to npz -o out.npz",
+    "reconstruct": "reconstruct {run} -o out",
+    "calibrate": "calibrate {run} -o out.h5",
+    "report": "report {run} -o out.html",
+    "doctor": "doctor",
+    "plan": "plan small.yaml",
+    "verify": "verify {run}",
+    "info": "info {run}",
+    "devices": "devices",
+}
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("verb", LONG_VERBS if SOAK else sorted(set(LONG_VERBS) - {"doctor", "report"}))
+def test_other_verbs_end_with_the_code_that_they_would_have_ended_with(
+    tmp_path: Path, recorded: Path, verb: str
+) -> None:
+    (tmp_path / "small.yaml").write_text(SCAN)
+    command = f"{NLOS} {LONG_VERBS[verb].format(run=recorded)} -v"
+    makes = next((word for word in command.split() if word.startswith("out")), None)
+    if makes:
+        command += " --overwrite"
+    for streams in ("> /dev/full 2> /dev/full", "0<&- >&- 2>&-", "2>&1 | true")[: 3 if SOAK else 1]:
+        assert bash(f"{command} {streams}", tmp_path) == 0
+        assert makes is None or (tmp_path / makes).exists()
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(100 if SOAK else 6))
+def test_a_scan_outlives_the_reader_of_its_progress(tmp_path: Path, seed: int) -> None:
+    """The reader of one stream or both goes away at a random moment."""
+    draw = random.Random(seed)
+    (tmp_path / "small.yaml").write_text(SCAN)
+    json = ["--json"] if draw.random() < 0.3 else []
+    both = draw.random() < 0.5
+    child = subprocess.Popen(
+        [sys.executable, "-m", "nlos", "scan", "small.yaml", "-v", "-o", "run.h5", *json],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT if both else subprocess.PIPE, cwd=tmp_path,
+    )  # fmt: skip
+    time.sleep(draw.uniform(0.0, 2.0))
+    streams = [child.stdout, child.stderr]
+    draw.shuffle(streams)
+    for stream in streams if draw.random() < 0.7 else streams[:1]:
+        if stream is not None:
+            stream.close()
+    try:
+        assert child.wait(timeout=120) == 0
+    finally:
+        for stream in streams:
+            if stream is not None:
+                stream.close()
+    assert is_whole(tmp_path / "run.h5")

@@ -1,0 +1,116 @@
+"""Signals, one to three of them and at any spacing, end a scan cleanly: the light is off before the mirror moves, by
+the simulated table's own account; the file says how it ended; nothing is printed that only a programmer understands."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.recording.recording import Recording, Status
+from nlos.acquisition.recording.salvage import verify
+from nlos.configs.load import find
+
+SOAK = os.environ.get("NLOS_SOAK") == "1"
+SIGNALS = (signal.SIGTERM, signal.SIGTERM, signal.SIGINT)
+SCAN = """\
+wall: {width_m: 0.6, height_m: 0.6, rows: 32, cols: 32}
+pattern: serpentine
+dwell_ms: 20
+histogram: {bins: 512, bin_width_ps: 40, offset_ns: 8}
+"""
+BENCHES = {
+    "S1": ("optotune", ()),
+    "S2": ("simulated", ()),
+    "S2, TTL shutter": ("simulated", (("model: tcspc488\ngeometry", "model: triggerscope_ttl\ngeometry"),
+                                     ("sim://triggerscope", "sim://triggerscope\n  shutter_pin: 16"))),
+    "S3": ("multiharp", ()),
+    "S3 of a tcspc488": ("simulated", (("usb: simulated\n", "usb: simulated\n  mode: t3\n"),)),
+}  # fmt: skip
+CENTRE = "beam to 0.000000 0.000000"
+
+
+def bench_file(folder: Path, name: str) -> Path:
+    """A shipped bench, darker so that its photons cost little, with a witness."""
+    file, changes = BENCHES[name]
+    text = find("bench", file).read_text()
+    for before, after in changes:
+        assert text.count(before) == 1
+        text = text.replace(before, after)
+    text = text.replace("simulation:\n", f"simulation:\n  witness: {folder / 'witness.txt'}\n")
+    path = folder / "bench.yaml"
+    path.write_text(text.replace("  scene:\n", "  scene:\n    surfel_m: 0.05\n"))
+    return path
+
+
+def started(folder: Path, name: str) -> "subprocess.Popen[str]":
+    (folder / "small.yaml").write_text(SCAN.replace("40", "32") if name != "S3" else SCAN)
+    command = [sys.executable, "-m", "nlos", "scan", "small.yaml", "--bench", str(bench_file(folder, name))]
+    return subprocess.Popen(
+        [*command, "-o", "run.h5"], cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def witnessed(folder: Path) -> list[str]:
+    path = folder / "witness.txt"
+    return [line.split(maxsplit=1)[1] for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def tell(folder: Path, child: "subprocess.Popen[str]", number: signal.Signals) -> None:
+    """Sends a signal, and writes into the table's own account that it is about to."""
+    with (folder / "witness.txt").open("a") as file:
+        file.write("0 signal\n")
+    child.send_signal(number)
+
+
+def check_light(lines: list[str]) -> None:
+    """Dark at the end; never parked in the light; opened once more at most (by what was on its way) after a signal."""
+    lit, told, opened_since = False, False, 0
+    for line in lines:
+        if line == "signal":
+            told = True
+        elif line.startswith("shutter"):
+            lit = line == "shutter open"
+            opened_since += lit and told
+        elif told and line == CENTRE:
+            assert not lit, "parked with the light on"
+    assert not lit
+    assert opened_since <= 1
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(500 if SOAK else 7))
+def test_a_scan_that_is_told_to_end_ends_cleanly(tmp_path: Path, seed: int) -> None:
+    draw = random.Random(seed)
+    name = sorted(BENCHES)[seed % len(BENCHES)]
+    child = started(tmp_path, name)
+    try:
+        deadline_s = time.monotonic() + 60
+        while "shutter open" not in witnessed(tmp_path) and child.poll() is None and time.monotonic() < deadline_s:
+            time.sleep(0.01)
+        time.sleep(draw.uniform(0.0, 1.0))
+        sent = [draw.choice(SIGNALS) for _ in range(draw.randint(1, 3))]
+        for number in sent:
+            if child.poll() is None:
+                tell(tmp_path, child, number)
+            time.sleep(draw.choice((0.0, 0.0005, 0.002, 0.01, 0.1)))
+        said = child.communicate(timeout=60)[1]
+    finally:
+        child.kill()
+    assert child.returncode in (0, 130, 143, -signal.SIGTERM), said
+    assert "Traceback" not in said
+    assert "Exception ignored" not in said
+    check_light(witnessed(tmp_path))
+    try:
+        with Recording.open(tmp_path / "run.h5") as recording:
+            status = recording.status
+    except (InvalidData, FileNotFoundError):
+        pytest.fail("light was on, and there is no recording")
+    assert status is (Status.COMPLETE if verify(tmp_path / "run.h5").complete else Status.INTERRUPTED)
+    assert not (tmp_path / "run.h5.lock").exists()
