@@ -28,6 +28,7 @@ from nlos.drivers.simulated.bench import Exposure, Gate, SimulatedBench
 Plans = Callable[..., ScanPlan]
 Witness = list[tuple[float, str]]
 TTL = {"shutter": {"model": "triggerscope_ttl"}, "mirror": {"shutter_pin": 16}}
+LEVELS: dict[str, Any] = {"sync": {}, "detector": {}}  # each family has its own
 COUNTERS: dict[str, tuple[str, dict[str, Any]]] = {
     "tcspc488 histogram": ("simulated", {}),
     "tcspc488 t3": ("simulated", {"counter": {"mode": "t3"}}),
@@ -35,8 +36,8 @@ COUNTERS: dict[str, tuple[str, dict[str, Any]]] = {
     "tcspc488 t3, TTL shutter": ("simulated", {"counter": {"mode": "t3"}} | TTL),
     "multiharp histogram": ("multiharp", {"counter": {"mode": "histogram"}}),
     "multiharp t3": ("multiharp", {}),
-    "hydraharp histogram": ("multiharp", {"counter": {"mode": "histogram", "device": "hydraharp400"}}),
-    "picoharp t3": ("multiharp", {"counter": {"device": "picoharp300"}}),
+    "hydraharp histogram": ("multiharp", {"counter": {"mode": "histogram", "device": "hydraharp400", **LEVELS}}),
+    "picoharp t3": ("multiharp", {"counter": {"device": "picoharp300", **LEVELS}}),
     "optotune and tcspc488": ("optotune", {}),
 }
 SCHEMES = {
