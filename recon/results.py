@@ -2,7 +2,8 @@
 
 Layout: `albedo` (H, W), `depth_m` (H, W, NaN where nothing is seen), `confidence` (H, W, 0 to 1: how well the wall was
 measured there), `x_m` (W,), `y_m` (H,), and where the method has them `volume` (D, H, W) and `depths_m` (D,);
-attributes `method`, `settings` (JSON), `seconds`, `weights_sha256`, `software`. Row 0 is the top, column 0 the left,
+attributes `method`, `settings` (JSON), `seconds`, `weights_sha256`, `software`, `samples_left_aside`
+(damaged or unreadable, not used). Row 0 is the top, column 0 the left,
 seen from the wall.
 """
 
@@ -78,6 +79,7 @@ def write_reconstruction(path: Path, reconstruction: Reconstruction, keep_volume
         file.attrs["seconds"] = reconstruction.seconds
         file.attrs["weights_sha256"] = reconstruction.weights_sha256 or ""
         file.attrs["software"] = software()
+        file.attrs["samples_left_aside"] = reconstruction.left_aside
         file.attrs["wall_size_m"] = (wall.width_m, wall.height_m)
         file["albedo"] = reconstruction.albedo
         file["depth_m"] = reconstruction.depth_m
@@ -116,6 +118,7 @@ def read_reconstruction(path: Path) -> Reconstruction:
                 settings=json_object("settings", str(file.attrs["settings"])),
                 volume=volume,
                 weights_sha256=str(file.attrs["weights_sha256"]) or None,
+                left_aside=int(file.attrs.get("samples_left_aside", 0)),
                 confidence=needed_array(file, "confidence", (rows, cols)) if known else None,
             )
     except (LookupError, OSError, ValueError, TypeError, RuntimeError, AttributeError) as error:

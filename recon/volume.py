@@ -34,6 +34,8 @@ class Reconstruction:
     """Of the weights file, for learned methods."""
     confidence: npt.NDArray[np.float32] | None = None
     """(H, W), 0 to 1: how well the wall was measured at each point; see `gridding.confidence`."""
+    left_aside: int = 0
+    """Samples of the scan that were damaged or unreadable, and not used."""
 
 
 def refuse_not_finite(reconstruction: Reconstruction) -> None:

@@ -26,6 +26,7 @@ def write_matlab(scan: ScanArrays, path: Path) -> list[str]:
         "y_m": scan.y_m,
         "bin_width_s": scan.time.bin_width_s,
         "offset_s": scan.time.start_s,
+        "samples_left_aside": scan.left_aside,
         "wall_size_m": [scan.wall.width_m, scan.wall.height_m],
     }
     savemat(str(path), values, appendmat=False, do_compression=True)

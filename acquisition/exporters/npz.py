@@ -8,7 +8,9 @@ from nlos.acquisition.exporters.scan_arrays import ScanArrays
 
 
 def write_npz(scan: ScanArrays, path: Path) -> list[str]:
-    """Writes `histograms`, `exposure_s`, `x_m`, `y_m`, `bin_width_s` and `offset_s`. Returns what was left behind."""
+    """Writes `histograms`, `exposure_s`, `x_m`, `y_m`, `bin_width_s`, `offset_s` and `samples_left_aside`.
+
+    Returns what was left behind."""
     with path.open("wb") as file:
         np.savez_compressed(
             file,
@@ -18,5 +20,6 @@ def write_npz(scan: ScanArrays, path: Path) -> list[str]:
             y_m=scan.y_m,
             bin_width_s=np.float64(scan.time.bin_width_s),
             offset_s=np.float64(scan.time.start_s),
+            samples_left_aside=np.int64(scan.left_aside),
         )
     return ["the event log, the settings and the devices stay in the recording"]

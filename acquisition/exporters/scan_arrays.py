@@ -23,6 +23,8 @@ class ScanArrays:
     y_m: npt.NDArray[np.float64]  # (H,) or (N,)
     wall: WallGrid
     time: TimeAxis
+    left_aside: int = 0
+    """Samples that were damaged or unreadable, and are not in it."""
 
     @property
     def on_grid(self) -> bool:
@@ -36,7 +38,8 @@ def arrays_of_recording(recording: Recording) -> ScanArrays:
     if recording.on_grid:
         transient = recording.transient()
         counts = np.ascontiguousarray(np.moveaxis(transient.counts, 0, 2)).astype(np.uint32)
-        return ScanArrays(counts, transient.exposure_s, plan.wall.x_m(), plan.wall.y_m(), plan.wall, time)
+        x_m, y_m = plan.wall.x_m(), plan.wall.y_m()
+        return ScanArrays(counts, transient.exposure_s, x_m, y_m, plan.wall, time, recording.left_aside())
     places = np.stack([plan.positions.x_m, plan.positions.y_m], axis=1)
     unique, place_of = np.unique(places, axis=0, return_inverse=True)
     counts = np.zeros((len(unique), plan.axis.bins), dtype=np.uint32)
@@ -45,7 +48,7 @@ def arrays_of_recording(recording: Recording) -> ScanArrays:
         place = place_of.ravel()[sample.point.number]
         counts[place] += sample.histogram.counts
         exposure_s[place] += sample.histogram.live_time_s
-    return ScanArrays(counts, exposure_s, unique[:, 0], unique[:, 1], plan.wall, time)
+    return ScanArrays(counts, exposure_s, unique[:, 0], unique[:, 1], plan.wall, time, recording.left_aside())
 
 
 def arrays_of_import(scan: ImportedScan, path: Path) -> ScanArrays:

@@ -20,7 +20,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.imported import PLAIN_FIELDS, FreePoints, ImportedScan
 from nlos.acquisition.transient import TimeAxis, Transient
@@ -40,6 +40,10 @@ class NoScan(InvalidData):
     def __init__(self, message: str, contents: Mapping[str, object]) -> None:
         self.contents = contents
         super().__init__(message)
+
+
+class ReaderDied(InvalidData):
+    """The child crashed on a file, or ran out of time or memory: whatever the file is, nobody should read it here."""
 
 
 class IsolatedReader:
@@ -97,11 +101,13 @@ class IsolatedReader:
             code = self._child.wait() if self._child is not None else 0
             self.close()
             late = f" within {deadline_s:.0f} s" if code in (-14, -9) else ""
-            raise InvalidData(
+            raise ReaderDied(
                 f"{path}: the reader did not survive this file{late}; it is damaged, or not what it says. "
                 "Copy it again from where it was made."
             )
         answer: dict[str, Any] = json.loads(line)
+        if "storage" in answer:
+            raise StorageError(str(answer["storage"]))
         if "error" in answer:
             if answer.get("contents"):
                 raise NoScan(str(answer["error"]), answer["contents"])

@@ -14,7 +14,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.importers.describe import describe
 from nlos.acquisition.importers.formats import read_any
 from nlos.acquisition.importers.given import Given
@@ -63,6 +63,8 @@ def _answer(request: dict[str, Any]) -> dict[str, object]:
         given = request["given"]
         wall_m = None if given["wall_m"] is None else tuple(given["wall_m"])
         return _sent(read_any(path, Given(**{**given, "wall_m": wall_m})), Path(request["folder"]))
+    except StorageError as error:
+        return {"storage": str(error).replace(str(path), shown)}
     except refusals as error:
         return {"error": str(error).replace(str(path), shown), "contents": _contents(path, request)}
 

@@ -115,7 +115,7 @@ def mirror(
         if identity(plan, header) != ticket.recording:
             raise InvalidData("the server has another recording than the ticket is for. Ask for a new ticket.")
         held = _events_of(target)
-        resumed = resume(target, plan, header)
+        resumed = resume(target, plan, header, same_run=True)
         if begun is not None:
             begun()
         if resumed.writer is None:

@@ -20,8 +20,9 @@ from nlos.acquisition.network.messages import (
     identity,
 )
 from nlos.acquisition.network.ticket import Ticket, new_keys
+from nlos.acquisition.recording.condition import RowState
 from nlos.acquisition.recording.follow import LEFT_ALONE_S
-from nlos.acquisition.recording.recording import Recording, Status, sample_crc
+from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer_lock import is_locked
 
 _POLL_MS = 200
@@ -134,11 +135,10 @@ class SampleServer:
     def _look_further(self, recording: Recording, wanted: int, over: bool) -> None:
         """Lists intact rows up to the `wanted`-th; stops at one still on its way to the disk."""
         while len(self._intact) < wanted and self._looked_at < len(recording):
-            row = self._looked_at
-            record, counts = recording.records[row], recording.counts_of(row, row + 1)[0]
-            if sample_crc(record.tobytes(), counts) == int(record["crc"]):
-                self._intact.append(row)
-            elif not over:
+            state = recording.state_of(self._looked_at)
+            if state is RowState.INTACT:
+                self._intact.append(self._looked_at)
+            elif state is RowState.UNACKNOWLEDGED and not over:
                 return
             self._looked_at += 1
 

@@ -98,7 +98,8 @@ class ExpectedRates:
         counts = np.zeros(recording.plan.axis.bins)
         for _, block, intact in recording.blocks():
             counts += block[intact].sum(axis=0)
-        live_s = float(recording.records["live_time_s"].sum())
+        recording.left_aside()
+        live_s = float(recording.intact_records()["live_time_s"].sum())
         if not live_s > 0:
             raise InvalidData(f"{recording.path}: holds no samples to learn rates from")
         return cls.of_histogram(counts, live_s, recording.plan.axis)

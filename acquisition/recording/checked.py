@@ -15,7 +15,13 @@ def open_checked(path: Path) -> Recording:
     """`Recording.open`, once `check_recording` has passed. A file that a living process writes is as sound as that."""
     if not is_locked(path):
         check_recording(path)
-    return Recording.open(path)
+    recording = Recording.open(path)
+    try:
+        _ = recording.status
+    except BaseException:
+        recording.close()
+        raise
+    return recording
 
 
 def check_recording(path: Path) -> None:

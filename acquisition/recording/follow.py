@@ -12,7 +12,7 @@ from nlos.drivers.clock import Clock, SystemClock
 
 POLL_S = 0.2
 LAST_LOOKS = 5
-"""How often the end of a finished scan is looked at anew before a sample counts as damaged."""
+"""How often a row that is not intact is looked at anew before it counts as damaged."""
 LEFT_ALONE_S = 5.0
 """A file that nobody holds any more gets so long to change before its writer is taken for dead."""
 
@@ -25,39 +25,36 @@ def follow(path: Path, *, patience_s: float = 60.0, clock: Clock | None = None) 
     nobody writes, `StorageError` where the writer is gone for good.
     """
     clock = clock or SystemClock()
-    given = looks = 0
+    given, identity = 0, ""
     while True:
         with _opened(path, patience_s, clock) as recording:
-            identity = path.stat().st_ino
-            row, alone_since_s = 0, clock.now()
-            skip = given
+            if identity and recording.header.identity != identity:
+                raise StorageError(f"{path}: another recording took its place after {given} samples. Follow it anew.")
+            identity = recording.header.identity
+            row, looks, alone_since_s, skip = 0, 0, clock.now(), given
             while True:
                 over = recording.status is not Status.RUNNING
                 recording.refresh()
-                whole = True
                 for sample in recording.rows(row):
-                    if sample is None and not (over and looks >= LAST_LOOKS):
-                        whole = False  # still on its way to the disk, or to this handle
-                        break
-                    row += 1
-                    alone_since_s = clock.now()
-                    if sample is not None and skip:
+                    if sample is None:
+                        looks += 1
+                        if looks < LAST_LOOKS or (not over and row >= recording.acknowledged):
+                            break  # on its way to the disk, or a network's view of it is old
+                    elif skip:
                         skip -= 1  # given before the file was replaced by its resumed self
-                    elif sample is not None:
+                    else:
                         given += 1
                         yield sample
-                if over and ((whole and row >= recording.acknowledged) or looks >= LAST_LOOKS):
+                    row, looks, alone_since_s = row + 1, 0, clock.now()
+                if over and row >= len(recording):
                     return
-                if over:
-                    # What another handle of this process has cached may be older than the end of the scan.
-                    looks += 1
-                    clock.sleep(POLL_S)
-                    break
-                if not path.exists() or path.stat().st_ino != identity:
+                if not recording.has_its_name():
                     break
                 if is_locked(path):
                     alone_since_s = clock.now()
-                elif clock.now() - alone_since_s > LEFT_ALONE_S:
+                elif not over and clock.now() - alone_since_s > LEFT_ALONE_S:
+                    if not recording.missing():
+                        return  # killed after its last sample
                     raise StorageError(
                         f"{path}: its writer is gone after {given} samples. Go on with --resume, or save them: recover."
                     )

@@ -1,5 +1,7 @@
 """The part of a scan file that never changes, written once and read with every size checked: header and plan."""
 
+import hashlib
+import json
 from typing import Any
 
 import h5py
@@ -37,10 +39,15 @@ def read_header(file: h5py.File) -> Header:
         raise InvalidData(f"{file.filename}: recording version {file.attrs.get('version')!r}; {VERSION} is read")
     texts = {}
     for name in Header().texts():
+        if name == "identity" and not has_identity(file):
+            continue
         item = plain_dataset(file, f"header/{name}", (), None)
         if item.dtype.kind != "S" or item.dtype.itemsize > MAX_TEXT_BYTES:
             raise InvalidData(f"{file.filename}: header/{name}: is not a text of at most {MAX_TEXT_BYTES} bytes")
         texts[name] = bytes(item[()]).decode("utf-8")
+    if "identity" not in texts:
+        # Recordings had none once; what they say of themselves, the moment of their start included, has to do.
+        texts["identity"] = hashlib.sha256(json.dumps(texts, sort_keys=True).encode()).hexdigest()[:32]
     for name in ("scan_json", "bench_json", "constants_json"):
         json_object(f"{file.filename}: header/{name}", texts[name])
     devices = json_object(f"{file.filename}: header/devices", texts["devices"])
@@ -50,6 +57,13 @@ def read_header(file: h5py.File) -> Header:
             raise InvalidData(f"{file.filename}: header: {name!r}: must hold texts by name")
     json_texts(f"{file.filename}: header/warnings", texts["warnings"])
     return Header.from_texts(texts)
+
+
+def has_identity(file: h5py.File) -> bool:
+    """Whether the file holds a random identity of its own: those of the first versions do not."""
+    if not isinstance(file.get("header", getlink=True), h5py.HardLink) or not isinstance(file["header"], h5py.Group):
+        raise InvalidData(f"{file.filename}: header: is missing or a link to elsewhere")
+    return "identity" in file["header"].keys()  # noqa: SIM118 - `in` a group follows links
 
 
 def write_plan(file: h5py.File, plan: ScanPlan) -> None:
@@ -69,15 +83,15 @@ def write_plan(file: h5py.File, plan: ScanPlan) -> None:
         group.create_dataset(name, data=column, dtype=COLUMNS[name])
 
 
-def read_plan(file: h5py.File) -> ScanPlan:
-    """The plan, its arrays checked for size before they are read and against its digest afterwards."""
+def read_plan(file: h5py.File, size_bytes: int) -> ScanPlan:
+    """The plan, its arrays checked against the file's size before they are read, and against its digest afterwards."""
+    shape = plain_dataset(file, "plan/row", None, np.dtype(COLUMNS["row"])).shape
     group = file["plan"]
     states = {
         name: np.asarray(group.attrs[name])
         for name in group.attrs
         if group.attrs.get_id(name).get_storage_size() < 1024
     }
-    shape = plain_dataset(file, "plan/row", None, np.dtype(COLUMNS["row"])).shape
     if len(shape) != 1:
         raise InvalidData(f"{file.filename}: plan/row: has shape {shape}")
     wall = WallGrid(float(states["width_m"]), float(states["height_m"]), int(states["rows"]), int(states["cols"]))
@@ -86,7 +100,8 @@ def read_plan(file: h5py.File) -> ScanPlan:
     columns = {}
     for name, dtype in COLUMNS.items():
         item = plain_dataset(file, f"plan/{name}", shape, np.dtype(dtype))
-        if item.chunks or item.id.get_storage_size() != item.nbytes or item.nbytes > file.id.get_filesize():
+        place = item.id.get_offset()
+        if item.chunks or place is None or place + item.nbytes > size_bytes:
             raise InvalidData(f"{file.filename}: plan/{name}: states {shape[0]} points but does not hold them")
         columns[name] = item[:]
     counts, first_bin, end_bin = (int(value) for value in states["stop"])

@@ -2,9 +2,10 @@
 
 import json
 import platform
+import secrets
 import subprocess
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -29,25 +30,22 @@ class Header:
     git_hash: str = ""
     started_utc: str = ""
     warnings: tuple[str, ...] = ()
+    identity: str = ""
+    """Random, made with the file: copies of a recording have the same, two recordings never."""
 
     def stamped(self) -> "Header":
         """The same header with software, git hash and time of now."""
-        return Header(
-            scan_text=self.scan_text,
-            scan_json=self.scan_json,
-            bench_text=self.bench_text,
-            bench_json=self.bench_json,
-            constants_json=self.constants_json,
-            devices=self.devices,
-            software=software_versions(),
-            git_hash=git_hash(),
-            started_utc=datetime.now(UTC).isoformat(timespec="milliseconds"),
-            warnings=self.warnings,
-        )
+        started_utc = datetime.now(UTC).isoformat(timespec="milliseconds")
+        return replace(self, software=software_versions(), git_hash=git_hash(), started_utc=started_utc)
+
+    def named(self) -> "Header":
+        """The same header with an identity, a new one where it has none."""
+        return self if self.identity else replace(self, identity=secrets.token_hex(16))
 
     def texts(self) -> dict[str, str]:
         """Every field as text, keyed by its name: what is stored."""
         return {
+            "identity": self.identity,  # first, so that it lies near the beginning of the file
             "scan_text": self.scan_text,
             "scan_json": self.scan_json,
             "bench_text": self.bench_text,
@@ -71,6 +69,7 @@ class Header:
             devices={role: DeviceIdentity(**fields) for role, fields in json.loads(texts["devices"]).items()},
             software=dict(json.loads(texts["software"])),
             warnings=tuple(json.loads(texts["warnings"])),
+            identity=str(texts.get("identity", "")),
         )
 
 

@@ -1,4 +1,4 @@
-"""What a crash left: verified, recovered into a new file, or gone on with."""
+"""What a crash left: verified, recovered into a new file, or resumed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,57 +7,66 @@ from pathlib import Path
 import numpy as np
 
 from nlos.acquisition.errors import InvalidData, StorageError
+from nlos.acquisition.importers.isolated import ReaderDied
 from nlos.acquisition.planning.plan import ScanPlan
-from nlos.acquisition.recording.checked import check_recording
+from nlos.acquisition.recording.checked import check_recording, open_checked
+from nlos.acquisition.recording.condition import Condition, listed
+from nlos.acquisition.recording.lay_out import keep_as, put_in_place
+from nlos.acquisition.recording.layout import Status
 from nlos.acquisition.recording.provenance import Header
-from nlos.acquisition.recording.recording import Recording, Status
-from nlos.acquisition.recording.writer import RecordingWriter, lay_out
-from nlos.acquisition.recording.writer_lock import WriterLock, put_in_place
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.rescue import copied
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.recording.writer_lock import WriterLock
 from nlos.drivers.clock import Clock
 from nlos.drivers.identity import DeviceIdentity
 
 
 class ResumeRefused(InvalidData):
-    """The recording was made with another plan, other constants or other devices."""
+    """The recording was made with another plan, other constants or other devices, or it is another run's."""
 
 
 @dataclass(frozen=True)
 class Verification:
-    """What `verify` found: rows written, row numbers that fail their CRC, plan numbers stored twice or not at all."""
+    """What `verify` found: in which condition the rows are, and plan numbers stored twice or not at all."""
 
     status: Status
     planned: int
-    written: int
-    corrupt: tuple[int, ...]
+    rows: Condition
     repeated: tuple[int, ...]
     missing: tuple[int, ...]
 
     @property
+    def written(self) -> int:
+        """Samples that were acknowledged or are intact."""
+        return self.rows.samples
+
+    @property
+    def corrupt(self) -> tuple[int, ...]:
+        """Rows that are known not to be what was measured."""
+        return self.rows.damaged
+
+    @property
     def intact(self) -> bool:
-        """Whether every row that was written is what was measured."""
-        return not self.corrupt and not self.repeated
+        """Whether every sample that was taken is what was measured."""
+        return not self.rows.left_aside and not self.repeated
 
     @property
     def complete(self) -> bool:
+        """Whether every planned sample is there, and what was measured."""
         return self.intact and not self.missing
 
 
 def verify(path: Path) -> Verification:
-    """Checks every sample's CRC. Raises `InvalidData` where `path` is no scan file."""
+    """Checks every sample's CRC. Raises `InvalidData` where `path` is no scan file, `StorageError` where the disk does
+    not say."""
     with Recording.open(path) as recording:
-        corrupt: list[int] = []
-        for start, _, intact in recording.blocks():
-            corrupt.extend((np.flatnonzero(~intact) + start).tolist())
-        good = np.delete(recording.records["number"], corrupt)
-        numbers, times = np.unique(good, return_counts=True)
-        return Verification(
-            status=recording.status,
-            planned=len(recording.plan),
-            written=len(recording),
-            corrupt=tuple(corrupt),
-            repeated=tuple(numbers[times > 1].tolist()),
-            missing=tuple(recording.missing()),
-        )
+        missing = tuple(recording.missing())
+        condition = recording.condition()
+        aside = [*condition.damaged, *condition.unread, *condition.unacknowledged]
+        numbers, times = np.unique(np.delete(recording.records["number"], aside), return_counts=True)
+        repeated = tuple(numbers[times > 1].tolist())
+        return Verification(recording.status, len(recording.plan), condition, repeated, missing)
 
 
 def recover(path: Path, target: Path, *, overwrite: bool = False) -> int:
@@ -67,28 +76,20 @@ def recover(path: Path, target: Path, *, overwrite: bool = False) -> int:
         raise StorageError(f"{target}: exists. Choose another name, or say --overwrite.")
     lock = WriterLock(target)
     try:
-        return _salvage(path, target)
+        with Recording.open(path) as recording:
+            if target.exists() and path.samefile(target):
+                raise StorageError(f"{target}: is the recording itself. Choose another name.")
+            fresh, samples = _copied(recording, target)
+        put_in_place(fresh, target)
+        return samples
     finally:
         lock.release()
 
 
-def _salvage(path: Path, target: Path) -> int:
-    fresh = target.with_name(target.name + ".new")
-    with Recording.open(path) as recording:
-        lay_out(fresh, recording.plan, recording.header)
-        with RecordingWriter(fresh, recording.plan) as writer:
-            for event in recording.events():
-                writer.log(event.kind, event.text, event.bench_s, event.unix_s)
-            taken = set()
-            for sample in recording.samples():
-                if sample.point.number not in taken:
-                    taken.add(sample.point.number)
-                    writer.write(sample)
-            writer.flush()
-            writer.log("salvaged", f"{len(taken)} of {len(recording)} samples were intact")
-            writer.finish(Status.COMPLETE if not recording.missing() else Status.INTERRUPTED)
-    put_in_place(fresh, target)
-    return len(taken)
+def _copied(recording: Recording, target: Path) -> tuple[Path, int]:
+    status = Status.INTERRUPTED if recording.missing() else Status.COMPLETE
+    warning = recording.condition().warning
+    return copied(recording, target, status, f"copied from {recording.path.name}{warning and f'; {warning}'}")
 
 
 @dataclass(frozen=True)
@@ -100,44 +101,83 @@ class Resumed:
     elapsed_s: float
 
 
-def resume(path: Path, plan: ScanPlan, header: Header, *, clock: Clock | None = None) -> Resumed:
-    """Goes on where the recording at `path` ends; on a complete one there is nothing to do.
+def resume(
+    path: Path, plan: ScanPlan, header: Header, *, clock: Clock | None = None, same_run: bool = False
+) -> Resumed:
+    """Goes on where the recording at `path` ends; on a complete one there is nothing to do but to say so in it.
 
     Without a file, or on one without a complete header, a new recording is begun; what lay there is kept as
-    `RUN.h5.unreadable`. Raises `ResumeRefused` where plan, constants or devices are not those of the recording,
-    `StorageError` where another process writes it.
+    `RUN.h5.unreadable`. One with damaged rows is copied without them, and kept as `RUN.h5.damaged`. Raises
+    `ResumeRefused` where plan, constants or devices are not those of the recording, or with `same_run` its identity;
+    `StorageError` where another process writes it, or where some of it cannot be read: then nothing is changed.
     """
     lock = WriterLock(path)
     try:
         if path.exists():
             try:
                 check_recording(path)
-                with Recording.open(path) as recording:
-                    _same_scan(recording, plan, header)
-                    taken, elapsed_s = recording.photons(), recording.elapsed_s
-            except ResumeRefused:
+                recording = Recording.open(path)
+            except ReaderDied:
                 raise
             except InvalidData:
-                path.replace(path.with_name(path.name + ".unreadable"))
-        if not path.exists():
-            return Resumed(RecordingWriter.create(path, plan, header, clock=clock, lock=lock), {}, 0.0)
-        if not plan.pending(taken):
-            lock.release()
-            return Resumed(None, taken, elapsed_s)
-        _salvage(path, path)
-        return Resumed(RecordingWriter(path, plan, lock, clock), taken, elapsed_s)
+                keep_as(path, path, "unreadable")
+                path.unlink()
+            else:
+                with recording:
+                    _same_scan(recording, plan, header, same_run)
+                    return _resumed(recording, lock, clock)
+        return Resumed(RecordingWriter.create(path, plan, header, clock=clock, lock=lock), {}, 0.0)
     except BaseException:
         lock.release()
         raise
 
 
-def _same_scan(recording: Recording, plan: ScanPlan, header: Header) -> None:
-    place = f"{recording.path}: cannot be gone on with: "
+def settle(path: Path, plan: ScanPlan) -> bool:
+    """Whether the recording at `path` holds everything that `plan` asks for; then it says so itself from now on, also
+    where it was killed after its last sample. Raises as `resume` does."""
+    try:
+        with open_checked(path) as recording:
+            if recording.plan != plan or recording.missing():
+                return False
+            if recording.status is not Status.COMPLETE:
+                _resumed(recording, WriterLock(path), None)
+            return True
+    except (FileNotFoundError, InvalidData):
+        return False
+
+
+def _resumed(recording: Recording, lock: WriterLock, clock: Clock | None) -> Resumed:
+    path, condition = recording.path, recording.condition()
+    if condition.unread:
+        raise StorageError(
+            f"{path}: rows {listed(condition.unread)} cannot be read from the disk, so nobody knows what is missing. "
+            f"Nothing was changed. Copy the file to a sound disk; or `nlos recover {path} -o NEW.h5` and resume that."
+        )
+    taken, elapsed_s = recording.photons(), recording.elapsed_s
+    rows, done = condition.intact, not recording.plan.pending(taken)
+    if done:
+        if recording.status is Status.COMPLETE:
+            lock.release()
+        else:  # killed after its last sample
+            RecordingWriter(path, lock, clock, acknowledged=rows).finish(Status.COMPLETE)
+        return Resumed(None, taken, elapsed_s)
+    if condition.damaged or not condition.in_one_piece or len(taken) != rows or not recording.grows_in_place:
+        fresh, rows = _copied(recording, path)
+        if condition.damaged:
+            keep_as(path, path, "damaged")
+        put_in_place(fresh, path)
+    return Resumed(RecordingWriter(path, lock, clock, acknowledged=rows), taken, elapsed_s)
+
+
+def _same_scan(recording: Recording, plan: ScanPlan, header: Header, same_run: bool) -> None:
+    place = f"{recording.path}: cannot be resumed: "
     remedy = ". Go back to what it was made with, or start a new recording."
     if recording.plan != plan:
         raise ResumeRefused(f"{place}its plan is not the one given{remedy}")
     if recording.header.constants_json != header.constants_json:
         raise ResumeRefused(f"{place}it was taken with other calibration constants{remedy}")
+    if same_run and recording.header.identity != header.identity:
+        raise ResumeRefused(f"{place}it is a recording of another run. Choose another folder or name.")
     if difference := _other_device(recording.header.devices, header.devices):
         raise ResumeRefused(f"{place}{difference}{remedy}")
 

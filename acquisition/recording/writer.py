@@ -1,112 +1,60 @@
 """Writes a scan file (layout in `recording.py`) such that nothing that happens afterwards can take a sample away."""
 
-import contextlib
 import os
-import time
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
-import h5py
 import numpy as np
 
 from nlos.acquisition.errors import StorageError
 from nlos.acquisition.planning.plan import ScanPlan
-from nlos.acquisition.recording.header import FORMAT, VERSION, write_header, write_plan
+from nlos.acquisition.recording.lay_out import lay_out, put_in_place
+from nlos.acquisition.recording.layout import EVENT_ROWS, RECORD, Status, event_row, sample_crc, status_row
+from nlos.acquisition.recording.open_file import open_scan_file
 from nlos.acquisition.recording.provenance import Header
-from nlos.acquisition.recording.recording import EVENT, EVENT_ROWS, RECORD, STATUS, Status, sample_crc
-from nlos.acquisition.recording.writer_lock import WriterLock, put_in_place
+from nlos.acquisition.recording.rescue import Rows, rescue
+from nlos.acquisition.recording.watched_file import WatchedFile
+from nlos.acquisition.recording.writer_lock import WriterLock
 from nlos.acquisition.sample import Sample
 from nlos.drivers.clock import Clock, SystemClock
 
 BLOCK_SAMPLES = 64
 BLOCK_S = 1.0
 SYNC_S = 5.0
-CHUNK_BYTES = 1 << 20
-META_BLOCK_BYTES = 1 << 16
-"""All metadata lie together at the front, where a copy that broke off still has them."""
-
-
-def lay_out(path: Path, plan: ScanPlan, header: Header) -> None:
-    """A complete, empty scan file at `path` (overwritten), on disk, with the space for every sample reserved.
-
-    Raises `StorageError` where the disk has no room for the whole scan.
-    """
-    points, bins = len(plan), plan.axis.bins
-    try:
-        with h5py.File(path, "w", libver=("v110", "v110"), meta_block_size=META_BLOCK_BYTES) as file:
-            file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
-            write_header(file, header)
-            write_plan(file, plan)
-            _reserve(file, "status", (1,), STATUS, 1)
-            _reserve(file, "events", (EVENT_ROWS,), EVENT, 64)
-            _reserve(file, "samples/records", (points,), RECORD, min(points, 1024))
-            _reserve(file, "samples/counts", (points, bins), np.dtype("<u4"), _chunk_rows(points, bins))
-            file["status"][0] = (Status.RUNNING, 0, time.time())
-        with path.open("r+b") as raw:
-            if hasattr(os, "posix_fallocate"):
-                os.posix_fallocate(raw.fileno(), 0, path.stat().st_size)
-            os.fsync(raw.fileno())
-    except (OSError, RuntimeError) as error:
-        path.unlink(missing_ok=True)
-        size = points * (bins * 4 + RECORD.itemsize)
-        raise StorageError(
-            f"{path}: cannot reserve {size / 1e6:.0f} MB for {points} points of {bins} bins ({error}). "
-            "Free disk space, or choose another place with -o."
-        ) from error
-
-
-def _chunk_rows(points: int, bins: int) -> int:
-    return max(1, min(points, BLOCK_SAMPLES, CHUNK_BYTES // (bins * 4)))
-
-
-def _reserve(file: h5py.File, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], chunk_rows: int) -> None:
-    """A dataset whose every chunk has its place in the file now; unwritten parts read as zeros."""
-    layout = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-    layout.set_chunk((chunk_rows, *shape[1:]))
-    layout.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
-    layout.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
-    links = h5py.h5p.create(h5py.h5p.LINK_CREATE)
-    links.set_create_intermediate_group(True)
-    stored = h5py.h5t.py_create(dtype, logical=True)
-    h5py.h5d.create(file.id, name.encode(), stored, h5py.h5s.create_simple(shape), dcpl=layout, lcpl=links)
-
-
-def _open_swmr(path: Path) -> h5py.File:
-    """In SWMR mode from the first moment: a file that was open for plain writing when its process died stays shut."""
-    access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
-    access.set_libver_bounds(h5py.h5f.LIBVER_V110, h5py.h5f.LIBVER_V110)
-    access.set_file_locking(True, True)
-    flags = h5py.h5f.ACC_RDWR | h5py.h5f.ACC_SWMR_WRITE
-    return h5py.File(h5py.h5f.open(os.fsencode(path), flags, fapl=access))
 
 
 class RecordingWriter:
     """Appends samples in blocks of at most 64 or one second; `acknowledged` of them are in the file for good."""
 
-    def __init__(self, path: Path, plan: ScanPlan, lock: WriterLock | None = None, clock: Clock | None = None) -> None:
-        """Takes over a file that `lay_out` or a salvage made. Use `create` or `salvage.resume` instead."""
+    def __init__(
+        self, path: Path, lock: WriterLock | None = None, clock: Clock | None = None, *, acknowledged: int = 0
+    ) -> None:
+        """Takes over a file whose first `acknowledged` rows hold samples. Use `create` or `salvage.resume` instead."""
         self.path = path
-        self.plan = plan
         self._lock = lock
         self._clock = clock or SystemClock()
         try:
-            self._file: h5py.File | None = _open_swmr(path)
-        except OSError as error:
+            self._file = open_scan_file(path, writable=True)
+        except BaseException:
             if lock:
                 lock.release()
-            raise StorageError(f"{path}: cannot be opened for writing ({error})") from error
-        self._records, self._counts = self._file["samples/records"], self._file["samples/counts"]
-        self._status_row, self._event_rows = self._file["status"], self._file["events"]
-        self.acknowledged = int(np.count_nonzero(self._records["written"]))
-        self._events = int(np.count_nonzero(self._event_rows["kind"]))
+            raise
+        self.plan = self._file.plan
+        self.acknowledged = acknowledged
+        self._watched = WatchedFile(path, self._file)
+        events, _ = self._file.events.read(0, EVENT_ROWS)
+        self._events = int(np.count_nonzero(events["kind"]))
         self._block = np.zeros(BLOCK_SAMPLES, dtype=RECORD)
-        self._block_counts = np.zeros((BLOCK_SAMPLES, plan.axis.bins), dtype="<u4")
+        self._block_counts = np.zeros((BLOCK_SAMPLES, self.plan.axis.bins), dtype="<u4")
         self._filled = 0
         self._failure: Exception | None = None
         self._flushed_s = self._synced_s = self._clock.now()
-        self._set_status(Status.RUNNING)
-        self._flush()
+        try:
+            self._set_status(Status.RUNNING)
+        except OSError as error:
+            self._let_go()
+            raise self._refused(error) from error
 
     @classmethod
     def create(
@@ -125,18 +73,23 @@ class RecordingWriter:
         try:
             if path.exists() and not overwrite:
                 raise StorageError(f"{path}: exists. Choose another name, or say --overwrite or --resume.")
-            fresh = path.with_name(path.name + ".new")
-            lay_out(fresh, plan, header)
-            put_in_place(fresh, path)
+            put_in_place(lay_out(path, plan, header), path)
         except BaseException:
             lock.release()
             raise
-        return cls(path, plan, lock, clock)
+        return cls(path, lock, clock)
+
+    @property
+    def identity(self) -> str:
+        """What no other recording is called."""
+        return self._file.header.identity
 
     def write(self, sample: Sample) -> None:
         """Takes a sample; it is acknowledged once a flush that holds it has returned. Raises `StorageError`."""
         histogram, point = sample.histogram, sample.point
         row = self._filled
+        if row == BLOCK_SAMPLES:
+            self.flush()  # the last flush failed, and raises why
         self._block_counts[row] = histogram.counts
         self._block[row] = (
             1,
@@ -155,56 +108,53 @@ class RecordingWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Writes what was taken so far and acknowledges it. Raises `StorageError` where the disk refuses."""
+        """Writes what was taken so far and acknowledges it: counts, then records, then their number, so that at no
+        moment the file promises more than it holds. Raises `StorageError` where the disk refuses, and where the file is
+        no longer the one that was begun."""
+        if self._failure is None and self._filled:
+            try:
+                self._append()
+            except OSError as error:
+                self._failure = error
+        if isinstance(self._failure, StorageError):
+            raise self._failure
         if self._failure is not None:
             raise self._refused(self._failure) from self._failure
-        if self._filled:
-            first, end = self.acknowledged, self.acknowledged + self._filled
-            if end > len(self.plan):
-                raise ValueError(f"{self.path}: sample {end} of a plan of {len(self.plan)} points")
-            try:
-                self._counts[first:end] = self._block_counts[: self._filled]
-                self._records[first:end] = self._block[: self._filled]
-            except (OSError, RuntimeError) as error:
-                raise self._refused(error) from error
-            self._set_status(Status.RUNNING)
-            self._flush()
-            self.acknowledged = end
-            self._filled = 0
         self._flushed_s = self._clock.now()
 
     def log(self, kind: str, text: str, bench_s: float = 0.0, unix_s: float | None = None) -> None:
-        """Adds a line to the event log and flushes it. A log that is full keeps its lines and says so in the last.
+        """Adds a line to the event log. A log that is full keeps its lines and says so in the last.
 
         Never raises: events come while light is being shut off, which nothing may hold up. A disk that refuses an event
         is reported by the next `flush`."""
-        if self._events >= EVENT_ROWS or self._file is None:
+        if self._events >= EVENT_ROWS or self._file.handle.closed:
             return
         if self._events == EVENT_ROWS - 1:
             kind, text = "log_full", "further events are not kept"
-        line = np.zeros((), dtype=EVENT)
-        line["unix_s"], line["bench_s"] = time.time() if unix_s is None else unix_s, bench_s
-        line["kind"], line["text"] = kind.encode()[:24], _shortened(text, EVENT["text"].itemsize)
-        try:
-            self._event_rows[self._events] = line
-            self._flush()
-        except (OSError, RuntimeError) as error:
-            self._failure = error
         self._events += 1
+        try:
+            self._file.events.write(self._events - 1, event_row(kind, text, bench_s, unix_s))
+        except OSError as error:
+            self._failure = self._failure or error
 
     def finish(self, status: Status) -> None:
-        """Flushes, notes how the scan ended, syncs and closes. Raises `StorageError`."""
-        if self._file is None:
+        """Flushes, notes how the scan ended, syncs and closes. Raises `StorageError`; where the file was deleted,
+        replaced or cut, what could be saved lies beside it by then, and the error says where."""
+        if self._file.handle.closed:
             return
         try:
             self.flush()
             self._set_status(status)
-            self._flush(sync=True)
-            self._file.close()
-        except (OSError, RuntimeError) as error:
+            os.fsync(self._file.handle.fileno())
+            self._watched.check()
+        except StorageError as error:
+            if self._watched.lost:
+                raise StorageError(f"{error} {rescue(self.path, self._file, self._pending())}") from error
+            raise
+        except OSError as error:
             raise self._refused(error) from error
         finally:
-            self._give_up()
+            self._let_go()
 
     def __enter__(self) -> Self:
         return self
@@ -212,44 +162,42 @@ class RecordingWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if kind is None or self._file is None:
+        if error is None:
             self.finish(Status.COMPLETE if self.acknowledged + self._filled == len(self.plan) else Status.INTERRUPTED)
             return
         try:
             self.finish(Status.FAILED)
-        except StorageError:
-            self._give_up()
+        except StorageError as failure:
+            if str(failure) != str(error):
+                error.add_note(str(failure))
 
-    def _set_status(self, status: Status) -> None:
-        """What the file says about itself trails by one flush, so that it never promises more than it holds."""
-        self._status_row[0] = (status, self.acknowledged, time.time())
+    def _append(self) -> None:
+        first, end = self.acknowledged, self.acknowledged + self._filled
+        if end > len(self.plan):
+            raise ValueError(f"{self.path}: sample {end} of a plan of {len(self.plan)} points")
+        self._watched.check()
+        self._file.counts.write(first, self._block_counts[: self._filled])
+        self._file.records.write(first, self._block[: self._filled])
+        if self._clock.now() - self._synced_s >= SYNC_S:
+            os.fsync(self._file.handle.fileno())
+            self._synced_s = self._clock.now()
+        self._watched.check(first, self._block[: self._filled])
+        self._set_status(Status.RUNNING, end)
+        self.acknowledged, self._filled = end, 0
 
-    def _flush(self, sync: bool = False) -> None:
-        if self._file is None:
-            raise StorageError(f"{self.path}: is closed")
-        try:
-            self._file.flush()
-            if sync or self._clock.now() - self._synced_s >= SYNC_S:
-                os.fsync(self._file.id.get_vfd_handle())
-                self._synced_s = self._clock.now()
-        except (OSError, RuntimeError) as error:
-            raise self._refused(error) from error
+    def _set_status(self, status: Status, acknowledged: int | None = None) -> None:
+        self._file.status.write(0, status_row(status, self.acknowledged if acknowledged is None else acknowledged))
+
+    def _pending(self) -> Rows:
+        return self._block[: self._filled], self._block_counts[: self._filled]
 
     def _refused(self, error: Exception) -> StorageError:
         return StorageError(
-            f"{self.path}: the disk refused a write ({error}). {self.acknowledged} samples are safe. "
-            "Free disk space, then go on with --resume."
+            f"{self.path}: the disk refused a write ({error}). {self.acknowledged} samples are safe in it. "
+            "Free disk space, or move the file to a sound disk, then go on with --resume."
         )
 
-    def _give_up(self) -> None:
-        """Lets go of file and lock, without another word to the disk where it already refused."""
-        file, self._file = self._file, None
-        if file is not None and file.id.valid:
-            with contextlib.suppress(OSError, RuntimeError):
-                file.close()
+    def _let_go(self) -> None:
+        self._file.handle.close()
         if self._lock:
             self._lock.release()
-
-
-def _shortened(text: str, size: int) -> bytes:
-    return text.encode("utf-8")[:size].decode("utf-8", errors="ignore").encode("utf-8")

@@ -1,73 +1,91 @@
-"""One writer per scan file, and files that appear under their name only when they are whole."""
+"""One writer per scan file: a lock on `RUN.h5.lock` that goes with the process that holds it."""
 
 import os
 import time
 from pathlib import Path
-from typing import IO
 
 from nlos.acquisition.errors import StorageError
 
+TRIES = 10
+TRY_AGAIN_S = 0.01
+
 
 class WriterLock:
-    """One writer per scan file: an advisory lock on `RUN.h5.lock`, gone with the process that holds it."""
+    """Held from construction until `release`. Raises `StorageError` where another process, or this one, holds it.
+
+    The lock's file is removed by its holder, while it is held. Who opened it before then holds a lock on a file that
+    has no name any more: whoever gets a lock looks whether its file still is the one of that name.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path.with_name(path.name + ".lock")
-        self._file: IO[bytes] | None = None
+        self._fd: int | None = None
         try:
-            import fcntl
-        except ImportError:  # Windows: HDF5's own lock has to do
-            return
-        try:
-            self._file = self._path.open("ab")
-            for attempts_left in (2, 1, 0):  # a reader that looks whether the file is locked holds it for a moment
-                try:
-                    fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    break
-                except BlockingIOError:
-                    if not attempts_left:
-                        raise
-                    time.sleep(0.02)
-        except BlockingIOError as error:
-            if self._file:
-                self._file.close()
-            raise StorageError(
-                f"{path}: another process is writing it. Wait for it, or choose another name."
-            ) from error
+            for tries_left in range(TRIES - 1, -1, -1):
+                self._fd = self._attempt()
+                if self._fd is not None:
+                    return
+                if tries_left:  # a reader that looks whether the file is locked holds it for a moment
+                    time.sleep(TRY_AGAIN_S)
         except OSError as error:
             raise StorageError(f"{path}: cannot be written there ({error})") from error
+        raise StorageError(f"{path}: another process is writing it. Wait for it, or choose another name.")
+
+    def _attempt(self) -> int | None:
+        fd = os.open(self._path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
+        try:
+            if _lock(fd) and _is_named(fd, self._path):
+                return fd
+        except BaseException:
+            os.close(fd)
+            raise
+        os.close(fd)
+        return None
 
     def release(self) -> None:
         """May be called twice."""
-        if self._file is not None:
-            self._path.unlink(missing_ok=True)
-            self._file.close()
-            self._file = None
-
-
-def put_in_place(fresh: Path, path: Path) -> None:
-    """Renames `fresh` to `path` in one step that a power cut cannot undo. Raises `StorageError`."""
-    try:
-        os.replace(fresh, path)
-        if os.name == "posix":
-            folder = os.open(path.parent, os.O_RDONLY)
-            try:
-                os.fsync(folder)
-            finally:
-                os.close(folder)
-    except OSError as error:
-        raise StorageError(f"{path}: cannot be put in place ({error})") from error
+        fd, self._fd = self._fd, None
+        if fd is not None:
+            if os.name == "posix":
+                self._path.unlink(missing_ok=True)
+            os.close(fd)
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a living process is writing the scan file `path`. Where the system has no such locks: always False."""
+    """Whether a living process is writing the scan file `path`."""
+    try:
+        fd = os.open(path.with_name(path.name + ".lock"), os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
+    except OSError:
+        return False
+    try:
+        return not _lock(fd, shared=True)
+    finally:
+        os.close(fd)
+
+
+def _lock(fd: int, shared: bool = False) -> bool:
+    """Whether the lock was to be had."""
     try:
         import fcntl
+    except ImportError:  # Windows
+        import msvcrt
 
-        with path.with_name(path.name + ".lock").open("rb") as file:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
+        try:
+            msvcrt.locking(fd, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
+        except OSError:
+            return False
         return True
-    except (ImportError, OSError):
+    try:
+        fcntl.flock(fd, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+    except BlockingIOError:
         return False
-    return False
+    return True
+
+
+def _is_named(fd: int, path: Path) -> bool:
+    """Whether the open file still is the one at `path`."""
+    try:
+        named = os.stat(path, follow_symlinks=False)
+    except FileNotFoundError:
+        return False
+    return os.path.samestat(os.fstat(fd), named)

@@ -63,6 +63,7 @@ def load_run(run: Path, wall_size_m: float | None = None) -> RunInput:
         _refuse_rectified(run, bool(said.get("rectified", False)))
         try:
             raw = from_samples(recording.samples())
+            recording.left_aside()
         except InvalidData as error:
             raise type(error)(f"{run}: {error}") from error
         names = {role: f"{device.model} {device.serial}".strip() for role, device in recording.header.devices.items()}

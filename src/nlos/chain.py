@@ -121,7 +121,7 @@ def reconstruct_scan(
     if scan.falloff is not None and "falloff" in find(method).Settings.model_fields:
         chosen.setdefault("falloff", scan.falloff)
     transient = calibrate_scan(scan, use_file_offsets, constants_for(scan, constants))
-    return reconstruct(transient, method, chosen, device)
+    return replace(reconstruct(transient, method, chosen, device), left_aside=scan.left_aside)
 
 
 def reconstruct_file(

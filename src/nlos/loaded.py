@@ -43,6 +43,8 @@ class LoadedScan:
     """Whether the file says how large the wall is."""
     points: RawPoints | None = None
     """Samples at free positions as they were taken; `transient` then has them in the pixels they lie in."""
+    left_aside: int = 0
+    """Samples that were damaged or unreadable, and are not in it."""
 
 
 def load_scan(path: Path, given: Given = NOTHING) -> LoadedScan:
@@ -51,6 +53,7 @@ def load_scan(path: Path, given: Given = NOTHING) -> LoadedScan:
     if is_recording(path):
         with open_checked(path) as recording:
             scan = _load_recording(recording) if recording.on_grid else _load_free(recording)
+            scan = replace(scan, left_aside=recording.left_aside())
         scan = _as_given(path, scan, given)
     else:
         read = read_isolated(path, given)

@@ -154,7 +154,9 @@ def test_a_line_that_is_cut_again_and_again_delivers_every_sample_once(tmp_path:
 
 def test_a_mirror_that_was_interrupted_goes_on(tmp_path: Path) -> None:
     run = write(tmp_path / "run.h5")
-    with RecordingWriter.create(tmp_path / "far.h5", plan(), Header(scan_text="a scan")) as writer:
+    with Recording.open(run) as recording:
+        header = recording.header
+    with RecordingWriter.create(tmp_path / "far.h5", plan(), header) as writer:
         for number in range(123):
             writer.write(sample(number))
     with serving(run) as server:

@@ -1,6 +1,7 @@
 """A scan file keeps every acknowledged sample, exactly, and says what it does not hold."""
 
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.positions import pixels
 from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.recording import recording as recording_module
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.salvage import ResumeRefused, recover, resume, verify
@@ -275,11 +277,17 @@ def test_the_file_format_page_names_everything_that_is_in_a_file(tmp_path: Path)
         file.visititems(lambda name, item: places.append(name) if isinstance(item, h5py.Dataset) else None)
         fields = [field for name in ("status", "events", "samples/records") for field in file[name].dtype.names]
         attributes = [*file.attrs, *file["plan"].attrs]
-    assert len(places) == 20
+    assert len(places) == 21
     for place in places:
         assert f"`/{place}`" in page
     for word in fields + attributes:
         assert f"`{word}`" in page
+    layout = recording_module.__doc__ or ""
+    words = {place.split("/")[-1] for place in places} | set(fields) | set(attributes)
+    told = set(re.findall(r"\w+", layout))
+    assert words <= told, f"the docstring of recording.py does not name {words - told}"
+    promises = {"acknowledged", "identity", "CRC", "in one piece", "counts, then records, then"}
+    assert all(word in page and word in layout for word in promises)
 
 
 def test_the_file_format_pages_recipe_reads_a_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -95,12 +95,16 @@ def _scene(path: Path | None) -> "RecordedScan | None":
         return None
     import numpy as np
 
+    from nlos.acquisition.errors import InvalidData
     from nlos.acquisition.recording.checked import open_checked
     from nlos.drivers.simulated.recorded import RecordedScan
 
     with open_checked(path) as recording:
         rows = [(sample.point, sample.histogram) for sample in recording.samples()]
+        recording.left_aside()
         axis = recording.plan.axis
+    if not rows:
+        raise InvalidData(f"{path}: holds no intact sample, so no light to simulate")
     return RecordedScan(
         np.stack([histogram.counts for _, histogram in rows]),
         np.array([point.x_m for point, _ in rows]),

@@ -64,6 +64,8 @@ def _write_scan(run: Path, word: str, target: Path) -> list[str]:
         partial.replace(target)
     finally:
         partial.unlink(missing_ok=True)
+    if arrays.left_aside:
+        left_behind = [*left_behind, f"{arrays.left_aside} samples that are damaged or unreadable"]
     return left_behind
 
 

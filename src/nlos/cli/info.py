@@ -32,12 +32,16 @@ def info(run: Annotated[Path, typer.Argument(metavar="RUN")]) -> None:
 
 
 def _of_recording(recording: "Recording") -> dict[str, Any]:
-    plan, header, records = recording.plan, recording.header, recording.records
+    plan, header, records, left_aside = (
+        recording.plan, recording.header, recording.intact_records(), recording.left_aside()
+    )  # fmt: skip
     live_s = float(records["live_time_s"].sum())
     return {
         "format": "recording",
         "status": recording.status.name.lower(),
-        "points": f"{len(recording)} of {len(plan)}",
+        "points": f"{len(records)} of {len(plan)}" + (f", {left_aside} more left aside" if left_aside else ""),
+        "left aside": left_aside,
+        "identity": header.identity,
         "wall": f"{plan.wall.width_m:g} x {plan.wall.height_m:g} m, {plan.wall.rows} x {plan.wall.cols}",
         "time axis": f"{plan.axis.bins} bins of {plan.axis.bin_width_s * 1e12:g} ps, "
         f"from {plan.axis.offset_s * 1e9:g} ns",

@@ -1,5 +1,6 @@
 """`nlos replay`: recorded samples through the same path as a live scan."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -19,6 +20,7 @@ def replay(
 ) -> None:
     """Plays the samples of a recording, into a new recording and a picture where asked for."""
     from nlos.acquisition.recording.checked import open_checked
+    from nlos.acquisition.recording.recording import Status
     from nlos.acquisition.recording.replay import replay as play
     from nlos.acquisition.recording.writer import RecordingWriter
 
@@ -26,9 +28,14 @@ def replay(
     if output is not None and output.resolve() == run.resolve():
         raise UsageError(f"{output}: is the recording that is replayed")
     with open_checked(run) as recording:
+        warning, missing = recording.condition().warning, recording.missing()
+        left_aside = recording.left_aside()
         writer = None
         if output is not None:
-            writer = RecordingWriter.create(output, recording.plan, recording.header, overwrite=overwrite)
+            header = replace(recording.header, identity="")  # not this run once more: a recording of its own
+            writer = RecordingWriter.create(output, recording.plan, header, overwrite=overwrite)
+            if left_aside:
+                writer.log("left_aside", f"{run.name}: {warning}")
         samples = photons = 0
         with ScanProgress(len(recording), 0) as progress:
             try:
@@ -40,10 +47,11 @@ def replay(
                     progress.step()
             finally:
                 if writer is not None:
-                    writer.finish(recording.status)
+                    ended = Status.COMPLETE if not missing else Status.INTERRUPTED
+                    writer.finish(ended if recording.status in (Status.RUNNING, Status.COMPLETE) else recording.status)
     terminal.result(
         f"{output or run}: {samples} samples, {photons} photons replayed",
-        recording=str(output or run), samples=samples, photons=photons,
+        recording=str(output or run), samples=samples, photons=photons, left_aside=left_aside,
     )  # fmt: skip
     if reconstruct is not None:
         from nlos.chain import reconstruct_file

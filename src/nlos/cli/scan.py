@@ -54,6 +54,7 @@ def scan(
     """Acquires. Ctrl-C closes the shutter and pauses; Enter goes on, a second Ctrl-C ends the scan cleanly."""
     from nlos.acquisition.planning.scan_settings import ScanSettings
     from nlos.acquisition.recording.provenance import Header
+    from nlos.acquisition.recording.salvage import settle
     from nlos.configs.load import load
 
     wanted, table = load("scan", scan, ScanSettings), load_bench(bench)
@@ -69,7 +70,7 @@ def scan(
     level = None if until is None else parse_until(until)
     plan = wanted.settings.plan()
     target = output or Path(f"{wanted.path.stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}.h5")
-    if _is_complete(target, plan, resume):
+    if resume and settle(target, plan):  # no device is even opened
         terminal.result(f"{target}: is complete, nothing was left to take", recording=str(target), taken=0)
         return
     if target.exists() and not (overwrite or resume):
@@ -198,20 +199,6 @@ def _ask(interrupts: Interrupts, progress: ScanProgress, why: str) -> bool:
     if going:
         progress.show()
     return going
-
-
-def _is_complete(target: Path, plan: "ScanPlan", resume: bool) -> bool:
-    """Whether --resume has nothing to do; then no device is even opened."""
-    from nlos.acquisition.errors import InvalidData
-    from nlos.acquisition.recording.checked import open_checked
-
-    if not (resume and target.exists()):
-        return False
-    try:
-        with open_checked(target) as recording:
-            return recording.plan == plan and not recording.missing()
-    except InvalidData:
-        return False
 
 
 def _reconstruct(run: Path, method: str, overwrite: bool) -> None:

@@ -10,22 +10,41 @@ from nlos.cli.terminal import terminal
 
 
 def verify(run: Annotated[Path, typer.Argument(metavar="RUN")]) -> None:
-    """Checks every sample's checksum; names the bad and the missing ones."""
+    """Checks every sample's checksum. Exits 0 where every planned sample is there, and what was measured."""
     from nlos.acquisition.recording.checked import check_recording
+    from nlos.acquisition.recording.condition import listed
     from nlos.acquisition.recording.salvage import verify as verify_recording
 
     check_recording(run)
     found = verify_recording(run)
+    rows = found.rows
     terminal.result(
-        f"{run}: {found.status.name.lower()}; {found.written} of {found.planned} points written, "
-        f"{len(found.corrupt)} corrupt, {len(found.repeated)} repeated, {len(found.missing)} missing",
-        status=found.status.name.lower(), planned=found.planned, written=found.written,
-        corrupt=found.corrupt, repeated=found.repeated, missing=found.missing, intact=found.intact,
+        f"{run}: {found.status.name.lower()}; {rows.intact} of {found.planned} points are what was measured, "
+        f"{len(rows.damaged)} damaged, {len(rows.unread)} unreadable, {len(found.repeated)} repeated, "
+        f"{len(found.missing)} missing, {len(rows.unacknowledged)} never acknowledged",
+        status=found.status.name.lower(), planned=found.planned, written=found.written, intact_samples=rows.intact,
+        corrupt=rows.damaged, unread=rows.unread, unacknowledged=rows.unacknowledged, repeated=found.repeated,
+        missing=found.missing, intact=found.intact, complete=found.complete,
     )  # fmt: skip
-    if not found.intact:
-        rows = ", ".join(str(row) for row in (*found.corrupt, *found.repeated)[:10])
-        raise Stopped(
-            ExitCode.DATA,
-            f"{run}: rows {rows} are not what was measured. `nlos recover {run} -o NEW.h5` keeps the others; "
-            "`nlos scan ... -o NEW.h5 --resume` takes them again.",
-        )
+    named = {
+        "rows that are not what was measured": rows.damaged,
+        "rows that the disk cannot read": rows.unread,
+        "rows that were never acknowledged": rows.unacknowledged,
+        "points taken twice": found.repeated,
+        "missing points": found.missing,
+    }
+    for what, numbers in named.items():
+        if numbers:
+            terminal.result(f"  {what}: {listed(numbers, 16)}")
+    if found.complete:
+        return
+    if rows.damaged or found.repeated:
+        code, what, remedy = ExitCode.DATA, "not every sample is what was measured", "keeps the others"
+    elif rows.unread:
+        code, what, remedy = ExitCode.STORAGE, "not every sample can be read", "keeps the others"
+    else:
+        code, what, remedy = ExitCode.DATA, f"{len(found.missing)} planned points are missing", "keeps what is there"
+    raise Stopped(
+        code, f"{run}: {what}. `nlos scan ... -o {run} --resume` takes what is missing; "
+        f"`nlos recover {run} -o NEW.h5` {remedy}.",
+    )  # fmt: skip

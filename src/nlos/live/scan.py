@@ -45,6 +45,8 @@ class LiveScan:
     pictures: int = 0
     skipped: int = 0
     """Pictures that were due while another was being made."""
+    left_aside: int = 0
+    """Samples that are damaged or unreadable; known at the end."""
     message: str = ""
     read: bool = False
     """Every sample of the scan is in."""
@@ -90,6 +92,7 @@ class LiveScan:
     def _follow(self) -> None:
         from nlos.acquisition.errors import InvalidData, StorageError
         from nlos.acquisition.recording.follow import follow
+        from nlos.acquisition.recording.recording import Recording
         from nlos.calibration.errors import CalibrationError
 
         try:
@@ -104,6 +107,8 @@ class LiveScan:
                 self._news.set()
                 if self._stopped.is_set():
                     return
+            with Recording.open(self.run) as recording:
+                self.left_aside = recording.left_aside()
         except (InvalidData, CalibrationError, StorageError, TimeoutError) as error:
             self.error = error
             self._say(str(error))
@@ -186,6 +191,8 @@ class LiveScan:
         try:
             transient = corrected or calibrate_scan(scan, constants=self._constants)
             picture = self.live.update(transient, count, scan.falloff)
+            told = replace(picture.reconstruction, left_aside=self.left_aside)
+            picture = replace(picture, reconstruction=told)
         except (InvalidData, RecordingInvalid, ReconError) as error:
             self._say(f"no picture of {count} points yet: {error}")
         else:

@@ -95,13 +95,14 @@ def write_report(run: Path, target: Path, methods: Sequence[str]) -> None:
 
 def _about(recording: "Recording") -> str:
     plan, header = recording.plan, recording.header
-    live_s = float(recording.records["live_time_s"].sum())
+    records = recording.intact_records()
+    live_s = float(records["live_time_s"].sum())
     rows = {
         "Started": header.started_utc or "not stored",
-        "Status": f"{recording.status.name.lower()}, {len(recording)} of {len(plan)} points",
+        "Status": f"{recording.status.name.lower()}, {len(records)} of {len(plan)} points",
         "Wall": f"{plan.wall.width_m:g} x {plan.wall.height_m:g} m, grid of {plan.wall.rows} x {plan.wall.cols}",
         "Time axis": f"{plan.axis.bins} bins of {plan.axis.bin_width_s * 1e12:g} ps",
-        "Light": f"{live_s:.2f} s of live time, {int(recording.records['total_count'].sum()):,} photons",
+        "Light": f"{live_s:.2f} s of live time, {int(records['total_count'].sum()):,} photons",
         **{
             role.capitalize(): f"{who.vendor} {who.product}, serial {who.serial or 'not told'}, "
             f"firmware {who.firmware or 'not told'}"
@@ -110,7 +111,8 @@ def _about(recording: "Recording") -> str:
         "Software": ", ".join(f"{name} {version}" for name, version in header.software.items()),
         "Code": header.git_hash or "not from a checkout",
     }
-    warnings = "".join(f"<p><strong>Warning:</strong> {escape(text)}</p>" for text in header.warnings)
+    said = [*header.warnings, *filter(None, [recording.condition().warning])]
+    warnings = "".join(f"<p><strong>Warning:</strong> {escape(text)}</p>" for text in said)
     return _table(rows) + warnings
 
 
@@ -129,8 +131,7 @@ def _folded(name: str, text: str, how: str = "") -> str:
 def _scan(recording: "Recording") -> str:
     from matplotlib.figure import Figure
 
-    plan, records = recording.plan, recording.records
-    records = records[records["number"] < len(plan)]
+    plan, records = recording.plan, recording.intact_records()
     numbers = records["number"]
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
