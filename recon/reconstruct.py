@@ -68,7 +68,7 @@ def _weights_sha256(chosen: Settings) -> str | None:
     name = getattr(chosen, "weights", None)
     if name is None:
         return None
-    from nlos.recon.training.checkpoint import find_weights
+    from nlos.recon.weights.files import find_weights
 
     return hashlib.sha256(find_weights(name).read_bytes()).hexdigest()
 

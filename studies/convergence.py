@@ -16,9 +16,9 @@ import torch
 from torch import Tensor, nn
 
 from nlos.recon.methods import faithful, nano
-from nlos.recon.training.checkpoint import OWN_FOLDER
 from nlos.recon.training.dataset import collate, sample
 from nlos.recon.training.train import WEIGHTS
+from nlos.recon.weights.files import place_of
 from studies.rows import SAMPLES, SEEDS, WATCHED, folder_of, in_order
 
 Map = Callable[[Tensor], Tensor]
@@ -182,7 +182,7 @@ def networks() -> dict[str, Network]:
     """By what they are called in the figure: those that ship, and those of `make studies` with S > 1."""
     wall, time = WATCHED.wall, WATCHED.time
     found: dict[str, Network] = {"nano": nano.build(nano.Settings(outer_iterations=2), wall, time)}
-    if (OWN_FOLDER / "faithful.safetensors").exists():
+    if place_of("faithful").exists():
         found["faithful"] = faithful.build(faithful.Settings(outer_iterations=2), wall, time)
     for name, (path, switches) in trained().items():
         found[name] = faithful.build(faithful.Settings(weights=str(path), **switches), wall, time)

@@ -9,11 +9,11 @@ import numpy as np
 import torch
 
 from nlos.recon.metrics import depth_scores, image_scores
-from nlos.recon.training.checkpoint import load_weights
 from nlos.recon.training.dataset import DatasetSettings, collate, sample
 from nlos.recon.training.losses import picture_of
 from nlos.recon.training.train import WEIGHTS, build
 from nlos.recon.training.train_settings import TrainSettings
+from nlos.recon.weights.files import load_weights
 from studies.rows import JUDGED
 
 FIGURES = ("psnr", "ssim", "depth_rmse_m", "depth_mad_m")

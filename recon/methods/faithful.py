@@ -29,7 +29,7 @@ class Settings(AnySettings):
     """The switches of the paper's tables, and the readings of what it does not say."""
 
     weights: str | None = "faithful"
-    """Weights file, or a name in recon/weights; none for an untrained network."""
+    """Weights file, or a name of those that ship; none for an untrained network."""
     lifting: LiftingName = "both"
     """How the transient is lifted: from all points, from each point's surroundings, both, by an MLP, not at all."""
     projection: bool = True
@@ -182,7 +182,7 @@ def scaled(x: Tensor, like: Tensor) -> Tensor:
 
 def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Faithful:
     """The network for this wall and time axis; raises WeightsError if the weights are not of this shape."""
-    from nlos.recon.training.checkpoint import put_part, with_weights
+    from nlos.recon.weights.files import put_part, with_weights
 
     assert isinstance(settings, Settings)
     network = Faithful(settings, wall, time_axis)

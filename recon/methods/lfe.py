@@ -28,7 +28,7 @@ class Settings(BaseSettings):
     """Shape of the network."""
 
     weights: str | None = "lfe"
-    """Weights file, or a name in recon/weights; none for an untrained network."""
+    """Weights file, or a name of those that ship; none for an untrained network."""
     features: int = 3
     """Learned feature channels beside the average."""
     renderer_width: int = 24
@@ -43,7 +43,7 @@ class Settings(BaseSettings):
 
 def build(settings: Settings, wall: WallGrid, time_axis: TimeAxis) -> nn.Module:
     """The network for this wall and time axis; raises WeightsError if the weights are not of this shape."""
-    from nlos.recon.training.checkpoint import with_weights
+    from nlos.recon.weights.files import with_weights
 
     return with_weights(LearnedFeatureEmbeddings(settings, wall, time_axis), settings.weights)
 

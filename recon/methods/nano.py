@@ -46,7 +46,7 @@ class Settings(AnySettings):
     """The switches of the paper's tables. The defaults are those of the weights that come with the program."""
 
     weights: str | None = "nano"
-    """Weights file, or a name in recon/weights; none for an untrained network."""
+    """Weights file, or a name of those that ship; none for an untrained network."""
     lifting: LiftingName = "both"
     """How the transient is lifted to the operator's channels: from each point's surroundings, from all points."""
     projection: bool = True
@@ -269,7 +269,7 @@ def to_grid(field: Tensor, size: tuple[int, int, int], highest: bool = False) ->
 
 def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
     """The operator for this wall and time axis; raises WeightsError if the weights are not of this shape."""
-    from nlos.recon.training.checkpoint import put_part, with_weights
+    from nlos.recon.weights.files import put_part, with_weights
 
     assert isinstance(settings, Settings)
     network = Nano(settings, wall, time_axis)

@@ -17,7 +17,7 @@ class Settings(BaseSettings):
     """Shape of the network."""
 
     weights: str | None = "unet"
-    """Weights file, or a name in recon/weights; none for an untrained network."""
+    """Weights file, or a name of those that ship; none for an untrained network."""
     widths: tuple[int, ...] = (16, 32, 48)
     """Channels of the 3D network, one entry a scale."""
     features: int = 8
@@ -32,7 +32,7 @@ class Settings(BaseSettings):
 
 def build(settings: Settings, wall: WallGrid, time_axis: TimeAxis) -> nn.Module:
     """The network for this wall and time axis; raises WeightsError if the weights are not of this shape."""
-    from nlos.recon.training.checkpoint import with_weights
+    from nlos.recon.weights.files import with_weights
 
     return with_weights(UNetMethod(settings, wall, time_axis), settings.weights)
 

@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from nlos.recon.training.checkpoint import OWN_FOLDER, WeightsError, read_weights, save
 from nlos.recon.training.train import LOG, WEIGHTS
+from nlos.recon.weights.files import OWN_FOLDER, WeightsError, read_weights, save
 
 MOST_BYTES = 5_000_000
 NOTE = """

@@ -26,20 +26,12 @@ from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.methods import find
 from nlos.recon.training.batches import batch_at, mirrored_batch, pooled, whole_scan, with_uniform_noise
-from nlos.recon.training.checkpoint import (
-    commit,
-    load_weights,
-    optimiser_tensors,
-    put_optimiser,
-    put_weights,
-    read_weights,
-    save,
-    share_parameters,
-)
+from nlos.recon.training.checkpoint import commit, optimiser_tensors, put_optimiser, share_parameters
 from nlos.recon.training.log import Log, plot
 from nlos.recon.training.losses import losses
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.validation import validate
+from nlos.recon.weights.files import load_weights, put_weights, read_weights, save
 
 Report = Callable[[str], None]
 Objective = Callable[[Mapping[str, torch.Tensor]], dict[str, torch.Tensor]]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nlos.recon.training.checkpoint import OWN_FOLDER
+from nlos.recon.weights.files import OWN_FOLDER, place_of
 
 FOLDER = Path("runs/results")
 EQUAL = {
@@ -75,7 +75,7 @@ def of_code(method: str) -> str:
 
 def weights_path(method: str) -> Path:
     """Where the weights of a learned method lie, there or not."""
-    return OWN_FOLDER / f"{method}.safetensors"
+    return place_of(method)
 
 
 def of_method(method: str) -> dict[str, str]:

@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.recon.evaluate import as_json, evaluate
-from nlos.recon.training.checkpoint import read_weights
 from nlos.recon.training.log import finished
 from nlos.recon.training.train import WEIGHTS
+from nlos.recon.weights.files import read_weights
 from studies.results.kept import kept, of_code, of_files, weights_path
 from studies.results.quality import Quality
 from studies.results.tables import mean, of, pick, samples_seen, shown, table

@@ -5,7 +5,7 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any, NamedTuple
 
-from nlos.recon.training.checkpoint import OWN_FOLDER, read_weights
+from nlos.recon.weights.files import place_of, read_weights
 
 Row = dict[str, Any]
 RIVAL = "lct"
@@ -136,20 +136,20 @@ def comparison(rows: Sequence[Row], method: str, rivals: Sequence[str], figures:
     return table([f"{method} minus rival", *conditions], body), "; ".join(worse)
 
 
-def samples_seen(method: str, folder: Path = OWN_FOLDER) -> int | None:
+def samples_seen(method: str, folder: Path | None = None) -> int | None:
     """How many samples the weights of a method were trained on; None without weights."""
-    path = folder / f"{method}.safetensors"
+    path = place_of(method) if folder is None else folder / f"{method}.safetensors"
     if not path.exists():
         return None
     about = read_weights(path).about
     return int(about["samples"] + about.get("samples_before", 0))
 
 
-def training(methods: Iterable[str], folder: Path = OWN_FOLDER) -> str:
+def training(methods: Iterable[str], folder: Path | None = None) -> str:
     """What the shipped weights of these methods cost: parameters, samples seen, hours, validation."""
     body = []
     for method in methods:
-        path = folder / f"{method}.safetensors"
+        path = place_of(method) if folder is None else folder / f"{method}.safetensors"
         if not path.exists():
             body.append([method, "not trained yet", "-", "-", "-", "-", "-"])
             continue

@@ -60,7 +60,7 @@ def test_neither_does_python_m(folder: Path, ptu: Path) -> None:
     "program",
     [
         "from nlos.acquisition.importers.isolated import read_isolated; read_isolated(Path('scan.ptu'))",
-        "from nlos.recon.training.foreign_weights import read_foreign; read_foreign(Path('weights.pt'))",
+        "from nlos.recon.weights.foreign import read_foreign; read_foreign(Path('weights.pt'))",
     ],
 )
 def test_nor_the_children_of_a_notebook(folder: Path, ptu: Path, program: str) -> None:

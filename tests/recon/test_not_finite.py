@@ -14,8 +14,8 @@ from nlos.recon.layers.noise_level import NoiseLevel
 from nlos.recon.live import LiveReconstruction
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.results import write_results
-from nlos.recon.training.checkpoint import find_weights, read_weights, save
 from nlos.recon.volume import Volume
+from nlos.recon.weights.files import find_weights, read_weights, save
 
 WALL, TIME = WallGrid(1.0, 1.0, 12, 12), TimeAxis(96, 100e-12)
 

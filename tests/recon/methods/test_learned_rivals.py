@@ -10,11 +10,11 @@ from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.methods import find
 from nlos.recon.reconstruct import reconstruct
-from nlos.recon.training.checkpoint import OWN_FOLDER
 from nlos.recon.training.dataset import DatasetSettings, collate, sample
 from nlos.recon.training.losses import picture_of, psnr
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.validation import light_cone_pictures
+from nlos.recon.weights.files import place_of
 
 SMALL: dict[str, dict[str, Any]] = {
     "lfe": {"features": 2, "renderer_width": 4},
@@ -128,9 +128,9 @@ def test_the_common_way_to_a_reconstruction_takes_them(name: str) -> None:
     assert seen.volume.albedo.shape == (len(seen.volume.depths_m), 16, 16)
 
 
-@pytest.mark.parametrize("name", [name for name in SMALL if (OWN_FOLDER / f"{name}.safetensors").exists()])
+@pytest.mark.parametrize("name", [name for name in SMALL if place_of(name).exists()])
 def test_shipped_weights_beat_the_light_cone_on_kinds_they_never_saw(name: str) -> None:
-    path = OWN_FOLDER / f"{name}.safetensors"
+    path = place_of(name)
     assert path.stat().st_size <= 5_000_000
     assert "samples seen" in path.with_suffix(".md").read_text()
     data = DatasetSettings(

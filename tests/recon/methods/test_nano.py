@@ -13,7 +13,7 @@ from nlos.acquisition.wall import WallGrid
 from nlos.recon.layers.measurement import rates_of
 from nlos.recon.methods.nano import Nano, Settings, build
 from nlos.recon.reconstruct import reconstruct
-from nlos.recon.training.checkpoint import save
+from nlos.recon.weights.files import save
 
 WALL = WallGrid(2.0, 2.0, 16, 16)
 TIME = TimeAxis(64, 128e-12)

@@ -9,8 +9,8 @@ import torch
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.training.checkpoint import save
 from nlos.recon.training.scene_files import write_scene
+from nlos.recon.weights.files import save
 from studies.results.kept import kept
 from studies.results.measured_scenes import SCANS, scan_of
 from studies.results.tables import by_condition, by_scene, comparison, margins, training

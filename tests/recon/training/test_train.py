@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 import torch
 
-from nlos.recon.training.checkpoint import WeightsError, load_weights, put_weights, read_weights, save
 from nlos.recon.training.dataset import DatasetSettings
 from nlos.recon.training.ship import ship
 from nlos.recon.training.train import STATE, WEIGHTS, learning_rate, train
 from nlos.recon.training.train_settings import TrainSettings
+from nlos.recon.weights.files import WeightsError, load_weights, put_weights, read_weights, save
 
 TINY: dict[str, Any] = {"rows": 16, "cols": 16, "bins": 64, "bin_width_ps": 256.0}
 SCRIPT = """

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from nlos.recon.training.checkpoint import WeightsError, load_weights
-from nlos.recon.training.foreign_weights import ForeignWeightsError, read_foreign
+from nlos.recon.weights.files import WeightsError, load_weights
+from nlos.recon.weights.foreign import ForeignWeightsError, read_foreign
 
 
 class Forged:
