@@ -25,9 +25,8 @@ def albedo_picture(reconstruction: Reconstruction, path: Path) -> None:
 
 def draw_albedo(reconstruction: Reconstruction, figure: Figure, axes: Axes) -> None:
     """The front view with its colour bar."""
-    top = float(np.quantile(reconstruction.albedo, 0.999)) or 1.0
     drawn = axes.imshow(
-        reconstruction.albedo / top,
+        reconstruction.albedo / brightest(reconstruction),
         cmap="gray",
         vmin=0,
         vmax=1,
@@ -68,6 +67,11 @@ def summary_figure(reconstruction: Reconstruction, figure: Figure | None = None)
     draw_albedo(reconstruction, figure, left)
     draw_depth(reconstruction, figure, right)
     return figure
+
+
+def brightest(reconstruction: Reconstruction) -> float:
+    """What is drawn as white: the 99.9th percentile of the front view."""
+    return float(np.quantile(reconstruction.albedo, 0.999)) or 1.0
 
 
 def visible_depth(reconstruction: Reconstruction) -> npt.NDArray[np.float32]:

@@ -5,7 +5,6 @@ their counts, all little-endian. A client that knows n samples asks for the n-th
 that a late one is never taken for the answer to another question, and say which recording they are of.
 """
 
-import hashlib
 import json
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -46,12 +45,6 @@ def decode_request(frame: bytes) -> Request:
         return Request.model_validate_json(frame)
     except ValidationError as error:
         raise InvalidData(f"not a request: {error.error_count()} faults") from error
-
-
-def identity(plan: ScanPlan, header: Header) -> str:
-    """Which recording this is: what its tickets name, and what a client holds every answer against."""
-    said = json.dumps([plan.digest(), header.texts()], sort_keys=True)
-    return hashlib.sha256(said.encode()).hexdigest()
 
 
 def encode_plan(number: int, plan: ScanPlan, header: Header) -> list[bytes]:

@@ -16,7 +16,6 @@ from nlos.acquisition.network.messages import (
     answered,
     decode_block,
     decode_plan,
-    identity,
 )
 from nlos.acquisition.network.ticket import Ticket
 from nlos.acquisition.planning.plan import ScanPlan
@@ -112,7 +111,7 @@ def mirror(
         if frames is None:
             return 0
         plan, header = decode_plan(frames)
-        if identity(plan, header) != ticket.recording:
+        if header.identity != ticket.recording:
             raise InvalidData("the server has another recording than the ticket is for. Ask for a new ticket.")
         held = _events_of(target)
         resumed = resume(target, plan, header, same_run=True)

@@ -17,7 +17,6 @@ from nlos.acquisition.network.messages import (
     decode_request,
     encode_block,
     encode_plan,
-    identity,
 )
 from nlos.acquisition.network.ticket import Ticket, new_keys
 from nlos.acquisition.recording.condition import RowState
@@ -43,7 +42,7 @@ class SampleServer:
         address = listening_address(host)
         self._run = run
         self._recording, self._inode = Recording.open(run), run.stat().st_ino
-        self._which = identity(self._recording.plan, self._recording.header)
+        self._which = self._recording.header.identity
         self._intact: list[int] = []
         self._looked_at = 0
         self._looked_s = self._alone_since_s = time.monotonic()
@@ -154,7 +153,7 @@ class SampleServer:
             self._recording.close()
             self._recording, self._inode = fresh, inode
             self._intact, self._looked_at = [], 0
-            if identity(fresh.plan, fresh.header) != self._which:
+            if fresh.header.identity != self._which:
                 raise StorageError(f"{self._run}: another recording has taken its place. Serve that one anew.")
         before = len(self._recording)
         alone = self._recording.refresh() == before and not is_locked(self._run)

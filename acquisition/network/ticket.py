@@ -26,7 +26,7 @@ class Ticket:
     client_public: str
     client_secret: str
     recording: str
-    """Which recording is served (`messages.identity`): a client takes no other."""
+    """Which recording is served (its header's identity): a client takes no other."""
 
     def save(self, path: Path) -> None:
         """Puts a file in place that only its owner can read; an earlier ticket there is replaced.

@@ -1,6 +1,6 @@
 """A recording that another process is writing, as a source of samples that ends when the scan does."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from nlos.acquisition.errors import InvalidData, StorageError
@@ -17,17 +17,26 @@ LEFT_ALONE_S = 5.0
 """A file that nobody holds any more gets so long to change before its writer is taken for dead."""
 
 
-def follow(path: Path, *, patience_s: float = 60.0, clock: Clock | None = None) -> Iterator[Sample]:
+Look = Callable[[Recording], None]
+
+
+def follow(
+    path: Path, *, patience_s: float = 60.0, clock: Clock | None = None, look: Look | None = None
+) -> Iterator[Sample]:
     """The intact samples of `path`, those already there first, then each as it is acknowledged, until the scan ends.
+
+    `look` is shown the open recording before the first sample, whenever it was looked at anew, and once at the end:
+    whoever wants to know more than samples needs no second handle, which would upset this one.
 
     Waits at most `patience_s` for the file to appear (`TimeoutError`); then for as long as a writer holds it, pauses
     included. Goes on through a crash and `--resume`. Raises `InvalidData` for a file that is no recording and that
-    nobody writes, `StorageError` where the writer is gone for good.
+    nobody writes, `StorageError` where the writer is gone for good, the file was deleted, or another recording has
+    taken its place.
     """
-    clock = clock or SystemClock()
+    clock, look = clock or SystemClock(), look or (lambda recording: None)
     given, identity = 0, ""
     while True:
-        with _opened(path, patience_s, clock) as recording:
+        with _opened(path, patience_s, clock, given) as recording:
             if identity and recording.header.identity != identity:
                 raise StorageError(f"{path}: another recording took its place after {given} samples. Follow it anew.")
             identity = recording.header.identity
@@ -35,6 +44,7 @@ def follow(path: Path, *, patience_s: float = 60.0, clock: Clock | None = None) 
             while True:
                 over = recording.status is not Status.RUNNING
                 recording.refresh()
+                look(recording)
                 for sample in recording.rows(row):
                     if sample is None:
                         looks += 1
@@ -47,6 +57,7 @@ def follow(path: Path, *, patience_s: float = 60.0, clock: Clock | None = None) 
                         yield sample
                     row, looks, alone_since_s = row + 1, 0, clock.now()
                 if over and row >= len(recording):
+                    look(recording)
                     return
                 if not recording.has_its_name():
                     break
@@ -61,7 +72,7 @@ def follow(path: Path, *, patience_s: float = 60.0, clock: Clock | None = None) 
                 clock.sleep(POLL_S)
 
 
-def _opened(path: Path, patience_s: float, clock: Clock) -> Recording:
+def _opened(path: Path, patience_s: float, clock: Clock, given: int) -> Recording:
     """The recording, once it is there. A file that cannot be read yet may be on its way."""
     began_s = clock.now()
     deadline_s = began_s + patience_s
@@ -69,8 +80,11 @@ def _opened(path: Path, patience_s: float, clock: Clock) -> Recording:
         try:
             return open_checked(path)
         except (FileNotFoundError, InvalidData) as error:
-            if path.exists() and not is_locked(path) and clock.now() - began_s > LEFT_ALONE_S:
+            alone = not is_locked(path) and clock.now() - began_s > LEFT_ALONE_S
+            if alone and path.exists():
                 raise
+            if clock.now() - began_s > LEFT_ALONE_S and given:
+                raise StorageError(f"{path}: was deleted or moved after {given} samples.") from error
             if clock.now() >= deadline_s:
                 raise TimeoutError(f"{path}: no recording to follow after {patience_s:g} s ({error})") from error
         clock.sleep(POLL_S)

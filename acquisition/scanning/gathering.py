@@ -66,9 +66,18 @@ class Gathering:
             rates: npt.NDArray[np.float32] = np.where(live_s > 0, self.total_count / live_s, np.nan).astype(np.float32)
         return rates
 
-    def histogram(self, row: int, col: int) -> npt.NDArray[np.float32]:
-        """Counts of one point so far, (T,). Raises `IndexError` off the wall."""
+    def place_of(self, numbers: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+        """Where points of the plan lie, as indices into the grid read row by row."""
+        positions = self.plan.positions
+        return np.asarray(positions.row[numbers] * self.plan.wall.cols + positions.col[numbers], dtype=np.intp)
+
+    def place_rates_hz(self) -> npt.NDArray[np.float32]:
+        """`rates_hz`, row by row, (H * W,)."""
+        return self.rates_hz().reshape(-1)
+
+    def place_counts(self, place: int) -> npt.NDArray[np.float32]:
+        """Counts of one point of the grid so far, (T,). Raises `IndexError` off the wall."""
         wall = self.plan.wall
-        if not (0 <= row < wall.rows and 0 <= col < wall.cols):
-            raise IndexError(f"row {row}, column {col} of {wall.rows} x {wall.cols}")
-        return np.array(self._counts[row, col])
+        if not 0 <= place < wall.rows * wall.cols:
+            raise IndexError(f"place {place} of {wall.rows} x {wall.cols}")
+        return np.array(self._counts[divmod(place, wall.cols)])

@@ -1,83 +1,174 @@
-"""The live page, read-only and sealed; scans that end when they are good enough."""
+"""The live page: read-only and sealed, one scan or several, and what it says is what the file holds at that moment."""
 
-import http.client
 import json
-import signal
+import os
 import subprocess
-import sys
+import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
+import numpy as np
 import pytest
 
-from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import Recording, Status
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.sample import Sample
+from nlos.drivers.tcspc.counter import Histogram, HistogramFlag
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
-
+Viewing = Callable[..., AbstractContextManager[Any]]
+SOAK = bool(os.environ.get("NLOS_SOAK"))
 SCAN = """\
 wall: {width_m: 1.0, height_m: 1.0, rows: 16, cols: 16}
 pattern: {kind: coarse_to_fine, batch: 8}
 dwell_ms: 20
 histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
 """
+FREE = """\
+wall: {width_m: 1.0, height_m: 1.0, rows: 16, cols: 16}
+pattern: {kind: circle, points: 90, radius_m: 0.4}
+dwell_ms: 5
+histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
+"""
 
 
-@pytest.fixture
-def page(nlos: Nlos, tmp_path: Path) -> Iterator[str]:
-    """The address of the page of a finished scan."""
+def test_the_page_is_read_only_and_sealed(nlos: Nlos, viewing: Viewing, tmp_path: Path) -> None:
     (tmp_path / "scan.yaml").write_text(SCAN)
     assert nlos("scan", "scan.yaml", "-o", "run.h5").returncode == 0
-    viewer = subprocess.Popen(
-        [sys.executable, "-m", "nlos", "live", "run.h5"], cwd=tmp_path, stdout=subprocess.PIPE, text=True
-    )
-    assert viewer.stdout is not None
-    url = viewer.stdout.readline().strip()
-    deadline_s = time.monotonic() + 60
-    while not ask(url, "state").get("over"):
-        assert time.monotonic() < deadline_s
-        time.sleep(0.1)
-    yield url
-    viewer.send_signal(signal.SIGINT)
-    assert viewer.wait(20) == 0
+    with viewing("run.h5") as viewer:
+        state = viewer.waits(lambda state: state["over"])
+        assert (state["samples"], state["planned"], state["skipped"], state["status"]) == (256, 256, 0, "complete")
+        assert {method: p["samples"] for method, p in state["pictures"].items()} == {"lct": 256, "nano": 256}
+        picture = viewer.ask("picture?method=nano")
+        assert (picture["samples"], picture["method"], picture["albedo"]["shape"]) == (256, "nano", [16, 16])
+        assert viewer.array(viewer.ask("histogram?place=255")["counts"]).shape == (512,)
+        own = urlsplit(viewer.url).path
+        for path in ("histogram?place=256", "histogram?place=x", "histogram", "picture?frame=20", "rates?frame=999",
+                     "plan?scan=1", "nothing", "state/more", "histogram?place=99999999999999999999"):  # fmt: skip
+            assert viewer.get(own + path)[0] == 404, path
+        assert viewer.ask("picture?method=nosuch") == {}
+        status, body, headers = viewer.get(own)
+        assert status == 200
+        assert b"NONCE" not in body
+        assert b"http://" not in body
+        assert b"https://" not in body
+        assert "default-src 'none'" in headers["content-security-policy"]
+        for path in ("/", "/state", "/wrong/state", own[:-1], own[:-2] + "/state", "/%ff%fe/state", f"{own[1:]}"):
+            assert viewer.get(path)[0] in (400, 403), path
+        assert viewer.get(own + "state", host="evil.example")[0] == 403
+        for method in ("POST", "PUT", "DELETE", "OPTIONS", "HEAD"):
+            assert viewer.get(own + "state", method)[0] == 405
 
 
-def get(url: str, path: str, method: str = "GET", host: str | None = None) -> tuple[int, bytes, dict[str, str]]:
-    there = urlsplit(url)
-    connection = http.client.HTTPConnection("127.0.0.1", there.port or 0, timeout=30)
-    connection.request(method, path, headers={"Host": host or there.netloc})
-    answer = connection.getresponse()
-    return answer.status, answer.read(), {key.lower(): value for key, value in answer.getheaders()}
+def test_a_finished_scan_is_shown_along_its_time(nlos: Nlos, viewing: Viewing, tmp_path: Path) -> None:
+    """Frames are made once, by LCT first, whoever asks for what; each is what a scan of so many points looks like."""
+    (tmp_path / "scan.yaml").write_text(SCAN)
+    assert nlos("scan", "scan.yaml", "-o", "run.h5").returncode == 0
+    with viewing("run.h5", "--method", "lct") as viewer:
+        state = viewer.waits(lambda state: all(state["frames"]))
+        assert state["frames"] == [round((k + 1) * 256 / 20) for k in range(20)]
+        assert state["frames_version"] == 20
+        last, newest = viewer.ask("picture?frame=19"), viewer.ask("picture?method=lct")
+        assert np.allclose(viewer.array(last["albedo"]), viewer.array(newest["albedo"]), atol=1e-5)
+        for frame in (0, 7, 19):
+            rates = viewer.ask(f"rates?frame={frame}")
+            assert np.count_nonzero(np.isfinite(viewer.array(rates["rates_hz"]))) == rates["samples"]
 
 
-def ask(url: str, what: str) -> dict[str, object]:
-    status, body, _ = get(url, urlsplit(url).path + what)
-    assert status == 200, body
-    found = json.loads(body)
-    assert isinstance(found, dict)
-    return found
+def test_scans_at_free_positions_are_watched_too(nlos: Nlos, viewing: Viewing, tmp_path: Path) -> None:
+    (tmp_path / "free.yaml").write_text(FREE)
+    (tmp_path / "scan.yaml").write_text(SCAN)
+    for name in ("free", "scan"):
+        assert nlos("scan", f"{name}.yaml", "-o", f"{name}.h5").returncode == 0
+    with viewing("scan.h5", "free.h5", "--method", "lct") as viewer:
+        viewer.waits(lambda state: state["over"])
+        while not (state := viewer.state(1))["over"]:
+            time.sleep(0.1)
+        assert (state["run"], state["samples"], state["planned"]) == ("free.h5", 90, 90)
+        plan = viewer.ask("plan?scan=1")
+        assert (plan["places"], plan["grid"]) == (90, None)
+        x_m, y_m = viewer.array(plan["x_m"]), viewer.array(plan["y_m"])
+        assert np.allclose(np.hypot(x_m, y_m), 0.4, atol=1e-6)
+        assert np.isfinite(viewer.array(viewer.ask("rates?scan=1")["rates_hz"])).all()
+        assert np.nanmax(viewer.array(viewer.ask("picture?scan=1&method=lct")["albedo"])) > 0.5
+        assert viewer.ask("plan?scan=0")["grid"] == [16, 16]
 
 
-def test_the_page_is_read_only_and_sealed(page: str) -> None:
-    own = urlsplit(page).path
-    state = ask(page, "state")
-    assert (state["samples"], state["planned"], state["skipped"]) == (256, 256, 0)
-    picture = ask(page, "picture")
-    assert (picture["samples"], len(picture["albedo"]), len(picture["confidence"])) == (256, 16, 16)  # type: ignore[arg-type]
-    assert ask(page, "picture?samples=64")["samples"] == 64
-    assert len(ask(page, "histogram?row=3&col=15")["counts"]) == 512  # type: ignore[arg-type]
-    for path in ("histogram?row=99&col=0", "histogram?row=-1&col=x", "histogram"):
-        assert get(page, own + path)[0] == 404
-    status, body, headers = get(page, own)
-    assert status == 200
-    assert b"NONCE" not in body
-    assert "default-src 'none'" in headers["content-security-policy"]
-    for path in ("/", "/state", "/wrong/state", own[:-1], own[:-2] + "/state", "/%ff%fe/state", f"{own[1:]}"):
-        assert get(page, path)[0] in (400, 403), path
-    assert get(page, own + "state", host="evil.example")[0] == 403
-    for method in ("POST", "PUT", "DELETE", "OPTIONS", "HEAD"):
-        assert get(page, own + "state", method)[0] == 405
+def grown(path: Path, plan: ScanPlan, stop: threading.Event, pause_s: float) -> None:
+    """A recording that grows as fast as its watcher may suffer it, events among its samples."""
+    rng = np.random.default_rng(1)
+    writer = RecordingWriter.create(path, plan, Header())
+    for point in plan:
+        counts = rng.poisson(0.2, plan.axis.bins).astype(np.uint32)
+        histogram = Histogram(counts, plan.axis.bin_width_s, plan.axis.offset_s, point.dwell_s, 10_000,
+                              int(counts.sum()), HistogramFlag.NONE, point.number * 1e-3)  # fmt: skip
+        writer.write(Sample(point, histogram, point.number * 1e-3))
+        if point.number % 64 == 63:
+            writer.flush()
+            time.sleep(pause_s)
+        if point.number % 512 == 5:
+            writer.log("note", f"at point {point.number}", point.number * 1e-3)
+    writer.finish(Status.COMPLETE)
+    stop.set()
+
+
+def test_what_is_polled_hard_is_what_the_file_holds_at_that_moment(viewing: Viewing, tmp_path: Path) -> None:
+    side = 128 if SOAK else 64
+    plan = ScanSettings.model_validate(
+        {"wall": {"width_m": 1.0, "height_m": 1.0, "rows": side, "cols": side}, "pattern": "serpentine", "dwell_ms": 1,
+         "histogram": {"bins": 64, "bin_width_ps": 256, "offset_ns": 10}}
+    ).plan()  # fmt: skip
+    stop = threading.Event()
+    states: list[dict[str, object]] = []
+    maps: list[tuple[int, np.ndarray]] = []
+    failures: list[BaseException] = []
+    with viewing("run.h5", "--method", "lct") as viewer:
+
+        def poll() -> None:
+            try:
+                while not stop.is_set():
+                    states.append(viewer.state())
+                    if (rates := viewer.ask("rates")).get("rates_hz"):
+                        maps.append((rates["samples"], viewer.array(rates["rates_hz"])))
+            except BaseException as error:
+                failures.append(error)
+                raise
+
+        pollers = [threading.Thread(target=poll) for _ in range(2)]
+        for thread in pollers:
+            thread.start()
+        grown(tmp_path / "run.h5", plan, stop, 0.05)
+        for thread in pollers:
+            thread.join()
+        last = viewer.waits(lambda state: state["over"])
+        assert failures == []
+        assert last["samples"] == len(plan)
+    with Recording.open(tmp_path / "run.h5") as recording:
+        records, events = recording.records, recording.events()
+    said = [[round(event.bench_s, 3), event.kind, event.text] for event in events]
+    rate_hz = (records["total_count"] / records["live_time_s"]).astype(np.float32)
+    place = plan.positions.row[records["number"]] * side + plan.positions.col[records["number"]]
+    assert last["events"] == said
+    assert len({samples for samples, _ in maps}) > 10
+    for samples, seen in maps:
+        expected = np.full(side * side, np.nan, dtype=np.float32)
+        expected[place[:samples]] = rate_hz[:samples]
+        assert np.array_equal(seen, expected, equal_nan=True), samples
+    for state in states:
+        shown, count = state["events"], state["samples"]
+        assert isinstance(shown, list)
+        assert isinstance(count, int)
+        assert shown == said[: len(shown)]
+        if count:
+            taken = records["taken_s"][count - 1] + records["live_time_s"][count - 1]
+            assert state["elapsed_s"] == pytest.approx(float(taken), abs=1e-9)
 
 
 def test_a_scan_ends_when_its_picture_is_good_enough_and_says_so(nlos: Nlos, tmp_path: Path) -> None:

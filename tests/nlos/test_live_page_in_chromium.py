@@ -88,54 +88,93 @@ def test_a_finished_scan_is_shown_whole_and_along_its_time(viewer: str, browser:
     page.wait_for_selector('body[data-picture="256"]')
     assert page.locator("#points").inner_text() == "256 of 256"
     assert page.locator("#rate").inner_text().endswith("kcps")
-    for canvas in ("map", "albedo", "depth", "volume", "histo"):
+    shows(page, "banner", r"Scan complete")
+    for canvas in ("map", "albedo", "depth", "histo"):
         assert colours(page, canvas) > 2, canvas
     assert page.locator("#events tr").count() >= 3
 
     wall = page.locator("#map").bounding_box()
-    page.mouse.move(wall["x"] + 0.03 * wall["width"], wall["y"] + 0.97 * wall["height"])
-    shows(page, "histotitle", r"row 15, column 0")
+    page.mouse.click(wall["x"] + 0.2 * wall["width"], wall["y"] + 0.5 * wall["height"])
+    shows(page, "histotitle", r"kept; Esc lets go")
+    logarithmic = page.evaluate(PIXELS, "histo")
+    page.keyboard.press("l")
+    assert page.evaluate(PIXELS, "histo") != logarithmic
+    page.keyboard.press("Escape")
+    shows(page, "histotitle", r"newest point")
 
+    box = page.locator("#albedo").bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    playwright.expect(page.locator(".panel .say").first).to_have_text(
+        re.compile(r"x -?0\.0\d\d m, y -?0\.0\d\d m: brightness")
+    )
+
+    page.keyboard.press("3")
+    page.wait_for_selector("#volume")
+    page.wait_for_timeout(300)
     still = page.evaluate(PIXELS, "volume")
     box = page.locator("#volume").bounding_box()
     page.mouse.move(box["x"] + 60, box["y"] + 60)
     page.mouse.down()
     page.mouse.move(box["x"] + 120, box["y"] + 40, steps=4)
     page.mouse.up()
+    page.wait_for_timeout(300)
     assert page.evaluate(PIXELS, "volume") != still
+    page.keyboard.press("4")
 
     whole = colours(page, "map")
+    page.wait_for_selector("#slider", state="visible")
+    playwright.expect(page.locator("#first")).not_to_contain_text("ready", timeout=PATIENCE_MS)
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
     page.locator("#time").fill("5")
-    page.locator("#time").dispatch_event("change")
     page.wait_for_selector('body[data-picture="64"]')
-    assert page.locator("#first").inner_text() == "64 points"
+    assert "64 of 256" in page.locator("#first").inner_text()
     assert colours(page, "map") < whole
+    assert not [url for url in asked if "picture" in url]  # it was there already
+    page.keyboard.press("ArrowRight")
+    page.wait_for_selector('body[data-picture="77"]')
     assert complaints == []
     page.close()
 
 
-def test_a_scan_under_way_shows_what_is_left_and_ends(folder: Path, browser: Any) -> None:
+@pytest.mark.parametrize("width", [420, 1280, 1920])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nothing_is_cut_off_at_any_width(viewer: str, browser: Any, width: int, scheme: str) -> None:
+    page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
+    page.set_default_timeout(PATIENCE_MS)
+    page.goto(viewer)
+    page.wait_for_selector("body[data-picture]")
+    for key in "1234":
+        page.keyboard.press(key)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert page.evaluate("[...document.querySelectorAll('.panel canvas')].every(c => c.clientHeight > 200)")
+    page.close()
+
+
+def test_a_scan_under_way_shows_what_comes_next_and_its_end(folder: Path, browser: Any) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "nlos", "live", "grows.h5", "--method", "lct"],
         cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
     )  # fmt: skip
     assert process.stdout is not None
     page, complaints = opened(browser, process.stdout.readline().strip())
+    shows(page, "status", r"^Waiting for the scan's file$")
     bench = subprocess.Popen(
         [sys.executable, "-m", "nlos", "replay", "run.h5", "-o", "grows.h5", "-q"], cwd=folder,
         stdout=subprocess.DEVNULL,
     )  # fmt: skip
-    shows(page, "left", r" s$")
-    assert page.locator("#status").inner_text() == "running"
+    shows(page, "left", r" s left$")
+    shows(page, "status", r"^Scanning")
     assert page.locator("#slider").is_hidden()
     assert bench.wait(60) == 0
     page.wait_for_selector('body[data-picture="256"]')
-    shows(page, "status", r"^complete$")
+    shows(page, "status", r"^Scan complete$")
     page.wait_for_selector("#slider", state="visible")
     assert complaints == []
     process.send_signal(signal.SIGINT)
     assert process.wait(20) == 0
     shows(page, "status", r"^no answer")
+    shows(page, "banner", r"The viewer has ended")
     page.close()
 
 

@@ -15,8 +15,9 @@ from nlos.calibration.raw_points import from_samples
 from nlos.chain import calibrate_scan, constants_for
 from nlos.live.calibration import SampleCalibration
 from nlos.live.good_enough import Enough
+from nlos.live.pace import Pace
 from nlos.live.process import state_file, write_state
-from nlos.live.scan import LiveScan, Pace
+from nlos.live.scan import LiveScan
 from nlos.loaded import load_scan
 from nlos.recon.live import LivePicture, LiveReconstruction
 from nlos.recon.reconstruct import reconstruct
@@ -67,7 +68,7 @@ def test_the_last_picture_is_that_of_the_finished_recording(
         assert nlos("calibrate", "run.h5", "-o", "constants.h5").returncode == 0
         known = tmp_path / "constants.h5"
     pictures: list[LivePicture] = []
-    watched = LiveScan(run, LiveReconstruction(), known, on_picture=pictures.append)
+    watched = LiveScan(run, [LiveReconstruction()], known, on_picture=pictures.append)
     watched.start()
     watched.wait()
     scan = load_scan(run)
@@ -114,7 +115,7 @@ def test_a_real_bench_reads_the_figures_of_the_live_process(run: Path, monkeypat
     monkeypatch.setattr("nlos.live.good_enough.AGAIN_S", 0.0)
     said: list[str] = []
     with Recording.open(run) as recording:
-        enough = Enough(run, recording.plan, 0.1, "lct", lambda kind, text: said.append(text), watched=True)
+        enough = Enough(run, recording.plan, {}, 0.1, "lct", lambda kind, text: said.append(text), watched=True)
     assert not enough()  # nobody has said anything
     live = LiveReconstruction("lct")
     picture = live.update(calibrate_scan(load_scan(run)), 200)

@@ -22,7 +22,7 @@ class ExitCode(IntEnum):
 
 
 EXTRAS = {
-    "torch": "recon", "safetensors": "recon", "zmq": "live", "starlette": "live", "uvicorn": "live",
+    "torch": "recon", "safetensors": "recon", "zmq": "live",
     "distributed": "cluster",
 }  # fmt: skip
 """Package that only some verbs need -> the extra that brings it."""

@@ -1,67 +1,90 @@
-"""`nlos live`: a page on this machine that shows a scan while it runs, or a finished one along its time."""
+"""`nlos live`: a page on this machine that shows scans while they run, or finished ones along their time."""
 
-import contextlib
 import os
 import secrets
+import signal
 import socket
 import threading
 import time
 from pathlib import Path
+from types import FrameType
 from typing import Annotated
 
 import typer
 
+from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
+
+MOST_RUNS = 4
+ENDS_S = 15.0
+"""How long a picture that is being made may take once the viewer is to end."""
 
 
 def live(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A recording, growing or finished.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="Recordings, growing or finished, side by side.")
+    ],
     port: Annotated[int, typer.Option(min=0, max=65535, help="0 takes a free one.")] = 0,
-    method: Annotated[str, typer.Option(help="A word of `nlos methods`.")] = "nano",
+    method: Annotated[
+        str | None,
+        typer.Option(help="A word of `nlos methods`; NANO where torch is installed. LCT comes first."),
+    ] = None,
     idle_s: Annotated[
         float | None, typer.Option(metavar="S", help="Ends so long after the scan and the last question.")
     ] = None,
 ) -> None:
     """A read-only page on 127.0.0.1. Whoever has its address may look; nobody can control anything. Ctrl-C ends it."""
-    import uvicorn
-
-    from nlos.live.page import LivePage, application
-    from nlos.live.process import SOCKET, TOKEN, listening, state_file, write_state
+    from nlos.live.page import LivePage
+    from nlos.live.process import SOCKET, TOKEN, listening, methods_for, state_file, write_state
     from nlos.live.scan import LiveScan
+    from nlos.live.web import WebServer
     from nlos.recon.live import LiveReconstruction
-    from nlos.recon.methods import find
 
-    find(method)
+    methods = methods_for(method)
+    if len({run.resolve() for run in runs}) < len(runs) or len(runs) > MOST_RUNS:
+        raise UsageError(f"{len(runs)} RUNs: name up to {MOST_RUNS} different ones")
     inherited = os.environ.pop(SOCKET, "")
     token = os.environ.pop(TOKEN, "") or secrets.token_urlsafe(24)
     door = socket.socket(fileno=int(inherited)) if inherited else listening(port)
     number = door.getsockname()[1]
-    state = state_file(run) if inherited else None
-    scan = LiveScan(
-        run, LiveReconstruction(method), on_picture=None if state is None else lambda p: write_state(state, p)
-    )
-    page = LivePage(scan)
-    hosts = {f"127.0.0.1:{number}", f"localhost:{number}"}
-    config = uvicorn.Config(application(page, token, hosts), log_level="warning", lifespan="off", server_header=False)
-    server = uvicorn.Server(config)
+    state = state_file(runs[0]) if inherited else None
+    scans = [LiveScan(run, [LiveReconstruction(each) for each in methods], first_fraction=0.1) for run in runs]
+    if state is not None:
+        scans[0].on_picture = lambda picture: write_state(state, picture)
+    page = LivePage(scans, token, {f"127.0.0.1:{number}", f"localhost:{number}"})
+    server = WebServer(door, page)
+
+    def ended(number: int, frame: FrameType | None) -> None:
+        server.stop()
+
+    previous = {number: signal.signal(number, ended) for number in (signal.SIGINT, signal.SIGTERM)}
     url = f"http://127.0.0.1:{number}/{token}/"
     terminal.result(url, url=url)
-    if not run.exists():
-        terminal.log(f"waiting for {run}")
-    scan.start()
+    for run in runs:
+        if not run.exists():
+            terminal.log(f"waiting for {run}")
+    for scan in scans:
+        scan.start()
 
     def end_when_idle() -> None:
-        while not scan.failed and (idle_s is None or not scan.over or time.monotonic() - page.asked_s <= idle_s):
+        while not all(scan.failed for scan in scans):
+            busy = any(not (scan.over or scan.failed) for scan in scans)
+            if idle_s is not None and not busy and time.monotonic() - page.asked_s > idle_s:
+                break
             time.sleep(0.5)
-        server.should_exit = True
+        server.stop()
 
     threading.Thread(target=end_when_idle, daemon=True).start()
     try:
-        with contextlib.suppress(KeyboardInterrupt):
-            server.run(sockets=[door])
+        server.run()
     finally:
-        scan.stop()
+        page.stop(ENDS_S)
+        for scan in scans:
+            scan.stop(ENDS_S)
+        for number, handler in previous.items():
+            signal.signal(number, handler)
         if state is not None:
             state.unlink(missing_ok=True)
-    if scan.failed and scan.error is not None:
-        raise scan.error
+    failed = next((scan.error for scan in scans if scan.failed and scan.error is not None), None)
+    if failed is not None:
+        raise failed

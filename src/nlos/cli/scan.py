@@ -15,7 +15,7 @@ from nlos.cli.scan_ending import ScanEnding
 from nlos.cli.scan_progress import ScanProgress
 from nlos.cli.terminal import terminal
 from nlos.live.good_enough import Enough, parse_until
-from nlos.live.process import start_live
+from nlos.live.process import methods_for, start_live
 
 if TYPE_CHECKING:
     from nlos.acquisition.planning.plan import ScanPlan
@@ -68,6 +68,8 @@ def scan(
 
         find(reconstruct)
     level = None if until is None else parse_until(until)
+    if live or level is not None:
+        methods_for(reconstruct)
     plan = wanted.settings.plan()
     target = output or Path(f"{wanted.path.stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}.h5")
     if resume and settle(target, plan):  # no device is even opened
@@ -85,7 +87,7 @@ def scan(
     with Interrupts().caught() as interrupts, opened(table, scene) as open_bench:
         _acquire(
             plan, header, open_bench, target, resume, overwrite, interrupts, wanted.settings.alarms,
-            reconstruct or "nano", live, level, constants,
+            reconstruct, live, level, constants,
         )  # fmt: skip
     if reconstruct is not None:
         _reconstruct(target, reconstruct, overwrite)
@@ -100,7 +102,7 @@ def _acquire(
     overwrite: bool,
     interrupts: Interrupts,
     alarms: "AlarmSettings",
-    method: str,
+    watched_by: str | None,
     live: bool,
     level: float | None,
     constants: Path | None,
@@ -127,6 +129,12 @@ def _acquire(
     watch.wait_for_rates(bench)
     used = "{}" if known is None else json.dumps(known.summary(), default=str)
     header = replace(header, devices=roles, warnings=tuple(bench.warnings), constants_json=used).stamped()
+    enough = None
+    if level is not None:  # it reads what is there, so before the file is opened for writing
+        enough = Enough(
+            target, plan, {role: f"{who.model} {who.serial}".strip() for role, who in roles.items()}, level,
+            methods_for(watched_by)[-1], bench.report, watched=not bench.settings.simulated, resumed=resume,
+        )  # fmt: skip
     with ExitStack() as stack:
         with undisturbed():  # a recording that is begun is ended, whenever a signal comes
             begun = _begin(target, plan, header, resume, overwrite)
@@ -137,11 +145,8 @@ def _acquire(
             control = ScanControl(lambda why: _ask(interrupts, progress, why))
             ending = stack.enter_context(ScanEnding(bench, writer, control))
         interrupts.pauses(control)
-        enough = None
         if live or (level is not None and not bench.settings.simulated):
-            start_live(target, method)
-        if level is not None:
-            enough = Enough(target, plan, level, method, bench.report, watched=not bench.settings.simulated)
+            start_live(target, watched_by)
         start_s = bench.clock.now() - begun.elapsed_s
         stack.enter_context(progress)
         samples = run(

@@ -55,7 +55,7 @@ def follow_to_folder(
         replace_pictures(folder, picture, volume)
 
     with local_copy(run, folder) as local:
-        scan = LiveScan(local, live, constants, on_picture=keep)
+        scan = LiveScan(local, [live], constants, on_picture=keep)
         scan.start()
         scan.wait()
     if html and scan.picture is not None:

@@ -7,7 +7,7 @@ run; on a real one the live process makes the pictures, and only its figures are
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,27 +27,37 @@ class Enough:
     """The engine's `decide`: fed with every sample, asked after every one."""
 
     def __init__(
-        self, run: Path, plan: "ScanPlan", level: float, method: str, report: Callable[[str, str], None], watched: bool
+        self,
+        run: Path,
+        plan: "ScanPlan",
+        devices: Mapping[str, str],
+        level: float,
+        method: str,
+        report: Callable[[str, str], None],
+        watched: bool,
+        resumed: bool = False,
     ) -> None:
-        """`watched`: the live process of `run` makes the pictures, and its figures are read here."""
+        """Before `run` is opened for writing: where it is `resumed`, what it holds is read here. `watched`: the live
+        process of `run` makes the pictures, and its figures are read here."""
         from nlos.acquisition.recording.recording import Recording
-        from nlos.acquisition.scanning.gathering import Gathering
         from nlos.live.process import state_file
+        from nlos.live.so_far import gathering_for
         from nlos.recon.live import GROWTH, LiveReconstruction
 
         self._growth = GROWTH
         self.reached = False
         """Whether the scan, or the first of its passes, ended for being good enough."""
-        self._run, self._level, self._report = run, level, report
+        self._level, self._report, self._devices = level, report, devices
         self._state = state_file(run) if watched else None
-        self._gathering = Gathering(plan)
+        self._gathering = gathering_for(plan)
         self._live = LiveReconstruction(method)
         self._next = max(1, math.ceil(FIRST_FRACTION * len(plan)))
         self._looked_s = -math.inf
         self._seen = 0
-        with Recording.open(run) as recording:  # what an earlier run, gone on with, has taken
-            for sample in recording.samples():
-                self.add(sample)
+        if resumed and run.exists():
+            with Recording.open(run) as recording:
+                for sample in recording.samples():
+                    self.add(sample)
 
     def add(self, sample: "Sample") -> None:
         """One more sample, once it is on its way to the disk."""
@@ -79,11 +89,11 @@ class Enough:
     def _picture(self) -> "LivePicture | None":
         from nlos.calibration.errors import InvalidData
         from nlos.chain import calibrate_scan, constants_for
-        from nlos.live.scan import loaded
+        from nlos.live.so_far import new_scan, scan_of
         from nlos.recon.errors import ReconError
 
         try:
-            scan = loaded(self._run, self._gathering)
+            scan = scan_of(new_scan(self._gathering.plan, self._devices), self._gathering)
             transient = calibrate_scan(scan, constants=constants_for(scan, None))
             return self._live.update(transient, len(self._gathering), scan.falloff)
         except (InvalidData, ReconError) as error:

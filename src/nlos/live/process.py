@@ -18,14 +18,33 @@ if TYPE_CHECKING:
 SOCKET, TOKEN = "NLOS_LIVE_SOCKET", "NLOS_LIVE_TOKEN"
 IDLE_S = 60
 NICENESS = 10
+QUICK = "lct"
+"""The method of the first pictures."""
 
 
-def start_live(run: Path, method: str) -> "subprocess.Popen[bytes]":
+def methods_for(asked: str | None) -> list[str]:
+    """The methods whose pictures a page shows, the quickest first: LCT, then `asked`, or NANO where torch is installed.
+
+    Before a scan begins, and without loading torch: raises `InvalidSettings` for a method that does not exist,
+    `ModuleNotFoundError` for one whose packages are not installed, so that no page is promised that cannot be.
+    """
+    from nlos.recon.methods import PLAIN, catalogue, find, torch_is_installed
+
+    best = asked or ("nano" if torch_is_installed() else QUICK)
+    if best not in catalogue():
+        find(best)
+    if best not in PLAIN and not torch_is_installed():
+        raise ModuleNotFoundError(f"No module named 'torch', which {best} needs", name="torch")
+    return [QUICK] if best == QUICK else [QUICK, best]
+
+
+def start_live(run: Path, method: str | None) -> "subprocess.Popen[bytes]":
     """Starts the page of `run` and says its address. The scan reads nothing from it and waits for nothing."""
     state_file(run).unlink(missing_ok=True)  # of an earlier scan, whose page was killed
     token = secrets.token_urlsafe(24)
     with listening(0) as door:
-        command = [sys.executable, "-P", "-m", "nlos", "live", str(run), "--method", method, "--idle-s", str(IDLE_S)]
+        command = [sys.executable, "-P", "-m", "nlos", "live", str(run), "--idle-s", str(IDLE_S)]
+        command += [] if method is None else ["--method", method]
         process = subprocess.Popen(
             [*command, "-q"],
             env={**os.environ, SOCKET: str(door.fileno()), TOKEN: token, "OMP_NUM_THREADS": "1"},

@@ -1,29 +1,47 @@
 """A scan watched while it runs: one thread follows the file, another turns what is there into pictures.
 
-Both only read the recording, in a process of their own: nothing here can slow or lose an acquisition. When pictures
-take longer than samples come, pictures are left out - and counted -, never samples.
+Both only read the recording, in a process of their own: nothing here can slow or lose an acquisition. The follower's
+thread has the only handle; everybody else asks for what it has seen. When pictures take longer than samples come,
+pictures are skipped - and counted -, never samples.
 
 Where the bench's constants are known, pictures in passing are of samples corrected one by one as they came. When the
 last sample is in, the last picture is that of the finished recording.
 """
 
-import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlos.cli.terminal import terminal
+from nlos.live.schedule import Coming, Schedule
+from nlos.live.so_far import empty_scan, gathering_for, scan_of
 
 if TYPE_CHECKING:
+    from nlos.acquisition.planning.plan import ScanPlan
+    from nlos.acquisition.recording.recording import Event, Recording, Status
+    from nlos.acquisition.scanning.free_points import FreePoints
     from nlos.acquisition.scanning.gathering import Gathering
+    from nlos.acquisition.transient import Transient
     from nlos.calibration.constants import BenchConstants
     from nlos.live.calibration import SampleCalibration
     from nlos.loaded import LoadedScan
     from nlos.recon.live import LivePicture, LiveReconstruction
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What the file said of itself when it was last looked at."""
+
+    plan: "ScanPlan"
+    status: "Status"
+    events: tuple["Event", ...]
+    started_utc: str
+    which: str
+    """The recording's identity: the file may be another one by now."""
 
 
 @dataclass
@@ -31,23 +49,30 @@ class LiveScan:
     """What is known so far. Fields are replaced, never changed in place, so that a reader needs no lock."""
 
     run: Path
-    live: "LiveReconstruction"
+    lives: "Sequence[LiveReconstruction]"
+    """The quickest method first: its picture comes first, and the others' replace it."""
     constants: Path | None = None
-    every_fraction: float = 0.05
-    """A new picture is due after this part of the plan's points ..."""
-    every_s: float = 2.0
-    """... or when this much time has passed with something new."""
+    first_fraction: float = 0.05
+    """Of which part of the plan's points the first picture is."""
     on_picture: Callable[["LivePicture"], None] | None = None
+    """Called with every picture by the last of the methods."""
     patience_s: float = 60.0
     """How long the recording may take to appear."""
-    gathering: "Gathering | None" = None
-    picture: "LivePicture | None" = None
+    seen: Seen | None = None
+    gathering: "Gathering | FreePoints | None" = None
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    """Held while a sample is added."""
+    latest: dict[str, "LivePicture"] = field(default_factory=dict)
+    """Method -> its newest picture."""
     pictures: int = 0
-    skipped: int = 0
-    """Pictures that were due while another was being made."""
+    coming: Coming | None = None
     left_aside: int = 0
     """Samples that are damaged or unreadable; known at the end."""
     message: str = ""
+    recent: "deque[tuple[int, float]]" = field(default_factory=lambda: deque(maxlen=64))
+    """Detections and live time of the newest samples."""
+    elapsed_s: float = 0.0
+    """Bench time from the scan's start to the end of the last sample."""
     read: bool = False
     """Every sample of the scan is in."""
     over: bool = False
@@ -57,26 +82,37 @@ class LiveScan:
 
     def start(self) -> None:
         """Follows and paints until the scan is over or `stop`."""
-        self._lock = threading.Lock()
-        self._stopped = threading.Event()
-        self._news = threading.Event()
-        self._ended = threading.Event()
+        self._stopped, self._news, self._ended = threading.Event(), threading.Event(), threading.Event()
         self._growing = True
         self._constants: BenchConstants | None = None
         self._each: SampleCalibration | None = None
-        self._pace = Pace()
-        for target in (self._follow, self._paint):
-            threading.Thread(target=target, daemon=True).start()
+        self._calibrated: _Calibrated | None = None
+        self._schedule = Schedule([live.method for live in self.lives], self.first_fraction)
+        self._threads = [threading.Thread(target=target, daemon=True) for target in (self._follow, self._paint)]
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def skipped(self) -> int:
+        """Pictures that were due while another was being made."""
+        return self._schedule.skipped
+
+    @property
+    def picture(self) -> "LivePicture | None":
+        """The newest picture of the last method."""
+        return self.latest.get(self.lives[-1].method)
 
     @property
     def failed(self) -> bool:
         """Nothing could be followed: there is nothing to show, and there will not be."""
         return self.error is not None and self.gathering is None
 
-    def stop(self) -> None:
-        """Ends both threads after what they are at."""
+    def stop(self, wait_s: float = 0.0) -> None:
+        """Ends both threads after what they are at, and waits for that."""
         self._stopped.set()
         self._news.set()
+        for thread in self._threads:
+            thread.join(wait_s)
 
     def wait(self) -> None:
         """Returns when the last picture is made. Raises what kept the scan from being followed to its end."""
@@ -89,26 +125,34 @@ class LiveScan:
 
             raise ReconstructionFailed(f"{self.run}: the pictures broke off, see above. The samples are all there.")
 
+    def calibrated(self, scan: "LoadedScan") -> "Transient":
+        """What `reconstruct` would work on. Raises what calibrating raises."""
+        from nlos.chain import calibrate_scan
+
+        return calibrate_scan(scan, constants=self._constants)
+
+    @property
+    def empty(self) -> "LoadedScan":
+        """The file as a scan without samples; once `seen`."""
+        return self._empty
+
     def _follow(self) -> None:
         from nlos.acquisition.errors import InvalidData, StorageError
         from nlos.acquisition.recording.follow import follow
-        from nlos.acquisition.recording.recording import Recording
         from nlos.calibration.errors import CalibrationError
 
         try:
-            for sample in follow(self.run, patience_s=self.patience_s):
-                if self.gathering is None:
-                    self._begin()
+            for sample in follow(self.run, patience_s=self.patience_s, look=self._look):
                 assert self.gathering is not None
-                with self._lock:
+                with self.lock:
                     if self.gathering.add(sample) and self._each is not None:
                         self._each.add(sample)
-                self._pace.saw(time.monotonic())
+                    self.recent.append((sample.histogram.total_count, sample.histogram.live_time_s))
+                    self.elapsed_s = max(self.elapsed_s, sample.taken_s + sample.histogram.live_time_s)
+                self._schedule.pace.saw(time.monotonic())
                 self._news.set()
                 if self._stopped.is_set():
                     return
-            with Recording.open(self.run) as recording:
-                self.left_aside = recording.left_aside()
         except (InvalidData, CalibrationError, StorageError, TimeoutError) as error:
             self.error = error
             self._say(str(error))
@@ -116,131 +160,118 @@ class LiveScan:
             self.read = True
             self._news.set()
 
-    def _begin(self) -> None:
-        """Once the plan is known. Raises `ForeignConstants` for constants given that are of another bench."""
-        from nlos.acquisition.recording.recording import Recording, Status
-        from nlos.acquisition.scanning.gathering import Gathering
+    def _look(self, recording: "Recording") -> None:
+        """In the follower's thread. Raises `ForeignConstants` for constants given that are of another bench."""
+        from nlos.acquisition.recording.recording import Status
+
+        if self.gathering is None:
+            self._begin(recording)
+        if recording.status is not Status.RUNNING and (len(self.gathering or ()) or not len(recording)):
+            self.left_aside = recording.left_aside()
+        self.seen = Seen(
+            recording.plan,
+            recording.status,
+            tuple(recording.events()),
+            recording.header.started_utc,
+            recording.header.identity,
+        )
+
+    def _begin(self, recording: "Recording") -> None:
+        from nlos.acquisition.recording.recording import Status
         from nlos.calibration.errors import CalibrationError
         from nlos.chain import constants_for
         from nlos.live.calibration import SampleCalibration
 
-        with Recording.open(self.run) as recording:
-            # Of a finished recording there is one picture, not one in passing.
-            self._growing = recording.status is Status.RUNNING
-            gathering = Gathering(recording.plan)
-        scan = self._file = loaded(self.run, gathering)
-        self._constants = constants_for(scan, self.constants)
-        if self._constants is not None and self._growing and not scan.rectified:
+        # Of a finished recording there is one picture, not one in passing.
+        self._growing = recording.status is Status.RUNNING
+        self._empty = empty_scan(recording)
+        self._constants = constants_for(self._empty, self.constants)
+        if self._constants is not None and self._growing and recording.on_grid and not self._empty.rectified:
             try:
-                self._each = SampleCalibration(gathering.plan, self._constants)
+                self._each = SampleCalibration(recording.plan, self._constants)
             except CalibrationError as error:
                 self._say(f"samples are not corrected one by one: {error}")
-        self.gathering = gathering
+        self.gathering = gathering_for(recording.plan)
 
     def _paint(self) -> None:
-        painted, painted_s = 0, time.monotonic()
+        from nlos.recon.methods import find
+
+        for live in self.lives:
+            find(live.method)  # loads its libraries, which takes seconds, while the first points are taken
         try:
             while not self._stopped.is_set():
                 self._news.wait(0.2)
                 self._news.clear()
-                last, count = self.read, len(self.gathering or ())
-                if count == 0:
-                    painted_s = time.monotonic()
-                if self._is_due(count, painted, painted_s, last):
-                    painted, painted_s = self._paint_next(painted), time.monotonic()
-                if last and len(self.gathering or ()) <= painted:
+                last = self.read
+                count, planned = len(self.gathering or ()), self._planned
+                due = self._schedule.due(count, planned, self._growing, last)
+                if due is not None:
+                    self._paint_next(next(live for live in self.lives if live.method == due), count)
+                elif last and self._schedule.done(len(self.gathering or ())):
                     self.over = True
                     return
+                self.coming = self._schedule.coming(count, planned, self._growing, last) if planned else None
         finally:
+            self.coming = None
             self._ended.set()
 
-    def _is_due(self, count: int, painted: int, painted_s: float, last: bool) -> bool:
-        """Whether to make a picture now. One that would not be ready before the last sample is left to the last."""
-        if last or self.gathering is None or not self._growing:
-            return last and count > painted
-        planned, now_s = len(self.gathering.plan), time.monotonic()
-        late = count > painted and now_s - painted_s >= self.every_s
-        due = count - painted >= self._step() or late
-        return due and (painted == 0 or self._pace.left_s(planned - count, now_s) > 1.5 * self._pace.picture_s)
+    @property
+    def _planned(self) -> int:
+        return 0 if self.gathering is None else len(self.gathering.plan)
 
-    def _step(self) -> int:
-        assert self.gathering is not None
-        return max(1, int(self.every_fraction * len(self.gathering.plan)))
+    def _paint_next(self, live: "LiveReconstruction", count: int) -> None:
+        began_s, expected_s = time.monotonic(), self._schedule.pace.picture_s(live.method)
+        self.coming = Coming(live.method, count, True, expected_s or None)
+        count = self._picture(live, count, self._schedule.of(live.method))
+        self._schedule.made(live.method, count, self._planned, time.monotonic() - began_s, self._growing)
 
-    def _paint_next(self, painted: int) -> int:
-        """Makes one picture of everything so far; returns of how many samples."""
-        assert self.gathering is not None
-        began_s = time.monotonic()
-        count = self._picture()
-        if self._growing:
-            self.skipped += max(0, (count - painted) // self._step() - 1)
-        self._pace.picture_s = time.monotonic() - began_s
-        return count
-
-    def _picture(self) -> int:
-        """One picture of everything so far, of how many samples it returns."""
+    def _picture(self, live: "LiveReconstruction", count: int, painted: int) -> int:
+        """One picture, of how many samples it returns: a slower method's of those of the quickest one's."""
         from nlos.acquisition.errors import InvalidData as RecordingInvalid
         from nlos.calibration.errors import InvalidData
-        from nlos.chain import calibrate_scan
         from nlos.recon.errors import ReconError
 
-        assert self.gathering is not None
-        with self._lock:
-            count, scan = len(self.gathering), gathered(self._file, self.gathering)
-            corrected = None if self._each is None or self.read else self._each.transient()
+        known = self._calibrated
+        fresh = live is self.lives[0] or self.read
         try:
-            transient = corrected or calibrate_scan(scan, constants=self._constants)
-            picture = self.live.update(transient, count, scan.falloff)
+            if (
+                known is None
+                or known.whole != self.read
+                or known.samples <= painted
+                or (fresh and known.samples < count)
+            ):
+                known = self._calibrated = self._calibrate()
+            count = known.samples
+            picture = live.update(known.transient, count, known.falloff)
             told = replace(picture.reconstruction, left_aside=self.left_aside)
             picture = replace(picture, reconstruction=told)
         except (InvalidData, RecordingInvalid, ReconError) as error:
             self._say(f"no picture of {count} points yet: {error}")
         else:
-            self.picture, self.pictures, self.message = picture, self.pictures + 1, ""
-            if self.on_picture is not None:
+            self.latest = {**self.latest, live.method: picture}
+            self.pictures, self.message = self.pictures + 1, ""
+            if self.on_picture is not None and live is self.lives[-1]:
                 self.on_picture(picture)
         return count
+
+    def _calibrate(self) -> "_Calibrated":
+        assert self.gathering is not None
+        whole = self.read
+        with self.lock:
+            count, scan = len(self.gathering), scan_of(self._empty, self.gathering)
+            corrected = None if self._each is None or whole else self._each.transient()
+        return _Calibrated(count, whole, corrected or self.calibrated(scan), scan.falloff)
 
     def _say(self, message: str) -> None:
         self.message = message
         terminal.log(message)
 
 
-class Pace:
-    """How fast samples come, over the last seconds, and how long a picture takes."""
+@dataclass(frozen=True)
+class _Calibrated:
+    """What pictures are made of: so many samples, `whole` once the scan has been read to its end."""
 
-    OVER_S = 2.0
-
-    def __init__(self) -> None:
-        self._came_s: deque[float] = deque()
-        self.picture_s = 0.0
-
-    def saw(self, now_s: float) -> None:
-        """One more sample."""
-        self._came_s.append(now_s)
-        while now_s - self._came_s[0] > self.OVER_S:
-            self._came_s.popleft()
-
-    def left_s(self, samples: int, now_s: float) -> float:
-        """How long so many more take, at least; infinite while none come."""
-        came_s = [at_s for at_s in tuple(self._came_s) if now_s - at_s <= self.OVER_S]
-        return samples * (now_s - came_s[0]) / len(came_s) if came_s else math.inf
-
-
-def loaded(run: Path, gathering: "Gathering") -> "LoadedScan":
-    """What was gathered from `run`, as a file of just these samples would be loaded."""
-    from nlos.acquisition.recording.recording import Recording
-    from nlos.loaded import as_recorded
-
-    with Recording.open(run) as recording:
-        return as_recorded(recording, gathering.transient(), gathering.sync_count.copy(), gathering.total_count.copy())
-
-
-def gathered(scan: "LoadedScan", gathering: "Gathering") -> "LoadedScan":
-    """The same file once more samples are in, without opening it."""
-    return replace(
-        scan,
-        transient=gathering.transient(),
-        sync_count=gathering.sync_count.copy(),
-        total_count=gathering.total_count.copy(),
-    )
+    samples: int
+    whole: bool
+    transient: "Transient"
+    falloff: int | None

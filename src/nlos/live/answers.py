@@ -1,0 +1,134 @@
+"""What the page is told about one scan: always of what the follower has read, never of the file behind its back."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from nlos.live.describe import described, packed
+from nlos.live.frames import FRAMES, Frames
+from nlos.live.scan import LiveScan, Seen
+
+if TYPE_CHECKING:
+    from nlos.recon.live import LivePicture
+
+ALARMS = {"alarm", "trip"}
+"""Kinds of events that are counted in the page's head."""
+EVENTS = 200
+
+
+class ScanAnswers:
+    """Answers the page's questions about one `LiveScan`; may be asked from several threads."""
+
+    def __init__(self, scan: LiveScan) -> None:
+        self._scan, self._frames = scan, Frames(scan)
+        self._described: dict[str, tuple[LivePicture, dict[str, Any]]] = {}
+
+    def stop(self, wait_s: float) -> None:
+        """Makes no more frames."""
+        self._frames.stop(wait_s)
+
+    def state(self) -> dict[str, Any]:
+        """Where the scan stands: samples, rates, time left, what happens next, events."""
+        scan, seen = self._scan, self._scan.seen
+        self._frames.start()
+        answer: dict[str, Any] = {
+            "run": scan.run.name, "methods": [live.method for live in scan.lives], "samples": 0, "planned": 0,
+            "made": scan.pictures, "skipped": scan.skipped, "message": scan.message, "over": scan.over, "events": [],
+            "alarms": 0, "status": "waiting", "lost": scan.error is not None, "frames": self._frames.samples,
+            "frames_version": self._frames.version,
+            "pictures": {
+                method: {"samples": p.samples, "change": p.change, "error": p.error}
+                for method, p in scan.latest.items()
+            },
+        }  # fmt: skip
+        if (coming := scan.coming) is not None:
+            answer["coming"] = {
+                "method": coming.method, "samples": coming.samples, "making": coming.making, "in_s": coming.in_s,
+            }  # fmt: skip
+        if seen is None or scan.gathering is None:
+            return answer
+        with scan.lock:
+            done, elapsed_s = len(scan.gathering), scan.elapsed_s
+            detections, live_s = (sum(each) for each in zip(*scan.recent, strict=True)) if scan.recent else (0, 0.0)
+        planned = len(seen.plan)
+        return answer | {
+            "samples": done, "planned": planned, "status": _status(scan, seen), "light": _light(seen),
+            "started_utc": seen.started_utc, "elapsed_s": elapsed_s,
+            "left_s": elapsed_s / done * (planned - done) if done else None,
+            "rate_hz": detections / live_s if live_s else None,
+            "events": [[round(e.bench_s, 3), e.kind, e.text] for e in seen.events[-EVENTS:]],
+            "events_before": max(0, len(seen.events) - EVENTS),
+            "alarms": sum(e.kind in ALARMS for e in seen.events),
+        }  # fmt: skip
+
+    def plan(self) -> dict[str, Any]:
+        """Where points lie, in which order they are visited, and the time axis; `places` is 0 before that is known."""
+        seen, gathering = self._scan.seen, self._scan.gathering
+        if seen is None or gathering is None:
+            return {"places": 0}
+        plan, axis, wall = seen.plan, seen.plan.axis, seen.plan.wall
+        order = gathering.place_of(np.arange(len(plan)))
+        count = len(gathering.place_rates_hz())
+        x_m, y_m = np.zeros(count), np.zeros(count)
+        if plan.positions.on_grid:
+            x_m, y_m = (grid.reshape(-1) for grid in np.meshgrid(wall.x_m(), wall.y_m()))
+        else:
+            x_m[order], y_m[order] = plan.positions.x_m, plan.positions.y_m
+        return {
+            "places": count, "x_m": packed(x_m), "y_m": packed(y_m), "order": packed(order),
+            "wall": [wall.width_m, wall.height_m], "grid": [wall.rows, wall.cols] if plan.positions.on_grid else None,
+            "bins": axis.bins, "bin_ns": axis.bin_width_s * 1e9, "start_ns": axis.offset_s * 1e9,
+            "window": [plan.stop.first_bin, plan.stop.end_bin] if plan.stop else None,
+        }  # fmt: skip
+
+    def rates(self, frame: int | None) -> dict[str, Any]:
+        """Count rate at every place, NaN where not measured; of a frame of a finished scan as it was then."""
+        if frame is not None:
+            return self._frames.rates[_frame(frame)] or {"samples": 0}
+        gathering = self._scan.gathering
+        if gathering is None:
+            return {"samples": 0}
+        with self._scan.lock:
+            return {"samples": len(gathering), "rates_hz": packed(gathering.place_rates_hz())}
+
+    def picture(self, method: str, frame: int | None) -> dict[str, Any]:
+        """The newest picture by `method`, or a frame of a finished scan; empty where there is none yet."""
+        if frame is not None:
+            return self._frames.pictures[_frame(frame)] or {}
+        newest = self._scan.latest.get(method)
+        if newest is None:
+            return {}
+        known = self._described.get(method)
+        if known is None or known[0] is not newest:
+            known = self._described[method] = (newest, described(newest))
+        return known[1]
+
+    def histogram(self, place: int) -> dict[str, Any]:
+        """Counts at one place so far. Raises `IndexError` where there is no such place."""
+        gathering = self._scan.gathering
+        if gathering is None:
+            raise IndexError("no sample yet")
+        with self._scan.lock:
+            return {"samples": len(gathering), "counts": packed(gathering.place_counts(place))}
+
+
+def _frame(number: int) -> int:
+    if not 0 <= number < FRAMES:
+        raise IndexError(f"frame {number} of {FRAMES}")
+    return number
+
+
+def _status(scan: LiveScan, seen: Seen) -> str:
+    """The file's status, or `paused` or `lost`, which it does not know."""
+    if seen.status.name != "RUNNING":
+        return seen.status.name.lower()
+    if scan.error is not None:
+        return "lost"
+    said = [event.text for event in seen.events if event.kind == "scan"]
+    return "paused" if said and said[-1].startswith("paused") else "running"
+
+
+def _light(seen: Seen) -> bool | None:
+    """Whether the shutter was last said to be open; None where nothing was said."""
+    said = [event.text for event in seen.events if event.kind == "shutter"]
+    return said[-1].startswith("opened") if said else None

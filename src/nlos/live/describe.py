@@ -1,0 +1,45 @@
+"""Pictures and arrays as JSON: what the page draws."""
+
+import base64
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from nlos.recon.live import LivePicture
+
+MOST_POINTS = 12_000
+
+
+def packed(values: npt.NDArray[Any]) -> dict[str, Any]:
+    """An array as its shape and little-endian float32 in base64, NaN and all."""
+    return {"shape": list(values.shape), "f4": base64.b64encode(values.astype("<f4").tobytes()).decode("ascii")}
+
+
+def described(picture: "LivePicture") -> dict[str, Any]:
+    """Front view (1 = its 99.9th percentile), depth where something is seen, confidence, and the bright voxels as
+    x, y, z in metres and brightness, (N, 4)."""
+    from nlos.recon.pictures import brightest, visible_depth
+    from nlos.recon.surface import front_surface
+    from nlos.recon.view3d import bright_voxels
+
+    result = picture.reconstruction
+    if result.volume is not None:
+        where_m, value = bright_voxels(result.volume)
+    else:
+        surface = front_surface(result)
+        where_m, value = surface.points_m, surface.albedo
+    keep = np.argsort(value)[-MOST_POINTS:]
+    return {
+        "samples": picture.samples,
+        "method": result.method,
+        "change": picture.change,
+        "error": picture.error,
+        "seconds": result.seconds,
+        "wall": [result.wall.width_m, result.wall.height_m],
+        "albedo": packed(result.albedo / brightest(result)),
+        "depth_m": packed(visible_depth(result)),
+        "confidence": packed(picture.confidence),
+        "points": packed(np.concatenate([where_m[keep], value[keep, None]], axis=1)),
+    }

@@ -1,0 +1,100 @@
+// What the page knows of each scan, how it asks for more, and what it says about it.
+const WORDS = {waiting: "Waiting for the scan's file", running: "Scanning", paused: "Paused", complete: "Scan complete", interrupted: "Ended early by a person", stopped: "Stopped by an alarm", failed: "Failed", lost: "The scan's process is gone"};
+let scans = [], panels = [], chosen = 0, overlaid = false, compared = false, method = null, frame = null, gone = false, playing = null, shape = "";
+const panelName = (kind, scan) => (kind === "front" ? "albedo" : kind === "turn" ? "volume" : kind) + (scan ? scan : "");
+function opened(p) { return p && p.albedo ? {...p, albedo: unpacked(p.albedo), depth_m: unpacked(p.depth_m), points: unpacked(p.points)} : null; }
+function best(known) { // the newest picture of the best method that has one
+  if (frame !== null) return known.frames[frame] || null;
+  const names = known.state.methods, wanted = method && names.includes(method) ? [method] : names.slice().reverse(); return wanted.map(m => known.pictures[m]).find(p => p) || null;
+}
+async function refresh(number, state) {
+  const known = scans[number] || (scans[number] = {pictures: {}, frames: [], frameRates: [], state, made: -1, frameSeen: [], asked: {}}); const before = known.state.samples; known.state = state;
+  if (!known.plan && state.planned) {
+    const p = await ask(`plan?scan=${number}`);
+    if (p.places) { known.plan = {x: unpacked(p.x_m), y: unpacked(p.y_m), order: unpacked(p.order), wall: p.wall, grid: p.grid, start: p.start_ns, bin: p.bin_ns, window: p.window}; known.pitch = Math.sqrt(p.wall[0] * p.wall[1] / p.places); }
+  }
+  if (state.samples && frame === null && (state.samples !== before || !known.rates || known.back)) { const r = await ask(`rates?scan=${number}`); known.back = false; if (r.rates_hz) { known.rates = unpacked(r.rates_hz); known.ratesOf = r.samples; } }
+  for (const m of state.methods) { const p = state.pictures[m]; if (p && (!known.pictures[m] || known.pictures[m].samples !== p.samples)) { const got = opened(await ask(`picture?scan=${number}&method=${m}`)); if (got) known.pictures[m] = got; } }
+  if (state.over && known.frameVersion !== state.frames_version) for (let k = 0; k < state.frames.length; k++) if (state.frames[k] && (known.frameSeen[k] || "") !== state.frames[k] + "/" + (state.frames_version > k + state.frames.length)) {
+    known.frames[k] = opened(await ask(`picture?scan=${number}&frame=${k}`)) || known.frames[k]; const r = await ask(`rates?scan=${number}&frame=${k}`); if (r.rates_hz) known.frameRates[k] = unpacked(r.rates_hz); known.frameSeen[k] = state.frames[k] + "/" + (state.frames_version > k + state.frames.length); }
+  known.frameVersion = state.frames_version;
+}
+function arrange() {
+  const view = document.body.dataset.view, wide = innerWidth, kinds = view !== "both" ? [view] : scans.length > 1 ? ["front"] : wide >= 1700 ? ["front", "depth", "turn"] : wide >= 1100 || wide <= 900 ? ["front", "depth"] : ["front"];
+  const wanted = kinds.flatMap(kind => scans.map((_, i) => [kind, i])), two = scans.length > 1; if (two && compared && view !== "turn") wanted.push(["difference", 0]);
+  if (view === "both" && two) wanted.splice(scans.length, 0, ...(wide >= 1500 ? scans.map((_, i) => ["depth", i]) : []));
+  const key = JSON.stringify(wanted); if (key === shape) return; shape = key;
+  panels = wanted.map(([kind, scan]) => kind === "turn" ? new TurnPanel(scan) : new PicturePanel(kind, scan)); $("views").replaceChildren(...panels.map(p => p.box));
+}
+function draw() {
+  readInks(); arrange(); const pictures = scans.map(best), span = depthSpan(pictures), samePlace = pictures.length > 1 && pictures[0] && pictures[1] && pictures[0].albedo.length === pictures[1].albedo.length;
+  const same = draw.span && Math.abs(draw.span[0] - span[0]) + Math.abs(draw.span[1] - span[1]) < 1e-9; if (!same) draw.span = span;
+  for (const panel of panels) {
+    const p = pictures[panel.scan], name = {front: "Front view", depth: "Depth", turn: "3D", difference: "Difference"}[panel.kind], state = scans[panel.scan].state;
+    panel.title.textContent = scans.length > 1 ? (panel.kind === "difference" ? `Difference: ${scans[0].state.run} less ${scans[1].state.run}` : `${state.run}: ${name.toLowerCase()}`) : name + (panel.kind === "turn" ? "" : ", seen from the wall");
+    panel.empty.textContent = p ? "" : waitingFor(state); panel.draw(panel.kind === "difference" && !samePlace ? null : p, panel.kind === "front" ? [0, 1] : draw.span, pictures[1]);
+  }
+  for (const known of scans) if (frame !== null && known.frameRates[frame]) { known.rates = known.frameRates[frame]; known.back = true; }
+  map.draw(); histogram.draw(); const newest = pictures[0]; if (newest) document.body.dataset.picture = newest.samples, document.body.dataset.method = newest.method;
+  $("method").lastElementChild.textContent = method ? `${method.toUpperCase()} only` : "best picture";
+}
+function waitingFor(state) {
+  if (state.message) return state.message; const c = state.coming; if (frame !== null) return "this part of the scan is being reconstructed";
+  if (state.status === "waiting") return "waiting for the scan to begin"; if (!c) return "no picture yet"; if (c.making) return `first picture is being made, of ${count(c.samples)} points`;
+  return c.in_s === null ? `first picture at ${count(c.samples)} points` : `first picture in about ${seconds(c.in_s)}, at ${count(c.samples)} points`;
+}
+function next(state) {
+  const c = state.coming; if (state.message) return state.message; if (!c || state.over) return ""; const what = Object.keys(state.pictures).length ? `${c.method.toUpperCase()} picture` : "first picture";
+  return c.making ? `${what} of ${count(c.samples)} points is being made` : c.in_s === null ? "" : `${what} of ${count(c.samples)} points in about ${seconds(c.in_s)}`;
+}
+function words(state) { const light = state.light === true ? ", light on" : state.light === false && state.status !== "complete" ? ", light off" : ""; return WORDS[state.status] + (state.status === "running" || state.status === "paused" ? light : ""); }
+function banner(state) {
+  const last = kind => (state.events.filter(e => e[1] === kind).pop() || [0, "", ""])[2], box = $("banner"); let big = "", small = "", kind = "";
+  if (gone) [big, small, kind] = ["The viewer has ended", "Nothing on this page changes any more. The scan itself is not affected; `nlos live RUN.h5` shows it again.", "bad"];
+  else if (state.status === "paused") [big, small] = ["Paused", last("scan").replace(/^paused: /, "") + (state.light === false ? ". The light is off." : "")];
+  else if (state.status === "lost") [big, small, kind] = ["The scan's process is gone", `${count(state.samples)} samples are safe. \`nlos scan --resume\` takes the others.`, "bad"];
+  else if (state.status === "stopped" || state.status === "failed") [big, small, kind] = [WORDS[state.status], last("trip") || last("alarm") || last("device"), "bad"];
+  else if (state.status === "interrupted") [big, small] = ["Ended early", `${count(state.samples)} of ${count(state.planned)} points; --resume takes the others.`];
+  else if (state.alarms) [big, small, kind] = ["Alarm", last("trip") || last("alarm"), "bad"];
+  else if (state.status === "complete") [big, small, kind] = ["Scan complete", `${count(state.samples)} points in ${seconds(state.elapsed_s)}` + (state.over ? "" : "; the last picture is being made"), "good"];
+  box.hidden = !big; box.className = kind; box.firstElementChild.textContent = big; box.lastElementChild.textContent = small;
+}
+function tell() {
+  const state = scans[chosen].state, p = best(scans[chosen]), noise = p && frame === null ? state.pictures[p.method] : p;
+  $("run").textContent = scans.map(s => s.state.run).join(" and "); document.title = `${WORDS[state.status]} - ${state.run}`; $("status").textContent = gone ? "no answer; the viewer has ended" : words(state); $("next").textContent = gone ? "" : next(state);
+  $("points").textContent = `${count(state.samples)} of ${count(state.planned)}`; $("rate").textContent = state.rate_hz ? rate(state.rate_hz) : "–"; $("noise").textContent = noise ? `${(100 * noise.error).toFixed(1)} %` : "–";
+  $("left").textContent = state.status === "running" && state.left_s !== null ? `${seconds(state.left_s)} left` : state.elapsed_s ? `${seconds(state.elapsed_s)} taken` : "–"; $("done").style.width = 100 * state.samples / (state.planned || 1) + "%";
+  $("alarms").hidden = !state.alarms; $("alarms").lastElementChild.textContent = state.alarms; banner(state); $("difference").hidden = scans.length < 2;
+  const key = state.events.length + "/" + (state.events_before || 0); if (tell.events !== key + chosen) { tell.events = key + chosen; $("earlier").textContent = state.events_before ? `and ${count(state.events_before)} before` : "";
+    $("events").replaceChildren(...state.events.slice().reverse().map(e => { const tr = document.createElement("tr"); tr.className = e[1]; e.forEach((t, i) => { const td = document.createElement("td"); td.textContent = i ? t : fixed(t, 2) + " s"; tr.append(td); }); return tr; })); }
+  const over = scans.every(s => s.state.over), parts = scans[chosen].frames.filter(f => f).length; $("slider").hidden = !over; $("time").max = state.frames.length;
+  const of = frame === null ? state.samples : state.frames[frame]; $("first").textContent = (of ? `after ${count(of)} of ${count(state.samples)} points` : "being made") + (parts < state.frames.length ? ` (${parts} of ${state.frames.length} steps ready)` : "");
+  $("overlay").setAttribute("aria-pressed", overlaid); $("difference").setAttribute("aria-pressed", compared); $("play").lastChild.textContent = playing ? " Stop" : " Play";
+}
+let busy = false, missed = 0;
+async function tick() {
+  if (busy || document.hidden) return; busy = true;
+  try {
+    const got = await ask("state"); gone = false; missed = 0; for (let i = 0; i < got.scans.length; i++) await refresh(i, got.scans[i]);
+    if (frame === null) await histogram.ask(); tell(); draw();
+  } catch (error) { if (!(error instanceof TypeError || /^[45]/.test(error.message))) throw error; gone = ++missed >= 3; if (!gone) return; if (scans.length) tell(); else { $("status").textContent = "no answer; the viewer has ended"; banner({events: []}); } }
+  finally { busy = false; setTimeout(tick, gone || (scans.length && scans.every(s => s.state.over && s.state.frames_version >= s.state.frames.length * s.state.methods.length)) ? 1500 : 350); }
+}
+function seek(value) { $("time").value = value; frame = value >= +$("time").max ? null : value - 1; if (frame === null) for (const s of scans) s.back = true; tell(); draw(); }
+function play() { if (playing) { clearInterval(playing); playing = null; } else { if (+$("time").value >= +$("time").max) seek(1); playing = setInterval(() => { const at = +$("time").value + 1; seek(at); if (at >= +$("time").max) play(); }, 180); } tell(); }
+function look(view) { document.body.dataset.view = view; draw(); }
+function flip(name) { if (name === "overlay") overlaid = !overlaid; else compared = !compared; tell(); draw(); }
+function other() { const names = scans[chosen].state.methods; method = method === null ? names[0] : names[names.indexOf(method) + 1] || null; tell(); draw(); }
+function theme() { const root = document.documentElement, dark = matchMedia("(prefers-color-scheme: dark)").matches, now = root.dataset.theme || (dark ? "dark" : "light"); root.dataset.theme = now === "dark" ? "light" : "dark"; draw(); }
+document.querySelectorAll("#tabs button[data-view]").forEach(b => b.addEventListener("click", () => look(b.dataset.view)));
+for (const name of ["overlay", "difference"]) $(name).addEventListener("click", () => flip(name));
+$("method").addEventListener("click", other); $("theme").addEventListener("click", theme); $("play").addEventListener("click", play); $("time").addEventListener("input", () => seek(+$("time").value));
+$("help").addEventListener("click", () => $("keys").showModal()); $("closekeys").addEventListener("click", () => $("keys").close());
+addEventListener("keydown", e => {
+  if (e.ctrlKey || e.metaKey || e.altKey || $("keys").open) return; const views = {1: "front", 2: "depth", 3: "turn", 4: "both"}, over = !$("slider").hidden;
+  if (views[e.key]) look(views[e.key]); else if (e.key === "o") flip("overlay"); else if (e.key === "d" && scans.length > 1) flip("difference"); else if (e.key === "m") other(); else if (e.key === "t") theme();
+  else if (e.key === "l") $("scale").click(); else if (e.key === "?") $("keys").showModal(); else if (e.key === "Escape") { histogram.pinned = null; histogram.ask(); map.draw(); }
+  else if (over && e.key === " ") { e.preventDefault(); play(); } else if (over && e.target !== $("time") && e.key === "ArrowLeft") seek(Math.max(1, +$("time").value - 1)); else if (over && e.target !== $("time") && e.key === "ArrowRight") seek(Math.min(+$("time").max, +$("time").value + 1));
+});
+addEventListener("resize", () => { if (scans.length) draw(); }); matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { if (scans.length) draw(); }); document.addEventListener("visibilitychange", tick);
+readInks(); tick();

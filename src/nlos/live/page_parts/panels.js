@@ -1,0 +1,39 @@
+// The third kind of panel, 3D, and the count map at the side.
+class TurnPanel {
+  constructor(scan) {
+    this.kind = "turn"; this.scan = scan; this.box = document.createElement("section"); this.box.className = "panel"; this.box.dataset.kind = "turn";
+    this.title = document.createElement("h2"); this.canvas = document.createElement("canvas"); this.canvas.id = panelName("turn", scan); this.say = document.createElement("p"); this.say.className = "say";
+    const label = document.createElement("label"), range = document.createElement("input"); label.className = "say"; label.append("shown from brightness ", range);
+    Object.assign(range, {type: "range", min: 0, max: 1, step: .01, value: .15}); this.empty = document.createElement("div"); this.empty.className = "empty";
+    this.box.append(this.title, this.canvas, this.say, label, this.empty); this.view = turnable(this.canvas, () => ({back: inks.card, dim: inks.dim, grid: inks.grid}));
+    range.addEventListener("input", () => { this.view.threshold = +range.value; this.view.redraw(); }); this.view.say = text => { this.say.textContent = text || "drag to turn, wheel to zoom"; };
+  }
+  draw(picture, limits) {
+    this.empty.hidden = !!picture; if (picture === this.picture && limits === this.limits) { this.view.redraw(); return; } this.picture = picture; this.limits = limits;
+    if (picture) this.view.show({points: picture.points, wall: picture.wall, near: limits[0], far: Math.max(limits[1], .1), pitch: picture.wall[0] / picture.albedo.shape[1]});
+  }
+}
+const map = {
+  draw() {
+    const known = scans[chosen], [g, w, h] = pen($("map")); this.frame = null; if (!known || !known.plan) return;
+    const {x, y, grid, wall} = known.plan, rates = known.rates; this.frame = wallFrame(g, w, h, wall, [52, 6, 8, 36]); if (!rates) { axes(g, this.frame, wall); return; }
+    const [, high] = quantiles(rates, .02, .98), top = high || 1, colour = v => Number.isFinite(v) ? viridis(v / top) : inks.emptyRgb;
+    if (grid) image(g, rates, grid[0], grid[1], this.frame.box, colour);
+    else { g.fillStyle = inks.empty; g.fillRect(...this.frame.box); const size = Math.max(3, this.frame.scale * known.pitch * .8);
+      for (let i = 0; i < x.length; i++) if (Number.isFinite(rates[i])) { const [px, py] = this.frame.at(x[i], y[i]); g.fillStyle = `rgb(${colour(rates[i]).map(Math.round)})`; g.fillRect(px - size / 2, py - size / 2, size, size); } }
+    axes(g, this.frame, wall); const at = histogram.place(); $("maprange").textContent = `0 (dark) to ${rate(top)} (yellow)`;
+    if (at !== null) { const [px, py] = this.frame.at(x[at], y[at]); g.strokeStyle = "#000"; g.lineWidth = 3.5; g.beginPath(); g.arc(px, py, 6, 0, 7); g.stroke(); g.strokeStyle = "#fff"; g.lineWidth = 1.8; g.stroke(); }
+  },
+};
+function nearest(known, x, y) {
+  let best = -1, least = Infinity; const p = known.plan;
+  for (let i = 0; i < p.x.length; i++) { const d = (p.x[i] - x) ** 2 + (p.y[i] - y) ** 2; if (d < least) { least = d; best = i; } }
+  return best;
+}
+function pinAt(scan, x, y) { const known = scans[scan]; if (known.plan) { chosen = scan; histogram.pinned = nearest(known, x, y); histogram.ask(); map.draw(); } }
+$("map").addEventListener("click", e => { if (map.frame) pinAt(chosen, ...map.frame.metres(e.offsetX, e.offsetY)); });
+$("map").addEventListener("pointermove", e => {
+  const known = scans[chosen]; if (!map.frame || !known.rates) return; const i = nearest(known, ...map.frame.metres(e.offsetX, e.offsetY));
+  $("mapsay").textContent = `x ${known.plan.x[i].toFixed(3)} m, y ${known.plan.y[i].toFixed(3)} m: ` + (Number.isFinite(known.rates[i]) ? rate(known.rates[i]) : "not measured yet");
+});
+$("map").addEventListener("pointerleave", () => { $("mapsay").textContent = "click a point to keep its histogram"; });

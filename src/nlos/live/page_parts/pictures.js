@@ -1,0 +1,53 @@
+// The panels with pictures: front view, depth, difference; axes, colour bar, value under the cursor, scan points.
+const FAINT = .02, FULL = .2; // depth has no colour below FAINT of the brightest point, and its full colour from FULL on
+const fade = a => a < FAINT ? 0 : Math.min(1, .25 + .75 * (a - FAINT) / (FULL - FAINT));
+function depthSpan(pictures) {
+  const seen = [];
+  for (const p of pictures) if (p && p.depth_m) for (let i = 0; i < p.depth_m.length; i++) if (p.albedo[i] >= .1 && Number.isFinite(p.depth_m[i])) seen.push(p.depth_m[i]);
+  let [low, high] = quantiles(seen, .02, .98); const pad = Math.max(.02, .05 * (high - low)); return [Math.max(0, low - pad), high + pad];
+}
+class PicturePanel {
+  constructor(kind, scan) {
+    this.kind = kind; this.scan = scan; this.box = document.createElement("section"); this.box.className = "panel"; this.box.dataset.kind = kind;
+    this.title = document.createElement("h2"); this.canvas = document.createElement("canvas"); this.canvas.id = panelName(kind, scan); this.say = document.createElement("p"); this.say.className = "say";
+    this.empty = document.createElement("div"); this.empty.className = "empty"; this.box.append(this.title, this.canvas, this.say, this.empty);
+    this.canvas.addEventListener("pointermove", e => { this.cursor = [e.offsetX, e.offsetY]; this.readOut(); });
+    this.canvas.addEventListener("pointerleave", () => { this.cursor = null; this.readOut(); });
+    this.canvas.addEventListener("click", e => { if (this.frame) pinAt(this.scan, ...this.frame.metres(e.offsetX, e.offsetY)); });
+  }
+  draw(picture, limits, other) {
+    this.picture = picture; const [g, w, h] = pen(this.canvas); this.empty.hidden = !!picture; if (!picture) { this.frame = null; return; }
+    const wall = picture.wall, [rows, cols] = picture.albedo.shape, margin = [56, 8, 74, 38]; this.frame = wallFrame(g, w, h, wall, margin); this.limits = limits;
+    const [bx, by, bw, bh] = this.frame.box, [low, high] = limits, e = inks.emptyRgb; g.save();
+    if (this.kind === "front") image(g, picture.albedo, rows, cols, this.frame.box, gray);
+    else if (this.kind === "depth") image(g, picture.depth_m, rows, cols, this.frame.box, (v, i) => {
+      const k = Number.isFinite(v) ? fade(picture.albedo[i]) : 0, c = k ? viridis(1 - (v - low) / (high - low || 1)) : e; return c.map((x, j) => e[j] + (x - e[j]) * k); });
+    else image(g, picture.albedo, rows, cols, this.frame.box, (v, i) => redBlue(.5 + .5 * (v - other.albedo[i])));
+    g.restore(); axes(g, this.frame, wall);
+    if (this.kind === "depth") colourBar(g, bx + bw + 12, by, bh, high, low, v => viridis(v), "depth from the wall (m)");
+    else if (this.kind === "front") colourBar(g, bx + bw + 12, by, bh, 0, 1, gray, "brightness (relative)");
+    else colourBar(g, bx + bw + 12, by, bh, -1, 1, redBlue, "first less second");
+    if (overlaid) this.points(g); this.other = other; this.readOut();
+  }
+  points(g) {
+    const known = scans[this.scan]; if (!known.plan || !known.rates) return; const {x, y, order} = known.plan, size = Math.max(1.2, Math.min(3, this.frame.scale * known.pitch * .22));
+    g.fillStyle = inks.mark; g.globalAlpha = .55;
+    for (let i = 0; i < x.length; i++) if (Number.isFinite(known.rates[i])) { const [px, py] = this.frame.at(x[i], y[i]); g.fillRect(px - size / 2, py - size / 2, size, size); }
+    g.globalAlpha = 1; const at = known.state.status === "running" ? order[Math.min(known.state.samples, order.length - 1)] : -1;
+    if (at >= 0) { const [px, py] = this.frame.at(x[at], y[at]); g.strokeStyle = inks.mark; g.lineWidth = 2; g.beginPath(); g.arc(px, py, 7, 0, 7); g.stroke(); }
+  }
+  readOut() {
+    const p = this.picture; if (!p || !this.frame) { this.say.textContent = ""; return; }
+    const [rows, cols] = p.albedo.shape, [x, y] = this.cursor ? this.frame.metres(...this.cursor) : [NaN, NaN];
+    const col = Math.floor((x / p.wall[0] + .5) * cols), row = Math.floor((.5 - y / p.wall[1]) * rows), i = row * cols + col;
+    if (!(row >= 0 && row < rows && col >= 0 && col < cols)) { this.say.replaceChildren(...this.about()); return; }
+    const d = p.depth_m[i], value = this.kind === "difference" ? `difference ${(p.albedo[i] - this.other.albedo[i]).toFixed(3)}` : `brightness ${p.albedo[i].toFixed(3)}, ` + (Number.isFinite(d) ? `depth ${d.toFixed(3)} m` : "no depth");
+    this.say.textContent = `x ${x.toFixed(3)} m, y ${y.toFixed(3)} m: ${value}`;
+  }
+  about() {
+    const p = this.picture, state = scans[this.scan].state, since = state.samples - p.samples, old = frame === null && since > .02 * state.planned, span = document.createElement("span");
+    span.className = old ? "stale" : ""; span.textContent = frame === null && old ? `of ${count(p.samples)} points; ${count(since)} more since` : `of ${count(p.samples)} points`;
+    const rest = p.change < 1 && frame === null ? `, changed by ${(100 * p.change).toFixed(1)} % over its last fifth` : "";
+    return [document.createTextNode(`${p.method.toUpperCase()} `), span, document.createTextNode(rest)];
+  }
+}

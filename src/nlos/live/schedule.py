@@ -1,0 +1,90 @@
+"""When to make a picture, by which method, and when the next one will be there."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from nlos.live.pace import Pace
+
+QUICK_AFTER_S = 8.0
+"""The quicker method goes on making pictures in passing where the best one takes longer than this."""
+EVERY_S = 2.0
+
+
+@dataclass(frozen=True)
+class Coming:
+    """The next picture: being made, or due; `in_s` None where nobody can tell (no samples come)."""
+
+    method: str
+    samples: int
+    making: bool
+    in_s: float | None
+
+
+class Schedule:
+    """Methods in the order of their speed. The first one's picture comes first, and the last one's replaces it; what
+    would not be ready before the last sample is left to the last. Of a finished recording there is one picture each."""
+
+    def __init__(self, methods: Sequence[str], first_fraction: float, every_fraction: float = 0.05) -> None:
+        """Of which part of the plan's points the first picture is, and how many more a new one is due after; a new one
+        is due after `EVERY_S` as well."""
+        self._methods, self._first_fraction, self._every_fraction = methods, first_fraction, every_fraction
+        self._made: dict[str, int] = {}
+        self._made_s: dict[str, float] = {}
+        self.pace = Pace()
+        self.skipped = 0
+        """Pictures that were due while another was being made."""
+
+    def of(self, method: str) -> int:
+        """Of how many samples the newest picture by `method` is; 0 where there is none."""
+        return self._made.get(method, 0)
+
+    def due(self, count: int, planned: int, growing: bool, last: bool) -> str | None:
+        """The method whose picture is to be made now: of those that are due, the one that has waited longest."""
+        now_s = time.monotonic()
+        if count == 0:
+            self._made_s = dict.fromkeys(self._methods, now_s)
+        waiting = [method for method in self._methods if self._is_due(method, count, planned, growing, last, now_s)]
+        return min(waiting, key=lambda method: self._made_s.get(method, 0.0), default=None)
+
+    def done(self, count: int) -> bool:
+        """Whether every method has made its picture of so many samples."""
+        return all(self.of(method) >= count for method in self._methods)
+
+    def made(self, method: str, count: int, planned: int, seconds: float, growing: bool) -> None:
+        """A picture of `count` samples was made, or could not be."""
+        if growing:
+            self.skipped += max(0, (count - self.of(method)) // self._step(planned) - 1)
+        self._made[method], self._made_s[method] = count, time.monotonic()
+        self.pace.took(method, seconds)
+
+    def coming(self, count: int, planned: int, growing: bool, last: bool) -> Coming:
+        """The next picture of the quickest method."""
+        method = self._methods[0]
+        wanted = self.of(method) + self._step(planned) if self.of(method) else self._first(method, planned)
+        if last or not growing or wanted >= planned:
+            wanted = planned
+        left_s = 0.0 if last else self.pace.left_s(max(wanted - count, 0), time.monotonic())
+        in_s = left_s + self.pace.picture_s(method)
+        return Coming(method, count if last else wanted, False, in_s if in_s < 1e6 else None)
+
+    def _is_due(self, method: str, count: int, planned: int, growing: bool, last: bool, now_s: float) -> bool:
+        best, made = self._methods[-1], self.of(method)
+        if last or not growing or not planned:
+            return last and count > made
+        if not made:
+            return count >= self._first(method, planned)
+        if method != best and self.of(best) and self.pace.picture_s(best) < QUICK_AFTER_S:
+            return False
+        late = count > made and now_s - self._made_s[method] >= EVERY_S
+        left_s = self.pace.left_s(planned - count, now_s)
+        return (count - made >= self._step(planned) or late) and left_s > 1.5 * self.pace.picture_s(method)
+
+    def _first(self, method: str, planned: int) -> int:
+        """A slower method follows the quickest one's first picture."""
+        if method != self._methods[0] and not self.of(self._methods[0]):
+            return planned + 1
+        return max(1, int(self._first_fraction * planned))
+
+    def _step(self, planned: int) -> int:
+        return max(1, int(self._every_fraction * planned))

@@ -1,0 +1,169 @@
+"""A small web server for one page and its data: GET only, on a socket that is given, with a bound for everything.
+
+A connection that asks nothing is closed after seconds, the one that has waited longest gives way to a new one, answers
+are made by a few threads, and whoever reads too slowly is dropped: nothing a visitor does costs more than a little
+memory.
+"""
+
+import asyncio
+import contextlib
+import socket
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from urllib.parse import parse_qsl, urlsplit
+
+MOST_CONNECTIONS = 256
+YOUNG_S = 0.25
+"""A connection younger than this does not give way to another."""
+THREADS = 3
+HEAD_BYTES = 8192
+HEAD_S = 10.0
+"""How long a connection may take to ask (again)."""
+WRITE_S = 20.0
+"""How long a visitor may take to read an answer."""
+_REASONS = {200: "OK", 400: "Bad Request", 403: "Forbidden", 404: "Not Found", 405: "Method Not Allowed",
+            431: "Request Header Fields Too Large"}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Request:
+    """One GET: the path decoded no further than ASCII, and its query."""
+
+    path: str
+    query: Mapping[str, str]
+    host: str
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What is sent back."""
+
+    body: bytes
+    status: int = 200
+    kind: str = "application/json"
+    headers: Mapping[str, str] = field(default_factory=dict)
+
+
+class Refused(Exception):
+    """A request that gets no more than this answer."""
+
+    def __init__(self, status: int) -> None:
+        self.status = status
+        super().__init__(_REASONS[status])
+
+
+def parse(head: bytes) -> Request:
+    """The request of an HTTP/1 head. Raises `Refused` for anything but a plain GET without a body."""
+    try:
+        first, *lines = head.decode("ascii").split("\r\n")
+        method, target, version = first.split(" ")
+        fields = dict(line.split(":", 1) for line in lines if line)
+    except ValueError as error:
+        raise Refused(400) from error
+    if version not in ("HTTP/1.1", "HTTP/1.0") or not target.startswith("/"):
+        raise Refused(400)
+    known = {name.lower(): value.strip() for name, value in fields.items()}
+    if method != "GET":
+        raise Refused(405)
+    if len(known) != len([line for line in lines if line]) or known.get("content-length", "0") != "0":
+        raise Refused(400)
+    if "transfer-encoding" in known or "upgrade" in known:
+        raise Refused(400)
+    try:
+        there = urlsplit(target)
+        query = dict(parse_qsl(there.query, max_num_fields=8))
+    except ValueError as error:
+        raise Refused(400) from error
+    return Request(there.path, query, known.get("host", ""))
+
+
+class WebServer:
+    """Serves `answer` on `door` until `stop()`; `answer` is called in threads and may raise `Refused`."""
+
+    def __init__(self, door: socket.socket, answer: Callable[[Request], Answer]) -> None:
+        self._door, self._answer = door, answer
+        self._open: dict[asyncio.StreamWriter, float] = {}
+        """Connections that wait for their visitor, to ask or to read -> since when."""
+        self._count = 0
+        self._threads = ThreadPoolExecutor(THREADS, thread_name_prefix="page")
+        self._stopping = False
+
+    def run(self) -> None:
+        """Returns after `stop`; Ctrl-C ends it with `KeyboardInterrupt`."""
+        try:
+            asyncio.run(self._run())
+        finally:
+            self._threads.shutdown(wait=False, cancel_futures=True)
+
+    def stop(self) -> None:
+        """May be called from any thread."""
+        self._stopping = True
+
+    async def _run(self) -> None:
+        server = await asyncio.start_server(self._talk, sock=self._door, limit=HEAD_BYTES, backlog=128)
+        while not self._stopping:
+            await asyncio.sleep(0.2)
+        server.close()
+        for writer in list(self._open):
+            writer.transport.abort()
+
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._count += 1
+        writer.transport.set_write_buffer_limits(high=0)
+        try:
+            more = self._count <= MOST_CONNECTIONS or self._made_room()
+            while more and not self._stopping:
+                self._open[writer] = time.monotonic()
+                head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), HEAD_S)
+                self._open.pop(writer, None)
+                more = await self._serve(head, writer)
+        except asyncio.LimitOverrunError:
+            await self._send(writer, Answer(b'{"message": "refused"}', 431), False)
+        except (TimeoutError, OSError, asyncio.IncompleteReadError):
+            pass
+        finally:
+            self._count -= 1
+            self._open.pop(writer, None)
+            writer.transport.abort()
+
+    def _made_room(self) -> bool:
+        """Closes the connection that has waited for its visitor for longest; False where none does."""
+        oldest = min(self._open, key=self._open.__getitem__, default=None)
+        if oldest is None or time.monotonic() - self._open[oldest] < YOUNG_S:
+            return False
+        del self._open[oldest]
+        oldest.transport.abort()
+        return True
+
+    async def _serve(self, head: bytes, writer: asyncio.StreamWriter) -> bool:
+        """Answers one request; whether the connection is kept."""
+        try:
+            request = parse(head[:-4])
+            answer = await asyncio.get_running_loop().run_in_executor(self._threads, self._answer, request)
+        except Refused as refused:
+            answer = Answer(b'{"message": "refused"}', refused.status)
+        kept = answer.status in (200, 404)
+        await self._send(writer, answer, kept)
+        return kept
+
+    async def _send(self, writer: asyncio.StreamWriter, answer: Answer, kept: bool) -> None:
+        headers = {
+            "Content-Type": answer.kind,
+            "Content-Length": str(len(answer.body)),
+            "Cache-Control": "no-store",
+            "Referrer-Policy": "no-referrer",
+            "X-Content-Type-Options": "nosniff",
+            "Connection": "keep-alive" if kept else "close",
+            **answer.headers,
+        }
+        lines = [f"HTTP/1.1 {answer.status} {_REASONS[answer.status]}", *(f"{k}: {v}" for k, v in headers.items())]
+        writer.write("\r\n".join(lines).encode("ascii") + b"\r\n\r\n" + answer.body)
+        self._open[writer] = time.monotonic()
+        await asyncio.wait_for(writer.drain(), WRITE_S)
+        self._open.pop(writer, None)
+        if not kept:
+            with contextlib.suppress(OSError):
+                writer.close()
+                await asyncio.wait_for(writer.wait_closed(), WRITE_S)
