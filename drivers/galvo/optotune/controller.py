@@ -49,6 +49,8 @@ class Controller:
         first, (model, version, serial) = ([self._line.exchange(ask) for ask in asks] for _ in range(2))
         if first != [model, version, serial] or {b"OK", b"NO", b"ERROR"} & set(first):
             raise ProtocolError(DEVICE, f"it named itself {first!r}, then {[model, version, serial]!r}.", REOPEN)
+        if wire.names_model(model) != self.model:  # one bit tells the two apart, and they have other registers
+            raise ProtocolError(DEVICE, f"it named itself {self.model}, then {model!r}.", REOPEN)
         return DeviceIdentity("optotune", "Optotune", model.decode(), serial.decode(), version.decode())
 
     def set_position(self, x: float, y: float) -> None:

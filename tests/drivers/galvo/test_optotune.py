@@ -176,6 +176,18 @@ def test_either_controller_is_opened_moved_and_read_back(lab: Lab, controller: s
     assert not mirror.warnings
 
 
+def test_a_controller_that_names_itself_otherwise_the_second_time_is_not_believed(
+    dark_bench: Callable[..., SimulatedBench], transcript: Callable[..., object]
+) -> None:
+    named = [(b"GETID\r\n", b"MR-E-2\r\n"), (b"GETVERSION\r\n", b"1.0\r\n"), (b"GETSN\r\n", b"ABC\r\n")]
+    device = transcript([(b"START\r\n", b"OK\r\n"), (b"GETID\r\n", b"MR-E-3\r\n"), *2 * named])
+    bench = dark_bench()
+    unplug("wavering")
+    url = plug("wavering", device, bench)
+    with pytest.raises(ProtocolError, match="named itself MR-E-3, then b'MR-E-2'"):
+        Optotune.open(OptotuneSettings(model="optotune", port=url), bench.clock)
+
+
 @pytest.mark.parametrize("controller", ["MR-E-2", "MR-E-3"])
 def test_another_controller_than_the_bench_file_names_is_refused(lab: Lab, controller: str) -> None:
     other = b"MR-E-3" if controller == "MR-E-2" else b"MR-E-2"
