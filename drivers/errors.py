@@ -51,6 +51,10 @@ class DeviceReset(DeviceError):
     usual_remedy = "Check its supply, then open the bench again."
 
 
+class MirrorDisturbed(DeviceError):
+    """Somebody else moved the mirror. It does not move until `park`, in the dark, has put it right."""
+
+
 class DeviceFault(DeviceError):
     """The device itself reports a fault (temperature, current, position sensor)."""
 

@@ -20,7 +20,7 @@ from nlos.acquisition.scanning.control import ScanControl, ScanState, until_inte
 from nlos.acquisition.scanning.lag import Lag
 from nlos.acquisition.scanning.light_watch import LightWatch
 from nlos.drivers.bench import Bench
-from nlos.drivers.errors import DeviceError, DeviceFault, SafetyTrip
+from nlos.drivers.errors import DeviceError, DeviceFault, MirrorDisturbed, SafetyTrip
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.tcspc.counter import HistogramFlag
 
@@ -172,6 +172,10 @@ class _Run:
         try:
             source = self._take(self._bench, points, angles, self._control, self._start_s, watch)
             yield from self._kept(source)
+        except MirrorDisturbed as error:
+            self._dark(error.what)
+            self._bench.mirror.park()
+            self._bench.report("warning", f"{error.device}: {error.what}")
         finally:
             self._bench.while_waiting = lambda: None
         if watch.trip is not None:

@@ -18,7 +18,8 @@ class MirrorAngles:
 class GalvoMirror(Protocol):
     """A two-axis mirror. Positions outside the limits raise `LimitError`; nothing is ever clipped.
 
-    After any error during a move the axis state is unknown: further moves raise until `close()`.
+    After any error during a move the axis state is unknown: further moves raise until `close()`, or, after a
+    `MirrorDisturbed`, until `park()`.
     """
 
     @property

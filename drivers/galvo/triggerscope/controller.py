@@ -5,7 +5,15 @@ from collections.abc import Iterable
 from typing import Self
 
 from nlos.drivers.clock import Clock
-from nlos.drivers.errors import CommandRejected, DeviceError, DeviceReset, DeviceTimeout, ProtocolError, WrongDevice
+from nlos.drivers.errors import (
+    CommandRejected,
+    DeviceError,
+    DeviceReset,
+    DeviceTimeout,
+    MirrorDisturbed,
+    ProtocolError,
+    WrongDevice,
+)
 from nlos.drivers.galvo.triggerscope import commands as wire
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.link.serial_line import SerialLine, WireLog
@@ -14,7 +22,7 @@ DEVICE = "triggerscope"
 REOPEN = "Close the shutter, check the controller, then open the bench again."
 
 
-class RangeChanged(ProtocolError):
+class RangeChanged(MirrorDisturbed):
     """Somebody changed a DAC's range, which moved the mirror and gave every code another meaning."""
 
 

@@ -2,13 +2,21 @@
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from nlos.drivers.clock import Clock
-from nlos.drivers.errors import CommandRejected, DeviceFault, DeviceReset, DeviceTimeout, LimitError, ProtocolError
+from nlos.drivers.errors import (
+    CommandRejected,
+    DeviceFault,
+    DeviceReset,
+    DeviceTimeout,
+    LimitError,
+    MirrorDisturbed,
+    ProtocolError,
+)
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.galvo.triggerscope import commands as wire
-from nlos.drivers.galvo.triggerscope.controller import DEVICE, REOPEN, Controller, RangeChanged
+from nlos.drivers.galvo.triggerscope.controller import DEVICE, REOPEN, Controller
 from nlos.drivers.galvo.triggerscope.set_up import centre, disarm, ranges, set_up
 from nlos.drivers.galvo.triggerscope.settings import TriggerScopeSettings
 from nlos.drivers.identity import DeviceIdentity
@@ -17,6 +25,13 @@ from nlos.drivers.link.serial_line import WireLog
 __all__ = ["TriggerScope", "TriggerScopeSettings"]
 
 _PARKINGS = 6  # replies that are seconds late come within so many attempts
+_LATE = (
+    DeviceTimeout,
+    ProtocolError,
+    DeviceReset,
+    CommandRejected,
+    MirrorDisturbed,
+)  # or what an old answer is taken for
 
 
 class TriggerScope:
@@ -82,7 +97,7 @@ class TriggerScope:
         codes = self._codes(angles)
         self._check_usable()
         with self._motion():
-            self._again_if_range_changed(lambda: self._set_codes(codes))
+            self._send([wire.set_code(dac, code) for dac, code in zip(self._dacs, codes, strict=True)])
             self._arrive(angles)
 
     def wait_settled(self) -> None:
@@ -106,7 +121,7 @@ class TriggerScope:
             *wire.load_masks(0, wire.marker_masks(len(codes))),
         ]
         with self._motion():
-            self._again_if_range_changed(lambda: self._upload(lines))
+            self._upload(lines)
         self._sequence = tuple(sequence)
 
     def start(self) -> None:
@@ -137,8 +152,8 @@ class TriggerScope:
             self._controller.look()
 
     def park(self) -> None:
-        """Centre, from any state, and still. After an error this does not make the mirror usable again. Ranges are set
-        anew only where they are gone: setting one swings the other axis out.
+        """Centre, from any state, and still. After an error, another than `MirrorDisturbed`, this does not make the
+        mirror usable again. Ranges are set anew only where they are gone: setting one swings the other axis out.
 
         Replies that are seconds late are waited for; where none comes, the commands are sent all the same before the
         error is raised.
@@ -147,14 +162,10 @@ class TriggerScope:
             try:
                 self._park()
                 break
-            except (
-                DeviceTimeout,
-                ProtocolError,
-                DeviceReset,
-                CommandRejected,
-            ):  # a late answer may name the controller
+            except _LATE:
                 if not left:
-                    self._controller.command_unheard([*disarm(self._dacs), *centre(self._dacs)])
+                    anew = [] if self._ranges_set else ranges(self._dacs)
+                    self._controller.command_unheard([*disarm(self._dacs), *anew, *centre(self._dacs)])
                     raise
         self._sequence = ()
         self.wait_settled()
@@ -186,6 +197,8 @@ class TriggerScope:
             self._ranges_set &= self._controller.recover()
             if not self._ranges_set:
                 self._set_up()
+                if isinstance(self._unknown, MirrorDisturbed):
+                    self._unknown = None
                 return
             self._disarm()
             self._send(centre(self._dacs))
@@ -211,15 +224,6 @@ class TriggerScope:
                 return
         raise ProtocolError(DEVICE, "twice it kept another part of the sequence than was sent.", REOPEN)
 
-    def _again_if_range_changed(self, act: Callable[[], None]) -> None:
-        try:
-            act()
-        except RangeChanged as changed:
-            self.warnings.append(str(changed))
-            self._send([*ranges(self._dacs), *centre(self._dacs)])
-            self._arrive_at_centre()
-            act()
-
     def _codes(self, angles: MirrorAngles) -> tuple[int, int]:
         limit_deg = 2.0 * self._settings.max_mechanical_deg
         remedy = "Shrink the wall in the plan or move the scanner back."
@@ -233,9 +237,6 @@ class TriggerScope:
             except ValueError as error:
                 raise LimitError(DEVICE, f"{what} {error}.", remedy) from error
         return codes[0], codes[1]
-
-    def _set_codes(self, codes: tuple[int, int]) -> None:
-        self._send([wire.set_code(dac, code) for dac, code in zip(self._dacs, codes, strict=True)])
 
     def _arrive(self, angles: MirrorAngles) -> None:
         """A move may begin before the one before has settled: then from anywhere on its way."""
@@ -269,5 +270,5 @@ class TriggerScope:
             yield
         except BaseException as error:
             self._unknown = self._unknown or error
-            self._ranges_set &= not isinstance(error, DeviceReset | RangeChanged)
+            self._ranges_set &= not isinstance(error, DeviceReset | MirrorDisturbed)
             raise
