@@ -58,10 +58,10 @@ def scan(
     """Checks the plan at once (`LimitError`), then yields its samples as they are taken.
 
     `taken`: point number -> photons of what an earlier recording already holds, `elapsed_s` how long that took.
-    `scheme`: the fastest that bench and plan allow, unless told. `alarms` may pause, postpone
-    or end. `decide` is asked after every sample whether the scan may end early; where a first pass is
-    followed by a second, the first yes ends the first. Continuous lines are swept by `lag`, or by what is measured
-    before them. Raises `DeviceError` with the shutter closed.
+    `scheme`: the fastest that bench and plan allow, unless told. `alarms` may pause, postpone or end. `decide` is asked
+    after every sample whether the scan may end early; where a first pass is followed by a second, the first yes ends
+    the first. Continuous lines are swept by `lag`, or by what is measured before them. Raises `DeviceError` with the
+    shutter closed.
     """
     angles = checked_angles(plan, bench, aim or aim_of(bench))
     choice = choose(plan, bench, angles, lag=lag)
@@ -74,8 +74,7 @@ def scan(
 def record(
     samples: Generator[Sample, None, None], writer: Sink, on_sample: Callable[[Sample], None] | None = None
 ) -> None:
-    """Hands every sample to `writer`, then to `on_sample`. However it ends, the source is closed, and with a live one
-    the light is off, before anything else happens."""
+    """Hands every sample to `writer`, then to `on_sample`. However it ends, the source is closed first, dark."""
     with contextlib.closing(samples):
         for sample in samples:
             writer.write(sample)
@@ -115,8 +114,7 @@ class _Run:
         if not control.wanted:
             bench.shutter.release()
         most = "" if choice.forecast.certain == 1.0 else "at most "
-        expected = f"{most}{choice.forecast.total_s:.1f} s expected"
-        bench.report("scheme", f"{choice.scheme.value}, {expected}; {choice.why}")
+        bench.report("scheme", f"{choice.scheme.value}, {most}{choice.forecast.total_s:.1f} s expected; {choice.why}")
         control.enter(ScanState.RUNNING)
         try:
             self._look_around()
@@ -158,10 +156,9 @@ class _Run:
             self._lag = lag_trial.measure(self._plan, self._bench, self._angles, self._control, self._start_s)
             if self._lag is None:
                 self._pause()
-        if self._lag is None:
-            return 0.0
-        self._bench.report("lag", self._lag.text())
-        return self._lag.lag_s
+        if self._lag is not None:
+            self._bench.report("lag", self._lag.text())
+        return self._lag.lag_s if self._lag is not None else 0.0
 
     def _segment(self, numbers: Sequence[int]) -> Iterator[Sample]:
         """The samples of one armed batch, until it ends, a pause is wanted or a point has to be taken again."""
@@ -173,9 +170,9 @@ class _Run:
             source = self._take(self._bench, points, angles, self._control, self._start_s, watch)
             yield from self._kept(source)
         except MirrorDisturbed as error:
+            self._bench.report("warning", f"{error.device}: {error.what}")
             self._dark(error.what)
             self._bench.mirror.park()
-            self._bench.report("warning", f"{error.device}: {error.what}")
         finally:
             self._bench.while_waiting = lambda: None
         if watch.trip is not None:
@@ -188,8 +185,8 @@ class _Run:
         for sample in until_interrupted(source, self._control):
             if self._is_spoilt(sample):
                 return
-            counts = sample.histogram.counts
-            self._photons[sample.point.number] = int(counts.sum()) if self._plan.revisit_below is not None else 0
+            photons = int(sample.histogram.counts.sum())
+            self._photons[sample.point.number] = photons if self._plan.revisit_below is not None else 0
             yield sample
             self._bench.check_open()
             if self._decide is not None and self._decide():
@@ -218,8 +215,7 @@ class _Run:
 
     def _is_taken_again(self, sample: Sample) -> bool:
         """Whether the point is to be taken once more."""
-        spoilt = bool(sample.histogram.flags & SPOILT)
-        return spoilt and self._attempts.get(sample.point.number, 0) + 1 < ATTEMPTS
+        return bool(sample.histogram.flags & SPOILT) and self._attempts.get(sample.point.number, 0) + 1 < ATTEMPTS
 
     def _is_spoilt(self, sample: Sample) -> bool:
         """The same, counted, and said in the event log either way."""

@@ -98,6 +98,14 @@ def test_after_every_fault_by_name(name: str, word: str, tmp_path: Path, monkeyp
     scan_to_the_end(tmp_path / "run.h5", name, [[fault]], monkeypatch)
 
 
+@pytest.mark.parametrize("skip", [0, 1, 7])
+def test_a_full_fifo_takes_a_gates_mark_with_it_and_no_later_photons_move_up(
+    skip: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fault = Fault(name="U20", skip=skip, parameters={"place": "records", "what": "fifo_full"})
+    scan_to_the_end(tmp_path / "run.h5", "listed", [[fault]], monkeypatch)
+
+
 def draw(seed: int) -> tuple[str, list[list[Fault]]]:
     """One to three faults at once, on the first attempt and perhaps on the resumed one too."""
     chance = random.Random(seed)

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 from nlos.drivers.clock import Clock
 from nlos.drivers.errors import DataCorrupt, DeviceError, DeviceReset, LimitError, ProtocolError
 from nlos.drivers.identity import DeviceIdentity
-from nlos.drivers.link.scpi import BlockAnswer, ErrorsReported, Scpi, ScpiError
+from nlos.drivers.link.scpi import ErrorsReported, Scpi, ScpiError
 from nlos.drivers.link.usb488 import Usb488
 from nlos.drivers.link.usbtmc import UsbtmcInterface, WireLog, find_usb
 from nlos.drivers.tcspc.counter import CountRates
@@ -96,28 +96,31 @@ class Instrument:
         answer = self.scpi.query_block(*units, expected=256 + expected)
         if answer.after:
             raise DataCorrupt(self.device, f"{answer.after[:20]!r} came after its data.")
-        return self._status(answer), answer.block
+        return self._status(answer.before, answer.error), answer.block
 
     def take_records(self, most: int) -> tuple[Status, bytes]:
-        """Status, and the T3 records that wait. Raises `DataCorrupt` where they do not have their checksum.
+        """The T3 records that wait, and the status after them: what was lost before or among them shows in it. Raises
+        `DataCorrupt` where they do not have their checksum.
 
         The instrument tells each record once: nothing is asked for again.
         """
-        units = [*self._kick_if_due(), *self._status_units, b"TTAG:DATA? %d" % most, b"TTAG:CRC?"]
+        units = [*self._kick_if_due(), b"TTAG:DATA? %d" % most, b"TTAG:CRC?", *self._status_units]
         answer = self.scpi.query_block(*units, expected=256 + 4 * most, retry=False)
-        status, data = self._status(answer), bytes(answer.block or b"")
-        if answer.after != b"%d" % zlib.crc32(data):
+        data = bytes(answer.block or b"")
+        checksum, _, text = (answer.before if answer.block is None else answer.after).partition(b";")
+        status = self._status(text, answer.error)
+        if checksum != b"%d" % zlib.crc32(data):
             raise DataCorrupt(self.device, f"{len(data)} bytes of records came without their checksum.")
         return status, data
 
-    def _status(self, answer: BlockAnswer) -> Status:
+    def _status(self, text: bytes, error: ScpiError | None) -> Status:
         """Whatever was asked, a trip is seen and answered before the data is looked at."""
-        status = decode_status(self.device, answer.before.decode("ascii", "replace"))
+        status = decode_status(self.device, text.decode("ascii", "replace"))
         if status.tripped and not self.trip_reported:
-            self.tripped((answer.error,) if answer.error else ())
-        if answer.error is not None and answer.error.code not in (_NOT_READY, _OVERRUN):
+            self.tripped((error,) if error else ())
+        if error is not None and error.code not in (_NOT_READY, _OVERRUN):
             with self.errors_named():
-                raise ErrorsReported(self.device, "acquiring", (answer.error, *self.scpi.drain_errors()))
+                raise ErrorsReported(self.device, "acquiring", (error, *self.scpi.drain_errors()))
         return status
 
     def pause(self, seconds: float) -> None:

@@ -84,9 +84,11 @@ class Tcspc488T3(Tcspc488):
                 self._lose_the_rest()
                 break
             self._running_or_done(status)
-            events = self._decoder.feed(np.frombuffer(data, "<u4", len(data) // 4))
-            self._points.add(events)
-            if len(data) % 4 or status.lost:  # cut short, or the FIFO was full: gate marks may be missing too
+            if status.lost:  # the FIFO was full: a gate's mark may be among the lost, and each one names the next point
+                self._lose_the_rest()
+                break
+            self._points.add(self._decoder.feed(np.frombuffer(data, "<u4", len(data) // 4)))
+            if len(data) % 4:  # cut short
                 self._lose_the_rest()
                 break
             if len(data) < 4 * _MOST_RECORDS:
