@@ -48,7 +48,7 @@ def test_usage_errors_exit_with_2_and_say_so_in_json() -> None:
 
 def test_what_was_not_installed_is_named_with_the_extra_that_brings_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert report(ModuleNotFoundError("No module named 'zmq.auth'", name="zmq.auth")) == 2
-    assert "pip install '.[live]'" in capsys.readouterr().err
+    assert "pip install 'nlos[live]'" in capsys.readouterr().err
     assert exit_code(ModuleNotFoundError("No module named 'nlos.ghost'", name="nlos.ghost")) == 1
 
 

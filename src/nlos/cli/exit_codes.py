@@ -92,4 +92,4 @@ def missing_extra(error: BaseException) -> str | None:
     package = error.name.partition(".")[0]
     if package not in EXTRAS:
         return None
-    return f"this needs {package}, which is not installed. Install it with: pip install '.[{EXTRAS[package]}]'"
+    return f"this needs {package}, which is not installed. Install it with: pip install 'nlos[{EXTRAS[package]}]'"
