@@ -1,0 +1,67 @@
+"""Of all who want to write a scan file one may, however often it changes hands."""
+
+import multiprocessing
+import time
+from multiprocessing.sharedctypes import Synchronized
+from pathlib import Path
+
+import pytest
+
+from nlos.acquisition.errors import StorageError
+from nlos.acquisition.recording.writer_lock import WriterLock, is_locked
+
+FORK = multiprocessing.get_context("fork")
+TAKES = 400
+
+
+def contend(path: Path, holders: "Synchronized[int]", taken: "Synchronized[int]", twice: "Synchronized[int]") -> None:
+    """Takes the lock as often as it can be had, and counts who else believes to have it."""
+    while taken.value < TAKES:
+        try:
+            lock = WriterLock(path)
+        except StorageError:
+            continue
+        with holders.get_lock():
+            holders.value += 1
+            twice.value += holders.value > 1
+        time.sleep(0)
+        with holders.get_lock():
+            holders.value -= 1
+            taken.value += 1
+        lock.release()
+
+
+def test_no_two_processes_ever_hold_the_lock_of_one_file(tmp_path: Path) -> None:
+    holders, taken, twice = (FORK.Value("q", 0) for _ in range(3))
+    rivals = [FORK.Process(target=contend, args=(tmp_path / "run.h5", holders, taken, twice)) for _ in range(4)]
+    for rival in rivals:
+        rival.start()
+    for rival in rivals:
+        rival.join()
+    assert taken.value >= TAKES
+    assert twice.value == 0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_who_opened_the_lock_before_it_was_released_does_not_hold_it(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    first = WriterLock(path)
+    inode = path.with_name("run.h5.lock").stat().st_ino
+    with path.with_name("run.h5.lock").open("rb"):  # keeps the number of the old file from being given again
+        first.release()
+        second = WriterLock(path)
+        assert path.with_name("run.h5.lock").stat().st_ino != inode
+        assert is_locked(path)
+        with pytest.raises(StorageError, match="another process"):
+            WriterLock(path)
+    second.release()
+    assert not is_locked(path)
+
+
+def test_a_link_in_the_locks_place_is_not_followed(tmp_path: Path) -> None:
+    target = tmp_path / "valuable"
+    target.write_text("mine")
+    (tmp_path / "run.h5.lock").symlink_to(target)
+    with pytest.raises(StorageError):
+        WriterLock(tmp_path / "run.h5")
+    assert target.read_text() == "mine"
