@@ -6,6 +6,10 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c const
 .PHONY: demo test check docs soak peers results studies clean
 
 .venv/run-ready: pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	found=$$(for v in 11 12 13 14; do command -v python3.$$v; done | tr '\n' ' '); \
+	echo "Python 3.11 or newer is needed; $(PYTHON) is $$($(PYTHON) -V 2>&1). On the path: $${found:-none}. Say make PYTHON=python3.11" >&2; \
+	exit 1; }
 	$(PYTHON) -m venv .venv
 	$(PIP) -e '.[recon,live]'
 	touch $@

@@ -179,7 +179,7 @@ def load(path: Path) -> BenchConstants:
     except (OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError, ArithmeticError) as error:
         if isinstance(error, InvalidData):
             raise
-        raise InvalidData(f"{path}: not a readable constants file ({error})") from error
+        raise InvalidData(f"{path}: not a readable constants file: it is damaged, or something else") from error
 
 
 def load_response(path: Path) -> ImpulseResponse:
@@ -207,7 +207,7 @@ def load_response(path: Path) -> ImpulseResponse:
     except (OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError, ArithmeticError) as error:
         if isinstance(error, InvalidData):
             raise
-        raise InvalidData(f"{path}: not a readable impulse response ({error})") from error
+        raise InvalidData(f"{path}: not a readable impulse response: it is damaged, or something else") from error
 
 
 def newest_that_fits(

@@ -1,7 +1,7 @@
 """Whether a reconstruction fits into memory, asked before it starts and not found out by the machine's standstill."""
 
 import os
-import resource
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -10,6 +10,8 @@ from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 
 GIB = 1 << 30
+_UNKNOWN = 1 << 62
+"""Where a system does not say, nothing is refused for want of memory."""
 
 
 @runtime_checkable
@@ -29,10 +31,13 @@ def available_bytes() -> int:
     group = _number("/sys/fs/cgroup/memory.max")
     if group is not None:
         limits.append(group - (_number("/sys/fs/cgroup/memory.current") or 0))
-    own, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if own != resource.RLIM_INFINITY:
-        pages = int(Path("/proc/self/statm").read_text().split()[0]) if Path("/proc/self/statm").exists() else 0
-        limits.append(own - pages * os.sysconf("SC_PAGE_SIZE"))
+    if sys.platform != "win32":  # which has neither such limits nor the module
+        import resource
+
+        own, _ = resource.getrlimit(resource.RLIMIT_AS)
+        if own != resource.RLIM_INFINITY:
+            pages = int(Path("/proc/self/statm").read_text().split()[0]) if Path("/proc/self/statm").exists() else 0
+            limits.append(own - pages * os.sysconf("SC_PAGE_SIZE"))
     return max(min(limits), 0)
 
 
@@ -63,6 +68,8 @@ def _of_machine() -> int:
                 return int(line.split()[1]) * 1024
     except OSError:
         pass
+    if sys.platform == "win32":
+        return _UNKNOWN
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 

@@ -28,7 +28,7 @@ def open_hdf5(path: Path) -> Iterator[h5py.File]:
     except (OSError, RuntimeError) as error:
         if isinstance(error, FileNotFoundError):
             raise
-        raise InvalidData(f"{path}: not a readable HDF5 file ({error}). Is the copy complete?") from error
+        raise InvalidData(f"{path}: not a readable HDF5 file. Is the copy complete?") from error
 
 
 def find_dataset(file: h5py.File, name: str) -> h5py.Dataset | None:

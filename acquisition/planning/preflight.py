@@ -69,12 +69,14 @@ def disk_bytes(plan: ScanPlan) -> int:
     return len(plan) * (plan.axis.bins * 4 + RECORD.itemsize) + EVENT_ROWS * EVENT.itemsize + HEADER_BYTES
 
 
-def check_disk(plan: ScanPlan, path: Path) -> None:
-    """Raises `StorageError` where the disk of `path` has no room for the recording."""
-    needed, free = disk_bytes(plan), shutil.disk_usage(path.absolute().parent).free
-    if needed > free:
+def check_disk(plan: ScanPlan, path: Path, least_free: int = 0) -> None:
+    """Raises `StorageError` where the disk of `path` has no room for the recording and what alarms want free beside."""
+    needed = 0 if path.exists() else disk_bytes(plan)  # a recording's place on the disk is reserved as it is made
+    free = shutil.disk_usage(path.absolute().parent).free
+    if needed + least_free > free:
+        beside = f" and {least_free / 1e6:.0f} MB free beside it (alarms.min_free_mb)" if least_free else ""
         raise StorageError(
-            f"{path}: the recording needs {needed / 1e6:.0f} MB, the disk has {free / 1e6:.0f} MB left. "
+            f"{path}: the recording needs {needed / 1e6:.0f} MB{beside}; the disk has {free / 1e6:.0f} MB left. "
             "Free disk space, choose another place with -o, or plan fewer points or bins."
         )
 

@@ -3,7 +3,7 @@
 from typing import Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from nlos.acquisition.errors import PlanRefused
 from nlos.acquisition.planning.exposure import Exposure, Uniform
@@ -17,19 +17,31 @@ from nlos.configs.settings import Settings
 from nlos.drivers.tcspc.counter import HistogramAxis
 
 EDGE_M = 1e-9
+LARGEST_BYTES = 8 << 30
+"""Of all histograms of a plan: what is read back into one piece."""
+LARGEST_WALL_M = 100.0
 
 
 class WallSettings(Settings):
     """The scanned part of the relay wall, and the grid on it."""
 
-    width_m: float = Field(gt=0, le=100)
+    width_m: float = Field(gt=0)
     """Width of the scanned area."""
-    height_m: float = Field(gt=0, le=100)
+    height_m: float = Field(gt=0)
     """Height of the scanned area."""
     rows: int = Field(ge=1, le=4096)
     """Pixels from top to bottom."""
     cols: int = Field(ge=1, le=4096)
     """Pixels from left to right."""
+
+    @field_validator("width_m", "height_m")
+    @classmethod
+    def _in_metres(cls, value: float) -> float:
+        if value > LARGEST_WALL_M:
+            raise ValueError(
+                f"a wall of {value:g} m is larger than {LARGEST_WALL_M:g} m; write metres, not millimetres"
+            )
+        return value
 
 
 class HistogramSettings(Settings):
@@ -47,6 +59,7 @@ class ContinuousSettings(Settings):
     """Lines may be swept without settling, where the beam is found to be within `within_pixels` of each point."""
 
     within_pixels: float = Field(default=0.25, gt=0, le=0.25)
+    """How many steps of a line the beam may be away from a point in the middle of its dwell."""
 
 
 class ScanSettings(Settings):
@@ -76,7 +89,13 @@ class ScanSettings(Settings):
         """The plan. Raises `PlanRefused` where pattern, exposure and wall do not fit together."""
         wall = WallGrid(self.wall.width_m, self.wall.height_m, self.wall.rows, self.wall.cols)
         axis = HistogramAxis(self.histogram.bins, self.histogram.bin_width_ps * 1e-12, self.histogram.offset_ns * 1e-9)
-        positions = self._ordered(self.pattern.points(wall))
+        listed = self.pattern.points(wall)
+        if (size := 4 * len(listed) * axis.bins) > LARGEST_BYTES:
+            raise PlanRefused(
+                f"{len(listed)} points of {axis.bins} bins are {size / 1e9:.1f} GB of counts; a recording of more than "
+                f"{LARGEST_BYTES / 1e9:.1f} GB is not read back. Plan fewer points or bins, or several scans."
+            )
+        positions = self._ordered(listed)
         beyond = np.maximum(np.abs(positions.x_m) / wall.width_m, np.abs(positions.y_m) / wall.height_m)
         if beyond.max() > 0.5 + EDGE_M:
             first = int(np.argmax(beyond))

@@ -160,18 +160,18 @@ def clocked_forecast(
 ) -> Forecast:
     """Schemes S2 and S3: points pay for blanking, sequences for upload and start; so do those that come `before`.
     Raises `LimitError` where a run-up leaves the mirror's reach."""
-    points = list(plan)
     most = min(bench.mirror.max_sequence, bench.counter.max_points)
     whole = Forecast(0.0, 0.0, links.scan_s, 0.0, links.margin, certain_share(plan))
     first, where = 0, MirrorAngles(0.0, 0.0)
     left = list(before)
-    while first < len(points):
-        part = sequencer(points[first:], angles[first:], bench.mirror.settle_s, most, bench.counter.list_mode)
+    while first < len(plan):
+        points = [plan[number] for number in range(first, min(first + most, len(plan)))]
+        part = sequencer(points, angles[first : first + most], bench.mirror.settle_s, most, bench.counter.list_mode)
         if left:
             part = replace(left.pop(), count=0)
         for each in part.angles:
             bench.mirror.check(each)
-        dwell_s = sum(point.dwell_s for point in points[first : first + part.count])
+        dwell_s = sum(point.dwell_s for point in points[: part.count])
         whole = replace(
             whole,
             dwell_s=whole.dwell_s + dwell_s,

@@ -18,13 +18,16 @@ _WHOLE_S = 1e-10
 
 
 class ServoSettings(Settings):
-    """What a data sheet says of a head, mechanical angles: small-angle bandwidth at -3 dB, largest speed, the delay
-    between command and first movement, and how near the target friction holds it still."""
+    """What a data sheet says of a head; mechanical angles."""
 
     bandwidth_hz: float = Field(default=2500.0, ge=1, le=1e5)
+    """Small-angle bandwidth at -3 dB."""
     slew_deg_per_s: float = Field(default=6000.0, gt=0)
+    """Largest speed of an axis."""
     delay_us: float = Field(default=20.0, ge=0, le=1e4)
+    """Between a command and the first movement."""
     rest_deg: float = Field(default=0.004, gt=0, le=0.1)
+    """How near its target friction holds an axis still."""
 
 
 @dataclass(frozen=True)

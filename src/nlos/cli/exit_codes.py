@@ -78,6 +78,8 @@ def exit_code(error: BaseException) -> ExitCode:
     for kinds, code in table:
         if isinstance(error, kinds):
             return code
+    if isinstance(error, OSError) and error.errno in (errno.ENAMETOOLONG, errno.ENOTDIR, errno.ELOOP):
+        return ExitCode.USAGE
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO):
         return ExitCode.STORAGE
     if isinstance(error, PermissionError):

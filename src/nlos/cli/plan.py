@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from nlos.cli.benches import load_bench, opened, twin
+from nlos.cli.targets import picture_target
 from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def plan(
     from nlos.acquisition.planning.schemes import choose
     from nlos.configs.load import load
 
-    if picture is not None and picture.exists() and not overwrite:
+    if picture is not None and picture_target(picture).exists() and not overwrite:
         raise FileExistsError(f"{picture}: exists. Choose another name, or say --overwrite.")
     wanted, table = load("scan", scan, ScanSettings), load_bench(bench)
     planned = wanted.settings.plan()

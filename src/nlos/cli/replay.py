@@ -8,6 +8,7 @@ import typer
 
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.scan_progress import ScanProgress
+from nlos.cli.targets import recording_target
 from nlos.cli.terminal import terminal
 
 
@@ -25,15 +26,19 @@ def replay(
     from nlos.acquisition.recording.writer import RecordingWriter
 
     pace = _pace(speed)
-    if output is not None and output.resolve() == run.resolve():
+    if output is not None and recording_target(output).resolve() == run.resolve():
         raise UsageError(f"{output}: is the recording that is replayed")
     with open_checked(run) as recording:
         warning, missing = recording.condition().warning, recording.missing()
         left_aside = recording.left_aside()
         writer = None
         if output is not None:
-            header = replace(recording.header, identity="")  # not this run once more: a recording of its own
+            output.parent.mkdir(exist_ok=True)
+            said = f"replayed from {run.name}, measured {recording.header.started_utc}: nothing was measured anew"
+            warnings = (*recording.header.warnings, said)
+            header = replace(recording.header, identity="", warnings=warnings)  # a recording of its own
             writer = RecordingWriter.create(output, recording.plan, header, overwrite=overwrite)
+            writer.log("replayed", said)
             if left_aside:
                 writer.log("left_aside", f"{run.name}: {warning}")
         samples = photons = 0

@@ -83,7 +83,7 @@ def scan(
         bench_text=table.text,
         bench_json=table.settings.model_dump_json(),
     )
-    target.parent.mkdir(parents=True, exist_ok=True)
+    target.parent.mkdir(exist_ok=True)
     with Interrupts().caught() as interrupts, opened(table, scene) as open_bench:
         _acquire(
             plan, header, open_bench, target, resume, overwrite, interrupts, wanted.settings.alarms,
@@ -124,7 +124,7 @@ def _acquire(
     choice = choose(plan, bench, checked_angles(plan, bench, aim), lag=lag)
     forecast_s = choice.forecast.total_s
     terminal.log(f"scheme {choice.scheme.value}, {forecast_s:.1f} s expected; {choice.why}")
-    check_disk(plan, target)
+    check_disk(plan, target, round(alarms.min_free_mb * 1e6))
     watch = Alarms(alarms, bench.settings.laser.repetition_hz, target.parent)
     watch.wait_for_rates(bench)
     used = "{}" if known is None else json.dumps(known.summary(), default=str)

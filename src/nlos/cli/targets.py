@@ -1,0 +1,38 @@
+"""Where a verb may write: names are looked at before anything is opened, measured or computed."""
+
+from pathlib import Path
+
+from nlos.cli.exit_codes import UsageError
+
+RECORDINGS = (".h5", ".hdf5")
+PICTURES = (".png", ".pdf", ".svg")
+
+
+def recording_target(path: Path) -> Path:
+    """`path`, a recording that is to be written. Raises `UsageError` for another kind of name or place."""
+    _check_kind(path, RECORDINGS, "a recording")
+    _check_folder(path)
+    return path
+
+
+def picture_target(path: Path) -> Path:
+    """The same for a picture."""
+    _check_kind(path, PICTURES, "a picture")
+    _check_folder(path)
+    return path
+
+
+def _check_kind(path: Path, suffixes: tuple[str, ...], what: str) -> None:
+    if path.suffix.lower() not in suffixes:
+        shown = path.suffix or "none"
+        raise UsageError(f"{path}: {what} is written as {', '.join(suffixes)} (given {shown}).")
+    if path.is_dir():
+        raise UsageError(f"{path}: is a folder. Name the file in it.")
+
+
+def _check_folder(path: Path) -> None:
+    """One missing folder is made, a missing way to it is a mistake: another disk, or a slip of the pen."""
+    folder = path.absolute().parent
+    if not folder.is_dir() and (folder.exists() or not folder.parent.is_dir()):
+        missing = folder if folder.exists() else folder.parent
+        raise UsageError(f"{path}: {missing} is no folder. Make it first, or choose another place with -o.")
