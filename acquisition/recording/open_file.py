@@ -75,4 +75,4 @@ def _read(path: Path, handle: io.FileIO) -> ScanFile:
             ) from error
         if isinstance(error, InvalidData):
             raise
-        raise InvalidData(f"{path}: not a readable scan file ({error})") from error
+        raise InvalidData(f"{path}: not a readable scan file: it is damaged, or was cut short") from error

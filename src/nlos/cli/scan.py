@@ -13,6 +13,7 @@ from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.interrupts import Interrupts
 from nlos.cli.scan_ending import ScanEnding
 from nlos.cli.scan_progress import ScanProgress
+from nlos.cli.targets import recording_target
 from nlos.cli.terminal import terminal
 from nlos.live.good_enough import Enough, parse_until
 from nlos.live.process import methods_for, start_live
@@ -72,6 +73,7 @@ def scan(
         methods_for(reconstruct)
     plan = wanted.settings.plan()
     target = output or Path(f"{wanted.path.stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}.h5")
+    recording_target(target)
     if resume and settle(target, plan):  # no device is even opened
         terminal.result(f"{target}: is complete, nothing was left to take", recording=str(target), taken=0)
         return
