@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 
 from nlos.drivers.bench_settings import BenchSettings
@@ -22,6 +22,7 @@ from nlos.drivers.tcspc.counter import HistogramCounter
 from nlos.drivers.tcspc.models import open_counter
 from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488
 from nlos.drivers.tcspc.tcspc488.shutter import Tcspc488Shutter
+from nlos.drivers.trip_latch import TripLatch
 
 __all__ = ["Bench", "BenchSettings", "WireLog", "open_bench"]
 
@@ -98,13 +99,18 @@ class Bench:
 
 @contextmanager
 def open_bench(
-    settings: BenchSettings, *, scene: RecordedScan | None = None, wire_log: WireLog | None = None
+    settings: BenchSettings,
+    *,
+    scene: RecordedScan | None = None,
+    wire_log: WireLog | None = None,
+    latch: TripLatch | None = None,
 ) -> Iterator[Bench]:
     """Opens counter, shutter and mirror, in this order: the shutter is closed, and read back, before anything moves.
 
     However the block is left - normally, by an exception, a signal, or the end of the interpreter - the shutter closes
     first, then the counter stops, the mirror parks and the links close. `scene` replaces a simulated bench's surfaces
-    by a recorded scan. Signals are caught where this is entered in the main thread. Raises `DeviceError`.
+    by a recorded scan. `latch`: where trips outlast this program. Signals are caught where this is entered in the main
+    thread. Raises `DeviceError`, with the shutter closed where what drives it answers.
     """
     with ExitStack() as stack:
         events = EventLog()
@@ -121,7 +127,13 @@ def open_bench(
         closing = _Closing(events, clock)
         stack.enter_context(ExitPaths(closing.shut_light, closing.close))
         with closing.on_error():
-            counter = closing.counter = open_counter(settings.counter, clock, backend=backend, wire_log=wire_log)
+            try:
+                counter = closing.counter = open_counter(settings.counter, clock, backend=backend, wire_log=wire_log)
+            except DeviceError:
+                if settings.shutter.model == "triggerscope_ttl":  # the mirror's controller can still make it dark
+                    with suppress(DeviceError):
+                        open_mirror(settings.mirror, clock, wire_log=wire_log).close()
+                raise
             inner: LaserShutter = NoShutter()
             if settings.shutter.model == "tcspc488" and isinstance(counter, Tcspc488):
                 inner = Tcspc488Shutter(counter)
@@ -130,7 +142,7 @@ def open_bench(
             mirror = closing.mirror = open_mirror(settings.mirror, clock, wire_log=wire_log)
             if settings.shutter.model == "triggerscope_ttl" and isinstance(mirror, TriggerScope):
                 inner = TtlShutter(mirror)
-            shutter = closing.shutter = GuardedShutter(inner, counter, settings.safety, events)
+            shutter = closing.shutter = GuardedShutter(inner, counter, settings.safety, events, latch)
             shutter.close()
             bench = Bench(settings, mirror, counter, shutter, clock, events, simulated)
             stack.callback(setattr, bench, "closed", True)

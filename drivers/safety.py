@@ -3,6 +3,8 @@
 This asks for the light to be shut off and checks that it was. The hard-wired interlock is the safety device.
 """
 
+from typing import TYPE_CHECKING
+
 from pydantic import Field, field_validator
 
 from nlos.configs.settings import Settings
@@ -11,6 +13,9 @@ from nlos.drivers.errors import DeviceError, SafetyTrip, ShutterHeld
 from nlos.drivers.events import EventLog
 from nlos.drivers.shutter import LaserShutter, ShutterState
 from nlos.drivers.tcspc.counter import CountRates, Histogram, HistogramCounter
+
+if TYPE_CHECKING:
+    from nlos.drivers.trip_latch import TripLatch
 
 _SHUTTER_MOVES_S = 0.1
 
@@ -39,13 +44,19 @@ class GuardedShutter:
     """A `LaserShutter` around the bench's own one."""
 
     def __init__(
-        self, shutter: LaserShutter, counter: HistogramCounter, settings: SafetySettings, events: EventLog
+        self,
+        shutter: LaserShutter,
+        counter: HistogramCounter,
+        settings: SafetySettings,
+        events: EventLog,
+        latch: "TripLatch | None" = None,
     ) -> None:
         self._shutter, self._counter, self._settings, self._events = shutter, counter, settings, events
         self._watching = False
         self._open = False
         self.confirmed_closed = False  # and not opened since
-        self._trip: str | None = None
+        self._latch = latch
+        self._trip: str | None = None if latch is None else latch.standing()
         self._held = ""
 
     @property
@@ -65,8 +76,7 @@ class GuardedShutter:
     def open(self) -> None:
         """Raises `SafetyTrip` after a trip, until `clear_trip`, and where the interlock is open, `ShutterHeld` after
         `hold`, until `release`. In a dry run nothing opens."""
-        if self._trip is not None:
-            raise SafetyTrip("shutter", f"stays closed after a trip ({self._trip}).", "Find the cause, then clear it.")
+        self.check_trip()
         if self.is_held():
             raise ShutterHeld("shutter", f"stays closed after {self._held}.")
         if self._settings.dry_run:
@@ -92,6 +102,15 @@ class GuardedShutter:
             raise ShutterHeld("shutter", f"was closed again after {self._held}.")
         if not was_open:
             self._events.report("shutter", "opened")
+
+    def check_trip(self) -> None:
+        """Raises `SafetyTrip` while a trip stands, of this program or one before it."""
+        if self._trip is not None:
+            raise SafetyTrip(
+                "shutter",
+                f"stays closed after a trip ({self._trip}).",
+                "Find the cause, then say `nlos doctor --clear-trip YOUR-NAME`.",
+            )
 
     def hold(self, why: str) -> None:
         """Closes, and keeps closed what somebody may be about to open: within a signal handler."""
@@ -155,14 +174,25 @@ class GuardedShutter:
 
     def latch(self, why: str) -> None:
         """Closes the shutter, tells why, and keeps it closed until `clear_trip`."""
-        self._trip = why
+        first, self._trip = self._trip is None, why
         try:
             self.close("trip")
         finally:
+            if first:
+                self._outlast(why)
             self._events.report("trip", why)
 
     def clear_trip(self, who: str) -> None:
         """A person's decision to go on after a trip, here and in the instrument; reported with that person's name."""
+        if self._latch is not None:
+            self._latch.clear(who)
         self._counter.clear_trip()
         self._events.report("override", f"{who} cleared the trip: {self._trip or 'the instrument had it'}")
         self._trip = None
+
+    def _outlast(self, why: str) -> None:
+        if self._latch is not None:
+            try:
+                self._latch.trip(why)
+            except OSError as error:
+                self._events.report("warning", f"the trip could not be noted in {self._latch.path} ({error})")

@@ -17,6 +17,7 @@ from nlos.acquisition.scanning.engine import scan as run
 from nlos.configs.load import load
 from nlos.drivers import bench as table
 from nlos.drivers.bench import Bench, BenchSettings
+from nlos.drivers.trip_latch import TripLatch
 
 
 @contextmanager
@@ -26,7 +27,8 @@ def open_bench(bench: str | Path = "simulated") -> Iterator[Bench]:
     The light is shut first and the mirror parked on every way out. `bench.simulated` says whether there is any light at
     all. Raises `ConfigError` for what the file says and `DeviceError` for what is not there.
     """
-    with table.open_bench(load("bench", str(bench), BenchSettings).settings) as opened:
+    settings = load("bench", str(bench), BenchSettings).settings
+    with table.open_bench(settings, latch=TripLatch.of_bench(settings)) as opened:
         yield opened
 
 

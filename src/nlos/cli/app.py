@@ -11,6 +11,7 @@ from nlos.cli.exit_codes import UsageError
 
 VERBS = {
     "devices": "What is plugged in, what the bench expects, what is missing and how to mend it.",
+    "shutter": "`nlos shutter close`: dark, whatever else on the bench is missing.",
     "doctor": "PASS/WARN/FAIL for software, disk, links, mirror, counter, shutter, dark counts and a small scan.",
     "plan": "Check everything that a scan would, move nothing; how long it will take.",
     "scan": "Acquire; by default on the simulated bench.",

@@ -67,8 +67,10 @@ def measured_constants(given: Path | None, devices: "Mapping[str, DeviceIdentity
 def opened(loaded: "Loaded[BenchSettings]", scene: Path | None = None, quiet: bool = False) -> Iterator["Bench"]:
     """The open bench; `scene` is a recorded scan that stands in for a simulated bench's light."""
     from nlos.drivers.bench import open_bench
+    from nlos.drivers.trip_latch import TripLatch
 
-    with _wire_log() as log, open_bench(loaded.settings, scene=_scene(scene), wire_log=log) as bench:
+    latch = TripLatch.of_bench(loaded.settings)
+    with _wire_log() as log, open_bench(loaded.settings, scene=_scene(scene), wire_log=log, latch=latch) as bench:
         for warning in bench.warnings:
             terminal.log(f"warning: {warning}", 1 if quiet else 0)
         yield bench

@@ -2,6 +2,7 @@
 
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -48,11 +49,17 @@ def doctor(
 
 
 def _examine(word: str | None, light: bool, clear_trip: str | None) -> Iterator[Finding]:
+    from nlos.drivers.dark import make_dark
+    from nlos.drivers.errors import DeviceError
+
     table = load_bench(word)
     yield from software()
     yield from disk(Path())
     yield from levels(table.settings)
     if missing := list(absent(table.settings)):
+        if table.settings.shutter.model != "none":
+            with suppress(DeviceError):  # what can be closed is closed; what is missing is said below
+                make_dark(table.settings)
         yield from missing
         return
     with opened(table) as bench:

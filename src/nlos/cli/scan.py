@@ -119,6 +119,7 @@ def _acquire(
     from nlos.acquisition.scanning.engine import scan as run
     from nlos.drivers.exit_paths import undisturbed
 
+    bench.shutter.check_trip()
     roles = {"mirror": bench.mirror.identity, "counter": bench.counter.identity}
     known = measured_constants(constants, roles)
     aim = known.geometry if known is not None and known.geometry is not None else aim_of(bench)

@@ -1,0 +1,58 @@
+"""Trips outlast the program: each bench's stand in a file that only grows, until a person clears them by name."""
+
+import hashlib
+import os
+import re
+from datetime import UTC, datetime
+from pathlib import Path
+
+from nlos.drivers.bench_settings import BenchSettings
+from nlos.drivers.errors import LimitError
+
+STATE = "NLOS_STATE"
+"""Environment variable: the folder of what outlasts a program; `~/.local/state/nlos` where it is not set."""
+
+
+class TripLatch:
+    """The log of one bench: a line a trip, override or name. The last line says whether a trip stands."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @classmethod
+    def of_bench(cls, settings: BenchSettings) -> "TripLatch":
+        """By the bench's name and addresses: a bench file that is moved or corrected elsewhere keeps its trip."""
+        name, addresses = settings.name, (settings.mirror.port, settings.counter.model, settings.shutter.model)
+        folder = Path(os.environ.get(STATE) or Path.home() / ".local" / "state" / "nlos")
+        place = hashlib.sha256("\n".join(addresses).encode()).hexdigest()[:8]
+        return cls(folder / "trips" / f"{re.sub(r'[^A-Za-z0-9]+', '-', name)[:60]}-{place}.log")
+
+    def standing(self) -> str | None:
+        """Why the bench is tripped; None where it is not."""
+        try:
+            lines = self.path.read_text(encoding="utf-8").splitlines()
+        except FileNotFoundError:
+            return None
+        _, _, last = lines[-1].partition(" ") if lines else ("", "", "")
+        kind, _, why = last.partition(": ")
+        return why if kind == "trip" else None
+
+    def trip(self, why: str) -> None:
+        self._add(f"trip: {why}")
+
+    def clear(self, who: str) -> None:
+        """Raises `LimitError` where nobody gives a name."""
+        who = " ".join(who.split())
+        if not who:
+            raise LimitError("shutter", "a trip is cleared by somebody, and no name was given.", "Give yours.")
+        self._add(f"override: {who} cleared the trip: {self.standing() or 'the instrument had it'}")
+
+    def _add(self, text: str) -> None:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        line = f"{datetime.now(UTC).isoformat(timespec='seconds')} {' '.join(text.split())}\n"
+        log = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        try:
+            os.write(log, line.encode("utf-8", "replace"))
+            os.fsync(log)
+        finally:
+            os.close(log)

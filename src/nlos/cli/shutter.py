@@ -1,0 +1,23 @@
+"""`nlos shutter close`: dark, whatever else on the bench is missing."""
+
+from typing import Annotated
+
+import typer
+
+from nlos.cli.benches import load_bench
+from nlos.cli.exit_codes import UsageError
+from nlos.cli.terminal import terminal
+
+
+def shutter(
+    what: Annotated[str, typer.Argument(metavar="close")],
+    bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
+) -> None:
+    """Closes the laser shutter: only what drives it has to answer."""
+    from nlos.drivers.dark import make_dark
+
+    if what != "close":
+        raise UsageError(f"shutter {what}: only `nlos shutter close` is known; scans open it by themselves.")
+    table = load_bench(bench)
+    make_dark(table.settings)
+    terminal.result("the shutter is closed", shutter="closed")
