@@ -1,6 +1,7 @@
-"""How well the noise level is estimated: R^2 inside the training range, order beyond it, and the figure of both.
+"""How well the noise level is estimated: R^2 and bias of each kind of noise, order beyond the training range.
 
-`python -m studies.noise_figure FIGURE.png` measures the weights that come with the program on held-out scenes.
+`python -m studies.noise_figure FIGURE.png [WEIGHTS]` measures the weights that come with the program, or others, on
+held-out scenes. Photon noise, uniform noise and grain are judged apart: what holds for one need not for another.
 """
 
 import json
@@ -19,8 +20,14 @@ from nlos.recon.layers.measurement import rates_of
 from nlos.recon.methods.nano import Nano, Settings, build
 from nlos.recon.training.dataset import DatasetSettings, collate, sample
 from nlos.recon.training.detector import DetectorSettings
+from nlos.recon.weights.files import put_part
 
 INSIDE = DetectorSettings(noiseless=0.0, uniform=0.0, peak_counts_least=0.4, peak_counts_most=200.0)
+KINDS = {
+    "photons": INSIDE,
+    "uniform": DetectorSettings(noiseless=0.0, uniform=1.0),
+    "grain": DetectorSettings(noiseless=1.0, uniform=0.0),
+}
 BEYOND = (0.05, 0.1, 0.2, 400.0, 1600.0)  # mean peak counts that no training sample has
 SCANS = 60  # of held-out kinds, inside the training range
 
@@ -37,6 +44,16 @@ class NoiseFit:
         """Share of the variance of the truth that the estimate explains."""
         residual = np.square(self.true - self.estimated).sum()
         return float(1 - residual / np.square(self.true - self.true.mean()).sum())
+
+    @property
+    def bias(self) -> float:
+        """Mean of the estimate less the truth."""
+        return float((self.estimated - self.true).mean())
+
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of the estimate about the truth and its bias."""
+        return float((self.estimated - self.true).std())
 
 
 def estimate(network: Nano, data: DatasetSettings, count: int) -> NoiseFit:
@@ -56,13 +73,22 @@ def held_out(detector: DetectorSettings, scenes: int) -> DatasetSettings:
     return DatasetSettings(seed=3, scenes=scenes, degradations=1, held_out=True, detector=detector)
 
 
-def measure(path: Path, count: int = SCANS) -> dict[str, Any]:
-    """R^2, and the mean true and estimated level at each exposure beyond the training range; draws both to `path`."""
+def with_noise_estimation(weights: str | None, data: DatasetSettings) -> Nano:
+    """NANO as it ships, its noise estimation from other weights where those are given."""
+    network = build(Settings(), data.wall, data.time)
+    if weights is not None:
+        put_part(network.noise_level, "noise_level.", weights)
+    return network
+
+
+def measure(path: Path, count: int = SCANS, weights: str | None = None) -> dict[str, Any]:
+    """R^2 and bias of each kind, and the mean true and estimated level at each exposure beyond the training range;
+    draws both to `path`."""
     from matplotlib.figure import Figure
 
     data = held_out(INSIDE, count)
-    network = build(Settings(), data.wall, data.time)
-    inside = estimate(network, data, count)
+    network = with_noise_estimation(weights, data)
+    kinds = {name: estimate(network, held_out(detector, count), count) for name, detector in KINDS.items()}
     beyond = {}
     for peak in BEYOND:
         detector = INSIDE.model_copy(update={"peak_counts_least": peak, "peak_counts_most": peak * 1.001})
@@ -73,8 +99,9 @@ def measure(path: Path, count: int = SCANS) -> dict[str, Any]:
         np.concatenate([fit.true for fit in beyond.values()]),
         np.concatenate([fit.estimated for fit in beyond.values()]),
     )
-    axes.plot(inside.true, inside.estimated, ".", label=f"training range, R² = {inside.r_squared:.3f}")
-    axes.plot(outside.true, outside.estimated, "x", label="beyond it")
+    for name, fit in kinds.items():
+        axes.plot(fit.true, fit.estimated, ".", label=f"{name}: R² {fit.r_squared:.3f}, bias {fit.bias:+.2f}")
+    axes.plot(outside.true, outside.estimated, "x", label="photons, beyond the training range")
     ends = [-2.5, 0.5]
     axes.plot(ends, ends, "k", lw=0.8)
     axes.set(xlabel="true noise level, log10", ylabel="estimated", title="Noise level estimation, held-out kinds")
@@ -82,7 +109,10 @@ def measure(path: Path, count: int = SCANS) -> dict[str, Any]:
     path.parent.mkdir(parents=True, exist_ok=True)
     drawing.savefig(path, dpi=80)
     levels = {f"{peak:g}": [float(fit.true.mean()), float(fit.estimated.mean())] for peak, fit in beyond.items()}
-    return {"r_squared": inside.r_squared, "beyond": levels}
+    found = {
+        name: {"r_squared": fit.r_squared, "bias": fit.bias, "scatter": fit.scatter} for name, fit in kinds.items()
+    }
+    return {"r_squared": kinds["photons"].r_squared, "kinds": found, "beyond": levels}
 
 
 def monotone(levels: Mapping[str, Sequence[float]]) -> bool:
@@ -92,4 +122,4 @@ def monotone(levels: Mapping[str, Sequence[float]]) -> bool:
 
 
 if __name__ == "__main__":
-    print(json.dumps(measure(Path(sys.argv[1]))))
+    print(json.dumps(measure(Path(sys.argv[1]), weights=sys.argv[2] if len(sys.argv) > 2 else None)))

@@ -35,7 +35,7 @@ class Settings(AnySettings):
     projection: bool = True
     """Residual convolutions on the maximum projection; False: the bare maximum."""
     nle: bool = True
-    """Estimate the noise level and adapt to it; False: one middling level for all."""
+    """The operator is told the noise level; False: a middling one, while falloff and snr still follow the estimate."""
     sfe: bool = True
     """Stochastic frequency encoding at the coarsest scale."""
     sfe_bandwidth: Annotated[int, Field(ge=1)] = 256
@@ -142,15 +142,14 @@ class Faithful(nn.Module):
 
     def noise(self, raw: Tensor, exposure: Tensor) -> Tensor:
         """eta, log10 of the noise level, (B,)."""
-        if not self.settings.nle:
-            return torch.full_like(exposure[:, 0, 0], MIDDLE_NOISE)
         with torch.no_grad():
             eta: Tensor = self.noise_level(raw, exposure)[0]
         return eta
 
     def one_pass(self, u: Tensor, lifted: Tensor | None, guide: Tensor, log_noise: Tensor) -> Tensor:
         """u^s = G_eta(u^{s-1}, tau, eta), all (B, ., cells, h, w) (algorithm 1)."""
-        eta = (log_noise.clamp(-2.5, 0.5) + 1)[:, None]
+        told = log_noise.clamp(-2.5, 0.5) if self.settings.nle else torch.full_like(log_noise, MIDDLE_NOISE)
+        eta = (told - MIDDLE_NOISE)[:, None]
         out: Tensor = self.unfolding(u, lifted, guide, eta)
         return out
 

@@ -1,4 +1,4 @@
-"""NANO: the noise-adapted neural operator, trained; any grid, any wall, down to a handful of photons."""
+"""NANO: the noise-adapted neural operator, trained; any scan grid (it sees 32 points a wall), few photons."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -52,7 +52,7 @@ class Settings(AnySettings):
     projection: bool = True
     """Attention and a 2D network; False: the bare maximum."""
     nle: bool = True
-    """Estimate the noise and adapt to it; False: one middling level for all."""
+    """The operator is told the noise level; False: a middling one, while falloff and snr still follow the estimate."""
     sfe: bool = True
     """Spectral feature enhancement by random Fourier frequencies."""
     sfe_bandwidth: Annotated[int, Field(ge=1)] = 64
@@ -158,15 +158,13 @@ class Nano(nn.Module):
         volumes = self.normalised(self.physics(rates, log_noise)[:, :, :scaled])[:, :, :reach]
         lifted = None if self.lifted is None else self.lifted(rates.net, log_noise, scaled)
         maps = confidence(log_noise, noise_map, rates.exposure)
-        return volumes, conditions(log_noise, rates), maps, lifted, rates.presence
+        told = log_noise if self.settings.nle else torch.full_like(log_noise, MIDDLE_NOISE)
+        return volumes, conditions(told, rates), maps, lifted, rates.presence
 
     # A. Noise level estimation
 
     def noise(self, rates: Rates) -> tuple[Tensor, Tensor]:
         """eta, log10 of the noise level (B,), and D_n, log10 of the noise of every wall point (B, H, W), inf = none."""
-        if not self.settings.nle:
-            flat = torch.full_like(rates.exposure, MIDDLE_NOISE)
-            return flat[:, 0, 0], torch.where(rates.exposure > 0, flat, torch.inf)
         with torch.set_grad_enabled(torch.is_grad_enabled() and self.settings.stage == "noise"):
             eta, noise_map = self.noise_level(rates.raw, rates.exposure)
         return eta, noise_map

@@ -1,6 +1,7 @@
 """Puts the weights of a finished run where the program finds them, with a card that says what they are.
 
-`python -m nlos.recon.training.ship runs/train/lfe lfe`
+`python -m nlos.recon.training.ship runs/train/lfe lfe [--study] [--half] [--unfinished]`, `--study` to put them into
+studies/weights, outside the package.
 """
 
 import json
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from nlos.recon.training.train import LOG, WEIGHTS
-from nlos.recon.weights.files import OWN_FOLDER, WeightsError, read_weights, save
+from nlos.recon.weights.files import OWN_FOLDER, STUDIES, WeightsError, read_weights, save
 
 MOST_BYTES = 5_000_000
 NOTE = """
@@ -19,18 +20,21 @@ Made by `nlos train {name}` and `python -m nlos.recon.training.ship`.
 """
 
 
-def ship(folder: Path, name: str, destination: Path = OWN_FOLDER) -> Path:
+def ship(
+    folder: Path, name: str, destination: Path = OWN_FOLDER, *, half: bool = False, unfinished: bool = False
+) -> Path:
     """Write `destination`/`name`.safetensors and `name`.md from the run in `folder`; returns the weights' path.
 
-    Raises WeightsError for a run that is not finished or weights too large to ship.
+    `half` stores half precision. Raises WeightsError for a run that is not finished, unless it may be `unfinished`, and
+    for weights too large to ship.
     """
     weights = read_weights(folder / WEIGHTS)
-    summaries = [json.loads(line) for line in (folder / LOG).read_text().splitlines() if '"finished": true' in line]
-    if not summaries:
-        raise WeightsError(f"the run in {folder} is not finished. Run `nlos train` again; it goes on where it was.")
-    about = weights.about | {"validation": summaries[-1]["validation"]}
+    ends = [json.loads(line) for line in (folder / LOG).read_text().splitlines() if '"finished": ' in line]
+    if not ends or not (ends[-1]["finished"] or unfinished):
+        raise WeightsError(f"the run in {folder} is not finished. Run `nlos train` again; it resumes.")
+    about = weights.about | {"validation": ends[-1]["validation"], "finished": ends[-1]["finished"], "half": half}
     path = destination / f"{name}.safetensors"
-    save(path, weights.tensors, about)
+    save(path, {key: x.half() if half else x for key, x in weights.tensors.items()}, about)
     if path.stat().st_size > MOST_BYTES:
         size = path.stat().st_size
         path.unlink()
@@ -47,14 +51,14 @@ def card(name: str, about: dict[str, Any], tensors: dict[str, Any], size: int) -
     grid = f"{data['rows']} x {data['cols']} points on {data['wall_width_m']:g} m, "
     grid += f"{data['bins']} bins of {data['bin_width_ps']:g} ps"
     recipe = f"AdamW, {settings['learning_rate']:g} to {settings['last_rate']:g}, batch {settings['batch']}, "
-    recipe += (
-        f"weights averaged with {settings['average']:g}, {settings['pooled_share']:.0%} of the steps on half the grid"
-    )
+    recipe += f"weights averaged with {settings['average']:g}, "
+    recipe += f"{settings['pooled_share']:.0%} of the steps on whole scans at half the grid"
     rows = {
         "method": f"`{about['method']}`, settings `{json.dumps(settings['method_settings'])}`",
-        "parameters": f"{count:,} ({size:,} bytes)",
+        "parameters": f"{count:,} ({size:,} bytes{', half precision' if about.get('half') else ''})",
         "data": f"{made}; {grid}; kinds: {', '.join(data['kinds']) or 'all that are not held out'}",
-        "samples seen": f"{about['samples']:,} in {about['step']:,} steps, seed {settings['seed']}{_before(about)}",
+        "samples seen": f"{about['samples']:,}{_of_all(about)} in {about['step']:,} steps, seed {settings['seed']}"
+        + _before(about),
         "time": f"{about['hours']:.2f} hours on {about['device']}, threads: {about['threads']}, torch {about['torch']}",
         "recipe": recipe,
         "code": f"commit {about['commit']}",
@@ -63,6 +67,11 @@ def card(name: str, about: dict[str, Any], tensors: dict[str, Any], size: int) -
     }
     table = "".join(f"| {key} | {text} |\n" for key, text in rows.items())
     return f"# {name}: weights of the method `{about['method']}`\n\n| | |\n|---|---|\n{table}" + NOTE.format(name=name)
+
+
+def _of_all(about: dict[str, Any]) -> str:
+    """What a run that was stopped was to see."""
+    return "" if about.get("finished", True) else f" of {about['settings']['samples']:,}: stopped there,"
 
 
 def _before(about: dict[str, Any]) -> str:
@@ -74,4 +83,6 @@ def _before(about: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    print(ship(Path(sys.argv[1]), sys.argv[2]))
+    said = set(sys.argv[3:])
+    where = STUDIES if "--study" in said else OWN_FOLDER
+    print(ship(Path(sys.argv[1]), sys.argv[2], where, half="--half" in said, unfinished="--unfinished" in said))

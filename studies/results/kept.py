@@ -13,13 +13,7 @@ import numpy.typing as npt
 from nlos.recon.weights.files import OWN_FOLDER, place_of
 
 FOLDER = Path("runs/results")
-EQUAL = {
-    "lfe": "nano_4000",
-    "lfe_4000": "nano_4000",
-    "faithful": "nano_4000",
-    "nlost": "nano_4000",
-    "unet": "nano_6500",
-}
+EQUAL = {"lfe": "nano_4000", "nlost": "nano_4000", "unet": "nano_6500"}
 """Weights of a NANO that has seen as many samples as each rival."""
 BASE = dict.fromkeys(EQUAL.values(), "nano") | {"lfe_4000": "lfe"}
 """The method of weights that are not called like it."""

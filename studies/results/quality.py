@@ -15,7 +15,7 @@ from nlos.recon.volume import Reconstruction
 from studies.results.kept import BASE, kept, of_files, of_method, weights_path
 
 PHYSICS = ("lct", "fk", "phasor", "gram", "backprojection")
-LEARNED = ("lfe", "nlost", "unet", *BASE, "nano")
+LEARNED = ("lfe", "nlost", "unet", "faithful", *BASE, "nano")
 CONDITIONS = (
     "transient",
     "counts_p20",
@@ -25,6 +25,8 @@ CONDITIONS = (
     "counts_p5@16x16",
     "counts_p5@blue:256",
 )
+AS_TRAINED: dict[str, dict[str, object]] = {"lfe_4000": {"farthest": 0.9}}
+"""Settings that weights were trained with, where they are not the method's own."""
 THRESHOLD = 0.15  # of the maximum, taken off the light-cone transform's picture
 THRESHOLDED = "lct - 15 %"
 
@@ -60,7 +62,7 @@ def measure_quality(data: Path, methods: Sequence[str], conditions: Sequence[str
 
 
 def _run(data: Path, method: str, condition: str) -> tuple[Any, dict[str, npt.NDArray[np.float32]]]:
-    named: dict[str, object] = {"weights": method} if method in BASE else {}
+    named: dict[str, object] = {"weights": method} | AS_TRAINED.get(method, {}) if method in BASE else {}
     done = evaluate([data], [BASE.get(method, method)], [condition], settings=named, say=print)
     arrays: dict[str, npt.NDArray[np.float32]] = {}
     for (scene, _, _), picture in done.pictures.items():

@@ -170,6 +170,11 @@ def test_finished_weights_are_shipped_with_a_card_and_unfinished_ones_are_not(tm
     train(settings(cache, max_minutes=1e-5), tmp_path / "run", quiet)
     with pytest.raises(WeightsError, match="not finished"):
         ship(tmp_path / "run", "small", tmp_path)
+    stopped = ship(tmp_path / "run", "stopped", tmp_path, half=True, unfinished=True)
+    words = stopped.with_suffix(".md").read_text()
+    assert "2 of 24: stopped there, in 1 steps" in words
+    assert "half precision" in words
+    assert all(x.dtype == torch.float16 for x in read_weights(stopped).tensors.values())
     train(settings(cache), tmp_path / "run", quiet)
     path = ship(tmp_path / "run", "small", tmp_path)
     card = path.with_suffix(".md").read_text()

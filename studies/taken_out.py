@@ -1,0 +1,86 @@
+"""What the weights that ship rely on: each part taken out of them at test time, on the rendered scenes.
+
+It says how much a network trained with a part leans on it, not what that part is worth: for that the network has to be
+trained without it (`make studies`). `python -m studies.taken_out ../shared/data/synthetic [CONDITION]`.
+"""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from nlos.recon.evaluate import find_scenes, transient_of
+from nlos.recon.layers.physical_unfolding import SpectralIteration
+from nlos.recon.methods.nano import OWN_FEATURES, Nano, Settings, build
+from nlos.recon.metrics import image_scores
+from studies.paired import difference
+
+CONDITION = "counts_p20"
+
+
+def without_sfe(network: Nano) -> None:
+    """The coarsest scale as it is."""
+    network.unfolding.sfe = None
+
+
+def without_lifting(network: Nano) -> None:
+    """The operator does not see the lifted features."""
+    for lift in (network.unfolding.lift_u, network.unfolding.lift_g):
+        lift.weight[:, OWN_FEATURES:] = 0
+
+
+def one_noise_level(network: Nano) -> None:
+    """The operator is told the same middling noise level of every scan; falloff and snr still follow the estimate."""
+    network.settings = network.settings.model_copy(update={"nle": False})
+
+
+def without_spectral_updates(network: Nano) -> None:
+    """The update of every spectral iteration is nothing; its residual block stays."""
+    for module in network.modules():
+        if isinstance(module, SpectralIteration):
+            module.step.weight.zero_()
+            assert module.step.bias is not None
+            module.step.bias.zero_()
+
+
+def without_the_2d_network(network: Nano) -> None:
+    """0.8 x the volume under the attention."""
+    for parameter in network.projection.parameters():
+        if parameter.ndim == 4:
+            parameter.zero_()
+    head = network.projection.finish.head  # type: ignore[union-attr]
+    head.bias.zero_()  # type: ignore[union-attr, operator]
+
+
+PARTS: dict[str, Callable[[Nano], None]] = {
+    "SFE": without_sfe,
+    "lifting": without_lifting,
+    "noise conditioning": one_noise_level,
+    "spectral updates": without_spectral_updates,
+    "2D network": without_the_2d_network,
+}
+
+
+@torch.inference_mode()
+def main(data: Path, condition: str = CONDITION) -> None:
+    """One line a part: mean PSNR without it, and the difference to the whole with its error over scenes."""
+    scenes = list(find_scenes([data], lambda _: None))
+    whole: list[float] = []
+    for name, take_out in {"nothing": lambda _: None, **PARTS}.items():
+        values = []
+        for scene in scenes:
+            transient = transient_of(scene, condition)
+            network = build(Settings(), transient.wall, transient.time)
+            take_out(network)
+            counts = torch.from_numpy(np.ascontiguousarray(transient.counts))[None, None]
+            albedo = network(counts, torch.from_numpy(transient.exposure_s)[None])[0][0].numpy()
+            values.append(image_scores(albedo, scene.intensity)["psnr"])
+        whole = whole or values
+        found = difference(np.array([values]), np.array([whole]))
+        print(f"{condition} without {name}: {np.mean(values):.2f} dB, {found} dB", flush=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), *sys.argv[2:3])
