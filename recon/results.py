@@ -121,7 +121,7 @@ def read_reconstruction(path: Path) -> Reconstruction:
                 left_aside=int(file.attrs.get("samples_left_aside", 0)),
                 confidence=needed_array(file, "confidence", (rows, cols)) if known else None,
             )
-    except (LookupError, OSError, ValueError, TypeError, RuntimeError, AttributeError) as error:
+    except (InvalidData, LookupError, OSError, ValueError, TypeError, RuntimeError, AttributeError) as error:
         if isinstance(error, FileNotFoundError):
             raise
         raise InvalidData(f"{path} is not a reconstruction: {error}. Make one with `nlos reconstruct`.") from error

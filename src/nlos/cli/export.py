@@ -43,6 +43,7 @@ def export(
 
 
 def _write_scan(run: Path, word: str, target: Path) -> list[str]:
+    from nlos.acquisition.errors import InvalidData
     from nlos.acquisition.exporters.matlab import write_matlab
     from nlos.acquisition.exporters.npz import write_npz
     from nlos.acquisition.exporters.ptu import write_ptu
@@ -57,11 +58,15 @@ def _write_scan(run: Path, word: str, target: Path) -> list[str]:
             arrays = arrays_of_recording(recording)
     else:
         arrays = arrays_of_import(read_isolated(run), run)
+    if not (arrays.exposure_s > 0).any():
+        raise InvalidData(f"{run}: no point of it was measured; there is nothing to export")
     write = {"npz": write_npz, "mat": write_matlab, "ytal": write_ytal, "ptu": write_ptu}[word]
     partial = target.with_name(f".{target.name}.part")
     try:
         left_behind = write(arrays, partial)
         partial.replace(target)
+    except InvalidData as error:
+        raise InvalidData(str(error).replace(str(partial), str(target))) from error
     finally:
         partial.unlink(missing_ok=True)
     if arrays.left_aside:
