@@ -3,18 +3,21 @@
 read_ptu.py snapi|phconvert FILE.ptu FOUND.npz
 """
 
+import os
 import sys
 
 import numpy as np
 
 _OVERFLOW = 0x7F
+_OPEN: list[object] = []
+"""What must outlive the file that is written: taking the vendor's library down sometimes crashes."""
 
 
 def by_snapi(path: str) -> dict[str, np.ndarray]:
     """The vendor's library: photons and markers unfolded, and the records as they are. Channel 0 is the sync."""
     from snAPI.Main import snAPI
 
-    library = snAPI()
+    _OPEN.append(library := snAPI())
     assert library.getFileDevice(path)
     records = int(library.measDescription["NumRecs"])
     assert library.raw.measure(acqTime=0, size=records + 16, waitFinished=True, savePTU=False)
@@ -55,3 +58,5 @@ def by_phconvert(path: str) -> dict[str, np.ndarray]:
 if __name__ == "__main__":
     reader, source, target = sys.argv[1:]
     np.savez(target, **(by_snapi(source) if reader == "snapi" else by_phconvert(source)))
+    sys.stdout.flush()
+    os._exit(0)
