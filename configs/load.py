@@ -172,7 +172,7 @@ def _explain(error: dict[str, Any], data: Any, places: dict[Place, yaml.Mark], n
         case "value_error":
             message = message.removeprefix("Value error, ")
         case "union_tag_invalid":
-            # The message names the branch; the word that chose it is the key to mend.
+            # The message names the branch; the word that chose it is the key to fix.
             tag, known = str(error["ctx"]["tag"]), str(error["ctx"]["expected_tags"])
             place = (*place, str(error["ctx"]["discriminator"]).strip("'"))
             mark = places.get(place, mark)

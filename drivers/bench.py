@@ -123,7 +123,7 @@ def open_bench(
             simulated, backend = plugged.bench, plugged.backend
             clock = simulated.clock
         elif scene is not None:
-            raise ValueError(f"bench {settings.name} is real; a recorded scan stands in for simulated light only")
+            raise ValueError(f"bench {settings.name} is real; a recorded scan can only replace simulated light")
         closing = _Closing(events, clock)
         stack.enter_context(ExitPaths(closing.shut_light, closing.close))
         with closing.on_error():

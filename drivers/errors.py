@@ -94,7 +94,7 @@ class BenchClosed(DeviceError):
 class ShutterHeld(DeviceError):
     """A signal shut the light off: it stays off until a scan is begun or goes on."""
 
-    usual_remedy = "Begin a new scan, or go on with the paused one."
+    usual_remedy = "Start a new scan, or continue the paused one."
 
 
 class SafetyTrip(DeviceError):

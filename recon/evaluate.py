@@ -87,7 +87,7 @@ def evaluate(
     device: str = "cpu",
     say: Say = print,
 ) -> Evaluation:
-    """Runs every method on every scene under every condition; conditions that a scene lacks are left out and said.
+    """Runs every method on every scene under every condition; conditions that a scene lacks are skipped and reported.
 
     A physics method with an inverse filter runs at each of `SNR_CHOICES` and keeps, per condition, the one with the
     best mean psnr; `fixed` leaves its snr to the method. `settings` go to every method that knows them. Raises
@@ -147,7 +147,7 @@ def find_scenes(paths: Sequence[Path], say: Say) -> Iterator[Scene]:
             check_isolated(file, "nlos.acquisition.importers.untrusted_hdf5:read_everything")
             scene = read_scene(file)
             if scene is None:
-                say(f"{file.name}: no ground truth, left out")
+                say(f"{file.name}: no ground truth, skipped")
             else:
                 yield scene
 

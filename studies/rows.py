@@ -1,4 +1,4 @@
-"""The rows of the paper's tables, and of what ships with one part left out: each a training of its own."""
+"""The rows of the paper's tables, and of what ships without one part: each a training of its own."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -96,7 +96,7 @@ TABLES: dict[str, tuple[Row, ...]] = {
         Row("bandwidth 64", switches={"sfe_bandwidth": 64}),
         Row("as printed"),
     ),
-    "What ships, one part left out (this project)": (
+    "What ships, without one part (this project)": (
         Row("no SFE", "nano", {"sfe": False}, OWN_LOSS),
         Row("no lifting", "nano", {"lifting": "none"}, OWN_LOSS),
         Row("no noise estimation", "nano", {"nle": False}, OWN_LOSS),

@@ -45,7 +45,7 @@ def write_ytal(scan: ScanArrays, path: Path) -> list[str]:
         file["scene_info"] = "original_format: nlos\n"
     return [
         "exposure per point has no place in y-tal's format",
-        "the scanner's position is not part of a recording; (0, 0, 1) m stands in",
+        "the scanner's position is not part of a recording; assuming (0, 0, 1) m",
     ]
 
 

@@ -125,7 +125,7 @@ class ByMap(_Exposure):
 
     kind: Literal["by_map"] = "by_map"
     file: str
-    """The CSV file, relative to the folder one stands in."""
+    """The CSV file, relative to the current folder."""
 
     def weights(self, positions: Positions, wall: WallGrid) -> Floats:
         """The map's value at every position. Raises `InvalidData` naming the file."""

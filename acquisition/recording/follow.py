@@ -67,7 +67,7 @@ def follow(
                     if not recording.missing():
                         return  # killed after its last sample
                     raise StorageError(
-                        f"{path}: its writer is gone after {given} samples. Go on with --resume, or save them: recover."
+                        f"{path}: its writer is gone after {given} samples. Use --resume or `nlos recover`."
                     )
                 clock.sleep(POLL_S)
 

@@ -66,7 +66,7 @@ def rescue(path: Path, file: ScanFile, pending: Rows) -> str:
         except OSError as error:
             failures.append(str(error))
         else:
-            return f"{samples} samples are safe in {kept}: rename it to {path.name}, then go on with --resume."
+            return f"{samples} samples are safe in {kept}: rename it to {path.name}, then resume with --resume."
     return f"Its samples could not be saved elsewhere: {'; '.join(failures)}"
 
 

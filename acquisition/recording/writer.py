@@ -194,7 +194,7 @@ class RecordingWriter:
     def _refused(self, error: Exception) -> StorageError:
         return StorageError(
             f"{self.path}: the disk refused a write ({error}). {self.acknowledged} samples are safe in it. "
-            "Free disk space, or move the file to a sound disk, then go on with --resume."
+            "Free disk space, or move the file to a sound disk, then resume with --resume."
         )
 
     def _let_go(self) -> None:

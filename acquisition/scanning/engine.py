@@ -256,7 +256,7 @@ class _Run:
         elif trouble.action is Action.SKIP and number is not None and times < ATTEMPTS:
             self._skipped[number] = times
         else:
-            raise AlarmRaised("alarm", f"{trouble.text}.", "Mend it, then go on with --resume.")
+            raise AlarmRaised("alarm", f"{trouble.text}.", "Fix it, then resume with --resume.")
 
     def _pause(self) -> None:
         """Light off, gate closed, then somebody decides. Raises `AlarmRaised` where an alarm's pause ends the scan."""
@@ -269,7 +269,7 @@ class _Run:
             self._bench.shutter.release()
             self._look_around()
         elif alarm:
-            raise AlarmRaised("alarm", f"{alarm}.", "Mend it, then go on with --resume.")
+            raise AlarmRaised("alarm", f"{alarm}.", "Fix it, then resume with --resume.")
 
     def _dark(self, why: str) -> None:
         """Shutter first, then the gate, then the mirror's stepping."""

@@ -213,7 +213,7 @@ simulation:
 
 A fault strikes at the first occasion after `after_s` of bench time and after `skip` earlier occasions, `times` times.
 Every error closes the shutter before anything else. "Acknowledged" is what has been flushed to the recording; a scan
-that was ended by a fault goes on with `nlos scan SCAN -o RUN.h5 --resume`, and then holds the same counts as one that
+that was ended by a fault is resumed by `nlos scan SCAN -o RUN.h5 --resume`, and then holds the same counts as one that
 was never disturbed.
 
 *This page is made from `drivers/simulated/fault_catalogue.py`.*

@@ -30,7 +30,7 @@ FIRMWARES: dict[str, Callable[[SimulatedBench, Any], SerialFirmware]] = {
 
 @dataclass(frozen=True)
 class PluggedIn:
-    """The bench around which everything is simulated, and what stands in for libusb or the vendor's library."""
+    """The bench around which everything is simulated, and what replaces libusb or the vendor's library."""
 
     bench: SimulatedBench
     backend: SimulatedUsb | PicoquantLibrary

@@ -25,6 +25,6 @@ def open_counter(
 ) -> HistogramCounter:
     """The counter that a bench file's `counter` block names, opened and configured. Raises `DeviceError`.
 
-    `backend` is what stands in for libusb or the vendor's library: the simulated bench's, or None for the real one.
+    `backend` replaces libusb or the vendor's library: the simulated bench's, or None for the real one.
     """
     return _OPEN[settings.model](settings, clock, backend, wire_log)

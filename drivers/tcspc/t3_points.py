@@ -1,4 +1,4 @@
-"""Photons of a T3 stream sorted into histograms of scan points, by time: what fell between points is left out."""
+"""Photons of a T3 stream sorted into histograms of scan points, by time: what fell between points is skipped."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

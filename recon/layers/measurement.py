@@ -26,7 +26,9 @@ DIFFUSE = 4.0
 LOG_SNR_AT_KNOTS = (0.8, 0.4, -0.4, -0.8, -1.2, -1.6)
 SNR_FACTORS = (0.4, 4.0)
 VOLUMES = len(SNR_FACTORS) + 1
-ALIASING = 0.5  # noise power of leaving gaps empty, over that of the signal, for each point left out per point measured
+ALIASING = (
+    0.5  # noise power of leaving gaps empty, over that of the signal, for each point not measured per point measured
+)
 SPECTRUM_BYTES = 1 << 29  # held of the light cone's spectrum at a time
 TREND = 3
 STEEPEST = 0.3
@@ -81,7 +83,7 @@ def presence(rates: Tensor, exposure: Tensor) -> Tensor:
 
     Under a flat rate the variance of the mean over N points is 1/N of that of the points, whatever a photon counts.
     Slow changes of a background are no signal (`without_trend`). Bins that are empty everywhere (cut by a calibration)
-    say nothing and are left out.
+    say nothing and are skipped.
     """
     measured = (exposure > 0).float()[:, None]  # (B, 1, H, W)
     points = measured.sum(dim=(1, 2, 3)).clamp(min=2)

@@ -200,7 +200,7 @@ def _mean(x: torch.Tensor, world: int) -> torch.Tensor:
 
 
 def _step(parameters: list[nn.Parameter], optimiser: torch.optim.Optimizer, clip: float, world: int) -> float:
-    """Average the gradients of all processes, clip, step; a step that is not finite is left out. Returns the norm."""
+    """Average the gradients of all processes, clip, step; a step that is not finite is skipped. Returns the norm."""
     if world > 1:
         flat = torch.cat([(p.grad if p.grad is not None else torch.zeros_like(p)).flatten() for p in parameters])
         _mean(flat, world)

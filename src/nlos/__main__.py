@@ -4,7 +4,7 @@ import os
 import sys
 
 if __name__ == "__main__" and not sys.flags.safe_path:
-    del sys.path[0]  # `python -m` puts the folder one stands in first: a numpy.py in it is no part of this program
+    del sys.path[0]  # `python -m` puts the current folder first: a numpy.py in it is no part of this program
 
 import traceback
 
@@ -19,7 +19,7 @@ def main() -> None:
     # PyTorch's threads wait for each other asleep, not spinning: a machine that scans has other things to do, and where
     # two of these threads share a core, spinning takes ten times as long as the work (decision 095).
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-    # Nor do the children of this process, however a library starts them, import from the folder one stands in.
+    # Nor do the children of this process, however a library starts them, import from the current folder.
     os.environ["PYTHONSAFEPATH"] = "1"
     outlive_terminal()
     escape_what_is_printed()

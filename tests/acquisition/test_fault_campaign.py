@@ -78,7 +78,7 @@ def test_a_scan_with_a_fault_ends_complete_and_equal(seed: int, tmp_path: Path, 
             go_on(path, name, first)
             break
         except DeviceError:
-            first = None  # the person has mended what broke
+            first = None  # the person has fixed what broke
     else:
         pytest.fail("it did not even end with the fault gone")
     assert verify(path).complete

@@ -1,4 +1,4 @@
-"""Nothing that stands in a file, or in a file's name, commands the terminal of whoever looks at it: over all verbs."""
+"""Nothing in a file, or in a file's name, commands the terminal of whoever looks at it: over all verbs."""
 
 import io
 import json

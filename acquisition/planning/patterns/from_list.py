@@ -20,7 +20,7 @@ class FromList(Settings):
 
     kind: Literal["list"] = "list"
     file: str
-    """The CSV file, relative to the folder one stands in."""
+    """The CSV file, relative to the current folder."""
 
     def points(self, wall: WallGrid) -> Positions:
         """In the file's order. Raises `InvalidData` naming file and line."""

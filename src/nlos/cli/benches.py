@@ -65,7 +65,7 @@ def measured_constants(given: Path | None, devices: "Mapping[str, DeviceIdentity
 
 @contextmanager
 def opened(loaded: "Loaded[BenchSettings]", scene: Path | None = None, quiet: bool = False) -> Iterator["Bench"]:
-    """The open bench; `scene` is a recorded scan that stands in for a simulated bench's light."""
+    """The open bench; `scene` is a recorded scan that replaces a simulated bench's light."""
     from nlos.drivers.bench import open_bench
     from nlos.drivers.trip_latch import TripLatch
 

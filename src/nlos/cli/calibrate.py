@@ -19,12 +19,13 @@ _GAINS = ("x_gain", "y_gain")
 
 
 def calibrate(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Raw scans; runs with the shutter closed too.")],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Raw scans, and runs with the shutter closed.")],
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="CONSTANTS.h5", help="Default: constants/RUN.h5.")
     ] = None,
     dead_time_ns: Annotated[
-        float | None, typer.Option(min=0, help="The detector's, where no histogram over the laser's period tells it.")
+        float | None,
+        typer.Option(min=0, help="Dead time of the detector, where no histogram over the whole laser period shows it."),
     ] = None,
     response: Annotated[
         Path | None, typer.Option(metavar="FILE.h5", help="Impulse response; measured from the scan by default.")
@@ -35,10 +36,14 @@ def calibrate(
     ] = None,
     wall_size_m: Annotated[
         float | None,
-        typer.Option(min=0.001, max=100.0, help="The wall's side where a file has none; else its times tell."),
+        typer.Option(
+            min=0.001,
+            max=100.0,
+            help="Side of the wall, for files that do not store it; otherwise estimated from direct times.",
+        ),
     ] = None,
     dark: Annotated[
-        bool, typer.Option("--dark", help="No light was meant to be in any of these runs, not even in the only one.")
+        bool, typer.Option("--dark", help="These runs were meant to be dark, even if there is only one.")
     ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:

@@ -1,4 +1,4 @@
-"""`nlos devices`: what is plugged in, what the bench file expects, and how to mend the difference. Opens nothing that
+"""`nlos devices`: what is plugged in, what the bench file expects, and how to fix the difference. Opens nothing that
 moves or shines."""
 
 import os

@@ -18,10 +18,11 @@ from nlos.cli.terminal import terminal
 def doctor(
     bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
     light: Annotated[
-        bool, typer.Option("--light", help="Agree that a real bench opens its shutter for 16 points.")
+        bool, typer.Option("--light", help="Allow a real bench to open its shutter for 16 points.")
     ] = False,
     clear_trip: Annotated[
-        str | None, typer.Option(metavar="WHO", help="Clear a latched trip, in the name of who found its cause.")
+        str | None,
+        typer.Option(metavar="WHO", help="Clear a latched trip; give the name of the person who found its cause."),
     ] = None,
 ) -> int:
     """PASS, WARN or FAIL for everything that a scan needs; exits with 3 after a FAIL.

@@ -10,12 +10,14 @@ from nlos.cli.terminal import terminal
 
 def evaluate(
     data: Annotated[list[Path], typer.Option("--data", metavar="PATH", help="Scene files or folders of them.")],
-    more: Annotated[list[Path] | None, typer.Argument(metavar="[PATH]...", help="More of them.")] = None,
+    more: Annotated[list[Path] | None, typer.Argument(metavar="[PATH]...", help="More scene files or folders.")] = None,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR")] = Path("out"),
-    methods: Annotated[str | None, typer.Option(help="Separated by commas; all of the catalogue unless given.")] = None,
+    methods: Annotated[str | None, typer.Option(help="Method names, separated by commas. Default: all.")] = None,
     conditions: Annotated[str | None, typer.Option(help="Dataset names, optionally @RxC or @blue:N.")] = None,
     settings: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
-    fixed: Annotated[bool, typer.Option("--fixed", help="Each method at its defaults, not at its best snr.")] = False,
+    fixed: Annotated[
+        bool, typer.Option("--fixed", help="Run each method at its defaults instead of its best snr.")
+    ] = False,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:

@@ -15,7 +15,9 @@ PICTURE_FORMATS = {"ply": ".ply", "vti": ".vti"}
 def export(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A recording, or a reconstruction.h5 for ply and vti.")],
     to: Annotated[str, typer.Option("--to", metavar="FORMAT,...", help="mat, npz, ply, vti, ytal, ptu")],
-    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="One format only.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Output file, for a single format.")
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Writes other people's formats; says what each cannot hold."""

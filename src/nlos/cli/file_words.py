@@ -8,23 +8,24 @@ from nlos.acquisition.importers.given import Given
 from nlos.cli.exit_codes import UsageError
 
 WallSize = Annotated[
-    str | None, typer.Option("--wall-size-m", metavar="W[xH]", help="The wall, for files that do not store its size.")
+    str | None, typer.Option("--wall-size-m", metavar="W[xH]", help="Size of the wall, for files that do not store it.")
 ]
 BinWidth = Annotated[
-    float | None, typer.Option("--bin-width-ps", min=0.1, max=1e6, help="For files that do not store it.")
+    float | None,
+    typer.Option("--bin-width-ps", min=0.1, max=1e6, help="Width of a time bin, for files that do not store it."),
 ]
 Axes = Annotated[
     str | None,
-    typer.Option("--axes", metavar="TYX|YXT|...", help="Order of the axes, where it is not YXT."),
+    typer.Option("--axes", metavar="TYX|YXT|...", help="Order of the array's axes, if not YXT."),
 ]
 Rectified = Annotated[
     bool | None,
     typer.Option(
-        "--rectified/--raw", help="Time 0 is the wall and direct light is gone, or neither.", show_default=False
+        "--rectified/--raw", help="Whether time 0 is the wall and direct light has been removed.", show_default=False
     ),
 ]
 Depths = Annotated[
-    str | None, typer.Option("--depth-m", metavar="NEAR:FAR", help="Limits picture and volume to these depths.")
+    str | None, typer.Option("--depth-m", metavar="NEAR:FAR", help="Limit picture and volume to these depths.")
 ]
 
 

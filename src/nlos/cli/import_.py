@@ -13,7 +13,9 @@ def import_(
     files: Annotated[
         list[Path], typer.Argument(metavar="FILE...", help="MAT, PTU, PT3, HT3, T3R, PHD, HHD, HDF5, NPZ.")
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="RUN.h5", help="With several files: a folder.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="RUN.h5", help="Output file; with several inputs, a folder.")
+    ],
     wall_size_m: WallSize = None,
     bin_width_ps: BinWidth = None,
     axes: Axes = None,

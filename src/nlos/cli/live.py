@@ -24,13 +24,15 @@ def live(
     runs: Annotated[
         list[Path], typer.Argument(metavar="RUN...", help="Recordings, growing or finished, side by side.")
     ],
-    port: Annotated[int, typer.Option(min=0, max=65535, help="0 takes a free one.")] = 0,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 picks a free one.")] = 0,
     method: Annotated[
         str | None,
-        typer.Option(help="A word of `nlos methods`; NANO where torch is installed. LCT comes first."),
+        typer.Option(
+            help="Method name; see `nlos methods`. Default: NANO (LCT without torch), after a first one by LCT."
+        ),
     ] = None,
     idle_s: Annotated[
-        float | None, typer.Option(metavar="S", help="Ends so long after the scan and the last question.")
+        float | None, typer.Option(metavar="S", help="Stop this many seconds after the scan and the last request.")
     ] = None,
 ) -> None:
     """A read-only page on 127.0.0.1. Whoever has its address may look; nobody can control anything. Ctrl-C ends it."""

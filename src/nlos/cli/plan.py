@@ -21,9 +21,12 @@ def plan(
     scan: Annotated[str, typer.Argument(metavar="SCAN", help="A YAML file, or the name of one in configs/scan.")],
     bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
     like: Annotated[
-        Path | None, typer.Option(metavar="RUN.h5", help="A past scan of this bench: its photons and its pace.")
+        Path | None,
+        typer.Option(metavar="RUN.h5", help="An earlier scan of this bench, to predict photons and pace from."),
     ] = None,
-    picture: Annotated[Path | None, typer.Option(metavar="F.png", help="The mirror's path, coloured by time.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="F.png", help="Draw the mirror's path, coloured by time.")
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Checks everything that `scan` would; duration with its parts, disk, photons to expect. Moves nothing: a real

@@ -13,7 +13,7 @@ from nlos.cli.terminal import terminal
 
 def reconstruct(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Recordings, plain HDF5 or imported formats.")],
-    method: Annotated[str, typer.Option(help="A word of `nlos methods`.")] = "lct",
+    method: Annotated[str, typer.Option(help="Method name; see `nlos methods`.")] = "lct",
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR")] = Path("out"),
     settings: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
     constants: Annotated[
@@ -21,10 +21,10 @@ def reconstruct(
         typer.Option(metavar="CONSTANTS.h5", help="Default: the newest in constants/ that fits the scan's devices."),
     ] = None,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
-    html: Annotated[bool, typer.Option("--html", help="Also a rotatable 3D view in one file.")] = False,
-    volume: Annotated[bool, typer.Option("--volume/--no-volume", help="Keep the volume in the result.")] = True,
+    html: Annotated[bool, typer.Option("--html", help="Also write a rotatable 3D view in one HTML file.")] = False,
+    volume: Annotated[bool, typer.Option("--volume/--no-volume", help="Write the volume as well.")] = True,
     follow: Annotated[
-        bool, typer.Option("--follow", help="While RUN (or what a .ticket serves) is being written.")
+        bool, typer.Option("--follow", help="Follow RUN (or what a .ticket serves) while it is being written.")
     ] = False,
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Dask: tcp://HOST:PORT, or `local` for workers here.")
@@ -111,7 +111,7 @@ def _follow(
         raise Stopped(ExitCode.DATA, f"{runs[0]}: the scan ended without a picture. {scan.message}")
     done = scan.picture
     terminal.result(
-        f"{output}: {scan.pictures} pictures, the last of {done.samples} points; {scan.skipped} left out",
+        f"{output}: {scan.pictures} pictures, the last of {done.samples} points; {scan.skipped} skipped",
         folder=str(output), pictures=scan.pictures, skipped=scan.skipped, points=done.samples,
         change=done.change, error=done.error, seconds=done.reconstruction.seconds,
     )  # fmt: skip

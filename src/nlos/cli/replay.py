@@ -14,9 +14,9 @@ from nlos.cli.terminal import terminal
 
 def replay(
     run: Annotated[Path, typer.Argument(metavar="RUN")],
-    speed: Annotated[str, typer.Option(metavar="X", help="Times the recorded pace; `max` does not wait.")] = "1",
+    speed: Annotated[str, typer.Option(metavar="X", help="Multiple of the recorded pace; `max` does not wait.")] = "1",
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="NEW.h5")] = None,
-    reconstruct: Annotated[str | None, typer.Option(metavar="METHOD", help="A word of `nlos methods`.")] = None,
+    reconstruct: Annotated[str | None, typer.Option(metavar="METHOD", help="Method name; see `nlos methods`.")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Plays the samples of a recording, into a new recording and a picture where asked for."""

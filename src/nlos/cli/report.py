@@ -11,7 +11,7 @@ from nlos.cli.terminal import terminal
 def report(
     run: Annotated[Path, typer.Argument(metavar="RUN")],
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="F.html")] = None,
-    methods: Annotated[str, typer.Option(help="Comma-separated words of `nlos methods`.")] = "lct",
+    methods: Annotated[str, typer.Option(help="Method names, separated by commas; see `nlos methods`.")] = "lct",
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """What was scanned, with what, how well it calibrates, pictures by every method asked for, and the event log."""

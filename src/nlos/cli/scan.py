@@ -31,23 +31,24 @@ def scan(
     scan: Annotated[str, typer.Argument(metavar="SCAN", help="A YAML file, or the name of one in configs/scan.")],
     bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="RUN.h5")] = None,
-    reconstruct: Annotated[str | None, typer.Option(metavar="METHOD", help="A word of `nlos methods`.")] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Take only what is missing.")] = False,
+    reconstruct: Annotated[str | None, typer.Option(metavar="METHOD", help="Method name; see `nlos methods`.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Acquire only what is missing.")] = False,
     scene: Annotated[
-        Path | None, typer.Option(metavar="RUN.h5", help="A recorded scan as the simulated bench's light.")
+        Path | None, typer.Option(metavar="RUN.h5", help="Replay a recorded scan as the simulated bench's light.")
     ] = None,
     constants: Annotated[
         Path | None,
-        typer.Option(metavar="CONSTANTS.h5", help="What the scan is aimed by; default: the newest in constants/."),
+        typer.Option(metavar="CONSTANTS.h5", help="Constants to aim by. Default: the newest in constants/ that fits."),
     ] = None,
-    no_shutter: Annotated[bool, typer.Option("--no-shutter", help="Agree to a bench without a shutter.")] = False,
+    no_shutter: Annotated[bool, typer.Option("--no-shutter", help="Allow a bench without a shutter.")] = False,
     live: Annotated[
-        bool, typer.Option("--live", help="A read-only page of the scan, from a process of its own.")
+        bool, typer.Option("--live", help="Show the scan on a read-only page, served by a separate process.")
     ] = False,
     until: Annotated[
         str | None,
         typer.Option(
-            metavar="stable[:LEVEL]", help="End (or go to the second pass) when the picture changes and errs by less."
+            metavar="stable[:LEVEL]",
+            help="Stop (or start the second pass) once the picture changes and errs by less than LEVEL.",
         ),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,

@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 def serve(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A recording, finished or growing.")],
-    host: Annotated[str, typer.Option(help="The address to listen on; nothing but this machine unless told.")] = (
-        "127.0.0.1"
-    ),
-    port: Annotated[int, typer.Option(min=0, max=65535, help="0 takes a free one.")] = 0,
-    idle_s: Annotated[float, typer.Option(metavar="S", help="Ends so long after scan and last question.")] = 60.0,
+    host: Annotated[str, typer.Option(help="Address to listen on. Default: this machine only.")] = ("127.0.0.1"),
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 picks a free one.")] = 0,
+    idle_s: Annotated[
+        float, typer.Option(metavar="S", help="Stop this many seconds after the scan and the last request.")
+    ] = 60.0,
 ) -> None:
     """Writes RUN.ticket; `nlos reconstruct RUN.ticket --follow` on the other machine does the rest. Ctrl-C ends it."""
     from nlos.acquisition.network.address import listening_address

@@ -11,10 +11,12 @@ from nlos.cli.terminal import terminal
 def train(
     config: Annotated[str, typer.Argument(metavar="CONFIG", help="A YAML file, or the name of one in configs/train.")],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Where the run lives; runs/train/NAME.")
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of the run. Default: runs/train/NAME.")
     ] = None,
-    max_minutes: Annotated[float | None, typer.Option(help="Stop after this long; the same command goes on.")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Begin again instead of going on.")] = False,
+    max_minutes: Annotated[
+        float | None, typer.Option(help="Stop after this many minutes; the same command resumes.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Start over instead of resuming.")] = False,
 ) -> None:
     """Train a learned method; an interrupted run goes on from its last checkpoint."""
     from nlos.configs.load import load
