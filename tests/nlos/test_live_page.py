@@ -101,7 +101,7 @@ def test_scans_at_free_positions_are_watched_too(nlos: Nlos, viewing: Viewing, t
         assert viewer.ask("plan?scan=0")["grid"] == [16, 16]
 
 
-def grown(path: Path, plan: ScanPlan, stop: threading.Event, pause_s: float) -> None:
+def grown(path: Path, plan: ScanPlan, pause_s: float) -> None:
     """A recording that grows as fast as its watcher may suffer it, events among its samples."""
     rng = np.random.default_rng(1)
     writer = RecordingWriter.create(path, plan, Header())
@@ -116,7 +116,6 @@ def grown(path: Path, plan: ScanPlan, stop: threading.Event, pause_s: float) -> 
         if point.number % 512 == 5:
             writer.log("note", f"at point {point.number}", point.number * 1e-3)
     writer.finish(Status.COMPLETE)
-    stop.set()
 
 
 def test_what_is_polled_hard_is_what_the_file_holds_at_that_moment(viewing: Viewing, tmp_path: Path) -> None:
@@ -144,9 +143,12 @@ def test_what_is_polled_hard_is_what_the_file_holds_at_that_moment(viewing: View
         pollers = [threading.Thread(target=poll) for _ in range(2)]
         for thread in pollers:
             thread.start()
-        grown(tmp_path / "run.h5", plan, stop, 0.05)
-        for thread in pollers:
-            thread.join()
+        try:
+            grown(tmp_path / "run.h5", plan, 0.05)
+        finally:
+            stop.set()
+            for thread in pollers:
+                thread.join()
         last = viewer.waits(lambda state: state["over"])
         assert failures == []
         assert last["samples"] == len(plan)

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlos.cli.terminal import terminal
+from nlos.live.rehearsal import rehearse
 from nlos.live.schedule import Coming, Schedule
 from nlos.live.so_far import empty_scan, gathering_for, scan_of
 
@@ -196,7 +197,8 @@ class LiveScan:
     def _paint(self) -> None:
         from nlos.recon.methods import find
 
-        for live in self.lives:
+        rehearse(self.lives[0])
+        for live in self.lives[1:]:
             find(live.method)  # loads its libraries, which takes seconds, while the first points are taken
         try:
             while not self._stopped.is_set():

@@ -1,0 +1,35 @@
+"""One picture of next to nothing before the first photon: so that the first real one waits for no library to load."""
+
+import contextlib
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from nlos.recon.live import LiveReconstruction
+
+SIDE, BINS = 8, 128
+
+
+def rehearse(live: "LiveReconstruction") -> None:
+    """Calibrates, reconstructs and describes a scan of 8 x 8 points of a flat wall, and forgets it."""
+    from nlos.acquisition.planning.scan_settings import ScanSettings
+    from nlos.acquisition.transient import TimeAxis, Transient
+    from nlos.calibration.errors import CalibrationError
+    from nlos.chain import calibrate_scan
+    from nlos.live.describe import described
+    from nlos.loaded import LoadedScan
+    from nlos.recon.live import LiveReconstruction
+
+    plan = ScanSettings.model_validate({
+        "wall": {"width_m": 1.0, "height_m": 1.0, "rows": SIDE, "cols": SIDE}, "pattern": "raster", "dwell_ms": 1,
+        "histogram": {"bins": BINS, "bin_width_ps": 32, "offset_ns": 10},
+    }).plan()  # fmt: skip
+    counts = np.random.default_rng(0).poisson(0.2, (BINS, SIDE, SIDE)).astype(np.float32)
+    counts[18:22] += np.array([20, 60, 30, 10], dtype=np.float32)[:, None, None]
+    exposed = np.full((SIDE, SIDE), 1e-3)
+    transient = Transient(counts, exposed, plan.wall, TimeAxis(BINS, 32e-12, 10e-9))
+    scan = LoadedScan(transient, {}, exposed * 0, exposed * 0, False, None, None, None)
+    with contextlib.suppress(CalibrationError):  # its libraries are loaded all the same
+        calibrate_scan(scan)
+    described(LiveReconstruction(live.method, live.settings).update(transient, SIDE * SIDE))
