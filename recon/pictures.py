@@ -1,5 +1,6 @@
 """Pictures of a reconstruction: front view, depth and slices, with axes in metres."""
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import matplotlib
@@ -7,55 +8,83 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from nlos.recon.errors import InvalidData
 from nlos.recon.volume import Reconstruction
 
 DOTS_PER_INCH = 150
-FAINT = 0.02  # of the brightest point; what the front view shows as black has no colour in a depth picture
+FAINT = 0.02
+"""Of the brightest point: below this nothing counts as seen, in every picture and view (decision 135)."""
+FULL = 0.35
+"""From this brightness on a depth has its full colour; between `FAINT` and this it fades."""
+SURE = 0.1
+"""The depths of points as bright as this set the limits of the colours."""
+BACKGROUND = 0.88
 
 
 def albedo_picture(reconstruction: Reconstruction, path: Path) -> None:
     """The front view, brightest at its 99.9th percentile, as PNG."""
-    figure = Figure(figsize=(5.2, 4.6), layout="constrained")
-    draw_albedo(reconstruction, figure, figure.add_subplot())
-    _save(figure, path)
+    _single(reconstruction, path, draw_albedo)
 
 
 def draw_albedo(reconstruction: Reconstruction, figure: Figure, axes: Axes) -> None:
     """The front view with its colour bar."""
     drawn = axes.imshow(
-        reconstruction.albedo / brightest(reconstruction),
-        cmap="gray",
-        vmin=0,
-        vmax=1,
-        extent=_extent(reconstruction),
-        interpolation="nearest",
-    )
-    figure.colorbar(drawn, ax=axes, label="albedo (relative)", shrink=0.85)
-    _label(axes, f"{reconstruction.method}: front view")
+        reconstruction.albedo / brightest(reconstruction), cmap="gray", vmin=0, vmax=1,
+        extent=_extent(reconstruction), interpolation="nearest",
+    )  # fmt: skip
+    figure.colorbar(drawn, ax=axes, label="brightness (relative)", shrink=0.85)
+    _label(axes, f"{reconstruction.method.upper()}: front view")
+    _scale_bar(axes, reconstruction, "white")
 
 
 def depth_picture(reconstruction: Reconstruction, path: Path) -> None:
-    """The depth map in metres, grey where nothing or next to nothing is seen, as PNG."""
-    figure = Figure(figsize=(5.2, 4.6), layout="constrained")
-    draw_depth(reconstruction, figure, figure.add_subplot())
-    _save(figure, path)
+    """The depth map in metres, fading into grey where little or nothing is seen, as PNG."""
+    _single(reconstruction, path, draw_depth)
 
 
-def draw_depth(reconstruction: Reconstruction, figure: Figure, axes: Axes) -> None:
-    """The depth map with its colour bar."""
-    colours = matplotlib.colormaps["viridis_r"].with_extremes(bad="0.85")
+def draw_depth(
+    reconstruction: Reconstruction, figure: Figure, axes: Axes, limits_m: tuple[float, float] | None = None
+) -> None:
+    """The depth map with its colour bar, by `depth_limits` unless other limits are given."""
+    colours = matplotlib.colormaps["viridis_r"]
+    low, high = limits_m or depth_limits([reconstruction])
     shown = visible_depth(reconstruction)
+    scale = Normalize(low, high, clip=True)
+    ink = depth_opacity(reconstruction)[..., None]
+    colour = colours(scale(np.nan_to_num(shown, nan=low)))[..., :3]
+    axes.imshow(ink * colour + (1 - ink) * BACKGROUND, extent=_extent(reconstruction), interpolation="nearest")
+    ends = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}
     seen = shown[np.isfinite(shown)]
-    low, high = np.quantile(seen, [0.02, 0.98]) if seen.size else (0.0, 1.0)
-    drawn = axes.imshow(
-        np.ma.masked_invalid(shown), cmap=colours, vmin=low, vmax=max(high, low + 1e-3),
-        extent=_extent(reconstruction), interpolation="nearest",
-    )  # fmt: skip
-    figure.colorbar(drawn, ax=axes, label="depth from the wall (m)", shrink=0.85)
-    _label(axes, f"{reconstruction.method}: depth")
+    beyond = ends[bool((seen < low).any()), bool((seen > high).any())]
+    figure.colorbar(
+        ScalarMappable(scale, colours), ax=axes, label="depth from the wall (m)", shrink=0.85, extend=beyond
+    )
+    _label(axes, f"{reconstruction.method.upper()}: depth")
+    _scale_bar(axes, reconstruction, "0.25")
+
+
+def depth_limits(reconstructions: Sequence[Reconstruction]) -> tuple[float, float]:
+    """Near and far end of the colours, in metres, common to some pictures: the middle 96 % of the depths of points that
+    are bright enough, a little more on either side, and never closer together than 4 cm."""
+    depths = [made.depth_m[made.albedo >= SURE * brightest(made)] for made in reconstructions]
+    sure = np.concatenate([each[np.isfinite(each)] for each in depths]) if depths else np.zeros(0)
+    if not sure.size:
+        return 0.0, 1.0
+    low, high = (float(each) for each in np.quantile(sure, [0.02, 0.98]))
+    margin = max(0.02, 0.05 * (high - low))
+    return max(0.0, low - margin), high + margin
+
+
+def depth_opacity(reconstruction: Reconstruction) -> npt.NDArray[np.float32]:
+    """How much colour a depth has, (H, W), 0 to 1: none where nothing is seen, a tenth just above `FAINT`."""
+    shade = reconstruction.albedo / brightest(reconstruction)
+    seen = np.isfinite(visible_depth(reconstruction))
+    opacity = np.where(seen, np.clip(0.1 + 0.9 * (shade - FAINT) / (FULL - FAINT), 0, 1), 0)
+    return np.asarray(opacity, dtype=np.float32)
 
 
 def summary_figure(reconstruction: Reconstruction, figure: Figure | None = None) -> Figure:
@@ -66,6 +95,7 @@ def summary_figure(reconstruction: Reconstruction, figure: Figure | None = None)
     left, right = figure.subplots(1, 2)
     draw_albedo(reconstruction, figure, left)
     draw_depth(reconstruction, figure, right)
+    figure.supxlabel(small_print(reconstruction), fontsize=7, color="0.35")
     return figure
 
 
@@ -76,7 +106,7 @@ def brightest(reconstruction: Reconstruction) -> float:
 
 def visible_depth(reconstruction: Reconstruction) -> npt.NDArray[np.float32]:
     """depth_m (H, W) in metres without the points too faint to be told from black in the front view (NaN)."""
-    bright = reconstruction.albedo >= FAINT * reconstruction.albedo.max(initial=0.0)
+    bright = reconstruction.albedo >= FAINT * brightest(reconstruction)
     return np.where(bright, reconstruction.depth_m, np.float32(np.nan))
 
 
@@ -117,6 +147,42 @@ def slices_picture(reconstruction: Reconstruction, path: Path) -> None:
         axes.imshow(image / brightest, cmap="gray", vmin=0, vmax=1, extent=extent, interpolation="nearest")
         axes.set(title=title, xlabel=across, ylabel=up)
     _save(figure, path)
+
+
+def small_print(reconstruction: Reconstruction) -> str:
+    """Scan, method, points, photons and computing time, as far as they are known."""
+    made = reconstruction
+    words = [made.scan, made.method.upper()]
+    if made.points:
+        words += [f"{made.points:,} points", f"{si(made.photons)}photons from behind the wall"]
+    return " · ".join(word for word in (*words, f"{made.seconds:.1f} s") if word)
+
+
+def si(number: float) -> str:
+    """A large number for people, its unit to follow: 3.26 M."""
+    for step, letter in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if number >= step:
+            return f"{number / step:.3g} {letter} "
+    return f"{number:.3g} "
+
+
+def _single(reconstruction: Reconstruction, path: Path, draw: Callable[[Reconstruction, Figure, Axes], None]) -> None:
+    figure = Figure(figsize=(5.6, 4.9), layout="constrained")
+    draw(reconstruction, figure, figure.add_subplot())
+    figure.supxlabel(small_print(reconstruction), fontsize=6.5, color="0.35")
+    _save(figure, path)
+
+
+def _scale_bar(axes: Axes, reconstruction: Reconstruction, colour: str) -> None:
+    """A bar of a round length, about a fifth of the picture wide, in its lower right corner."""
+    wall = reconstruction.wall
+    length_m = max(step for step in (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10)
+                   if step <= 0.26 * wall.width_m or step == 0.001)  # fmt: skip
+    right, bottom = 0.46 * wall.width_m, -0.46 * wall.height_m
+    axes.plot([right - length_m, right], [bottom, bottom], color=colour, linewidth=2, solid_capstyle="butt")
+    name = f"{length_m * 100:g} cm" if length_m < 1 else f"{length_m:g} m"
+    axes.text(right - length_m / 2, bottom + 0.012 * wall.height_m, name, color=colour, fontsize=7, ha="center",
+              va="bottom")  # fmt: skip
 
 
 def _extent(reconstruction: Reconstruction) -> tuple[float, float, float, float]:

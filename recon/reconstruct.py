@@ -58,6 +58,8 @@ def reconstruct(
         volume=volume,
         weights_sha256=_weights_sha256(chosen),
         confidence=confidence(rebinned.exposure_s),
+        points=int(np.count_nonzero(rebinned.exposure_s > 0)),
+        photons=max(float(rebinned.counts.sum(dtype=np.float64)), 0.0),
     )
     refuse_not_finite(result)
     return result

@@ -25,6 +25,14 @@ NAMES = ("reconstruction.h5", "albedo.png", "depth.png")
 EVEN = 0.5  # where no point's confidence is lower there is no picture of it
 
 
+EVERYTHING = (*NAMES, "slices.png", "confidence.png", "uncertainty.png", "view3d.html")
+
+
+def files_in(folder: Path) -> list[str]:
+    """The names of the results that lie in `folder`: what a verb announces."""
+    return [name for name in EVERYTHING if (folder / name).is_file()]
+
+
 def write_results(
     folder: Path,
     reconstruction: Reconstruction,

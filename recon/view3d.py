@@ -9,6 +9,7 @@ from string import Template
 import numpy as np
 import numpy.typing as npt
 
+from nlos.recon.pictures import FAINT
 from nlos.recon.surface import front_surface
 from nlos.recon.volume import Reconstruction, Volume
 
@@ -53,7 +54,7 @@ def bright_voxels(volume: Volume) -> tuple[npt.NDArray[np.float32], npt.NDArray[
     else:
         ridge[:] = True
     top = float(np.quantile(albedo.max(axis=0), 0.999)) or 1.0
-    ridge &= albedo > 0.05 * top
+    ridge &= albedo > FAINT * top
     plane, row, col = np.nonzero(ridge)
     value = albedo[plane, row, col]
     if len(value) > MOST_POINTS:

@@ -34,6 +34,12 @@ class Reconstruction:
     """Of the weights file, for learned methods."""
     confidence: npt.NDArray[np.float32] | None = None
     """(H, W), 0 to 1: how well the wall was measured at each point; see `gridding.confidence`."""
+    points: int = 0
+    """Points of the wall that were measured; 0 where that is not known."""
+    photons: float = 0.0
+    """What their histograms held, direct light and background removed."""
+    scan: str = ""
+    """The name of the file that it was made from."""
     left_aside: int = 0
     """Samples of the scan that were damaged or unreadable, and not used."""
 

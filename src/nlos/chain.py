@@ -156,5 +156,6 @@ def reconstruct_file(
     )
     if depth_m is not None:
         result = within_depths(result, *depth_m)
+    result = replace(result, scan=run.name)
     write_results(folder, result, overwrite=overwrite, keep_volume=volume, html=html)
     return result

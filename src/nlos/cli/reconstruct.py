@@ -39,6 +39,7 @@ def reconstruct(
     """From a recording, or any file that an importer reads, to a picture."""
     from nlos.chain import reconstruct_file
     from nlos.cli.method_settings import parse_settings
+    from nlos.recon.results import files_in
 
     chosen = parse_settings(settings or [])
     _check(method, chosen, device)
@@ -71,9 +72,9 @@ def reconstruct(
             )  # fmt: skip
             seconds.append(done.seconds)
     for folder, took_s in zip(folders, seconds, strict=True):
-        terminal.result(f"{folder}: reconstruction.h5, albedo.png, depth.png ({method}, {took_s:.2f} s)")
+        terminal.result(f"{folder}: {', '.join(files_in(folder))} ({method}, {took_s:.2f} s)")
     terminal.document["reconstructions"] = [
-        {"run": str(run), "folder": str(folder), "seconds": took_s}
+        {"run": str(run), "folder": str(folder), "seconds": took_s, "files": files_in(folder)}
         for run, folder, took_s in zip(runs, folders, seconds, strict=True)
     ]
 
@@ -100,6 +101,7 @@ def _follow(
     scheduler: str | None,
 ) -> None:
     from nlos.live.following import follow_to_folder
+    from nlos.recon.results import files_in
 
     if len(runs) != 1 or scheduler is not None:
         raise UsageError("--follow: follows one RUN, here")
@@ -112,6 +114,6 @@ def _follow(
     done = scan.picture
     terminal.result(
         f"{output}: {scan.pictures} pictures, the last of {done.samples} points; {scan.skipped} skipped",
-        folder=str(output), pictures=scan.pictures, skipped=scan.skipped, points=done.samples,
+        folder=str(output), files=files_in(output), pictures=scan.pictures, skipped=scan.skipped, points=done.samples,
         change=done.change, error=done.error, seconds=done.reconstruction.seconds,
     )  # fmt: skip

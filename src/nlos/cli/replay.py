@@ -60,10 +60,12 @@ def replay(
     )  # fmt: skip
     if reconstruct is not None:
         from nlos.chain import reconstruct_file
+        from nlos.recon.results import files_in
 
         folder = (output or run).with_suffix("")
         reconstruct_file(output or run, reconstruct, {}, folder, overwrite=overwrite)
-        terminal.result(f"{folder}: reconstruction.h5, albedo.png, depth.png", folder=str(folder))
+        names = files_in(folder)
+        terminal.result(f"{folder}: {', '.join(names)}", folder=str(folder), files=names)
 
 
 def _pace(word: str) -> float | None:

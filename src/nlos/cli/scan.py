@@ -213,9 +213,11 @@ def _ask(interrupts: Interrupts, progress: ScanProgress, why: str) -> bool:
 def _reconstruct(run: Path, method: str, overwrite: bool) -> None:
     """The picture of a scan that has just ended. Raises `Stopped`: whatever fails here, the scan is safe."""
     from nlos.chain import reconstruct_file
+    from nlos.recon.results import files_in
 
     folder = run.with_suffix("")
     done = reconstruct_file(run, method, {}, folder, overwrite=overwrite)
-    for name in ("reconstruction.h5", "albedo.png", "depth.png"):
-        terminal.result(f"{folder / name}")
-    terminal.document["reconstruction"] = {"folder": str(folder), "method": method, "seconds": done.seconds}
+    terminal.result(f"{folder}: {', '.join(files_in(folder))} ({method}, {done.seconds:.2f} s)")
+    terminal.document["reconstruction"] = {
+        "folder": str(folder), "method": method, "seconds": done.seconds, "files": files_in(folder),
+    }  # fmt: skip

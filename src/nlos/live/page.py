@@ -78,6 +78,8 @@ class LivePage:
 
 def assembled() -> str:
     """The page with its styles and scripts inside."""
+    from nlos.recon.pictures import FAINT, FULL
+
     folder = files("nlos.live") / "page_parts"
     read = {name: (folder / name).read_text(encoding="utf-8") for name in ("page.html", *STYLES, *SCRIPTS)}
     turning = (files("nlos.recon") / "view3d.js").read_text(encoding="utf-8")
@@ -85,6 +87,8 @@ def assembled() -> str:
         read["page.html"]
         .replace("STYLES", "\n".join(read[name] for name in STYLES))
         .replace("SCRIPTS", "\n".join([turning, *(read[name] for name in SCRIPTS)]))
+        .replace("FAINT_AT", f"{FAINT:g}")
+        .replace("FULL_AT", f"{FULL:g}")
     )
 
 

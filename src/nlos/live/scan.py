@@ -245,7 +245,7 @@ class LiveScan:
                 known = self._calibrated = self._calibrate()
             count = known.samples
             picture = live.update(known.transient, count, known.falloff)
-            told = replace(picture.reconstruction, left_aside=self.left_aside)
+            told = replace(picture.reconstruction, left_aside=self.left_aside, scan=self.run.name)
             picture = replace(picture, reconstruction=told)
         except (InvalidData, RecordingInvalid, ReconError) as error:
             self._say(f"no picture of {count} points yet: {error}")

@@ -78,7 +78,7 @@ async function tick() {
     const got = await ask("state"); gone = false; missed = 0; for (let i = 0; i < got.scans.length; i++) await refresh(i, got.scans[i]);
     if (frame === null) await histogram.ask(); tell(); draw();
   } catch (error) { if (!(error instanceof TypeError || /^[45]/.test(error.message))) throw error; gone = ++missed >= 3; if (!gone) return; if (scans.length) tell(); else { $("status").textContent = "no answer; the viewer has ended"; banner({events: []}); } }
-  finally { busy = false; setTimeout(tick, gone || (scans.length && scans.every(s => s.state.over && s.state.frames_version >= s.state.frames.length * s.state.methods.length)) ? 1500 : 350); }
+  finally { busy = false; setTimeout(tick, gone || (scans.length && scans.every(s => s.state.over && s.state.frames_version >= s.state.frames.length * s.state.methods.length)) ? 1500 : scans.some(s => s.state.coming && s.state.coming.making) ? 120 : 350); }
 }
 function seek(value) { $("time").value = value; frame = value >= +$("time").max ? null : value - 1; if (frame === null) for (const s of scans) s.back = true; tell(); draw(); }
 function play() { if (playing) { clearInterval(playing); playing = null; } else { if (+$("time").value >= +$("time").max) seek(1); playing = setInterval(() => { const at = +$("time").value + 1; seek(at); if (at >= +$("time").max) play(); }, 180); } tell(); }

@@ -1,6 +1,6 @@
 // The panels with pictures: front view, depth, difference; axes, colour bar, value under the cursor, scan points.
-const FAINT = .02, FULL = .2; // depth has no colour below FAINT of the brightest point, and its full colour from FULL on
-const fade = a => a < FAINT ? 0 : Math.min(1, .25 + .75 * (a - FAINT) / (FULL - FAINT));
+const FAINT = FAINT_AT, FULL = FULL_AT; // depth has no colour below FAINT of the brightest point, and its full colour from FULL on
+const fade = a => a < FAINT ? 0 : Math.min(1, .1 + .9 * (a - FAINT) / (FULL - FAINT));
 function depthSpan(pictures) {
   const seen = [];
   for (const p of pictures) if (p && p.depth_m) for (let i = 0; i < p.depth_m.length; i++) if (p.albedo[i] >= .1 && Number.isFinite(p.depth_m[i])) seen.push(p.depth_m[i]);

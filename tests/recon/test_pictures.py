@@ -1,0 +1,65 @@
+"""Pictures say what they show: faint depths fade, speckle does not stretch colours, small print is true."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.pictures import FAINT, FULL, depth_limits, depth_opacity, depth_picture, si, small_print, visible_depth
+from nlos.recon.reconstruct import reconstruct
+from nlos.recon.volume import Reconstruction
+
+WALL = WallGrid(1.0, 1.0, 32, 32)
+
+
+def made() -> Reconstruction:
+    """A bright square at 0.8 m to 0.9 m, a faint one at 0.85 m, and speckle as faint at all depths."""
+    albedo = np.zeros((32, 32), dtype=np.float32)
+    depth_m = np.full((32, 32), np.nan, dtype=np.float32)
+    albedo[4:16, 4:16], depth_m[4:16, 4:16] = 1.0, np.linspace(0.8, 0.9, 12)
+    albedo[20:24, 4:8], depth_m[20:24, 4:8] = 0.05, 0.85
+    speckle = np.random.default_rng(0).uniform(0.1, 3.0, 40)
+    albedo[26:30, 10:20], depth_m[26:30, 10:20] = 0.03, speckle.reshape(4, 10)
+    albedo[30, 30], depth_m[30, 30] = FAINT / 2, 0.85
+    return Reconstruction(albedo, depth_m, WALL, "lct", 0.5)
+
+
+def test_the_faint_fades_and_what_is_not_seen_has_no_colour() -> None:
+    opacity = depth_opacity(made())
+    assert (opacity[4:16, 4:16] == 1).all()
+    assert 0.1 < opacity[20, 4] < 0.3
+    assert opacity[26, 10] < opacity[20, 4]
+    assert opacity[30, 30] == opacity[0, 0] == 0
+    assert np.array_equal(opacity > 0, np.isfinite(visible_depth(made())))
+
+
+def test_faint_speckle_does_not_stretch_the_colours() -> None:
+    low, high = depth_limits([made()])
+    assert 0.75 < low < 0.8 < 0.9 < high < 0.95
+    nothing = replace(made(), depth_m=np.full((32, 32), np.nan, dtype=np.float32))
+    assert depth_limits([nothing]) == (0.0, 1.0)
+    assert depth_limits([made(), replace(made(), depth_m=made().depth_m + 1)])[1] == pytest.approx(1.95, abs=0.1)
+
+
+def test_a_depth_picture_is_grey_beside_the_scene(tmp_path: Path) -> None:
+    depth_picture(made(), tmp_path / "depth.png")
+    pixels = np.asarray(Image.open(tmp_path / "depth.png").convert("RGB")).astype(int)
+    grey = (np.ptp(pixels, axis=2) == 0) & (pixels[..., 0] == round(0.88 * 255))
+    assert grey.mean() > 0.2
+
+
+def test_the_small_print_counts_points_and_photons() -> None:
+    counts = np.zeros((64, 32, 32), dtype=np.float32)
+    counts[40, ::2] = 3
+    exposure_s = np.zeros((32, 32))
+    exposure_s[::2] = 1.0
+    result = reconstruct(Transient(counts, exposure_s, WALL, TimeAxis(64, 64e-12)), "lct")
+    assert (result.points, result.photons) == (512, 1536.0)
+    text = small_print(replace(result, scan="run.h5"))
+    assert text.startswith("run.h5 · LCT · 512 points · 1.54 k photons")
+    assert [si(number) for number in (12, 3_260_000, 2e9)] == ["12 ", "3.26 M ", "2 G "]
+    assert FAINT < FULL
