@@ -1,6 +1,7 @@
 """`nlos devices` and `nlos doctor`: what they say about a bench that is there, one that is not, and one that is ill."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -99,6 +100,84 @@ def test_the_doctor_names_all_that_is_missing(tmp_path: Path, capsys: pytest.Cap
     said = capsys.readouterr().out
     assert "FAIL  triggerscope" in said
     assert "FAIL  tcspc488" in said
+
+
+def faulty(folder: Path, *faults: dict[str, Any], **changes: Any) -> str:
+    """The simulated bench with faults."""
+    document = yaml.safe_load(Path(bench_file(folder, **changes)).read_text("utf-8"))
+    document["simulation"]["faults"] = list(faults)
+    (folder / "bench.yaml").write_text(yaml.safe_dump(document), "utf-8")
+    return str(folder / "bench.yaml")
+
+
+def examined(capsys: pytest.CaptureFixture[str], *words: str, ends: int = 3) -> dict[str, list[str]]:
+    """Line -> its verdicts."""
+    capsys.readouterr()
+    assert run(["doctor", "--json", *words]) == ends
+    said: dict[str, list[str]] = {}
+    for finding in json.loads(capsys.readouterr().out)["findings"]:
+        said.setdefault(finding["what"], []).append(finding["verdict"])
+    return said
+
+
+def test_without_its_mirror_the_doctor_examines_counter_and_shutter(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = examined(capsys, "--bench", faulty(tmp_path, {"name": "G10", "times": 9, "parameters": {"kind": "missing"}}))
+    assert said["mirror"] == ["FAIL", "SKIP"]
+    assert said["shutter"] == said["counter"] == said["sync"] == said["dark counts"] == ["PASS"]
+    assert said["links"] == said["scan"] == ["SKIP"]
+
+
+def test_without_its_counter_the_doctor_moves_no_mirror_that_may_be_in_the_light(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fault = {"name": "U17", "times": 9, "parameters": {"what": "busy"}}
+    said = examined(capsys, "--bench", faulty(tmp_path, fault))
+    assert said["counter"] == ["FAIL", "SKIP"]
+    assert said["shutter"] == ["FAIL"]
+    assert said["mirror"] == said["dark counts"] == ["SKIP"]
+    other = {"mirror": {"shutter_pin": 9}, "shutter": {"model": "triggerscope_ttl"}}
+    said = examined(capsys, "--bench", faulty(tmp_path, fault, **other))
+    assert said["counter"] == ["FAIL", "SKIP"]
+    assert said["shutter"] == ["PASS"]
+    assert said["mirror"] == ["PASS", "PASS"]
+
+
+def test_a_check_that_fails_takes_only_those_along_that_need_the_same_instrument(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = examined(capsys, "--bench", faulty(tmp_path, {"name": "G1", "after_s": 0.03, "times": 99}))
+    assert said["links"] == ["FAIL"]
+    assert said["counter"] == said["sync"] == said["dark counts"] == ["PASS"]
+    assert said["mirror"][0] == said["scan"][0] == "SKIP"
+
+
+@pytest.mark.parametrize(
+    "allowed",
+    [
+        {"left_m": -0.1, "right_m": 0.05, "bottom_m": -0.2, "top_m": 0.2},
+        {"left_m": 0.1, "right_m": 0.4, "bottom_m": -0.5, "top_m": -0.2},
+        {"left_m": -9.0, "right_m": 9.0, "bottom_m": -9.0, "top_m": 9.0},
+    ],
+)
+def test_the_doctor_aims_at_nothing_that_the_bench_does_not_allow(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], allowed: dict[str, float]
+) -> None:
+    aimed: list[tuple[float, float]] = []
+    witness = tmp_path / "witness"
+    path = faulty(tmp_path, geometry={"allowed": allowed}, simulation={"witness": str(witness)})
+    examined(capsys, "--bench", path, ends=0)
+    for line in witness.read_text().splitlines():
+        when_s, _, what = line.partition(" ")
+        if what.startswith("beam to") and float(when_s) > 0.03:  # as it is opened the head swings out, in the dark
+            aimed.append(tuple(map(float, what.split()[2:])))  # type: ignore[arg-type]
+    moves = [(2 * math.tan(x), 2 * math.tan(y)) for x, y in aimed if math.hypot(x, y) > 1e-4]
+    assert moves
+    # One axis moves after the other, to or from the centre.
+    for x, y in moves:
+        assert min(allowed["left_m"], 0.0) - 0.01 <= x <= max(allowed["right_m"], 0.0) + 0.01
+        assert min(allowed["bottom_m"], 0.0) - 0.01 <= y <= max(allowed["top_m"], 0.0) + 0.01
 
 
 @pytest.mark.parametrize("verb", ["devices", "doctor"])

@@ -1,0 +1,87 @@
+"""What is left of a bench that cannot be opened as a whole: each instrument on its own, as far as that is safe."""
+
+from collections.abc import Callable, Generator, Iterator
+from contextlib import ExitStack, closing
+from typing import Any
+
+from nlos.doctor.findings import Finding, failed, passed, skipped, warned
+from nlos.doctor.instruments import counter_lines, dark_line, mirror_lines
+from nlos.drivers.bench_settings import BenchSettings
+from nlos.drivers.clock import Clock, SystemClock
+from nlos.drivers.dark import make_dark
+from nlos.drivers.errors import DeviceError
+from nlos.drivers.galvo.models import open_mirror
+from nlos.drivers.tcspc.models import open_counter
+
+
+def role_of(settings: BenchSettings, error: DeviceError) -> str:
+    """Whose error it is: mirror, counter, shutter, or the name that it gives itself."""
+    if "shutter" in error.device:
+        return "shutter"
+    for role, model in (("mirror", settings.mirror.model), ("counter", settings.counter.model)):
+        if error.device.startswith(model):
+            return role
+    return error.device
+
+
+def failure(settings: BenchSettings, error: DeviceError) -> Finding:
+    """The line of an instrument that failed."""
+    return failed(role_of(settings, error), f"{error.device}: {error.what}", error.remedy)
+
+
+def apart(settings: BenchSettings, missing: set[str]) -> Iterator[Finding]:
+    """Shutter, counter and mirror, but for the roles that are `missing`. The light is off first; a mirror, which moves
+    as it is opened, is left alone where that is not confirmed."""
+    dark = yield from _dark(settings)
+    with ExitStack() as stack:
+        clock: Clock = SystemClock()
+        backend: Any = None
+        if settings.simulated:
+            from nlos.drivers.simulated.instruments import plug_in
+
+            plugged = stack.enter_context(plug_in(settings))
+            clock, backend = plugged.bench.clock, plugged.backend
+        if "counter" in missing:
+            yield from (skipped(what, "the counter is missing") for what in ("counter", "sync", "dark counts"))
+        else:
+            yield from _alone(settings, lambda: _counter(settings, clock, backend, dark))
+        if "mirror" in missing:
+            yield skipped("mirror", "the mirror is missing")
+        elif not dark:
+            yield skipped("mirror", "it moves as it is opened, and the light is not confirmed off")
+        else:
+            yield from _alone(settings, lambda: _mirror(settings, clock))
+
+
+def _dark(settings: BenchSettings) -> Generator[Finding, None, bool]:
+    """Returns whether nothing forbids to move the mirror: without a shutter the light is a person's business."""
+    if settings.shutter.model == "none":
+        yield warned("shutter", "none: nothing here can shut off the light", "Wire one.")
+        return True
+    try:
+        make_dark(settings)
+    except DeviceError as error:
+        what = f"not confirmed closed ({error.device}: {error.what})"
+        yield failed("shutter", what, "Switch the laser off by hand. " + error.remedy)
+        return False
+    yield passed("shutter", "told to close, and confirmed")
+    return True
+
+
+def _alone(settings: BenchSettings, look: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
+    try:
+        yield from look()
+    except DeviceError as error:
+        yield failure(settings, error)
+
+
+def _counter(settings: BenchSettings, clock: Clock, backend: Any, dark: bool) -> Iterator[Finding]:
+    with closing(open_counter(settings.counter, clock, backend=backend)) as counter:
+        yield from counter_lines(counter, settings)
+        yield dark_line(counter.rates()) if dark else skipped("dark counts", "the light is not confirmed off")
+
+
+def _mirror(settings: BenchSettings, clock: Clock) -> Iterator[Finding]:
+    with closing(open_mirror(settings.mirror, clock)) as mirror:
+        yield from mirror_lines(mirror, settings)
+        mirror.park()

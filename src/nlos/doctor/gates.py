@@ -1,0 +1,80 @@
+"""Short measurements at one place: gates started by the host, and when light arrives in them."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.drivers.bench import Bench
+from nlos.drivers.errors import LimitError
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis
+
+SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
+_AXES = ((1024, 16.0), (1024, 32.0), (1024, 20.0), (1024, 40.0), (1024, 64.0), (1024, 80.0))
+_GRACE_S = 2.0
+_HALF_WINDOW_S = 0.6e-9
+_FAINT = 10
+"""Photons in a peak below which there is none."""
+
+
+def axis_of(bench: Bench) -> HistogramAxis:
+    """A time axis that this counter can take, from just before the wall's direct light. Raises `LimitError`."""
+    arrival_ns = 2 * bench.settings.geometry.wall_distance_m / SPEED_OF_LIGHT_M_PER_S * 1e9
+    refused: LimitError | None = None
+    for bins, width_ps in _AXES:
+        offset_ns = max(0.0, (arrival_ns - 3.0) // 8 * 8)
+        axis = HistogramAxis(bins, width_ps * 1e-12, offset_ns * 1e-9)
+        try:
+            bench.counter.check(axis, 8e-3)
+        except LimitError as error:
+            refused = error
+            continue
+        return axis
+    assert refused is not None
+    raise refused
+
+
+def gates(bench: Bench, dwells_s: Sequence[float]) -> list[Histogram]:
+    """One gate after the other where the beam is; the counter must be configured."""
+    counter = bench.counter
+    counter.arm(dwells_s, range(len(dwells_s)))
+    taken = []
+    for index, dwell_s in enumerate(dwells_s):
+        counter.trigger()
+        counter.wait_points(index + 1, timeout_s=dwell_s + _GRACE_S)
+        taken += counter.read(index, 1)
+    return taken
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """When direct light arrives after the sync pulse, and how well that is known: seconds."""
+
+    time_s: float
+    error_s: float
+
+
+def arrival(counts: npt.NDArray[np.integer], axis: HistogramAxis, near_s: float, reach_s: float) -> Arrival | None:
+    """The mean time of the highest peak within `reach_s` of `near_s`; None where nothing stands out."""
+    time_s = axis.offset_s + (np.arange(len(counts)) + 0.5) * axis.bin_width_s
+    seen = np.where(np.abs(time_s - near_s) <= reach_s, counts, 0).astype(np.float64)
+    background = float(np.median(counts))
+    wide = max(1, round(_HALF_WINDOW_S / axis.bin_width_s))
+    sums = np.convolve(seen - background * (seen > 0), np.ones(2 * wide + 1), mode="same")
+    peak = int(np.argmax(sums))
+    window = slice(max(peak - wide, 0), peak + wide + 1)
+    weight = counts[window] - background
+    total = float(weight.sum())
+    noise = math.sqrt(max(float(counts[window].sum()), 1.0))
+    if total < max(_FAINT, 5 * noise * (background > 0)):
+        return None
+    mean_s = float((weight * time_s[window]).sum()) / total
+    spread_s = math.sqrt(max(float((weight * (time_s[window] - mean_s) ** 2).sum()) / total, 0.0))
+    return Arrival(mean_s, max(spread_s, axis.bin_width_s / 3.5) / math.sqrt(total))
+
+
+def expected_s(range_m: float) -> float:
+    """There and back."""
+    return 2 * range_m / SPEED_OF_LIGHT_M_PER_S

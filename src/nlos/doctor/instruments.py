@@ -1,0 +1,119 @@
+"""Mirror, counter and shutter one by one, in the dark: who answers, within what limits, and what arrives."""
+
+import math
+from collections.abc import Iterator
+
+from nlos.doctor.area import angles_of, area_of
+from nlos.doctor.findings import Finding, failed, passed, warned
+from nlos.drivers.bench import Bench
+from nlos.drivers.bench_settings import BenchSettings
+from nlos.drivers.clock import Clock
+from nlos.drivers.errors import LimitError
+from nlos.drivers.galvo.mirror import GalvoMirror, MirrorAngles
+from nlos.drivers.tcspc.counter import CountRates, HistogramCounter
+
+_DARK_CPS = (2e3, 50e3)
+"""Counts per second in the dark from which something is worth a look, and from which something is wrong."""
+_ANSWERS = 5
+_SLOW_S = 0.05
+"""A USB instrument that takes longer for a short answer holds up every point of a scan."""
+
+
+def shutter(bench: Bench) -> Iterator[Finding]:
+    """That it is closed, and who else would close it."""
+    state = bench.shutter.state()
+    if bench.settings.shutter.model == "none":
+        yield warned("shutter", "none: nothing here can shut off the light", "Wire one.")
+    elif state.commanded_open or state.feedback_open:
+        yield failed("shutter", "open, and it was told to close", "Switch the laser off by hand.")
+    elif state.interlock_closed is False:
+        yield failed("shutter", "closed; the interlock loop is open", "Close the loop.")
+    elif state.feedback_open is None:
+        yield warned("shutter", "commanded closed; nothing reads back whether it is", "Wire its contact.")
+    else:
+        yield passed("shutter", "closed and read back, interlock closed")
+    if not bench.shutter.has_watchdog:
+        yield warned("shutter", "no watchdog: if this computer hangs, the shutter stays as it is",
+                     "Set safety.watchdog_s with a counter that has one.")  # fmt: skip
+
+
+def links(bench: Bench) -> Iterator[Finding]:
+    """Round trips, in the bench's own time."""
+    start_s = bench.clock.now()
+    for _ in range(_ANSWERS):
+        bench.counter.kick()
+    counter_s = (bench.clock.now() - start_s) / _ANSWERS
+    start_s = bench.clock.now()
+    bench.mirror.park()
+    said = f"counter answers in {counter_s * 1e3:.2f} ms, mirror parks in {(bench.clock.now() - start_s) * 1e3:.1f} ms"
+    if counter_s > _SLOW_S:
+        yield warned("links", said, "Plug the counter into a port of its own, without hubs.")
+    else:
+        yield passed("links", said)
+
+
+def counter(bench: Bench) -> Iterator[Finding]:
+    return counter_lines(bench.counter, bench.settings)
+
+
+def counter_lines(counter: HistogramCounter, settings: BenchSettings) -> Iterator[Finding]:
+    """Who it is, and whether the laser's sync arrives at the rate that the bench file states."""
+    who, rates = counter.identity, counter.rates()
+    yield passed("counter", f"{who.product} {who.serial}, firmware {who.firmware}")
+    stated_hz = settings.laser.repetition_hz
+    if rates.sync_hz <= 0:
+        yield failed("sync", "no sync signal", "Check laser, sync cable and the sync input's level.")
+    elif abs(rates.sync_hz / stated_hz - 1) > 0.01:
+        yield warned("sync", f"at {rates.sync_hz / 1e6:.4g} MHz, the bench file says {stated_hz / 1e6:.4g} MHz",
+                     "Correct laser.repetition_hz, or the sync level.")  # fmt: skip
+    else:
+        yield passed("sync", f"at {rates.sync_hz / 1e6:.4g} MHz")
+
+
+def dark_counts(bench: Bench) -> Iterator[Finding]:
+    yield dark_line(bench.counter.rates())
+
+
+def dark_line(rates: CountRates) -> Finding:
+    """The detector with the shutter closed."""
+    dark_cps = rates.detector_hz
+    said = f"{dark_cps:.0f} counts/s with the shutter closed"
+    if dark_cps > _DARK_CPS[1]:
+        return failed("dark counts", said, "Light comes in or the detector is hot: find out before scanning.")
+    if dark_cps > _DARK_CPS[0]:
+        return warned("dark counts", said, "Dim the room, or cool the detector.")
+    return passed("dark counts", said)
+
+
+def mirror(bench: Bench) -> Iterator[Finding]:
+    """Who it is, how far it reaches, and small moves within the area that the bench allows."""
+    yield from mirror_lines(bench.mirror, bench.settings)
+    area = area_of(bench)
+    part = area.within(0.01 * bench.settings.geometry.wall_distance_m)
+    yield _small_moves(bench.mirror, bench.clock, [angles_of(bench, corner) for corner in part.corners])
+
+
+def mirror_lines(mirror: GalvoMirror, settings: BenchSettings) -> Iterator[Finding]:
+    """Who it is and how far it reaches. Moves nothing."""
+    who = mirror.identity
+    yield passed("mirror", f"{who.product} {who.firmware} {who.serial}".rstrip())
+    reach_deg = 0
+    for degrees in range(1, 90):
+        angle = math.radians(degrees)
+        try:
+            for x, y in ((angle, 0.0), (-angle, 0.0), (0.0, angle), (0.0, -angle)):
+                mirror.check(MirrorAngles(x, y))
+        except LimitError:
+            break
+        reach_deg = degrees
+    wall_m = 2 * settings.geometry.wall_distance_m * math.tan(math.radians(min(reach_deg, 80)))
+    yield passed("mirror", f"reaches +-{reach_deg} deg ({wall_m:.1f} m of wall)")
+
+
+def _small_moves(mirror: GalvoMirror, clock: Clock, path: list[MirrorAngles]) -> Finding:
+    start_s = clock.now()
+    for angles in path:
+        mirror.move_to(angles)
+    mirror.park()
+    each_ms = (clock.now() - start_s) / (len(path) + 1) * 1e3
+    return passed("mirror", f"a small move takes {each_ms:.1f} ms")
