@@ -60,6 +60,11 @@ class GuardedShutter:
         self._held = ""
 
     @property
+    def on_counter(self) -> bool:
+        """As the bench's own."""
+        return self._shutter.on_counter
+
+    @property
     def has_watchdog(self) -> bool:
         """Whether the shutter closes by itself when this computer falls silent."""
         return self._shutter.on_counter and self._counter.has_watchdog and self._settings.watchdog_s > 0

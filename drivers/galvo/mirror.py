@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from nlos.drivers.identity import DeviceIdentity
 
@@ -73,4 +73,13 @@ class GalvoMirror(Protocol):
 
     def close(self) -> None:
         """Releases the port. May be called twice, and after any error."""
+        ...
+
+
+@runtime_checkable
+class MeasuresPosition(Protocol):
+    """A mirror whose controller has a sensor of its own."""
+
+    def measured(self) -> MirrorAngles:
+        """Where it sees the mirror now. Raises `DeviceFault` where that is far from where it was sent."""
         ...

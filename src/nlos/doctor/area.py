@@ -12,6 +12,8 @@ _WITHOUT_ALLOWED = 0.25
 """Half the width of the area, in wall distances, where the bench file allows everything."""
 _TIMES = 40
 _SMALLER = 0.9
+_INSIDE = 0.999
+"""Of it: its edges are safe from rounding."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ def area_of(bench: Bench) -> WallArea:
     x, y = whole.centre
     half_width_m, half_height_m = whole.right_m - x, whole.top_m - y
     for turn in range(_TIMES):
-        part = _SMALLER**turn
+        part = _INSIDE * _SMALLER**turn
         area = WallArea(x - part * half_width_m, x + part * half_width_m,
                         y - part * half_height_m, y + part * half_height_m)  # fmt: skip
         try:

@@ -36,10 +36,10 @@ def axis_of(bench: Bench) -> HistogramAxis:
     raise refused
 
 
-def gates(bench: Bench, dwells_s: Sequence[float]) -> list[Histogram]:
-    """One gate after the other where the beam is; the counter must be configured."""
+def gates(bench: Bench, dwells_s: Sequence[float], number: int = 0) -> list[Histogram]:
+    """One gate after the other where the beam is; the counter must be configured. `number`: of the first one."""
     counter = bench.counter
-    counter.arm(dwells_s, range(len(dwells_s)))
+    counter.arm(dwells_s, range(number, number + len(dwells_s)))
     taken = []
     for index, dwell_s in enumerate(dwells_s):
         counter.trigger()
