@@ -28,4 +28,5 @@ def within_depths(result: Reconstruction, nearest_m: float, farthest_m: float) -
             f"{depths_m[0]:.3g} to {depths_m[-1]:.3g} m"
         )
     volume = Volume(result.volume.albedo[planes], depths_m[planes], result.volume.wall)
-    return replace(result, volume=volume, albedo=front_view(volume), depth_m=depth_map(volume))
+    depth_m = depth_map(volume.albedo, volume.depths_m)
+    return replace(result, volume=volume, albedo=front_view(volume.albedo), depth_m=depth_m)

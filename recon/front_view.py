@@ -3,19 +3,16 @@
 import numpy as np
 import numpy.typing as npt
 
-from nlos.recon.volume import Volume
-
 LEAST_SEEN, MOST_HIDDEN = 0.1, 0.3  # of the bright parts' level: darker has no depth, brighter always has one
 
 
-def front_view(volume: Volume) -> npt.NDArray[np.float32]:
-    """The maximum along depth, (H, W)."""
-    return np.asarray(volume.albedo.max(axis=0), dtype=np.float32)
+def front_view(albedo: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """The maximum of a volume (D, H, W) along depth, (H, W)."""
+    return np.asarray(albedo.max(axis=0), dtype=np.float32)
 
 
-def depth_map(volume: Volume) -> npt.NDArray[np.float32]:
-    """Depth of the maximum in metres, (H, W), between planes by a parabola; NaN where there is only noise."""
-    albedo, depths_m = volume.albedo, volume.depths_m
+def depth_map(albedo: npt.NDArray[np.float32], depths_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+    """Depth in metres of the maximum of a volume (D, H, W), planes at (D,), by a parabola; NaN where only noise is."""
     peak = albedo.argmax(axis=0)
     depth_m = depths_m[peak]
     if len(depths_m) > 2:

@@ -1,9 +1,13 @@
 """What the physics methods share: the way counts become what their operators expect."""
 
+import numpy as np
+import numpy.typing as npt
 import torch
 
 from nlos.acquisition.transient import TimeAxis
+from nlos.recon.front_view import depth_map
 from nlos.recon.gridding import fill_unmeasured
+from nlos.recon.method import MethodResult
 from nlos.recon.noise import estimate, without_background
 from nlos.recon.physics_settings import PUBLISHED_SNR, PhysicsSettings
 from nlos.recon.transport.falloff import Falloff
@@ -37,6 +41,15 @@ def prepare(
     if exposure_s is not None:
         signal = fill_unmeasured(signal, exposure_s > 0)
     return signal, snr
+
+
+def seen_in(volume: torch.Tensor, depths_m: npt.NDArray[np.float64]) -> MethodResult[torch.Tensor]:
+    """A volume (B, 1, D, H, W) at `depths_m` with what one sees of it from the wall; the depth map has no gradient."""
+    if volume.shape[1] != 1:
+        raise ValueError(f"{volume.shape[1]} channels; a picture is made of one at a time")
+    whole = volume[:, 0]
+    maps = [depth_map(one.detach().cpu().numpy(), depths_m) for one in whole]
+    return MethodResult(whole.amax(dim=1), torch.from_numpy(np.stack(maps)).to(volume.device), whole)
 
 
 def equally_exposed(counts: torch.Tensor, exposure_s: torch.Tensor | None) -> torch.Tensor:

@@ -12,9 +12,9 @@ import numpy.typing as npt
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.configs.settings import Settings
 from nlos.recon.errors import InvalidData, ReconstructionFailed
-from nlos.recon.front_view import depth_map, front_view
 from nlos.recon.gridding import confidence
 from nlos.recon.memory import KnownMemory, available_bytes, refusal
+from nlos.recon.method import MethodResult
 from nlos.recon.methods import find, parse_settings, torch_is_installed
 from nlos.recon.physics_settings import PhysicsSettings
 from nlos.recon.volume import Reconstruction, Volume, refuse_not_finite
@@ -42,20 +42,20 @@ def reconstruct(
             raise ReconstructionFailed(why)
     began = clock.perf_counter()
     if torch_is_installed():
-        from nlos.recon.with_torch import see
+        from nlos.recon.with_torch import built, see
 
-        albedo, depth_m, volume = see(rebinned, method, chosen, device)
+        made, depths_m = see(rebinned, built(method, chosen, rebinned.wall, rebinned.time), device)
     else:
-        albedo, depth_m, volume = _see_plainly(rebinned, method, chosen)
+        made, depths_m = _see_plainly(rebinned, method, chosen)
     seconds = clock.perf_counter() - began
     result = Reconstruction(
-        albedo=albedo.astype(np.float32),
-        depth_m=depth_m.astype(np.float32),
+        albedo=made.albedo.astype(np.float32),
+        depth_m=made.depth_m.astype(np.float32),
         wall=rebinned.wall,
         method=method,
         seconds=seconds,
         settings=chosen.model_dump(mode="json"),
-        volume=volume,
+        volume=None if made.volume is None else Volume(made.volume, depths_m, rebinned.wall),
         weights_sha256=_weights_sha256(chosen),
         confidence=confidence(rebinned.exposure_s),
         points=int(np.count_nonzero(rebinned.exposure_s > 0)),
@@ -94,11 +94,12 @@ def _bin_width_s(chosen: Settings, transient: Transient) -> float:
     return width_s
 
 
-def _see_plainly(transient: Transient, method: str, chosen: Settings) -> tuple[Image, Image, Volume]:
+def _see_plainly(
+    transient: Transient, method: str, chosen: Settings
+) -> tuple[MethodResult[Image], npt.NDArray[np.float64]]:
     """The same without torch."""
     plain = cast(Any, find(method)).build(chosen, transient.wall, transient.time)
-    volume = Volume(plain(transient.counts, transient.exposure_s), plain.depths_m, transient.wall)
-    return front_view(volume), depth_map(volume), volume
+    return plain(transient.counts, transient.exposure_s), plain.depths_m
 
 
 def check(transient: Transient) -> None:

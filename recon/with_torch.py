@@ -10,35 +10,27 @@ from torch import nn
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings
-from nlos.recon.front_view import depth_map, front_view
+from nlos.recon.method import MethodResult
 from nlos.recon.methods import find
-from nlos.recon.volume import Volume
 
-Image = npt.NDArray[np.float32]
+Floats = npt.NDArray[np.float32]
+Depths = npt.NDArray[np.float64]
 
 
-def see(transient: Transient, method: str, settings: Settings, device: str) -> tuple[Image, Image, Volume | None]:
-    """Front view (H, W), depth map in metres (H, W), and the volume where the method has one."""
-    module = _module(method, settings, transient.wall, transient.time).to(device)
+def see(transient: Transient, module: nn.Module, device: str = "cpu") -> tuple[MethodResult[Floats], Depths]:
+    """What a method built for this wall and time axis makes of one transient, and the depths of its planes, (D,)."""
+    module = module.to(device)
     with torch.inference_mode():
         counts = torch.from_numpy(np.ascontiguousarray(transient.counts))[None, None].to(device)
         exposure_s = torch.from_numpy(np.ascontiguousarray(transient.exposure_s))[None].to(device)
-        seen = module(counts, exposure_s)
-    if isinstance(seen, torch.Tensor):
-        volume = Volume(seen[0, 0].cpu().numpy(), _depths_m(module), transient.wall)
-        return front_view(volume), depth_map(volume), volume
-    albedo, depth_m, learned_volume = seen
-    whole = None
-    if learned_volume is not None:
-        whole = Volume(learned_volume[0].cpu().numpy(), _depths_m(module), transient.wall)
-    return albedo[0].cpu().numpy(), depth_m[0].cpu().numpy(), whole
-
-
-def _depths_m(module: nn.Module) -> npt.NDArray[np.float64]:
-    depths_m = module.depths_m
-    return np.asarray(depths_m.cpu() if isinstance(depths_m, torch.Tensor) else depths_m, dtype=np.float64)
+        made: MethodResult[torch.Tensor] = module(counts, exposure_s)
+    planes = module.depths_m
+    depths_m = np.asarray(planes.cpu() if isinstance(planes, torch.Tensor) else planes, dtype=np.float64)
+    volume = None if made.volume is None else made.volume[0].cpu().numpy()
+    return MethodResult(made.albedo[0].cpu().numpy(), made.depth_m[0].cpu().numpy(), volume), depths_m
 
 
 @lru_cache(maxsize=4)
-def _module(method: str, settings: Settings, wall: WallGrid, time: TimeAxis) -> nn.Module:
+def built(method: str, settings: Settings, wall: WallGrid, time: TimeAxis) -> nn.Module:
+    """The method of that name in the catalogue, kept for the next transient of the same shape."""
     return find(method).build(settings, wall, time).eval()

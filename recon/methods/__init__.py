@@ -1,9 +1,8 @@
 """The catalogue of methods: this folder. One file is one method is one word on the command line.
 
 A method's file has a first docstring line for the catalogue, a `Settings` class, and `build(settings, wall, time)`,
-which returns an `nn.Module`. It is called with counts (B, C, T, H, W) and exposure (B, H, W) or None. A physics method
-returns the volume (B, C, D, H, W); a learned one albedo (B, H, W), depth in metres (B, H, W) and a volume (B, D, H, W)
-or None. The module's `depths_m`, (D,), says where the planes of its volume lie.
+which returns an `nn.Module`: counts (B, 1, T, H, W) and exposure (B, H, W) or None -> `MethodResult(albedo, depth_m,
+volume)`, of physics and learned methods alike. `recon/method.py` is the contract.
 """
 
 import ast
@@ -11,37 +10,22 @@ import difflib
 import importlib
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import cast
 
 from pydantic import ValidationError
 
-from nlos.acquisition.transient import TimeAxis
-from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.errors import InvalidSettings
-
-if TYPE_CHECKING:
-    from torch import nn
-
+from nlos.recon.method import Method
 
 PLAIN = ("lct", "fk")
 """Methods that need no torch."""
 
 
-class Method(Protocol):
-    """What a module in this folder offers."""
-
-    Settings: type[AnySettings]
-
-    def build(self, settings: AnySettings, wall: WallGrid, time: TimeAxis) -> "nn.Module":
-        """The method for one geometry."""
-        ...
-
-
 def catalogue() -> dict[str, str]:
     """Every method and its one line, in alphabetical order; imports none of them."""
-    files = sorted(Path(__file__).parent.glob("[a-z]*.py"))
-    return {file.stem: _first_line(file) for file in files}
+    files = [file for folder in __path__ for file in Path(folder).glob("[a-z]*.py")]
+    return {file.stem: _first_line(file) for file in sorted(files, key=lambda file: file.stem)}
 
 
 def find(name: str) -> Method:

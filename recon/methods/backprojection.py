@@ -9,7 +9,8 @@ from torch import nn
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
-from nlos.recon.physics import prepare
+from nlos.recon.method import MethodResult
+from nlos.recon.physics import prepare, seen_in
 from nlos.recon.physics_settings import LightConeSettings
 from nlos.recon.transport.backprojection import BackProjection
 from nlos.recon.transport.conventions import depths_m
@@ -36,7 +37,11 @@ class Filtered(nn.Module):
         self.falloff = Falloff(time, settings.falloff, settings.conventions)
         self.project = BackProjection(wall, time, settings.sharpen_cells, settings.conventions, settings.tile)
 
-    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
+    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> MethodResult[torch.Tensor]:
+        """The volume, its front view and its depth map."""
+        return seen_in(self.volume(counts, exposure_s), self.depths_m)
+
+    def volume(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
         """The sharpened back-projection."""
         signal, _ = prepare(counts, exposure_s, self.settings, self.time, self.falloff)
         volume: torch.Tensor = self.project(signal)

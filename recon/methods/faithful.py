@@ -19,6 +19,7 @@ from nlos.recon.layers.spectral_scales import Prolongation, Restriction
 from nlos.recon.layers.spectral_unfolding import SpectralUnfolding
 from nlos.recon.layers.transient_lifting import LiftingName, TransientLifting
 from nlos.recon.layers.volume_projection import MaximumProjection, Projection
+from nlos.recon.method import MethodResult
 
 MIDDLE_NOISE = -1.0
 LEAST = 1e-12
@@ -107,7 +108,7 @@ class Faithful(nn.Module):
         for parameter in self.noise_level.parameters():
             parameter.requires_grad = False
 
-    def forward(self, counts: Tensor, exposure: Tensor | None = None) -> tuple[Tensor, Tensor, Tensor]:
+    def forward(self, counts: Tensor, exposure: Tensor | None = None) -> MethodResult[Tensor]:
         given = self.prepared(counts, exposure)
         u = given.start
         for _ in range(self.settings.outer_iterations):
@@ -119,7 +120,7 @@ class Faithful(nn.Module):
             dark = albedo <= DIMMEST * albedo.amax(dim=(1, 2), keepdim=True)
             depth_m = torch.where(dark, torch.nan, depth_m)
             volume = F.interpolate(volume, size=self.size, mode="bilinear", align_corners=False)
-        return albedo, depth_m, volume
+        return MethodResult(albedo, depth_m, volume)
 
     def prepared(self, counts: Tensor, exposure: Tensor | None) -> Prepared:
         """u^0 of the first pass, F_st and u_g, each from its own source, and the noise level."""

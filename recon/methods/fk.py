@@ -6,7 +6,8 @@ from torch import nn
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
-from nlos.recon.physics import prepare
+from nlos.recon.method import MethodResult
+from nlos.recon.physics import prepare, seen_in
 from nlos.recon.plain.fk import Settings
 from nlos.recon.transport.conventions import depths_m
 from nlos.recon.transport.falloff import Falloff
@@ -23,7 +24,11 @@ class Migration(nn.Module):
         self.falloff = Falloff(time, settings.falloff, settings.conventions)
         self.migrate = FkMigration(wall, time, settings.conventions)
 
-    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
+    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> MethodResult[torch.Tensor]:
+        """The volume, its front view and its depth map."""
+        return seen_in(self.volume(counts, exposure_s), self.depths_m)
+
+    def volume(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
         """The intensity of the migrated wave, whose amplitude at the wall is the root of the counts."""
         signal, _ = prepare(counts, exposure_s, self.settings, self.time, self.falloff)
         amplitude = signal.clamp_(min=0).sqrt_()

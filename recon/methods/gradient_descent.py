@@ -9,7 +9,8 @@ from torch import nn
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
-from nlos.recon.physics import prepare
+from nlos.recon.method import MethodResult
+from nlos.recon.physics import prepare, seen_in
 from nlos.recon.physics_settings import LightConeSettings
 from nlos.recon.transport.conventions import depths_m
 from nlos.recon.transport.falloff import Falloff
@@ -48,7 +49,11 @@ class GradientDescent(nn.Module):
         self.resample = LightConeResampling(time, settings.conventions)
         self.cone = LightConeConvolution(wall, time, settings.conventions, settings.tile)
 
-    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
+    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> MethodResult[torch.Tensor]:
+        """The volume, its front view and its depth map."""
+        return seen_in(self.volume(counts, exposure_s), self.depths_m)
+
+    def volume(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
         """The albedo after all iterations."""
         signal, snr = prepare(counts, exposure_s, self.settings, self.time, self.falloff)
         y = self.resample(signal)

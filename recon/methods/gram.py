@@ -10,7 +10,8 @@ from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.errors import InvalidSettings
-from nlos.recon.physics import prepare
+from nlos.recon.method import MethodResult
+from nlos.recon.physics import prepare, seen_in
 from nlos.recon.physics_settings import LightConeSettings
 from nlos.recon.transport.conventions import depths_m
 from nlos.recon.transport.falloff import Falloff
@@ -38,7 +39,11 @@ class Gram(nn.Module):
         self.resample = LightConeResampling(time)
         self.cone = LightConeConvolution(wall, time, tile=settings.tile)
 
-    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
+    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> MethodResult[torch.Tensor]:
+        """The volume, its front view and its depth map."""
+        return seen_in(self.volume(counts, exposure_s), self.depths_m)
+
+    def volume(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
         """The smooth least-squares albedo."""
         signal, snr = prepare(counts, exposure_s, self.settings, self.time, self.falloff)
         signal = self.resample(signal)

@@ -18,6 +18,7 @@ from nlos.recon.layers.light_cone_layer import LightConeLayer
 from nlos.recon.layers.renderer import Renderer, depth_of, enlarged, nearness, projected, where_seen
 from nlos.recon.layers.transient_encoder import Stride, TransientEncoder
 from nlos.recon.layers.wiener_features import SNR_FACTORS, bins_together, counted, normalised, rebinned
+from nlos.recon.method import MethodResult
 
 PAPER_SNR = 0.1
 TYPICAL_PULSE_BINS = 16
@@ -76,7 +77,7 @@ class LearnedFeatureEmbeddings(nn.Module):
         """Planes of the volume, (D,)."""
         return self.light_cone.depths_m
 
-    def forward(self, counts: Tensor, exposure: Tensor | None = None) -> tuple[Tensor, Tensor, Tensor]:
+    def forward(self, counts: Tensor, exposure: Tensor | None = None) -> MethodResult[Tensor]:
         seen = counted(counts, exposure, self.together)
         rows, cols = counts.shape[3:]
         if self.paper:
@@ -99,7 +100,7 @@ class LearnedFeatureEmbeddings(nn.Module):
         albedo = self.intensity(maps, size)[:, :rows, :cols]
         depth_m = self.width_m * depth_of(self.depth(maps, size)[:, :rows, :cols].float(), NEARNESS_ENDS)
         depth_m = where_seen(albedo, depth_m, self.training)
-        return albedo, depth_m, enlarged(volume[:, 0], size)[:, :, :rows, :cols]
+        return MethodResult(albedo, depth_m, enlarged(volume[:, 0], size)[:, :, :rows, :cols])
 
 
 def coarser(wall: WallGrid, time: TimeAxis, lateral: int) -> tuple[tuple[WallGrid, TimeAxis], Stride]:

@@ -29,6 +29,7 @@ from nlos.recon.layers.symmetries import Fields, mean_over_symmetries
 from nlos.recon.layers.transient_lifting import LiftingName
 from nlos.recon.layers.volume_projection import AttentionProjection, MaximumProjection, Projection
 from nlos.recon.memory import cube_bytes
+from nlos.recon.method import MethodResult
 
 POINTS = 32  # per wall width: the operator's own pitch, whatever the scan's
 CONDITIONS = 3
@@ -134,7 +135,7 @@ class Nano(nn.Module):
         for name, parameter in self.named_parameters():
             parameter.requires_grad = name.startswith("noise_level.") == (trained is not None)
 
-    def forward(self, counts: Tensor, exposure: Tensor | None = None) -> tuple[Tensor, Tensor, Tensor]:
+    def forward(self, counts: Tensor, exposure: Tensor | None = None) -> MethodResult[Tensor]:
         volumes, eta, maps, lifted, presence = self.prepared(counts, exposure)
         if self.settings.symmetries and not self.training:
             seen = self.over_symmetries(volumes, eta, maps, lifted)
@@ -147,7 +148,7 @@ class Nano(nn.Module):
             dark = albedo < DIMMEST * albedo.amax(dim=(1, 2), keepdim=True).clamp(min=1e-12)
             depth_m = torch.where(dark, torch.nan, depth_m)
         behind = self.physics.slices - seen.volume.shape[1]  # too far for any light
-        return albedo, depth_m, F.pad(seen.volume * present[..., None], (0, 0, 0, 0, 0, behind))
+        return MethodResult(albedo, depth_m, F.pad(seen.volume * present[..., None], (0, 0, 0, 0, 0, behind)))
 
     def prepared(self, counts: Tensor, exposure: Tensor | None) -> tuple[Tensor, Tensor, Tensor, Tensor | None, Tensor]:
         """Volumes as deep as there is light, eta, confidence, lifted features, and the presence of any light (B,)."""

@@ -20,6 +20,7 @@ from nlos.recon.layers.renderer import Renderer, depth_of, nearness, projected, 
 from nlos.recon.layers.space_depth_attention import CrossDecoder, GlobalEncoder, LocalEncoder
 from nlos.recon.layers.transient_encoder import LeakyBlock, LearnedAverage, TransientEncoder
 from nlos.recon.layers.wiener_features import SNR_FACTORS, bins_together, counted, normalised, rebinned
+from nlos.recon.method import MethodResult
 from nlos.recon.methods.lfe import PAPER_SNR, TYPICAL_PULSE_BINS, coarser, min_max, padded_to, with_context
 
 DEPTH_STRIDE = 16
@@ -144,7 +145,7 @@ class Nlost(nn.Module):
         slices = self.light_cone.depths_m
         return slices[: len(slices) // 2 * 2].reshape(-1, 2).mean(dim=1)
 
-    def forward(self, counts: Tensor, exposure: Tensor | None = None) -> tuple[Tensor, Tensor, Tensor]:
+    def forward(self, counts: Tensor, exposure: Tensor | None = None) -> MethodResult[Tensor]:
         seen = counted(counts, exposure, self.together)
         rows, cols = counts.shape[3:]
         if self.paper:
@@ -172,7 +173,7 @@ class Nlost(nn.Module):
         depth_m = self.width_m * depth_of(self.depth(maps, size)[:, :rows, :cols].float(), NEARNESS_ENDS)
         planes = self.depths_m
         fine = F.interpolate(refined[:, :1].float(), size=(len(planes), *size), mode="trilinear", align_corners=False)
-        return albedo, where_seen(albedo, depth_m, self.training), fine[:, 0, :, :rows, :cols]
+        return MethodResult(albedo, where_seen(albedo, depth_m, self.training), fine[:, 0, :, :rows, :cols])
 
     def refine(self, volume: Tensor) -> Tensor:
         """(B, 4, D, H, W) -> the same, through the two branches of attention."""

@@ -12,7 +12,8 @@ from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.errors import InvalidSettings
 from nlos.recon.memory import cube_bytes
-from nlos.recon.physics import prepare
+from nlos.recon.method import MethodResult
+from nlos.recon.physics import prepare, seen_in
 from nlos.recon.physics_settings import PhysicsSettings
 from nlos.recon.transport.conventions import depths_m, range_m
 from nlos.recon.transport.falloff import Falloff
@@ -72,7 +73,11 @@ class Camera(nn.Module):
         self.falloff = Falloff(time, settings.falloff)
         self.propagate = ConfocalRsd(wall, time, self.depths_m, _wavelength_m(settings, wall), _cycles(settings))
 
-    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
+    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> MethodResult[torch.Tensor]:
+        """The volume, its front view and its depth map."""
+        return seen_in(self.volume(counts, exposure_s), self.depths_m)
+
+    def volume(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
         """The magnitude of the field in focus."""
         signal, _ = prepare(counts, exposure_s, self.settings, self.time, self.falloff)
         field: torch.Tensor = self.propagate(signal)
@@ -90,7 +95,11 @@ class LightConeCamera(nn.Module):
         self.resample = LightConeResampling(time, settings.conventions)
         self.cone = LightConeConvolution(wall, time, settings.conventions)
 
-    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
+    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> MethodResult[torch.Tensor]:
+        """The volume, its front view and its depth map."""
+        return seen_in(self.volume(counts, exposure_s), self.depths_m)
+
+    def volume(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
         """The magnitude on the light cone, resampled to depth."""
         signal, _ = prepare(counts, exposure_s, self.settings, self.time, None)
         phasors = self.wave(signal)

@@ -11,6 +11,7 @@ from nlos.recon.layers.renderer import where_seen
 from nlos.recon.layers.unet import UNet
 from nlos.recon.layers.volume_projection import AttentionProjection
 from nlos.recon.layers.wiener_features import SNR_FACTORS, WienerFeatures
+from nlos.recon.method import MethodResult
 
 
 class Settings(BaseSettings):
@@ -55,7 +56,7 @@ class UNetMethod(nn.Module):
         """Planes of the volume, (D,)."""
         return self.physics.light_cone.depths_m
 
-    def forward(self, counts: Tensor, exposure: Tensor | None = None) -> tuple[Tensor, Tensor, Tensor]:
+    def forward(self, counts: Tensor, exposure: Tensor | None = None) -> MethodResult[Tensor]:
         seen = self.physics(counts, exposure)
         depths = seen.depths_m / self.unit_m
         size = (max(1, len(depths) // 2), self.core_points, self.core_points)
@@ -63,4 +64,4 @@ class UNetMethod(nn.Module):
         out = self.core(torch.cat((mean, highest), dim=1))
         result = self.projection(out[:, 0], out[:, 1:], seen.volumes, seen.counted.measured[:, None], depths)
         depth_m = where_seen(result.albedo, result.depth * self.unit_m, self.training)
-        return result.albedo, depth_m, result.volume
+        return MethodResult(result.albedo, depth_m, result.volume)

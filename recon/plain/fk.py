@@ -7,6 +7,8 @@ import numpy.typing as npt
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.front_view import depth_map, front_view
+from nlos.recon.method import MethodResult
 from nlos.recon.physics_settings import PhysicsSettings
 from nlos.recon.plain.prepared import prepare
 from nlos.recon.transport.conventions import depths_m
@@ -28,7 +30,14 @@ class PlainMigration:
         self.depths_m = depths_m(time, settings.conventions)
         self.wave = StoltMigration(wall, time, settings.conventions)
 
-    def __call__(self, counts: npt.NDArray[np.float32], exposure_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+    def __call__(
+        self, counts: npt.NDArray[np.float32], exposure_s: npt.NDArray[np.float64]
+    ) -> MethodResult[npt.NDArray[np.float32]]:
+        """The volume, its front view and its depth map."""
+        volume = self.volume(counts, exposure_s)
+        return MethodResult(front_view(volume), depth_map(volume, self.depths_m), volume)
+
+    def volume(self, counts: npt.NDArray[np.float32], exposure_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
         """The intensity of the migrated wave, whose amplitude at the wall is the root of the counts."""
         signal, _ = prepare(counts, exposure_s, self.settings, self.time)
         field = self.wave.migrate(np.sqrt(np.maximum(signal, 0)))

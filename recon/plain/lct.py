@@ -6,6 +6,8 @@ import scipy.sparse
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.front_view import depth_map, front_view
+from nlos.recon.method import MethodResult
 from nlos.recon.physics_settings import LightConeSettings
 from nlos.recon.plain.prepared import prepare
 from nlos.recon.transport.conventions import depths_m
@@ -26,7 +28,14 @@ class PlainLightConeTransform:
         self.matrix = resampling_matrix(time, settings.conventions).astype(np.float32)
         self.filter = LightConeFilter(wall, time, settings.conventions, settings.tile)
 
-    def __call__(self, counts: npt.NDArray[np.float32], exposure_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+    def __call__(
+        self, counts: npt.NDArray[np.float32], exposure_s: npt.NDArray[np.float64]
+    ) -> MethodResult[npt.NDArray[np.float32]]:
+        """The volume, its front view and its depth map."""
+        volume = self.volume(counts, exposure_s)
+        return MethodResult(front_view(volume), depth_map(volume, self.depths_m), volume)
+
+    def volume(self, counts: npt.NDArray[np.float32], exposure_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
         """The albedo volume, not below 0."""
         signal, snr = prepare(counts, exposure_s, self.settings, self.time)
         noise = np.float32(1 / snr)

@@ -6,9 +6,8 @@ import torch
 import torch.nn.functional as F
 
 from nlos.configs.settings import Settings
+from nlos.recon.method import MethodResult
 
-Prediction = tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]
-"""Albedo (B, H, W) in units of the picture's maximum, depth (B, H, W) in metres, volume (B, D, H, W) or None."""
 LEAST_ERROR = 3e-4
 """Mean square error below which a picture is as good as perfect: 35 dB."""
 
@@ -33,16 +32,15 @@ def picture_of(batch: Mapping[str, torch.Tensor]) -> torch.Tensor:
 
 
 def losses(
-    prediction: Prediction, batch: Mapping[str, torch.Tensor], settings: LossSettings
+    prediction: MethodResult[torch.Tensor], batch: Mapping[str, torch.Tensor], settings: LossSettings
 ) -> dict[str, torch.Tensor]:
     """The weighted terms and their sum, `loss`: mean square error of the picture, smooth L1 of the depth in metres.
 
     Depth counts where there is something, by its coverage. Total variation is the isotropic one of the volume
     (NANO, section IV-D), which a method without volume does not have.
     """
-    albedo, depth, volume = (None if part is None else part.float() for part in prediction)
-    assert albedo is not None
-    assert depth is not None
+    albedo, depth = prediction.albedo.float(), prediction.depth_m.float()
+    volume = None if prediction.volume is None else prediction.volume.float()
     truth, terms = picture_of(batch), {}
     if settings.picture:
         terms["picture"] = settings.picture * F.mse_loss(albedo, truth)

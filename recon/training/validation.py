@@ -4,6 +4,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from nlos.recon.method import MethodResult
 from nlos.recon.training.dataset import collate, sample
 from nlos.recon.training.losses import picture_of, psnr
 from nlos.recon.training.train_settings import TrainSettings
@@ -26,10 +27,10 @@ def validate(model: nn.Module, settings: TrainSettings, device: str, against_lct
         batch = {name: x.to(device) for name, x in collate([sample(data, index, settings.cache_path)]).items()}
         truth = picture_of(batch)
         with torch.no_grad():
-            albedo, depth, _ = model(batch["counts"], batch["exposure"])
-        pictures.append(float(psnr(albedo.float(), truth)))
+            seen: MethodResult[torch.Tensor] = model(batch["counts"], batch["exposure"])
+        pictures.append(float(psnr(seen.albedo.float(), truth)))
         mask = batch["depth_m"] > 0
-        depths.append(float((depth.float() - batch["depth_m"])[mask].abs().nanmean()))
+        depths.append(float((seen.depth_m.float() - batch["depth_m"])[mask].abs().nanmean()))
         if against_lct:
             rivals.append(max(float(psnr(picture, truth)) for picture in light_cone_pictures(batch, settings)))
     model.train()

@@ -1,16 +1,20 @@
-"""Every physics method of the catalogue sees a point where it is, a shifted one shifted, a mirrored one mirrored."""
+"""Every method of the catalogue keeps the contract; by physics, it sees a point where it is, a shifted one shifted."""
 
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+import torch
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.method import MethodResult
+from nlos.recon.methods import catalogue, find
+from nlos.recon.physics_settings import PhysicsSettings
 from nlos.recon.reconstruct import reconstruct
 
-METHODS = ("lct", "fk", "phasor", "backprojection", "gram", "gradient_descent")
+METHODS = [name for name in catalogue() if issubclass(find(name).Settings, PhysicsSettings)]
 SETTINGS: dict[str, dict[str, object]] = {
     "gradient_descent": {"iterations": 12, "momentum": True},
     "phasor": {"planes": 96, "cycles": 3},
@@ -50,6 +54,32 @@ def scene() -> tuple[Transient, tuple[int, int, int]]:
     plane, row, col = 55, 12, 9
     z = (plane + 0.5) * VOXEL_M
     return point_scene([(WALL.x_m()[col], WALL.y_m()[row], z)]), (plane, row, col)
+
+
+@pytest.mark.parametrize("name", catalogue())
+def test_every_method_keeps_the_contract(name: str) -> None:
+    wall, time = WallGrid(1.0, 0.75, 12, 16), TimeAxis(64, 120e-12)
+    method = find(name)
+    learned = "weights" in method.Settings.model_fields
+    torch.manual_seed(0)  # of an untrained network's weights
+    module = method.build(method.Settings.model_validate({"weights": None} if learned else {}), wall, time).eval()
+    counts = torch.poisson(torch.rand(2, 1, 64, 12, 16, generator=torch.Generator().manual_seed(1)) * 5)
+    exposure_s = torch.ones(2, 12, 16)
+    exposure_s[0, 3:5], counts[0, :, :, 3:5] = 0, 0
+    with torch.inference_mode():
+        whole = module(counts, exposure_s)
+        alone = module(counts[1:], None)
+    assert isinstance(whole, MethodResult)
+    assert whole.albedo.shape == whole.depth_m.shape == (2, 12, 16)
+    assert torch.isfinite(whole.albedo).all()
+    assert not torch.isinf(whole.depth_m).any()
+    torch.testing.assert_close(whole.albedo[1:], alone.albedo, rtol=1e-3, atol=1e-4 * float(alone.albedo.max()))
+    depths_m = np.asarray(module.depths_m)
+    assert (np.diff(depths_m) > 0).all()
+    assert depths_m[0] <= whole.depth_m.nan_to_num(depths_m[0]).min()
+    if whole.volume is not None:
+        assert whole.volume.shape == (2, len(depths_m), 12, 16)
+        assert torch.isfinite(whole.volume).all()
 
 
 @pytest.mark.parametrize("method", METHODS)

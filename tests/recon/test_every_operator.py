@@ -1,12 +1,16 @@
 """Every operator of light transport keeps the same contract: its adjoint is its adjoint, at any size."""
 
+import inspect
+import pkgutil
 from collections.abc import Callable
+from importlib import import_module
 
 import numpy as np
 import pytest
 import torch
 from torch import nn
 
+import nlos.recon.transport
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.transport.backprojection import BackProjection
@@ -36,6 +40,19 @@ OPERATORS: dict[str, Callable[[WallGrid, TimeAxis, Conventions], nn.Module]] = {
     "filtered back-projection": lambda wall, time, conventions: BackProjection(wall, time, 1.3, conventions),
 }
 COMPLEX = {"f-k", "virtual wave", "phasor field"}
+
+
+def test_every_operator_of_the_folder_is_tested_here() -> None:
+    folder = nlos.recon.transport
+    modules = [import_module(f"{folder.__name__}.{info.name}") for info in pkgutil.iter_modules(folder.__path__)]
+    linear = {
+        kind
+        for module in modules
+        for _, kind in inspect.getmembers(module, inspect.isclass)
+        if issubclass(kind, nn.Module) and kind.__module__ == module.__name__
+    }
+    tested = {type(make(*GEOMETRIES["odd"], "physical")) for make in OPERATORS.values()}
+    assert linear == tested
 
 
 def random(shape: tuple[int, ...], seed: int, kind: torch.dtype = torch.float64) -> torch.Tensor:

@@ -11,6 +11,7 @@ from nlos.recon import memory
 from nlos.recon import reconstruct as module
 from nlos.recon.errors import InvalidData, InvalidSettings, ReconstructionFailed
 from nlos.recon.methods import catalogue, find
+from nlos.recon.physics_settings import PhysicsSettings
 from nlos.recon.reconstruct import rebin, reconstruct
 from nlos.recon.subsets import measured_points
 
@@ -82,7 +83,7 @@ def test_phasor_pulses_that_do_not_fit(transient: Transient) -> None:
         reconstruct(transient, "phasor", {"wavelength_m": 0.05, "near_m": 0.2, "far_m": 0.1})
 
 
-@pytest.mark.parametrize("method", ["lct", "fk", "phasor", "backprojection", "gram", "gradient_descent"])
+@pytest.mark.parametrize("method", [name for name in catalogue() if issubclass(find(name).Settings, PhysicsSettings)])
 def test_a_volume_beyond_memory(transient: Transient, method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     settings: dict[str, object] = {"wavelength_m": 0.05} if method == "phasor" else {}
     wide = WallGrid(1, 1, 60, 60)

@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from nlos.recon.method import MethodResult
 from nlos.recon.training.losses import LossSettings, best_scale, losses
 
 
@@ -14,7 +15,7 @@ def batch(level: float, seed: int = 1) -> dict[str, torch.Tensor]:
 
 def decibels(picture: torch.Tensor, made: dict[str, torch.Tensor]) -> float:
     settings = LossSettings(picture=0.0, log_picture=1.0, depth=0.0)
-    return float(losses((picture, torch.zeros(2, 8, 8), None), made, settings)["loss"])
+    return float(losses(MethodResult(picture, torch.zeros(2, 8, 8)), made, settings)["loss"])
 
 
 def test_halving_the_error_gains_six_decibels_in_every_scene() -> None:
@@ -34,5 +35,7 @@ def test_the_best_scale_is_found_and_bounded() -> None:
 
 def test_terms_of_weight_zero_are_left_out() -> None:
     made = batch(1.0)
-    terms = losses((made["intensity"], torch.zeros(2, 8, 8), None), made, LossSettings(picture=0.0, log_picture=0.15))
+    terms = losses(
+        MethodResult(made["intensity"], torch.zeros(2, 8, 8)), made, LossSettings(picture=0.0, log_picture=0.15)
+    )
     assert set(terms) == {"log_picture", "depth", "loss"}

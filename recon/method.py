@@ -1,0 +1,60 @@
+"""The contract of every method, by physics or learned: what it is given, what it makes.
+
+A method is a file with a first docstring line for the catalogue, a class `Settings`, and `build(settings, wall, time)`.
+What `build` returns is an `nn.Module` that is called with
+
+    counts      (B, 1, T, H, W), float32: time 0 is at the wall, direct light is removed
+    exposure_s  (B, H, W), 0 = not measured, or None where every point was exposed alike
+
+and returns a `MethodResult`; its `depths_m`, (D,), says where the planes of the volume lie. A method by physics makes
+the volume and hands it to `physics.seen_in`. `tests/recon/test_a_method_of_ones_own.py` holds one of twenty lines.
+"""
+
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, TypeVar
+
+import numpy.typing as npt
+
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.configs.settings import Settings as AnySettings
+
+if TYPE_CHECKING:
+    import torch
+
+Array = TypeVar("Array")
+
+
+class MethodResult(NamedTuple, Generic[Array]):
+    """What a method makes of counts: tensors with a batch first, or NumPy arrays of one measurement without it."""
+
+    albedo: Array
+    """(B, H, W) front view, not negative; its unit is the method's own."""
+    depth_m: Array
+    """(B, H, W) depth from the wall, NaN where nothing is seen."""
+    volume: Array | None = None
+    """(B, D, H, W) albedo at the method's `depths_m`; None where it makes none."""
+
+
+class BuiltMethod(Protocol):
+    """A method for one wall and time axis; every one is an `nn.Module` as well."""
+
+    @property
+    def depths_m(self) -> "torch.Tensor | npt.NDArray[Any]":
+        """(D,) metres: where the planes of the volume lie."""
+        ...
+
+    def __call__(
+        self, counts: "torch.Tensor", exposure_s: "torch.Tensor | None" = None, /
+    ) -> "MethodResult[torch.Tensor]":
+        """What is seen in counts (B, 1, T, H, W)."""
+        ...
+
+
+class Method(Protocol):
+    """What a file of `recon/methods` offers."""
+
+    Settings: type[AnySettings]
+
+    def build(self, settings: AnySettings, wall: WallGrid, time: TimeAxis) -> "torch.nn.Module":
+        """The `BuiltMethod` for one geometry. Raises `InvalidSettings` where the settings do not fit it."""
+        ...
