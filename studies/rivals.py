@@ -30,7 +30,7 @@ class Pair:
 
 
 PAIRS = (
-    Pair("nano_4000", "lfe_4000", "nothing but symmetries: NANO is averaged over eight mirror images, LFE is not"),
+    Pair("nano_4000", "lfe_4000", "NANO is averaged over eight mirror images; an eighth of its scenes is far away"),
     Pair("nano_4000", "lfe", "LFE: two samples a step, 2,000 scenes, square error; 1,000 samples to twice the depth"),
     Pair("nano_4000", "nlost", "NLOST: two samples a step, 2,000 scenes, square error"),
     Pair("nano_4000", "faithful", "faithful: the paper's loss (MSE and total variation) and its added noise"),
