@@ -7,21 +7,19 @@ from functools import partial
 
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.clock import Clock, SystemClock
+from nlos.drivers.device_model import WireLog
 from nlos.drivers.errors import BenchClosed, DeviceError, DeviceLost
 from nlos.drivers.events import EventLog, OnEvent
 from nlos.drivers.exit_paths import ExitPaths
 from nlos.drivers.galvo.mirror import GalvoMirror
-from nlos.drivers.galvo.models import open_mirror
-from nlos.drivers.galvo.triggerscope.mirror import TriggerScope
+from nlos.drivers.galvo.models import MIRRORS, open_mirror
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.safety import GuardedShutter
-from nlos.drivers.shutter import LaserShutter, NoShutter, TtlShutter
+from nlos.drivers.shutter import LaserShutter, NoShutter
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.recorded import RecordedScan
 from nlos.drivers.tcspc.counter import HistogramCounter
-from nlos.drivers.tcspc.models import open_counter
-from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488
-from nlos.drivers.tcspc.tcspc488.shutter import Tcspc488Shutter
+from nlos.drivers.tcspc.models import COUNTERS, open_counter
 from nlos.drivers.trip_latch import TripLatch
 
 __all__ = ["Bench", "BenchSettings", "WireLog", "open_bench"]
@@ -29,9 +27,6 @@ __all__ = ["Bench", "BenchSettings", "WireLog", "open_bench"]
 _log = logging.getLogger(__name__)
 
 _MORE_CLOSINGS = 4  # answers that are seconds late come within so many
-
-WireLog = Callable[[str, str, bytes], None]
-"""(device, ">" sent or "<" received, bytes)"""
 
 
 class Bench:
@@ -115,12 +110,12 @@ def open_bench(
     with ExitStack() as stack:
         events = EventLog()
         clock: Clock = SystemClock()
-        simulated = backend = None
+        simulated = counter_end = mirror_end = None
         if settings.simulated:
             from nlos.drivers.simulated.instruments import plug_in
 
             plugged = stack.enter_context(plug_in(settings, scene))
-            simulated, backend = plugged.bench, plugged.backend
+            simulated, counter_end, mirror_end = plugged.bench, plugged.counter, plugged.mirror
             clock = simulated.clock
         elif scene is not None:
             raise ValueError(f"bench {settings.name} is real; a recorded scan can only replace simulated light")
@@ -128,20 +123,20 @@ def open_bench(
         stack.enter_context(ExitPaths(closing.shut_light, closing.close))
         with closing.on_error():
             try:
-                counter = closing.counter = open_counter(settings.counter, clock, backend=backend, wire_log=wire_log)
+                counter = closing.counter = open_counter(settings.counter, clock, counter_end, wire_log)
             except DeviceError:
-                if settings.shutter.model == "triggerscope_ttl":  # the mirror's controller can still make it dark
+                if settings.shutter_on == "mirror":  # the mirror's controller can still make it dark
                     with suppress(DeviceError):
-                        open_mirror(settings.mirror, clock, wire_log=wire_log).close()
+                        open_mirror(settings.mirror, clock, wire_log, mirror_end).close()
                 raise
             inner: LaserShutter = NoShutter()
-            if settings.shutter.model == "tcspc488" and isinstance(counter, Tcspc488):
-                inner = Tcspc488Shutter(counter)
+            if settings.shutter_on == "counter":
+                inner = COUNTERS[settings.counter.model].shutters[settings.shutter.model].of(counter)
                 inner.close()
             # A mirror controller that drives the shutter closes it before it does anything else.
-            mirror = closing.mirror = open_mirror(settings.mirror, clock, wire_log=wire_log)
-            if settings.shutter.model == "triggerscope_ttl" and isinstance(mirror, TriggerScope):
-                inner = TtlShutter(mirror)
+            mirror = closing.mirror = open_mirror(settings.mirror, clock, wire_log, mirror_end)
+            if settings.shutter_on == "mirror":
+                inner = MIRRORS[settings.mirror.model].shutters[settings.shutter.model].of(mirror)
             shutter = closing.shutter = GuardedShutter(inner, counter, settings.safety, events, latch)
             shutter.close()
             bench = Bench(settings, mirror, counter, shutter, clock, events, simulated)

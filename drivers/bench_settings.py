@@ -1,25 +1,28 @@
 """What a bench file says: which instruments, how they are wired, where the wall is, and when the light is shut off."""
 
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import Field, model_validator
 
 from nlos.configs.settings import Settings
 from nlos.drivers.errors import LimitError
-from nlos.drivers.galvo.models import MirrorSettings
+from nlos.drivers.galvo.models import MIRRORS, MirrorSettings
 from nlos.drivers.safety import SafetySettings
-from nlos.drivers.simulated.beam import Misalignment
-from nlos.drivers.simulated.faults import Fault
-from nlos.drivers.simulated.scene import SceneSettings
-from nlos.drivers.simulated.servo import ServoSettings
-from nlos.drivers.simulated.spad import DetectorSettings
-from nlos.drivers.tcspc.models import CounterSettings
+from nlos.drivers.simulated.simulation_settings import SimulationSettings
+from nlos.drivers.tcspc.models import COUNTERS, CounterSettings
+
+if TYPE_CHECKING:
+    ShutterWord = str
+else:
+    ShutterWord = Literal[
+        *(word for models in (COUNTERS, MIRRORS) for each in models.values() for word in each.shutters), "none"
+    ]
 
 
 class ShutterSettings(Settings):
     """What closes the light: the counter's own output, a TTL output of the mirror controller, or nothing."""
 
-    model: Literal["tcspc488", "triggerscope_ttl", "none"]
+    model: ShutterWord
     """Which instrument closes the light."""
 
 
@@ -77,31 +80,6 @@ class LaserSettings(Settings):
     """Goes into the recording."""
 
 
-class SimulationSettings(Settings):
-    """What a simulated bench is made of beyond its instruments. Latencies are there and back, on the bench's clock."""
-
-    seed: int = Field(default=0, ge=0)
-    """Of every random number of the bench: the same seed gives the same photons."""
-    scene: SceneSettings = SceneSettings()
-    """What is behind the corner."""
-    detector: DetectorSettings = DetectorSettings()
-    """The single-photon detector."""
-    misalignment: Misalignment = Misalignment()
-    """How the real bench differs from the drawing."""
-    servo: ServoSettings = ServoSettings()
-    """The galvo head that really moves the beam; the mirror's `settle` is what plans it."""
-    serial_latency_ms: float = Field(default=1.0, ge=0, le=1000)
-    """There and back on the serial cable."""
-    usb_latency_ms: float = Field(default=0.25, ge=0, le=1000)
-    """There and back on the USB cable."""
-    usb_megabytes_per_s: float | None = Field(default=None, gt=0)
-    """Throughput of the USB cable; unlimited unless given."""
-    faults: tuple[Fault, ...] = ()
-    """What goes wrong, see docs/faults.md."""
-    witness: str | None = None
-    """A file to which the simulated table itself writes every change of shutter and beam, one line each."""
-
-
 class BenchSettings(Settings):
     """A bench file. The bench is simulated where its instruments' addresses say so: all of them, or none."""
 
@@ -124,21 +102,35 @@ class BenchSettings(Settings):
 
     @property
     def simulated(self) -> bool:
-        return self.mirror.port.startswith("sim://")
+        return self.mirror.simulated
+
+    @property
+    def shutter_on(self) -> Literal["mirror", "counter", "nothing"]:
+        """Which instrument's output closes the light."""
+        if self.shutter.model in COUNTERS[self.counter.model].shutters:
+            return "counter"
+        return "mirror" if self.shutter.model in MIRRORS[self.mirror.model].shutters else "nothing"
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        address = self.counter.usb if self.counter.model == "tcspc488" else self.counter.library
-        if self.simulated != (address == "simulated"):
+        if self.simulated != self.counter.simulated:
             raise ValueError("one of mirror and counter is simulated and the other is not; they share one clock")
         if self.simulated and self.simulation is None:
             raise ValueError("a simulated bench needs a `simulation` block")
         if not self.simulated and self.simulation is not None:
             raise ValueError("a `simulation` block stands beside real instruments; remove it")
-        if self.shutter.model == "tcspc488" and self.counter.model != "tcspc488":
-            raise ValueError("shutter tcspc488 is an output of the counter tcspc488, which this bench does not have")
-        if self.shutter.model == "triggerscope_ttl" and (
-            self.mirror.model != "triggerscope" or self.mirror.shutter_pin is None
-        ):
-            raise ValueError("shutter triggerscope_ttl needs mirror triggerscope with its shutter_pin")
+        if self.shutter.model != "none":
+            self._has_its_shutter()
         return self
+
+    def _has_its_shutter(self) -> None:
+        word = self.shutter.model
+        both = (("counter", COUNTERS, self.counter), ("mirror", MIRRORS, self.mirror))
+        for role, models, block in both:
+            output = models[block.model].shutters.get(word)
+            if output is not None:
+                if output.needs and getattr(block, output.needs) is None:
+                    raise ValueError(f"shutter {word} needs {role} {block.model} with its {output.needs}")
+                return
+        others = [f"{role} {name}" for role, models, _ in both for name in models if word in models[name].shutters]
+        raise ValueError(f"shutter {word} is an output of the {' or '.join(others)}, which this bench does not have")

@@ -4,31 +4,28 @@ from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.clock import Clock, SystemClock
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.models import open_mirror
-from nlos.drivers.tcspc.models import open_counter
-from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488
-from nlos.drivers.tcspc.tcspc488.shutter import Tcspc488Shutter
+from nlos.drivers.tcspc.models import COUNTERS, open_counter
 
 
 def make_dark(settings: BenchSettings) -> None:
     """Raises `DeviceError` where the light is not confirmed off, `LimitError` where the bench has no shutter."""
-    if settings.shutter.model == "none":
+    if settings.shutter_on == "nothing":
         raise LimitError("shutter", f"bench {settings.name} has none.", "Switch the laser off by hand.")
     if not settings.simulated:
-        _close(settings, SystemClock(), None)
+        _close(settings, SystemClock(), None, None)
         return
     from nlos.drivers.simulated.instruments import plug_in
 
     with plug_in(settings) as plugged:
-        _close(settings, plugged.bench.clock, plugged.backend)
+        _close(settings, plugged.bench.clock, plugged.counter, plugged.mirror)
 
 
-def _close(settings: BenchSettings, clock: Clock, backend: object) -> None:
-    if settings.shutter.model == "triggerscope_ttl":
-        open_mirror(settings.mirror, clock).close()  # closes the shutter before anything else
+def _close(settings: BenchSettings, clock: Clock, counter_end: object, mirror_end: object) -> None:
+    if settings.shutter_on == "mirror":
+        open_mirror(settings.mirror, clock, backend=mirror_end).close()  # closes the shutter before anything else
         return
-    counter = open_counter(settings.counter, clock, backend=backend)
+    counter = open_counter(settings.counter, clock, counter_end)
     try:
-        if isinstance(counter, Tcspc488):
-            Tcspc488Shutter(counter).close()
+        COUNTERS[settings.counter.model].shutters[settings.shutter.model].of(counter).close()
     finally:
         counter.close()

@@ -22,7 +22,7 @@ class TripLatch:
     @classmethod
     def of_bench(cls, settings: BenchSettings) -> "TripLatch":
         """By the bench's name and addresses: a bench file that is moved or corrected elsewhere keeps its trip."""
-        name, addresses = settings.name, (settings.mirror.port, settings.counter.model, settings.shutter.model)
+        name, addresses = settings.name, (settings.mirror.address, settings.counter.model, settings.shutter.model)
         folder = Path(os.environ.get(STATE) or Path.home() / ".local" / "state" / "nlos")
         place = hashlib.sha256("\n".join(addresses).encode()).hexdigest()[:8]
         return cls(folder / "trips" / f"{re.sub(r'[^A-Za-z0-9]+', '-', name)[:60]}-{place}.log")

@@ -6,11 +6,6 @@ RELOAD = "sudo udevadm control --reload && sudo udevadm trigger, then plug the d
 _USB = 'SUBSYSTEM=="usb", ATTR{{idVendor}}=="{:04x}", ATTR{{idProduct}}=="{:04x}", TAG+="uaccess"'
 _TTY = 'SUBSYSTEM=="tty", ATTRS{{idVendor}}=="{:04x}", SYMLINK+="{}", TAG+="uaccess", ENV{{ID_MM_DEVICE_IGNORE}}="1"'
 
-TEENSY_VENDOR_ID = 0x16C0
-"""The TriggerScope's microcontroller board, and other projects' too."""
-ST_VENDOR_ID = 0x0483
-"""The Optotune controller's, and other makers' too."""
-
 
 def usb_rule(vendor_id: int, product_id: int) -> str:
     """The rule for a USB instrument."""

@@ -1,7 +1,7 @@
 """How long a scan will take, in its parts and as a band, from the mirror's settle model and the cables' times; and how
 long it will still take, from the pace of the points taken so far."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.sample import Sample
 from nlos.acquisition.scanning.clocked import Sequencer, Stepping, stepping
 from nlos.drivers.bench import Bench
+from nlos.drivers.device_settings import Cable
 from nlos.drivers.galvo.mirror import MirrorAngles
 
 STATES_PER_LINE = 99
@@ -23,19 +24,8 @@ ARM_QUESTIONS = 9.5
 """Exchanges that arm it for points, settings read back."""
 SEQUENCE_QUESTIONS = 13.5
 """The same for a sequence, which is stopped before and watched to its end."""
-LISTED_POINT_S = {"tcspc488": 0.15e-3}
-"""How much later a list-mode counter tells that a gate has closed: markers may come out of order, and its clock has to
-have gone round once."""
-LISTING_BEGINS_S = {"picoquant": 0.009}
-"""How long a list-mode counter takes to begin."""
-LISTING_ENDS_S = {"picoquant": 0.0068}
-"""How long the last photons of a sequence take out of one that is asked for them."""
 POINT_QUESTIONS = 1.5
 """A trigger, one way, and one question there and back per point taken by the host."""
-COMMANDS_PER_MOVE = {"triggerscope": 2, "optotune": 1}
-"""One for each axis, or one for both."""
-POLLED_EVERY_S = {"optotune": 0.5e-3}
-"""Pause between two looks at the status of a mirror that has to say twice that it has settled."""
 MARGIN = 0.02
 LEAST_TO_LEARN = 16
 BOUNDARY_S = 5e-3
@@ -71,7 +61,7 @@ class Links:
 
 def links_of(bench: Bench) -> Links:
     """What the cables of a bench cost until recordings of it say better."""
-    commands = COMMANDS_PER_MOVE.get(bench.settings.mirror.model, 2)
+    commands = bench.settings.mirror.commands_per_move
     return Links.of_cables(*exchanges_s(bench), commands, MARGIN if bench.settings.simulation else 0.15)
 
 
@@ -79,10 +69,14 @@ def exchanges_s(bench: Bench) -> tuple[float, float]:
     """Time of one exchange, there and back, on the mirror's and on the counter's cable. A simulated bench states it (a
     vendor's library is simulated without any); of a real one, USB serial at 1 ms and two microframes are assumed."""
     simulation = bench.settings.simulation
-    if simulation is None:
-        return 1e-3, 0.25e-3
-    vendors = bench.settings.counter.model == "picoquant"
-    return simulation.serial_latency_ms * 1e-3, 0.0 if vendors else simulation.usb_latency_ms * 1e-3
+    cost_s: dict[Cable, float] = {"serial": 1e-3, "usb": 0.25e-3, "library": 0.25e-3}
+    if simulation is not None:
+        cost_s = {
+            "serial": simulation.serial_latency_ms * 1e-3,
+            "usb": simulation.usb_latency_ms * 1e-3,
+            "library": 0.0,
+        }
+    return cost_s[bench.settings.mirror.cable], cost_s[bench.settings.counter.cable]
 
 
 @dataclass(frozen=True)
@@ -123,7 +117,7 @@ def moves_s(bench: Bench, angles: Sequence[MirrorAngles]) -> npt.NDArray[np.floa
     settle = bench.mirror.settle_s
     starts = [MirrorAngles(0.0, 0.0), *angles[:-1]]
     settled_s = np.array([settle(start, end) for start, end in zip(starts, angles, strict=True)])
-    pause_s = POLLED_EVERY_S.get(bench.settings.mirror.model)
+    pause_s = bench.settings.mirror.polled_every_s
     if pause_s is None:
         return settled_s
     look_s, _ = exchanges_s(bench)
@@ -131,15 +125,11 @@ def moves_s(bench: Bench, angles: Sequence[MirrorAngles]) -> npt.NDArray[np.floa
     return np.asarray((in_vain + 2) * look_s + (in_vain + 1) * pause_s)
 
 
-def listing_s(bench: Bench, by_model: Mapping[str, float]) -> float:
-    """What list mode costs on this bench's counter; nothing in histogram mode."""
-    return by_model.get(bench.settings.counter.model, 0.0) if bench.counter.list_mode else 0.0
-
-
 def stepped_forecast(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links) -> Forecast:
     """Scheme S1: every point pays for its move, its settling and its questions."""
     arms = -(-len(plan) // bench.counter.max_points)
-    begins_s, listed_s = listing_s(bench, LISTING_BEGINS_S), listing_s(bench, LISTED_POINT_S)
+    counter, listing = bench.settings.counter, bench.counter.list_mode
+    begins_s, listed_s = (counter.listing_begins_s, counter.listed_point_s) if listing else (0.0, 0.0)
     return Forecast(
         dwell_s=plan.dwell_total_s,
         settle_s=float(moves_s(bench, angles).sum()),
@@ -162,6 +152,7 @@ def clocked_forecast(
     Raises `LimitError` where a run-up leaves the mirror's reach."""
     most = min(bench.mirror.max_sequence, bench.counter.max_points)
     whole = Forecast(0.0, 0.0, links.scan_s, 0.0, links.margin, certain_share(plan))
+    ends_s = bench.settings.counter.listing_ends_s if bench.counter.list_mode else 0.0
     first, where = 0, MirrorAngles(0.0, 0.0)
     left = list(before)
     while first < len(plan):
@@ -176,7 +167,7 @@ def clocked_forecast(
             whole,
             dwell_s=whole.dwell_s + dwell_s,
             settle_s=whole.settle_s + part.duration_s - dwell_s + bench.mirror.settle_s(where, part.angles[0]),
-            links_s=whole.links_s + links.sequence_s + listing_s(bench, LISTING_ENDS_S),
+            links_s=whole.links_s + links.sequence_s + ends_s,
             upload_s=whole.upload_s + -(-len(part.index) // STATES_PER_LINE) * links.line_s,
         )
         first, where = first + part.count, part.angles[-1]

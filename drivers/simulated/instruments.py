@@ -7,33 +7,29 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from nlos.drivers.bench_settings import BenchSettings, SimulationSettings
+from nlos.drivers.bench_settings import BenchSettings
+from nlos.drivers.device_model import DeviceModel
+from nlos.drivers.device_settings import DeviceSettings
+from nlos.drivers.galvo.models import MIRRORS
 from nlos.drivers.simulated.beam import BeamPath
 from nlos.drivers.simulated.bench import Light, SimulatedBench
 from nlos.drivers.simulated.faults import FaultPlan
-from nlos.drivers.simulated.optotune.firmware import OptotuneFirmware
-from nlos.drivers.simulated.picoquant.library import PicoquantLibrary
 from nlos.drivers.simulated.recorded import RecordedLight, RecordedScan
 from nlos.drivers.simulated.scene import SceneLight
-from nlos.drivers.simulated.serial.cable import SerialFirmware
 from nlos.drivers.simulated.serial.port import plug, unplug
-from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
-from nlos.drivers.simulated.triggerscope.firmware import TriggerScopeFirmware
+from nlos.drivers.simulated.table import SimulatedTable
 from nlos.drivers.simulated.usb.backend import SimulatedUsb
-
-FIRMWARES: dict[str, Callable[[SimulatedBench, Any], SerialFirmware]] = {
-    "triggerscope": TriggerScopeFirmware.matching,
-    "optotune": OptotuneFirmware.matching,
-}
-"""Mirror model -> its simulated controller."""
+from nlos.drivers.tcspc.models import COUNTERS
 
 
 @dataclass(frozen=True)
 class PluggedIn:
-    """The bench around which everything is simulated, and what replaces libusb or the vendor's library."""
+    """The bench around which everything is simulated, and what replaces libusb or a vendor's library at counter and
+    mirror; None where that one is on a serial cable."""
 
     bench: SimulatedBench
-    backend: SimulatedUsb | PicoquantLibrary
+    counter: Any
+    mirror: Any
 
 
 @contextmanager
@@ -43,14 +39,29 @@ def plug_in(settings: BenchSettings, scene: RecordedScan | None = None) -> Itera
     if simulation is None:
         raise ValueError("the bench file has no simulation block")
     bench = SimulatedBench(light_of(settings, scene), faults=FaultPlan(simulation.faults), servo=simulation.servo)
-    name = settings.mirror.port.removeprefix("sim://")
-    firmware = FIRMWARES[settings.mirror.model](bench, settings.mirror)
+    table = SimulatedTable(bench, simulation, settings.laser.repetition_hz)
     with ExitStack() as stack:
         if simulation.witness is not None:
             bench.witness = _written_to(Path(simulation.witness), stack)
-        plug(name, firmware, bench, simulation.serial_latency_ms * 1e-3)
-        stack.callback(unplug, name)
-        yield PluggedIn(bench, _counter(settings, simulation, bench))
+        mirror = far_end(MIRRORS[settings.mirror.model], settings.mirror, table, stack)
+        counter = far_end(COUNTERS[settings.counter.model], settings.counter, table, stack)
+        yield PluggedIn(bench, counter, mirror)
+
+
+def far_end(model: DeviceModel[Any], settings: DeviceSettings, table: SimulatedTable, stack: ExitStack) -> Any:
+    """Plugs a model's firmware into its cable until `stack` is left; what its driver then takes as `backend`."""
+    bench, simulation = table.bench, table.simulation
+    firmware = model.firmware(settings, table)
+    if settings.cable == "library":
+        return firmware
+    if settings.cable == "usb":
+        rate = simulation.usb_megabytes_per_s
+        bytes_per_s = rate * 1e6 if rate else float("inf")
+        return SimulatedUsb([firmware], bench.clock, simulation.usb_latency_ms * 1e-3, bytes_per_s)
+    name = settings.address.removeprefix("sim://")
+    plug(name, firmware, bench, simulation.serial_latency_ms * 1e-3)
+    stack.callback(unplug, name)
+    return None
 
 
 def _written_to(path: Path, stack: ExitStack) -> Callable[[float, str], None]:
@@ -62,17 +73,6 @@ def _written_to(path: Path, stack: ExitStack) -> Callable[[float, str], None]:
         os.write(log, f"{when_s:.6f} {what}\n".encode())
 
     return witness
-
-
-def _counter(
-    settings: BenchSettings, simulation: SimulationSettings, bench: SimulatedBench
-) -> SimulatedUsb | PicoquantLibrary:
-    if settings.counter.model == "picoquant":
-        return PicoquantLibrary(bench, settings.counter.device, settings.laser.repetition_hz, simulation.seed)
-    rate = simulation.usb_megabytes_per_s
-    return SimulatedUsb(
-        [Tcspc488Firmware(bench)], bench.clock, simulation.usb_latency_ms * 1e-3, rate * 1e6 if rate else float("inf")
-    )
 
 
 def light_of(settings: BenchSettings, scene: RecordedScan | None = None) -> Light:

@@ -1,23 +1,34 @@
-"""Every photon counter that a bench file may name: one line per model."""
+"""Every photon counter that a bench file may name: ours, one line a model, and those of installed packages."""
 
-from collections.abc import Callable
-from typing import Annotated, Any
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
 from nlos.drivers.clock import Clock
-from nlos.drivers.link.usbtmc import WireLog
+from nlos.drivers.device_model import DeviceModel, WireLog
+from nlos.drivers.plug_ins import with_plug_ins
+from nlos.drivers.tcspc.block import CounterBlock
 from nlos.drivers.tcspc.counter import HistogramCounter
-from nlos.drivers.tcspc.picoquant.counter import open_picoquant
-from nlos.drivers.tcspc.picoquant.families import PicoquantSettings
-from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488
-from nlos.drivers.tcspc.tcspc488.settings import Tcspc488Settings
+from nlos.drivers.tcspc.picoquant.model import PICOQUANT
+from nlos.drivers.tcspc.tcspc488.model import TCSPC488
 
-CounterSettings = Annotated[Tcspc488Settings | PicoquantSettings, Field(discriminator="model")]
-_OPEN: dict[str, Callable[[Any, Clock, Any, WireLog | None], HistogramCounter]] = {
-    "tcspc488": Tcspc488.open,
-    "picoquant": open_picoquant,
-}
+COUNTERS: dict[str, DeviceModel[HistogramCounter]] = with_plug_ins(
+    "nlos.counters",
+    CounterBlock,
+    [
+        TCSPC488,
+        PICOQUANT,
+    ],
+)
+"""Word in a bench file -> what that model brings with it."""
+
+if TYPE_CHECKING:
+    CounterSettings = CounterBlock
+else:
+    _BLOCKS = reduce(or_, (model.settings for model in COUNTERS.values()))
+    CounterSettings = Annotated[_BLOCKS, Field(discriminator="model")]
 
 
 def open_counter(
@@ -27,4 +38,4 @@ def open_counter(
 
     `backend` replaces libusb or the vendor's library: the simulated bench's, or None for the real one.
     """
-    return _OPEN[settings.model](settings, clock, backend, wire_log)
+    return COUNTERS[settings.model].open(settings, clock, backend, wire_log)

@@ -5,10 +5,11 @@ from pathlib import Path
 
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings
+from nlos.drivers.galvo.models import MIRRORS
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.instruments import light_of
 from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
-from nlos.drivers.udev import ST_VENDOR_ID, TEENSY_VENDOR_ID, tty_rule, usb_rule
+from nlos.drivers.tcspc.models import COUNTERS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "instruments.md").read_text("utf-8")
 
@@ -35,6 +36,8 @@ def test_every_command_of_the_firmware_is_published_and_no_other() -> None:
 
 
 def test_the_udev_rules_are_those_that_the_program_advises() -> None:
-    assert usb_rule(0x1209, 0x0001) in PAGE
-    assert tty_rule(TEENSY_VENDOR_ID, "triggerscope") in PAGE
-    assert tty_rule(ST_VENDOR_ID, "optotune") in PAGE
+    blocks = [MIRRORS[name].settings(model=name, port="") for name in ("triggerscope", "optotune")]
+    blocks.append(COUNTERS["tcspc488"].settings(model="tcspc488"))
+    for block in blocks:
+        assert block.udev_rule
+        assert block.udev_rule in PAGE

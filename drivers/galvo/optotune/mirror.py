@@ -3,11 +3,7 @@
 import contextlib
 import math
 from collections.abc import Iterator, Sequence
-from typing import Literal, Self
 
-from pydantic import Field, model_validator
-
-from nlos.configs.settings import Settings
 from nlos.drivers.clock import Clock
 from nlos.drivers.errors import (
     CommandRejected,
@@ -24,44 +20,13 @@ from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.galvo.optotune import commands as wire
 from nlos.drivers.galvo.optotune.commands import Status
 from nlos.drivers.galvo.optotune.controller import DEVICE, REOPEN, Controller
-from nlos.drivers.galvo.settle import SettleModel, SettlePoint
+from nlos.drivers.galvo.optotune.settings import OptotuneSettings
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.link.serial_line import WireLog
 
-_POLL_S = 0.0005
+__all__ = ["Optotune", "OptotuneSettings"]
+
 _PARKINGS = 6  # replies that are seconds late come within so many attempts
-
-
-class OptotuneSettings(Settings):
-    """The mirror block of a bench file.
-
-    `controller`: the one that it must be, or "auto" for whichever of the two answers. `settle` is for planning only,
-    and not from a data sheet: measure it. `readback`: after every move the measured position is compared with the
-    commanded one; it costs about 60 ms a move.
-    """
-
-    model: Literal["optotune"]
-    port: str
-    controller: Literal["auto", "MR-E-2", "MR-E-3"] = "auto"
-    max_mechanical_deg: float = Field(default=25.0, gt=0, le=25)
-    settle: SettleModel = SettleModel(
-        table=(
-            SettlePoint(step_deg=0.1, settle_ms=2.0),
-            SettlePoint(step_deg=10.0, settle_ms=7.0),
-            SettlePoint(step_deg=50.0, settle_ms=20.0),
-        )
-    )
-    timeout_s: float = Field(default=0.5, ge=0.02, le=10)
-    settle_timeout_s: float = Field(default=0.5, gt=0, le=10)
-    readback: bool = False
-    warn_error_deg: float = Field(default=0.3, gt=0)
-    max_error_deg: float = Field(default=1.0, gt=0)
-
-    @model_validator(mode="after")
-    def _warns_first(self) -> Self:
-        if self.warn_error_deg > self.max_error_deg:
-            raise ValueError("warn_error_deg must not be larger than max_error_deg")
-        return self
 
 
 class Optotune:
@@ -240,7 +205,7 @@ class Optotune:
                     f"not stable after {self._settings.settle_timeout_s:g} s: STATUS 0x{status:08x}, {self._board()}.",
                     REOPEN,
                 )
-            self._clock.sleep(_POLL_S)
+            self._clock.sleep(self._settings.polled_every_s)
 
     def _board(self) -> str:
         try:

@@ -5,25 +5,29 @@ from typing import ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from nlos.configs.settings import Settings
-from nlos.drivers.galvo.settle import SettleModel
+from nlos.drivers.galvo.block import MirrorBlock
+from nlos.drivers.udev import tty_rule
+
+_TEENSY_VENDOR_ID = 0x16C0
+"""Of its microcontroller board, and of other projects' too."""
 
 
 class AxisSettings(Settings):
-    """One galvo axis: its DAC, volts per mechanical degree (negative: mounted the other way round), volts at centre."""
+    """One galvo axis: the output that drives it, and what its volts mean."""
 
     dac: int = Field(ge=1, le=9)
+    """The analogue output that it is wired to."""
     volts_per_degree: float = Field(default=0.5, ge=-10, le=10)
+    """Of the galvo driver, per mechanical degree; negative where the axis is mounted the other way round."""
     offset_v: float = Field(default=0.0, ge=-10, le=10)
+    """Volts with the mirror at its centre."""
 
 
-class TriggerScopeSettings(Settings):
-    """The mirror block of a bench file.
+class TriggerScopeSettings(MirrorBlock):
+    """The mirror block of a bench file."""
 
-    `shutter_pin`: TTL output (9 to 16) wired to the laser shutter; outputs 1 to 3 carry the markers of a sequence.
-    `allow_unverified_dac`: moves although no start-up banner was seen, which is how a controller without SD card looks:
-    it confirms every command and moves nothing.
-    """
-
+    cable: ClassVar = "serial"
+    commands_per_move: ClassVar[int] = 2
     marker_output_v: ClassVar[float] = 5.0
     """Its outputs go through level shifters from 3.3 V."""
     trigger_input: ClassVar[str] = "TTL of at least 10 us"
@@ -31,14 +35,26 @@ class TriggerScopeSettings(Settings):
 
     model: Literal["triggerscope"]
     port: str
+    """The serial port: /dev/ttyACM0, COM3, or sim://NAME for a simulated one."""
     x: AxisSettings = AxisSettings(dac=1)
+    """The axis that moves the beam sideways."""
     y: AxisSettings = AxisSettings(dac=2)
+    """The axis that moves the beam up and down."""
     max_mechanical_deg: float = Field(default=20.0, gt=0, le=45)
-    settle: SettleModel = SettleModel()
+    """How far the head may turn either way from its centre; beyond it moves are refused."""
     shutter_pin: int | None = Field(default=None, ge=9, le=16)
+    """TTL output that is wired to the laser shutter; outputs 1 to 3 carry the markers of a sequence."""
     timeout_s: float = Field(default=0.5, ge=0.02, le=10)
+    """How long an answer may take."""
     banner_timeout_s: float = Field(default=1.0, ge=0.1, le=10)
+    """How long the start-up text may take after the port is opened."""
     allow_unverified_dac: bool = False
+    """Moves although no start-up text was seen, which is how a controller without SD card looks: it confirms every
+    command and moves nothing."""
+
+    @property
+    def udev_rule(self) -> str:
+        return tty_rule(_TEENSY_VENDOR_ID, self.model)
 
     @model_validator(mode="after")
     def _two_axes(self) -> Self:

@@ -76,18 +76,20 @@ def _serve(cable: SerialCable, controller: int, woken: int) -> None:
 def main() -> None:
     """Serves the model named on the command line in the dark: its mirror moves, and no photon is counted."""
     import numpy as np
-    from pydantic import TypeAdapter
 
-    from nlos.drivers.galvo.models import MirrorSettings
+    from nlos.drivers.galvo.models import MIRRORS
     from nlos.drivers.simulated.bench import Exposure
-    from nlos.drivers.simulated.instruments import FIRMWARES
+    from nlos.drivers.simulated.simulation_settings import SimulationSettings
+    from nlos.drivers.simulated.table import SimulatedTable
 
-    if len(sys.argv) != 2 or sys.argv[1] not in FIRMWARES:
-        sys.exit(f"usage: python -m nlos.drivers.simulated.serial.pty {'|'.join(sorted(FIRMWARES))}")
-    model = sys.argv[1]
+    served = {name: model for name, model in MIRRORS.items() if model.settings.cable == "serial"}
+    if len(sys.argv) != 2 or sys.argv[1] not in served:
+        sys.exit(f"usage: python -m nlos.drivers.simulated.serial.pty {'|'.join(sorted(served))}")
+    model = served[sys.argv[1]]
     bench = SimulatedBench(lambda gate, beam, lit: Exposure(np.zeros(gate.bins, np.uint32), gate.dwell_s, 0, 0, False))
-    settings = TypeAdapter(MirrorSettings).validate_python({"model": model, "port": "sim://pty"})
-    with served_on_pty(FIRMWARES[model](bench, settings), bench, 0.001) as path, contextlib.suppress(KeyboardInterrupt):
+    settings = model.settings.model_validate({"model": model.name, "port": "sim://pty"})
+    firmware = model.firmware(settings, SimulatedTable(bench, SimulationSettings(), 10e6))
+    with served_on_pty(firmware, bench, 0.001) as path, contextlib.suppress(KeyboardInterrupt):
         print(path, flush=True)
         threading.Event().wait()
 

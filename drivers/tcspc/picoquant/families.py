@@ -5,11 +5,12 @@ and wants the same order for every call made here.
 """
 
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
 from nlos.configs.settings import Settings
+from nlos.drivers.tcspc.block import CounterBlock
 from nlos.drivers.tcspc.t3 import GENERIC, PICOHARP_300, T3Format
 
 Device = Literal["picoharp300", "hydraharp400", "multiharp150"]
@@ -74,35 +75,50 @@ FAMILIES: dict[str, Family] = {
 
 
 class PicoquantInput(Settings):
-    """Sync or detector input. `level_mv`: discriminator level (PicoHarp, HydraHarp: the magnitude of a negative pulse)
-    or edge trigger level (MultiHarp); by default one that a NIM pulse crosses (100, and -50 for the MultiHarp).
-    `zero_cross_mv` is for the former, `edge` for the latter."""
+    """Sync or detector input."""
 
     level_mv: int | None = Field(default=None, ge=-1200, le=1200)
+    """Discriminator level (PicoHarp, HydraHarp: the magnitude of a negative pulse) or edge trigger level (MultiHarp);
+    unless given, one that a NIM pulse crosses: 100, and -50 for the MultiHarp."""
     zero_cross_mv: int = Field(default=10, ge=0, le=40)
+    """Of the discriminator (PicoHarp, HydraHarp)."""
     edge: Literal["rising", "falling"] = "falling"
+    """Which edge counts (MultiHarp)."""
     offset_ps: int = Field(default=0, ge=-99_999, le=99_999)
+    """Added to this input's times, as a cable would."""
 
     def level_of(self, family: Family) -> int:
         """The level that is set on an instrument of this family."""
         return family.nim_level_mv if self.level_mv is None else self.level_mv
 
 
-class PicoquantSettings(Settings):
-    """`library`: "vendor" (found where its installer puts it), a path, or "simulated". `serial`: that of the
-    instrument, or "auto" for the first one that answers. `channel` counts from 0. `levels_converted`: somebody put
-    divider and stretcher into the cables from and to the mirror controller (docs/instruments.md, "Levels")."""
+class PicoquantSettings(CounterBlock):
+    """The counter block of a bench file."""
+
+    cable: ClassVar = "library"
+    listing_begins_s: ClassVar[float] = 0.009
+    listing_ends_s: ClassVar[float] = 0.0068
 
     model: Literal["picoquant"]
     device: Device
+    """Which family of instruments, each with a library of its own."""
     library: str = "vendor"
+    """Its path, "vendor" (found where its installer puts it), or "simulated"."""
     serial: str = "auto"
+    """Serial number of the instrument, or "auto" for the first one that answers."""
     mode: Literal["histogram", "t3"] = "histogram"
+    """Histograms made by the instrument, or by this computer from a record of every photon."""
     channel: int = Field(default=0, ge=0, le=63)
+    """The detector's input, counted from 0."""
     sync: PicoquantInput = PicoquantInput()
+    """The laser's synchronisation input."""
     detector: PicoquantInput = PicoquantInput()
+    """The single-photon detector's input."""
     sync_divider: Literal[1, 2, 4, 8, 16] = 1
+    """Every how many laser pulses the instrument takes notice of; t3 needs 1."""
     levels_converted: bool = False
+    """Somebody put divider and stretcher into the cables from and to the mirror controller (docs/instruments.md,
+    "Levels")."""
     marker_holdoff_ns: int = Field(default=1000, ge=0)
     """Edges of one marker input closer together than this are taken for one."""
     marker_disorder_us: float = Field(default=50.0, ge=0, le=10_000)

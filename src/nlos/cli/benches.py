@@ -30,14 +30,16 @@ def twin(loaded: "Loaded[BenchSettings]") -> "Loaded[BenchSettings]":
     """A simulated bench with the limits, geometry and settling of this one; a simulated bench is its own twin."""
     from dataclasses import replace
 
-    from nlos.drivers.bench_settings import SimulationSettings
+    from nlos.drivers.simulated.simulation_settings import SimulationSettings
 
     bench = loaded.settings
     if bench.simulated:
         return loaded
-    mirror = bench.mirror.model_copy(update={"port": f"sim://{bench.mirror.model}"})
-    counter = bench.counter.model_copy(update={"usb": "simulated"})
-    parts = {"mirror": mirror, "counter": counter, "simulation": SimulationSettings()}
+    parts = {
+        "mirror": bench.mirror.on_simulated_cable(),
+        "counter": bench.counter.on_simulated_cable(),
+        "simulation": SimulationSettings(),
+    }
     return replace(loaded, settings=bench.model_copy(update=parts))
 
 

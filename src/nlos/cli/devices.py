@@ -1,10 +1,8 @@
 """`nlos devices`: what is plugged in, what the bench file expects, and how to fix the difference. Opens nothing that
 moves or shines."""
 
-import os
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -47,7 +45,7 @@ def devices(
     if not ports and not instruments:
         terminal.result("nothing is plugged in that could be a mirror controller or a counter")
     terminal.result("")
-    expected = expectations(table.settings, instruments, usb_trouble)
+    expected = expectations(table.settings)
     for item in expected:
         terminal.result(
             f"{'there  ' if item.found else 'MISSING'}  {item.role} {item.model} at {item.address}: {item.what}"
@@ -63,11 +61,18 @@ def devices(
     return ExitCode.DONE if all(item.found for item in expected) else ExitCode.DEVICE
 
 
-def expectations(settings: "BenchSettings", instruments: "list[UsbInfo]", usb_trouble: str) -> list[Expected]:
+def expectations(settings: "BenchSettings") -> list[Expected]:
     """What the bench file names, and whether it is there."""
+    from nlos.drivers.galvo.models import MIRRORS
+    from nlos.drivers.tcspc.models import COUNTERS
+
     if settings.simulated:
         return _simulated(settings)
-    return [_mirror(settings), _counter(settings, instruments, usb_trouble)]
+    found = []
+    for role, models, block in (("mirror", MIRRORS, settings.mirror), ("counter", COUNTERS, settings.counter)):
+        there = models[block.model].look_for(block)
+        found.append(Expected(role, block.model, block.address, there.found, there.what, there.remedy))
+    return found
 
 
 def usb_instruments() -> "tuple[list[UsbInfo], str]":
@@ -86,8 +91,8 @@ def _simulated(settings: "BenchSettings") -> list[Expected]:
     from nlos.drivers.bench import open_bench
     from nlos.drivers.errors import DeviceError
 
-    address = str(getattr(settings.counter, "usb", "") or getattr(settings.counter, "library", ""))
-    named = [("mirror", settings.mirror.model, settings.mirror.port), ("counter", settings.counter.model, address)]
+    blocks = (("mirror", settings.mirror), ("counter", settings.counter))
+    named = [(role, block.model, block.address) for role, block in blocks]
     try:
         with open_bench(settings) as bench:
             said = [f"{who.product} {who.serial or who.firmware}, simulated" for who in bench.identities]
@@ -102,71 +107,3 @@ def _simulated(settings: "BenchSettings") -> list[Expected]:
             for each in named
         ]
     return [Expected(*each, True, what) for each, what in zip(named, said, strict=True)]
-
-
-def _mirror(settings: "BenchSettings") -> Expected:
-    from nlos.drivers.link.serial_line import available_ports
-    from nlos.drivers.udev import RELOAD, RULES_FILE, ST_VENDOR_ID, TEENSY_VENDOR_ID, tty_rule
-
-    model, port = settings.mirror.model, settings.mirror.port
-    path = Path(port)
-    known = {info.port for info in available_ports()}
-    if not (path.exists() or port in known or "://" in port):
-        return Expected(
-            "mirror", model, port, False, "no such port", f"Plug it in, or correct `port`: {_listed(known)}."
-        )
-    if path.exists() and not os.access(path, os.R_OK | os.W_OK):
-        rule = tty_rule(TEENSY_VENDOR_ID if model == "triggerscope" else ST_VENDOR_ID, model)
-        return Expected(
-            "mirror", model, port, False, "this user may not open it",
-            f"Join the group that owns it (usually dialout), or put into {RULES_FILE}: {rule} ({RELOAD}).",
-        )  # fmt: skip
-    return Expected("mirror", model, port, True, "the port is there; `nlos doctor` asks who answers")
-
-
-def _counter(settings: "BenchSettings", instruments: "list[UsbInfo]", usb_trouble: str) -> Expected:
-    counter = settings.counter
-    if counter.model == "picoquant":
-        return _library(counter)
-    from nlos.drivers.udev import RELOAD, RULES_FILE, usb_rule
-
-    model, wanted = counter.model, counter.usb
-    ids = (counter.vendor_id, counter.product_id)
-    rule = usb_rule(*ids)
-    matching = [each for each in instruments if (each.vendor_id, each.product_id) == ids]
-    missing = [each for each in matching if not each.readable]
-    serials = [each.serial_number for each in matching if each.readable]
-    if usb_trouble:
-        return Expected("counter", model, wanted, False, "USB cannot be searched", usb_trouble)
-    if missing:
-        remedy = f"Put into {RULES_FILE}: {rule} ({RELOAD})."
-        return Expected("counter", model, wanted, False, "this user may not open it", remedy)
-    if not matching:
-        remedy = "Check cable and power; correct vendor_id and product_id if it has others."
-        return Expected("counter", model, wanted, False, f"no USB device {ids[0]:04x}:{ids[1]:04x}", remedy)
-    if wanted == "auto" and len(serials) > 1:
-        return Expected("counter", model, wanted, False, "there are several", f"Name one: {_listed(set(serials))}.")
-    if wanted not in ("auto", *serials):
-        what = f"another one is plugged in: {_listed(set(serials))}"
-        return Expected("counter", model, wanted, False, what, "Plug in the one that is named, or correct `usb`.")
-    return Expected(
-        "counter", model, wanted, True, f"{matching[0].product} {wanted if wanted != 'auto' else serials[0]}"
-    )
-
-
-def _library(counter: Any) -> Expected:
-    """A vendor's instrument is behind its library: whether that loads is all that can be seen without opening it."""
-    from nlos.drivers.errors import DeviceNotFound
-    from nlos.drivers.tcspc.picoquant.families import FAMILIES
-    from nlos.drivers.tcspc.picoquant.library import load_library
-
-    family = FAMILIES[counter.device]
-    try:
-        load_library(counter.model, family, counter.library)
-    except DeviceNotFound as error:
-        return Expected("counter", counter.model, counter.library, False, error.what, error.remedy)
-    return Expected("counter", counter.model, counter.library, True, f"the library of the {family.product} loads")
-
-
-def _listed(words: set[str]) -> str:
-    return ", ".join(sorted(words)) or "there are none"

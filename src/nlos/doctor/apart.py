@@ -35,22 +35,23 @@ def apart(settings: BenchSettings, missing: set[str]) -> Iterator[Finding]:
     dark = yield from _dark(settings)
     with ExitStack() as stack:
         clock: Clock = SystemClock()
-        backend: Any = None
+        counter_end: Any = None
+        mirror_end: Any = None
         if settings.simulated:
             from nlos.drivers.simulated.instruments import plug_in
 
             plugged = stack.enter_context(plug_in(settings))
-            clock, backend = plugged.bench.clock, plugged.backend
+            clock, counter_end, mirror_end = plugged.bench.clock, plugged.counter, plugged.mirror
         if "counter" in missing:
             yield from (skipped(what, "the counter is missing") for what in ("counter", "sync", "dark counts"))
         else:
-            yield from _alone(settings, lambda: _counter(settings, clock, backend, dark))
+            yield from _alone(settings, lambda: _counter(settings, clock, counter_end, dark))
         if "mirror" in missing:
             yield skipped("mirror", "the mirror is missing")
         elif not dark:
             yield skipped("mirror", "it moves as it is opened, and the light is not confirmed off")
         else:
-            yield from _alone(settings, lambda: _mirror(settings, clock))
+            yield from _alone(settings, lambda: _mirror(settings, clock, mirror_end))
 
 
 def _dark(settings: BenchSettings) -> Generator[Finding, None, bool]:
@@ -81,7 +82,7 @@ def _counter(settings: BenchSettings, clock: Clock, backend: Any, dark: bool) ->
         yield dark_line(counter.rates()) if dark else skipped("dark counts", "the light is not confirmed off")
 
 
-def _mirror(settings: BenchSettings, clock: Clock) -> Iterator[Finding]:
-    with closing(open_mirror(settings.mirror, clock)) as mirror:
+def _mirror(settings: BenchSettings, clock: Clock, backend: Any) -> Iterator[Finding]:
+    with closing(open_mirror(settings.mirror, clock, backend=backend)) as mirror:
         yield from mirror_lines(mirror, settings)
         mirror.park()

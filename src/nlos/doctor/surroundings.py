@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 
-from nlos.cli.devices import Expected, expectations, usb_instruments
+from nlos.cli.devices import Expected, expectations
 from nlos.doctor.findings import Finding, failed, passed, warned
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.cable_levels import level_conflicts
@@ -68,7 +68,7 @@ def absent(settings: BenchSettings) -> list[Expected]:
     """What a real bench's file names and is not there, or is another one."""
     if settings.simulated:
         return []
-    return [item for item in expectations(settings, *usb_instruments()) if not item.found]
+    return [item for item in expectations(settings) if not item.found]
 
 
 def versions(*packages: str) -> str:

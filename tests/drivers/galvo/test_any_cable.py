@@ -17,11 +17,12 @@ from pydantic import TypeAdapter
 
 from nlos.drivers.errors import DeviceError
 from nlos.drivers.galvo.mirror import GalvoMirror, MirrorAngles
-from nlos.drivers.galvo.models import MirrorSettings, open_mirror
+from nlos.drivers.galvo.models import MIRRORS, MirrorSettings, open_mirror
 from nlos.drivers.galvo.triggerscope.mirror import TriggerScope
 from nlos.drivers.simulated.bench import SimulatedBench
-from nlos.drivers.simulated.instruments import FIRMWARES
 from nlos.drivers.simulated.serial.port import plug, plugged, unplug
+from nlos.drivers.simulated.simulation_settings import SimulationSettings
+from nlos.drivers.simulated.table import SimulatedTable
 
 SETTINGS: TypeAdapter[MirrorSettings] = TypeAdapter(MirrorSettings)
 CASES = 2500 if os.environ.get("NLOS_SOAK") else 400  # of each of the two models
@@ -170,7 +171,7 @@ def test_each_call_does_what_it_says_or_raises_a_named_error_in_time(
     bench = dark_bench()
     made = SETTINGS.validate_python({"model": model, "port": "sim://any", "timeout_s": TIMEOUT_S, **MODELS[model]})
     unplug("any")
-    plug("any", FIRMWARES[model](bench, made), bench, 0.001)
+    plug("any", MIRRORS[model].firmware(made, SimulatedTable(bench, SimulationSettings(), 10e6)), bench, 0.001)
     cable = plugged("any")
     cable.mangle = None if spare_opening else Cable(plan)
     began_s = bench.clock.now()

@@ -10,11 +10,12 @@ from pydantic import TypeAdapter
 
 from nlos.drivers.errors import DeviceError, DeviceFault, DeviceLost, DeviceReset, DeviceTimeout, LimitError
 from nlos.drivers.galvo.mirror import GalvoMirror, MirrorAngles
-from nlos.drivers.galvo.models import MirrorSettings, open_mirror
+from nlos.drivers.galvo.models import MIRRORS, MirrorSettings, open_mirror
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.faults import Fault
-from nlos.drivers.simulated.instruments import FIRMWARES
 from nlos.drivers.simulated.serial.port import plug, plugged, unplug
+from nlos.drivers.simulated.simulation_settings import SimulationSettings
+from nlos.drivers.simulated.table import SimulatedTable
 
 SETTINGS: TypeAdapter[MirrorSettings] = TypeAdapter(MirrorSettings)
 RESOLUTION_RAD = 5e-5
@@ -32,7 +33,7 @@ class Lab:
         return math.hypot(beam.x_rad - angles.x_rad, beam.y_rad - angles.y_rad) < RESOLUTION_RAD
 
 
-@pytest.fixture(params=sorted(FIRMWARES))
+@pytest.fixture(params=sorted(MIRRORS))
 def lab(request: pytest.FixtureRequest, dark_bench: Callable[..., SimulatedBench]) -> Iterator[Callable[..., Lab]]:
     """lab(*faults): a bench with the mirror of this model opened and centred."""
 
@@ -40,7 +41,8 @@ def lab(request: pytest.FixtureRequest, dark_bench: Callable[..., SimulatedBench
         bench = dark_bench(*faults)
         settings = SETTINGS.validate_python({"model": request.param, "port": "sim://every"})
         unplug("every")
-        plug("every", FIRMWARES[request.param](bench, settings), bench, 0.001)
+        table = SimulatedTable(bench, SimulationSettings(), 10e6)
+        plug("every", MIRRORS[request.param].firmware(settings, table), bench, 0.001)
         mirror = open_mirror(settings, bench.clock)
         bench.clock.advance_to(AFTER_OPENING_S)
         return Lab(bench, mirror)
@@ -51,7 +53,7 @@ def lab(request: pytest.FixtureRequest, dark_bench: Callable[..., SimulatedBench
 
 def test_it_says_who_it_is(lab: Callable[..., Lab]) -> None:
     identity = lab().mirror.identity
-    assert identity.model in FIRMWARES
+    assert identity.model in MIRRORS
     assert identity.vendor
     assert identity.product
     assert identity.firmware

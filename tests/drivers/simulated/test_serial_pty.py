@@ -12,11 +12,11 @@ import pytest
 from nlos.drivers.clock import SystemClock
 from nlos.drivers.errors import DeviceBusy, DeviceLost
 from nlos.drivers.galvo.mirror import MirrorAngles
-from nlos.drivers.galvo.models import open_mirror
-from nlos.drivers.galvo.optotune.mirror import OptotuneSettings
+from nlos.drivers.galvo.models import MIRRORS, open_mirror
 from nlos.drivers.galvo.triggerscope.mirror import TriggerScopeSettings
 from nlos.drivers.simulated.bench import SimulatedBench
-from nlos.drivers.simulated.instruments import FIRMWARES
+from nlos.drivers.simulated.simulation_settings import SimulationSettings
+from nlos.drivers.simulated.table import SimulatedTable
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are POSIX")
 
@@ -24,17 +24,19 @@ if os.name == "posix":
     from nlos.drivers.simulated.serial.pty import served_on_pty
 
 ASIDE = MirrorAngles(0.1, -0.05)
+SERIAL = [name for name, model in MIRRORS.items() if model.settings.cable == "serial"]
 
 
-@pytest.mark.parametrize("model", sorted(FIRMWARES))
+@pytest.mark.parametrize("model", sorted(SERIAL))
 def test_a_mirror_moves_through_a_real_port_and_is_lost_with_it(
     dark_bench: Callable[..., SimulatedBench], model: str
 ) -> None:
     bench = dark_bench()
-    kinds = {"triggerscope": TriggerScopeSettings, "optotune": OptotuneSettings}
-    offline = kinds[model](model=model, port="sim://none")
-    with served_on_pty(FIRMWARES[model](bench, offline), bench) as path:
-        settings = kinds[model](model=model, port=path)
+    kind = MIRRORS[model].settings
+    offline = kind(model=model, port="sim://none")
+    firmware = MIRRORS[model].firmware(offline, SimulatedTable(bench, SimulationSettings(), 10e6))
+    with served_on_pty(firmware, bench) as path:
+        settings = kind(model=model, port=path)
         mirror = open_mirror(settings, SystemClock())
         mirror.move_to(ASIDE)
         beam = bench.beam_at(bench.clock.now() + 1.0)  # its clock stands still until the port is used

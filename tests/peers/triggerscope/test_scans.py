@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,9 @@ from nlos.acquisition.planning.schemes import Scheme
 from nlos.acquisition.scanning.engine import scan
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
-from nlos.drivers.simulated import instruments
-from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.galvo.models import MIRRORS
+from nlos.drivers.galvo.triggerscope.model import TRIGGERSCOPE
+from nlos.drivers.simulated.table import SimulatedTable
 from nlos.drivers.simulated.triggerscope.firmware import V4, V4B, TriggerScopeFirmware
 from nlos.drivers.simulated.triggerscope.wiring import Wiring
 
@@ -53,13 +55,15 @@ def test_a_scan_is_the_same_to_the_last_bit(
     for real in (True, False):
         log: list[tuple[float, str, int, int]] = []
 
-        def matching(bench: SimulatedBench, mirror: object, real: bool = real, log: list = log) -> object:
+        def matching(mirror: object, table: SimulatedTable, real: bool = real, log: list = log) -> object:
+            bench = table.bench
             wiring = Wiring.matching(bench, mirror)
             this = sketch(name, bench, wiring) if real else TriggerScopeFirmware(bench, wiring, board=BOARDS[name])
             wiring.log = lambda *event: log.append(event)
             return this
 
-        monkeypatch.setitem(instruments.FIRMWARES, "triggerscope", matching)
+        other = replace(TRIGGERSCOPE, firmware=matching)
+        monkeypatch.setitem(MIRRORS, "triggerscope", other)
         with open_bench(chosen) as bench:
             scans.append(list(scan(plan, bench, scheme=scheme)))
         logs.append(log)

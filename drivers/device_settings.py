@@ -1,0 +1,39 @@
+"""What the block of a bench file says of any device, whatever its model: its word, and where it is plugged in."""
+
+from typing import ClassVar, Literal, Self
+
+from nlos.configs.settings import Settings
+
+Cable = Literal["serial", "usb", "library"]
+"""A serial port, a USB device that this program talks to itself, or a vendor's library that talks to it."""
+
+_ADDRESS_KEY: dict[Cable, str] = {"serial": "port", "usb": "usb", "library": "library"}
+
+
+class DeviceSettings(Settings):
+    """A model's own block derives from `MirrorBlock` or `CounterBlock`, narrows `model` to `Literal["its word"]`, and
+    has the key that its `cable` calls for: `port`, `usb` or `library`."""
+
+    cable: ClassVar[Cable]
+
+    model: str
+    """Which driver: the word by which a bench file names this kind of device."""
+
+    @property
+    def address(self) -> str:
+        """Where it is plugged in, as the bench file says."""
+        return str(getattr(self, _ADDRESS_KEY[self.cable]))
+
+    @property
+    def simulated(self) -> bool:
+        return self.address == "simulated" or self.address.startswith("sim://")
+
+    def on_simulated_cable(self) -> Self:
+        """The same device with a simulated one at the other end."""
+        address = f"sim://{self.model}" if self.cable == "serial" else "simulated"
+        return self.model_copy(update={_ADDRESS_KEY[self.cable]: address})
+
+    @property
+    def udev_rule(self) -> str:
+        """The line that lets the person at a Linux computer open it; empty where it needs none of ours."""
+        return ""

@@ -1,0 +1,19 @@
+"""What the `mirror` block of a bench file has in common for all models, and what planning wants to know of one."""
+
+from typing import ClassVar
+
+from nlos.drivers.device_settings import DeviceSettings
+from nlos.drivers.galvo.settle import SettleModel
+
+
+class MirrorBlock(DeviceSettings):
+    """Derived from by each model's own settings. Class variables are the model's, not the user's."""
+
+    commands_per_move: ClassVar[int] = 1
+    """Exchanges that one move takes: one for both axes, or one for each."""
+    polled_every_s: ClassVar[float | None] = None
+    """Pause between two looks at the status of a mirror that has to say twice that it has settled; None: it is waited
+    for by the settle model."""
+
+    settle: SettleModel = SettleModel()
+    """How long the beam takes to be still after a step of one axis."""
