@@ -9,11 +9,12 @@ import torch
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.evaluate import Scene
+from nlos.recon.methods import faithful
 from nlos.recon.methods.nano import Nano, Settings, build
 from studies.paired import difference
 from studies.results.quality import Quality
 from studies.rivals import PAIRS, by_scene, cell
-from studies.taken_out import PARTS
+from studies.taken_out import PARTS, PRINTED
 
 WALL, TIME = WallGrid(2.0, 2.0, 16, 16), TimeAxis(64, 128e-12)
 
@@ -68,3 +69,21 @@ def test_a_part_that_is_taken_out_no_longer_matters(network: Nano, part: str) ->
     without = network(counts)[0]
     assert torch.isfinite(without).all()
     assert (whole - without).abs().max() > 1e-5
+
+
+@pytest.mark.parametrize("part", PRINTED)
+@torch.inference_mode()
+def test_a_part_that_is_taken_out_of_the_printed_network_no_longer_matters(part: str) -> None:
+    torch.manual_seed(0)
+    settings = faithful.Settings(weights=None, channels=(4, 6, 8), sfe_bandwidth=12)
+    printed = faithful.build(settings, WALL, TIME).eval()
+    for parameter in printed.parameters():
+        if parameter.requires_grad and not parameter.any():
+            parameter.normal_(std=0.05)
+    counts = torch.poisson(torch.full((1, 1, 64, 16, 16), 0.1), generator=torch.Generator().manual_seed(1))
+    counts[:, :, 20:23] += 3
+    whole = printed(counts)[0]
+    PRINTED[part](printed)
+    without = printed(counts)[0]
+    assert torch.isfinite(without).all()
+    assert (whole - without).abs().max() > 1e-7
