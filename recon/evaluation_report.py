@@ -13,8 +13,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from nlos.recon.evaluate import Evaluation, Row, as_json
-from nlos.recon.pictures import visible_depth
 from nlos.recon.results import software
+from nlos.recon.seen import visible_depth
 
 T = TypeVar("T")
 NAMES = ("results.json", "results.md", "gallery.png")

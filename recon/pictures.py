@@ -1,11 +1,10 @@
 """Pictures of a reconstruction: front view, depth and slices, with axes in metres."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
@@ -13,15 +12,10 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from nlos.recon.errors import InvalidData
+from nlos.recon.seen import brightest, depth_limits, depth_opacity, visible_depth
 from nlos.recon.volume import Reconstruction
 
 DOTS_PER_INCH = 150
-FAINT = 0.02
-"""Of the brightest point: below this nothing counts as seen, in every picture and view (decision 135)."""
-FULL = 0.35
-"""From this brightness on a depth has its full colour; between `FAINT` and this it fades."""
-SURE = 0.1
-"""The depths of points as bright as this set the limits of the colours."""
 BACKGROUND = 0.88
 
 
@@ -67,26 +61,6 @@ def draw_depth(
     _scale_bar(axes, reconstruction, "0.25")
 
 
-def depth_limits(reconstructions: Sequence[Reconstruction]) -> tuple[float, float]:
-    """Near and far end of the colours, in metres, common to some pictures: the middle 96 % of the depths of points that
-    are bright enough, a little more on either side, and never closer together than 4 cm."""
-    depths = [made.depth_m[made.albedo >= SURE * brightest(made)] for made in reconstructions]
-    sure = np.concatenate([each[np.isfinite(each)] for each in depths]) if depths else np.zeros(0)
-    if not sure.size:
-        return 0.0, 1.0
-    low, high = (float(each) for each in np.quantile(sure, [0.02, 0.98]))
-    margin = max(0.02, 0.05 * (high - low))
-    return max(0.0, low - margin), high + margin
-
-
-def depth_opacity(reconstruction: Reconstruction) -> npt.NDArray[np.float32]:
-    """How much colour a depth has, (H, W), 0 to 1: none where nothing is seen, a tenth just above `FAINT`."""
-    shade = reconstruction.albedo / brightest(reconstruction)
-    seen = np.isfinite(visible_depth(reconstruction))
-    opacity = np.where(seen, np.clip(0.1 + 0.9 * (shade - FAINT) / (FULL - FAINT), 0, 1), 0)
-    return np.asarray(opacity, dtype=np.float32)
-
-
 def summary_figure(reconstruction: Reconstruction, figure: Figure | None = None) -> Figure:
     """Front view and depth map side by side, on `figure` where one is given."""
     figure = figure or Figure()
@@ -97,17 +71,6 @@ def summary_figure(reconstruction: Reconstruction, figure: Figure | None = None)
     draw_depth(reconstruction, figure, right)
     figure.supxlabel(small_print(reconstruction), fontsize=7, color="0.35")
     return figure
-
-
-def brightest(reconstruction: Reconstruction) -> float:
-    """What is drawn as white: the 99.9th percentile of the front view."""
-    return float(np.quantile(reconstruction.albedo, 0.999)) or 1.0
-
-
-def visible_depth(reconstruction: Reconstruction) -> npt.NDArray[np.float32]:
-    """depth_m (H, W) in metres without the points too faint to be told from black in the front view (NaN)."""
-    bright = reconstruction.albedo >= FAINT * brightest(reconstruction)
-    return np.where(bright, reconstruction.depth_m, np.float32(np.nan))
 
 
 def confidence_picture(reconstruction: Reconstruction, path: Path) -> None:

@@ -5,40 +5,47 @@ import html
 import json
 from pathlib import Path
 from string import Template
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from nlos.recon.pictures import FAINT
+from nlos.recon.seen import FAINT
 from nlos.recon.surface import front_surface
 from nlos.recon.volume import Reconstruction, Volume
 
 MOST_POINTS = 60_000
+MOST_VOXELS = 400_000
 SHOWN_AT_FIRST = 0.15
 
 
 def write_view3d(path: Path, reconstruction: Reconstruction, title: str = "") -> None:
-    """Writes the bright voxels, or the front surface where there is no volume, with the page that turns them."""
+    """Writes bright voxels, front surface and volume with the page that turns them."""
+    surface = front_surface(reconstruction)
+    points, albedo = surface.points_m, surface.albedo
     if reconstruction.volume is not None:
         points, albedo = bright_voxels(reconstruction.volume)
-    else:
-        surface = front_surface(reconstruction)
-        points, albedo = surface.points_m, surface.albedo
     wall = reconstruction.wall
-    low, high = _span(points)
+    depths_m = points[:, 2][albedo >= SHOWN_AT_FIRST] if len(points) else points[:, 2]
+    near, far = (float(each) for each in (depths_m.min(), depths_m.max())) if len(depths_m) else (0.0, 1.0)
     scene = {
-        "points": base64.b64encode(_packed(points, albedo, low, high).tobytes()).decode("ascii"),
-        "low": low.tolist(),
-        "high": high.tolist(),
+        "points": _base64(np.concatenate([points, albedo[:, None]], axis=1)),
+        "count": len(points),
+        "surface": _base64(np.concatenate([surface.points_m, surface.albedo[:, None]], axis=1)),
+        "quads": _base64(surface.quads) if len(surface.quads) else None,
+        "near": near,
+        "far": max(far, 0.1),
         "wall": [wall.width_m, wall.height_m],
         "pitch": max(wall.width_m / wall.cols, wall.height_m / wall.rows),
+        **(_volume(reconstruction.volume) if reconstruction.volume is not None else {}),
     }
-    page = Template((Path(__file__).parent / "view3d.html").read_text(encoding="utf-8"))
+    page = Template((Path(__file__).parent / "view3d.html").read_text(encoding="utf-8").replace("$$", "$$$$"))
     path.write_text(
         page.substitute(
-            title=html.escape(title or f"{reconstruction.method} reconstruction"),
+            title=html.escape(title or reconstruction.scan or f"{reconstruction.method} reconstruction"),
             subtitle=html.escape(f"{len(points)} points, {reconstruction.method}, {reconstruction.seconds:.2f} s"),
             threshold=f"{SHOWN_AT_FIRST:g}" if reconstruction.volume is not None else "0",
+            turnable=(Path(__file__).parent / "view3d.js").read_text(encoding="utf-8"),
             scene=json.dumps(scene).replace("</", "<\\/"),
         ),
         encoding="utf-8",
@@ -64,19 +71,26 @@ def bright_voxels(volume: Volume) -> tuple[npt.NDArray[np.float32], npt.NDArray[
     return points.astype(np.float32), np.clip(value / top, 0, 1).astype(np.float32)
 
 
-def _span(points: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    if len(points) == 0:
-        return np.zeros(3), np.ones(3)
-    return points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
+def _volume(volume: Volume) -> dict[str, object]:
+    """The volume in bytes, thinned by block maxima to at most `MOST_VOXELS`, and where its brightest voxel lies: x, y,
+    z, each from 0 to 1."""
+    albedo, depths_m = volume.albedo, volume.depths_m
+    step = [1, 1, 1]
+    while np.prod([-(-size // by) for size, by in zip(albedo.shape, step, strict=True)]) > MOST_VOXELS:
+        step[int(np.argmax([size / by for size, by in zip(albedo.shape, step, strict=True)]))] *= 2
+    padded = np.pad(albedo, [(0, -size % by) for size, by in zip(albedo.shape, step, strict=True)], mode="edge")
+    (d, h, w), (a, b, c) = padded.shape, step
+    thinned = padded.reshape(d // a, a, h // b, b, w // c, c).max(axis=(1, 3, 5))
+    top = float(np.quantile(albedo.max(axis=0), 0.999)) or 1.0
+    grey = np.clip(255 * thinned / top, 0, 255).astype(np.uint8)
+    place = np.unravel_index(int(thinned.argmax()), thinned.shape)
+    at = [float(where) / max(size - 1, 1) for where, size in zip(place, thinned.shape, strict=True)]
+    return {
+        "volume": {"shape": list(grey.shape), "u1": base64.b64encode(grey.tobytes()).decode("ascii")},
+        "depths": [float(depths_m[0]), float(depths_m[-1])],
+        "at": [at[2], 1 - at[1], at[0]],
+    }
 
 
-def _packed(
-    points: npt.NDArray[np.float32],
-    albedo: npt.NDArray[np.float32],
-    low: npt.NDArray[np.float64],
-    high: npt.NDArray[np.float64],
-) -> npt.NDArray[np.uint16]:
-    """Positions within their span and albedo, 16 bits each, (N, 4): a thousandth of a voxel is enough to look at."""
-    extent = np.where(high > low, high - low, 1.0)
-    values = np.concatenate([(points - low) / extent, albedo[:, None]], axis=1)
-    return np.asarray(np.rint(np.clip(values, 0, 1) * 65535), dtype="<u2")
+def _base64(values: npt.NDArray[Any]) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")

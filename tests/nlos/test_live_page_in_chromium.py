@@ -178,8 +178,8 @@ def test_a_scan_under_way_shows_what_comes_next_and_its_end(folder: Path, browse
     page.close()
 
 
-def test_a_report_needs_nothing_but_itself(folder: Path, browser: Any) -> None:
-    nlos(folder, "report", "run.h5", "-o", "run.html", "--methods", "lct,fk")
+def test_a_report_needs_nothing_but_itself_and_prints(folder: Path, browser: Any) -> None:
+    nlos(folder, "report", "run.h5", "-o", "run.html", "--methods", "lct,fk", "--overwrite")
     page, complaints = browser.new_page(), []
     page.on("pageerror", lambda error: complaints.append(str(error)))
     asked: list[str] = []
@@ -187,10 +187,33 @@ def test_a_report_needs_nothing_but_itself(folder: Path, browser: Any) -> None:
     page.goto((folder / "run.html").as_uri())
     page.wait_for_load_state("load")
     text = page.locator("body").inner_text()
-    for word in ("lct", "fk", "triggerscope", "tcspc488", "256", "shutter"):
-        assert word in text, word
+    for word in ("LCT", "FK", "triggerscope", "tcspc-488", "256", "shutter", "LCT sees surfaces between"):
+        assert word.lower() in text.lower(), word
     assert page.locator("img").count() >= 4
     assert page.evaluate("[...document.images].every(i => i.complete && i.naturalWidth > 0)")
+    tops = page.evaluate(
+        "['.hero', '.summary', 'iframe', 'table'].map(s => document.querySelector(s).getBoundingClientRect().top)"
+    )
+    assert tops == sorted(tops)  # the picture first, the tables last
+    assert page.locator(".still").is_hidden()
+    page.emulate_media(media="print")
+    assert page.locator(".still").is_visible()
+    assert page.locator("iframe").is_hidden()
+    printed = page.pdf(format="A4")
+    assert printed.startswith(b"%PDF")
     assert [url for url in asked if not url.startswith(("file:", "data:", "blob:", "about:"))] == []
     assert complaints == []
+    page.close()
+
+
+def test_a_report_on_two_scans_sets_them_side_by_side(folder: Path, browser: Any) -> None:
+    (folder / "dim.yaml").write_text(SCAN.replace("dwell_ms: 20", "dwell_ms: 2"))
+    nlos(folder, "scan", "dim.yaml", "-o", "dim.h5", "--overwrite")
+    nlos(folder, "report", "run.h5", "dim.h5", "-o", "two.html", "--methods", "lct", "--overwrite")
+    page = browser.new_page()
+    page.goto((folder / "two.html").as_uri())
+    assert page.locator("h1").all_inner_texts() == ["Side by side", "run.h5", "dim.h5"]
+    assert page.locator("details figure img").first.is_hidden()
+    page.locator("summary", has_text="Differences").click()
+    assert page.locator("details figure img").first.is_visible()
     page.close()

@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from nlos.__main__ import run
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.pictures import FAINT, FULL, depth_limits, depth_opacity, depth_picture, si, small_print, visible_depth
+from nlos.recon.pictures import depth_picture, si, small_print
 from nlos.recon.reconstruct import reconstruct
+from nlos.recon.results import write_results
+from nlos.recon.seen import FAINT, FULL, depth_limits, depth_opacity, depth_span, visible_depth
 from nlos.recon.volume import Reconstruction
 
 WALL = WallGrid(1.0, 1.0, 32, 32)
@@ -41,7 +44,8 @@ def test_faint_speckle_does_not_stretch_the_colours() -> None:
     low, high = depth_limits([made()])
     assert 0.75 < low < 0.8 < 0.9 < high < 0.95
     nothing = replace(made(), depth_m=np.full((32, 32), np.nan, dtype=np.float32))
-    assert depth_limits([nothing]) == (0.0, 1.0)
+    assert depth_limits([nothing]) == pytest.approx((0.0, 1.028))
+    assert depth_span([nothing]) is None
     assert depth_limits([made(), replace(made(), depth_m=made().depth_m + 1)])[1] == pytest.approx(1.95, abs=0.1)
 
 
@@ -63,3 +67,20 @@ def test_the_small_print_counts_points_and_photons() -> None:
     assert text.startswith("run.h5 · LCT · 512 points · 1.54 k photons")
     assert [si(number) for number in (12, 3_260_000, 2e9)] == ["12 ", "3.26 M ", "2 G "]
     assert FAINT < FULL
+
+
+@pytest.mark.parametrize("suffix", ["pdf", "svg", "png"])
+def test_a_gallery_is_as_wide_as_a_journal_asks(tmp_path: Path, suffix: str) -> None:
+    for name in ("a", "b"):
+        write_results(tmp_path / name, made())
+    assert run(["figure", str(tmp_path / "a"), str(tmp_path / "b"), "-o", str(tmp_path / f"f.{suffix}")]) == 0
+    data = (tmp_path / f"f.{suffix}").read_bytes()
+    if suffix == "png":
+        assert Image.open(tmp_path / "f.png").size[0] == pytest.approx(178 / 25.4 * 300, abs=2)
+    elif suffix == "svg":
+        assert b'width="504' in data  # 178 mm in points
+    else:
+        assert data.startswith(b"%PDF")
+    assert run(["figure", str(tmp_path / "a"), "-o", str(tmp_path / f"f.{suffix}")]) == 6
+    assert run(["figure", str(tmp_path / "a"), "-o", str(tmp_path / "f.xyz")]) == 2
+    assert run(["figure", str(tmp_path / "a"), "-o", str(tmp_path / "g.pdf"), "--titles", "x,y"]) == 2

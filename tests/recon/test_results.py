@@ -144,8 +144,13 @@ def test_the_3d_view_is_one_file_that_loads_nothing(made: Reconstruction, tmp_pa
     assert "&lt;b&gt;&amp;" in page
     assert not re.search(r"(src|href)\s*=|https?://|import\s", page)
     scene = json.loads(re.search(r"const scene = (\{.*\});", page)[1])  # type: ignore[index]
-    packed = np.frombuffer(base64.b64decode(scene["points"]), "<u2").reshape(-1, 4) / 65535
-    points = np.array(scene["low"]) + packed[:, :3] * (np.array(scene["high"]) - np.array(scene["low"]))
+    points = np.frombuffer(base64.b64decode(scene["points"]), "<f4").reshape(-1, 4)
+    assert ("volume" in scene) is with_volume
+    if with_volume:
+        grey = np.frombuffer(base64.b64decode(scene["volume"]["u1"]), "u1").reshape(scene["volume"]["shape"])
+        assert made.volume is not None
+        assert grey.shape == made.volume.albedo.shape
+        assert np.array_equal(grey == 255, made.volume.albedo == made.volume.albedo.max())
     assert len(points) == 12
     assert np.allclose(points[:, 2], 0.55, atol=1e-3)
     assert np.allclose(points[0, :2], (WALL.x_m()[2], WALL.y_m()[1]), atol=1e-3)

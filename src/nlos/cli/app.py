@@ -26,6 +26,7 @@ VERBS = {
     "recover": "Save what a crash left into a new file.",
     "info": "Show what is in a file.",
     "report": "Write one self-contained HTML file about a recording.",
+    "figure": "Results side by side on one scale, at a journal's width.",
     "train": "Train a learned method.",
     "evaluate": "Compare methods on scenes with ground truth.",
     "methods": "List the reconstruction methods, or the settings of one.",

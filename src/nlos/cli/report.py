@@ -1,25 +1,34 @@
-"""`nlos report`: one self-contained HTML file about a recording, to mail to a colleague."""
+"""`nlos report`: one self-contained HTML file about one recording or several, to mail to a colleague."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
 
 
 def report(
-    run: Annotated[Path, typer.Argument(metavar="RUN")],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Recordings; several are set side by side.")],
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="F.html")] = None,
-    methods: Annotated[str, typer.Option(help="Method names, separated by commas; see `nlos methods`.")] = "lct",
+    methods: Annotated[
+        str | None,
+        typer.Option(help="Method names, separated by commas, the best first; nano,lct where torch is."),
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
-    """What was scanned, with what, how well it calibrates, pictures by every method asked for, and the event log."""
+    """The best picture, how good it is, 3D, other methods, calibration, rates, and then tables and the event log."""
+    from nlos.live.process import methods_for
     from nlos.report.page import write_report
 
-    target = output or run.with_suffix(".html")
+    target = output or runs[0].with_suffix(".html")
     if target.exists() and not overwrite:
         raise FileExistsError(f"{target}: exists. Choose another name with -o, or say --overwrite.")
-    words = [word.strip() for word in methods.split(",") if word.strip()]
-    write_report(run, target, words)
+    if len({run.resolve() for run in runs}) < len(runs):
+        raise UsageError("the same RUN is named twice")
+    words = methods_for(None)[::-1] if methods is None else [word.strip() for word in methods.split(",")]
+    if not all(words) or len(set(words)) < len(words):
+        raise UsageError(f"--methods {methods}: different method names, separated by commas")
+    write_report(runs, target, words)
     terminal.result(f"{target}: {target.stat().st_size / 1e6:.1f} MB, self-contained", report=str(target))

@@ -20,7 +20,7 @@ def packed(values: npt.NDArray[Any]) -> dict[str, Any]:
 def described(picture: "LivePicture") -> dict[str, Any]:
     """Front view (1 = its 99.9th percentile), depth where something is seen, confidence, and the bright voxels as
     x, y, z in metres and brightness, (N, 4)."""
-    from nlos.recon.pictures import brightest, visible_depth
+    from nlos.recon.seen import brightest, visible_depth
     from nlos.recon.surface import front_surface
     from nlos.recon.view3d import bright_voxels
 

@@ -78,7 +78,7 @@ class LivePage:
 
 def assembled() -> str:
     """The page with its styles and scripts inside."""
-    from nlos.recon.pictures import FAINT, FULL
+    from nlos.recon.seen import FAINT, FULL
 
     folder = files("nlos.live") / "page_parts"
     read = {name: (folder / name).read_text(encoding="utf-8") for name in ("page.html", *STYLES, *SCRIPTS)}

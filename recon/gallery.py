@@ -1,0 +1,74 @@
+"""Results side by side on one scale: front views above depths, for a comparison, a report or a paper."""
+
+from collections.abc import Sequence
+
+import matplotlib
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from nlos.recon.errors import InvalidData
+from nlos.recon.pictures import BACKGROUND
+from nlos.recon.seen import brightest, depth_limits, depth_opacity, visible_depth
+from nlos.recon.volume import Reconstruction
+
+MM_PER_INCH = 25.4
+MOST_COLUMNS = 6
+
+
+def gallery(results: Sequence[Reconstruction], titles: Sequence[str], width_mm: float = 178.0) -> Figure:
+    """One column a result, `MOST_COLUMNS` to a line; every front view relative to its own brightest point, every depth
+    by the same colours. Text of 7 points, as journals ask for. Raises `InvalidData` for no results."""
+    if not results:
+        raise InvalidData("a gallery of nothing: name at least one result")
+    columns = min(len(results), MOST_COLUMNS)
+    lines = -(-len(results) // columns)
+    width = width_mm / MM_PER_INCH
+    each = (width - 0.75) / columns
+    with matplotlib.rc_context({"font.size": 7, "axes.linewidth": 0.5, "xtick.major.width": 0.5,
+                                "ytick.major.width": 0.5, "svg.fonttype": "none", "pdf.fonttype": 42}):  # fmt: skip
+        figure = Figure(figsize=(width, lines * (2 * each + 0.45) + 0.2), layout="constrained")
+        panels = figure.subplots(2 * lines, columns, squeeze=False)
+        scale, colours = Normalize(*depth_limits(results), clip=True), matplotlib.colormaps["viridis_r"]
+        for panel in panels.flat:
+            panel.set_axis_off()
+        for number, (made, title) in enumerate(zip(results, titles, strict=True)):
+            line, column = divmod(number, columns)
+            x, y = made.wall.width_m / 2, made.wall.height_m / 2
+            above, below = panels[2 * line, column], panels[2 * line + 1, column]
+            above.imshow(made.albedo / brightest(made), cmap="gray", vmin=0, vmax=1, extent=(-x, x, -y, y))
+            ink = depth_opacity(made)[..., None]
+            colour = colours(scale(np.nan_to_num(visible_depth(made))))[..., :3]
+            below.imshow(ink * colour + (1 - ink) * BACKGROUND, extent=(-x, x, -y, y))
+            above.set_title(title, fontsize=7)
+            for panel in (above, below):
+                panel.set_axis_on()
+                panel.tick_params(length=2, labelleft=column == 0, labelbottom=panel is below)
+            if column == 0:
+                above.set_ylabel("y (m)")
+                below.set_ylabel("y (m)")
+            below.set_xlabel("x (m)")
+        grey = ScalarMappable(Normalize(0, 1), "gray")
+        figure.colorbar(grey, ax=panels[0::2].ravel().tolist(), label="brightness (relative)", aspect=30, pad=0.01)
+        bar = ScalarMappable(scale, colours)
+        figure.colorbar(bar, ax=panels[1::2].ravel().tolist(), label="depth from the wall (m)", aspect=30, pad=0.01)
+    return figure
+
+
+def difference_figure(one: Reconstruction, other: Reconstruction, titles: tuple[str, str]) -> Figure:
+    """Front view and depth of one less the other's, where both have them. Raises `InvalidData` for other grids."""
+    if one.albedo.shape != other.albedo.shape or one.wall != other.wall:
+        raise InvalidData(f"{titles[0]} and {titles[1]} are not on the same grid: there is no difference to draw")
+    figure = Figure(figsize=(9.4, 4.2), layout="constrained")
+    x, y = one.wall.width_m / 2, one.wall.height_m / 2
+    bright = one.albedo / brightest(one) - other.albedo / brightest(other)
+    deep_mm = (visible_depth(one) - visible_depth(other)) * 1e3
+    reach_mm = max(float(np.nanquantile(np.abs(deep_mm), 0.98)) if np.isfinite(deep_mm).any() else 1.0, 1.0)
+    drawn = ((bright, 1.0, "front view (relative)"), (deep_mm, reach_mm, "depth (mm)"))
+    for panel, (values, reach, label) in zip(figure.subplots(1, 2), drawn, strict=True):
+        panel.set_facecolor(str(BACKGROUND))
+        image = panel.imshow(values, cmap="RdBu_r", vmin=-reach, vmax=reach, extent=(-x, x, -y, y))
+        figure.colorbar(image, ax=panel, label=label, shrink=0.85, extend="both")
+        panel.set(title=f"{titles[0]} less {titles[1]}", xlabel="x (m)", ylabel="y (m)")
+    return figure

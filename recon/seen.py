@@ -1,0 +1,53 @@
+"""What counts as seen in a picture, and how its depths are coloured: one rule for every picture and view."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.recon.volume import Reconstruction
+
+FAINT = 0.02
+"""Of the brightest point: below this nothing counts as seen, in every picture and view (decision 135)."""
+FULL = 0.35
+"""From this brightness on a depth has its full colour; between `FAINT` and this it fades."""
+SURE = 0.1
+"""The depths of points as bright as this set the limits of the colours."""
+
+
+def depth_span(reconstructions: Sequence[Reconstruction]) -> tuple[float, float] | None:
+    """Nearest and farthest, in metres, of the middle 96 % of the depths of points that are bright enough; None where no
+    point is."""
+    depths = [made.depth_m[made.albedo >= SURE * brightest(made)] for made in reconstructions]
+    sure = np.concatenate([each[np.isfinite(each)] for each in depths]) if depths else np.zeros(0)
+    if not sure.size:
+        return None
+    low, high = (float(each) for each in np.quantile(sure, [0.02, 0.98]))
+    return low, high
+
+
+def depth_limits(reconstructions: Sequence[Reconstruction]) -> tuple[float, float]:
+    """The ends of the colours common to some pictures, in metres: their `depth_span`, a little more on either side, and
+    never closer together than 4 cm."""
+    low, high = depth_span(reconstructions) or (0.02, 0.98)
+    margin = max(0.02, 0.05 * (high - low))
+    return max(0.0, low - margin), high + margin
+
+
+def depth_opacity(reconstruction: Reconstruction) -> npt.NDArray[np.float32]:
+    """How much colour a depth has, (H, W), 0 to 1: none where nothing is seen, a tenth just above `FAINT`."""
+    shade = reconstruction.albedo / brightest(reconstruction)
+    seen = np.isfinite(visible_depth(reconstruction))
+    opacity = np.where(seen, np.clip(0.1 + 0.9 * (shade - FAINT) / (FULL - FAINT), 0, 1), 0)
+    return np.asarray(opacity, dtype=np.float32)
+
+
+def brightest(reconstruction: Reconstruction) -> float:
+    """What is drawn as white: the 99.9th percentile of the front view."""
+    return float(np.quantile(reconstruction.albedo, 0.999)) or 1.0
+
+
+def visible_depth(reconstruction: Reconstruction) -> npt.NDArray[np.float32]:
+    """depth_m (H, W) in metres without the points too faint to be told from black in the front view (NaN)."""
+    bright = reconstruction.albedo >= FAINT * brightest(reconstruction)
+    return np.where(bright, reconstruction.depth_m, np.float32(np.nan))

@@ -1,0 +1,88 @@
+"""What a report says of a scan's calibration: residuals with their errors, in picoseconds and millimetres."""
+
+from html import escape
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.chain import calibrate_scan
+from nlos.report.html import number, picture, table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from nlos.acquisition.transient import Transient
+    from nlos.calibration.constants import BenchConstants
+    from nlos.calibration.correct import Corrected
+    from nlos.loaded import LoadedScan
+
+_FOUND = {
+    "points_without_direct_peak": "Points without a direct peak",
+    "points_off_the_wall_fit": "Points off the fit of the wall",
+    "offset_rms_ps": "Time offsets about that fit, RMS (ps)",
+    "offset_rms_mm": "The same as a distance (mm)",
+    "scanner_position_m": "Scanner, from the wall's centre: x, y, z (m)",
+    "electronic_delay_ns": "Delay of cables and electronics (ns)",
+    "response_fwhm_ps": "Impulse response, FWHM (ps)",
+    "direct_masked_ns": "Direct light masked for (ns)",
+    "direct_tail_ps": "Its tail decays in (ps)",
+    "background_per_bin": "Background (counts per bin)",
+}
+"""What a calibration reports -> how the page calls it."""
+
+
+def calibrated(scan: "LoadedScan", constants: "BenchConstants | None") -> tuple["Transient", str, str]:
+    """What `reconstruct` would work on, a sentence on how well it was calibrated, and the section about it."""
+    from nlos.calibration.correct import correct
+
+    title = "<h2>Calibration</h2>"
+    if scan.rectified:
+        return calibrate_scan(scan), "", f"{title}<p>The source of this recording was rectified already.</p>"
+    by = "the scan's own direct light"
+    if constants is not None:
+        by += f", and constants of the bench measured {constants.measured_utc}"
+    if scan.points is not None:
+        return calibrate_scan(scan, constants=constants), "", f"{title}<p>By {escape(by)}.</p>"
+    corrected = correct(scan.transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
+    return corrected.transient, _sentence(corrected), f"{title}<p>By {escape(by)}.</p>{_residuals(corrected)}"
+
+
+def _sentence(corrected: "Corrected") -> str:
+    found = corrected.report()
+    rms_ps, rms_mm, fwhm_ps = (found.get(key) for key in ("offset_rms_ps", "offset_rms_mm", "response_fwhm_ps"))
+    if not (isinstance(rms_ps, float) and isinstance(rms_mm, float)):
+        return "No plane wall explains the arrival times; every point was aligned by its own direct light."
+    width = f", with a response {fwhm_ps:.0f} ps wide" if isinstance(fwhm_ps, float) else ""
+    return f"Arrival times fit a plane wall to {rms_ps:.1f} ps RMS ({rms_mm:.2f} mm){width}."
+
+
+def _residuals(corrected: "Corrected") -> str:
+    from matplotlib.figure import Figure
+
+    found = corrected.report()
+    rows = {label: number(found[key]) for key, label in _FOUND.items() if found.get(key) is not None}
+    offsets = corrected.points.offsets
+    if offsets is None:
+        return table(rows)
+    wall, width_ps = corrected.transient.wall, corrected.transient.time.bin_width_s * 1e12
+    figure = Figure(figsize=(9, 3.4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    shape = (wall.rows, wall.cols)
+    _map(figure, left, offsets.offset_bins.reshape(shape) * width_ps, "Time offset (ps)", wall.width_m, wall.height_m)
+    if offsets.wall is not None:
+        residual_ps = offsets.residual_bins.reshape(shape) * width_ps
+        rms_mm = found["offset_rms_mm"]
+        assert isinstance(rms_mm, float)
+        title = f"What the wall's fit leaves (ps): {rms_mm:.2f} mm RMS"
+        _map(figure, right, residual_ps, title, wall.width_m, wall.height_m)
+    return table(rows) + picture(figure, "time offset of every point, and what the wall fit leaves")
+
+
+def _map(
+    figure: "Figure", axes: object, values: npt.NDArray[np.float64], title: str, width_m: float, height_m: float
+) -> None:
+    extent = (-width_m / 2, width_m / 2, -height_m / 2, height_m / 2)
+    picture = axes.imshow(values, extent=extent)  # type: ignore[attr-defined]
+    axes.set(title=title, xlabel="x (m)", ylabel="y (m)")  # type: ignore[attr-defined]
+    figure.colorbar(picture, ax=axes)  # type: ignore[arg-type]

@@ -1,0 +1,103 @@
+"""What a report says of the scan itself: how it was taken, at which rates, and what happened meanwhile."""
+
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nlos.report.html import folded, picture, table
+
+if TYPE_CHECKING:
+    from nlos.acquisition.recording.recording import Recording
+
+
+@dataclass(frozen=True)
+class ScanPart:
+    """Sections of the page, made while the recording is open, and figures for its summary."""
+
+    sentence: str
+    warnings: str
+    rates: str
+    about: str
+    settings: str
+    events: str
+
+
+def scan_part(recording: "Recording") -> ScanPart:
+    """Everything that the file says of its scan."""
+    said = [*recording.header.warnings, *filter(None, [recording.condition().warning])]
+    warnings = "".join(f'<p class="warning"><strong>Warning:</strong> {escape(text)}</p>' for text in said)
+    return ScanPart(
+        _sentence(recording), warnings, _scan(recording), _about(recording), _settings(recording), _events(recording)
+    )
+
+
+def _sentence(recording: "Recording") -> str:
+    from nlos.recon.pictures import si
+
+    plan, records = recording.plan, recording.intact_records()
+    done, live_s = len(records), float(records["live_time_s"].sum())
+    light = f"{si(float(records['total_count'].sum()))}photons"
+    how = "every point was measured" if done == len(plan) else f"{done:,} of {len(plan):,} points were measured"
+    kept = "" if recording.status.name == "COMPLETE" else f", and the scan is {recording.status.name.lower()}"
+    return (
+        f"{len(plan):,} points on a wall of {plan.wall.width_m:g} x {plan.wall.height_m:g} m in "
+        f"{recording.elapsed_s:.1f} s, {live_s:.1f} s of it counting: {light}; {how}{kept}."
+    )
+
+
+def _about(recording: "Recording") -> str:
+    plan, header = recording.plan, recording.header
+    records = recording.intact_records()
+    live_s = float(records["live_time_s"].sum())
+    rows = {
+        "Started": header.started_utc or "not stored",
+        "Status": f"{recording.status.name.lower()}, {len(records)} of {len(plan)} points",
+        "Wall": f"{plan.wall.width_m:g} x {plan.wall.height_m:g} m, grid of {plan.wall.rows} x {plan.wall.cols}",
+        "Time axis": f"{plan.axis.bins} bins of {plan.axis.bin_width_s * 1e12:g} ps",
+        "Light": f"{live_s:.2f} s of live time, {int(records['total_count'].sum()):,} photons",
+        **{
+            role.capitalize(): f"{who.vendor} {who.product}, serial {who.serial or 'not told'}, "
+            f"firmware {who.firmware or 'not told'}"
+            for role, who in header.devices.items()
+        },
+        "Software": ", ".join(f"{name} {version}" for name, version in header.software.items()),
+        "Code": header.git_hash or "not from a checkout",
+    }
+    return table(rows)
+
+
+def _settings(recording: "Recording") -> str:
+    header = recording.header
+    texts = [("The scan file", header.scan_text), ("The bench file", header.bench_text)]
+    if not any(text for _, text in texts):
+        return ""
+    return "<h2>Settings</h2>" + "".join(folded(name, text) for name, text in texts if text)
+
+
+def _scan(recording: "Recording") -> str:
+    from matplotlib.figure import Figure
+
+    plan, records = recording.plan, recording.intact_records()
+    numbers = records["number"]
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    rate = records["total_count"] / np.maximum(records["live_time_s"], 1e-12)
+    dots = left.scatter(plan.positions.x_m[numbers], plan.positions.y_m[numbers], c=rate / 1e3, s=6, marker="s")
+    left.set(title="Count rate (kcps)", xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    figure.colorbar(dots, ax=left)
+    total = np.zeros(plan.axis.bins)
+    for _, counts, intact in recording.blocks():
+        total += counts[intact].sum(axis=0, dtype=np.float64)
+    right.semilogy((plan.axis.offset_s + np.arange(plan.axis.bins) * plan.axis.bin_width_s) * 1e9, total + 0.5)
+    right.set(title="All histograms added up", xlabel="time after the laser pulse (ns)", ylabel="counts")
+    return f"<h2>Exposure and rates</h2>{picture(figure, 'count rate over the wall, and the sum of all histograms')}"
+
+
+def _events(recording: "Recording") -> str:
+    lines = "".join(
+        f"<tr><td>{event.bench_s:.3f} s</td><th>{escape(event.kind)}</th><td>{escape(event.text)}</td></tr>"
+        for event in recording.events()
+    )
+    return f"<h2>Events</h2><table>{lines}</table>" if lines else "<h2>Events</h2><p>None.</p>"
