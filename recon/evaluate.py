@@ -7,7 +7,7 @@ attributes as in `acquisition/importers/plain.py`, and the truth on the same gri
 
 import difflib
 import resource
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -90,10 +90,14 @@ def evaluate(
     """Runs every method on every scene under every condition; conditions that a scene lacks are skipped and reported.
 
     A physics method with an inverse filter runs at each of `SNR_CHOICES` and keeps, per condition, the one with the
-    best mean psnr; `fixed` leaves its snr to the method. `settings` go to every method that knows them. Raises
+    best mean psnr; `fixed` leaves its snr to the method. `settings` go to every method that knows them. A word
+    of `methods` may be `NAME=FILE`: weights of one's own, which say their method. Raises
     `InvalidData` where no scene has a truth, `InvalidSettings` for a method or condition that does not exist.
     """
-    check_known(methods, settings or {})
+    entrants = [entrant(word) for word in methods]
+    if twice := sorted({one.name for one in entrants if [e.name for e in entrants].count(one.name) > 1}):
+        raise InvalidSettings(f"{', '.join(twice)}: named twice. Give each of them a name of its own, as NAME=FILE.")
+    check_known([one.method for one in entrants], settings or {})
     scenes = list(find_scenes(paths, say))
     if not scenes:
         raise InvalidData(f"no scene with ground truth (gt_intensity, gt_depth, gt_mask) in {_listed(paths)}.")
@@ -106,17 +110,39 @@ def evaluate(
         if len(having) < len(scenes):
             say(f"{condition}: only in {', '.join(scene.name for scene in having)}")
         transients = [transient_of(scene, condition) for scene in having]
-        for method in methods:
+        for one in entrants:
             best: list[tuple[Row, Reconstruction]] = []
-            for chosen in choices(method, settings or {}, fixed):
-                runs = [_run(*pair, method, chosen, condition, device) for pair in zip(having, transients, strict=True)]
+            for chosen in choices(one.method, settings or {}, fixed, one.settings):
+                runs = [_run(*pair, one, chosen, condition, device) for pair in zip(having, transients, strict=True)]
                 if not best or _mean_psnr(runs) > _mean_psnr(best):
                     best = runs
-            say(f"{condition:18} {method:16} psnr {_mean_psnr(best):6.2f} dB  {best[0][0].settings.get('snr', '')}")
+            say(f"{condition:18} {one.name:16} psnr {_mean_psnr(best):6.2f} dB  {best[0][0].settings.get('snr', '')}")
             for row, picture in best:
                 rows.append(row)
                 pictures[row.scene, row.method, row.condition] = picture
     return Evaluation(rows, scenes, pictures)
+
+
+@dataclass(frozen=True)
+class Entrant:
+    """One method as it takes part: under its own name, or a user's weights under a name of theirs."""
+
+    name: str
+    method: str
+    settings: dict[str, object]
+
+
+def entrant(word: str) -> Entrant:
+    """`METHOD`, or `NAME=FILE` for weights. Raises `InvalidSettings`."""
+    name, equals, file = word.partition("=")
+    if not equals:
+        return Entrant(name, name, {})
+    if not name or not file:
+        raise InvalidSettings(f"--methods {word}: NAME=FILE is expected, a name and a file of weights")
+    from nlos.recon.weights.described import describe_weights
+
+    known = describe_weights(file)
+    return Entrant(name, known.method, known.settings)
 
 
 def check_known(methods: Sequence[str], settings: dict[str, object]) -> None:
@@ -129,10 +155,12 @@ def check_known(methods: Sequence[str], settings: dict[str, object]) -> None:
             raise InvalidSettings(f"none of {', '.join(methods)} has a setting '{key}'; {hint}")
 
 
-def choices(method: str, settings: dict[str, object], fixed: bool) -> list[dict[str, object]]:
-    """The settings that a method is tried with."""
+def choices(
+    method: str, settings: dict[str, object], fixed: bool, given: Mapping[str, object] | None = None
+) -> list[dict[str, object]]:
+    """The settings that a method is tried with: those of its weights (`given`), and before them `settings`."""
     known = find(method).Settings
-    own = {key: value for key, value in settings.items() if key in known.model_fields}
+    own = {**(given or {})} | {key: value for key, value in settings.items() if key in known.model_fields}
     parse_settings(method, own)
     tuned = issubclass(known, PhysicsSettings) and known.has_inverse_filter and not fixed and "snr" not in own
     return [{**own, "snr": snr} for snr in SNR_CHOICES] if tuned else [own]
@@ -207,18 +235,18 @@ def transient_of(scene: Scene, condition: str) -> Transient:
 
 
 def _run(
-    scene: Scene, transient: Transient, method: str, settings: dict[str, object], condition: str, device: str
+    scene: Scene, transient: Transient, one: Entrant, settings: dict[str, object], condition: str, device: str
 ) -> tuple[Row, Reconstruction]:
-    if scene.falloff is not None and "falloff" in find(method).Settings.model_fields:
+    if scene.falloff is not None and "falloff" in find(one.method).Settings.model_fields:
         settings = {"falloff": scene.falloff, **settings}
     _forget_peak()
     try:
-        done = reconstruct(transient, method, settings, device)
+        done = reconstruct(transient, one.method, settings, device)
     except ReconError as error:
-        raise type(error)(f"{scene.name}, {condition}, {method}: {error}") from error
+        raise type(error)(f"{scene.name}, {condition}, {one.name}: {error}") from error
     row = Row(
         scene=scene.name,
-        method=method,
+        method=one.name,
         settings=done.settings,
         condition=condition,
         **image_scores(done.albedo, scene.intensity),

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from nlos.recon.training.train import LOG, WEIGHTS
+from nlos.recon.training.run_folder import LOG, WEIGHTS
 from nlos.recon.weights.files import OWN_FOLDER, STUDIES, WeightsError, read_weights, save
 
 MOST_BYTES = 5_000_000

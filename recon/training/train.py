@@ -26,16 +26,16 @@ from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.methods import find
 from nlos.recon.training.batches import batch_at, mirrored_batch, pooled, whole_scan, with_uniform_noise
-from nlos.recon.training.checkpoint import commit, optimiser_tensors, put_optimiser, share_parameters
+from nlos.recon.training.checkpoint import share_parameters
 from nlos.recon.training.log import Log, plot
 from nlos.recon.training.losses import losses
+from nlos.recon.training.run_folder import LOG, about_run, resume_run, save_state, save_weights
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.validation import validate
-from nlos.recon.weights.files import load_weights, put_weights, read_weights, save
+from nlos.recon.weights.files import load_weights
 
 Report = Callable[[str], None]
 Objective = Callable[[Mapping[str, torch.Tensor]], dict[str, torch.Tensor]]
-STATE, WEIGHTS, LOG = "state.safetensors", "weights.safetensors", "log.jsonl"
 LINES = 400
 VALIDATIONS = 5
 
@@ -59,12 +59,13 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
         parameters, lr=settings.learning_rate, betas=(0.9, 0.98), weight_decay=settings.weight_decay
     )
     average = [p.detach().clone() for p in parameters]
-    step, spent_s = _go_on(settings, folder, model, optimiser, average)
+    step, spent_s = resume_run(settings, folder, model, optimiser, average)
     log = Log(folder / LOG, step, rank == 0, settings.tensorboard)
     count = sum(p.numel() for p in parameters)
     report(f"{settings.method}: {count:,} parameters, from step {step} of {settings.steps}")
     started = saved = clock.monotonic()
     elapsed, late = spent_s, False
+    figures: dict[str, float] = {}
 
     def load(at: int) -> dict[str, torch.Tensor]:
         return batch_at(settings.data, settings.cache_path, settings.seed, at, settings.batch, part)
@@ -101,16 +102,19 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
             if settings.max_minutes is not None:
                 late = not _everywhere(now - started < 60 * settings.max_minutes, world, device)
             done = late or step == settings.steps
+            if rank == 0 and (done or now - saved > 60 * settings.checkpoint_minutes):
+                about = about_run(settings, model, step, elapsed, before, figures)
+                save_state(folder, model, optimiser, average, about)
+                save_weights(folder, model, average, about)
+                saved = now
             if rank == 0 and not done and step % max(1, settings.steps // VALIDATIONS) == 0:
                 figures = _with(average, parameters, lambda: validate(model, settings, device))
                 log.line({"step": step, "seconds": elapsed, "validation": figures})
                 report(f"step {step}/{settings.steps}, {elapsed / 60:.1f} min: " + _told(figures))
-            if rank == 0 and (done or now - saved > 60 * settings.checkpoint_minutes):
-                _save(settings, folder, model, optimiser, average, step, elapsed, before)
-                saved = now
     summary: dict[str, Any] = {"step": step, "samples": step * settings.batch, "minutes": elapsed / 60}
     if rank == 0:
         figures = _with(average, parameters, lambda: validate(model, settings, device, against_lct=True))
+        save_weights(folder, model, average, about_run(settings, model, step, elapsed, before, figures))
         summary |= {"validation": figures, "finished": step == settings.steps}
         log.line(summary)
         report(f"{summary['minutes']:.1f} min, {summary['samples']} samples: " + _told(figures))
@@ -225,68 +229,6 @@ def _with(average: list[torch.Tensor], parameters: Sequence[torch.Tensor], do: C
     finally:
         with torch.no_grad():
             torch._foreach_copy_(list(parameters), own)
-
-
-def _save(
-    settings: TrainSettings,
-    folder: Path,
-    model: nn.Module,
-    optimiser: torch.optim.Optimizer,
-    average: list[torch.Tensor],
-    step: int,
-    seconds: float,
-    before: Mapping[str, Any],
-) -> None:
-    trained = [name for name, p in model.named_parameters() if p.requires_grad]
-    mean = dict(zip(trained, average, strict=True))
-    whole = {name: p.detach() for name, p in model.named_parameters()}
-    about = {
-        "method": settings.method,
-        "settings": settings.model_dump(mode="json"),
-        "step": step,
-        "samples": step * settings.batch,
-        "hours": seconds / 3600,
-        "samples_before": before.get("samples", 0) + before.get("samples_before", 0),
-        "hours_before": before.get("hours", 0.0) + before.get("hours_before", 0.0),
-        "commit": commit(),
-        "torch": torch.__version__,
-        "device": str(next(iter(whole.values())).device),
-        "threads": torch.get_num_threads(),
-    }
-    state = {f"weights/{name}": p for name, p in whole.items()}
-    state |= {f"average/{name}": p for name, p in mean.items()}
-    save(folder / STATE, state | optimiser_tensors(model, optimiser), about)
-    save(folder / WEIGHTS, whole | mean, about)
-
-
-def _go_on(
-    settings: TrainSettings,
-    folder: Path,
-    model: nn.Module,
-    optimiser: torch.optim.Optimizer,
-    average: list[torch.Tensor],
-) -> tuple[int, float]:
-    """Step and seconds spent of the run in `folder`, its state put in place; 0, 0 where there is none."""
-    if not (folder / STATE).exists():
-        return 0, 0.0
-    state = read_weights(folder / STATE)
-    free = {"max_minutes": None, "checkpoint_minutes": 1.0, "tensorboard": False, "cache": ""}  # may change on the way
-    given = (TrainSettings.model_validate_json(json.dumps(state.about["settings"])), settings)
-    before, now = (one.model_copy(update=free).model_dump(mode="json") for one in given)
-    if before != now:
-        changed = ", ".join(sorted(key for key in now if before[key] != now[key]))
-        raise ValueError(f"{folder} holds a run with other settings ({changed}). Choose another folder, or remove it.")
-
-    def under(prefix: str) -> dict[str, torch.Tensor]:
-        return {name.removeprefix(prefix): x for name, x in state.tensors.items() if name.startswith(prefix)}
-
-    put_weights(model, under("weights/"), str(folder / STATE))
-    put_optimiser(model, optimiser, state.tensors)
-    mean = under("average/")
-    names = [name for name, p in model.named_parameters() if p.requires_grad]
-    for name, own in zip(names, average, strict=True):
-        own.copy_(mean[name])
-    return int(state.about["step"]), 3600 * float(state.about["hours"])
 
 
 def _told(figures: Mapping[str, float]) -> str:

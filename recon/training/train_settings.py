@@ -63,6 +63,8 @@ class TrainSettings(Settings):
     """Stops there; the same command resumes."""
     tensorboard: bool = False
     """Also write TensorBoard logs; needs the extra of that name."""
+    licence: str = "not stated"
+    """Of the weights: what their file says about how others may use them."""
     cache: str | None = (
         "runs/scenes"  # the folder where rendered samples are kept; null keeps none, for scenes seen once
     )

@@ -74,6 +74,18 @@ def read_weights(path: Path) -> Weights:
     return Weights(tensors, about)
 
 
+def read_about(path: Path) -> dict[str, Any]:
+    """What was said about weights when they were saved, without reading them. Raises WeightsError."""
+    if path.suffix in SUFFIXES:
+        return {}
+    try:
+        with safe_open(path, framework="pt") as file:
+            about = json.loads((file.metadata() or {}).get("about", "{}"))
+    except (SafetensorError, OSError, ValueError) as error:
+        raise WeightsError(f"{path} is not a readable safetensors file ({error}). Copy or train it again.") from error
+    return about if isinstance(about, dict) else {}
+
+
 def load_weights(module: nn.Module, name: str) -> dict[str, Any]:
     """Put the weights `name` (see `find_weights`) into `module`; returns what is said about them.
 

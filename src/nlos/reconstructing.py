@@ -14,8 +14,9 @@ from nlos.scan_data import Scan, load
 
 def reconstruct(
     scan: Scan | str | Path | npt.ArrayLike,
-    method: str = "lct",
+    method: str | None = None,
     *,
+    weights: str | Path | None = None,
     wall: Size | None = None,
     bin_width: float | None = None,
     points: Sequence[npt.ArrayLike] | None = None,
@@ -30,8 +31,9 @@ def reconstruct(
 
     For arrays: `wall` its side or (width, height) in metres, `bin_width` in seconds, `axes` the order of the axes where
     it is another ("TYX"), `exposure` in seconds per point (0 = not measured), `rectified` whether time 0 is the wall
-    and direct light is gone; if not, both are found in the histograms. Other keywords are settings of the method:
-    `nlos.methods()[method].settings`. Raises `InvalidData`, `InvalidSettings` and `ReconstructionFailed` of
+    and direct light is gone; if not, both are found in the histograms. `method` is `lct`, unless `weights` (a file, or
+    a name of those that ship) say another: they bring method and architecture. Other keywords are settings of the
+    method: `nlos.methods()[method].settings`. Raises `InvalidData`, `InvalidSettings` and `ReconstructionFailed` of
     `nlos.recon.errors`, and what `nlos.load` raises.
     """
     if isinstance(scan, str | Path):
@@ -45,5 +47,10 @@ def reconstruct(
         loaded = scan_from_arrays(
             scan, bin_width=bin_width, wall=wall, points=points, axes=axes, exposure=exposure, rectified=rectified
         )
+    name, chosen = method or "lct", settings
+    if weights is not None:
+        from nlos.recon.weights.described import use_weights
+
+        name, chosen = use_weights(weights, method, settings)
     place = None if constants is None else Path(constants)
-    return Picture(reconstruct_scan(loaded, method, settings, constants=place, device=device))
+    return Picture(reconstruct_scan(loaded, name, chosen, constants=place, device=device))

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from nlos.recon.evaluate import as_json, evaluate
 from nlos.recon.training.log import finished
-from nlos.recon.training.train import WEIGHTS
+from nlos.recon.training.run_folder import WEIGHTS
 from nlos.recon.weights.files import read_weights
 from studies.results.kept import kept, of_code, of_files, weights_path
 from studies.results.quality import Quality

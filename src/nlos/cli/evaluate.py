@@ -12,7 +12,9 @@ def evaluate(
     data: Annotated[list[Path], typer.Option("--data", metavar="PATH", help="Scene files or folders of them.")],
     more: Annotated[list[Path] | None, typer.Argument(metavar="[PATH]...", help="More scene files or folders.")] = None,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR")] = Path("out"),
-    methods: Annotated[str | None, typer.Option(help="Method names, separated by commas. Default: all.")] = None,
+    methods: Annotated[
+        str | None, typer.Option(help="Method names, or NAME=FILE for weights, separated by commas. Default: all.")
+    ] = None,
     conditions: Annotated[str | None, typer.Option(help="Dataset names, optionally @RxC or @blue:N.")] = None,
     settings: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
     fixed: Annotated[

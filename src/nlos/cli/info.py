@@ -1,4 +1,4 @@
-"""`nlos info`: what is in a file."""
+"""`nlos info`: what is in a file: a recording, a scan of another program, weights, constants, a result."""
 
 import json
 from pathlib import Path
@@ -13,15 +13,8 @@ if TYPE_CHECKING:
 
 
 def info(run: Annotated[Path, typer.Argument(metavar="RUN")]) -> None:
-    """What is in a recording, or in any file that an importer reads."""
-    from nlos.acquisition.importers.magic import is_recording
-    from nlos.acquisition.recording.checked import open_checked
-
-    if is_recording(run):
-        with open_checked(run) as recording:
-            found = _of_recording(recording)
-    else:
-        found = _of_import(run)
+    """What is in a recording, in any file that an importer reads, in weights, constants and results."""
+    found = _found(run)
     width = max(len(key) for key in found) + 2
     for key, value in found.items():
         if key != "events":
@@ -29,6 +22,25 @@ def info(run: Annotated[Path, typer.Argument(metavar="RUN")]) -> None:
     for event in found.get("events", []):
         terminal.result(f"{event['bench_s']:>10.3f} s  {event['kind']}: {event['text']}")
     terminal.document.update(found)
+
+
+def _found(run: Path) -> dict[str, Any]:
+    from nlos.acquisition.importers.magic import HDF5_MAGIC, is_recording, magic_of
+    from nlos.acquisition.recording.checked import open_checked
+
+    if is_recording(run):
+        with open_checked(run) as recording:
+            return _of_recording(recording)
+    if run.suffix == ".safetensors":
+        from nlos.recon.weights.described import summary
+
+        return summary(str(run))
+    if magic_of(run) == HDF5_MAGIC:
+        from nlos.cli.info_of_products import of_product
+
+        if (product := of_product(run)) is not None:
+            return product
+    return _of_import(run)
 
 
 def _of_recording(recording: "Recording") -> dict[str, Any]:

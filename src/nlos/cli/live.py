@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 
 from nlos.cli.exit_codes import UsageError
+from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.terminal import terminal
 
 MOST_RUNS = 4
@@ -31,6 +32,7 @@ def live(
             help="Method name; see `nlos methods`. Default: NANO (LCT without torch), after a first one by LCT."
         ),
     ] = None,
+    weights: Weights = None,
     idle_s: Annotated[
         float | None, typer.Option(metavar="S", help="Stop this many seconds after the scan and the last request.")
     ] = None,
@@ -42,6 +44,9 @@ def live(
     from nlos.live.web import WebServer
     from nlos.recon.live import LiveReconstruction
 
+    seeing: dict[str, object] = {}
+    if weights is not None:
+        method, seeing = chosen_method(weights, method, {})
     methods = methods_for(method)
     if len({run.resolve() for run in runs}) < len(runs) or len(runs) > MOST_RUNS:
         raise UsageError(f"{len(runs)} RUNs: name up to {MOST_RUNS} different ones")
@@ -50,7 +55,12 @@ def live(
     door = socket.socket(fileno=int(inherited)) if inherited else listening(port)
     number = door.getsockname()[1]
     state = state_file(runs[0]) if inherited else None
-    scans = [LiveScan(run, [LiveReconstruction(each) for each in methods], first_fraction=0.1) for run in runs]
+    scans = [
+        LiveScan(
+            run, [LiveReconstruction(each, seeing if each == method else {}) for each in methods], first_fraction=0.1
+        )
+        for run in runs
+    ]
     if state is not None:
         scans[0].on_picture = lambda picture: write_state(state, picture)
     page = LivePage(scans, token, {f"127.0.0.1:{number}", f"localhost:{number}"})

@@ -8,12 +8,14 @@ import typer
 from nlos.acquisition.importers.given import NOTHING
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.file_words import Axes, BinWidth, Depths, Rectified, WallSize, depths, given
+from nlos.cli.method_settings import Weights, chosen_method, parse_settings
 from nlos.cli.terminal import terminal
 
 
 def reconstruct(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Recordings, plain HDF5 or imported formats.")],
-    method: Annotated[str, typer.Option(help="Method name; see `nlos methods`.")] = "lct",
+    method: Annotated[str | None, typer.Option(help="Method name; see `nlos methods`. Default: lct.")] = None,
+    weights: Weights = None,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR")] = Path("out"),
     settings: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
     constants: Annotated[
@@ -38,10 +40,9 @@ def reconstruct(
 ) -> None:
     """From a recording, or any file that an importer reads, to a picture."""
     from nlos.chain import reconstruct_file
-    from nlos.cli.method_settings import parse_settings
     from nlos.recon.results import files_in
 
-    chosen = parse_settings(settings or [])
+    method, chosen = chosen_method(weights, method, parse_settings(settings or []))
     _check(method, chosen, device)
     said, limits_m = given(wall_size_m, bin_width_ps, axes, rectified), depths(depth_m)
     if follow:

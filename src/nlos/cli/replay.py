@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from nlos.cli.exit_codes import UsageError
+from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.scan_progress import ScanProgress
 from nlos.cli.targets import recording_target
 from nlos.cli.terminal import terminal
@@ -17,6 +18,7 @@ def replay(
     speed: Annotated[str, typer.Option(metavar="X", help="Multiple of the recorded pace; `max` does not wait.")] = "1",
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="NEW.h5")] = None,
     reconstruct: Annotated[str | None, typer.Option(metavar="METHOD", help="Method name; see `nlos methods`.")] = None,
+    weights: Weights = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Plays the samples of a recording, into a new recording and a picture where asked for."""
@@ -26,6 +28,9 @@ def replay(
     from nlos.acquisition.recording.writer import RecordingWriter
 
     pace = _pace(speed)
+    settings: dict[str, object] = {}
+    if weights is not None:
+        reconstruct, settings = chosen_method(weights, reconstruct, {})
     if output is not None and recording_target(output).resolve() == run.resolve():
         raise UsageError(f"{output}: is the recording that is replayed")
     with open_checked(run) as recording:
@@ -63,7 +68,7 @@ def replay(
         from nlos.recon.results import files_in
 
         folder = (output or run).with_suffix("")
-        reconstruct_file(output or run, reconstruct, {}, folder, overwrite=overwrite)
+        reconstruct_file(output or run, reconstruct, settings, folder, overwrite=overwrite)
         names = files_in(folder)
         terminal.result(f"{folder}: {', '.join(names)}", folder=str(folder), files=names)
 

@@ -11,6 +11,7 @@ import typer
 from nlos.cli.benches import load_bench, measured_constants, opened
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.interrupts import Interrupts
+from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.scan_ending import ScanEnding
 from nlos.cli.scan_progress import ScanProgress
 from nlos.cli.targets import recording_target
@@ -51,6 +52,7 @@ def scan(
             help="Stop (or start the second pass) once the picture changes and errs by less than LEVEL.",
         ),
     ] = None,
+    weights: Weights = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Acquires. Ctrl-C closes the shutter and pauses; Enter goes on, a second Ctrl-C ends the scan cleanly."""
@@ -65,6 +67,9 @@ def scan(
             f"{table.path}: this bench has no shutter, so nothing here can shut off the light. "
             "Say --no-shutter if something else does."
         )
+    seeing: dict[str, object] = {}
+    if weights is not None:
+        reconstruct, seeing = chosen_method(weights, reconstruct, {})
     if reconstruct is not None:
         from nlos.recon.methods import find
 
@@ -90,10 +95,10 @@ def scan(
     with Interrupts().caught() as interrupts, opened(table, scene) as open_bench:
         _acquire(
             plan, header, open_bench, target, resume, overwrite, interrupts, wanted.settings.alarms,
-            reconstruct, live, level, constants,
+            reconstruct, seeing, live, level, constants,
         )  # fmt: skip
     if reconstruct is not None:
-        _reconstruct(target, reconstruct, overwrite)
+        _reconstruct(target, reconstruct, seeing, overwrite)
 
 
 def _acquire(
@@ -106,6 +111,7 @@ def _acquire(
     interrupts: Interrupts,
     alarms: "AlarmSettings",
     watched_by: str | None,
+    seeing: dict[str, object],
     live: bool,
     level: float | None,
     constants: Path | None,
@@ -138,6 +144,7 @@ def _acquire(
         enough = Enough(
             target, plan, {role: f"{who.model} {who.serial}".strip() for role, who in roles.items()}, level,
             methods_for(watched_by)[-1], bench.report, watched=not bench.settings.simulated, resumed=resume,
+            settings=seeing,
         )  # fmt: skip
     with ExitStack() as stack:
         with undisturbed():  # a recording that is begun is ended, whenever a signal comes
@@ -150,7 +157,7 @@ def _acquire(
             ending = stack.enter_context(ScanEnding(bench, writer, control))
         interrupts.pauses(control)
         if live or (level is not None and not bench.settings.simulated):
-            start_live(target, watched_by)
+            start_live(target, watched_by, seeing.get("weights"))
         start_s = bench.clock.now() - begun.elapsed_s
         stack.enter_context(progress)
         samples = run(
@@ -210,13 +217,13 @@ def _ask(interrupts: Interrupts, progress: ScanProgress, why: str) -> bool:
     return going
 
 
-def _reconstruct(run: Path, method: str, overwrite: bool) -> None:
+def _reconstruct(run: Path, method: str, settings: dict[str, object], overwrite: bool) -> None:
     """The picture of a scan that has just ended. Raises `Stopped`: whatever fails here, the scan is safe."""
     from nlos.chain import reconstruct_file
     from nlos.recon.results import files_in
 
     folder = run.with_suffix("")
-    done = reconstruct_file(run, method, {}, folder, overwrite=overwrite)
+    done = reconstruct_file(run, method, settings, folder, overwrite=overwrite)
     terminal.result(f"{folder}: {', '.join(files_in(folder))} ({method}, {done.seconds:.2f} s)")
     terminal.document["reconstruction"] = {
         "folder": str(folder), "method": method, "seconds": done.seconds, "files": files_in(folder),

@@ -21,6 +21,7 @@ def train(
     """Train a learned method; an interrupted run goes on from its last checkpoint."""
     from nlos.configs.load import load
     from nlos.recon.training import train as training
+    from nlos.recon.training.run_folder import LOG, STATE, WEIGHTS
     from nlos.recon.training.train_settings import TrainSettings
 
     loaded = load("train", config, TrainSettings)
@@ -29,7 +30,7 @@ def train(
     if max_minutes is not None:
         settings = settings.model_copy(update={"max_minutes": max_minutes})
     if overwrite:
-        for name in (training.STATE, training.WEIGHTS, training.LOG):
+        for name in (STATE, WEIGHTS, LOG):
             (folder / name).unlink(missing_ok=True)
     summary = training.train(settings, folder, terminal.log)
     figures = ", ".join(f"{name} {value:.3f}" for name, value in summary.get("validation", {}).items())

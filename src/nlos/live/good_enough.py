@@ -36,6 +36,7 @@ class Enough:
         report: Callable[[str, str], None],
         watched: bool,
         resumed: bool = False,
+        settings: Mapping[str, object] | None = None,
     ) -> None:
         """Before `run` is opened for writing: where it is `resumed`, what it holds is read here. `watched`: the live
         process of `run` makes the pictures, and its figures are read here."""
@@ -50,7 +51,7 @@ class Enough:
         self._level, self._report, self._devices = level, report, devices
         self._state = state_file(run) if watched else None
         self._gathering = gathering_for(plan)
-        self._live = LiveReconstruction(method)
+        self._live = LiveReconstruction(method, settings)
         self._next = max(1, math.ceil(FIRST_FRACTION * len(plan)))
         self._looked_s = -math.inf
         self._seen = 0

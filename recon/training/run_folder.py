@@ -1,0 +1,112 @@
+"""The folder of a training: its state to resume from, its weights to use, and whether both belong to these settings."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from nlos.recon.methods import find
+from nlos.recon.training.checkpoint import commit, optimiser_tensors, put_optimiser
+from nlos.recon.training.train_settings import TrainSettings
+from nlos.recon.weights.described import range_of
+from nlos.recon.weights.files import put_weights, read_weights, save
+
+STATE, WEIGHTS, LOG = "state.safetensors", "weights.safetensors", "log.jsonl"
+
+
+def architecture(settings: TrainSettings) -> dict[str, Any]:
+    """Every setting of the method that is trained, those at their defaults too."""
+    kind = find(settings.method).Settings
+    given = json.dumps({"weights": None} | settings.method_settings)
+    return kind.model_validate_json(given).model_dump(mode="json")
+
+
+def about_run(
+    settings: TrainSettings,
+    model: nn.Module,
+    step: int,
+    seconds: float,
+    before: Mapping[str, Any],
+    validation: Mapping[str, float],
+) -> dict[str, Any]:
+    """What weights of this step say about themselves; `before` is what those said that the run began with."""
+    return {
+        "method": settings.method,
+        "architecture": architecture(settings),
+        "range": range_of(settings.data.model_dump(mode="json")),
+        "licence": settings.licence,
+        "settings": settings.model_dump(mode="json"),
+        "validation": dict(validation),
+        "step": step,
+        "samples": step * settings.batch,
+        "hours": seconds / 3600,
+        "samples_before": before.get("samples", 0) + before.get("samples_before", 0),
+        "hours_before": before.get("hours", 0.0) + before.get("hours_before", 0.0),
+        "commit": commit(),
+        "torch": torch.__version__,
+        "device": str(next(model.parameters()).device),
+        "threads": torch.get_num_threads(),
+    }
+
+
+def save_state(
+    folder: Path,
+    model: nn.Module,
+    optimiser: torch.optim.Optimizer,
+    average: list[torch.Tensor],
+    about: Mapping[str, Any],
+) -> None:
+    """All that the next step needs."""
+    state = {f"weights/{name}": p.detach() for name, p in model.named_parameters()}
+    state |= {f"average/{name}": p for name, p in _averaged(model, average).items()}
+    save(folder / STATE, state | optimiser_tensors(model, optimiser), about)
+
+
+def save_weights(folder: Path, model: nn.Module, average: list[torch.Tensor], about: Mapping[str, Any]) -> None:
+    """Every parameter, those that were trained as their running mean."""
+    whole = {name: p.detach() for name, p in model.named_parameters()}
+    save(folder / WEIGHTS, whole | _averaged(model, average), about)
+
+
+def _averaged(model: nn.Module, average: list[torch.Tensor]) -> dict[str, torch.Tensor]:
+    trained = [name for name, p in model.named_parameters() if p.requires_grad]
+    return dict(zip(trained, average, strict=True))
+
+
+def resume_run(
+    settings: TrainSettings,
+    folder: Path,
+    model: nn.Module,
+    optimiser: torch.optim.Optimizer,
+    average: list[torch.Tensor],
+) -> tuple[int, float]:
+    """Step and seconds spent of the run in `folder`, its state put in place; 0, 0 where there is none."""
+    if not (folder / STATE).exists():
+        return 0, 0.0
+    state = read_weights(folder / STATE)
+    free = {
+        "max_minutes": None,
+        "checkpoint_minutes": 1.0,
+        "tensorboard": False,
+        "cache": "",
+        "licence": "",
+    }
+    given = (TrainSettings.model_validate_json(json.dumps(state.about["settings"])), settings)
+    before, now = (one.model_copy(update=free).model_dump(mode="json") for one in given)
+    if before != now:
+        changed = ", ".join(sorted(key for key in now if before[key] != now[key]))
+        raise ValueError(f"{folder} holds a run with other settings ({changed}). Choose another folder, or remove it.")
+
+    def under(prefix: str) -> dict[str, torch.Tensor]:
+        return {name.removeprefix(prefix): x for name, x in state.tensors.items() if name.startswith(prefix)}
+
+    put_weights(model, under("weights/"), str(folder / STATE))
+    put_optimiser(model, optimiser, state.tensors)
+    mean = under("average/")
+    names = [name for name, p in model.named_parameters() if p.requires_grad]
+    for name, own in zip(names, average, strict=True):
+        own.copy_(mean[name])
+    return int(state.about["step"]), 3600 * float(state.about["hours"])
