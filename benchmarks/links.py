@@ -19,8 +19,9 @@ from nlos.drivers.simulated.usb.backend import SimulatedUsb
 from nlos.drivers.tcspc.counter import HistogramAxis, Trigger
 from nlos.drivers.tcspc.t3 import GENERIC, T3Decoder
 from nlos.drivers.tcspc.t3_points import PointHistograms, StepMarkers
-from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488, Tcspc488Settings
+from nlos.drivers.tcspc.tcspc488.counter import open_tcspc488
 from nlos.drivers.tcspc.tcspc488.records import record_bytes
+from nlos.drivers.tcspc.tcspc488.settings import Tcspc488Settings
 
 RUNS = 7
 BLOCK_BYTES = 1 << 20
@@ -54,7 +55,7 @@ def drain_mb_s() -> tuple[float, float]:
 
     bench = SimulatedBench(light)
     backend = SimulatedUsb([Tcspc488Firmware(bench)], bench.clock)
-    counter = Tcspc488.open(Tcspc488Settings(model="tcspc488", usb="simulated"), bench.clock, backend)
+    counter = open_tcspc488(Tcspc488Settings(model="tcspc488", usb="simulated"), bench.clock, backend)
     counter.configure(HistogramAxis(BINS, 32e-12))
     points = BLOCK_BYTES // record_bytes(BINS, True)
     size = points * record_bytes(BINS, True)

@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 from nlos.configs.settings import Settings
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.models import MIRRORS, MirrorSettings
-from nlos.drivers.safety import SafetySettings
+from nlos.drivers.safety_settings import SafetySettings
 from nlos.drivers.simulated.simulation_settings import SimulationSettings
 from nlos.drivers.tcspc.models import COUNTERS, CounterSettings
 

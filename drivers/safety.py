@@ -3,41 +3,15 @@
 This asks for the light to be shut off and checks that it was. The hard-wired interlock is the safety device.
 """
 
-from typing import TYPE_CHECKING
-
-from pydantic import Field, field_validator
-
-from nlos.configs.settings import Settings
 from nlos.drivers.clock import Clock
 from nlos.drivers.errors import DeviceError, SafetyTrip, ShutterHeld
 from nlos.drivers.events import EventLog
+from nlos.drivers.safety_settings import SafetySettings
 from nlos.drivers.shutter import LaserShutter, ShutterState
 from nlos.drivers.tcspc.counter import CountRates, Histogram, HistogramCounter
-
-if TYPE_CHECKING:
-    from nlos.drivers.trip_latch import TripLatch
+from nlos.drivers.trip_latch import TripLatch
 
 _SHUTTER_MOVES_S = 0.1
-
-
-class SafetySettings(Settings):
-    """When the light is shut off without anybody asking. `dry_run`: it never goes on, everything else happens."""
-
-    dry_run: bool = False
-    """The light never goes on; everything else happens."""
-    watchdog_s: float = Field(default=2.0, ge=0, le=60)
-    """The instrument closes the shutter when the host has been silent for so long; 0: never."""
-    trip_cps: float = Field(default=5e6, gt=0)
-    """Detector rate above which the light is shut off, until a person clears it."""
-    trip_ms: float = Field(default=10.0, ge=1)
-    """How long the rate may be exceeded."""
-
-    @field_validator("watchdog_s")
-    @classmethod
-    def _is_a_time_the_instrument_can_keep(cls, value: float) -> float:
-        if 0 < value < 0.1:
-            raise ValueError("must be 0 (off) or at least 0.1 s")
-        return value
 
 
 class GuardedShutter:
@@ -49,7 +23,7 @@ class GuardedShutter:
         counter: HistogramCounter,
         settings: SafetySettings,
         events: EventLog,
-        latch: "TripLatch | None" = None,
+        latch: TripLatch | None = None,
     ) -> None:
         self._shutter, self._counter, self._settings, self._events = shutter, counter, settings, events
         self._watching = False

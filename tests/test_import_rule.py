@@ -1,7 +1,7 @@
 """Who may import whom: the rule of the house, read from the code itself."""
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -57,6 +57,39 @@ def test_rooms_import_only_what_lies_before_them(room: str) -> None:
                 continue
             allowed = any(module == rule or module.startswith(rule + ".") for rule in ROOMS[room])
             assert allowed, f"{path.relative_to(TOP)} imports {module}"
+
+
+@pytest.mark.parametrize("room", ["acquisition", "calibration", "recon"])
+def test_nothing_above_drivers_knows_the_simulator(room: str) -> None:
+    for path in (TOP / room).rglob("*.py"):
+        for module in imported_modules(path):
+            assert not module.startswith("drivers.simulated"), f"{path.relative_to(TOP)} imports {module}"
+
+
+def test_no_file_imports_itself_by_way_of_others() -> None:
+    """Also where an import is put into a function, or is only there for its types."""
+    files = {module_name(path): path for place in (*ROOMS, ABOVE) for path in (TOP / place).rglob("*.py")}
+    left = {name: {module for module in nearest(path, files) if module != name} for name, path in files.items()}
+    while free := {name for name, modules in left.items() if not modules & left.keys()}:
+        left = {name: modules for name, modules in left.items() if name not in free}
+    ring = {name: sorted(modules & left.keys()) for name, modules in left.items()}
+    assert not ring, f"each of these imports another of them: {ring}"
+
+
+def module_name(path: Path) -> str:
+    """As one imports it, without the leading `nlos.`."""
+    parts = path.relative_to(TOP).with_suffix("").parts
+    return ".".join(part for part in parts if part not in ("src", "nlos", "__init__"))
+
+
+def nearest(path: Path, files: Mapping[str, Path]) -> Iterator[str]:
+    """The files that a file imports: of a name in one of them, that one."""
+    for imported in imported_modules(path):
+        module = imported.removeprefix("nlos.")
+        while module and module not in files:
+            module = module.rpartition(".")[0]
+        if module:
+            yield module
 
 
 @pytest.mark.parametrize("library", ONLY_IN)

@@ -17,7 +17,6 @@ from nlos.acquisition.recording.recording import EVENT, EVENT_ROWS, RECORD, Reco
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles
-from nlos.drivers.simulated.bench import Gate, SimulatedBench
 from nlos.drivers.tcspc.counter import HistogramAxis
 
 PILE_UP = 0.05
@@ -107,18 +106,14 @@ class ExpectedRates:
         return cls.of_histogram(counts, live_s, recording.plan.axis)
 
     @classmethod
-    def of_simulation(
-        cls, plan: ScanPlan, simulated: SimulatedBench, angles: Sequence[MirrorAngles]
-    ) -> "ExpectedRates":
+    def of_simulation(cls, plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles]) -> "ExpectedRates":
         """As a simulated bench shows them, at some points of the plan: its own photons, before any scan."""
         axis, counts = plan.axis, np.zeros(plan.axis.bins)
         chosen = np.unique(np.linspace(0, len(plan) - 1, LOOKS).astype(int))
-        simulated.set_shutter(True)
+        if bench.simulated is None:
+            raise ValueError(f"bench {bench.settings.name} is real: nobody knows its photons before a scan")
         for number in chosen.tolist():
-            simulated.steer(angles[number])
-            gate = Gate(simulated.clock.now(), LOOK_S, axis.bins, axis.bin_width_s, axis.offset_s, number)
-            counts += simulated.expose(gate).counts
-        simulated.set_shutter(False)
+            counts += bench.simulated.look(angles[number], axis, LOOK_S, number)
         return cls.of_histogram(counts, len(chosen) * LOOK_S, axis)
 
     @classmethod

@@ -11,6 +11,7 @@ from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.simulated.faults import FaultPlan
 from nlos.drivers.simulated.servo import ServoSettings
 from nlos.drivers.simulated.swing import Swing
+from nlos.drivers.tcspc.counter import HistogramAxis
 
 
 @dataclass(frozen=True)
@@ -152,6 +153,12 @@ class SimulatedBench:
             if self.on_gate is not None:
                 self.on_gate(gate, beam)
         return self.light(gate, beam, self._shutter_open)
+
+    def look(self, beam: MirrorAngles, axis: HistogramAxis, dwell_s: float, number: int) -> npt.NDArray[np.uint32]:
+        """What would be counted at a point of a plan, (T,), if the beam were there and the shutter open. No instrument
+        takes part, nothing moves."""
+        gate = Gate(self.clock.now(), dwell_s, axis.bins, axis.bin_width_s, axis.offset_s, number)
+        return self.light(gate, beam, True).counts
 
     def _along_the_way(self, gate: Gate, beam: MirrorAngles) -> tuple[Gate, MirrorAngles]:
         """The gate with the track of a beam that does not rest in it, and the mean place of the beam."""

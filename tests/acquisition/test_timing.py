@@ -196,7 +196,7 @@ def test_rates_learned_from_a_recording_predict_counts_and_refuse_pile_up(
     with open_bench(bench_settings(name="simulated")) as bench:
         assert bench.simulated is not None
         angles = checked_angles(plan, bench, aim_of(bench))
-        simulated = ExpectedRates.of_simulation(plan, bench.simulated, angles)
+        simulated = ExpectedRates.of_simulation(plan, bench, angles)
         assert not bench.simulated.shutter_open
     assert simulated.total_hz == pytest.approx(rates.total_hz, rel=0.15)
     longer = expectation(small_plan(8, 8, dwell_ms=32), rates)

@@ -20,7 +20,8 @@ from nlos.drivers.simulated.instruments import light_of
 from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
 from nlos.drivers.simulated.usb.backend import SimulatedUsb
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis
-from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488, Tcspc488Settings
+from nlos.drivers.tcspc.tcspc488.counter import open_tcspc488
+from nlos.drivers.tcspc.tcspc488.settings import Tcspc488Settings
 from tests.peers.tinyusb.backend import TinyUsb, silence
 
 HERE = Path(__file__).parent / "tinyusb"
@@ -175,7 +176,7 @@ def test_a_trigger_and_a_reset_in_mid_answer(rig: Rig) -> None:
 def scanned(bench: SimulatedBench, backend: object, mode: str) -> list[Histogram]:
     """40 points of 2 ms, started by the host."""
     bench.set_shutter(True)
-    counter = Tcspc488.open(Tcspc488Settings(model="tcspc488", mode=mode), bench.clock, backend)
+    counter = open_tcspc488(Tcspc488Settings(model="tcspc488", mode=mode), bench.clock, backend)
     counter.configure(HistogramAxis(512, 32e-12, 8e-9))
     counter.arm([2e-3] * 40, list(range(40)))
     for point in range(40):

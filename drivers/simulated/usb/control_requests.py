@@ -4,12 +4,11 @@ From USBTMC 1.0 section 4.2.1 and USB488 1.0 sections 4.2 and 4.3. What is alrea
 back: after an abort or a clear the host reads it, up to a short packet, before the device says that it is done.
 """
 
-from typing import TYPE_CHECKING
+from collections import deque
+from collections.abc import Sized
+from typing import Protocol
 
 from nlos.drivers.simulated.faults import FaultPlan
-
-if TYPE_CHECKING:
-    from nlos.drivers.simulated.usb.usbtmc_device import UsbtmcDevice
 
 SUCCESS, PENDING, INTERRUPT_IN_BUSY, FAILED, NOT_IN_PROGRESS = 0x01, 0x02, 0x20, 0x80, 0x81
 _TO_ENDPOINT, _TO_INTERFACE = 0xA2, 0xA1
@@ -21,10 +20,30 @@ class Stall(Exception):
     """The endpoint, or the control request, is refused."""
 
 
+class BulkTransfers(Protocol):
+    """The device's other endpoints, as far as its control endpoint reaches into them."""
+
+    notifications: deque[bytes]
+    halted: set[str]
+    out_tag: int
+    in_tag: int | None
+    last_in_tag: int
+
+    @property
+    def transfers(self) -> Sized: ...
+    @property
+    def receiving(self) -> bool: ...
+    def end_reception(self) -> int: ...
+    def end_response(self, now_s: float) -> int: ...
+    def clear(self, now_s: float) -> None: ...
+    def queue_service_request(self) -> None: ...
+    def status_byte(self) -> int: ...
+
+
 class ControlRequests:
     """Answers for one device, whose transfers it ends. Faults U3 (control) and U4 happen here."""
 
-    def __init__(self, device: "UsbtmcDevice", faults: FaultPlan) -> None:
+    def __init__(self, device: BulkTransfers, faults: FaultPlan) -> None:
         self.remote = self.locked_out = False
         self._device = device
         self._faults = faults

@@ -6,21 +6,15 @@ checked in `read`, while the mirror moves on.
 
 from collections.abc import Callable, Sequence
 from itertools import accumulate
-from typing import Any
 
-from nlos.drivers.clock import Clock
 from nlos.drivers.errors import CommandRejected, DeviceReset, DeviceTimeout, LimitError
 from nlos.drivers.identity import DeviceIdentity
-from nlos.drivers.link.usbtmc import WireLog
 from nlos.drivers.tcspc.counter import CounterStatus, CountRates, Histogram, HistogramAxis, StopAtCounts, Trigger
 from nlos.drivers.tcspc.tcspc488.instrument import Instrument
 from nlos.drivers.tcspc.tcspc488.messages import Status, arm_commands, axis_commands, microseconds, stop_commands
 from nlos.drivers.tcspc.tcspc488.reading import checked, read_records
 from nlos.drivers.tcspc.tcspc488.records import record_bytes
 from nlos.drivers.tcspc.tcspc488.settings import Tcspc488Settings
-from nlos.drivers.tcspc.tcspc488.shutter import Tcspc488Shutter
-
-__all__ = ["Tcspc488", "Tcspc488Settings", "Tcspc488Shutter"]
 
 _SHORT_WAIT_S = 0.01
 _EARLY_S = 0.002
@@ -30,7 +24,7 @@ POLL_S = 0.05
 
 
 class Tcspc488:
-    """A `HistogramCounter`. Made by `Tcspc488.open`."""
+    """A `HistogramCounter`. Made by `open_tcspc488`."""
 
     has_pixel_clock = True
     has_watchdog = True
@@ -51,22 +45,6 @@ class Tcspc488:
         self._triggered = 0
         self._gate_due_s = 0.0
         self._brought: tuple[int, memoryview] | None = None
-
-    @classmethod
-    def open(
-        cls, settings: Tcspc488Settings, clock: Clock, backend: Any = None, wire_log: WireLog | None = None
-    ) -> "Tcspc488":
-        """Finds, opens, clears and configures the instrument; nothing is armed, the shutter is left as it is.
-
-        Raises `DeviceNotFound`, `DeviceBusy`, `WrongDevice` or what the link meets.
-        """
-        if settings.simulated and backend is None:
-            raise LimitError(settings.model, "usb: simulated needs the simulated bench.", "Open it by its bench file.")
-        if settings.mode == "t3":
-            from nlos.drivers.tcspc.tcspc488.t3 import Tcspc488T3
-
-            cls = Tcspc488T3
-        return cls(settings, Instrument(settings, clock, backend, wire_log))
 
     @property
     def identity(self) -> DeviceIdentity:

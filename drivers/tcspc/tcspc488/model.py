@@ -6,7 +6,7 @@ from nlos.drivers.link.usbtmc import available_instruments
 from nlos.drivers.presence import Presence, usb_not_searched, usb_presence
 from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
 from nlos.drivers.tcspc.counter import HistogramCounter
-from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488
+from nlos.drivers.tcspc.tcspc488.counter import open_tcspc488
 from nlos.drivers.tcspc.tcspc488.settings import Tcspc488Settings
 from nlos.drivers.tcspc.tcspc488.shutter import Tcspc488Shutter
 
@@ -21,7 +21,7 @@ def _look_for(settings: Tcspc488Settings) -> Presence:
 
 TCSPC488: DeviceModel[HistogramCounter] = DeviceModel(
     settings=Tcspc488Settings,
-    open=Tcspc488.open,
+    open=open_tcspc488,
     firmware=lambda settings, table: Tcspc488Firmware(table.bench),
     look_for=_look_for,
     shutters={"tcspc488": ShutterOutput(Tcspc488Shutter)},

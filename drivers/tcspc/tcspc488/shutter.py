@@ -1,14 +1,10 @@
 """The laser shutter that a `tcspc488` drives and reads back."""
 
-from typing import TYPE_CHECKING
-
 from nlos.drivers.errors import DeviceFault, ProtocolError, SafetyTrip
 from nlos.drivers.link.scpi import ErrorsReported
 from nlos.drivers.shutter import ShutterState
+from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488
 from nlos.drivers.tcspc.tcspc488.messages import safety_error
-
-if TYPE_CHECKING:
-    from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488
 
 _MOVES_S = 0.1
 _LOOK_S = 0.005
@@ -19,7 +15,7 @@ class Tcspc488Shutter:
 
     on_counter = True
 
-    def __init__(self, counter: "Tcspc488") -> None:
+    def __init__(self, counter: Tcspc488) -> None:
         self._instrument = counter.instrument
         self._clock = counter.clock
         self._device = f"{counter.identity.model} shutter"

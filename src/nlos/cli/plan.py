@@ -53,7 +53,7 @@ def plan(
         if like is not None:
             rates, links = _learned(like, open_bench)
         elif table.settings.simulated and open_bench.simulated is not None:
-            rates = ExpectedRates.of_simulation(planned, open_bench.simulated, angles)
+            rates = ExpectedRates.of_simulation(planned, open_bench, angles)
         choice = choose(planned, open_bench, angles, links)
         within_px = beam_within_px(planned, open_bench, angles)
     _tell(planned, choice)

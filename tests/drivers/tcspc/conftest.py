@@ -13,7 +13,10 @@ from nlos.drivers.simulated.faults import Fault, FaultPlan
 from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
 from nlos.drivers.simulated.usb.backend import SimulatedUsb
 from nlos.drivers.tcspc.counter import HistogramAxis
-from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488, Tcspc488Settings, Tcspc488Shutter
+from nlos.drivers.tcspc.tcspc488.counter import open_tcspc488
+from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488
+from nlos.drivers.tcspc.tcspc488.settings import Tcspc488Settings
+from nlos.drivers.tcspc.tcspc488.shutter import Tcspc488Shutter
 
 SYNC_HZ = 10e6
 
@@ -71,7 +74,7 @@ def rig() -> Callable[..., Rig]:
         firmware = Tcspc488Firmware(bench, packet_bytes=packet_bytes)
         usb = SimulatedUsb([firmware], bench.clock, latency_s, bytes_per_s)
         wire: list[tuple[float, str, bytes]] = []
-        counter = Tcspc488.open(
+        counter = open_tcspc488(
             Tcspc488Settings(model="tcspc488", usb="simulated", **settings),
             bench.clock,
             usb,

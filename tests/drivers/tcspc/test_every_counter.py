@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from nlos.drivers.errors import CommandRejected, DeviceError, DeviceTimeout, LimitError
+from nlos.drivers.errors import CommandRejected, DeviceError, DeviceTimeout, LimitError, SafetyTrip
 from nlos.drivers.simulated.beam import BeamPath
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.picoquant.library import PicoquantLibrary
@@ -17,6 +17,8 @@ from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
 from nlos.drivers.simulated.usb.backend import SimulatedUsb
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramCounter, HistogramFlag, Trigger
 from nlos.drivers.tcspc.models import CounterSettings, open_counter
+from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488
+from nlos.drivers.tcspc.tcspc488.shutter import Tcspc488Shutter
 
 SETTINGS: TypeAdapter[CounterSettings] = TypeAdapter(CounterSettings)
 SYNC_HZ = 10e6
@@ -204,14 +206,22 @@ def test_its_pixel_clock_steps_once_per_point_and_points_come_in_their_order(lab
 
 def test_a_watchdog_that_is_not_kicked_shuts_the_light(lab: Lab) -> None:
     if not lab.counter.has_watchdog:
+        with pytest.raises(LimitError, match="no watchdog"):
+            lab.counter.arm_watchdog(0.5)
         return
+    assert isinstance(lab.counter, Tcspc488)
+    shutter = Tcspc488Shutter(lab.counter)
     lab.counter.arm_watchdog(0.5)
-    lab.counter.kick()
-    lab.bench.clock.sleep(0.4)
-    lab.counter.kick()
-    lab.counter.arm_watchdog(0.0)
-    lab.bench.clock.sleep(2.0)
-    lab.counter.kick()
+    shutter.open()
+    for _ in range(3):  # longer than its time in all, never in one piece
+        lab.bench.clock.sleep(0.4)
+        lab.counter.kick()
+    assert lab.bench.shutter_open
+    lab.bench.clock.sleep(0.6)
+    assert not lab.bench.shutter_open
+    with pytest.raises(SafetyTrip, match="watchdog"):
+        lab.counter.configure(lab.axis)
+    assert not shutter.state().commanded_open
 
 
 def test_closing_twice_is_quiet(lab: Lab) -> None:

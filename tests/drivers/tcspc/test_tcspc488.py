@@ -18,9 +18,10 @@ from nlos.drivers.errors import (
 )
 from nlos.drivers.simulated.usb.backend import SimulatedUsb
 from nlos.drivers.tcspc.counter import HistogramAxis, HistogramFlag, StopAtCounts
-from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488, Tcspc488Settings
+from nlos.drivers.tcspc.tcspc488.counter import open_tcspc488
 from nlos.drivers.tcspc.tcspc488.messages import decode_rates
 from nlos.drivers.tcspc.tcspc488.records import decode_record, encode_record, record_bytes
+from nlos.drivers.tcspc.tcspc488.settings import Tcspc488Settings
 
 NUMBERS = [5, 3, 70_000, 4, 1]
 
@@ -176,16 +177,16 @@ def test_another_instrument_under_the_same_ids_is_refused(rig: Callable) -> None
     this.firmware._parser._found.clear()
     settings = Tcspc488Settings(model="tcspc488", usb="simulated")
     with pytest.raises(WrongDevice, match="ACME"):
-        Tcspc488.open(settings, this.bench.clock, this.usb)
+        open_tcspc488(settings, this.bench.clock, this.usb)
 
 
 def test_nothing_plugged_in_says_so(rig: Callable) -> None:
     this = rig()
     settings = Tcspc488Settings(model="tcspc488", usb="simulated")
     with pytest.raises(DeviceNotFound, match="plugged in"):
-        Tcspc488.open(settings, this.bench.clock, SimulatedUsb([], this.bench.clock))
+        open_tcspc488(settings, this.bench.clock, SimulatedUsb([], this.bench.clock))
     with pytest.raises(LimitError, match="bench file"):
-        Tcspc488.open(settings, this.bench.clock)
+        open_tcspc488(settings, this.bench.clock)
 
 
 def test_closing_twice_and_after_an_unplug_is_quiet(rig: Callable) -> None:

@@ -20,7 +20,8 @@ from nlos.drivers.errors import (
 )
 from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, Trigger
-from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488, Tcspc488Settings
+from nlos.drivers.tcspc.tcspc488.counter import open_tcspc488
+from nlos.drivers.tcspc.tcspc488.settings import Tcspc488Settings
 
 NUMBERS = list(range(10, 20))
 
@@ -120,7 +121,7 @@ def test_a_pulled_cable_keeps_what_was_read_and_the_instrument_opens_again(
         kept += take(this, 3)
     this.counter.close()
     this.bench.clock.sleep(1.0)
-    again = Tcspc488.open(Tcspc488Settings(model="tcspc488", usb="SIM0001"), this.bench.clock, this.usb)
+    again = open_tcspc488(Tcspc488Settings(model="tcspc488", usb="SIM0001"), this.bench.clock, this.usb)
     again.configure(HistogramAxis(512, 32e-12))
     left = NUMBERS[len(kept) :]
     again.arm([0.002] * len(left), left)
@@ -265,7 +266,7 @@ def test_an_instrument_that_may_not_be_opened_says_so(rig: Callable, what: str, 
     this.counter.close()
     this.bench.faults.add(fault("U17", what=what))
     with pytest.raises(error):
-        Tcspc488.open(Tcspc488Settings(model="tcspc488", usb="simulated"), this.bench.clock, this.usb)
+        open_tcspc488(Tcspc488Settings(model="tcspc488", usb="simulated"), this.bench.clock, this.usb)
 
 
 def test_an_instrument_that_restarted_between_scans_gets_its_settings_back(rig: Callable) -> None:
