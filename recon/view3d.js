@@ -26,7 +26,7 @@ function turnable(canvas, paper) {
     g.fillStyle = ink.dim; g.font = "12px system-ui, sans-serif"; g.textAlign = "left"; g.textBaseline = "alphabetic";
     const label = (text, at) => { const p = project(...at); g.fillText(text, p[0] + 4, p[1] - 4); };
     label(`wall, ${wide.toFixed(2)} x ${high.toFixed(2)} m`, [-X, -Y, 0]); label("y+", [-X, Y, 0]); label("x+", [X, -Y, 0]); label("z, from the wall", [X, -Y, far]);
-    const step = far > 2 ? .5 : far > .8 ? .25 : .1; for (let z = step; z <= far + 1e-9; z += step) { line([X, -Y, z], [X, -Y - .02 * high, z], ink.dim); const p = project(X, -Y - .03 * high, z); g.fillText(`${z.toFixed(2)} m`, p[0] + 2, p[1] + 12); }
+    const step = far > 2 ? .5 : far > .8 ? .25 : .1; for (let z = 2 * step; z <= far + 1e-9; z += step) { line([X, -Y, z], [X, -Y - .02 * high, z], ink.dim); const p = project(X, -Y - .03 * high, z); g.fillText(`${z.toFixed(2)} m`, p[0] + 2, p[1] + 12); }
     readOut();
   }
   function drawPoints(g, project, shade, scale) {

@@ -61,7 +61,7 @@ function colourBar(g, x, y, h, low, high, colour, label) {
   g.strokeStyle = inks.dim; g.strokeRect(x - .5, y - .5, 13, h + 1); g.fillStyle = inks.dim; g.textAlign = "left"; g.textBaseline = "middle";
   const [marks, digits] = ticks(Math.min(low, high), Math.max(low, high), Math.max(2, h / 45));
   for (const v of marks) { const py = y + h * (1 - (v - low) / (high - low || 1)); g.fillText(fixed(v, digits), x + 17, py); }
-  g.save(); g.translate(x + 50, y + h / 2); g.rotate(-Math.PI / 2); g.textAlign = "center"; g.fillText(label, 0, 0); g.restore();
+  g.save(); g.translate(x + 57, y + h / 2); g.rotate(-Math.PI / 2); g.textAlign = "center"; g.fillText(label, 0, 0); g.restore();
 }
 function image(g, values, rows, cols, box, pixel) {
   const small = image.canvas || (image.canvas = document.createElement("canvas")); small.width = cols; small.height = rows;

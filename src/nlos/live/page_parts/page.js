@@ -20,7 +20,7 @@ async function refresh(number, state) {
   known.frameVersion = state.frames_version;
 }
 function arrange() {
-  const view = document.body.dataset.view, wide = innerWidth, kinds = view !== "both" ? [view] : scans.length > 1 ? ["front"] : wide >= 1700 ? ["front", "depth", "turn"] : wide >= 1100 || wide <= 900 ? ["front", "depth"] : ["front"];
+  const view = document.body.dataset.view, wide = innerWidth, kinds = view !== "both" ? [view] : scans.length > 1 ? ["front"] : wide >= 2300 ? ["front", "depth", "turn"] : wide >= 1100 || wide <= 900 ? ["front", "depth"] : ["front"];
   const wanted = kinds.flatMap(kind => scans.map((_, i) => [kind, i])), two = scans.length > 1; if (two && compared && view !== "turn") wanted.push(["difference", 0]);
   if (view === "both" && two) wanted.splice(scans.length, 0, ...(wide >= 1500 ? scans.map((_, i) => ["depth", i]) : []));
   const key = JSON.stringify(wanted); if (key === shape) return; shape = key;
@@ -49,14 +49,14 @@ function next(state) {
 }
 function words(state) { const light = state.light === true ? ", light on" : state.light === false && state.status !== "complete" ? ", light off" : ""; return WORDS[state.status] + (state.status === "running" || state.status === "paused" ? light : ""); }
 function banner(state) {
-  const last = kind => (state.events.filter(e => e[1] === kind).pop() || [0, "", ""])[2], box = $("banner"); let big = "", small = "", kind = "";
+  const last = kind => (state.events.filter(e => e[1] === kind).pop() || [0, "", ""])[2], box = $("banner"), alarm = state.events.filter(e => e[1] === "alarm" || e[1] === "trip").pop(); let big = "", small = "", kind = "";
   if (gone) [big, small, kind] = ["The viewer has ended", "Nothing on this page changes any more. The scan itself is not affected; `nlos live RUN.h5` shows it again.", "bad"];
   else if (state.status === "paused") [big, small] = ["Paused", last("scan").replace(/^paused: /, "") + (state.light === false ? ". The light is off." : "")];
   else if (state.status === "lost") [big, small, kind] = ["The scan's process is gone", `${count(state.samples)} samples are safe. \`nlos scan --resume\` takes the others.`, "bad"];
   else if (state.status === "stopped" || state.status === "failed") [big, small, kind] = [WORDS[state.status], last("trip") || last("alarm") || last("device"), "bad"];
   else if (state.status === "interrupted") [big, small] = ["Ended early", `${count(state.samples)} of ${count(state.planned)} points; --resume takes the others.`];
-  else if (state.alarms) [big, small, kind] = ["Alarm", last("trip") || last("alarm"), "bad"];
-  else if (state.status === "complete") [big, small, kind] = ["Scan complete", `${count(state.samples)} points in ${seconds(state.elapsed_s)}` + (state.over ? "" : "; the last picture is being made"), "good"];
+  else if (state.status === "complete") [big, small, kind] = ["Scan complete", `${count(state.samples)} points in ${seconds(state.elapsed_s)}` + (state.alarms ? `; ${state.alarms === 1 ? "one alarm" : count(state.alarms) + " alarms"}, see the events` : "") + (state.over ? "" : "; the last picture is being made"), "good"];
+  else if (alarm && state.elapsed_s - alarm[0] < 30) [big, small, kind] = ["Alarm", `${alarm[2]} (at ${seconds(alarm[0])})`, "bad"];
   box.hidden = !big; box.className = kind; box.firstElementChild.textContent = big; box.lastElementChild.textContent = small;
 }
 function tell() {

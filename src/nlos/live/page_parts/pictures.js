@@ -1,5 +1,6 @@
 // The panels with pictures: front view, depth, difference; axes, colour bar, value under the cursor, scan points.
 const FAINT = FAINT_AT, FULL = FULL_AT; // depth has no colour below FAINT of the brightest point, and its full colour from FULL on
+const PAPER = [224, 224, 224]; // as in depth.png: the far end of the colours is dark, and to be told from nothing
 const fade = a => a < FAINT ? 0 : Math.min(1, .1 + .9 * (a - FAINT) / (FULL - FAINT));
 function depthSpan(pictures) {
   const seen = [];
@@ -17,8 +18,8 @@ class PicturePanel {
   }
   draw(picture, limits, other) {
     this.picture = picture; const [g, w, h] = pen(this.canvas); this.empty.hidden = !!picture; if (!picture) { this.frame = null; return; }
-    const wall = picture.wall, [rows, cols] = picture.albedo.shape, margin = [56, 8, 74, 38]; this.frame = wallFrame(g, w, h, wall, margin); this.limits = limits;
-    const [bx, by, bw, bh] = this.frame.box, [low, high] = limits, e = inks.emptyRgb; g.save();
+    const wall = picture.wall, [rows, cols] = picture.albedo.shape, margin = [56, 8, 80, 38]; this.frame = wallFrame(g, w, h, wall, margin); this.limits = limits;
+    const [bx, by, bw, bh] = this.frame.box, [low, high] = limits, e = PAPER; g.save();
     if (this.kind === "front") image(g, picture.albedo, rows, cols, this.frame.box, gray);
     else if (this.kind === "depth") image(g, picture.depth_m, rows, cols, this.frame.box, (v, i) => {
       const k = Number.isFinite(v) ? fade(picture.albedo[i]) : 0, c = k ? viridis(1 - (v - low) / (high - low || 1)) : e; return c.map((x, j) => e[j] + (x - e[j]) * k); });
@@ -47,7 +48,7 @@ class PicturePanel {
   about() {
     const p = this.picture, state = scans[this.scan].state, since = state.samples - p.samples, old = frame === null && since > .02 * state.planned, span = document.createElement("span");
     span.className = old ? "stale" : ""; span.textContent = frame === null && old ? `of ${count(p.samples)} points; ${count(since)} more since` : `of ${count(p.samples)} points`;
-    const rest = p.change < 1 && frame === null ? `, changed by ${(100 * p.change).toFixed(1)} % over its last fifth` : "";
+    const rest = p.change < 1 && frame === null ? `, changed by ${(100 * p.change).toFixed(1)} % since the picture before` : "";
     return [document.createTextNode(`${p.method.toUpperCase()} `), span, document.createTextNode(rest)];
   }
 }
