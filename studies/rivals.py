@@ -15,7 +15,7 @@ from nlos.recon.weights.files import read_weights
 from studies.paired import Difference, Figures, difference
 from studies.results.kept import weights_path
 from studies.results.quality import CONDITIONS, Quality, measure_quality, trained
-from studies.results.tables import FIGURES, samples_seen, shown, table
+from studies.results.tables import FIGURES, shown, table
 
 SHOWN = ("psnr", "ssim", "depth_rmse_m", "depth_mad_m")
 
@@ -31,11 +31,18 @@ class Pair:
 
 PAIRS = (
     Pair("nano_4000", "lfe_4000", "NANO is averaged over eight mirror images; an eighth of its scenes is far away"),
+    Pair("nano_4000_once", "lfe_4000", "an eighth of NANO's scenes is far away; both see the scan once, unmirrored"),
     Pair("nano_4000", "lfe", "LFE: two samples a step, 2,000 scenes, square error; 1,000 samples to twice the depth"),
     Pair("nano_4000", "nlost", "NLOST: two samples a step, 2,000 scenes, square error"),
-    Pair("nano_4000", "faithful", "faithful: the paper's loss (MSE and total variation) and its added noise"),
+    Pair("nano_4000_once", "faithful", "faithful: the paper's loss (MSE and total variation) and its added noise"),
     Pair("nano_6500", "unet", "U-Net: two samples a step, 2,000 scenes, square error; no volume with empty gaps"),
 )  # fmt: skip
+
+
+def samples_seen(name: str) -> int:
+    """By the weights of that name, from the first of all."""
+    about = read_weights(weights_path(name)).about
+    return int(about["samples"] + about.get("samples_before", 0))
 
 
 def by_scene(quality: Quality, method: str, condition: str, figure: str) -> Figures:
@@ -58,7 +65,7 @@ def cell(found: Difference, figure: str) -> str:
 
 def of_pair(quality: Quality, pair: Pair) -> str:
     """One section: what is compared, and the table of differences."""
-    samples = [f"{name} {samples_seen(name) or 0:,}" for name in (pair.own, pair.rival)]
+    samples = [f"{name} {samples_seen(name):,}" for name in (pair.own, pair.rival)]
     body = []
     for figure in SHOWN:
         cells = []
@@ -82,7 +89,7 @@ def costs(names: Sequence[str]) -> str:
         recipe = about.get("settings", {})
         batch = recipe.get("batch") if isinstance(recipe, dict) else None
         body.append([
-            name, f"{sum(x.numel() for x in weights.tensors.values()):,}", f"{samples_seen(name) or 0:,}",
+            name, f"{sum(x.numel() for x in weights.tensors.values()):,}", f"{samples_seen(name):,}",
             shown(batch, 0), f"{3600 * hours:,.0f}",
             f"{about.get('device', '-')}, threads: {about.get('threads', '-')}",
         ])  # fmt: skip

@@ -12,7 +12,7 @@ from nlos.recon.evaluate import Evaluation, Row, Scene, as_json, evaluate, find_
 from nlos.recon.evaluation_report import gallery
 from nlos.recon.metrics import image_scores
 from nlos.recon.volume import Reconstruction
-from studies.results.kept import BASE, kept, of_files, of_method, weights_path
+from studies.results.kept import BASE, WEIGHTS_OF, kept, of_files, of_method, weights_path
 
 PHYSICS = ("lct", "fk", "phasor", "gram", "backprojection")
 LEARNED = ("lfe", "nlost", "unet", "faithful", *BASE, "nano")
@@ -25,7 +25,7 @@ CONDITIONS = (
     "counts_p5@16x16",
     "counts_p5@blue:256",
 )
-AS_TRAINED: dict[str, dict[str, object]] = {"lfe_4000": {"farthest": 0.9}}
+AS_TRAINED: dict[str, dict[str, object]] = {"lfe_4000": {"farthest": 0.9}, "nano_4000_once": {"symmetries": False}}
 """Settings that weights were trained with, where they are not the method's own."""
 THRESHOLD = 0.15  # of the maximum, taken off the light-cone transform's picture
 THRESHOLDED = "lct - 15 %"
@@ -62,7 +62,9 @@ def measure_quality(data: Path, methods: Sequence[str], conditions: Sequence[str
 
 
 def _run(data: Path, method: str, condition: str) -> tuple[Any, dict[str, npt.NDArray[np.float32]]]:
-    named: dict[str, object] = {"weights": method} | AS_TRAINED.get(method, {}) if method in BASE else {}
+    named: dict[str, object] = (
+        {"weights": WEIGHTS_OF.get(method, method)} | AS_TRAINED.get(method, {}) if method in BASE else {}
+    )
     done = evaluate([data], [BASE.get(method, method)], [condition], settings=named, say=print)
     arrays: dict[str, npt.NDArray[np.float32]] = {}
     for (scene, _, _), picture in done.pictures.items():
