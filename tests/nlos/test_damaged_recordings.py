@@ -1,0 +1,101 @@
+"""Every verb that reads a recording leaves damaged samples aside, says how many, and marks what it made."""
+
+import json
+import os
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from nlos.acquisition.recording.open_file import open_scan_file
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.salvage import verify
+
+Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
+DAMAGED = 3
+VERBS = {
+    "info": ("info", "run.h5"),
+    "reconstruct": ("reconstruct", "run.h5", "-o", "out"),
+    "reconstruct --follow": ("reconstruct", "run.h5", "--follow", "-o", "out"),
+    "replay": ("replay", "run.h5", "--speed", "max", "-o", "again.h5"),
+    "export": ("export", "run.h5", "--to", "npz", "-o", "run.npz"),
+    "report": ("report", "run.h5", "-o", "run.html"),
+    "calibrate": ("calibrate", "run.h5", "-o", "constants.h5"),
+    "plan --like": ("plan", "scan.yaml", "--like", "run.h5"),
+    "scan --scene": ("scan", "scan.yaml", "--scene", "run.h5", "-o", "other.h5"),
+}
+
+
+@pytest.fixture(scope="module")
+def scanned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a scan of 8 x 8 points, three rows of it damaged."""
+    folder = tmp_path_factory.mktemp("scanned")
+    (folder / "scan.yaml").write_text(
+        "wall: {width_m: 1.0, height_m: 1.0, rows: 8, cols: 8}\npattern: serpentine\ndwell_ms: 4\n"
+        "histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}\n"
+    )
+    subprocess.run(["nlos", "scan", "scan.yaml", "-o", "run.h5"], cwd=folder, check=True, env=ENV, capture_output=True)
+    file = open_scan_file(folder / "run.h5", writable=True)
+    with file.handle:
+        for row in range(10, 10 + DAMAGED):
+            file.counts.write(row, file.counts.read(row, row + 1)[0] + np.uint32(1))
+    return folder
+
+
+ENV = {**os.environ, "PATH": f"{Path(os.sys.executable).parent}:{os.environ['PATH']}"}  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_what_is_damaged_is_left_aside_by_name(nlos: Nlos, scanned: Path, tmp_path: Path, verb: str) -> None:
+    for name in ("run.h5", "scan.yaml"):
+        shutil.copy(scanned / name, tmp_path)
+    before = (tmp_path / "run.h5").read_bytes()
+    done = nlos(*VERBS[verb])
+    assert done.returncode == 0, done.stderr
+    assert "3 of 64 samples are left aside (damaged: rows 10-12)" in " ".join(done.stderr.split())
+    assert (tmp_path / "run.h5").read_bytes() == before
+    if verb.startswith("reconstruct"):
+        with h5py.File(tmp_path / "out" / "reconstruction.h5") as file:
+            assert file.attrs["samples_left_aside"] == DAMAGED
+    if verb == "replay":
+        found = verify(tmp_path / "again.h5")
+        assert (found.intact, len(found.missing), found.status.name) == (True, DAMAGED, "INTERRUPTED")
+        with Recording.open(tmp_path / "again.h5") as again, Recording.open(tmp_path / "run.h5") as run:
+            assert any(event.kind == "left_aside" for event in again.events())
+            assert again.header.identity != run.header.identity
+    if verb == "export":
+        with np.load(tmp_path / "run.npz") as arrays:
+            assert arrays["samples_left_aside"] == DAMAGED
+            assert (arrays["exposure_s"] == 0).sum() == DAMAGED
+    if verb == "report":
+        assert "3 of 64 samples are left aside" in (tmp_path / "run.html").read_text()
+
+
+@pytest.mark.parametrize(("share", "code"), [(1.0, 7), (0.5, 7), (0.0, 7)])
+def test_verify_ends_with_0_only_where_every_planned_sample_is_what_was_measured(
+    nlos: Nlos, scanned: Path, tmp_path: Path, share: float, code: int
+) -> None:
+    """The damaged file, one cut in half, and one of which only the beginning is left."""
+    shutil.copy(scanned / "run.h5", tmp_path)
+    file = open_scan_file(tmp_path / "run.h5")
+    begin, size = file.records.place, (tmp_path / "run.h5").stat().st_size
+    file.handle.close()
+    os.truncate(tmp_path / "run.h5", begin + int(share * (size - begin)))
+    done = nlos("verify", "run.h5", "--json")
+    assert done.returncode == code
+    found = json.loads(done.stdout)
+    assert found["missing"] == found["corrupt"]
+    assert len(found["missing"]) == {1.0: 3, 0.5: len(found["missing"]), 0.0: 64}[share]
+    assert found["intact_samples"] == 64 - len(found["missing"]) < 64
+    assert "missing points: " in nlos("verify", "run.h5").stdout
+
+
+def test_verify_names_the_missing_points_of_a_scan_that_was_ended(nlos: Nlos, scanned: Path, tmp_path: Path) -> None:
+    shutil.copy(scanned / "run.h5", tmp_path)
+    assert nlos("recover", "run.h5", "-o", "saved.h5").returncode == 0
+    done = nlos("verify", "saved.h5")
+    assert (done.returncode, "missing points: 10-12" in done.stdout) == (7, True), done.stdout
