@@ -1,6 +1,7 @@
 """A mirror in a process of its own: whoever follows the copy holds the only HDF5 handle of its own process."""
 
 import json
+import os
 import subprocess
 import sys
 import threading
@@ -36,7 +37,7 @@ class FarCopy:
             self.close()
             if said:
                 raise _failure(ticket, said)
-            raise StorageError(f"{ticket}: the copying process ended before it began (exit {self._child.returncode})")
+            raise self._broken_off()
 
     def __enter__(self) -> Self:
         return self
@@ -59,6 +60,14 @@ class FarCopy:
             return
         if said := self._child.stdout.readline():
             raise _failure(self._ticket, said)
+        if self._child.returncode:
+            raise self._broken_off()
+
+    def _broken_off(self) -> StorageError:
+        return StorageError(
+            f"{self._ticket}: the copying process broke off ({_how(self._child.returncode)}). What it holds is safe; "
+            "follow the ticket again into the same folder."
+        )
 
     def close(self) -> None:
         """Ends the copy where it is; what it holds is safe. May be called twice."""
@@ -76,12 +85,17 @@ def _failure(ticket: Path, said: str) -> Exception:
     return _FAILURES[found["error"]](f"{ticket}: {found['message']}")
 
 
+def _how(code: int) -> str:
+    return f"signal {-code}" if code < 0 else f"exit {code}"
+
+
 def main(ticket: Path, target: Path, patience_s: float) -> None:
     """The child: ends when the scan does, or when its parent has gone and its standard input with it."""
     orphaned = threading.Event()
 
     def listen() -> None:
-        sys.stdin.buffer.read()
+        while os.read(0, 1 << 10):  # past sys.stdin, whose lock would be held when the interpreter ends
+            pass
         orphaned.set()
 
     threading.Thread(target=listen, daemon=True).start()

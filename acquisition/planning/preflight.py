@@ -13,6 +13,7 @@ import numpy.typing as npt
 from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.planning.aim import Aim, Aiming
 from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.recording.condition import listed
 from nlos.acquisition.recording.recording import EVENT, EVENT_ROWS, RECORD, Recording
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import LimitError
@@ -35,7 +36,8 @@ def aim_of(bench: Bench) -> Aim:
 
 def checked_angles(plan: ScanPlan, bench: Bench, aim: Aiming) -> list[MirrorAngles]:
     """The mirror angles of every point. Raises `LimitError` where a point, a dwell or the time axis is out of the
-    devices' reach; nothing has been sent or moved then."""
+    devices' reach, or of what a recorded scene holds, `InvalidData` where that has holes; nothing has been sent or
+    moved then."""
     x_rad, y_rad = aim.angles_rad(plan.positions.x_m, plan.positions.y_m)
     angles = [MirrorAngles(x, y) for x, y in zip(x_rad.tolist(), y_rad.tolist(), strict=True)]
     allowed = bench.settings.geometry.allowed
@@ -50,6 +52,14 @@ def checked_angles(plan: ScanPlan, bench: Bench, aim: Aiming) -> list[MirrorAngl
             raise LimitError(error.device, what, error.remedy) from error
     for dwell_s in set(plan.dwell_s.tolist()):
         bench.counter.check(plan.axis, dwell_s)
+    if bench.simulated is not None:
+        if holes := bench.simulated.holes(angles):
+            raise InvalidData(
+                f"recorded scene: {len(holes)} of the plan's {len(plan)} points are damaged or were never measured "
+                f"there: points {listed(holes)} of the plan. Photons that nobody measured cannot be handed out: plan "
+                "the other points only, or complete the scene (`nlos recover`, then `nlos scan --resume`)."
+            )
+        bench.simulated.check(angles, plan.axis, plan.dwell_s.tolist())
     return angles
 
 

@@ -17,7 +17,7 @@ from nlos.acquisition.scanning.control import ScanControl
 from nlos.acquisition.scanning.light_watch import LightOff, LightWatch
 from nlos.drivers.bench import Bench
 from nlos.drivers.galvo.mirror import MirrorAngles
-from nlos.drivers.tcspc.counter import CounterStatus, Trigger
+from nlos.drivers.tcspc.counter import WAITING_NUMBER, CounterStatus, Trigger
 
 BLOCK_S = 0.1
 """How long a block of points lasts: how often the watchdog is kicked, samples are judged and a pause is noticed."""
@@ -28,8 +28,6 @@ SEGMENT_US = 80_000
 """What starting another sequence costs, roughly: it decides whether a jump is worth a sequence of its own."""
 ENTRY_US = 100
 """What one more entry of a sequence costs: its upload, and its share of the next sequence's start."""
-WAITING_NUMBER = 0xFFFF_FFFF
-"""Counting down from here, the numbers of points at which the counter only waits for the mirror."""
 LOOKS = 3
 
 Settle = Callable[[MirrorAngles, MirrorAngles], float]

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.scanning import clocked
-from nlos.acquisition.scanning.clocked import WAITING_NUMBER, Settle, Stepping
+from nlos.acquisition.scanning.clocked import Settle, Stepping
 from nlos.acquisition.scanning.control import ScanControl, until_interrupted
 from nlos.acquisition.scanning.lag import SIGMAS, Lag, Shift, combined, shift
 from nlos.acquisition.scanning.light_watch import LightWatch
@@ -22,7 +22,7 @@ from nlos.acquisition.scanning.sweeping import SETTLED, Lines, append_line, too_
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import DeviceFault, LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles
-from nlos.drivers.tcspc.counter import HistogramFlag
+from nlos.drivers.tcspc.counter import WAITING_NUMBER, HistogramFlag
 
 USUAL = 5
 """How many sequences a measurement usually takes: what a forecast counts."""

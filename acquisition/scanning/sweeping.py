@@ -14,9 +14,10 @@ import numpy.typing as npt
 
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.sample import ScanPoint
-from nlos.acquisition.scanning.clocked import WAITING_NUMBER, Settle, Stepping
+from nlos.acquisition.scanning.clocked import Settle, Stepping
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.tcspc.counter import WAITING_NUMBER
 
 EVEN = 0.1
 """How much one step of a line may differ from the one before, as a fraction."""

@@ -1,7 +1,8 @@
 """The one beam, clock and shutter that all simulated instruments share."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -50,6 +51,20 @@ class Exposure:
 Light = Callable[[Gate, MirrorAngles, bool], Exposure]
 """(gate, where the beam points, whether the shutter is open) -> what the detector saw."""
 
+
+@runtime_checkable
+class LimitedLight(Protocol):
+    """A `Light` that does not shine everywhere, nor for ever."""
+
+    def is_hole(self, beam: MirrorAngles) -> bool:
+        """Whether it lacks just this place."""
+        ...
+
+    def check(self, gate: Gate, beam: MirrorAngles) -> None:
+        """Raises `LimitError` where it cannot give what is asked."""
+        ...
+
+
 Pulse = Callable[[float, float], None]
 """(bench time of the rising edge, seconds until the falling one)"""
 
@@ -83,6 +98,18 @@ class SimulatedBench:
         self._going_on: list[Callable[[float], None]] = []
         self.witness: Callable[[float, str], None] = lambda when_s, what: None
         """Told of every change of shutter and beam as it happens on this bench, whoever caused it."""
+
+    def holes(self, beams: Sequence[MirrorAngles]) -> list[int]:
+        """Which of these places a recorded scene lacks, though it was to be measured there."""
+        light: object = self.light
+        return [k for k, beam in enumerate(beams) if light.is_hole(beam)] if isinstance(light, LimitedLight) else []
+
+    def check(self, beams: Sequence[MirrorAngles], axis: HistogramAxis, dwells_s: Sequence[float]) -> None:
+        """Raises `LimitError` where a recorded scene does not hold what is asked of it. Nothing moves."""
+        light: object = self.light
+        if isinstance(light, LimitedLight):
+            for beam, dwell_s in zip(beams, dwells_s, strict=True):
+                light.check(Gate(0.0, dwell_s, axis.bins, axis.bin_width_s, axis.offset_s), beam)
 
     def steer(self, angles: MirrorAngles, when_s: float | None = None, settle_s: float = 0.0) -> None:
         """A mirror controller's output changed at `when_s` (now): the beam points there `settle_s` later, until

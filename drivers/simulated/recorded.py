@@ -1,6 +1,6 @@
 """A recorded scan as the scene: its photons handed out again, thinned to the dwell asked for."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -8,8 +8,9 @@ import numpy.typing as npt
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.simulated import spad
-from nlos.drivers.simulated.beam import BeamPath
+from nlos.drivers.simulated.beam import BeamPath, Spot
 from nlos.drivers.simulated.bench import Exposure, Gate
+from nlos.drivers.tcspc.counter import WAITING_NUMBERS
 
 _SALT = 1
 
@@ -28,6 +29,8 @@ class RecordedScan:
     bin_width_s: float
     offset_s: float = 0.0
     total_count: npt.NDArray[np.int64] | None = None
+    holes_m: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    """Places (M, 2) where it was to be measured, but was not, or is damaged."""
 
     def __post_init__(self) -> None:
         points = (len(self.counts),)
@@ -60,25 +63,47 @@ class RecordedLight:
         if not shutter_open:
             return Exposure(np.zeros(gate.bins, dtype=np.uint32), gate.dwell_s, pulses, 0, False)
         rng = spad.generator(self._seed, gate, beam, _SALT)
-        if not gate.kept:
+        if not gate.kept or gate.number in WAITING_NUMBERS:
             shown = int(rng.poisson(self._rate_cps(beam) * gate.dwell_s))
             return Exposure(np.zeros(gate.bins, dtype=np.uint32), gate.dwell_s, pulses, shown, False)
         point = self._nearest(beam)
-        recorded_s = float(self._scan.exposure_s[point])
-        # Exposures are stored in whole microseconds by some instruments.
-        if gate.dwell_s > recorded_s + 1e-6:
-            raise LimitError(
-                "recorded scene",
-                f"a dwell of {gate.dwell_s * 1e3:g} ms is longer than the {recorded_s * 1e3:g} ms recorded there.",
-                "Shorten dwell_ms in the plan; photons that were never measured cannot be handed out.",
-            )
-        part = min(1.0, gate.dwell_s / recorded_s)
+        part = self._part(point, gate.dwell_s)
         recorded = self._scan.counts[point]
         kept = rng.binomial(recorded, part)
         outside = self._detections(point) - int(recorded.sum(dtype=np.int64))
         total = int(kept.sum()) + int(rng.binomial(outside, part))
         counts = rebin(kept, self._scan.bin_width_s, self._scan.offset_s, gate).astype(np.uint32)
         return spad.stop_at_counts(Exposure(counts, gate.dwell_s, pulses, total, False), gate, rng)
+
+    def check(self, gate: Gate, beam: MirrorAngles) -> None:
+        """Raises `LimitError` where nothing was recorded, not as long, or not in such bins."""
+        self._part(self._nearest(beam), gate.dwell_s)
+        rebin(np.zeros(0, dtype=np.int64), self._scan.bin_width_s, self._scan.offset_s, gate)
+
+    def is_hole(self, beam: MirrorAngles) -> bool:
+        """Whether the recording lacks just this place: it was to be measured there, but is not, or is damaged."""
+        spot = self._path.spot(beam)
+        if spot is None or not len(self._scan.holes_m):
+            return False
+        at_m = np.array([spot.x_m, spot.y_m])
+        away_m = np.hypot(*(self._scan.holes_m - at_m).T).min()
+        return bool(away_m <= self._tolerance_m and self._away_m(spot).min() > self._tolerance_m)
+
+    def _part(self, point: int, dwell_s: float) -> float:
+        """Which part of a point's photons a dwell gets."""
+        recorded_s = float(self._scan.exposure_s[point])
+        # Exposures are stored in whole microseconds by some instruments.
+        if dwell_s > recorded_s + 1e-6:
+            raise LimitError(
+                "recorded scene",
+                f"a dwell of {dwell_s * 1e3:g} ms is longer than the {recorded_s * 1e3:g} ms recorded there.",
+                "Shorten dwell_ms in the plan; photons that were never measured cannot be handed out.",
+            )
+        return min(1.0, dwell_s / recorded_s)
+
+    def _away_m(self, spot: Spot) -> npt.NDArray[np.float64]:
+        """How far each measured point is."""
+        return np.hypot(self._x - spot.x_m, self._y - spot.y_m)
 
     def _detections(self, point: int) -> int:
         """All that were recorded at a point, those outside the time window included where they are known."""
@@ -96,9 +121,9 @@ class RecordedLight:
     def _nearest(self, beam: MirrorAngles) -> int:
         spot = self._path.spot(beam)
         if spot is not None:
-            squared = (self._x - spot.x_m) ** 2 + (self._y - spot.y_m) ** 2
-            best = int(squared.argmin())
-            if squared[best] <= self._tolerance_m**2:
+            away_m = self._away_m(spot)
+            best = int(away_m.argmin())
+            if away_m[best] <= self._tolerance_m:
                 return int(self._measured[best])
         where = "off the wall" if spot is None else f"at x = {spot.x_m:+.4f} m, y = {spot.y_m:+.4f} m"
         raise LimitError(

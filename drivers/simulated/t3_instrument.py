@@ -106,18 +106,32 @@ class T3Instrument:
             self._record(moving + self._pulse(start_s), delays_moving, self._pulse(until_s))
             self._done_s = until_s
             return
-        while settled_s < until_s and self._bench.beam_at(settled_s) != at_rest:
-            slice_s = min(_SLICE_S, until_s - settled_s)
+        while self._bench.beam_at(settled_s) != at_rest:
+            slice_s = self._moves_s(settled_s, min(_SLICE_S, until_s - settled_s))
             moving, delays_moving = self._photons(settled_s, slice_s, kept=False)
             pulses.append(moving + self._pulse(settled_s))
             delays.append(delays_moving)
-            settled_s += _SLICE_S
+            settled_s += slice_s
         for resting, delays_resting in self._resting(settled_s, start_s, until_s):
             settled = resting >= self._pulse(settled_s)
             pulses.append(resting[settled])
             delays.append(delays_resting[settled])
         self._record(np.concatenate(pulses), np.concatenate(delays), self._pulse(until_s))
         self._done_s = until_s
+
+    def _moves_s(self, since_s: float, most_s: float) -> float:
+        """How much of the time after `since_s` the beam, which moves then, goes on to move."""
+        at_rest = self._bench.beam_at(since_s + most_s)
+        if self._bench.beam_at(since_s + most_s + _INSTANT_S) != at_rest:
+            return most_s
+        least_s = 0.0
+        while most_s - least_s > _INSTANT_S:
+            middle_s = (least_s + most_s) / 2
+            if self._bench.beam_at(since_s + middle_s) == at_rest:
+                most_s = middle_s
+            else:
+                least_s = middle_s
+        return most_s
 
     def _resting(
         self, settled_s: float, start_s: float, until_s: float

@@ -10,6 +10,10 @@ import numpy.typing as npt
 
 from nlos.drivers.identity import DeviceIdentity
 
+WAITING_NUMBER = 0xFFFF_FFFF
+"""Counting down from here, the numbers of points at which the counter only waits for the mirror."""
+WAITING_NUMBERS = range(WAITING_NUMBER - 0xFFFF, WAITING_NUMBER + 1)
+
 
 class HistogramFlag(IntFlag):
     """What went wrong while a histogram was taken. The numbers are those of the `tcspc488` record."""

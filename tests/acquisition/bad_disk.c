@@ -1,6 +1,6 @@
 /* A disk that goes bad: loaded before the C library, fails or harms what a process does to one file. BAD_DISK says what:
    NAME|WHAT|NUMBER|FROM|TO  - the file's path holds NAME; WHAT is read, write, sync (fail with errno NUMBER), kill (the
-   process dies before the write), or delete, truncate, replace, overwrite (done before the write, once the file bears
+   process dies before the call, counted over writes, syncs, renames, links and unlinks), or delete, truncate, replace, overwrite (done before the write, once the file bears
    NAME itself); calls FROM to TO of that kind, counted from 1. For `bytes`, FROM and TO are places in the file instead,
    and every read there fails. */
 #define _GNU_SOURCE
@@ -15,12 +15,12 @@
 #include <unistd.h>
 
 static char name[512], what[32], path[4096];
-static long number, from, to, reads, writes, syncs;
+static long number, from, to, reads, writes, syncs, steps;
 static int harmed;
 
 __attribute__((visibility("default"))) void bad_disk_arm(const char *said) {
     name[0] = what[0] = 0;
-    reads = writes = syncs = harmed = 0;
+    reads = writes = syncs = steps = harmed = 0;
     if (said) sscanf(said, "%511[^|]|%31[^|]|%ld|%ld|%ld", name, what, &number, &from, &to);
 }
 
@@ -42,6 +42,14 @@ static int fails(const char *kind, long count) {
     if (strcmp(what, kind) || count < from || count > to) return 0;
     errno = (int)number;
     return 1;
+}
+
+static void step(void) {
+    if (!strcmp(what, "kill") && ++steps == from) kill(getpid(), SIGKILL);
+}
+
+static void step_named(const char *one, const char *other) {
+    if (name[0] && (strstr(one, name) || strstr(other, name))) step();
 }
 
 static void harm(void) {
@@ -85,8 +93,8 @@ static void harm(void) {
         int named = ours(fd);                                                             \
         if (named) {                                                                      \
             writes++;                                                                     \
-            if (!strcmp(what, "kill") && writes == from) kill(getpid(), SIGKILL);         \
-            if (named == 2) harm();                                                                     \
+            step();                                                                       \
+            if (named == 2) harm();                                                       \
             if (fails("write", writes)) return -1;                                        \
         }                                                                                 \
         return real(fd, data, size, at);                                                  \
@@ -99,6 +107,33 @@ WRITE(pwrite64, off64_t)
 int fsync(int fd) {
     static int (*real)(int);
     if (!real) real = dlsym(RTLD_NEXT, "fsync");
-    if (ours(fd) && fails("sync", ++syncs)) return -1;
+    if (ours(fd)) {
+        step();
+        if (fails("sync", ++syncs)) return -1;
+    }
     return real(fd);
+}
+
+#define NAMES(function)                                                                   \
+    int function(const char *one, const char *other) {                                    \
+        static int (*real)(const char *, const char *);                                   \
+        if (!real) real = dlsym(RTLD_NEXT, #function);                                    \
+        step_named(one, other);                                                           \
+        return real(one, other);                                                          \
+    }
+NAMES(rename)
+NAMES(link)
+
+int linkat(int from_folder, const char *one, int to_folder, const char *other, int flags) {
+    static int (*real)(int, const char *, int, const char *, int);
+    if (!real) real = dlsym(RTLD_NEXT, "linkat");
+    step_named(one, other);
+    return real(from_folder, one, to_folder, other, flags);
+}
+
+int unlink(const char *one) {
+    static int (*real)(const char *);
+    if (!real) real = dlsym(RTLD_NEXT, "unlink");
+    step_named(one, "");
+    return real(one);
 }

@@ -6,14 +6,23 @@ import json
 import os
 import sys
 import time
+from pathlib import Path
 
 import nlos.acquisition.scanning.engine
 import nlos.cli.scan
 import nlos.cli.verify
 from nlos.__main__ import run
+from nlos.acquisition.network.mirror import mirror
+from nlos.acquisition.network.ticket import Ticket
 
 SHIM = ctypes.CDLL(None)
 DEADLINE_S = 120.0
+
+
+def copied(ticket: str, target: str) -> int:
+    """What the copying process of `reconstruct --follow` does."""
+    mirror(Ticket.load(Path(ticket)), Path(target))
+    return 0
 
 
 def ended(bad: str, arguments: list[str], folder: str) -> dict[str, object]:
@@ -25,7 +34,7 @@ def ended(bad: str, arguments: list[str], folder: str) -> dict[str, object]:
             os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), stream.fileno())
         os.environ["BAD_DISK"] = bad  # for this command's own children
         SHIM.bad_disk_arm(bad.encode())
-        sys.exit(run(arguments))
+        sys.exit(copied(*arguments[1:]) if arguments[0] == "copy" else run(arguments))
     deadline_s = time.monotonic() + DEADLINE_S
     while time.monotonic() < deadline_s:
         done, status = os.waitpid(child, os.WNOHANG)

@@ -89,6 +89,26 @@ def test_every_scheme_stores_the_photons_of_each_point_with_it(
     scan_to_the_end(tmp_path / "run.h5", name, [], monkeypatch)
 
 
+@pytest.mark.parametrize("name", BENCHES)
+@pytest.mark.parametrize("step_m", [0.02, 0.1])
+def test_a_point_holds_the_same_photons_wherever_the_beam_came_from(name: str, step_m: float) -> None:
+    """Taken in one go, and each resumed scan's first points after a move from elsewhere."""
+    chosen, shipped = settings(name), plan(name)
+    scale = 6 * step_m / shipped.wall.width_m
+    positions = replace(shipped.positions, x_m=shipped.positions.x_m * scale, y_m=shipped.positions.y_m * scale)
+    this = replace(shipped, positions=positions)
+
+    def counts(taken: dict[int, int]) -> dict[int, bytes]:
+        with open_bench(chosen) as bench:
+            return {s.point.number: s.histogram.counts.tobytes() for s in scan(this, bench, taken=taken)}
+
+    whole = counts({})
+    for done in (1, 17, 30):
+        rest = counts(dict.fromkeys(range(done), 0))
+        assert rest.items() <= whole.items()
+        assert len(rest) == len(this) - done
+
+
 @pytest.mark.soak
 @pytest.mark.parametrize(
     ("name", "word"), sorted(FIRST_OF_EACH) if SOAK else sorted(FIRST_OF_EACH)[::8], ids=lambda value: str(value)

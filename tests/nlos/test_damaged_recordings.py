@@ -26,7 +26,6 @@ VERBS = {
     "report": ("report", "run.h5", "-o", "run.html"),
     "calibrate": ("calibrate", "run.h5", "-o", "constants.h5"),
     "plan --like": ("plan", "scan.yaml", "--like", "run.h5"),
-    "scan --scene": ("scan", "scan.yaml", "--scene", "run.h5", "-o", "other.h5"),
 }
 
 
@@ -73,6 +72,26 @@ def test_what_is_damaged_is_left_aside_by_name(nlos: Nlos, scanned: Path, tmp_pa
             assert (arrays["exposure_s"] == 0).sum() == DAMAGED
     if verb == "report":
         assert "3 of 64 samples are left aside" in (tmp_path / "run.html").read_text()
+
+
+def test_a_damaged_scene_is_refused_before_anything_runs_and_its_sound_points_serve(
+    nlos: Nlos, scanned: Path, tmp_path: Path
+) -> None:
+    for name in ("run.h5", "scan.yaml"):
+        shutil.copy(scanned / name, tmp_path)
+    scan = ("scan", "scan.yaml", "--scene", "run.h5", "-o", "other.h5")
+    done = nlos(*scan)
+    said = " ".join(done.stderr.split())
+    assert done.returncode == 7, said
+    assert "3 of 64 samples are left aside (damaged: rows 10-12)" in said
+    assert "3 of the plan's 64 points are damaged or were never measured there: points 10-12" in said
+    assert not list(tmp_path.glob("other.h5*"))
+    plan = (tmp_path / "scan.yaml").read_text()
+    (tmp_path / "sound.csv").write_text("row,col\n" + "".join(f"{row},{col}\n" for row in (0, 4) for col in range(8)))
+    (tmp_path / "scan.yaml").write_text(plan.replace("serpentine", "{kind: list, file: sound.csv}"))
+    done = nlos(*scan)
+    assert done.returncode == 0, done.stderr
+    assert verify(tmp_path / "other.h5").complete
 
 
 @pytest.mark.parametrize(("share", "code"), [(1.0, 7), (0.5, 7), (0.0, 7)])

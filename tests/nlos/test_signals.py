@@ -14,7 +14,8 @@ import pytest
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.salvage import verify
-from nlos.configs.load import find
+from tests.acquisition.witnessed_bench import BENCHES as ALL
+from tests.acquisition.witnessed_bench import bench_file, is_parked, witnessed
 
 SOAK = os.environ.get("NLOS_SOAK") == "1"
 SIGNALS = (signal.SIGTERM, signal.SIGTERM, signal.SIGINT)
@@ -24,28 +25,7 @@ pattern: serpentine
 dwell_ms: 20
 histogram: {bins: 512, bin_width_ps: 40, offset_ns: 8}
 """
-BENCHES = {
-    "S1": ("optotune", ()),
-    "S2": ("simulated", ()),
-    "S2, TTL shutter": ("simulated", (("model: tcspc488\ngeometry", "model: triggerscope_ttl\ngeometry"),
-                                     ("sim://triggerscope", "sim://triggerscope\n  shutter_pin: 16"))),
-    "S3": ("multiharp", ()),
-    "S3 of a tcspc488": ("simulated", (("usb: simulated\n", "usb: simulated\n  mode: t3\n"),)),
-}  # fmt: skip
-CENTRE = "beam to 0.000000 0.000000"
-
-
-def bench_file(folder: Path, name: str) -> Path:
-    """A shipped bench, darker so that its photons cost little, with a witness."""
-    file, changes = BENCHES[name]
-    text = find("bench", file).read_text()
-    for before, after in changes:
-        assert text.count(before) == 1
-        text = text.replace(before, after)
-    text = text.replace("simulation:\n", f"simulation:\n  witness: {folder / 'witness.txt'}\n")
-    path = folder / "bench.yaml"
-    path.write_text(text.replace("  scene:\n", "  scene:\n    surfel_m: 0.05\n"))
-    return path
+BENCHES = tuple(name for name in ALL if "no shutter" not in name)
 
 
 def started(folder: Path, name: str) -> "subprocess.Popen[str]":
@@ -55,11 +35,6 @@ def started(folder: Path, name: str) -> "subprocess.Popen[str]":
         [*command, "-o", "run.h5"], cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-
-
-def witnessed(folder: Path) -> list[str]:
-    path = folder / "witness.txt"
-    return [line.split(maxsplit=1)[1] for line in path.read_text().splitlines()] if path.exists() else []
 
 
 def tell(folder: Path, child: "subprocess.Popen[str]", number: signal.Signals) -> None:
@@ -78,7 +53,7 @@ def check_light(lines: list[str]) -> None:
         elif line.startswith("shutter"):
             lit = line == "shutter open"
             opened_since += lit and told
-        elif told and line == CENTRE:
+        elif told and is_parked(line):
             assert not lit, "parked with the light on"
     assert not lit
     assert opened_since <= 1

@@ -106,7 +106,8 @@ def _scene(path: Path | None) -> "RecordedScan | None":
     with open_checked(path) as recording:
         rows = [(sample.point, sample.histogram) for sample in recording.samples()]
         recording.left_aside()
-        axis = recording.plan.axis
+        plan, axis = recording.plan, recording.plan.axis
+        holes = [plan[number] for number in recording.missing()]
     if not rows:
         raise InvalidData(f"{path}: holds no intact sample, so no light to simulate")
     return RecordedScan(
@@ -117,4 +118,5 @@ def _scene(path: Path | None) -> "RecordedScan | None":
         axis.bin_width_s,
         axis.offset_s,
         np.array([histogram.total_count for _, histogram in rows]),
+        np.array([(point.x_m, point.y_m) for point in holes]).reshape(-1, 2),
     )

@@ -98,9 +98,14 @@ def local_copy(run: Path, folder: Path) -> Iterator[Path]:
     if run.suffix != ".ticket":
         yield run
         return
+    from nlos.acquisition.errors import StorageError
     from nlos.acquisition.network.far_copy import FarCopy
 
     local = folder / run.with_suffix(".h5").name
     with FarCopy(run, local) as copy:
-        yield local
+        try:
+            yield local
+        except StorageError:
+            copy.check()  # where the copy itself broke off, that is the reason
+            raise
         copy.check()
