@@ -1,13 +1,17 @@
-"""`nlos doctor`: examines software, disk and bench, one line each, and ends with a small scan."""
+"""`nlos doctor`: examines software, disk and bench, one line each; thoroughly on the first day and after new cables."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from nlos.cli.benches import load_bench
-from nlos.cli.exit_codes import ExitCode
+from nlos.cli.exit_codes import ExitCode, UsageError
+from nlos.cli.targets import page_target
 from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
@@ -18,31 +22,62 @@ if TYPE_CHECKING:
 def doctor(
     bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
     light: Annotated[
-        bool, typer.Option("--light", help="Allow a real bench to open its shutter for 16 points.")
+        bool, typer.Option("--light", help="Agree that the shutter opens; on a terminal, --thorough asks for it.")
     ] = False,
+    thorough: Annotated[
+        bool, typer.Option("--thorough", help="The first day's examination, with a page that holds its results.")
+    ] = False,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="PAGE.html", help="Where --thorough writes its page.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing page.")] = False,
     clear_trip: Annotated[
-        str | None,
-        typer.Option(metavar="WHO", help="Clear a latched trip; give the name of the person who found its cause."),
+        str | None, typer.Option(metavar="WHO", help="Clear a latched trip, in the name of who found its cause.")
     ] = None,
 ) -> int:
     """PASS, WARN or FAIL for everything that a scan needs, SKIP for what cannot be examined; exits with 3 after a FAIL.
 
     The mirror moves a little, where the bench allows it, with the shutter closed. A real bench opens its shutter
-    only where --light is said.
+    only where --light is said. --thorough: in the dark every corner, markers, dark counts and timing linearity; then,
+    agreed to in words, with light: rates, the beam at the corners, settling, trip, watchdog, interlock and a pulled
+    cable. A person is asked for a lamp, the interlock and the cable.
     """
-    from nlos.doctor.examination import examine
+    from nlos.doctor.area import area_of
+    from nlos.doctor.examination import Visit, examine
+    from nlos.doctor.hands import light_is_agreed_to, somebody_is_there
+    from nlos.doctor.page import write_page
 
+    if output is not None and not thorough:
+        raise UsageError("-o names the page of a thorough examination. Say --thorough as well.")
     table = load_bench(bench)
-    return _said(examine(table, light or table.settings.simulated, clear_trip, _nothing_more))
+    target = None
+    if thorough:
+        name = re.sub(r"[^A-Za-z0-9]+", "-", table.settings.name)[:60]
+        target = page_target(output or Path(f"doctor-{name}-{datetime.now(UTC):%Y%m%d-%H%M%S}.html"))
+        if target.exists() and not overwrite:
+            raise FileExistsError(f"{target}: exists. Choose another name with -o, or say --overwrite.")
+    opened_it = False
+
+    def agreed(bench: "Bench") -> bool:
+        nonlocal opened_it
+        if light or (table.settings.simulated and not thorough):
+            opened_it = True
+        elif thorough and somebody_is_there():
+            opened_it = light_is_agreed_to(str(area_of(bench)))
+        return opened_it
+
+    visit = Visit(agreed, clear_trip, thorough)
+    findings: list[Finding] = []
+    code = _said(examine(table, visit), findings)
+    if target is not None:
+        target.parent.mkdir(exist_ok=True)
+        write_page(target, table, findings, visit.met, opened_it)
+        terminal.result(f"{target}", page=str(target))
+    return code
 
 
-def _nothing_more(bench: "Bench") -> "Iterator[Finding]":
-    return iter(())
-
-
-def _said(findings: "Iterator[Finding]") -> int:
+def _said(findings: "Iterator[Finding]", all_of_them: "list[Finding]") -> int:
     """Each line as it is found, then how many of each kind."""
-    all_of_them = []
     for finding in findings:
         all_of_them.append(finding)
         terminal.result(f"{finding.verdict}  {finding.what:<15}{finding.said}")

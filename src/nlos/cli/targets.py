@@ -6,6 +6,7 @@ from nlos.cli.exit_codes import UsageError
 
 RECORDINGS = (".h5", ".hdf5")
 PICTURES = (".png", ".pdf", ".svg")
+PAGES = (".html", ".htm")
 
 
 def recording_target(path: Path) -> Path:
@@ -18,6 +19,13 @@ def recording_target(path: Path) -> Path:
 def picture_target(path: Path) -> Path:
     """The same for a picture."""
     _check_kind(path, PICTURES, "a picture")
+    _check_folder(path)
+    return path
+
+
+def page_target(path: Path) -> Path:
+    """The same for a page."""
+    _check_kind(path, PAGES, "a page")
     _check_folder(path)
     return path
 

@@ -1,18 +1,25 @@
 """The order of the examination: what is closed and who answers before anything moves, light last, each on its own."""
 
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Generator, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlos.cli.benches import opened
 from nlos.doctor.apart import apart, failure, role_of
+from nlos.doctor.dark_trials import corners, dark_histogram, linearity, markers
 from nlos.doctor.findings import Finding, failed, passed, skipped, warned
+from nlos.doctor.hands import hands_for
 from nlos.doctor.instruments import counter, dark_counts, links, mirror, shutter
+from nlos.doctor.light_trials import beam_corners, count_rates, settle_curve
+from nlos.doctor.shutter_trials import cable, dark_cable, interlock, trip, watchdog
 from nlos.doctor.small_scan import small_scan
 from nlos.doctor.surroundings import absent, disk, levels, software
 from nlos.drivers.bench import Bench
-from nlos.drivers.errors import DeviceError, LimitError, SafetyTrip
+from nlos.drivers.errors import DeviceError, DeviceLost, LimitError, SafetyTrip
+from nlos.drivers.identity import DeviceIdentity
 
 if TYPE_CHECKING:
     from nlos.configs.load import Loaded
@@ -39,7 +46,26 @@ CHECKS = (
     Check("dark counts", dark_counts, COUNTER),
     Check("mirror", mirror, frozenset({"mirror"})),
 )
+DARK = (
+    Check("corners", corners, frozenset({"mirror"})),
+    Check("markers", markers),
+    Check("dark histogram", dark_histogram, COUNTER),
+    Check("linearity", linearity, COUNTER),
+)
 SMALL_SCAN = Check("scan", small_scan, lit=True)
+LIT = (
+    Check("count rates", count_rates, lit=True),
+    Check("beam", beam_corners, lit=True),
+    Check("settling", settle_curve, lit=True),
+    Check("trip", trip, lit=True),
+    Check("watchdog", watchdog, lit=True),
+    Check("interlock", interlock, lit=True),
+)
+NAMED = frozenset({"mirror", "counter", "shutter"})
+APART = ("shutter", "counter", "dark counts", "mirror")
+"""What is examined on its own where the bench does not open as a whole."""
+_REOPENINGS = 15
+_REOPEN_EVERY_S = 2.0
 
 
 @dataclass
@@ -61,10 +87,20 @@ def surroundings(table: "Loaded[BenchSettings]") -> Iterator[Finding]:
     yield from levels(table.settings)
 
 
-def examine(
-    table: "Loaded[BenchSettings]", light: bool, clear_trip: str | None, then: Callable[[Bench], Iterator[Finding]]
-) -> Iterator[Finding]:
-    """Everything that a scan needs; `then` goes on with the open bench where all of it is there."""
+@dataclass
+class Visit:
+    """One examination: how far it may go, and whom it met."""
+
+    agreed: Callable[[Bench], bool]
+    """Whether the shutter may open; asked once, when everything else is done."""
+    clear_trip: str | None = None
+    thorough: bool = False
+    met: dict[str, DeviceIdentity] = field(default_factory=dict)
+    """Role -> who answered."""
+
+
+def examine(table: "Loaded[BenchSettings]", visit: Visit) -> Iterator[Finding]:
+    """Everything that a scan needs, and thoroughly what a lab asks of it before its first one."""
     settings = table.settings
     yield from surroundings(table)
     missing: set[str] = set()
@@ -72,53 +108,120 @@ def examine(
         missing.add(item.role)
         yield failed(item.model, f"{item.role} at {item.address}: {item.what}", item.remedy)
     if not missing:
-        was_open = False
+        was_open = lit = False
         try:
             with opened(table) as bench:
                 was_open = True
-                yield from _on_the_bench(bench, light, clear_trip)
-                yield from then(bench)
+                visit.met.update(zip(("mirror", "counter"), bench.identities, strict=True))
+                lit = yield from _on_the_bench(bench, visit)
         except DeviceError as error:
             yield failure(settings, error)
-            if was_open:
-                return  # what closing met: all else has been said
-            missing.add(role_of(settings, error))
-    if missing:
-        yield from apart(settings, missing)
-        yield from (skipped(check.name, f"{_listed(missing)} missing or failed") for check in (*CHECKS, SMALL_SCAN)
-                    if check.needs >= BOTH)  # fmt: skip
+            if not was_open:
+                missing.add(role_of(settings, error))
+        if was_open:
+            if visit.thorough:
+                yield from pulled_and_replugged(table, lit)
+            return
+    yield from apart(settings, missing)
+    everything = (*CHECKS, *(DARK if visit.thorough else ()), SMALL_SCAN, *(LIT if visit.thorough else ()))
+    why = f"{' and '.join(sorted(missing))} missing or failed"
+    yield from (skipped(check.name, why) for check in everything if check.name not in APART)
 
 
-def _on_the_bench(bench: Bench, light: bool, clear_trip: str | None) -> Iterator[Finding]:
-    if clear_trip is not None:
-        bench.shutter.clear_trip(clear_trip)
-        yield passed("shutter", f"trip cleared in the name of {clear_trip}")
+def _on_the_bench(bench: Bench, visit: Visit) -> Generator[Finding, None, bool]:
+    """Returns whether light was agreed to."""
+    if visit.clear_trip is not None:
+        bench.shutter.clear_trip(visit.clear_trip)
+        yield passed("shutter", f"trip cleared in the name of {visit.clear_trip}")
     condition = Condition()
-    yield from run(bench, CHECKS, condition)
-    if not light:
+    yield from run(bench, (*CHECKS, *(DARK if visit.thorough else ())), condition)
+    light = not (condition.lost and visit.thorough) and visit.agreed(bench)
+    if light:
+        yield from run(bench, (SMALL_SCAN, *(LIT if visit.thorough else ())), condition)
+        return True
+    if condition.lost:
+        yield skipped("scan", next(iter(condition.lost.values())))
+    else:
         yield warned("scan", "not done: it opens the shutter", "Say --light when it is safe to.")
+    if visit.thorough:
+        yield from (skipped(check.name, "it needs light") for check in LIT)
+    return False
+
+
+def pulled_and_replugged(table: "Loaded[BenchSettings]", light: bool) -> Iterator[Finding]:
+    """A fault made by hand: the mirror's cable is pulled, and the bench opened again afterwards."""
+    before: tuple[DeviceIdentity, ...] = ()
+    try:
+        with opened(table, quiet=True) as bench:
+            before, hands = bench.identities, hands_for(bench)
+            yield from run(bench, (Check("cable", cable if light else dark_cable),), Condition())
+            if not hands.replug():
+                return
+    except DeviceLost:
+        pass  # as it should be: the cable is out
+    except DeviceError as error:
+        yield failure(table.settings, error)
         return
-    yield from run(bench, (SMALL_SCAN,), condition)
+    yield from _opened_again(table, before)
+
+
+def _opened_again(table: "Loaded[BenchSettings]", before: tuple[DeviceIdentity, ...]) -> Iterator[Finding]:
+    error: DeviceError | None = None
+    for _ in range(_REOPENINGS):
+        try:
+            with opened(table, quiet=True) as bench:
+                if bench.identities == before:
+                    yield passed("replugged", "everything answers again, and as before")
+                else:
+                    yield failed("replugged", f"others answer: {bench.identities}", "Plug in what the bench names.")
+                return
+        except DeviceError as met:
+            error = met
+            if not table.settings.simulated:
+                time.sleep(_REOPEN_EVERY_S)
+    assert error is not None
+    yield failed("replugged", f"{error.device}: {error.what}", error.remedy)
 
 
 def run(bench: Bench, checks: tuple[Check, ...], condition: Condition) -> Iterator[Finding]:
     """The checks in their order. One that fails says so in its own line; those that need what failed are skipped."""
     for check in checks:
-        if why := condition.obstacle(check):
-            yield skipped(check.name, why)
-            continue
-        try:
-            yield from check.look(bench)
-        except LimitError as error:
-            yield failed(check.name, f"{error.device}: {error.what}", error.remedy)
-        except DeviceError as error:
-            role = "light" if isinstance(error, SafetyTrip) else role_of(bench.settings, error)
-            condition.lost[role] = f"the {role} failed before: {error.what}"
-            yield failed(check.name, f"{error.device}: {error.what}", error.remedy)
-        finally:
-            if bench.shutter.may_be_open:
-                bench.shutter.close(f"after {check.name}")
+        before = -1
+        while before < len(condition.lost):  # made again where what failed meanwhile is another instrument
+            if why := condition.obstacle(check):
+                yield skipped(check.name, why)
+                break
+            before = len(condition.lost)
+            try:
+                yield from check.look(bench)
+                break
+            except DeviceError as error:
+                yield _failed(bench, check, error, condition)
+                if not isinstance(error, LimitError):
+                    _put_down(bench, condition)
+                if isinstance(error, SafetyTrip) or role_of(bench.settings, error) in check.needs:
+                    break
+            finally:
+                if bench.shutter.may_be_open:
+                    bench.shutter.close(f"after {check.name}")
 
 
-def _listed(roles: set[str]) -> str:
-    return " and ".join(sorted(roles))
+def _failed(bench: Bench, check: Check, error: DeviceError, condition: Condition) -> Finding:
+    """The check's line, or that of another instrument that failed while it was made."""
+    role = role_of(bench.settings, error)
+    if isinstance(error, SafetyTrip):
+        bench.shutter.latch(str(error))  # as in a scan: until a person clears it
+        condition.lost |= dict.fromkeys(("light", "counter"), f"a trip stands: {error.what}")
+    elif not isinstance(error, LimitError):
+        condition.lost[role] = f"the {role} failed before: {error.what}"
+    ours = isinstance(error, SafetyTrip) or role not in NAMED or role in check.needs
+    return failed(check.name if ours else role, f"{error.device}: {error.what}", error.remedy)
+
+
+def _put_down(bench: Bench, condition: Condition) -> None:
+    """What the check had begun; a mirror that is lost is not looked at any more while others work."""
+    if "mirror" in condition.lost:
+        bench.counter.meanwhile(lambda: None)
+    for step in (bench.counter.abort, bench.mirror.stop):
+        with suppress(DeviceError):
+            step()

@@ -81,7 +81,7 @@ def _direct_light(samples: list[Sample], wall_distance_m: float) -> Finding:
         late_ns.append((arrival_s - 2 * range_m / SPEED_OF_LIGHT_M_PER_S) * 1e9)
     late_ns.sort()
     middle, spread = late_ns[len(late_ns) // 2], late_ns[-2] - late_ns[1]
-    said = f"direct light {middle:+.2f} ns from where the wall is, the same within {spread:.2f} ns at all points"
+    said = f"{middle:+.2f} ns from where the wall is, the same within {spread:.2f} ns at all points"
     if spread > 0.5:
         return warned("direct light", said, "Check aim and wall_distance_m; run `nlos calibrate`.")
     return passed("direct light", said)

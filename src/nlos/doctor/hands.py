@@ -1,0 +1,157 @@
+"""What the doctor asks of a person's hands: a lamp, a cable, the interlock. On a simulated bench it does so itself."""
+
+import sys
+from typing import Protocol
+
+from nlos.cli.terminal import terminal
+from nlos.drivers.bench import Bench
+from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.drivers.simulated.faults import Fault
+
+_LAMP_CPS = 1e6
+_PULLED_AFTER_S = 0.5
+
+
+class Hands(Protocol):
+    """Each returns whether it is done, or asked for in words that somebody reads; False: nobody is there."""
+
+    def lamp(self, on: bool) -> bool:
+        """Steady light, of no laser, on the detector."""
+        ...
+
+    def pull_mirror_cable(self) -> bool:
+        """Within the next minute, while the doctor watches."""
+        ...
+
+    def replug(self) -> bool:
+        """It is plugged in again."""
+        ...
+
+    def ready_to_open_interlock(self) -> bool:
+        """Somebody will open the loop as soon as there is light."""
+        ...
+
+    def open_interlock(self) -> None:
+        """There is light."""
+        ...
+
+    def close_interlock(self) -> bool:
+        """The loop is closed again."""
+        ...
+
+
+class SimulatedHands:
+    """The same, done to a simulated table."""
+
+    def __init__(self, bench: Bench, table: SimulatedBench) -> None:
+        self._settings, self._table = bench.settings, table
+
+    def lamp(self, on: bool) -> bool:
+        from nlos.drivers.simulated.instruments import light_of
+
+        settings = self._settings
+        if on:
+            assert settings.simulation is not None
+            scene = settings.simulation.scene.model_copy(update={"ambient_cps": _LAMP_CPS})
+            simulation = settings.simulation.model_copy(update={"scene": scene})
+            settings = settings.model_copy(update={"simulation": simulation})
+            self._before = self._table.light
+            self._table.light = light_of(settings)
+        else:
+            self._table.light = self._before
+        return True
+
+    def pull_mirror_cable(self) -> bool:
+        self._table.faults.add(Fault(name="G8", after_s=self._table.clock.now() + _PULLED_AFTER_S))
+        return True
+
+    def replug(self) -> bool:
+        return True
+
+    def ready_to_open_interlock(self) -> bool:
+        return True
+
+    def open_interlock(self) -> None:
+        self._table.interlock_closed = False
+
+    def close_interlock(self) -> bool:
+        self._table.interlock_closed = True
+        return True
+
+
+class PersonsHands:
+    """Somebody at the terminal, who presses Enter when it is done; any word instead of it: not today."""
+
+    def lamp(self, on: bool) -> bool:
+        if on:
+            return _asked("Shine a steady lamp (a torch, not a fluorescent tube) on the wall or the detector.")
+        return _asked("Take the lamp away.")
+
+    def pull_mirror_cable(self) -> bool:
+        return _asked("After Enter, pull the mirror controller's cable out of this computer within a minute.")
+
+    def replug(self) -> bool:
+        return _asked("Plug the mirror controller's cable in again.")
+
+    def ready_to_open_interlock(self) -> bool:
+        return _asked("After Enter the light comes on: open the interlock loop (the door, the key) within a minute.")
+
+    def open_interlock(self) -> None:
+        """They have been asked to."""
+
+    def close_interlock(self) -> bool:
+        return _asked("Close the interlock loop again.")
+
+
+class NoHands:
+    """Nobody is there to ask."""
+
+    def lamp(self, on: bool) -> bool:
+        return False
+
+    def pull_mirror_cable(self) -> bool:
+        return False
+
+    def replug(self) -> bool:
+        return False
+
+    def ready_to_open_interlock(self) -> bool:
+        return False
+
+    def open_interlock(self) -> None:
+        """Nobody was asked to."""
+
+    def close_interlock(self) -> bool:
+        return False
+
+
+def somebody_is_there() -> bool:
+    """Whether a person can read a question and answer it."""
+    return sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def hands_for(bench: Bench) -> Hands:
+    """Whose hands this bench has."""
+    if bench.simulated is not None:
+        return SimulatedHands(bench, bench.simulated)
+    return PersonsHands() if somebody_is_there() else NoHands()
+
+
+def light_is_agreed_to(where: str) -> bool:
+    """Asks in words whether the shutter may open."""
+    terminal.log(f"With light: the shutter opens, and the beam goes to {where} on the wall.", -9)
+    terminal.log('Is everybody safe from it? Type "light" to agree, Enter to stay in the dark.', -9)
+    return _answer() == "light"
+
+
+def _asked(what: str) -> bool:
+    terminal.log(f"{what} Enter when that is done, any word to skip it.", -9)
+    return _answer() == ""
+
+
+def _answer() -> str | None:
+    """What was typed; None at the end of the input."""
+    try:
+        return input().strip().lower()
+    except EOFError:
+        return None

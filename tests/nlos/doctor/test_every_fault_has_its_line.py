@@ -1,0 +1,122 @@
+"""On a bench with any fault of docs/faults.md the thorough examination says so in the right line, or the fault is one
+that the drivers put right by themselves."""
+
+import os
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import pytest
+
+from nlos.cli.benches import load_bench
+from nlos.cli.terminal import terminal
+from nlos.doctor import small_scan
+from nlos.doctor.examination import Visit, examine
+from nlos.doctor.findings import Finding
+from nlos.drivers.bench import BenchSettings
+from nlos.drivers.simulated.fault_catalogue import TABLES
+from nlos.drivers.simulated.faults import Fault
+
+ROWS = {row.name: row for rows in TABLES.values() for row in rows}
+BUILT_IN = {name for name, row in ROWS.items() if row.parameters.startswith("built in")}
+AS_OPENED = 0.0
+
+
+@dataclass
+class Case:
+    """The bench, when the fault begins and how often it strikes, and the line in which it is said; None: in none."""
+
+    line: str | None
+    verdict: str = "FAIL"
+    bench: str = "simulated"
+    after_s: float = 0.03
+    times: int = 400
+    parameters: dict[str, Any] = field(default_factory=dict)
+    beside: tuple[Fault, ...] = ()
+    counter: dict[str, Any] = field(default_factory=dict)
+
+
+def _optotune(line: str | None, **words: Any) -> Case:
+    return Case(line, bench="optotune", after_s=0.13, **words)
+
+
+def _multiharp(line: str | None, verdict: str = "FAIL", **words: Any) -> Case:
+    return Case(line, verdict, bench="multiharp", after_s=0.23, **words)
+
+
+CASES = {
+    **{name: Case("links") for name in ("G1", "G2", "G4", "G5", "G6", "G8", "G9", "A2", "A7")},
+    **{name: Case(None) for name in ("G3", "G7", "U7", "U8", "U16")},
+    "G10": Case("mirror", after_s=AS_OPENED),
+    "A3": Case("mirror", after_s=AS_OPENED),
+    "A4": Case("markers"),
+    "A6": Case("markers"),
+    "A8": Case(None, after_s=AS_OPENED),
+    "A9": Case(None, after_s=AS_OPENED),
+    "B1": _optotune("mirror"),
+    "B2": _optotune("mirror"),
+    "B3": _optotune(None),
+    "B4": _optotune("mirror"),
+    "B5": _optotune("corners"),
+    "B6": _optotune("corners"),
+    **{name: Case("counter") for name in ("U1", "U3", "U5", "U10", "U11", "U13", "U18")},
+    "U2": Case("markers"),
+    "U4": Case("counter", parameters={"replies": 400}, beside=(Fault(name="U1", after_s=0.03, times=400),)),
+    "U6": Case("counter", parameters={"what": "cut", "size": 3}),
+    "U12": Case("markers", "WARN"),
+    "U14": Case("markers"),
+    "U15": Case("markers"),
+    "U17": Case("counter", after_s=AS_OPENED),
+    "U19": Case("links", "WARN", after_s=AS_OPENED, times=200, parameters={"delay_s": 0.1}),
+    "U20": Case("markers", "WARN", counter={"mode": "t3"}, parameters={"place": "records", "what": "fifo_full"}),
+    "V1": _multiharp("counter"),
+    "V2": _multiharp("markers", "WARN"),
+    "V3": _multiharp("markers"),
+    "V4": _multiharp("markers"),
+}  # fmt: skip
+SAMPLE = ("G8", "G10", "A6", "B6", "U11", "U12", "U14", "V3")
+"""One of each kind: what every change is tested with."""
+
+
+def thorough(settings: BenchSettings) -> list[Finding]:
+    table = replace(load_bench(None), settings=settings)
+    return list(examine(table, Visit(lambda bench: True, None, thorough=True)))
+
+
+@pytest.fixture(autouse=True)
+def quiet(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No reconstruction at the end of each of so many examinations, and nothing on the terminal."""
+    monkeypatch.setattr(small_scan, "find_spec", lambda name: None)
+    monkeypatch.setattr(terminal, "verbosity", -9)
+
+
+def settings_of(case: Case, *faults: Fault) -> BenchSettings:
+    chosen = load_bench(case.bench).settings
+    assert chosen.simulation is not None
+    counter = chosen.counter.model_copy(update=case.counter)
+    simulation = chosen.simulation.model_copy(update={"faults": faults})
+    return chosen.model_copy(update={"simulation": simulation, "counter": counter})
+
+
+def test_every_fault_has_its_case() -> None:
+    assert set(CASES) == set(ROWS) - BUILT_IN
+    for name, case in CASES.items():
+        if case.line is None:
+            assert ROWS[name].seen.startswith("nothing"), f"{name} is to be seen"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [name if name in SAMPLE else pytest.param(name, marks=pytest.mark.soak) for name in CASES],
+)
+def test_the_right_line_says_so(name: str) -> None:
+    if name not in SAMPLE and not os.environ.get("NLOS_SOAK"):
+        pytest.skip("a long campaign: make soak")
+    case = CASES[name]
+    fault = Fault(name=name, after_s=case.after_s, times=case.times, parameters=case.parameters)
+    findings = thorough(settings_of(case, fault, *case.beside))
+    said = [(each.verdict, each.what) for each in findings if each.verdict in ("WARN", "FAIL")]
+    if case.line is not None:
+        assert (case.verdict, case.line) in said, said
+    else:
+        healthy = [(each.verdict, each.what) for each in thorough(settings_of(case))]
+        assert set(said) <= set(healthy), said
