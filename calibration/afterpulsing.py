@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import curve_fit, minimize_scalar
+from scipy.optimize import minimize_scalar
 
 from nlos.calibration.errors import InvalidData
 
@@ -20,35 +20,6 @@ class ClickAfterClick:
     afterpulse_probability: float
     afterpulse_error: float
     decay_s: float
-
-
-def from_arrival_times(arrival_s: npt.ArrayLike, longest_s: float = 1e-6, step_s: float = 1e-9) -> ClickAfterClick:
-    """From the clicks' absolute times in order (time tags under steady light): the intervals' hazard rate.
-
-    The hazard is 0 within the dead time and the photon rate long after; what lies above that in between are
-    afterpulses. Raises `InvalidData` below 1000 intervals.
-    """
-    intervals = np.diff(np.asarray(arrival_s, dtype=np.float64))
-    if len(intervals) < 1000 or (intervals < 0).any():
-        raise InvalidData(f"{len(intervals)} intervals in order of time are given; at least 1000 are needed.")
-    edges = np.arange(round(longest_s / step_s) + 1) * step_s
-    clicks = np.histogram(intervals, edges)[0].astype(np.float64)
-    at_risk = len(intervals) - np.concatenate([[0.0], np.cumsum(clicks)[:-1]])
-    dead = float(np.sort(intervals)[len(intervals) // 100_000])
-    used = (at_risk > 100) & (edges[:-1] >= dead)
-    time, hazard = edges[:-1][used] + step_s / 2 - dead, clicks[used] / at_risk[used] / step_s
-    error = np.sqrt(np.maximum(clicks[used], 1)) / at_risk[used] / step_s
-    start = (float(np.median(hazard)), 0.02, 30e-9)
-    bounds = ([0, 0, step_s], [np.inf, 1, longest_s])
-    (rate, probability, decay), covariance = curve_fit(_hazard, time, hazard, start, error, True, bounds=bounds)
-    first_clicks_per_s = (rate + probability / decay) * len(intervals)
-    return ClickAfterClick(
-        dead, float(1 / first_clicks_per_s), float(probability), float(np.sqrt(covariance[1, 1])), float(decay)
-    )
-
-
-def _hazard(time_s: Floats, photon_rate: float, probability: float, decay_s: float) -> Floats:
-    return np.asarray(photon_rate + probability / decay_s * np.exp(-time_s / decay_s))
 
 
 def from_full_period(

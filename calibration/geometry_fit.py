@@ -127,9 +127,7 @@ class _Model:
             ("direct arrivals", self._times, int((self.kinds == 2).sum())),
         ):
             if given is not None and count < FEWEST_POINTS:
-                raise InvalidData(
-                    f"{count} {kind} are given; the two-mirror model needs nine. A homography takes four."
-                )
+                raise InvalidData(f"{count} {kind} are given; the two-mirror model needs nine. Measure more points.")
 
     def everything(self) -> Flags:
         return np.ones(len(self.kinds), bool)

@@ -71,14 +71,6 @@ def from_histogram(counts: npt.ArrayLike, bin_width_s: float, peak_s: float | No
     return ImpulseResponse(values / (values.sum() * bin_width_s), bin_width_s, -peak_s)
 
 
-def gaussian(fwhm_s: float, step_s: float) -> ImpulseResponse:
-    """A normal distribution of the given full width at half maximum."""
-    sigma_s = fwhm_s / 2.354820045
-    steps = 2 * int(np.ceil(4 * sigma_s / step_s)) + 1
-    times = (np.arange(steps) - steps // 2) * step_s
-    return from_histogram(np.exp(-0.5 * (times / sigma_s) ** 2), step_s, peak_s=(steps // 2 + 0.5) * step_s)
-
-
 def vertex(before: float, top: float, after: float) -> float:
     """Where the parabola through three equidistant values has its maximum, in steps from the middle one (+-0.5)."""
     bend = before - 2 * top + after

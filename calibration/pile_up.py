@@ -15,21 +15,6 @@ from nlos.calibration.errors import SaturatedBins
 Floats = npt.NDArray[np.float64]
 
 
-def correct_synchronous(
-    counts: npt.ArrayLike, sync_count: npt.ArrayLike, counts_before: npt.ArrayLike = 0.0
-) -> tuple[Floats, Floats]:
-    """Coates' correction for a detector that takes one photon per laser pulse at most and is live at each pulse.
-
-    `counts` (N, T), `sync_count` (N,) laser pulses, `counts_before` (N,) counts of the same pulses before the first
-    bin. Returns the counts that a detector without dead time would have had and their variance, both (N, T). Raises
-    `SaturatedBins` where a bin was live no more often than it clicked.
-    """
-    recorded = np.asarray(counts, dtype=np.float64)
-    pulses = _per_point(sync_count, len(recorded))
-    earlier = np.cumsum(recorded, axis=1) - recorded + _per_point(counts_before, len(recorded))
-    return _photons(recorded, pulses - earlier, pulses)
-
-
 def correct_free_running(
     counts: npt.ArrayLike,
     sync_count: npt.ArrayLike,

@@ -30,15 +30,6 @@ class WallTiming:
         distance = np.sqrt((np.asarray(x_m) - sx) ** 2 + (np.asarray(y_m) - sy) ** 2 + sz**2)
         return np.asarray(self.delay_s + 2 * distance / SPEED_OF_LIGHT_M_PER_S)
 
-    @property
-    def position_error_m(self) -> Floats:
-        """Standard errors of the position, shape (3,)."""
-        return np.sqrt(np.diag(self.covariance)[:3])
-
-    @property
-    def delay_error_s(self) -> float:
-        return float(np.sqrt(self.covariance[3, 3]))
-
 
 def fit_wall_timing(arrival_s: Floats, error_s: Floats, x_m: Floats, y_m: Floats) -> WallTiming | None:
     """Least squares with a soft loss first, then without the points beyond 4 times the scatter.

@@ -10,9 +10,7 @@ and returns a `MethodResult`; its `depths_m`, (D,), says where the planes of the
 the volume and hands it to `physics.seen_in`. `tests/recon/test_a_method_of_ones_own.py` holds one of twenty lines.
 """
 
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, TypeVar
-
-import numpy.typing as npt
+from typing import TYPE_CHECKING, Generic, NamedTuple, Protocol, TypeVar
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
@@ -35,26 +33,11 @@ class MethodResult(NamedTuple, Generic[Array]):
     """(B, D, H, W) albedo at the method's `depths_m`; None where it makes none."""
 
 
-class BuiltMethod(Protocol):
-    """A method for one wall and time axis; every one is an `nn.Module` as well."""
-
-    @property
-    def depths_m(self) -> "torch.Tensor | npt.NDArray[Any]":
-        """(D,) metres: where the planes of the volume lie."""
-        ...
-
-    def __call__(
-        self, counts: "torch.Tensor", exposure_s: "torch.Tensor | None" = None, /
-    ) -> "MethodResult[torch.Tensor]":
-        """What is seen in counts (B, 1, T, H, W)."""
-        ...
-
-
 class Method(Protocol):
     """What a file of `recon/methods` offers."""
 
     Settings: type[AnySettings]
 
     def build(self, settings: AnySettings, wall: WallGrid, time: TimeAxis) -> "torch.nn.Module":
-        """The `BuiltMethod` for one geometry. Raises `InvalidSettings` where the settings do not fit it."""
+        """An `nn.Module` for one geometry, as above. Raises `InvalidSettings` where the settings do not fit it."""
         ...

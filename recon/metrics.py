@@ -9,7 +9,6 @@ import numpy.typing as npt
 from scipy.ndimage import correlate1d
 
 Image = npt.NDArray[np.float32] | npt.NDArray[np.float64]
-CROP_MARGIN = 40
 
 
 def psnr(prediction: Image, truth: Image) -> float:
@@ -80,31 +79,6 @@ def depth_scores(depth_m: Image, truth_m: Image, mask: npt.NDArray[np.bool_]) ->
         "depth_mad_m": float(np.mean(error)),
         "depth_median_abs_m": float(np.median(error)),
         "depth_missing": missing,
-    }
-
-
-def published_crop(truth: Image, margin: int = CROP_MARGIN) -> tuple[slice, slice]:
-    """The bounding box of truth > 0, grown by `margin` pixels on each side on which that fits."""
-    slices = []
-    for axis in (1, 0):
-        lit = np.flatnonzero((truth > 0).any(axis=axis))
-        low, high = (int(lit[0]), int(lit[-1]) + 1) if lit.size else (0, truth.shape[1 - axis])
-        low = low - margin if low >= margin else low
-        high = high + margin if high + margin <= truth.shape[1 - axis] else high
-        slices.append(slice(low, high))
-    return slices[0], slices[1]
-
-
-def published_scores(prediction: Image, truth: Image, depth: Image, true_depth: Image) -> dict[str, float]:
-    """PSNR and SSIM of intensity, RMSE and MAD of depth, each on its own crop, as NLOST reports them."""
-    of_image, of_depth = published_crop(truth), published_crop(true_depth)
-    p, t = by_maximum(prediction)[of_image], by_maximum(truth)[of_image]
-    error = np.nan_to_num(_double(depth))[of_depth] - _double(true_depth)[of_depth]
-    return {
-        "psnr": psnr(p, t),
-        "ssim": ssim(p, t),
-        "rmse": float(np.sqrt(np.mean(error**2))),
-        "mad": float(np.mean(np.abs(error))),
     }
 
 

@@ -78,11 +78,6 @@ class Ticket:
         return cls(**stored)
 
 
-def is_ticket(path: Path) -> bool:
-    """Whether a file looks like a ticket; nothing is believed of what it says."""
-    return path.suffix == ".ticket"
-
-
 def new_keys() -> tuple[str, str]:
     """A CurveZMQ pair: public, secret."""
     public, secret = zmq.curve_keypair()

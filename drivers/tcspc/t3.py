@@ -78,11 +78,6 @@ class T3Decoder:
         self._last = 0
         self._rest = b""
 
-    @property
-    def unfinished_bytes(self) -> int:
-        """Bytes of a record that has not arrived whole; at the end of a stream they are a lost record."""
-        return len(self._rest)
-
     def feed(self, data: "bytes | bytearray | memoryview | npt.NDArray[np.uint32]") -> T3Events:
         """Decodes the next piece: bytes as they came, or whole records."""
         if isinstance(data, np.ndarray):

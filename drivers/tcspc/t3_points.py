@@ -72,32 +72,6 @@ class StepMarkers:
         return seen, due if in_turn and from_start else max(due, seen + 1)
 
 
-class LineMarkers:
-    """Lines between a start and a stop marker, each cut into `columns` equal parts: how imaging PTU files mark them."""
-
-    def __init__(self, columns: int, start_bit: int, stop_bit: int) -> None:
-        self._columns, self._start_bit, self._stop_bit = columns, start_bit, stop_bit
-        self._started: int | None = None
-        self.lines = 0
-
-    def __call__(self, pulses: Pulses, bits: npt.NDArray[np.uint8]) -> Windows:
-        lines = []
-        for pulse, bit in zip(pulses.tolist(), bits.tolist(), strict=True):
-            # A stop and a start at the same pulse end one line and begin the next.
-            if bit & self._stop_bit and self._started is not None:
-                lines.append((self._started, pulse))
-                self._started = None
-            if bit & self._start_bit:
-                self._started = pulse
-        edges = np.array(lines, dtype=np.int64).reshape(-1, 2)
-        # The first pulse of column k is the smallest t with floor((t - start) columns / length) = k.
-        column = np.arange(self._columns + 1)
-        cuts = edges[:, :1] - (-column * (edges[:, 1:] - edges[:, :1]) // self._columns)
-        point = np.arange(self.lines * self._columns, (self.lines + len(lines)) * self._columns)
-        self.lines += len(lines)
-        return Windows(point, cuts[:, :-1].ravel(), cuts[:, 1:].ravel(), self._started)
-
-
 class PointHistograms:
     """Histograms of scan points from a stream, as far as it has come.
 

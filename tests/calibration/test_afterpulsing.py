@@ -1,37 +1,9 @@
 import numpy as np
 import pytest
 
-from nlos.calibration.afterpulsing import from_arrival_times, from_full_period, subtract_afterpulses
-from nlos.calibration.errors import InvalidData
+from nlos.calibration.afterpulsing import from_full_period, subtract_afterpulses
 
 DEAD_S, PROBABILITY, DECAY_S = 40e-9, 0.04, 30e-9
-
-
-def steady_light(seed: int = 2, rate_hz: float = 5e5, seconds: float = 0.4) -> np.ndarray:
-    random = np.random.default_rng(seed)
-    photons = np.cumsum(random.exponential(1 / rate_hz, int(rate_hz * seconds))).tolist()
-    clicks, pending, live_from = [], [], -1.0
-    for photon in photons:
-        while pending and pending[0] < photon:
-            again = pending.pop(0)
-            if again >= live_from:
-                clicks.append(again)
-                live_from = again + DEAD_S
-                if random.random() < PROBABILITY:
-                    pending.append(live_from + random.exponential(DECAY_S))
-        if photon >= live_from:
-            clicks.append(photon)
-            live_from = photon + DEAD_S
-            if random.random() < PROBABILITY:
-                pending.append(live_from + random.exponential(DECAY_S))
-    return np.array(clicks)
-
-
-def test_time_tags_tell_dead_time_and_afterpulsing() -> None:
-    found = from_arrival_times(steady_light())
-    assert abs(found.dead_time_s - DEAD_S) < 1e-9
-    assert abs(found.afterpulse_probability - PROBABILITY) < 3 * found.afterpulse_error + 0.002
-    assert found.decay_s == pytest.approx(DECAY_S, rel=0.25)
 
 
 def test_a_histogram_over_the_whole_period_tells_them_too() -> None:
@@ -55,8 +27,3 @@ def test_a_histogram_over_the_whole_period_tells_them_too() -> None:
     seen = detected / (1 - preceding)
     cleaned = subtract_afterpulses(seen[None], detected[None], PROBABILITY, DECAY_S, DEAD_S, width)
     assert np.allclose(cleaned[0], photons, rtol=1e-3)
-
-
-def test_few_intervals_are_refused() -> None:
-    with pytest.raises(InvalidData, match="at least 1000"):
-        from_arrival_times(np.arange(10.0))

@@ -2,20 +2,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from nlos.acquisition.planning.aim import Aim
 from nlos.calibration.errors import InvalidData
 from nlos.calibration.geometry import ScannerGeometry
 from nlos.calibration.geometry_fit import DirectTimes, Spots, fit_geometry
-from nlos.calibration.homography import (
-    angles_from_volts,
-    apply_homography,
-    fit_homography,
-    slopes_from_angles,
-    slopes_from_unit_circle,
-)
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.simulated.beam import BeamPath, Misalignment
 
@@ -54,27 +47,6 @@ def test_a_square_wall_is_aimed_at_as_the_plan_does() -> None:
 def test_a_point_out_of_reach_is_named() -> None:
     with pytest.raises(InvalidData, match=r"wall point 1 at \(\+90\.000 m"):
         TRUE.angles_rad(np.array([0.0, 90.0]), np.array([0.0, 0.0]))
-
-
-@settings(max_examples=25)
-@given(tilts, tilts, shifts, shifts)
-def test_four_points_give_the_exact_homography(pitch: float, yaw: float, sx: float, sy: float) -> None:
-    geometry = ScannerGeometry(2.0, 0.0, sx, sy, wall_pitch_rad=pitch, wall_yaw_rad=yaw)
-    slopes = np.column_stack(slopes_from_angles(AX, AY))
-    spots = np.column_stack(geometry.spots(AX, AY)[:2])
-    corners = [0, 8, 72, 80]
-    homography = fit_homography(slopes[corners], spots[corners])
-    assert np.allclose(apply_homography(homography, slopes), spots, atol=1e-9)
-
-
-def test_volts_and_unit_circle_become_angles() -> None:
-    assert np.allclose(np.rad2deg(angles_from_volts([0.0, 1.0, -6.64])), [0, 4, -26.56])
-    assert np.allclose(np.rad2deg(np.arctan(slopes_from_unit_circle(1.0, -0.5)[0])), 50)
-
-
-def test_three_points_on_a_line_make_no_homography() -> None:
-    with pytest.raises(InvalidData, match="on one line"):
-        fit_homography([[0, 0], [1, 1], [2, 2], [3, 3]], [[0, 0], [1, 1], [2, 2], [3, 3]])
 
 
 def test_direct_times_tell_distance_tilt_and_delay() -> None:

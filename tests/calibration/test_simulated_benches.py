@@ -85,4 +85,4 @@ def test_the_default_scene_is_calibrated_without_being_told_anything() -> None:
     assert done.offsets is not None
     assert done.offsets.wall is not None
     assert done.offsets.rms_bins < 0.25
-    assert abs(done.offsets.wall.delay_s * 1e9 - 0.35) < 4e9 * done.offsets.wall.delay_error_s
+    assert abs(done.offsets.wall.delay_s * 1e9 - 0.35) < 4e9 * done.offsets.wall.covariance[3, 3] ** 0.5

@@ -7,7 +7,7 @@ import pytest
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.calibration.errors import NoDirectPeak, ShutterClosed
-from nlos.calibration.impulse_response import gaussian
+from nlos.calibration.impulse_response import from_histogram
 from nlos.calibration.time_offset import TimeOffsets, measure_time_offsets
 from tests.calibration.conftest import RawScan, make_raw_scan
 
@@ -33,10 +33,13 @@ def test_the_direct_arrival_is_the_maximum_of_the_pulse(raw_scan: RawScan) -> No
 
 
 def test_scanner_and_delay_lie_within_their_errors(raw_scan: RawScan) -> None:
-    wall = measure(raw_scan, response=gaussian(70e-12, 4e-12)).wall
+    time_s = 4e-12 * np.arange(-30, 31)
+    pulse = np.exp(-4 * np.log(2) * (time_s / 70e-12) ** 2)  # 70 ps wide at half its height
+    wall = measure(raw_scan, response=from_histogram(pulse, 4e-12)).wall
     assert wall is not None
-    assert (np.abs(wall.scanner_position_m - raw_scan.scanner_m) < 4 * wall.position_error_m).all()
-    assert wall.position_error_m[2] < 0.02
+    error_m = np.sqrt(np.diag(wall.covariance)[:3])
+    assert (np.abs(wall.scanner_position_m - raw_scan.scanner_m) < 4 * error_m).all()
+    assert error_m[2] < 0.02
 
 
 def test_the_delay_counts_from_the_sync_wherever_the_record_starts(raw_scan: RawScan) -> None:

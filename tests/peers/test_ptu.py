@@ -16,8 +16,7 @@ import pytest
 from nlos.__main__ import run
 from nlos.acquisition.importers.formats import read_any
 from nlos.acquisition.recording.recording import Recording
-from nlos.drivers.tcspc.ptu import decode_tags, read_ptu
-from nlos.drivers.tcspc.t3 import T3Decoder
+from nlos.drivers.tcspc.t3 import FORMATS, T3Decoder
 
 SCAN = """
 wall: {width_m: 0.8, height_m: 0.6, rows: 12, cols: 16}
@@ -47,12 +46,17 @@ class Found:
 
 
 def by_us(path: Path) -> Found:
-    file = read_ptu(path)
-    assert not file.truncated
-    events = T3Decoder(file.layout).feed(file.records)
-    delays, channels = file.layout.delays(events.photons), file.layout.channels(events.photons)
+    with ptufile.PtuFile(path) as file:
+        layout, records = FORMATS[int(file.record_type)], file.read_records()
+    events = T3Decoder(layout).feed(records)
+    delays, channels = layout.delays(events.photons), layout.channels(events.photons)
     photons = np.stack([events.photon_pulses, delays.astype(np.int64), channels.astype(np.int64)], axis=1)
     return Found(photons, np.stack([events.marker_pulses, events.marker_bits.astype(np.int64)], axis=1))
+
+
+def records_of(path: Path) -> npt.NDArray[np.uint32]:
+    with ptufile.PtuFile(path) as file:
+        return np.asarray(file.read_records())
 
 
 def by_ptufile(path: Path) -> Found:
@@ -106,7 +110,7 @@ def test_a_recordings_photons_and_markers_are_found_by_every_reader(
     counts = np.moveaxis(recording.transient().counts, 0, 2)
     ours = by_us(path)
     vendor, phconvert = foreign("snapi", path), foreign("phconvert", path)
-    assert np.array_equal(vendor["raw"], read_ptu(path).records)
+    assert np.array_equal(vendor["raw"], records_of(path))
     for found in (found_by(vendor), found_by(phconvert), by_ptufile(path)):
         assert found.same(ours)
     assert len(ours.photons) == counts.sum()
@@ -118,7 +122,8 @@ def test_a_recordings_photons_and_markers_are_found_by_every_reader(
 
 def pixels_of(found: Found, shape: tuple[int, ...], path: Path) -> npt.NDArray[np.float64]:
     """Histograms by the vendor's photons and line markers alone, as an imaging program would make them."""
-    tags, _ = decode_tags(path.read_bytes(), path.name)
+    with ptufile.PtuFile(path) as file:
+        tags = file.tags
     dwell = round(float(tags["ImgHdr_TimePerPixel"]) * 1e-3 / float(tags["MeasDesc_GlobalResolution"]))
     begins = found.markers[found.markers[:, 1] == 1, 0]
     rows = np.searchsorted(begins, found.photons[:, 0], side="right") - 1
@@ -154,7 +159,8 @@ def test_any_records_are_read_alike(
     records = np.choose(kind, (photon, marker, overflow)).astype("<u4")
     path = tmp_path / "any.ptu"
     header = bytearray(exported[1].read_bytes())
-    _, begin = decode_tags(bytes(header), "any")
+    with ptufile.PtuFile(exported[1]) as file:
+        begin = file.record_offset
     for tag, value in (("TTResult_NumberOfRecords", len(records)), ("HW_InpChannels", 64)):
         at = header.index(tag.encode()) + 40
         header[at : at + 8] = struct.pack("<q", value)

@@ -12,8 +12,6 @@ from nlos.recon.metrics import (
     depth_scores,
     image_scores,
     psnr,
-    published_crop,
-    published_scores,
     ssim,
 )
 
@@ -76,13 +74,3 @@ def test_depth_counts_what_has_no_depth_apart() -> None:
     nothing = depth_scores(np.full((4, 5), np.nan), truth, mask)
     assert nothing["depth_missing"] == 1
     assert np.isnan(nothing["depth_rmse_m"])
-
-
-def test_the_published_crop_grows_only_where_it_fits() -> None:
-    image = np.zeros((200, 200))
-    image[50:70, 20:150] = 1
-    assert published_crop(image) == (slice(10, 110), slice(20, 190))
-    assert published_crop(np.zeros((9, 7))) == (slice(0, 9), slice(0, 7))
-    scores = published_scores(image, image, image, image)
-    assert scores["psnr"] == pytest.approx(80)
-    assert scores["mad"] == 0

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import ptufile
 import pytest
 
 from nlos.acquisition.errors import InvalidData
@@ -15,7 +16,6 @@ from nlos.acquisition.exporters.ytal import write_ytal
 from nlos.acquisition.importers.formats import read_any
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
-from nlos.drivers.tcspc.ptu import decode_tags
 
 Writer = Callable[[ScanArrays, Path], list[str]]
 WRITERS: dict[str, Writer] = {".npz": write_npz, ".mat": write_matlab, ".hdf5": write_ytal, ".ptu": write_ptu}
@@ -60,7 +60,8 @@ def test_a_ptu_has_the_tags_that_other_readers_want(even: bool, tmp_path: Path) 
     """phconvert reads no file without the first two, which the vendor's dictionary calls optional."""
     left_behind = write_ptu(scan(even), tmp_path / "scan.ptu")
     assert any("1 ns after the laser pulse" in note for note in left_behind)
-    tags, _ = decode_tags((tmp_path / "scan.ptu").read_bytes(), "scan.ptu")
+    with ptufile.PtuFile(tmp_path / "scan.ptu") as file:
+        tags = file.tags
     assert tags["MeasDesc_AcquisitionTime"] == round(float(scan(even).exposure_s.sum()) * 1e3)
     assert tags["HW_Type"] == "MultiHarp"
     assert tags["CreatorSW_Name"] == "nlos"
