@@ -86,13 +86,15 @@ def evaluate(
     fixed: bool = False,
     device: str = "cpu",
     say: Say = print,
+    step: Callable[[int, int, str], None] = lambda done, total, at: None,
 ) -> Evaluation:
     """Runs every method on every scene under every condition; conditions that a scene lacks are skipped and reported.
 
     A physics method with an inverse filter runs at each of `SNR_CHOICES` and keeps, per condition, the one with the
     best mean psnr; `fixed` leaves its snr to the method. `settings` go to every method that knows them. A word
-    of `methods` may be `NAME=FILE`: weights of one's own, which say their method. Raises
-    `InvalidData` where no scene has a truth, `InvalidSettings` for a method or condition that does not exist.
+    of `methods` may be `NAME=FILE`: weights of one's own, which say their method. `step(done, total, at)` is called
+    after every reconstruction. Raises `InvalidData` where no scene has a truth, `InvalidSettings` for a method or
+    condition that does not exist.
     """
     entrants = [entrant(word) for word in methods]
     if twice := sorted({one.name for one in entrants if [e.name for e in entrants].count(one.name) > 1}):
@@ -102,6 +104,8 @@ def evaluate(
     if not scenes:
         raise InvalidData(f"no scene with ground truth (gt_intensity, gt_depth, gt_mask) in {_listed(paths)}.")
     rows, pictures = [], {}
+    each = sum(len(choices(one.method, settings or {}, fixed, one.settings)) for one in entrants)
+    done, total = 0, len(conditions) * len(scenes) * each
     for condition in conditions:
         having = [scene for scene in scenes if has_condition(scene, condition)]
         if not having:
@@ -109,11 +113,16 @@ def evaluate(
             raise InvalidSettings(f"no scene has the condition '{condition}'; {scenes[0].name} has: {known}")
         if len(having) < len(scenes):
             say(f"{condition}: only in {', '.join(scene.name for scene in having)}")
+            total -= each * (len(scenes) - len(having))
         transients = [transient_of(scene, condition) for scene in having]
         for one in entrants:
             best: list[tuple[Row, Reconstruction]] = []
             for chosen in choices(one.method, settings or {}, fixed, one.settings):
-                runs = [_run(*pair, one, chosen, condition, device) for pair in zip(having, transients, strict=True)]
+                runs = []
+                for scene, transient in zip(having, transients, strict=True):
+                    runs.append(_run(scene, transient, one, chosen, condition, device))
+                    done += 1
+                    step(done, total, f"{condition}, {one.name}, {scene.name}")
                 if not best or _mean_psnr(runs) > _mean_psnr(best):
                     best = runs
             say(f"{condition:18} {one.name:16} psnr {_mean_psnr(best):6.2f} dB  {best[0][0].settings.get('snr', '')}")

@@ -1,14 +1,16 @@
 """An imported scan as a recording of our own: one sample per measured point, and what else its file said."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.importers.imported import FreePoints, ImportedScan
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.positions import free, pixels
+from nlos.acquisition.recording.lay_out import put_in_place
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer import RecordingWriter
@@ -18,8 +20,12 @@ from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
 _KEY = "imported"
 
 
-def write_recording(scan: ImportedScan, source: Path, target: Path, *, overwrite: bool = False) -> int:
-    """Writes `target`; returns how many points it holds. Raises `InvalidData` where counts are no whole numbers."""
+def write_recording(
+    scan: ImportedScan, source: Path, target: Path, *, overwrite: bool = False,
+    step: Callable[[int], None] = lambda by: None,
+) -> int:  # fmt: skip
+    """Writes `target`, which appears once it is whole, and calls `step(1)` after each point; returns how many points it
+    holds. Raises `InvalidData` where counts are no whole numbers, `StorageError` where `target` exists."""
     held = scan.held
     counts = held.counts.astype(np.uint32)
     if not np.array_equal(counts, held.counts):
@@ -34,28 +40,36 @@ def write_recording(scan: ImportedScan, source: Path, target: Path, *, overwrite
     plan = ScanPlan(held.wall, axis, positions, dwell_s, np.zeros(len(dwell_s), np.int32))
     header = Header(scan_json=json.dumps({_KEY: _said(scan, source)})).stamped()
     started_s = np.concatenate([[0.0], np.cumsum(dwell_s)])
-    with RecordingWriter.create(target, plan, header, overwrite=overwrite) as writer:
-        for point in plan:
-            histogram = np.ascontiguousarray(histograms[point.number])
-            begun_s = float(started_s[point.number])
-            writer.write(
-                Sample(
-                    point,
-                    Histogram(
-                        histogram,
-                        time.bin_width_s,
-                        time.start_s,
-                        point.dwell_s,
-                        sync_count=0,
-                        total_count=int(histogram.sum(dtype=np.int64)),
-                        flags=HistogramFlag.NONE,
-                        gate_opened_s=begun_s,
-                    ),
-                    begun_s,
+    if target.exists() and not overwrite:
+        raise StorageError(f"{target}: exists. Choose another name, or say --overwrite.")
+    partial = target.with_name(f".{target.name}.part")
+    try:
+        with RecordingWriter.create(partial, plan, header, overwrite=True) as writer:
+            for point in plan:
+                histogram = np.ascontiguousarray(histograms[point.number])
+                begun_s = float(started_s[point.number])
+                writer.write(
+                    Sample(
+                        point,
+                        Histogram(
+                            histogram,
+                            time.bin_width_s,
+                            time.start_s,
+                            point.dwell_s,
+                            sync_count=0,
+                            total_count=int(histogram.sum(dtype=np.int64)),
+                            flags=HistogramFlag.NONE,
+                            gate_opened_s=begun_s,
+                        ),
+                        begun_s,
+                    )
                 )
-            )
-        for note in scan.notes:
-            writer.log("import_note", note)
+                step(1)
+            for note in scan.notes:
+                writer.log("import_note", note)
+        put_in_place(partial, target)
+    finally:
+        partial.unlink(missing_ok=True)
     return len(plan)
 
 

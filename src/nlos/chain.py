@@ -1,7 +1,7 @@
 """From a file or arrays to a picture: read, calibrate, reconstruct, write. What every way to a picture shares."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 
 log = logging.getLogger(__name__)
+
+FIRST_STAGE, STAGES = "reading", 4
+"""A file is read, calibrated, reconstructed and drawn."""
 
 
 def constants_for(scan: LoadedScan, given: Path | None) -> "BenchConstants | None":
@@ -112,6 +115,7 @@ def reconstruct_scan(
     use_file_offsets: bool = False,
     constants: Path | None = None,
     device: str = "cpu",
+    stage: Callable[[str], None] = lambda name: None,
 ) -> "Reconstruction":
     """A scan calibrated and reconstructed; the falloff that its file states is used unless the settings say another."""
     from nlos.recon.methods import find
@@ -120,7 +124,9 @@ def reconstruct_scan(
     chosen = dict(settings)
     if scan.falloff is not None and "falloff" in find(method).Settings.model_fields:
         chosen.setdefault("falloff", scan.falloff)
+    stage("calibrating")
     transient = calibrate_scan(scan, use_file_offsets, constants_for(scan, constants))
+    stage(f"{method} on {transient.wall.rows} x {transient.wall.cols} x {transient.time.bins}")
     return replace(reconstruct(transient, method, chosen, device), left_aside=scan.left_aside)
 
 
@@ -137,25 +143,29 @@ def reconstruct_file(
     overwrite: bool = False,
     given: Given = NOTHING,
     depth_m: tuple[float, float] | None = None,
+    stage: Callable[[str], None] = lambda name: None,
 ) -> "Reconstruction":
     """One file to one folder of results. `settings` are the method's, except `offsets=file`; what is `given` goes
-    before what the file says, and `depth_m` (nearest, farthest) limits the result."""
+    before what the file says, and `depth_m` (nearest, farthest) limits the result. `stage` is told what begins,
+    `STAGES` times."""
     from nlos.recon.depth_range import within_depths
     from nlos.recon.results import NAMES, write_results
 
     for name in (*NAMES, "view3d.html") if html else NAMES:
         if (folder / name).exists() and not overwrite:
             raise FileExistsError(f"{folder / name}: exists. Choose another folder with -o, or say --overwrite.")
+    stage(FIRST_STAGE)
     scan = load_scan(run, given)
     chosen = dict(settings)
     offsets = chosen.pop("offsets", None)
     if offsets not in (None, "file"):
         raise InvalidSettings(f"offsets={offsets}: only `offsets=file` is known")
     result = reconstruct_scan(
-        scan, method, chosen, use_file_offsets=offsets == "file", constants=constants, device=device
+        scan, method, chosen, use_file_offsets=offsets == "file", constants=constants, device=device, stage=stage
     )
     if depth_m is not None:
         result = within_depths(result, *depth_m)
     result = replace(result, scan=run.name)
+    stage("drawing")
     write_results(folder, result, overwrite=overwrite, keep_volume=volume, html=html)
     return result

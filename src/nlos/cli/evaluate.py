@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
 
 
@@ -37,15 +38,23 @@ def evaluate(
         if (output / name).exists() and not overwrite:
             raise FileExistsError(f"{output / name}: exists. Choose another folder with -o, or say --overwrite.")
     chosen = methods.split(",") if methods else list(catalogue())
-    done = evaluation.evaluate(
-        scenes,
-        chosen,
-        conditions.split(",") if conditions else evaluation.CONDITIONS,
-        settings=parse_settings(settings or []),
-        fixed=fixed,
-        device=device,
-        say=terminal.log,
-    )
+    with Progress(1, what="evaluate", unit="pictures") as progress:
+
+        def step(done: int, total: int, at: str) -> None:
+            progress.going_to(total)
+            progress.step()
+            progress.at(at)
+
+        done = evaluation.evaluate(
+            scenes,
+            chosen,
+            conditions.split(",") if conditions else evaluation.CONDITIONS,
+            settings=parse_settings(settings or []),
+            fixed=fixed,
+            device=device,
+            say=terminal.log,
+            step=step,
+        )
     paths = write_evaluation(output, done, overwrite)
     terminal.document["results"] = evaluation.as_json(done.rows)
     terminal.result("\n".join(str(path) for path in paths))

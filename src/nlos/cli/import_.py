@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from nlos.cli.file_words import Axes, BinWidth, Rectified, WallSize, given
+from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
 
 
@@ -33,7 +34,8 @@ def import_(
             target = output if len(files) == 1 else output / f"{file.stem}.h5"
             scan = reader.read(file, said)
             target.parent.mkdir(parents=True, exist_ok=True)
-            points = write_recording(scan, file, target, overwrite=overwrite)
+            with Progress(int((scan.held.exposure_s > 0).sum()), what=f"import {file.name}") as progress:
+                points = write_recording(scan, file, target, overwrite=overwrite, step=progress.step)
             photons = int(scan.held.counts.sum(dtype="float64"))
             terminal.result(f"{target}: {points} points, {photons} photons ({scan.source_format})")
             for note in scan.notes:

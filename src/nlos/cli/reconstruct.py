@@ -9,6 +9,7 @@ from nlos.acquisition.importers.given import NOTHING
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.file_words import Axes, BinWidth, Depths, Rectified, WallSize, depths, given
 from nlos.cli.method_settings import Weights, chosen_method, parse_settings
+from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
 
 
@@ -39,7 +40,7 @@ def reconstruct(
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """From a recording, or any file that an importer reads, to a picture."""
-    from nlos.chain import reconstruct_file
+    from nlos.chain import FIRST_STAGE, STAGES, reconstruct_file
     from nlos.recon.results import files_in
 
     method, chosen = chosen_method(weights, method, parse_settings(settings or []))
@@ -65,13 +66,20 @@ def reconstruct(
             given=said, depth_m=limits_m,
         )  # fmt: skip
     else:
-        for run, folder in zip(runs, folders, strict=True):
-            terminal.log(f"{run}: {method}")
-            done = reconstruct_file(
-                run, method, chosen, folder, constants=constants, device=device, html=html, volume=volume,
-                overwrite=overwrite, given=said, depth_m=limits_m,
-            )  # fmt: skip
-            seconds.append(done.seconds)
+        with Progress(len(runs) * STAGES, what="reconstruct", unit="stages") as progress:
+
+            def stage(name: str) -> None:
+                progress.at(name)
+                progress.step(0 if name == FIRST_STAGE else 1)
+
+            for run, folder in zip(runs, folders, strict=True):
+                terminal.log(f"{run}: {method}")
+                done = reconstruct_file(
+                    run, method, chosen, folder, constants=constants, device=device, html=html, volume=volume,
+                    overwrite=overwrite, given=said, depth_m=limits_m, stage=stage,
+                )  # fmt: skip
+                progress.step()
+                seconds.append(done.seconds)
     for folder, took_s in zip(folders, seconds, strict=True):
         terminal.result(f"{folder}: {', '.join(files_in(folder))} ({method}, {took_s:.2f} s)")
     terminal.document["reconstructions"] = [

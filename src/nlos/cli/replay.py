@@ -8,7 +8,7 @@ import typer
 
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.method_settings import Weights, chosen_method
-from nlos.cli.scan_progress import ScanProgress
+from nlos.cli.progress import Progress
 from nlos.cli.targets import recording_target
 from nlos.cli.terminal import terminal
 
@@ -47,7 +47,7 @@ def replay(
             if left_aside:
                 writer.log("left_aside", f"{run.name}: {warning}")
         samples = photons = 0
-        with ScanProgress(len(recording), 0) as progress:
+        with Progress(len(recording), what="replay") as progress:
             try:
                 for sample in play(recording, pace):
                     samples += 1

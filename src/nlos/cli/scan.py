@@ -12,8 +12,8 @@ from nlos.cli.benches import load_bench, measured_constants, opened
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.interrupts import Interrupts
 from nlos.cli.method_settings import Weights, chosen_method
+from nlos.cli.progress import Progress
 from nlos.cli.scan_ending import ScanEnding
-from nlos.cli.scan_progress import ScanProgress
 from nlos.cli.targets import recording_target
 from nlos.cli.terminal import terminal
 from nlos.live.good_enough import Enough, parse_until
@@ -152,7 +152,7 @@ def _acquire(
             writer = begun.writer
             if writer is None:
                 return
-            progress = ScanProgress(len(plan), len(begun.taken))
+            progress = Progress(len(plan), len(begun.taken))
             control = ScanControl(lambda why: _ask(interrupts, progress, why))
             ending = stack.enter_context(ScanEnding(bench, writer, control))
         interrupts.pauses(control)
@@ -209,7 +209,7 @@ def _known_lag(target: Path) -> "Lag | None":
         return None
 
 
-def _ask(interrupts: Interrupts, progress: ScanProgress, why: str) -> bool:
+def _ask(interrupts: Interrupts, progress: Progress, why: str) -> bool:
     progress.hide()
     going = interrupts.ask(why)
     if going:

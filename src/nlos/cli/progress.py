@@ -1,0 +1,77 @@
+"""What a person sees while something takes its time: a bar with rate and time left on a terminal, lines elsewhere."""
+
+import sys
+import time
+from types import TracebackType
+from typing import Self
+
+from nlos.cli.terminal import terminal
+
+_BAR_S = 0.1
+_LINE_S = 10.0
+
+
+class Progress:
+    """Counts steps; shows them on stderr at most ten times a second, or a line every ten seconds off a terminal."""
+
+    def __init__(self, total: int, done: int = 0, what: str = "scan", unit: str = "points") -> None:
+        self._what, self._unit = what, unit
+        self._total, self._done, self._begun_with = total, done, done
+        self._begun_s = self._shown_s = time.monotonic()
+        self._bar = None
+        if terminal.verbosity >= 0 and sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+            from rich.progress import Progress as RichProgress
+
+            self._bar = RichProgress(
+                TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"),
+                TimeRemainingColumn(), console=Console(file=getattr(sys.stderr, "sent", sys.stderr)), transient=True,
+            )  # fmt: skip
+            self._task = self._bar.add_task(what, total=total, completed=done, rate="")
+
+    def __enter__(self) -> Self:
+        if self._bar is not None:
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def step(self, by: int = 1) -> None:
+        """So many more are done."""
+        self._done += by
+        now = time.monotonic()
+        if now - self._shown_s < (_BAR_S if self._bar is not None else _LINE_S):
+            return
+        self._shown_s = now
+        rate = (self._done - self._begun_with) / max(now - self._begun_s, 1e-9)
+        pace = f"{rate:.0f} {self._unit}/s" if rate >= 10 else f"{60 * rate:.1f} {self._unit}/min"
+        if self._bar is not None:
+            self._bar.update(self._task, completed=self._done, rate=pace)
+        else:
+            left_s = (self._total - self._done) / rate
+            terminal.log(f"{self._done} of {self._total} {self._unit}, {pace}, {left_s:.0f} s left")
+
+    def at(self, stage: str) -> None:
+        """What is being done now, named in the bar; off a terminal the lines' own business."""
+        if self._bar is not None:
+            self._bar.update(self._task, description=f"{self._what}: {stage}", completed=self._done)
+
+    def going_to(self, total: int) -> None:
+        """How many there will be, once that is known."""
+        self._total = total
+        if self._bar is not None:
+            self._bar.update(self._task, total=total)
+
+    def hide(self) -> None:
+        """Makes room for a question."""
+        if self._bar is not None:
+            self._bar.stop()
+
+    def show(self) -> None:
+        if self._bar is not None:
+            self._bar.start()

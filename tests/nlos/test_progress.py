@@ -1,0 +1,75 @@
+"""Whatever takes its time says how far it is: a bar with rate and time left on a terminal, lines elsewhere."""
+
+import os
+import pty
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nlos.cli import progress as module
+from nlos.cli.progress import Progress
+
+Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+def test_a_line_says_rate_and_time_left(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(module, "_LINE_S", -1.0)
+    with Progress(10, what="import", unit="files") as progress:
+        progress.step(4)
+    assert re.search(r"^4 of 10 files, [\d.]+ files/(s|min), \d+ s left$", capsys.readouterr().err, re.M)
+
+
+def on_a_terminal(folder: Path, *words: str) -> str:
+    """What a command writes to a terminal's screen."""
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "nlos", *words], cwd=folder, stdin=theirs, stdout=theirs, stderr=theirs,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "140"},
+    )  # fmt: skip
+    os.close(theirs)
+    seen = b""
+    while True:
+        try:
+            part = os.read(ours, 65536)
+        except OSError:
+            break
+        if not part:
+            break
+        seen += part
+    os.close(ours)
+    assert process.wait(60) == 0, seen
+    return seen.decode(errors="replace")
+
+
+def test_the_verbs_that_take_long_show_a_bar(nlos: Nlos, small: Path, tmp_path: Path) -> None:
+    assert nlos("scan", small.name, "-o", "run.h5").returncode == 0
+    assert nlos("export", "run.h5", "--to", "npz", "-o", "run.npz").returncode == 0
+    shown = on_a_terminal(tmp_path, "reconstruct", "run.h5", "-o", "out")
+    assert "reconstruct: lct on 4 x 4" in shown
+    assert "reconstruct: drawing" in shown
+    assert "import run.npz" in on_a_terminal(tmp_path, "import", "run.npz", "-o", "again.h5")
+    assert not list(tmp_path.glob(".*.part*"))
+
+
+def test_an_import_that_breaks_off_leaves_nothing(tmp_path: Path) -> None:
+    from nlos.acquisition.importers.isolated import read_isolated
+    from nlos.acquisition.importers.to_recording import write_recording
+
+    histograms = np.random.default_rng(0).poisson(3.0, (8, 8, 32)).astype(np.uint32)
+    np.savez(tmp_path / "a.npz", histograms=histograms, bin_width_s=32e-12, wall_size_m=1.0)
+    scan = read_isolated(tmp_path / "a.npz")
+    (tmp_path / "run.h5").write_bytes(b"another file")
+
+    def interrupted(by: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_recording(scan, tmp_path / "a.npz", tmp_path / "run.h5", overwrite=True, step=interrupted)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.npz", "run.h5"]
+    assert (tmp_path / "run.h5").read_bytes() == b"another file"
+    assert write_recording(scan, tmp_path / "a.npz", tmp_path / "run.h5", overwrite=True) == 64
