@@ -56,7 +56,7 @@ def apart(settings: BenchSettings, missing: set[str]) -> Iterator[Finding]:
 
 def _dark(settings: BenchSettings) -> Generator[Finding, None, bool]:
     """Returns whether nothing forbids to move the mirror: without a shutter the light is a person's business."""
-    if settings.shutter.model == "none":
+    if settings.shutter_on == "nothing":
         yield warned("shutter", "none: nothing here can shut off the light", "Wire one.")
         return True
     try:

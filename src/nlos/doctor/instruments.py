@@ -22,7 +22,7 @@ _SLOW_S = 0.05
 def shutter(bench: Bench) -> Iterator[Finding]:
     """That it is closed, and who else would close it."""
     state = bench.shutter.state()
-    if bench.settings.shutter.model == "none":
+    if bench.settings.shutter_on == "nothing":
         yield warned("shutter", "none: nothing here can shut off the light", "Wire one.")
     elif state.commanded_open or state.feedback_open:
         yield failed("shutter", "open, and it was told to close", "Switch the laser off by hand.")

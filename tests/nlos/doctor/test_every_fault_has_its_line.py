@@ -19,6 +19,7 @@ from nlos.drivers.simulated.faults import Fault
 ROWS = {row.name: row for rows in TABLES.values() for row in rows}
 BUILT_IN = {name for name, row in ROWS.items() if row.parameters.startswith("built in")}
 AS_OPENED = 0.0
+SOAK = os.environ.get("NLOS_SOAK") == "1"
 
 
 @dataclass
@@ -104,13 +105,9 @@ def test_every_fault_has_its_case() -> None:
             assert ROWS[name].seen.startswith("nothing"), f"{name} is to be seen"
 
 
-@pytest.mark.parametrize(
-    "name",
-    [name if name in SAMPLE else pytest.param(name, marks=pytest.mark.soak) for name in CASES],
-)
+@pytest.mark.soak
+@pytest.mark.parametrize("name", CASES if SOAK else SAMPLE)
 def test_the_right_line_says_so(name: str) -> None:
-    if name not in SAMPLE and not os.environ.get("NLOS_SOAK"):
-        pytest.skip("a long campaign: make soak")
     case = CASES[name]
     fault = Fault(name=name, after_s=case.after_s, times=case.times, parameters=case.parameters)
     findings = thorough(settings_of(case, fault, *case.beside))
