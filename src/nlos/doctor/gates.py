@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.scanning.engine import SPOILT
 from nlos.drivers.bench import Bench
-from nlos.drivers.errors import DataLoss, LimitError
+from nlos.drivers.errors import DeviceFault, LimitError
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis
 
 SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
@@ -45,7 +45,7 @@ def dwells(seconds: float, count: int) -> list[float]:
 
 def gates(bench: Bench, dwells_s: Sequence[float], number: int = 0) -> list[Histogram]:
     """One gate after the other where the beam is; the counter must be configured. `number`: of the first one. Raises
-    `DataLoss` for a gate that no scan would keep."""
+    `DeviceFault` for a gate that no scan would keep."""
     counter = bench.counter
     counter.arm(dwells_s, range(number, number + len(dwells_s)))
     taken = []
@@ -55,7 +55,7 @@ def gates(bench: Bench, dwells_s: Sequence[float], number: int = 0) -> list[Hist
         taken += counter.read(index, 1)
         if spoilt := taken[-1].flags & SPOILT:
             remedy = "Check its cable; plug it into a port of its own."
-            raise DataLoss(counter.identity.model, f"a point came back as {spoilt.name}.", remedy)
+            raise DeviceFault(counter.identity.model, f"a point came back as {spoilt.name}.", remedy)
     return taken
 
 
