@@ -37,3 +37,17 @@ def front_surface(reconstruction: Reconstruction) -> Surface:
     step[whole] = np.ptp(depths[:, whole], axis=0)
     kept = whole & (step <= STEP_LIMIT * pitch_m)
     return Surface(points, albedo, np.stack([corner[kept] for corner in corners], axis=1).astype(np.int32))
+
+
+def vertex_normals(surface: Surface) -> npt.NDArray[np.float32]:
+    """Unit normals of the points, (N, 3), towards the wall: the sum over the faces around each; towards the wall where
+    there is none."""
+    corners = surface.points_m[surface.quads].astype(np.float64)  # (M, 4, 3)
+    across = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    across *= np.where(across[:, 2:] > 0, -1.0, 1.0)
+    normals = np.zeros((len(surface.points_m), 3))
+    for corner in range(4):
+        np.add.at(normals, surface.quads[:, corner], across)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    facing = np.where(length > 0, normals / np.maximum(length, 1e-30), np.array([0.0, 0.0, -1.0]))
+    return np.asarray(facing, dtype=np.float32)

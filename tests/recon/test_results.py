@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+import struct
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from matplotlib.image import imread
 
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData
+from nlos.recon.export_mesh import write_glb, write_obj
 from nlos.recon.export_ply import write_ply
 from nlos.recon.export_vti import write_vti
 from nlos.recon.front_view import depth_map, front_view
@@ -22,6 +24,7 @@ from nlos.recon.view3d import write_view3d
 from nlos.recon.volume import Reconstruction, Volume
 
 WALL = WallGrid(1.2, 0.8, 8, 12)
+PLY_VERTEX = [("xyz", "<f4", 3), ("normal", "<f4", 3), ("albedo", "<f4"), ("grey", "u1", 3)]
 
 
 @pytest.fixture
@@ -114,11 +117,44 @@ def test_ply_holds_the_surface_in_metres(made: Reconstruction, tmp_path: Path) -
     header, _, body = (tmp_path / "s.ply").read_bytes().partition(b"end_header\n")
     assert b"element vertex 12" in header
     assert b"element face 6" in header
-    vertices = np.frombuffer(body, dtype=[("xyz", "<f4", 3), ("albedo", "<f4"), ("grey", "u1", 3)], count=12)
+    vertices = np.frombuffer(body, dtype=PLY_VERTEX, count=12)
     assert np.allclose(vertices["xyz"][0], (WALL.x_m()[2], WALL.y_m()[1], 0.55))
-    faces = np.frombuffer(body[12 * 19 :], dtype=[("count", "u1"), ("corners", "<i4", 4)])
+    faces = np.frombuffer(body[12 * 31 :], dtype=[("count", "u1"), ("corners", "<i4", 4)])
     assert len(faces) == 6
     assert faces["corners"].max() == 11
+    assert np.allclose(vertices["normal"], (0, 0, -1), atol=1e-3)  # a flat square looks at the wall
+
+
+def test_meshes_are_right_handed_and_hold_the_same_surface(made: Reconstruction, tmp_path: Path) -> None:
+    write_obj(tmp_path / "s.obj", made)
+    lines = [line.split() for line in (tmp_path / "s.obj").read_text().splitlines()]
+    points = np.array([line[1:4] for line in lines if line[0] == "v"], dtype=float)
+    faces = [[int(word.split("//")[0]) - 1 for word in line[1:]] for line in lines if line[0] == "f"]
+    assert (len(points), len(faces)) == (12, 6)
+    assert np.allclose(points[0], (WALL.x_m()[2], WALL.y_m()[1], -0.55))
+    for face in faces:
+        a, b, c = (points[corner] for corner in face[:3])
+        assert np.cross(b - a, c - a)[2] > 0  # seen from the wall, corners go round to the left: its face is towards us
+    write_glb(tmp_path / "s.glb", made)
+    data = (tmp_path / "s.glb").read_bytes()
+    magic, version, size, length, kind = struct.unpack_from("<4sIII4s", data)
+    assert (magic, version, size, kind) == (b"glTF", 2, len(data), b"JSON")
+    document = json.loads(data[20 : 20 + length])
+    binary = data[28 + length :]
+    assert len(binary) == document["buffers"][0]["byteLength"]
+    arrays = []
+    for accessor in document["accessors"]:
+        view = document["bufferViews"][accessor["bufferView"]]
+        kind_of = {5126: "<f4", 5125: "<u4"}[accessor["componentType"]]
+        part = binary[view["byteOffset"] : view["byteOffset"] + view["byteLength"]]
+        arrays.append(np.frombuffer(part, kind_of).reshape(accessor["count"], -1))
+    assert np.allclose(arrays[0], points, atol=1e-6)
+    assert np.allclose(arrays[1], (0, 0, 1), atol=1e-3)
+    assert np.allclose(document["accessors"][0]["max"], points.max(axis=0), atol=1e-6)
+    corners = arrays[3].reshape(-1, 3)
+    assert (len(corners), corners.max()) == (12, 11)
+    flat = arrays[0][corners]
+    assert (np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])[:, 2] > 0).all()
 
 
 def test_vti_holds_the_volume_with_y_upwards(made: Reconstruction, tmp_path: Path) -> None:
@@ -163,3 +199,5 @@ def test_an_empty_reconstruction_can_still_be_written(tmp_path: Path) -> None:
     )  # fmt: skip
     write_results(tmp_path, nothing, html=True)
     write_ply(tmp_path / "s.ply", nothing)
+    write_obj(tmp_path / "s.obj", nothing)
+    write_glb(tmp_path / "s.glb", nothing)

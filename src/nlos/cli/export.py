@@ -9,12 +9,14 @@ from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
 
 SCAN_FORMATS = {"npz": ".npz", "mat": ".mat", "ytal": ".hdf5", "ptu": ".ptu"}
-PICTURE_FORMATS = {"ply": ".ply", "vti": ".vti"}
+PICTURE_FORMATS = {"ply": ".ply", "obj": ".obj", "glb": ".glb", "vti": ".vti"}
 
 
 def export(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A recording, or a reconstruction.h5 for ply and vti.")],
-    to: Annotated[str, typer.Option("--to", metavar="FORMAT,...", help="mat, npz, ply, vti, ytal, ptu")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A recording, or a reconstruction.h5 for pictures.")],
+    to: Annotated[
+        str, typer.Option("--to", metavar="FORMAT,...", help="mat, npz, ytal, ptu; of a picture ply, obj, glb, vti")
+    ],
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Output file, for a single format.")
     ] = None,
@@ -78,6 +80,7 @@ def _write_scan(run: Path, word: str, target: Path) -> list[str]:
 
 def _write_picture(run: Path, word: str, target: Path) -> list[str]:
     from nlos.acquisition.importers.isolated import check_isolated
+    from nlos.recon.export_mesh import write_glb, write_obj
     from nlos.recon.export_ply import write_ply
     from nlos.recon.export_vti import write_vti
     from nlos.recon.results import read_reconstruction
@@ -87,5 +90,5 @@ def _write_picture(run: Path, word: str, target: Path) -> list[str]:
     if word == "vti":
         write_vti(target, result)
         return []
-    write_ply(target, result)
+    {"ply": write_ply, "obj": write_obj, "glb": write_glb}[word](target, result)
     return ["the front surface only: what lies behind it stays in the volume"]

@@ -1,0 +1,82 @@
+"""The front surface as OBJ and GLB (glTF 2.0): meshes with normals, for whoever draws, prints or animates.
+
+Both formats are right-handed with y up, and ours is not (x right, y up, z away from the wall): z is written negative,
+so that what is right stays right.
+"""
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.recon.surface import Surface, front_surface, vertex_normals
+from nlos.recon.volume import Reconstruction
+
+_MIRROR = np.array([1, 1, -1], dtype=np.float32)
+_FLOAT, _UINT32, _ARRAY_BUFFER, _ELEMENT_BUFFER, _TRIANGLES = 5126, 5125, 34962, 34963, 4
+
+
+def write_obj(path: Path, reconstruction: Reconstruction) -> None:
+    """Wavefront OBJ: vertices in metres with their grey, normals, quadrilaterals."""
+    surface = front_surface(reconstruction)
+    points, normals = surface.points_m * _MIRROR, vertex_normals(surface) * _MIRROR
+    lines = [f"# {reconstruction.method}; metres; x right, y up, -z from the wall"]
+    lines += [
+        f"v {x:.6g} {y:.6g} {z:.6g} {g:.4g} {g:.4g} {g:.4g}"
+        for (x, y, z), g in zip(points.tolist(), surface.albedo.tolist(), strict=True)
+    ]
+    lines += [f"vn {x:.4g} {y:.4g} {z:.4g}" for x, y, z in normals.tolist()]
+    lines += ["f " + " ".join(f"{corner + 1}//{corner + 1}" for corner in quad) for quad in surface.quads.tolist()]
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+
+
+def write_glb(path: Path, reconstruction: Reconstruction) -> None:
+    """Binary glTF 2.0: one mesh of triangles with normals and grey vertex colours; of nothing, an empty scene."""
+    surface = front_surface(reconstruction)
+    document: dict[str, object] = {
+        "asset": {"version": "2.0", "generator": "nlos"},
+        "scene": 0,
+        "scenes": [{"nodes": [0] if len(surface.quads) else []}],
+    }
+    binary = b""
+    if len(surface.quads):
+        more, binary = _mesh(surface, reconstruction.method)
+        document |= more
+    text = json.dumps(document).encode("ascii")
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text
+    if binary:
+        chunks += struct.pack("<I4s", len(binary), b"BIN\0") + binary
+    path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+
+
+def _mesh(surface: Surface, name: str) -> tuple[dict[str, object], bytes]:
+    points = np.ascontiguousarray(surface.points_m * _MIRROR, dtype="<f4")
+    normals = np.ascontiguousarray(vertex_normals(surface) * _MIRROR, dtype="<f4")
+    colours = np.repeat(surface.albedo[:, None], 3, axis=1).astype("<f4")
+    triangles = np.concatenate([surface.quads[:, [0, 1, 2]], surface.quads[:, [0, 2, 3]]]).astype("<u4")
+    arrays: list[tuple[npt.NDArray[np.generic], int, str]] = [
+        (points, _FLOAT, "VEC3"), (normals, _FLOAT, "VEC3"), (colours, _FLOAT, "VEC3"),
+        (triangles.reshape(-1), _UINT32, "SCALAR"),
+    ]  # fmt: skip
+    views: list[dict[str, int]] = []
+    accessors: list[dict[str, object]] = []
+    binary = b""
+    for number, (array, kind, shape) in enumerate(arrays):
+        target = _ELEMENT_BUFFER if shape == "SCALAR" else _ARRAY_BUFFER
+        views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": array.nbytes, "target": target})
+        accessors.append({"bufferView": number, "componentType": kind, "count": len(array), "type": shape})
+        binary += array.tobytes()
+    accessors[0] |= {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
+    attributes = {"POSITION": 0, "NORMAL": 1, "COLOR_0": 2}
+    primitive = {"attributes": attributes, "indices": 3, "mode": _TRIANGLES, "material": 0}
+    return {
+        "nodes": [{"mesh": 0, "name": name}],
+        "meshes": [{"primitives": [primitive]}],
+        "materials": [{"doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 1}}],
+        "buffers": [{"byteLength": len(binary)}],
+        "bufferViews": views,
+        "accessors": accessors,
+    }, binary
