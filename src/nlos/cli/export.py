@@ -14,9 +14,7 @@ PICTURE_FORMATS = {"ply": ".ply", "obj": ".obj", "glb": ".glb", "vti": ".vti"}
 
 def export(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A recording, or a reconstruction.h5 for pictures.")],
-    to: Annotated[
-        str, typer.Option("--to", metavar="FORMAT,...", help="mat, npz, ytal, ptu; of a picture ply, obj, glb, vti")
-    ],
+    to: Annotated[str, typer.Option("--to", metavar="FORMAT,...", help="mat, npz, ytal, ptu, ply, obj, glb, vti")],
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Output file, for a single format.")
     ] = None,
