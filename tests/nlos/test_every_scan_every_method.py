@@ -11,15 +11,12 @@ import pytest
 
 from nlos.acquisition.errors import InvalidData as RecordingInvalid
 from nlos.acquisition.recording.recording import Recording
-from nlos.acquisition.scanning.gathering import Gathering
 from nlos.calibration.errors import InvalidData as CannotCalibrate
-from nlos.calibration.raw_points import from_samples
 from nlos.chain import calibrate_scan
 from nlos.configs.load import names
-from nlos.live.scan import loaded
-from nlos.loaded import LoadedScan, as_recorded
+from nlos.live.so_far import empty_scan, gathering_for, scan_of
+from nlos.loaded import LoadedScan
 from nlos.recon.errors import ReconError
-from nlos.recon.gridding import grid_samples
 from nlos.recon.methods import catalogue
 from nlos.recon.reconstruct import reconstruct
 
@@ -50,16 +47,10 @@ def first_of(run: Path, share: float) -> LoadedScan:
     with Recording.open(run) as recording:
         plan = recording.plan
         samples = list(islice(recording.samples(), max(1, round(share * len(plan)))))
-        if plan.positions.on_grid:
-            gathering = Gathering(plan)
-            for sample in samples:
-                gathering.add(sample)
-            return loaded(run, gathering)
-        points = from_samples(iter(samples))
-        transient = grid_samples(points.x_m, points.y_m, points.counts, points.exposure_s, plan.wall, points.time)
-        nothing = np.zeros_like(transient.exposure_s)
-        scan = as_recorded(recording, transient, nothing, nothing)
-        return LoadedScan(**(vars(scan) | {"points": points}))
+        so_far = gathering_for(plan)
+        for sample in samples:
+            so_far.add(sample)
+        return scan_of(empty_scan(recording), so_far)
 
 
 def finite_or_refused(scan: LoadedScan, method: str) -> str:
