@@ -3,9 +3,11 @@
 import os
 import random
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from nlos.acquisition.planning.preflight import aim_of, checked_angles
@@ -19,6 +21,8 @@ from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.simulated import instruments
 from nlos.drivers.simulated.bench import Gate
 from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.t3_instrument import T3Instrument
+from nlos.drivers.tcspc.picoquant import t3
 from tests.acquisition.coded_light import CodedLight, Spelled, code, expected, read
 from tests.acquisition.fault_cases import BENCHES, plan, settings
 
@@ -124,6 +128,27 @@ def test_a_full_fifo_takes_a_gates_mark_with_it_and_no_later_photons_move_up(
 ) -> None:
     fault = Fault(name="U20", skip=skip, parameters={"place": "records", "what": "fifo_full"})
     scan_to_the_end(tmp_path / "run.h5", "listed", [[fault]], monkeypatch)
+
+
+@pytest.mark.parametrize("lost", [3, 4, 11, 30])
+def test_a_full_fifo_of_a_picoquant_counter_moves_no_later_photons_up(
+    lost: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What arrives while the FIFO is full is gone, a step's mark with it; there is room again as soon as it is read."""
+    push, calls = T3Instrument._push, count()
+
+    def full(instrument: T3Instrument, records: npt.NDArray[np.uint32]) -> None:
+        if next(calls) == lost:
+            instrument.overrun = True
+        else:
+            full_once = instrument.overrun
+            instrument.overrun = False
+            push(instrument, records)
+            instrument.overrun |= full_once
+
+    monkeypatch.setattr(T3Instrument, "_push", full)
+    monkeypatch.setattr(t3, "_POLL_S", 0.02)  # a host that is busy: the next points' records are read with the loss
+    scan_to_the_end(tmp_path / "run.h5", "multiharp", [[]], monkeypatch)
 
 
 def draw(seed: int) -> tuple[str, list[list[Fault]]]:
