@@ -81,6 +81,10 @@ class LimitError(DeviceError):
     usual_remedy = "Correct the scan or bench file."
 
 
+class DataLoss(DeviceError):
+    """Photons were lost in the device (FIFO full, slot overrun). What arrived is kept and flagged."""
+
+
 class BenchClosed(DeviceError):
     """The bench was closed meanwhile: nothing on it can be asked for any more."""
 
