@@ -1,23 +1,27 @@
 """`nlos.open_bench` and `nlos.scan`: the command line's benches and scans, from Python."""
 
 from collections.abc import Generator, Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 
-from nlos.acquisition.errors import PlanRefused
+from nlos.acquisition.errors import PlanRefused, StorageError
 from nlos.acquisition.planning.plan import ScanPlan
-from nlos.acquisition.planning.preflight import check_disk
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording.provenance import Header
-from nlos.acquisition.recording.recording import Status
-from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.recording.salvage import Resumed
 from nlos.acquisition.sample import Sample
-from nlos.acquisition.scanning.alarms import Alarms, AlarmSettings
-from nlos.acquisition.scanning.engine import scan as run
+from nlos.acquisition.scanning.alarms import AlarmSettings
+from nlos.acquisition.scanning.control import ScanControl
+from nlos.cli.exit_codes import UsageError
+from nlos.cli.targets import recording_target
 from nlos.configs.load import load
 from nlos.drivers import bench as table
 from nlos.drivers.bench import Bench, BenchSettings
+from nlos.drivers.exit_paths import undisturbed
 from nlos.drivers.trip_latch import TripLatch
+from nlos.scan_ending import ScanEnding
+from nlos.scan_preparation import PreparedScan, ScanRequest, prepare
 
 
 @contextmanager
@@ -37,13 +41,17 @@ def scan(
     bench: Bench,
     *,
     output: str | Path | None = None,
+    resume: bool = False,
+    constants: str | Path | None = None,
     no_shutter: bool = False,
 ) -> Generator[Sample, None, None]:
     """Acquires: yields every sample as it is taken. `scan`: a YAML file, a name in `configs/scan`, or a `ScanPlan`.
 
-    Everything is checked at once, before anything moves (`LimitError`, `PlanRefused`); the light is on only between the
-    first and the last sample that are asked for. `output`: also writes the recording, each sample before it is yielded.
-    A bench without a shutter needs `no_shutter=True`. Raises `DeviceError` with the shutter closed.
+    Everything is checked at once, before anything moves (`SafetyTrip`, `LimitError`, `PlanRefused`, `StorageError`);
+    the light is on only between the first and the last sample that are asked for. `output`: also writes the recording,
+    with all that happens, each sample before it is yielded; `resume`: only what is missing there. `constants`: what
+    `nlos calibrate` measured, to aim by; default: the newest in `constants/` that fits. A bench without a shutter needs
+    `no_shutter=True`. Raises `DeviceError` with the shutter closed.
     """
     if bench.settings.shutter.model == "none" and not no_shutter:
         raise PlanRefused(
@@ -56,36 +64,41 @@ def scan(
         wanted = load("scan", str(scan), ScanSettings)
         plan, alarms = wanted.settings.plan(), wanted.settings.alarms
         header = Header(scan_text=wanted.text, scan_json=wanted.settings.model_dump_json())
-    folder = Path.cwd() if output is None else Path(output).absolute().parent
-    watch = Alarms(alarms, bench.settings.laser.repetition_hz, folder)
-    watch.wait_for_rates(bench)
-    samples = run(plan, bench, alarms=watch)
-    if output is None:
-        return samples
-    return _recorded(samples, plan, bench, header, Path(output))
+    header = replace(header, bench_json=bench.settings.model_dump_json())
+    target = None if output is None else _checked_target(Path(output), resume)
+    aimed_by = None if constants is None else Path(constants)
+    prepared = prepare(ScanRequest(plan, alarms, header, target, resume, constants=aimed_by), bench)
+    prepared.alarms.wait_for_rates(bench)
+    if target is None:
+        return prepared.samples(Resumed(None, {}, 0.0), ScanControl())
+    return _recorded(prepared)
 
 
-def _recorded(
-    samples: Generator[Sample, None, None], plan: ScanPlan, bench: Bench, header: Header, path: Path
-) -> Generator[Sample, None, None]:
-    """The same samples, each in the recording before it is handed on. Raises `StorageError` where that exists."""
-    check_disk(plan, path)
-    who = {"mirror": bench.mirror.identity, "counter": bench.counter.identity}
-    texts = {"bench_json": bench.settings.model_dump_json(), "devices": who, "warnings": tuple(bench.warnings)}
-    writer = RecordingWriter.create(path, plan, Header(**{**vars(header), **texts}).stamped())
+def _checked_target(path: Path, resume: bool) -> Path:
+    """Raises `StorageError` for a name or a place that cannot be written, and for a file that would be lost."""
+    try:
+        recording_target(path)
+    except UsageError as error:
+        raise StorageError(str(error)) from None
+    if path.exists() and not resume:
+        raise StorageError(f"{path}: exists. Choose another name, or say resume=True.")
+    path.absolute().parent.mkdir(exist_ok=True)
+    return path
 
-    def write() -> Generator[Sample, None, None]:
-        status = Status.INTERRUPTED
-        try:
-            with closing(samples):
-                for sample in samples:
-                    writer.write(sample)
-                    yield sample
-            status = Status.COMPLETE
-        except Exception:
-            status = Status.FAILED
-            raise
-        finally:
-            writer.finish(status)
 
-    return write()
+def _recorded(prepared: PreparedScan) -> Generator[Sample, None, None]:
+    """The samples, each in the recording before it is handed on."""
+    bench, control = prepared.bench, ScanControl()
+    with ExitStack() as stack:
+        with undisturbed():  # a recording that is begun is ended, whenever a signal comes
+            begun = prepared.begin()
+            writer = begun.writer
+            if writer is None:
+                return
+            stack.enter_context(ScanEnding(bench, writer, control, "resume=True"))
+        start_s = bench.clock.now() - begun.elapsed_s
+        bench.on_event = lambda kind, text: writer.log(kind, text, bench.clock.now() - start_s)
+        with closing(prepared.samples(begun, control)) as samples:
+            for sample in samples:
+                writer.write(sample)
+                yield sample

@@ -48,21 +48,13 @@ def measured_constants(given: Path | None, devices: "Mapping[str, DeviceIdentity
 
     Raises `ForeignConstants` where the constants named are of another bench.
     """
-    from nlos.calibration.checked import load_checked, newest_checked
+    from nlos import scan_preparation
 
-    names = {role: f"{who.model} {who.serial}".strip() for role, who in devices.items()}
-    path = given
-    if path is None and Path("constants").is_dir():
-        path = newest_checked(Path("constants"), names)
-    if path is None:
+    known = scan_preparation.measured_constants(given, devices)
+    if known is None:
         return None
-    constants = load_checked(path)
-    constants.refuse_other_devices(names)
-    # Without spots, mirror gain and wall distance are not told apart: a person has to ask for such an aim.
-    if given is None and "x_gain" not in constants.geometry_errors:
-        return None
-    terminal.log(f"constants: {path}, measured {constants.measured_utc}")
-    return constants
+    terminal.log(f"constants: {known[0]}, measured {known[1].measured_utc}")
+    return known[1]
 
 
 @contextmanager

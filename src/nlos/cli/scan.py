@@ -1,31 +1,26 @@
 """`nlos scan`: acquires a plan on a bench into a recording that nothing can take away."""
 
-import json
 from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from nlos.cli.benches import load_bench, measured_constants, opened
+from nlos.cli.benches import load_bench, opened
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.interrupts import Interrupts
 from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.progress import Progress
-from nlos.cli.scan_ending import ScanEnding
 from nlos.cli.targets import recording_target
 from nlos.cli.terminal import terminal
 from nlos.live.good_enough import Enough, parse_until
 from nlos.live.process import methods_for, start_live
 
 if TYPE_CHECKING:
-    from nlos.acquisition.planning.plan import ScanPlan
-    from nlos.acquisition.recording.provenance import Header
-    from nlos.acquisition.recording.salvage import Resumed
-    from nlos.acquisition.scanning.alarms import AlarmSettings
-    from nlos.acquisition.scanning.lag import Lag
     from nlos.drivers.bench import Bench
+    from nlos.scan_preparation import PreparedScan, ScanRequest
 
 
 def scan(
@@ -60,6 +55,7 @@ def scan(
     from nlos.acquisition.recording.provenance import Header
     from nlos.acquisition.recording.salvage import settle
     from nlos.configs.load import load
+    from nlos.scan_preparation import ScanRequest
 
     wanted, table = load("scan", scan, ScanSettings), load_bench(bench)
     if table.settings.shutter.model == "none" and not no_shutter:
@@ -93,120 +89,98 @@ def scan(
     )
     target.parent.mkdir(exist_ok=True)
     with Interrupts().caught() as interrupts, opened(table, scene) as open_bench:
-        _acquire(
-            plan, header, open_bench, target, resume, overwrite, interrupts, wanted.settings.alarms,
-            reconstruct, seeing, live, level, constants,
-        )  # fmt: skip
+        request = ScanRequest(plan, wanted.settings.alarms, header, target, resume, overwrite, constants)
+        _acquire(request, open_bench, interrupts, _Watching(reconstruct, seeing, live, level))
     if reconstruct is not None:
         _reconstruct(target, reconstruct, seeing, overwrite)
 
 
-def _acquire(
-    plan: "ScanPlan",
-    header: "Header",
-    bench: "Bench",
-    target: Path,
-    resume: bool,
-    overwrite: bool,
-    interrupts: Interrupts,
-    alarms: "AlarmSettings",
-    watched_by: str | None,
-    seeing: dict[str, object],
-    live: bool,
-    level: float | None,
-    constants: Path | None,
-) -> None:
-    """Checks, then scans into `target`. Whatever happens, the shutter is closed before the recording is."""
-    from dataclasses import replace
+@dataclass(frozen=True)
+class _Watching:
+    """Who looks on: the method and its settings, whether on a page, and the level at which the scan may end."""
 
-    from nlos.acquisition.planning.preflight import aim_of, check_disk, checked_angles
-    from nlos.acquisition.planning.schemes import choose
-    from nlos.acquisition.scanning.alarms import Alarms
+    method: str | None
+    settings: dict[str, object]
+    live: bool
+    level: float | None
+
+    def enough(self, scan: "PreparedScan") -> Enough | None:
+        """Decides when the picture is good enough. It reads what is there, so it is made before the file is opened."""
+        if self.level is None:
+            return None
+        asked, bench = scan.request, scan.bench
+        assert asked.target is not None
+        devices = {role: f"{who.model} {who.serial}".strip() for role, who in scan.header.devices.items()}
+        return Enough(
+            asked.target, asked.plan, devices, self.level, methods_for(self.method)[-1], bench.report,
+            watched=not bench.settings.simulated, resumed=asked.resume, settings=self.settings,
+        )  # fmt: skip
+
+    def show(self, scan: "PreparedScan") -> None:
+        """Starts the page, where one is asked for or the picture is judged while light is on."""
+        assert scan.request.target is not None
+        if self.live or (self.level is not None and not scan.bench.settings.simulated):
+            start_live(scan.request.target, self.method, self.settings.get("weights"))
+
+
+def _acquire(request: "ScanRequest", bench: "Bench", interrupts: Interrupts, watching: _Watching) -> None:
+    """Checks, then scans into the target. Whatever happens, the shutter is closed before the recording is."""
     from nlos.acquisition.scanning.control import ScanControl
-    from nlos.acquisition.scanning.engine import scan as run
+    from nlos.drivers.errors import SafetyTrip
     from nlos.drivers.exit_paths import undisturbed
+    from nlos.scan_ending import ScanEnding
+    from nlos.scan_preparation import prepare
 
-    bench.shutter.check_trip()
-    roles = {"mirror": bench.mirror.identity, "counter": bench.counter.identity}
-    known = measured_constants(constants, roles)
-    aim = known.geometry if known is not None and known.geometry is not None else aim_of(bench)
-    lag = _known_lag(target) if resume and plan.within_px is not None else None
-    choice = choose(plan, bench, checked_angles(plan, bench, aim), lag=lag)
-    forecast_s = choice.forecast.total_s
-    terminal.log(f"scheme {choice.scheme.value}, {forecast_s:.1f} s expected; {choice.why}")
-    check_disk(plan, target, round(alarms.min_free_mb * 1e6))
-    watch = Alarms(alarms, bench.settings.laser.repetition_hz, target.parent)
-    watch.wait_for_rates(bench)
-    used = "{}" if known is None else json.dumps(known.summary(), default=str)
-    header = replace(header, devices=roles, warnings=tuple(bench.warnings), constants_json=used).stamped()
-    enough = None
-    if level is not None:  # it reads what is there, so before the file is opened for writing
-        enough = Enough(
-            target, plan, {role: f"{who.model} {who.serial}".strip() for role, who in roles.items()}, level,
-            methods_for(watched_by)[-1], bench.report, watched=not bench.settings.simulated, resumed=resume,
-            settings=seeing,
-        )  # fmt: skip
-    with ExitStack() as stack:
-        with undisturbed():  # a recording that is begun is ended, whenever a signal comes
-            begun = _begin(target, plan, header, resume, overwrite)
-            writer = begun.writer
-            if writer is None:
-                return
-            progress = Progress(len(plan), len(begun.taken))
-            control = ScanControl(lambda why: _ask(interrupts, progress, why))
-            ending = stack.enter_context(ScanEnding(bench, writer, control))
-        interrupts.pauses(control)
-        if live or (level is not None and not bench.settings.simulated):
-            start_live(target, watched_by, seeing.get("weights"))
-        start_s = bench.clock.now() - begun.elapsed_s
-        stack.enter_context(progress)
-        samples = run(
-            plan, bench, aim=aim, taken=begun.taken, control=control, alarms=watch, decide=enough,
-            elapsed_s=begun.elapsed_s, lag=lag,
-        )  # fmt: skip
-        bench.on_event = lambda kind, text: writer.log(kind, text, bench.clock.now() - start_s)
-        with closing(samples):
-            for sample in samples:
-                writer.write(sample)
-                progress.step()
-                if enough is not None:
-                    enough.add(sample)
+    prepared = prepare(request, bench)
+    plan, target = request.plan, request.target
+    forecast_s = prepared.choice.forecast.total_s
+    if prepared.constants is not None:
+        terminal.log(f"constants: {prepared.constants[0]}, measured {prepared.constants[1].measured_utc}")
+    terminal.log(f"scheme {prepared.choice.scheme.value}, {forecast_s:.1f} s expected; {prepared.choice.why}")
+    prepared.alarms.wait_for_rates(bench)
+    enough = watching.enough(prepared)
+    safe = ""
+    try:
+        with ExitStack() as stack:
+            with undisturbed():  # a recording that is begun is ended, whenever a signal comes
+                begun = prepared.begin()
+                writer = begun.writer
+                if writer is None:
+                    return
+                progress = Progress(len(plan), len(begun.taken))
+                control = ScanControl(lambda why: _ask(interrupts, progress, why))
+                ending = stack.enter_context(ScanEnding(bench, writer, control, "--resume"))
+                safe = ending.safe
+            interrupts.pauses(control)
+            watching.show(prepared)
+            start_s = bench.clock.now() - begun.elapsed_s
+            stack.enter_context(progress)
+            samples = prepared.samples(begun, control, enough)
+            bench.on_event = lambda kind, text: writer.log(kind, text, bench.clock.now() - start_s)
+            with closing(samples):
+                for sample in samples:
+                    writer.write(sample)
+                    progress.step()
+                    if enough is not None:
+                        enough.add(sample)
+    except SafetyTrip as error:
+        if not safe:  # before the recording was begun
+            raise
+        raise Stopped(ExitCode.ALARM, str(error)) from error
+    except (KeyboardInterrupt, SystemExit):
+        if safe:
+            terminal.log(f"nlos: ended by a signal. {safe}", -9)
+        raise
     duration_s = bench.clock.now() - start_s
     terminal.result(
         f"{target}: {writer.acknowledged} of {len(plan)} points in {duration_s:.1f} s of bench time "
         f"({forecast_s:.1f} s predicted)",
         recording=str(target), taken=writer.acknowledged - len(begun.taken), points=writer.acknowledged,
         planned=len(plan), bench_s=duration_s, predicted_s=forecast_s,
-        scheme=choice.scheme.value, status="complete" if ending.complete else "interrupted",
+        scheme=prepared.choice.scheme.value, status="complete" if ending.complete else "interrupted",
     )  # fmt: skip
     if not ending.complete and (interrupts.seen or enough is None or not enough.reached):
         raise Stopped(ExitCode.INTERRUPTED, f"ended by Ctrl-C. {ending.safe}")
-
-
-def _begin(target: Path, plan: "ScanPlan", header: "Header", resume: bool, overwrite: bool) -> "Resumed":
-    from nlos.acquisition.recording.salvage import Resumed
-    from nlos.acquisition.recording.salvage import resume as go_on
-    from nlos.acquisition.recording.writer import RecordingWriter
-
-    if resume:
-        return go_on(target, plan, header)
-    return Resumed(RecordingWriter.create(target, plan, header, overwrite=overwrite), {}, 0.0)
-
-
-def _known_lag(target: Path) -> "Lag | None":
-    """What a recording that is resumed was swept by; its lines go on by the same."""
-    from nlos.acquisition.errors import InvalidData
-    from nlos.acquisition.recording.recording import Recording
-    from nlos.acquisition.scanning.lag import Lag
-
-    if not target.exists():
-        return None
-    try:
-        with Recording.open(target) as recording:
-            said = [event.text for event in recording.events() if event.kind == "lag"]
-            return Lag.of_text(said[0]) if said else None
-    except InvalidData:
-        return None
 
 
 def _ask(interrupts: Interrupts, progress: Progress, why: str) -> bool:

@@ -1,0 +1,50 @@
+"""How a scan's recording ends: with the status that fits, whatever ended the scan and whenever."""
+
+from contextlib import AbstractContextManager
+from types import TracebackType
+
+from nlos.acquisition.recording.recording import Status
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.scanning.control import ScanControl, ScanState
+from nlos.drivers.bench import Bench
+from nlos.drivers.errors import DeviceError, SafetyTrip
+from nlos.drivers.exit_paths import undisturbed
+
+
+class ScanEnding(AbstractContextManager["ScanEnding"]):
+    """Finishes `writer` when the block is left. Enter it before anything can end the block that made the writer.
+
+    Every device error that goes on says where the samples are; `resume` is the word that takes the others.
+    """
+
+    def __init__(self, bench: Bench, writer: RecordingWriter, control: ScanControl, resume: str) -> None:
+        self._bench, self._writer, self._control, self._resume = bench, writer, control, resume
+
+    @property
+    def complete(self) -> bool:
+        return self._control.state is ScanState.COMPLETE
+
+    @property
+    def safe(self) -> str:
+        return f"The samples so far are safe in {self._writer.path}; `{self._resume}` takes the others."
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with undisturbed():
+            status = self._status(error)
+            try:
+                self._bench.report("scan", status.name.lower())
+            finally:
+                self._bench.on_event = None
+                self._writer.finish(status)
+        if isinstance(error, DeviceError):
+            error.remedy = f"{error.remedy} {self.safe}".strip()
+            error.args = (f"{error.device}: {error.what} {error.remedy}",)
+
+    def _status(self, error: BaseException | None) -> Status:
+        if self.complete:  # a signal that came after the last sample changes nothing
+            return Status.COMPLETE
+        if error is None or isinstance(error, KeyboardInterrupt | SystemExit | GeneratorExit):
+            return Status.INTERRUPTED
+        return Status.STOPPED if isinstance(error, SafetyTrip) else Status.FAILED

@@ -1,0 +1,124 @@
+"""A scan before its light: everything checked, aimed and described, for the command line and from Python alike."""
+
+import json
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.planning.aim import Aiming
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.preflight import aim_of, check_disk, checked_angles
+from nlos.acquisition.planning.schemes import Choice, choose
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.salvage import Resumed
+from nlos.acquisition.recording.salvage import resume as resumed
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.sample import Sample
+from nlos.acquisition.scanning.alarms import Alarms, AlarmSettings
+from nlos.acquisition.scanning.control import ScanControl
+from nlos.acquisition.scanning.engine import scan
+from nlos.acquisition.scanning.lag import Lag
+from nlos.calibration.checked import load_checked, newest_checked
+from nlos.calibration.constants import BenchConstants
+from nlos.drivers.bench import Bench
+from nlos.drivers.identity import DeviceIdentity
+
+
+@dataclass(frozen=True)
+class ScanRequest:
+    """What somebody asks for. `header` holds the scan and bench files as given; without `target` nothing is written."""
+
+    plan: ScanPlan
+    alarms: AlarmSettings
+    header: Header
+    target: Path | None = None
+    resume: bool = False
+    overwrite: bool = False
+    constants: Path | None = None
+    """Of the bench, to aim by; None: the newest in `constants/` that fits."""
+
+
+@dataclass(frozen=True)
+class PreparedScan:
+    """A request that this bench can carry out; nothing has moved and the light has been off."""
+
+    request: ScanRequest
+    bench: Bench
+    header: Header
+    constants: tuple[Path, BenchConstants] | None
+    aim: Aiming
+    lag: Lag | None
+    choice: Choice
+    alarms: Alarms
+
+    def begin(self) -> Resumed:
+        """The recording to write into. Raises `StorageError`, or `ResumeRefused`, where that cannot be."""
+        asked = self.request
+        assert asked.target is not None
+        if asked.resume:
+            return resumed(asked.target, asked.plan, self.header)
+        made = RecordingWriter.create(asked.target, asked.plan, self.header, overwrite=asked.overwrite)
+        return Resumed(made, {}, 0.0)
+
+    def samples(
+        self, begun: Resumed, control: ScanControl, decide: Callable[[], bool] | None = None
+    ) -> Generator[Sample, None, None]:
+        """What is still missing, as it is taken."""
+        return scan(
+            self.request.plan, self.bench, aim=self.aim, taken=begun.taken, control=control, alarms=self.alarms,
+            decide=decide, elapsed_s=begun.elapsed_s, lag=self.lag,
+        )  # fmt: skip
+
+
+def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
+    """Checks trip, constants, limits, scheme and disk, in this order. Raises `SafetyTrip`, `ForeignConstants`,
+    `LimitError`, `PlanRefused` or `StorageError`; the bench has not been touched then."""
+    plan, target = request.plan, request.target
+    bench.shutter.check_trip()
+    roles = {"mirror": bench.mirror.identity, "counter": bench.counter.identity}
+    known = measured_constants(request.constants, roles)
+    geometry = None if known is None else known[1].geometry
+    aim = aim_of(bench) if geometry is None else geometry
+    swept = request.resume and plan.within_px is not None and target is not None
+    lag = known_lag(target) if swept and target is not None else None
+    choice = choose(plan, bench, checked_angles(plan, bench, aim), lag=lag)
+    if target is not None:
+        check_disk(plan, target, round(request.alarms.min_free_mb * 1e6))
+    folder = Path.cwd() if target is None else target.absolute().parent
+    alarms = Alarms(request.alarms, bench.settings.laser.repetition_hz, folder)
+    used = "{}" if known is None else json.dumps(known[1].summary(), default=str)
+    header = replace(request.header, devices=roles, warnings=tuple(bench.warnings), constants_json=used).stamped()
+    return PreparedScan(request, bench, header, known, aim, lag, choice, alarms)
+
+
+def measured_constants(given: Path | None, devices: Mapping[str, DeviceIdentity]) -> tuple[Path, BenchConstants] | None:
+    """The constants named; else the newest in `constants/` for these devices whose aim rests on measured spots.
+
+    Raises `ForeignConstants` where the constants named are of another bench.
+    """
+    names = {role: f"{who.model} {who.serial}".strip() for role, who in devices.items()}
+    path = given
+    if path is None and Path("constants").is_dir():
+        path = newest_checked(Path("constants"), names)
+    if path is None:
+        return None
+    constants = load_checked(path)
+    constants.refuse_other_devices(names)
+    # Without spots, mirror gain and wall distance are not told apart: a person has to ask for such an aim.
+    if given is None and "x_gain" not in constants.geometry_errors:
+        return None
+    return path, constants
+
+
+def known_lag(target: Path) -> Lag | None:
+    """What a recording that is resumed was swept by; its lines go on by the same."""
+    if not target.exists():
+        return None
+    try:
+        with Recording.open(target) as recording:
+            said = [event.text for event in recording.events() if event.kind == "lag"]
+            return Lag.of_text(said[0]) if said else None
+    except InvalidData:
+        return None
