@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from nlos.drivers.errors import CommandRejected, DataCorrupt, DeviceTimeout, ProtocolError
+from nlos.drivers.link.repeats import repeated
 
 _ERROR = re.compile(rb'([+-]?\d{1,6}),"((?:[^"]|"")*)"\n?\Z')
 _NO_ERROR = b'0,"No error"\n'
@@ -159,6 +160,7 @@ class Scpi:
                 self._link.clear()  # what else the damaged answer had to say is not worth hearing
                 if not retry:
                     raise DataCorrupt(self._device, f"{problem}.") from problem
+                repeated(self._device, problem)
             retry = False
 
     def drain_errors(self) -> tuple[ScpiError, ...]:
@@ -177,21 +179,24 @@ class Scpi:
         except ValueError as problem:
             self._link.clear()
             if retry:
+                repeated(self._device, problem)
                 return self._ask(message, expected, False)
             raise ProtocolError(self._device, f"{problem}.") from problem
         if error is None:
             return body
         errors = (error, *self.drain_errors())
         if retry and {each.code for each in errors} <= _EXCHANGE:
+            repeated(self._device, errors[0])
             return self._ask(message, expected, False)
         raise ErrorsReported(self._device, message[:60].decode("ascii", "replace"), errors)
 
     def _retried(self, message: bytes, expected: int, retry: bool) -> bytes:
         try:
             return self._link.ask(message, self.timeout_s, expected)
-        except (DeviceTimeout, ProtocolError):
+        except (DeviceTimeout, ProtocolError) as problem:
             if not retry:
                 raise
+            repeated(self._device, problem.what)
             return self._link.ask(message, self.timeout_s, expected)
 
     def _next_error(self) -> ScpiError:

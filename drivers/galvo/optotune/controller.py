@@ -10,6 +10,7 @@ from nlos.drivers.errors import CommandRejected, DeviceReset, DeviceTimeout, Lim
 from nlos.drivers.galvo.optotune import commands as wire
 from nlos.drivers.galvo.optotune.commands import Status
 from nlos.drivers.identity import DeviceIdentity
+from nlos.drivers.link.repeats import repeated
 from nlos.drivers.link.serial_line import SerialLine, WireLog
 
 DEVICE = "optotune"
@@ -122,7 +123,8 @@ class Controller:
         """The registers' bytes. After a damaged frame they are asked for once more: reading changes nothing."""
         try:
             return self._read_once(*registers)
-        except _FrameDamaged:
+        except _FrameDamaged as damaged:
+            repeated(DEVICE, damaged.what)
             return self._read_once(*registers)
 
     def _read_once(self, *registers: int) -> bytes:

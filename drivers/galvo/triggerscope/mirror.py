@@ -20,6 +20,7 @@ from nlos.drivers.galvo.triggerscope.controller import DEVICE, REOPEN, Controlle
 from nlos.drivers.galvo.triggerscope.set_up import centre, disarm, ranges, set_up
 from nlos.drivers.galvo.triggerscope.settings import TriggerScopeSettings
 from nlos.drivers.identity import DeviceIdentity
+from nlos.drivers.link.repeats import repeated
 from nlos.drivers.link.serial_line import WireLog
 
 __all__ = ["TriggerScope", "TriggerScopeSettings"]
@@ -222,6 +223,7 @@ class TriggerScope:
             self._send([*(wire.clear_states(dac) for dac in self._dacs), wire.clear_masks(0)])
             if self._controller.upload(lines):
                 return
+            repeated(DEVICE, "it kept another part of a sequence than was sent")
         raise ProtocolError(DEVICE, "twice it kept another part of the sequence than was sent.", REOPEN)
 
     def _codes(self, angles: MirrorAngles) -> tuple[int, int]:

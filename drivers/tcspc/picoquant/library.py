@@ -21,6 +21,7 @@ from nlos.drivers.errors import (
     LimitError,
     WrongDevice,
 )
+from nlos.drivers.link.repeats import repeated
 from nlos.drivers.tcspc.picoquant.families import Family
 
 WireLog = Callable[[str, str, bytes], None]
@@ -78,6 +79,7 @@ class VendorLibrary:
         """Calls PREFIX_name(index, *arguments). Raises the `DeviceError` that the return code means."""
         code = self.attempt(name, self.index, *arguments)
         if code in _TRANSIENT and name not in _NEVER_TWICE:
+            repeated(self.device, f"{name} failed with {code}")
             self._clock.sleep(_RETRY_AFTER_S)
             code = self.attempt(name, self.index, *arguments)
         if code < 0:

@@ -5,6 +5,7 @@ Records are indexed, so asking twice is harmless: a damaged one is asked for onc
 
 from collections.abc import Callable, Sequence
 
+from nlos.drivers.link.repeats import repeated
 from nlos.drivers.link.usb488 import MOST_PER_TRANSFER
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
 from nlos.drivers.tcspc.tcspc488.records import decode_record, missing_histogram, record_bytes
@@ -43,7 +44,8 @@ def checked(
     """The histogram in `record`, or in a second copy of it, or none."""
     try:
         return decode_record(record, numbers[index], axis, wide)
-    except ValueError:
+    except ValueError as problem:
+        repeated("tcspc488", problem)
         block = fetch(index, 1)
     try:
         if block is not None:

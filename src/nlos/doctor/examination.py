@@ -14,6 +14,7 @@ from nlos.doctor.findings import Finding, failed, passed, skipped, warned
 from nlos.doctor.hands import hands_for
 from nlos.doctor.instruments import counter, dark_counts, links, mirror, shutter
 from nlos.doctor.light_trials import beam_corners, count_rates, settle_curve
+from nlos.doctor.repeats import listening
 from nlos.doctor.shutter_trials import cable, dark_cable, interlock, trip, watchdog
 from nlos.doctor.small_scan import small_scan
 from nlos.doctor.surroundings import absent, disk, levels, software
@@ -110,10 +111,11 @@ def examine(table: "Loaded[BenchSettings]", visit: Visit) -> Iterator[Finding]:
     if not missing:
         was_open = lit = False
         try:
-            with opened(table) as bench:
+            with listening() as repeats, opened(table) as bench:
                 was_open = True
                 visit.met.update(zip(("mirror", "counter"), bench.identities, strict=True))
                 lit = yield from _on_the_bench(bench, visit)
+                yield repeats.finding()
         except DeviceError as error:
             yield failure(settings, error)
             if not was_open:

@@ -74,6 +74,13 @@ CASES = {
     "V3": _multiharp("markers"),
     "V4": _multiharp("markers"),
 }  # fmt: skip
+REPEATED = {
+    **{name: Case("repeats") for name in ("U1", "U3", "U5", "U10")},
+    "U6": Case("repeats", parameters={"what": "cut", "size": 3}),
+    "U12": Case("repeats"),
+    "A4": Case("repeats"),
+    "B5": _optotune("repeats", parameters={"place": "damaged"}),
+}
 SAMPLE = ("G8", "G10", "A6", "B6", "U11", "U12", "U14", "V3")
 """One of each kind: what every change is tested with."""
 
@@ -117,3 +124,19 @@ def test_the_right_line_says_so(name: str) -> None:
     else:
         healthy = [(each.verdict, each.what) for each in thorough(settings_of(case))]
         assert set(said) <= set(healthy), said
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", REPEATED if SOAK else ["U5", "B5"])
+def test_what_the_drivers_put_right_by_asking_again_is_a_warning(name: str) -> None:
+    case = REPEATED[name]
+    fault = Fault(name=name, after_s=case.after_s, times=1, parameters=case.parameters)
+    said = [
+        (each.verdict, each.what) for each in thorough(settings_of(case, fault)) if each.verdict in ("WARN", "FAIL")
+    ]
+    assert said == [("WARN", "repeats")], said
+
+
+def test_nothing_is_repeated_on_a_healthy_bench() -> None:
+    (line,) = (each for each in thorough(settings_of(Case(None))) if each.what == "repeats")
+    assert line.verdict == "PASS"

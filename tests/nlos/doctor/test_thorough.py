@@ -14,7 +14,7 @@ import pytest
 from nlos.__main__ import run
 from nlos.cli.benches import load_bench
 from nlos.cli.terminal import terminal
-from nlos.doctor import hands, small_scan
+from nlos.doctor import dark_trials, examination, hands, shutter_trials, small_scan
 from nlos.doctor.dark_trials import judged
 from nlos.doctor.examination import LIT, Visit, examine
 from nlos.doctor.findings import Finding
@@ -208,3 +208,27 @@ def test_the_area_is_left_dark_by_whoever_is_stopped_in_it(monkeypatch: pytest.M
     monkeypatch.undo()
     assert benches[0].simulated is not None
     assert not benches[0].simulated.shutter_open
+
+
+def test_without_anybody_there_what_takes_hands_is_skipped_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (dark_trials, shutter_trials, examination):
+        monkeypatch.setattr(module, "hands_for", lambda bench: hands.NoHands())
+    found = thorough(simulated())
+    for line in ("linearity", "interlock", "cable"):
+        assert found[line].verdict == "SKIP", line
+        assert "nobody is there" in found[line].said
+    assert "replugged" not in found
+    assert found["watchdog"].verdict == "PASS"
+
+
+@pytest.mark.parametrize(("typed", "done"), [("", True), ("no", False), (None, False)])
+def test_a_person_presses_enter_when_it_is_done(monkeypatch: pytest.MonkeyPatch, typed: str | None, done: bool) -> None:
+    def answer() -> str:
+        if typed is None:
+            raise EOFError
+        return typed
+
+    monkeypatch.setattr(builtins, "input", answer)
+    person = hands.PersonsHands()
+    asked = (person.lamp(True), person.pull_mirror_cable(), person.replug(), person.ready_to_open_interlock())
+    assert set(asked) == {done}
