@@ -178,6 +178,31 @@ def test_a_scan_under_way_shows_what_comes_next_and_its_end(folder: Path, browse
     page.close()
 
 
+def test_two_scans_are_set_side_by_side_with_their_difference(folder: Path, browser: Any) -> None:
+    nlos(folder, "replay", "run.h5", "--speed", "max", "-o", "same.h5", "--overwrite")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "nlos", "live", "run.h5", "same.h5", "--method", "lct"],
+        cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    page, complaints = opened(browser, process.stdout.readline().strip())
+    page.wait_for_selector("#slider", state="visible")
+    shows(page, "run", "^run.h5 and same.h5$")
+    page.keyboard.press("d")
+    page.wait_for_selector("#difference[aria-pressed=true]")
+    titles = page.locator(".panel h2").all_inner_texts()
+    assert titles == ["run.h5: front view", "same.h5: front view", "Difference: run.h5 less same.h5", "run.h5: depth",
+                      "same.h5: depth"]  # fmt: skip
+    assert page.evaluate(PIXELS, "albedo") == page.evaluate(PIXELS, "albedo1")
+    middle = page.evaluate("id => { const p = panels.find(p => p.kind === id); return [...p.picture.albedo].every("
+                           "(v, i) => v === p.other.albedo[i]); }", "difference")  # fmt: skip
+    assert middle is True
+    assert complaints == []
+    page.close()
+    process.send_signal(signal.SIGINT)
+    assert process.wait(20) == 0
+
+
 def test_a_report_needs_nothing_but_itself_and_prints(folder: Path, browser: Any) -> None:
     nlos(folder, "report", "run.h5", "-o", "run.html", "--methods", "lct,fk", "--overwrite")
     page, complaints = browser.new_page(), []

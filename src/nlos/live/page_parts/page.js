@@ -21,8 +21,9 @@ async function refresh(number, state) {
 }
 function arrange() {
   const view = document.body.dataset.view, wide = innerWidth, kinds = view !== "both" ? [view] : scans.length > 1 ? ["front"] : wide >= 2300 ? ["front", "depth", "turn"] : wide >= 1100 || wide <= 900 ? ["front", "depth"] : ["front"];
-  const wanted = kinds.flatMap(kind => scans.map((_, i) => [kind, i])), two = scans.length > 1; if (two && compared && view !== "turn") wanted.push(["difference", 0]);
-  if (view === "both" && two) wanted.splice(scans.length, 0, ...(wide >= 1500 ? scans.map((_, i) => ["depth", i]) : []));
+  const of = kind => scans.map((_, i) => [kind, i]), two = scans.length > 1, wanted = two ? of(kinds[0]) : kinds.map(kind => [kind, 0]);
+  if (two && compared && view !== "turn") wanted.push(["difference", 0]);
+  const across = wanted.length; if (two && view === "both" && wide > 900) wanted.push(...of("depth")); $("views").style.setProperty("--across", across);
   const key = JSON.stringify(wanted); if (key === shape) return; shape = key;
   panels = wanted.map(([kind, scan]) => kind === "turn" ? new TurnPanel(scan) : new PicturePanel(kind, scan)); $("views").replaceChildren(...panels.map(p => p.box));
 }

@@ -21,7 +21,7 @@ const map = {
     if (grid) image(g, rates, grid[0], grid[1], this.frame.box, colour);
     else { g.fillStyle = inks.empty; g.fillRect(...this.frame.box); const size = Math.max(3, this.frame.scale * known.pitch * .8);
       for (let i = 0; i < x.length; i++) if (Number.isFinite(rates[i])) { const [px, py] = this.frame.at(x[i], y[i]); g.fillStyle = `rgb(${colour(rates[i]).map(Math.round)})`; g.fillRect(px - size / 2, py - size / 2, size, size); } }
-    axes(g, this.frame, wall); const at = histogram.place(); $("maprange").textContent = `0 (dark) to ${rate(top)} (yellow)`;
+    axes(g, this.frame, wall); const at = histogram.place(); $("maprange").textContent = `${scans.length > 1 ? known.state.run + ", " : ""}0 (dark) to ${rate(top)} (yellow)`;
     if (at !== null) { const [px, py] = this.frame.at(x[at], y[at]); g.strokeStyle = "#000"; g.lineWidth = 3.5; g.beginPath(); g.arc(px, py, 6, 0, 7); g.stroke(); g.strokeStyle = "#fff"; g.lineWidth = 1.8; g.stroke(); }
   },
 };
