@@ -13,6 +13,7 @@ from nlos.drivers.tcspc.block import CounterBlock
 from nlos.drivers.tcspc.counter import HistogramCounter
 from nlos.drivers.tcspc.picoquant.model import PICOQUANT
 from nlos.drivers.tcspc.tcspc488.model import TCSPC488
+from nlos.drivers.tcspc.timetagger.model import TIMETAGGER
 
 COUNTERS: dict[str, DeviceModel[HistogramCounter]] = with_plug_ins(
     "nlos.counters",
@@ -20,6 +21,7 @@ COUNTERS: dict[str, DeviceModel[HistogramCounter]] = with_plug_ins(
     [
         TCSPC488,
         PICOQUANT,
+        TIMETAGGER,
     ],
 )
 """Word in a bench file -> what that model brings with it."""

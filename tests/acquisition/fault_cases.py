@@ -46,6 +46,8 @@ BENCHES = {
     "listed": ("simulated", {"counter": {"mode": "t3"}}, SERIAL + TRIGGERSCOPE + USB + LIST_MODE),
     "optotune": ("optotune", {}, SERIAL + OPTOTUNE + USB),
     "multiharp": ("multiharp", {}, SERIAL + TRIGGERSCOPE + VENDOR),
+    "timetagger": ("timetagger", {}, SERIAL + TRIGGERSCOPE),
+    "timetagger list": ("timetagger", {"counter": {"mode": "list"}}, SERIAL + TRIGGERSCOPE),
 }
 
 

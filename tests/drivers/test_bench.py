@@ -17,7 +17,11 @@ from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.serial.port import unplug
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
 
-AXES = {"tcspc488": HistogramAxis(512, 32e-12, 10e-9), "picoquant": HistogramAxis(512, 40e-12, 10e-9)}
+AXES = {
+    "tcspc488": HistogramAxis(512, 32e-12, 10e-9),
+    "picoquant": HistogramAxis(512, 40e-12, 10e-9),
+    "timetagger": HistogramAxis(512, 40e-12, 10e-9),
+}
 
 
 def settings(**simulation: Any) -> BenchSettings:

@@ -13,12 +13,13 @@ from nlos.drivers.errors import CommandRejected, DeviceError, DeviceTimeout, Lim
 from nlos.drivers.galvo.mirror import GalvoMirror, MirrorAngles
 from nlos.drivers.simulated.beam import BeamPath
 from nlos.drivers.simulated.bench import SimulatedBench
-from nlos.drivers.simulated.picoquant.library import PicoquantLibrary
 from nlos.drivers.simulated.scene import SceneLight, SceneSettings
+from nlos.drivers.simulated.simulation_settings import SimulationSettings
 from nlos.drivers.simulated.spad import DetectorSettings
-from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
+from nlos.drivers.simulated.table import SimulatedTable
 from nlos.drivers.simulated.usb.backend import SimulatedUsb
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramCounter, HistogramFlag, Trigger
+from nlos.drivers.tcspc.models import COUNTERS as REGISTRY
 from nlos.drivers.tcspc.models import CounterSettings, open_counter
 from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488
 from nlos.drivers.tcspc.tcspc488.shutter import Tcspc488Shutter
@@ -29,6 +30,7 @@ DWELL_S = 0.008
 BLANKING_S = 0.0005
 NUMBERS = [7, 3, 12, 4]
 PICOQUANT = {"model": "picoquant", "library": "simulated"}
+TIMETAGGER = {"model": "timetagger", "library": "simulated", "pixel_clock": 1}
 COUNTERS = {
     "tcspc488": {"model": "tcspc488", "usb": "simulated", "markers": True},
     "tcspc488 t3": {"model": "tcspc488", "usb": "simulated", "markers": True, "mode": "t3"},
@@ -36,6 +38,8 @@ COUNTERS = {
     "hydraharp400": {**PICOQUANT, "device": "hydraharp400"},
     "multiharp150": {**PICOQUANT, "device": "multiharp150"},
     "multiharp150 t3": {**PICOQUANT, "device": "multiharp150", "mode": "t3"},
+    "timetagger": {**TIMETAGGER, "mode": "histogram"},
+    "timetagger list": {**TIMETAGGER, "mode": "list"},
 }
 BINS = 512
 
@@ -113,10 +117,9 @@ def lab(request: pytest.FixtureRequest, named_bench: Any) -> Iterator[Lab]:
     )
     bench = SimulatedBench(light)
     bench.set_shutter(True)
-    if settings.model == "picoquant":
-        backend: object = PicoquantLibrary(bench, settings.device, SYNC_HZ)
-    else:
-        backend = SimulatedUsb([Tcspc488Firmware(bench)], bench.clock)
+    backend = REGISTRY[settings.model].firmware(settings, SimulatedTable(bench, SimulationSettings(), SYNC_HZ))
+    if settings.cable == "usb":
+        backend = SimulatedUsb([backend], bench.clock)
     width_ps = 40 if "multiharp" in request.param else 32
     this = Lab(bench, None, HistogramAxis(BINS, width_ps * 1e-12, 8e-9))  # type: ignore[arg-type]
     this.counter = open_counter(
@@ -130,7 +133,7 @@ def lab(request: pytest.FixtureRequest, named_bench: Any) -> Iterator[Lab]:
 
 def test_it_says_who_it_is(lab: Lab) -> None:
     identity = lab.counter.identity
-    assert identity.model
+    assert identity.model in REGISTRY
     assert all((identity.vendor, identity.product, identity.serial, identity.firmware))
     assert lab.counter.max_points >= 1
 
@@ -246,6 +249,18 @@ def test_its_pixel_clock_steps_once_per_point_and_points_come_in_their_order(lab
     assert [histogram.counts.sum() > 100 or not lab.lit for histogram in histograms] == [True] * 4
     opened_s = [histogram.gate_opened_s for histogram in histograms]
     np.testing.assert_allclose(np.diff(opened_s), DWELL_S + BLANKING_S, rtol=1e-3)
+
+
+def test_asking_for_rates_while_points_are_taken_changes_nothing(lab: Lab) -> None:
+    if not lab.counter.has_pixel_clock:
+        pytest.skip("its points are started by the host, one at a time")
+    lab.needs_light()
+    lab.counter.arm([DWELL_S] * 4, NUMBERS, Trigger.CLOCK, BLANKING_S)
+    for count in range(1, 5):
+        assert lab.counter.rates().sync_hz == pytest.approx(SYNC_HZ, rel=1e-3)
+        status = lab.counter.wait_points(count, 1.0)
+    assert status.markers in (4, None)
+    assert [histogram.total_count > 1000 for histogram in lab.counter.read(0, 4)] == [True] * 4
 
 
 def test_a_watchdog_that_is_not_kicked_shuts_the_light(lab: Lab) -> None:

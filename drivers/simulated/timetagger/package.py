@@ -1,0 +1,112 @@
+"""What `Swabian.TimeTagger` offers, as far as a counter needs it: functions and classes by the vendor's names.
+
+What they do is taken from the vendor's reference, not from the driver: measurements run from their creation, `startFor`
+clears and stops by itself, reading a stream empties it, and unknown channels and closed instruments are refused.
+"""
+
+from nlos.drivers.simulated.bench import Gate
+from nlos.drivers.simulated.table import SimulatedTable
+from nlos.drivers.simulated.timetagger import measurements
+from nlos.drivers.simulated.timetagger.tags import FrontPanel
+from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
+
+SERIAL = "SIM2100001"
+_INPUTS = 18
+
+
+class TimeTaggerPackage:
+    """The package with one Time Tagger Ultra plugged in, wired as the bench file says."""
+
+    def __init__(self, table: SimulatedTable, wiring: TimeTaggerSettings) -> None:
+        self._panel = FrontPanel(table, wiring)
+        self.held = False
+        for kind in (measurements.Histogram, measurements.Flim, measurements.TimeTagStream, measurements.Countrate,
+                     measurements.Combiner, measurements.DelayedChannel):  # fmt: skip
+            setattr(self, kind.__name__, kind)
+
+    def scanTimeTagger(self, include_model_name: bool = False) -> list[str]:
+        return [] if self.held else [SERIAL]
+
+    def createTimeTagger(self, serial: str = "", resolution: int = 0) -> "Instrument":
+        if self.held or serial not in ("", SERIAL):
+            raise RuntimeError(f"Could not connect to a Time Tagger with serial {serial!r}")
+        self.held = True
+        return Instrument(self._panel)
+
+    def freeTimeTagger(self, tagger: "Instrument") -> None:
+        if tagger.open:
+            tagger.xtra_setAuxOut(1, False)
+            tagger.panel.stop()
+        tagger.open = self.held = False
+
+
+class Instrument:
+    """A `TimeTagger` of the vendor's."""
+
+    def __init__(self, panel: FrontPanel) -> None:
+        self.panel, self.open = panel, True
+        self.hub = measurements.Hub(self)
+        self._aux_hz: dict[int, float] = {}
+
+    def clicks_a_second(self, channel: int) -> float:
+        """What a rate meter says of a channel."""
+        panel = self.panel
+        if channel == panel.wiring.sync.channel:
+            return panel.sync_hz if panel.laser_crosses() else 0.0
+        if channel != panel.wiring.detector.channel or not panel.photons_cross():
+            return 0.0
+        seen = panel.bench.expose(Gate(panel.bench.clock.now(), 0.1, 1024, 4e-12, 0.0, kept=False))
+        return seen.total_count / seen.live_s
+
+    def check_channel(self, channel: int) -> None:
+        if not self.open:
+            raise RuntimeError("The Time Tagger is not connected any more")
+        if not (0 < abs(channel) <= _INPUTS or channel in self.hub.virtual):
+            raise ValueError(f"Channel {channel} does not exist")
+
+    def getModel(self) -> str:
+        return "Time Tagger Ultra"
+
+    def getSerial(self) -> str:
+        return SERIAL
+
+    def getFirmwareVersion(self) -> str:
+        return "2.22"
+
+    def setTriggerLevel(self, channel: int, voltage: float) -> None:
+        self.check_channel(channel)
+        if not -2.5 <= voltage <= 2.5:
+            raise ValueError(f"Trigger level {voltage} V is out of range")
+        self.panel.level_v[channel] = voltage
+
+    def setInputDelay(self, channel: int, delay: int) -> None:
+        self.check_channel(channel)
+        self.panel.delay_ps[channel] = delay
+
+    def setConditionalFilter(self, trigger: list[int], filtered: list[int]) -> None:
+        for channel in (*trigger, *filtered):
+            self.check_channel(channel)
+        self.panel.filtered = frozenset(filtered)
+
+    def clearConditionalFilter(self) -> None:
+        self.panel.filtered = frozenset()
+
+    def sync(self, timeout: int = -1) -> bool:
+        self.check_channel(1)
+        self.hub.pull()
+        return True
+
+    def getOverflowsAndClear(self) -> int:
+        self.check_channel(1)
+        return int(self.panel.bench.faults.strikes("V2", self.panel.bench.clock.now()) is not None)
+
+    def xtra_setAuxOutSignal(self, channel: int, frequency: float) -> None:
+        self._aux_hz[channel] = frequency
+
+    def xtra_getAuxOutSignalFrequency(self, channel: int) -> float:
+        return self._aux_hz.get(channel, 0.0)
+
+    def xtra_setAuxOut(self, channel: int, enabled: bool) -> None:
+        if self.open:
+            self.hub.pull()
+        self.panel.set_clock(self._aux_hz.get(channel, 0.0) if enabled else 0.0)

@@ -1,0 +1,86 @@
+"""Time tags of a simulated bench: photons, laser pulses behind the filter, and marker edges, in ps.
+
+The T3 instrument draws what arrives and when; here it becomes edges on the channels of a front panel.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.drivers.simulated.t3_instrument import T3Instrument
+from nlos.drivers.simulated.table import SimulatedTable
+from nlos.drivers.tcspc.t3 import GENERIC, T3Decoder
+from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
+
+PS = 1e-12
+_TTL_MV = 2000
+"""Height of the pulses of laser and detector; the mirror's markers are 5 V."""
+_MARKER_MV = 5000
+_FOREVER_S = 1e6
+_RECORDS = 1 << 24
+
+Tags = tuple[npt.NDArray[np.int64], npt.NDArray[np.int32]]
+"""Times in ps since power-up and channels, in time order, both (n,)."""
+
+
+class FrontPanel:
+    """Which cable is where, what was set of each channel, and the tags since the last look."""
+
+    def __init__(self, table: SimulatedTable, wiring: TimeTaggerSettings) -> None:
+        self.bench, self.wiring = table.bench, wiring
+        self.period_ps = round(1 / (table.repetition_hz * PS))
+        self.sync_hz = table.repetition_hz
+        self._width_ps = max(4, -(-self.period_ps // 32_000))
+        self._instrument = T3Instrument(table.bench, GENERIC, table.repetition_hz, table.simulation.seed)
+        self._decoder = T3Decoder(GENERIC)
+        self._started_s = 0.0
+        self.level_v: dict[int, float] = {}
+        self.delay_ps: dict[int, int] = {}
+        self.filtered: frozenset[int] = frozenset()
+
+    def crossed(self, channel: int, height_mv: int) -> bool:
+        """Whether positive pulses of this height make edges there."""
+        return 0 < self.level_v.get(channel, 0.5) * 1e3 < height_mv
+
+    def photons_cross(self) -> bool:
+        return self.crossed(self.wiring.detector.channel, _TTL_MV)
+
+    def laser_crosses(self) -> bool:
+        return self.crossed(self.wiring.sync.channel, _TTL_MV)
+
+    def begin(self, until_s: float | None) -> None:
+        """What comes before is of no measurement."""
+        self._started_s = self.bench.clock.now()
+        self._decoder = T3Decoder(GENERIC)
+        self._instrument.start(self._started_s, until_s or self._started_s + _FOREVER_S, self._width_ps * PS)
+
+    def stop(self) -> None:
+        self._instrument.stop()
+
+    def set_clock(self, hertz: float) -> None:
+        """AUX OUT ticks at once, then every period; 0 turns it off."""
+        self._instrument.set_clock(1e7 / hertz if hertz else 0, self.bench.clock.now())  # type: ignore[arg-type]
+
+    def pull(self) -> Tags:
+        """Tags of the time since the last look."""
+        self._instrument.advance(self.bench.clock.now())
+        events = self._decoder.feed(self._instrument.read(_RECORDS))
+        since_ps = round(self._started_s / PS)
+        pulses, sync, detector = events.photon_pulses, self.wiring.sync.channel, self.wiring.detector.channel
+        late_ps = events.format.delays(events.photons).astype(np.int64) * self._width_ps + self._width_ps // 2
+        clicks = since_ps + pulses * self.period_ps + late_ps + self.delay_ps.get(detector, 0)
+        # The filter lets the pulse after a photon through, once where several photons came before it.
+        next_pulse = 1 if sync in self.filtered else 0
+        lasers = since_ps + (np.unique(pulses) + next_pulse) * self.period_ps + self.delay_ps.get(sync, 0)
+        if not self.photons_cross():
+            clicks = clicks[:0]
+        if not self.laser_crosses():
+            lasers = lasers[:0]
+        times, channels = [clicks, lasers], [np.full(len(clicks), detector), np.full(len(lasers), sync)]
+        for k, channel in enumerate(self.wiring.markers):
+            seen = events.marker_pulses[(events.marker_bits & (1 << k)) > 0]
+            if self.crossed(channel, _MARKER_MV):
+                times.append(since_ps + seen * self.period_ps)
+                channels.append(np.full(len(seen), channel))
+        time = np.concatenate(times)
+        order = np.argsort(time, kind="stable")
+        return time[order], np.concatenate(channels).astype(np.int32)[order]

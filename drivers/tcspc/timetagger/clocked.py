@@ -1,0 +1,235 @@
+"""Points stepped by a Time Tagger's AUX OUT and told apart by the mirror's markers: by the vendor's `Flim`, or by tags.
+
+The `xtra_` calls drive AUX OUT of the Time Tagger Ultra and X; that its first edge comes as it is enabled, and how it
+stops, is not in the vendor's reference: watch it on an oscilloscope before the first scan.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.drivers.errors import LimitError
+from nlos.drivers.tcspc.counter import HistogramAxis
+from nlos.drivers.tcspc.t3 import T3Events, T3Format
+from nlos.drivers.tcspc.t3_points import PointHistograms, StepMarkers
+from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
+from nlos.drivers.tcspc.timetagger.tagger import PS, Tagger
+
+_STEP_MARKERS = 0b011
+_DISORDER_PS = 50_000_000
+_MOST_TAGS = 4_000_000
+_TIME_TAG = 0
+_TAGS = T3Format("time tags", 0, 32, 1 << 31, 0, False)
+"""Photons as bins, times in ps: what sorts T3 records sorts tags as well."""
+
+
+@dataclass(frozen=True)
+class Period:
+    """The laser's, in bins of the axis; `first`: the axis begins with this one."""
+
+    sync_hz: float
+    first: int
+    bins: int
+
+
+class Clocked(Protocol):
+    """Points between two markers, as they come in."""
+
+    @property
+    def complete(self) -> int:
+        """Points before this one will not change any more."""
+        ...
+
+    def begin(self) -> None: ...
+
+    def look(self) -> int:
+        """Takes what has come; how many points are complete."""
+        ...
+
+    def steps(self) -> tuple[int, int]:
+        """Markers seen while the points were due, and how many there were by their times."""
+        ...
+
+    def lost_points(self) -> int: ...
+
+    def point(self, k: int) -> tuple[npt.NDArray[Any], float, bool]:
+        """Counts over the laser period (bins,), when its gate opened, and whether any of it was lost."""
+        ...
+
+    def end(self) -> None: ...
+
+
+class PixelClock:
+    """AUX OUT at one period. Raises `LimitError` where the instrument makes another of it."""
+
+    def __init__(self, tagger: Tagger, number: int | None, period_s: float) -> None:
+        self._tagger, self._number = tagger, number
+        tagger.set("xtra_setAuxOutSignal", number, 1 / period_s)
+        made_hz = float(tagger.set("xtra_getAuxOutSignalFrequency", number))
+        if abs(made_hz * period_s - 1) > 1e-6:
+            raise LimitError(
+                tagger.device,
+                f"AUX OUT {number} makes {made_hz:g} Hz of a period of {period_s * 1e3:g} ms.",
+                "Change dwell_ms.",
+            )
+
+    def run(self, on: bool) -> None:
+        self._tagger.set("xtra_setAuxOut", self._number, on)
+
+
+class ByFlim:
+    """The vendor's library sorts: a pixel begins `blanking` after a step marker and ends a dwell later."""
+
+    def __init__(
+        self, tagger: Tagger, settings: TimeTaggerSettings, axis: HistogramAxis, period: Period,
+        points: int, dwell_s: float, blanking_s: float,
+    ) -> None:  # fmt: skip
+        self._tagger, self._points = tagger, points
+        self._step_ps = round((dwell_s + blanking_s) / PS)
+        self._clock = PixelClock(tagger, settings.pixel_clock, dwell_s + blanking_s)
+        step = tagger.measurement("Combiner", list(settings.markers[:2]))
+        channel = tagger.call("getChannel", step.getChannel)
+        begin = tagger.measurement("DelayedChannel", channel, round(blanking_s / PS))
+        end = tagger.measurement("DelayedChannel", channel, round((blanking_s + dwell_s) / PS))
+        self._channels = (step, begin, end)  # a virtual channel lives as long as somebody holds it
+        self._bins = period.bins + (period.bins == points)  # so that the two axes of a frame can be told apart
+        self._period_bins = period.bins
+        self._flim = tagger.measurement(
+            "Flim", settings.sync.channel, settings.detector.channel, tagger.call("getChannel", begin.getChannel),
+            points, self._bins, round(axis.bin_width_s / PS), tagger.call("getChannel", end.getChannel),
+        )  # fmt: skip
+        self._complete = 0
+        self._frame: npt.NDArray[Any] = np.zeros((points, self._bins), np.uint32)
+        self._begins: npt.NDArray[Any] = np.zeros(0, np.int64)
+        self._lost = False
+
+    @property
+    def complete(self) -> int:
+        return self._complete
+
+    def begin(self) -> None:
+        self._tagger.overflowed()
+        self._tagger.call("clear", self._flim.clear)
+        self._tagger.set("sync")
+        self._clock.run(True)
+
+    def look(self) -> int:
+        call = self._tagger.call
+        if self._tagger.overflowed():
+            self._lost = True
+        whole = call("getFramesAcquired", self._flim.getFramesAcquired) > 0
+        info = (
+            call("getReadyFrameEx", self._flim.getReadyFrameEx, 0)
+            if whole
+            else call("getCurrentFrameEx", self._flim.getCurrentFrameEx)
+        )
+        self._complete = self._points if whole else int(call("getPixelPosition", info.getPixelPosition))
+        frame = self._tagger.read(info, "getHistograms")
+        self._frame = frame if frame.shape == (self._points, self._bins) else frame.T
+        self._begins = self._tagger.read(info, "getPixelBegins")[: self.complete]
+        return self.complete
+
+    def steps(self) -> tuple[int, int]:
+        gaps = [round((after - before) / self._step_ps) for before, after in pairwise(self._begins.tolist())]
+        return len(self._begins), (1 if len(self._begins) else 0) + sum(gaps)
+
+    def lost_points(self) -> int:
+        return self.complete if self._lost else 0
+
+    def point(self, k: int) -> tuple[npt.NDArray[Any], float, bool]:
+        return self._frame[k, : self._period_bins], int(self._begins[k]) * PS, self._lost
+
+    def end(self) -> None:
+        self._clock.run(False)
+        self._tagger.call("stop", self._flim.stop)
+
+
+class ByTags:
+    """This program sorts: every photon, laser pulse and marker is a tag of `TimeTagStream`."""
+
+    def __init__(
+        self, tagger: Tagger, settings: TimeTaggerSettings, axis: HistogramAxis, period: Period,
+        points: int, dwell_s: float, blanking_s: float,
+    ) -> None:  # fmt: skip
+        self._tagger, self._settings, self._period = tagger, settings, period
+        self._step_ps, self._width_ps = round((dwell_s + blanking_s) / PS), round(axis.bin_width_s / PS)
+        self._clock = PixelClock(tagger, settings.pixel_clock, dwell_s + blanking_s)
+        channels = [settings.sync.channel, settings.detector.channel, *settings.markers]
+        self._stream = tagger.measurement("TimeTagStream", _MOST_TAGS, channels)
+        dwells = np.full(points, round(dwell_s / PS), np.int64)
+        self._markers = StepMarkers(dwells, round(blanking_s / PS), _STEP_MARKERS)
+        self._histograms = PointHistograms(points, period.bins, self._markers, disorder=_DISORDER_PS)
+        self._sync_ps = self._until_ps = np.iinfo(np.int64).min // 2
+
+    @property
+    def complete(self) -> int:
+        return self._histograms.complete
+
+    def begin(self) -> None:
+        self._tagger.call("clear", self._stream.clear)
+        self._tagger.set("sync")
+        self._clock.run(True)
+
+    def look(self) -> int:
+        times, channels, lost = _tags(self._tagger, self._stream)
+        if lost:
+            self._histograms.mark_lost(self._until_ps, np.iinfo(np.int64).max)
+        if len(times):
+            self._until_ps = int(times[-1])
+            bins, at, self._sync_ps = _photons(times, channels, self._settings, self._sync_ps, self._width_ps)
+            bits = np.zeros(len(times), np.uint8)
+            for k, channel in enumerate(self._settings.markers):
+                bits[channels == channel] = 1 << k
+            marked = bits > 0
+            self._histograms.add(T3Events(_TAGS, bins, at, bits[marked], times[marked], self._until_ps))
+        return self.complete
+
+    def steps(self) -> tuple[int, int]:
+        return self._markers.against(self._step_ps)
+
+    def lost_points(self) -> int:
+        return int(self._histograms.lost.sum())
+
+    def point(self, k: int) -> tuple[npt.NDArray[Any], float, bool]:
+        points = self._histograms
+        return points.counts[k], int(points.started[k]) * PS, bool(points.lost[k])
+
+    def end(self) -> None:
+        self._clock.run(False)
+        self._tagger.call("stop", self._stream.stop)
+
+    @staticmethod
+    def single(
+        tagger: Tagger, settings: TimeTaggerSettings, stream: Any, axis: HistogramAxis, period: Period
+    ) -> npt.NDArray[Any]:
+        """All tags of one point started by the host, as counts over the laser period (bins,)."""
+        times, channels, _ = _tags(tagger, stream)
+        before = np.iinfo(np.int64).min // 2
+        bins, _, _ = _photons(times, channels, settings, before, round(axis.bin_width_s / PS))
+        return np.bincount(bins[bins < period.bins], minlength=period.bins)
+
+
+def _tags(tagger: Tagger, stream: Any) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], bool]:
+    """Times in ps and channels (n,) since the last look, and whether any were lost."""
+    buffer = tagger.call("getData", stream.getData)
+    kinds = tagger.read(buffer, "getEventTypes")
+    whole = kinds == _TIME_TAG
+    times = tagger.read(buffer, "getTimestamps").astype(np.int64)
+    return times[whole], tagger.read(buffer, "getChannels").astype(np.int32)[whole], not bool(whole.all())
+
+
+def _photons(
+    times: npt.NDArray[np.int64],
+    channels: npt.NDArray[np.int32],
+    settings: TimeTaggerSettings,
+    sync_ps: int,
+    width_ps: int,
+) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.int64], int]:
+    """Bin after the laser pulse that comes before, and time, of each photon; and the last laser pulse."""
+    syncs = np.append(sync_ps, times[channels == settings.sync.channel])
+    at = times[channels == settings.detector.channel]
+    delays_ps = at - syncs[np.searchsorted(syncs, at, side="right") - 1]
+    return np.minimum(delays_ps // width_ps, (1 << 32) - 1).astype(np.uint32), at, int(syncs[-1])

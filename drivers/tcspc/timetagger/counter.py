@@ -1,0 +1,288 @@
+"""A Swabian Time Tagger: points started by the host, each one `Histogram` of the vendor's; see `clocked.py` for scans.
+
+What is histogrammed is the whole laser period, so that the photons outside the axis are counted too.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from nlos.drivers.clock import Clock
+from nlos.drivers.device_model import WireLog
+from nlos.drivers.errors import CommandRejected, DeviceError, DeviceTimeout, LimitError
+from nlos.drivers.identity import DeviceIdentity
+from nlos.drivers.tcspc.counter import (
+    CounterStatus,
+    CountRates,
+    Histogram,
+    HistogramAxis,
+    HistogramFlag,
+    StopAtCounts,
+    Trigger,
+)
+from nlos.drivers.tcspc.timetagger.clocked import ByFlim, ByTags, Clocked, Period
+from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
+from nlos.drivers.tcspc.timetagger.tagger import PS, Tagger, load_package
+
+_MOST_POINTS = 65_536
+_MOST_BINS = 1 << 20
+_LONGEST_S = 3600.0
+_POLL_S = 0.002
+_WATCH_S = 0.01
+
+
+class TimeTagger:
+    """A `HistogramCounter` without watchdog or shutter output. With `pixel_clock` it steps the mirror and sorts photons
+    by the mirror's markers."""
+
+    has_watchdog = False
+    max_points = _MOST_POINTS
+
+    def __init__(self, settings: TimeTaggerSettings, clock: Clock, tagger: Tagger) -> None:
+        self._settings, self._clock, self.tagger = settings, clock, tagger
+        self._device = settings.model
+        self.has_pixel_clock = self.list_mode = self.counts_markers = settings.pixel_clock is not None
+        self.warnings: Sequence[str] = ()
+        for each in (settings.sync, settings.detector):
+            tagger.set("setTriggerLevel", each.channel, each.level_mv * 1e-3)
+            tagger.set("setInputDelay", each.channel, each.delay_ps)
+        for channel in settings.markers if self.counts_markers else ():
+            tagger.set("setTriggerLevel", channel, settings.marker_level_mv * 1e-3)
+        self.identity = DeviceIdentity(
+            settings.model,
+            "Swabian Instruments",
+            *(str(tagger.set(f"get{what}")) for what in ("Model", "Serial", "FirmwareVersion")),
+        )
+        self._axis: HistogramAxis | None = None
+        self._period = Period(0.0, 0, 0)
+        self._histogram: Any = None
+        self._clocked: Clocked | None = None
+        self._dwells_s: Sequence[float] = ()
+        self._taken: list[Histogram] = []
+        self._triggered = 0
+        self._armed_s = self._started_s = 0.0
+        self._running = False
+        self._meanwhile: Callable[[], None] = lambda: None
+
+    @classmethod
+    def open(
+        cls, settings: TimeTaggerSettings, clock: Clock, backend: Any = None, wire_log: WireLog | None = None
+    ) -> "TimeTagger":
+        """Loads the vendor's package, finds the instrument and sets it up; `backend` replaces the package.
+
+        Raises `DeviceNotFound`, `DeviceBusy`, or what the package reports.
+        """
+        tagger = Tagger(settings, clock, load_package(settings.model) if backend is None else backend, wire_log)
+        try:
+            return cls(settings, clock, tagger)
+        except DeviceError:
+            tagger.close()
+            raise
+
+    # Settings
+
+    def check(self, axis: HistogramAxis, dwell_s: float) -> None:
+        width, first = axis.bin_width_s / PS, axis.offset_s / axis.bin_width_s
+        if abs(width - round(width)) > 1e-3 or round(width) < 1:
+            raise LimitError(
+                self._device, f"bin width {width:g} ps is not a whole number of ps.", "Change histogram.bin_width_ps."
+            )
+        if abs(first - round(first)) > 1e-3 or not 0 <= round(first) < round(first) + axis.bins <= _MOST_BINS:
+            raise LimitError(
+                self._device,
+                f"{axis.bins} bins from {axis.offset_s * 1e9:g} ns are not whole bins among {_MOST_BINS}.",
+                "Choose fewer bins, or an offset that is a multiple of the bin width.",
+            )
+        if not 1e-6 <= dwell_s <= _LONGEST_S:
+            raise LimitError(self._device, f"dwell {dwell_s:g} s is not 1 us to {_LONGEST_S:g} s.", "Change dwell_ms.")
+
+    def configure(self, axis: HistogramAxis, stop: StopAtCounts | None = None) -> None:
+        if stop is not None:
+            raise LimitError(
+                self._device,
+                "it cannot stop a point at a number of counts within a window.",
+                "Use an exposure in two passes.",
+            )
+        self.check(axis, 1.0)
+        self._axis, self._histogram = axis, None
+
+    def arm(
+        self,
+        dwells_s: Sequence[float],
+        numbers: Sequence[int],
+        trigger: Trigger = Trigger.HOST,
+        blanking_s: float = 0.0,
+    ) -> None:
+        """The instrument knows no point numbers: histograms are told apart by their order since here. The laser's rate
+        is measured, which says how many bins a period has."""
+        axis = self._axis
+        if axis is None:
+            raise LimitError(self._device, "armed before a time axis was set.", "Call configure() first.")
+        if len(dwells_s) != len(numbers) or not 1 <= len(dwells_s) <= self.max_points:
+            raise LimitError(self._device, f"{len(dwells_s)} dwells and {len(numbers)} numbers.", "Arm fewer points.")
+        for dwell_s in set(dwells_s):
+            self.check(axis, dwell_s)
+        self.abort()
+        if trigger is Trigger.CLOCK and not self.has_pixel_clock:
+            raise LimitError(
+                self._device,
+                "no AUX OUT steps the mirror.",
+                "Name one as `pixel_clock`, or scan point by point.",
+            )
+        if trigger is Trigger.CLOCK and len(set(dwells_s)) != 1:
+            raise LimitError(self._device, "its clock has one period for all points.", "Use a uniform dwell.")
+        sync_hz = self.tagger.rates().sync_hz
+        self.tagger.filter_sync(sync_hz)
+        width_ps, first = round(axis.bin_width_s / PS), round(axis.offset_s / axis.bin_width_s)
+        bins = max(first + axis.bins, -(-round(1 / (sync_hz * PS)) // width_ps))
+        self._period = Period(sync_hz, first, bins)
+        self._dwells_s, self._taken, self._triggered = dwells_s, [], 0
+        self._armed_s = self._clock.now()
+        if trigger is Trigger.CLOCK:
+            kind: type[ByTags | ByFlim] = ByTags if self._settings.mode == "list" else ByFlim
+            points, dwell_s = len(dwells_s), dwells_s[0]
+            self._clocked = kind(self.tagger, self._settings, axis, self._period, points, dwell_s, blanking_s)
+            self._running = True
+            self._clocked.begin()
+            return
+        sync, detector = self._settings.sync.channel, self._settings.detector.channel
+        if self._settings.mode == "list":
+            self._histogram = self.tagger.measurement("TimeTagStream", 1_000_000, [sync, detector])
+        else:
+            self._histogram = self.tagger.measurement("Histogram", detector, sync, width_ps, bins)
+        self.tagger.call("stop", self._histogram.stop)
+
+    # Acquiring
+
+    def trigger(self) -> None:
+        if self._running or self._triggered >= len(self._dwells_s) or self._clocked is not None:
+            raise CommandRejected(self._device, "no armed point is left to trigger.", "Arm again.")
+        dwell_ps = round(self._dwells_s[self._triggered] / PS)
+        self._started_s = self._clock.now()
+        self.tagger.call("startFor", self._histogram.startFor, dwell_ps)
+        self._running = True
+        self._triggered += 1
+
+    def wait_points(self, count: int, timeout_s: float) -> CounterStatus:
+        deadline_s = self._clock.now() + timeout_s
+        clocked = self._clocked
+        if clocked is not None:
+            while self._running and clocked.look() < count:
+                self._meanwhile()
+                if self._clock.now() >= deadline_s:
+                    self.abort()
+                    raise self._late(f"{clocked.complete} of {count} points complete", timeout_s)
+                self._clock.sleep(min(_WATCH_S, deadline_s - self._clock.now()))
+            done = clocked.complete
+            if done >= len(self._dwells_s):
+                self._end()
+            seen, due = clocked.steps()
+            return CounterStatus(self._running, done, clocked.lost_points(), seen, due)
+        while len(self._taken) < count:
+            if not self._running:
+                raise CommandRejected(self._device, f"{count} points wanted, {self._triggered} triggered.", "Trigger.")
+            due_s = self._started_s + self._dwells_s[self._triggered - 1]
+            self._watch_until(min(due_s, deadline_s))
+            while self.tagger.call("isRunning", self._histogram.isRunning):
+                if self._clock.now() >= deadline_s:
+                    self.abort()
+                    raise self._late(f"{len(self._taken)} of {count} points complete", timeout_s)
+                self._meanwhile()
+                self._clock.sleep(_POLL_S)
+            self._taken.append(self._finish())
+        return CounterStatus(False, len(self._taken), 0, None)
+
+    def _late(self, what: str, timeout_s: float) -> DeviceTimeout:
+        return DeviceTimeout(self._device, f"{what} after {timeout_s:g} s.", "Check clock and marker wiring.")
+
+    def rest(self, seconds: float) -> bool:
+        if self._clocked is None and self._running and self.tagger.call("isRunning", self._histogram.isRunning):
+            self._watch_until(self._clock.now() + seconds)
+            return True
+        return False
+
+    def meanwhile(self, look: Callable[[], None]) -> None:
+        self._meanwhile = look
+
+    def _watch_until(self, when_s: float) -> None:
+        while (left_s := when_s - self._clock.now()) > _WATCH_S:
+            self._clock.sleep(_WATCH_S)
+            self._meanwhile()
+        self._clock.sleep(left_s)
+
+    def _finish(self) -> Histogram:
+        axis, period = self._configured(), self._period
+        self._running = False
+        if self._settings.mode == "list":
+            counts = ByTags.single(self.tagger, self._settings, self._histogram, axis, period)
+        else:
+            counts = self.tagger.read(self._histogram).astype(np.uint32)
+        live_s = self._dwells_s[self._triggered - 1]
+        flags = HistogramFlag.DATA_LOST if self.tagger.overflowed() else HistogramFlag.NONE
+        return self._made(counts, live_s, flags, self._started_s - self._armed_s)
+
+    def _made(self, counts: Any, live_s: float, flags: HistogramFlag, opened_s: float) -> Histogram:
+        """From the counts of a whole laser period, shape (period.bins,)."""
+        axis, period = self._configured(), self._period
+        inside = counts[period.first : period.first + axis.bins].astype(np.uint32)
+        pulses, total = round(live_s * period.sync_hz), int(counts.sum())
+        return Histogram(inside, axis.bin_width_s, axis.offset_s, live_s, pulses, total, flags, opened_s)
+
+    def read(self, first: int, count: int) -> list[Histogram]:
+        clocked = self._clocked
+        if clocked is None:
+            if not 0 <= first <= first + count <= len(self._taken):
+                raise CommandRejected(self._device, f"points {first} to {first + count - 1} are not complete.", "Wait.")
+            return self._taken[first : first + count]
+        if not 0 <= first <= first + count <= clocked.complete:
+            raise CommandRejected(self._device, f"points {first} to {first + count - 1} are not complete.", "Wait.")
+        taken = []
+        for point in range(first, first + count):
+            counts, opened_s, lost = clocked.point(point)
+            flags = HistogramFlag.DATA_LOST if lost else HistogramFlag.NONE
+            taken.append(self._made(counts, 0.0 if lost else self._dwells_s[point], flags, opened_s))
+        return taken
+
+    def _end(self) -> None:
+        self._running = False
+        if self._clocked is not None:
+            self._clocked.end()
+
+    def abort(self) -> None:
+        if self._running and self._clocked is None:
+            self.tagger.call("stop", self._histogram.stop)
+        self._end()
+        self._clocked, self._triggered, self._dwells_s, self._taken = None, 0, (), []
+
+    def rates(self) -> CountRates:
+        """While points are taken, laser pulses pass a filter: then their rate is the one that was measured before."""
+        if self._running:
+            return CountRates(self._period.sync_hz, self.tagger.detector_hz())
+        return self.tagger.rates()
+
+    def arm_watchdog(self, timeout_s: float) -> None:
+        """There is none; only turning it off is possible."""
+        if timeout_s:
+            raise LimitError(self._device, "it has no watchdog.", "Set watchdog_s: 0.0 in the bench file.")
+
+    def kick(self) -> None:
+        """There is no watchdog to kick."""
+
+    def clear_trip(self) -> None:
+        """The instrument latches none."""
+
+    def close(self) -> None:
+        if self.tagger.closed:
+            return
+        try:
+            self.abort()
+        except DeviceError:
+            pass  # closing must succeed whatever state the link is in
+        finally:
+            self.tagger.close()
+
+    def _configured(self) -> HistogramAxis:
+        if self._axis is None:
+            raise LimitError(self._device, "no time axis was set.", "Call configure() first.")
+        return self._axis

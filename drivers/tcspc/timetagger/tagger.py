@@ -1,0 +1,120 @@
+"""A Time Tagger behind the vendor's Python package: found, opened, set up, and every call's failure named."""
+
+import importlib
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.drivers.clock import Clock
+from nlos.drivers.device_model import WireLog
+from nlos.drivers.errors import DeviceFault, DeviceLost, DeviceNotFound, SyncLost
+from nlos.drivers.tcspc.counter import CountRates
+from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
+
+PACKAGE = "Swabian.TimeTagger"
+PS = 1e-12
+_RATE_S, _QUICK_S = 0.1, 0.01
+
+
+def load_package(device: str) -> Any:
+    """The vendor's package. Raises `DeviceNotFound` that says what to install."""
+    try:
+        return importlib.import_module(PACKAGE)
+    except (ImportError, OSError) as error:
+        raise DeviceNotFound(
+            device,
+            f"the vendor's Python package could not be loaded ({error}).",
+            "pip install Swabian-TimeTagger (on Windows, install the vendor's Time Tagger software first).",
+        ) from error
+
+
+class Tagger:
+    """One open instrument. The vendor's package raises `RuntimeError` and `ValueError` for whatever goes wrong."""
+
+    def __init__(
+        self, settings: TimeTaggerSettings, clock: Clock, package: Any, wire_log: WireLog | None = None
+    ) -> None:
+        self.device, self._settings, self._clock, self._log = settings.model, settings, clock, wire_log
+        self._package, self._lock = package, threading.RLock()
+        self.closed = False
+        serials = list(self.call("scanTimeTagger", package.scanTimeTagger))
+        wanted = settings.serial
+        if not serials or wanted not in ("auto", *serials):
+            seen = f" (there is {', '.join(serials)})" if serials else ""
+            which = "" if wanted == "auto" else f" with serial number {wanted}"
+            raise DeviceNotFound(
+                self.device,
+                f"no Time Tagger{which} answers{seen}.",
+                "Check cable and power, close other programs that use it, correct `serial` in the bench file.",
+            )
+        chosen = serials[0] if wanted == "auto" else wanted
+        self.instrument = self.call("createTimeTagger", package.createTimeTagger, chosen)
+
+    def call(self, name: str, function: Callable[..., Any], *arguments: Any) -> Any:
+        """What the function returns. Raises `DeviceLost` or `DeviceFault` with the vendor's words."""
+        with self._lock:
+            if self._log:
+                shown = tuple(each for each in arguments if isinstance(each, int | float | str | list))
+                self._log(self.device, ">", f"{name}{shown}".encode())
+            try:
+                return function(*arguments)
+            except (RuntimeError, ValueError, OSError) as error:
+                kind = DeviceLost if "connect" in str(error).lower() else DeviceFault
+                raise kind(
+                    self.device, f"{name} failed: {error}.", "Check cable and settings, then open the bench again."
+                ) from error
+
+    def set(self, name: str, *arguments: Any) -> Any:
+        """A method of the instrument itself."""
+        return self.call(name, getattr(self.instrument, name), *arguments)
+
+    def measurement(self, name: str, *arguments: Any) -> Any:
+        """A new measurement or virtual channel of the vendor's; measurements begin at once."""
+        return self.call(name, getattr(self._package, name), self.instrument, *arguments)
+
+    def read(self, source: Any, name: str = "getData") -> npt.NDArray[Any]:
+        """The array that a measurement holds."""
+        return np.asarray(self.call(name, getattr(source, name)))
+
+    def rates(self) -> CountRates:
+        """Over a tenth of a second; every laser pulse counts, for which the filter is off meanwhile."""
+        self.set("clearConditionalFilter")
+        self.set("sync")
+        sync_hz, detector_hz = self._count([self._settings.sync.channel, self._settings.detector.channel], _RATE_S)
+        return CountRates(sync_hz, detector_hz)
+
+    def detector_hz(self) -> float:
+        """The detector's alone, whatever is being measured: the filter stays."""
+        return self._count([self._settings.detector.channel], _QUICK_S)[0]
+
+    def _count(self, channels: list[int], seconds: float) -> list[float]:
+        meter = self.measurement("Countrate", channels)
+        self.call("startFor", meter.startFor, round(seconds / PS))
+        self._clock.sleep(seconds)
+        while self.call("isRunning", meter.isRunning):
+            self._clock.sleep(0.002)
+        return [float(each) for each in self.read(meter)]
+
+    def filter_sync(self, sync_hz: float) -> None:
+        """Only the laser pulse that follows a photon is sent on, dated back by one period to the one that made it: the
+        USB link then carries photons, not 10 million pulses a second. Raises `SyncLost`."""
+        if sync_hz <= 0:
+            raise SyncLost(self.device, "sees no sync signal.", "Check laser, sync cable and sync.level_mv.")
+        sync, detector = self._settings.sync, self._settings.detector
+        self.set("setConditionalFilter", [detector.channel], [sync.channel])
+        self.set("setInputDelay", sync.channel, sync.delay_ps - round(1 / (sync_hz * PS)))
+        self.set("sync")
+
+    def overflowed(self) -> bool:
+        """Whether tags were lost since this was last asked."""
+        return bool(self.set("getOverflowsAndClear"))
+
+    def close(self) -> None:
+        """May be called twice."""
+        with self._lock:
+            if not self.closed:
+                self.closed = True
+                self._package.freeTimeTagger(self.instrument)
