@@ -4,10 +4,14 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.salvage import settle
+from nlos.acquisition.scanning.control import ScanControl
 from nlos.cli.benches import load_bench, opened
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.interrupts import Interrupts
@@ -15,12 +19,14 @@ from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.progress import Progress
 from nlos.cli.targets import recording_target
 from nlos.cli.terminal import terminal
+from nlos.configs.load import load
+from nlos.drivers.bench import Bench
+from nlos.drivers.errors import SafetyTrip
+from nlos.drivers.exit_paths import undisturbed
 from nlos.live.good_enough import Enough, parse_until
 from nlos.live.process import methods_for, start_live
-
-if TYPE_CHECKING:
-    from nlos.drivers.bench import Bench
-    from nlos.scan_preparation import PreparedScan, ScanRequest
+from nlos.scan_ending import ScanEnding
+from nlos.scan_preparation import PreparedScan, ScanRequest, prepare
 
 
 def scan(
@@ -51,11 +57,6 @@ def scan(
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Acquires. Ctrl-C closes the shutter and pauses; Enter goes on, a second Ctrl-C ends the scan cleanly."""
-    from nlos.acquisition.planning.scan_settings import ScanSettings
-    from nlos.acquisition.recording.provenance import Header
-    from nlos.acquisition.recording.salvage import settle
-    from nlos.configs.load import load
-    from nlos.scan_preparation import ScanRequest
 
     wanted, table = load("scan", scan, ScanSettings), load_bench(bench)
     if table.settings.shutter.model == "none" and not no_shutter:
@@ -104,7 +105,7 @@ class _Watching:
     live: bool
     level: float | None
 
-    def enough(self, scan: "PreparedScan") -> Enough | None:
+    def enough(self, scan: PreparedScan) -> Enough | None:
         """Decides when the picture is good enough. It reads what is there, so it is made before the file is opened."""
         if self.level is None:
             return None
@@ -116,20 +117,15 @@ class _Watching:
             watched=not bench.settings.simulated, resumed=asked.resume, settings=self.settings,
         )  # fmt: skip
 
-    def show(self, scan: "PreparedScan") -> None:
+    def show(self, scan: PreparedScan) -> None:
         """Starts the page, where one is asked for or the picture is judged while light is on."""
         assert scan.request.target is not None
         if self.live or (self.level is not None and not scan.bench.settings.simulated):
             start_live(scan.request.target, self.method, self.settings.get("weights"))
 
 
-def _acquire(request: "ScanRequest", bench: "Bench", interrupts: Interrupts, watching: _Watching) -> None:
+def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watching: _Watching) -> None:
     """Checks, then scans into the target. Whatever happens, the shutter is closed before the recording is."""
-    from nlos.acquisition.scanning.control import ScanControl
-    from nlos.drivers.errors import SafetyTrip
-    from nlos.drivers.exit_paths import undisturbed
-    from nlos.scan_ending import ScanEnding
-    from nlos.scan_preparation import prepare
 
     prepared = prepare(request, bench)
     plan, target = request.plan, request.target

@@ -1,0 +1,78 @@
+"""A scan from Python is as safe and as complete as `nlos scan`: the same checks, the same recording."""
+
+from pathlib import Path
+
+import pytest
+
+import nlos
+from nlos.__main__ import run
+from nlos.acquisition.errors import StorageError
+from nlos.acquisition.recording.recording import Recording, Status
+from nlos.drivers.errors import SafetyTrip
+from nlos.drivers.trip_latch import STATE, TripLatch
+
+SCAN, BENCH = "five_by_five", "zero_latency"
+
+
+@pytest.fixture(autouse=True)
+def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(STATE, str(tmp_path / "state"))
+    monkeypatch.chdir(tmp_path)
+
+
+def test_both_doors_write_the_same_recording(tmp_path: Path) -> None:
+    assert run(["scan", SCAN, "--bench", BENCH, "-o", "command.h5"]) == 0
+    with nlos.open_bench(BENCH) as bench:
+        list(nlos.scan(SCAN, bench, output="python.h5"))
+    with Recording.open(tmp_path / "command.h5") as theirs, Recording.open(tmp_path / "python.h5") as ours:
+        assert ours.plan == theirs.plan
+        assert ours.status is theirs.status is Status.COMPLETE
+        ours_said, theirs_said = (recording.header.texts() for recording in (ours, theirs))
+        for name in ("scan_text", "scan_json", "bench_json", "constants_json", "devices", "software", "warnings"):
+            assert ours_said[name] == theirs_said[name], name
+        kinds = [[event.kind for event in recording.events()] for recording in (ours, theirs)]
+        assert "scheme" in kinds[0]
+        assert kinds[0] == kinds[1]
+        assert (ours.transient().counts == theirs.transient().counts).all()
+
+
+def test_a_scan_that_was_left_is_interrupted_and_resumes() -> None:
+    with nlos.open_bench(BENCH) as bench:
+        samples = nlos.scan(SCAN, bench, output="run.h5")
+        first = [next(samples).point.number for _ in range(3)]
+        samples.close()
+    with Recording.open(Path("run.h5")) as recording:
+        assert recording.status is Status.INTERRUPTED
+    with nlos.open_bench(BENCH) as bench:
+        others = [sample.point.number for sample in nlos.scan(SCAN, bench, output="run.h5", resume=True)]
+        assert list(nlos.scan(SCAN, bench, output="run.h5", resume=True)) == []
+    assert not set(first) & set(others)
+    with Recording.open(Path("run.h5")) as recording:
+        assert recording.status is Status.COMPLETE
+        assert len(first) + len(others) == len(recording.plan)
+
+
+def test_a_trip_that_stands_is_met_before_anything_moves() -> None:
+    with nlos.open_bench(BENCH) as bench:
+        settings = bench.settings
+    TripLatch.of_bench(settings).trip("too bright")
+    with nlos.open_bench(BENCH) as bench, pytest.raises(SafetyTrip, match="too bright"):
+        nlos.scan(SCAN, bench, output="run.h5")
+    assert not Path("run.h5").exists()
+
+
+def test_a_trip_in_the_scan_says_where_the_samples_are() -> None:
+    with nlos.open_bench(BENCH) as bench:
+        samples = nlos.scan(SCAN, bench, output="run.h5")
+        next(samples)
+        with pytest.raises(SafetyTrip, match=r"safe in run\.h5; `resume=True` takes the others"):
+            samples.throw(SafetyTrip("shutter", "closed by a trip."))
+        assert bench.shutter.confirmed_closed
+    with Recording.open(Path("run.h5")) as recording:
+        assert recording.status is Status.STOPPED
+
+
+@pytest.mark.parametrize("name", ["run.txt", "far/away/run.h5"])
+def test_a_name_that_cannot_be_written_is_refused_at_once(name: str) -> None:
+    with nlos.open_bench(BENCH) as bench, pytest.raises(StorageError, match="run"):
+        nlos.scan(SCAN, bench, output=name)
