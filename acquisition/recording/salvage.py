@@ -17,7 +17,7 @@ from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.rescue import copied
 from nlos.acquisition.recording.writer import RecordingWriter
-from nlos.acquisition.recording.writer_lock import WriterLock
+from nlos.acquisition.recording.writer_lock import WriterLock, clear_left_lock
 from nlos.drivers.clock import Clock
 from nlos.drivers.identity import DeviceIdentity
 
@@ -141,6 +141,7 @@ def settle(path: Path, plan: ScanPlan) -> bool:
                 return False
             if recording.status is not Status.COMPLETE:
                 _resumed(recording, WriterLock(path), None)
+            clear_left_lock(path)
             return True
     except (FileNotFoundError, InvalidData):
         return False

@@ -2,6 +2,7 @@
 
 import os
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from nlos.acquisition.errors import StorageError
@@ -49,6 +50,13 @@ class WriterLock:
             if os.name == "posix":
                 self._path.unlink(missing_ok=True)
             os.close(fd)
+
+
+def clear_left_lock(path: Path) -> None:
+    """Removes the lock's file where a process that was killed left it; one that is held stays."""
+    if path.with_name(path.name + ".lock").exists():
+        with suppress(StorageError):
+            WriterLock(path).release()
 
 
 def is_locked(path: Path) -> bool:

@@ -24,7 +24,7 @@ from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.salvage import ResumeRefused, recover, resume, settle, verify
 from nlos.acquisition.recording.writer import RecordingWriter
-from nlos.acquisition.recording.writer_lock import is_locked
+from nlos.acquisition.recording.writer_lock import WriterLock, is_locked
 from nlos.acquisition.sample import Sample
 from nlos.drivers.clock import VirtualClock
 from nlos.drivers.tcspc.counter import Histogram, HistogramFlag
@@ -208,6 +208,24 @@ def old_recording(path: Path, plan: ScanPlan, count: int, marked: bool) -> None:
         child.start()
         child.join()
         assert path.read_bytes()[11] & 0x04
+
+
+def test_the_lock_that_a_killed_scan_left_goes_and_one_that_is_held_stays(
+    run_path: Path, small_plan: Callable[..., ScanPlan]
+) -> None:
+    plan = small_plan(2, 2)
+    with RecordingWriter.create(run_path, plan, Header()) as writer:
+        for number in range(len(plan)):
+            writer.write(sample(plan, number))
+        writer.finish(Status.COMPLETE)
+    lock = run_path.with_name("run.h5.lock")
+    lock.touch()
+    assert settle(run_path, plan)
+    assert not lock.exists()
+    held = WriterLock(run_path)
+    assert settle(run_path, plan)
+    assert lock.exists()
+    held.release()
 
 
 @pytest.mark.parametrize("marked", [False, True])
