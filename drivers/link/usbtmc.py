@@ -151,6 +151,8 @@ class UsbtmcInterface:
         self._usb = found
         self._log = wire_log
         self._reattach = False
+        self.number = self.packet_bytes = self._in = self._out = 0
+        self._interrupt: int | None = None
         try:
             self._claim()
         except usb.core.USBError as error:

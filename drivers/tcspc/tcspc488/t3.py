@@ -13,7 +13,9 @@ from nlos.drivers.tcspc.counter import CounterStatus, Histogram, HistogramFlag, 
 from nlos.drivers.tcspc.t3 import GENERIC, T3Decoder
 from nlos.drivers.tcspc.t3_points import PointHistograms, StepMarkers
 from nlos.drivers.tcspc.tcspc488.histogram import POLL_S, Tcspc488
+from nlos.drivers.tcspc.tcspc488.instrument import Instrument
 from nlos.drivers.tcspc.tcspc488.messages import Status
+from nlos.drivers.tcspc.tcspc488.settings import Tcspc488Settings
 
 _MOST_RECORDS = 65_000
 """Per question: 260 kB, so that the link is soon free again."""
@@ -24,6 +26,14 @@ class Tcspc488T3(Tcspc488):
     """A `HistogramCounter` that makes its histograms itself."""
 
     list_mode = True
+
+    def __init__(self, settings: Tcspc488Settings, instrument: Instrument) -> None:
+        super().__init__(settings, instrument)
+        self._disorder_s = settings.marker_disorder_us * 1e-6
+        self._sync_hz = 0.0
+        self._decoder = T3Decoder(GENERIC)
+        self._points = PointHistograms(0, 1, StepMarkers(np.zeros(0, np.int64), 0, _GATE_MARKER))
+        self._broken = False
 
     def arm(
         self,
@@ -44,7 +54,6 @@ class Tcspc488T3(Tcspc488):
         assert self._axis is not None
         self._decoder = T3Decoder(GENERIC)
         dwells = np.round(np.asarray(dwells_s) * self._sync_hz).astype(np.int64)
-        self._disorder_s = self._settings.marker_disorder_us * 1e-6
         self._points = PointHistograms(
             len(dwells_s),
             self._axis.bins,
