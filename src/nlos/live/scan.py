@@ -195,11 +195,12 @@ class LiveScan:
         self.gathering = gathering_for(recording.plan)
 
     def _paint(self) -> None:
-        from nlos.recon.methods import find
+        from nlos.recon.methods import PLAIN, find
 
-        rehearse(self.lives[0])
-        for live in self.lives[1:]:
+        for live in self.lives:
             find(live.method)  # loads its libraries, which takes seconds, while the first points are taken
+        if self.lives[0].method in PLAIN:  # a network's first picture of anything would keep the real one waiting
+            rehearse(self.lives[0])
         try:
             while not self._stopped.is_set():
                 self._news.wait(0.2)
