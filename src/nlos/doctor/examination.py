@@ -109,19 +109,21 @@ def examine(table: "Loaded[BenchSettings]", visit: Visit) -> Iterator[Finding]:
         missing.add(item.role)
         yield failed(item.model, f"{item.role} at {item.address}: {item.what}", item.remedy)
     if not missing:
-        was_open = lit = False
+        condition, was_open, lit = Condition(), False, False
         try:
             with listening() as repeats, opened(table) as bench:
                 was_open = True
                 visit.met.update(zip(("mirror", "counter"), bench.identities, strict=True))
-                lit = yield from _on_the_bench(bench, visit)
+                lit = yield from _on_the_bench(bench, visit, condition)
                 yield repeats.finding()
         except DeviceError as error:
             yield failure(settings, error)
             if not was_open:
                 missing.add(role_of(settings, error))
         if was_open:
-            if visit.thorough:
+            if visit.thorough and condition.lost:
+                yield skipped("cable", next(iter(condition.lost.values())))
+            elif visit.thorough:
                 yield from pulled_and_replugged(table, lit)
             return
     yield from apart(settings, missing)
@@ -130,12 +132,11 @@ def examine(table: "Loaded[BenchSettings]", visit: Visit) -> Iterator[Finding]:
     yield from (skipped(check.name, why) for check in everything if check.name not in APART)
 
 
-def _on_the_bench(bench: Bench, visit: Visit) -> Generator[Finding, None, bool]:
+def _on_the_bench(bench: Bench, visit: Visit, condition: Condition) -> Generator[Finding, None, bool]:
     """Returns whether light was agreed to."""
     if visit.clear_trip is not None:
         bench.shutter.clear_trip(visit.clear_trip)
         yield passed("shutter", f"trip cleared in the name of {visit.clear_trip}")
-    condition = Condition()
     yield from run(bench, (*CHECKS, *(DARK if visit.thorough else ())), condition)
     light = not (condition.lost and visit.thorough) and visit.agreed(bench)
     if light:
@@ -156,8 +157,11 @@ def pulled_and_replugged(table: "Loaded[BenchSettings]", light: bool) -> Iterato
     try:
         with opened(table, quiet=True) as bench:
             before, hands = bench.identities, hands_for(bench)
-            yield from run(bench, (Check("cable", cable if light else dark_cable),), Condition())
-            if not hands.replug():
+            pulled = False
+            for finding in run(bench, (Check("cable", cable if light else dark_cable),), Condition()):
+                pulled = finding.verdict != "SKIP"
+                yield finding
+            if not (pulled and hands.replug()):
                 return
     except DeviceLost:
         pass  # as it should be: the cable is out
