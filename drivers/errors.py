@@ -39,6 +39,10 @@ class SettleTimeout(DeviceTimeout):
     """The mirror did not report a stable position within the deadline. It is not moved again."""
 
 
+class Preempted(DeviceTimeout):
+    """The command that shuts the light broke into this exchange, whose answer is lost. The device is well."""
+
+
 class DeviceLost(DeviceError):
     """The cable was pulled, or the device left the bus."""
 

@@ -75,6 +75,8 @@ class GuardedShutter:
             finally:
                 if isinstance(error, SafetyTrip):
                     self._events.report("trip", f"the shutter refused to open: {error}")
+            if self.is_held() and not isinstance(error, SafetyTrip):  # what it was told to, so it is no fault
+                raise ShutterHeld("shutter", f"was closed again after {self._held}.") from error
             raise
         if self.is_held():  # a signal came in between
             self.close(self._held)

@@ -4,7 +4,10 @@ from collections.abc import Callable, Iterator
 from enum import Enum
 
 from nlos.acquisition.sample import Sample
-from nlos.drivers.errors import DeviceTimeout, ShutterHeld
+from nlos.drivers.errors import DeviceTimeout, Preempted, ShutterHeld
+
+MOST_SIGNALS = 8
+"""That break into one step of a scan; more of them in its few milliseconds are no person's."""
 
 Report = Callable[[str, str], None]
 """(kind, text): where events go."""
@@ -74,6 +77,17 @@ class ScanControl:
             return False
         self.enter(ScanState.RUNNING)
         return True
+
+
+def undeterred(step: Callable[[], object]) -> None:
+    """Takes a step that may be taken twice, once more where a signal that shut the light broke into its exchange."""
+    for _ in range(MOST_SIGNALS):
+        try:
+            step()
+            return
+        except Preempted:
+            continue
+    step()
 
 
 def until_interrupted(source: Iterator[Sample], control: ScanControl) -> Iterator[Sample]:

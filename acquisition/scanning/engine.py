@@ -16,7 +16,7 @@ from nlos.acquisition.planning.schemes import Choice, Scheme, choose, forecast, 
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.scanning import clocked, lag_trial, stepped
 from nlos.acquisition.scanning.alarms import Action, AlarmRaised, Alarms, Trouble
-from nlos.acquisition.scanning.control import ScanControl, ScanState, until_interrupted
+from nlos.acquisition.scanning.control import ScanControl, ScanState, undeterred, until_interrupted
 from nlos.acquisition.scanning.lag import Lag
 from nlos.acquisition.scanning.light_watch import LightWatch
 from nlos.drivers.bench import Bench
@@ -117,8 +117,8 @@ class _Run:
         bench.report("scheme", f"{choice.scheme.value}, {most}{choice.forecast.total_s:.1f} s expected; {choice.why}")
         control.enter(ScanState.RUNNING)
         try:
-            self._look_around()
-            bench.counter.configure(self._plan.axis, self._plan.stop)
+            undeterred(self._look_around)
+            undeterred(partial(bench.counter.configure, self._plan.axis, self._plan.stop))
             if choice.scheme is not Scheme.STEPPED:
                 lag_s = self._lag_s() if choice.scheme is Scheme.SWEPT else None
                 if control.state is not ScanState.RUNNING:
@@ -267,15 +267,14 @@ class _Run:
         self._bench.report("scan", "goes on" if going else "ended while paused")
         if going:
             self._bench.shutter.release()
-            self._look_around()
+            undeterred(self._look_around)
         elif alarm:
             raise AlarmRaised("alarm", f"{alarm}.", "Fix it, then resume with --resume.")
 
     def _dark(self, why: str) -> None:
         """Shutter first, then the gate, then the mirror's stepping."""
-        self._bench.shutter.close(why)
-        self._bench.counter.abort()
-        self._bench.mirror.stop()
+        for step in (partial(self._bench.shutter.close, why), self._bench.counter.abort, self._bench.mirror.stop):
+            undeterred(step)
 
     def _shut(self, trip: SafetyTrip) -> None:
         """Light off before anything is written down; a trip, but not an alarm, keeps it off until a person clears it.

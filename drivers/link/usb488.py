@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from nlos.drivers.clock import Clock
-from nlos.drivers.errors import DeviceError, DeviceLost, DeviceTimeout, ProtocolError
+from nlos.drivers.errors import DeviceError, DeviceLost, DeviceTimeout, Preempted, ProtocolError
 from nlos.drivers.link import usbtmc_recovery
 from nlos.drivers.link.usbtmc import UsbtmcInterface
 from nlos.drivers.link.usbtmc_headers import (
@@ -137,7 +137,7 @@ class Usb488:
     def urgent(self, message: bytes, timeout_s: float) -> None:
         """Sends `message` (no answer expected) past whatever is under way; never waits for that longer than 100 ms.
 
-        May be called from another thread or a signal handler: the exchange it breaks into fails with `DeviceError`.
+        May be called from another thread or a signal handler: the exchange it breaks into fails with `Preempted`.
         """
         owned = self.lock.acquire(timeout=_BUSY_S)
         try:
@@ -155,6 +155,10 @@ class Usb488:
     def _exchange(self, work: Callable[[], _Answer]) -> _Answer:
         if self._unfinished:
             self._recover()
+        outer = (
+            self._busy,
+            self._seen_preemptions,
+        )  # of an exchange that a signal handler's own one broke into
         preemptions = self._seen_preemptions = self._preemptions
         self._busy = self._unfinished = True
         try:
@@ -162,14 +166,17 @@ class Usb488:
             self._unfinished = False
         except DeviceLost:
             raise
-        except DeviceError:
+        except DeviceError as error:
             if preemptions == self._preemptions:
                 self._recover()
-            raise
+                raise
+            self._unfinished = True  # a request that was about to be sent was sent afterwards, perhaps
+            raise self._preempted() from error  # whatever it looks like: another answer, a wrong tag
         finally:
-            self._busy = False
+            self._busy, self._seen_preemptions = outer
         if preemptions != self._preemptions:
-            raise DeviceTimeout(self._pipes.device, "an urgent command broke into this exchange.")
+            self._unfinished = True
+            raise self._preempted()
         return answer
 
     def _recover(self) -> None:
@@ -249,9 +256,12 @@ class Usb488:
                 if self._clock.now() >= deadline_s:
                     raise
 
+    def _preempted(self) -> Preempted:
+        return Preempted(self._pipes.device, "an urgent command broke into this exchange.")
+
     def _left(self, deadline_s: float) -> float:
         if self._preemptions != self._seen_preemptions:
-            raise DeviceTimeout(self._pipes.device, "an urgent command broke into this exchange.")
+            raise self._preempted()
         left_s = deadline_s - self._clock.now()
         if left_s <= 0:
             raise DeviceTimeout(self._pipes.device, "no complete answer in time.")
