@@ -25,7 +25,8 @@ SYNC_S = 5.0
 
 
 class RecordingWriter:
-    """Appends samples in blocks of at most 64 or one second; `acknowledged` of them are in the file for good."""
+    """Appends samples in blocks of at most 64 or one second; `acknowledged` of them are in the file for good. Who
+    pauses between samples for longer than the plan does flushes first."""
 
     def __init__(
         self, path: Path, lock: WriterLock | None = None, clock: Clock | None = None, *, acknowledged: int = 0
@@ -41,6 +42,7 @@ class RecordingWriter:
                 lock.release()
             raise
         self.plan = self._file.plan
+        self._next_s = float(self.plan.dwell_s.max(initial=0.0))  # how long the next sample may keep this one waiting
         self.acknowledged = acknowledged
         self._watched = WatchedFile(path, self._file)
         events, _ = self._file.events.read(0, EVENT_ROWS)
@@ -104,7 +106,7 @@ class RecordingWriter:
         )
         self._block[row]["crc"] = sample_crc(self._block[row].tobytes(), self._block_counts[row])
         self._filled += 1
-        if self._filled == BLOCK_SAMPLES or self._clock.now() - self._flushed_s >= BLOCK_S:
+        if self._filled == BLOCK_SAMPLES or self._clock.now() + self._next_s - self._flushed_s >= BLOCK_S:
             self.flush()
 
     def flush(self) -> None:

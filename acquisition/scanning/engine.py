@@ -18,22 +18,11 @@ from nlos.acquisition.scanning import clocked, lag_trial, stepped
 from nlos.acquisition.scanning.alarms import Action, AlarmRaised, Alarms, Trouble
 from nlos.acquisition.scanning.control import ScanControl, ScanState, undeterred, until_interrupted
 from nlos.acquisition.scanning.lag import Lag
+from nlos.acquisition.scanning.left_to_take import LeftToTake
 from nlos.acquisition.scanning.light_watch import LightWatch
 from nlos.drivers.bench import Bench
-from nlos.drivers.errors import DeviceError, DeviceFault, MirrorDisturbed, SafetyTrip
+from nlos.drivers.errors import DeviceError, MirrorDisturbed, SafetyTrip
 from nlos.drivers.galvo.mirror import MirrorAngles
-from nlos.drivers.tcspc.counter import HistogramFlag
-
-SPOILT = (
-    HistogramFlag.SYNC_LOST
-    | HistogramFlag.OVERRUN
-    | HistogramFlag.TRIGGER_LATE
-    | HistogramFlag.TRIGGER_MISSED
-    | HistogramFlag.DATA_LOST
-)
-"""Flags of a point that is taken again."""
-ATTEMPTS = 3
-"""How often a point is taken before it is kept with its flags."""
 
 
 class Sink(Protocol):
@@ -98,15 +87,12 @@ class _Run:
         lag: Lag | None,
     ) -> None:
         self._plan, self._bench, self._angles = plan, bench, angles
-        self._photons, self._control, self._alarms, self._decide = photons, control, alarms, decide
+        self._control, self._alarms, self._decide = control, alarms, decide
         self._start_s = bench.clock.now() - elapsed_s
         self._lag = lag
-        self._attempts: dict[int, int] = {}
+        self._left = LeftToTake(plan, bench, photons)
         self._take: Callable[..., Iterator[Sample]] = stepped.take
-        self._first, self._stuck = -1, 0
         self._alarm = ""
-        self._skipped: dict[int, int] = {}
-        self._first_pass_cut = False
 
     def samples(self, choice: Choice) -> Generator[Sample, None, None]:
         control, bench = self._control, self._bench
@@ -124,18 +110,18 @@ class _Run:
                 if control.state is not ScanState.RUNNING:
                     return
                 self._take = partial(clocked.take, sequencer=sequencer(choice.scheme, self._plan, self._angles, lag_s))
-            while todo := self._todo():
+            while todo := self._left.numbers():
                 if not control.wanted:
-                    self._check_progress(todo[0])
+                    self._left.check_progress(todo[0])
                     yield from self._segment(todo[: bench.counter.max_points])
                 if control.wanted:
-                    self._first = -1  # a pause is no lack of progress
+                    self._left.forget_first()  # a pause is no lack of progress
                     if control.state is ScanState.RUNNING:
                         self._pause()
                 if control.state is not ScanState.RUNNING:
                     return
-            self._dark("the scan is over" if self._first_pass_cut else "the scan is complete")
-            control.enter(ScanState.ENDED if self._first_pass_cut else ScanState.COMPLETE)
+            self._dark("the scan is over" if self._left.first_pass_cut else "the scan is complete")
+            control.enter(ScanState.ENDED if self._left.first_pass_cut else ScanState.COMPLETE)
         except SafetyTrip as error:
             self._shut(error)
             if control.state is not ScanState.STOPPED:
@@ -164,7 +150,7 @@ class _Run:
         """The samples of one armed batch, until it ends, a pause is wanted or a point has to be taken again."""
         points = [self._plan[number] for number in numbers]
         angles = [self._angles[number] for number in numbers]
-        watch = LightWatch(self._bench, self._alarms, self._is_taken_again)
+        watch = LightWatch(self._bench, self._alarms, self._left.is_taken_again)
         self._bench.while_waiting = watch.look
         try:
             source = self._take(self._bench, points, angles, self._control, self._start_s, watch)
@@ -183,10 +169,9 @@ class _Run:
     def _kept(self, source: Iterator[Sample]) -> Iterator[Sample]:
         """Samples as they are confirmed, until one has to be taken again or nothing is left to gain."""
         for sample in until_interrupted(source, self._control):
-            if self._is_spoilt(sample):
+            if self._left.is_spoilt(sample):
                 return
-            photons = int(sample.histogram.counts.sum())
-            self._photons[sample.point.number] = photons if self._plan.revisit_below is not None else 0
+            self._left.took(sample)
             yield sample
             self._bench.check_open()
             if self._decide is not None and self._decide():
@@ -195,51 +180,12 @@ class _Run:
 
     def _end_early(self, point: ScanPoint) -> None:
         """Ends the first pass where another follows, else the scan."""
-        if self._plan.revisit_below is not None and point.pass_ == 0 and not self._first_pass_cut:
+        if self._plan.revisit_below is not None and point.pass_ == 0 and not self._left.first_pass_cut:
             self._bench.report("scan", "the first pass is ended early: the second begins")
-            self._first_pass_cut = True
+            self._left.first_pass_cut = True
             return
         self._bench.report("scan", "ended early: nothing is left to gain")
         self._control.enter(ScanState.ENDED)
-
-    def _check_progress(self, first: int) -> None:
-        """Before a batch: ends a scan that comes back to the same point again and again. Raises `DeviceFault`."""
-        self._stuck = self._stuck + 1 if first == self._first else 0
-        self._first = first
-        if self._stuck >= ATTEMPTS:
-            raise DeviceFault(
-                self._bench.mirror.identity.model,
-                f"its steps and the counter's points disagreed {ATTEMPTS} times from point {first} on.",
-                "Check trigger and marker wires, or scan point by point.",
-            )
-
-    def _is_taken_again(self, sample: Sample) -> bool:
-        """Whether the point is to be taken once more."""
-        return bool(sample.histogram.flags & SPOILT) and self._attempts.get(sample.point.number, 0) + 1 < ATTEMPTS
-
-    def _is_spoilt(self, sample: Sample) -> bool:
-        """The same, counted, and said in the event log either way."""
-        flags = sample.histogram.flags & SPOILT
-        if not flags:
-            return False
-        number = sample.point.number
-        again = self._is_taken_again(sample)
-        attempt = self._attempts[number] = self._attempts.get(number, 0) + 1
-        verdict = "is taken again" if again else f"is kept so after {attempt} attempts"
-        self._bench.report("sample", f"point {number} {verdict}: {flags.name}")
-        return again
-
-    def _todo(self) -> list[int]:
-        """What is still to take, in order; points that an alarm skipped come last."""
-        photons = self._photons
-        if self._first_pass_cut and self._plan.revisit_below is not None:
-            # Points that the first pass did not come to are no business of the second.
-            left_out = range(self._plan.first_pass)
-            photons = {**dict.fromkeys(left_out, self._plan.revisit_below), **photons}
-        todo = self._plan.pending(photons)
-        if self._skipped:
-            todo.sort(key=lambda number: self._skipped.get(number, 0))
-        return todo
 
     def _look_around(self) -> None:
         """What the alarms say while the shutter is closed."""
@@ -249,13 +195,10 @@ class _Run:
     def _meet(self, trouble: Trouble, number: int | None) -> None:
         """Does what the alarm says. Raises `AlarmRaised` where that ends the scan."""
         self._bench.report("alarm", f"{trouble.name}: {trouble.text}; {trouble.action.value}")
-        times = self._skipped.get(number, 0) + 1 if number is not None else ATTEMPTS
         if trouble.action is Action.PAUSE:
             self._alarm = trouble.text
             self._control.interrupt(f"alarm: {trouble.text}")
-        elif trouble.action is Action.SKIP and number is not None and times < ATTEMPTS:
-            self._skipped[number] = times
-        else:
+        elif not (trouble.action is Action.SKIP and number is not None and self._left.postpone(number)):
             raise AlarmRaised("alarm", f"{trouble.text}.", "Fix it, then resume with --resume.")
 
     def _pause(self) -> None:

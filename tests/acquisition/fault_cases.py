@@ -1,14 +1,25 @@
 """Five benches, the faults that each of them can meet, and a plan that all of them scan."""
 
 import json
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
+import pytest
+
+from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.recording.recording import Recording
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings
 from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.triggerscope.left_overs import HALF_LINES, LEFT_OVERS
+
+PATIENCE_S = 240
+"""Of this machine, not of the bench: what takes longer hangs."""
 
 SERIAL: list[tuple[str, dict[str, Any]]] = [
     ("G1", {}), ("G2", {"delay_s": 2.0}), ("G3", {"delay_s": 0.1}), ("G4", {"kind": "noise"}), ("G4", {"kind": "nul"}),
@@ -71,3 +82,34 @@ def plan(name: str) -> ScanPlan:
             "histogram": {"bins": 512, "bin_width_ps": width_ps, "offset_ns": 8.0},
         }
     ).plan()
+
+
+def cuts_off_the_shutter(name: str, *faults: Fault) -> bool:
+    """Whether a cable that is pulled is the shutter's own: a watchdog or the interlock has to close it then."""
+    return any(fault.name == ("G8" if name == "multiharp" else "U11") for fault in faults)
+
+
+@contextmanager
+def patience() -> Iterator[None]:
+    """Fails the test whose block hangs."""
+
+    def hangs(number: int, frame: object) -> None:
+        pytest.fail(f"it hangs: nothing came of it in {PATIENCE_S} s")
+
+    before = signal.signal(signal.SIGALRM, hangs)
+    signal.alarm(PATIENCE_S)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def acknowledged(path: Path) -> dict[int, bytes]:
+    """What the file has promised to keep: point number -> counts."""
+    try:
+        with Recording.open(path) as recording:
+            first = [sample for sample in list(recording.rows())[: recording.acknowledged] if sample is not None]
+            return {sample.point.number: sample.histogram.counts.tobytes() for sample in first}
+    except (InvalidData, FileNotFoundError):
+        return {}

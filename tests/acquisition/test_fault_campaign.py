@@ -1,4 +1,5 @@
-"""Scans with a random fault at a random moment: the light goes off, and `--resume` ends equal to undisturbed."""
+"""Scans with a random fault at a random moment: the light goes off, and `--resume` ends equal to undisturbed. Two and
+three faults at once: `test_own_photons.py`."""
 
 import os
 import random
@@ -15,7 +16,7 @@ from nlos.acquisition.scanning.engine import record, scan
 from nlos.drivers.bench import open_bench
 from nlos.drivers.errors import DeviceError
 from nlos.drivers.simulated.faults import Fault
-from tests.acquisition.fault_cases import BENCHES, plan, settings
+from tests.acquisition.fault_cases import BENCHES, cuts_off_the_shutter, plan, settings
 
 SOAK = os.environ.get("NLOS_SOAK") == "1"
 SCANS = 100 if SOAK else 16
@@ -23,7 +24,8 @@ SCANS = 100 if SOAK else 16
 
 def go_on(path: Path, name: str, fault: Fault | None = None) -> None:
     """What `nlos scan --resume` does, on a bench that has been opened anew."""
-    chosen = settings(name, *([fault] if fault else []))
+    faults = [] if fault is None else [fault]
+    chosen = settings(name, *faults)
     table = None
     try:
         with open_bench(chosen) as table:
@@ -33,13 +35,8 @@ def go_on(path: Path, name: str, fault: Fault | None = None) -> None:
             with begun.writer as writer:
                 record(scan(plan(name), table, taken=begun.taken, elapsed_s=begun.elapsed_s), writer)
     finally:
-        if table is not None and table.simulated is not None and not cuts_off_the_shutter(name, fault):
+        if table is not None and table.simulated is not None and not cuts_off_the_shutter(name, *faults):
             assert not table.simulated.shutter_open
-
-
-def cuts_off_the_shutter(name: str, fault: Fault | None) -> bool:
-    """Whether the cable that is pulled is the shutter's own: a watchdog or the interlock has to close it then."""
-    return fault is not None and fault.name == ("G8" if name == "multiharp" else "U11")
 
 
 def counts(path: Path) -> np.ndarray:

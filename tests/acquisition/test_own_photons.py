@@ -1,4 +1,5 @@
-"""Under every scheme, fault and resume, each stored sample holds the photons of its own point, taken as planned."""
+"""Under every scheme, fault and resume, each stored sample holds the photons of its own point, taken as planned; what
+was acknowledged stays, the light goes off, and everything ends."""
 
 import os
 import random
@@ -24,7 +25,7 @@ from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.t3_instrument import T3Instrument
 from nlos.drivers.tcspc.picoquant import t3
 from tests.acquisition.coded_light import CodedLight, Spelled, code, expected, read
-from tests.acquisition.fault_cases import BENCHES, plan, settings
+from tests.acquisition.fault_cases import BENCHES, acknowledged, cuts_off_the_shutter, patience, plan, settings
 
 SOAK = os.environ.get("NLOS_SOAK") == "1"
 SCANS = 2000 if SOAK else 12
@@ -41,12 +42,18 @@ def take(path: Path, name: str, faults: list[Fault], monkeypatch: pytest.MonkeyP
     this, chosen = plan(name), settings(name, *faults)
     light = CodedLight(this.axis, chosen.laser.repetition_hz, tells_settings(name))
     monkeypatch.setattr(instruments, "light_of", lambda settings, scene=None: light)
-    with open_bench(chosen) as bench:
-        angles = checked_angles(this, bench, aim_of(bench))
-        begun = resume(path, this, Header(bench_json=settings(name).model_dump_json()))
-        if begun.writer is not None:
-            with begun.writer as writer:
-                record(scan(this, bench, taken=begun.taken, elapsed_s=begun.elapsed_s), writer)
+    bench = None
+    try:
+        with patience(), open_bench(chosen) as bench:
+            angles = checked_angles(this, bench, aim_of(bench))
+            begun = resume(path, this, Header(bench_json=settings(name).model_dump_json()))
+            if begun.writer is not None:
+                with begun.writer as writer:
+                    record(scan(this, bench, taken=begun.taken, elapsed_s=begun.elapsed_s), writer)
+    finally:
+        if bench is not None and not cuts_off_the_shutter(name, *faults):
+            assert bench.simulated is not None
+            assert not bench.simulated.shutter_open
     return angles
 
 
@@ -72,18 +79,24 @@ def wrong_samples(path: Path, name: str) -> list[str]:
 
 def scan_to_the_end(path: Path, name: str, rounds: list[list[Fault]], monkeypatch: pytest.MonkeyPatch) -> None:
     """Each round meets its faults; a round that ends with a device's error is followed by `--resume`."""
+    safe: dict[int, bytes] = {}
     for faults in [*rounds, [], []]:
         try:
             take(path, name, faults, monkeypatch)
         except DeviceError:
             if path.exists():
                 assert wrong_samples(path, name) == []
+            now = acknowledged(path)
+            assert {number: now.get(number) for number in safe} == safe
+            safe = now
             continue
         break
     else:
         pytest.fail("it did not even end with the faults gone")
     assert verify(path).complete
     assert wrong_samples(path, name) == []
+    now = acknowledged(path)
+    assert {number: now.get(number) for number in safe} == safe
 
 
 @pytest.mark.parametrize("name", BENCHES)

@@ -4,7 +4,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -27,6 +27,9 @@ from nlos.live.good_enough import Enough, parse_until
 from nlos.live.process import methods_for, start_live
 from nlos.scan_ending import ScanEnding
 from nlos.scan_preparation import PreparedScan, ScanRequest, prepare
+
+if TYPE_CHECKING:
+    from nlos.acquisition.recording.writer import RecordingWriter
 
 
 def scan(
@@ -144,7 +147,7 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
                 if writer is None:
                     return
                 progress = Progress(len(plan), len(begun.taken))
-                control = ScanControl(lambda why: _ask(interrupts, progress, why))
+                control = ScanControl(lambda why: _ask(interrupts, progress, writer, why))
                 ending = stack.enter_context(ScanEnding(bench, writer, control, "--resume"))
                 safe = ending.safe
             interrupts.pauses(control)
@@ -179,7 +182,8 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
         raise Stopped(ExitCode.INTERRUPTED, f"ended by Ctrl-C. {ending.safe}")
 
 
-def _ask(interrupts: Interrupts, progress: Progress, why: str) -> bool:
+def _ask(interrupts: Interrupts, progress: Progress, writer: "RecordingWriter", why: str) -> bool:
+    writer.flush()  # whoever is asked may come back tomorrow
     progress.hide()
     going = interrupts.ask(why)
     if going:

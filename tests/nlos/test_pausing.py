@@ -1,0 +1,53 @@
+"""A scan that is paused by Ctrl-C on a terminal has all its samples in the file while it waits for somebody."""
+
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from nlos.acquisition.recording.recording import Recording
+from nlos.configs.load import find
+
+SCAN = """\
+wall: {width_m: 0.6, height_m: 0.6, rows: 32, cols: 32}
+pattern: serpentine
+dwell_ms: 20
+histogram: {bins: 512, bin_width_ps: 32, offset_ns: 8}
+"""
+
+
+def acknowledged(path: Path) -> int:
+    with Recording.open(path) as recording:
+        return recording.acknowledged
+
+
+def test_nothing_is_at_stake_while_a_scan_is_paused(tmp_path: Path) -> None:
+    (tmp_path / "small.yaml").write_text(SCAN)
+    witness, run = tmp_path / "witness.txt", tmp_path / "run.h5"
+    bench = find("bench", "simulated").read_text()
+    (tmp_path / "bench.yaml").write_text(bench.replace("simulation:\n", f"simulation:\n  witness: {witness}\n"))
+    terminal, other_end = pty.openpty()
+    child = subprocess.Popen(
+        [sys.executable, "-m", "nlos", "scan", "small.yaml", "--bench", "bench.yaml", "-o", "run.h5"],
+        cwd=tmp_path, stdin=other_end, stderr=other_end, stdout=subprocess.DEVNULL, start_new_session=True,
+    )  # fmt: skip
+    os.close(other_end)
+    try:
+        said, until_s = b"", time.monotonic() + 90
+        while not (witness.exists() and witness.read_text().count("beam to") > 100) and time.monotonic() < until_s:
+            time.sleep(0.01)
+        child.send_signal(signal.SIGINT)
+        while b"paused" not in said:
+            said += os.read(terminal, 4096)
+        paused_at = acknowledged(run)
+        time.sleep(0.2)  # it asks only after it has said so
+        child.send_signal(signal.SIGINT)
+        assert child.wait(60) == 130
+    finally:
+        child.kill()
+        child.wait()
+        os.close(terminal)
+    assert 0 < paused_at == acknowledged(run) < 1024
