@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nlos.acquisition.scanning.engine import SPOILT
+from nlos.acquisition.scanning.left_to_take import SPOILT
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import DeviceFault, LimitError
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis
