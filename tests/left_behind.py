@@ -81,9 +81,13 @@ def _files() -> list[tuple[int, str]]:
         except OSError:  # the one that lists them
             continue
         # A test may capture the standard streams, and matplotlib keeps its fonts open.
-        if int(name) > 2 and not _stays(leads_to, FILES) and "/site-packages/" not in leads_to:
-            if leads_to not in kernels:
-                found.append((int(name), leads_to))
+        if (
+            int(name) > 2
+            and not _stays(leads_to, FILES)
+            and "/site-packages/" not in leads_to
+            and leads_to not in kernels
+        ):
+            found.append((int(name), leads_to))
     return found
 
 
