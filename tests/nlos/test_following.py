@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -97,30 +96,3 @@ def test_what_is_served_is_followed_by_its_ticket(nlos: Nlos, run: Path, tmp_pat
     assert not (tmp_path / "run.ticket").exists()
     assert nlos("reconstruct", "run.h5", "-o", "batch").returncode == 0
     assert np.allclose(albedo(tmp_path / "far"), albedo(tmp_path / "batch"), rtol=0, atol=1e-5)
-
-
-def test_recordings_on_two_workers_of_which_one_dies_come_out_as_on_one_machine(run: Path, tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed", reason="the `cluster` extra is not installed")
-    from nlos.chain import reconstruct_file
-    from nlos.cli.archive import reconstruct_on
-
-    count = 20 if os.environ.get("NLOS_SOAK") else 4
-    reconstruct_file(run, "lct", {}, tmp_path / "serial")
-    jobs = [(run, tmp_path / "many" / str(number)) for number in range(count)]
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None, local_directory=str(tmp_path)
-    ) as cluster:
-        victim = next(iter(cluster.workers.values())).pid
-        first = jobs[0][1] / "reconstruction.h5"
-
-        def kill_one() -> None:
-            while not first.exists():
-                time.sleep(0.02)
-            os.kill(victim, signal.SIGKILL)
-
-        threading.Thread(target=kill_one, daemon=True).start()
-        seconds = reconstruct_on(cluster.scheduler_address, jobs, "lct", {})
-    assert len(seconds) == count
-    expected = albedo(tmp_path / "serial")
-    for _, folder in jobs:
-        assert np.array_equal(albedo(folder), expected)

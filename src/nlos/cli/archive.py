@@ -1,82 +1,94 @@
-"""Many recordings on a Dask cluster: each result as on one machine, taken up by another worker where one dies.
-
-Workers reach the recordings and the folders of results by the same paths. Dask trusts whoever reaches its scheduler:
-that port belongs on loopback or a private network.
-"""
+"""An archive: many files to a folder each, every one with an outcome of its own, here or on a Dask cluster."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from nlos.cli.exit_codes import ExitCode, Stopped
+from nlos.cli.archive_record import ArchiveRecord, Row
+from nlos.cli.archive_task import LOCAL, Outcome, Task, attempt
+from nlos.cli.exit_codes import ExitCode, UsageError
+from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
 
-if TYPE_CHECKING:
-    from distributed import Client
+SUFFIXES = (".h5", ".hdf5", ".mat", ".npz", ".ptu", ".phu", ".thd", ".ht3", ".pt3")
+"""What of a folder is taken for a scan; a file that is named is always read."""
+STARTUP_S = 12.0
+"""What workers on this machine cost before their first file: `--scheduler local` starts them for no less."""
 
-RETRIES = 3
+
+def files_of(runs: Sequence[Path]) -> list[Path]:
+    """The files named, and those of the folders named, in the order of their names. Raises `UsageError`."""
+    files: list[Path] = []
+    for run in runs:
+        inside = sorted(path for path in run.iterdir() if path.suffix.lower() in SUFFIXES) if run.is_dir() else [run]
+        if not inside:
+            raise UsageError(f"{run}: holds no scans ({', '.join(SUFFIXES)})")
+        files += [path for path in inside if not path.name.startswith(".")]
+    return list(dict.fromkeys(files))
 
 
-def reconstruct_on(
-    address: str,
-    jobs: Sequence[tuple[Path, Path]],
-    method: str,
-    settings: dict[str, object],
-    *,
-    constants: Path | None = None,
-    overwrite: bool = False,
-    **options: Any,
-) -> list[float]:
-    """Reconstructs every (recording, folder) on the workers of `address`; returns the seconds of each, in order.
+def folders_for(files: Sequence[Path], output: Path) -> list[Path]:
+    """`output`/NAME for every file; with its suffix where two have one stem. Raises `UsageError`."""
+    stems = [file.stem for file in files]
+    names = [file.stem if stems.count(file.stem) == 1 else file.name for file in files]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise UsageError(f"{', '.join(twice)}: two files of one name. Reconstruct them into folders of their own.")
+    return [output / name for name in names]
 
-    Raises FileExistsError unless `overwrite` before anything starts, `Stopped` where no scheduler answers, and what
-    the first failing recording raised, after the others are done.
+
+def reconstruct_archive(
+    tasks: Sequence[Task], output: Path, scheduler: str | None, *, overwrite: bool = False, skip_existing: bool = False
+) -> list[Row]:
+    """Every task that is left to do, here or on the workers of `scheduler`; returns what archive.json says of them.
+
+    Raises `FileExistsError`, unless results may be overwritten or skipped, before anything starts.
     """
-    from distributed import as_completed
-
-    from nlos.recon.results import NAMES
-
-    for _, folder in jobs:
-        for name in NAMES:
-            if (folder / name).exists() and not overwrite:
-                raise FileExistsError(f"{folder / name}: exists. Choose another folder with -o, or say --overwrite.")
-    given = None if constants is None else constants.resolve()
-    with connected(address) as client:
-        # A task that begins again after its worker died may find files of the first attempt: it replaces them.
-        futures = [
-            client.submit(
-                reconstruct_one, run.resolve(), folder.resolve(), method, settings, given, options,
-                pure=False, retries=RETRIES,
-            )
-            for run, folder in jobs
-        ]  # fmt: skip
-        for done, _ in enumerate(as_completed(futures), 1):
-            terminal.log(f"{done} of {len(jobs)} recordings")
-        return [float(future.result()) for future in futures]
+    record = ArchiveRecord(output)
+    left = [replace(task, options={**task.options, "overwrite": True}) for task in tasks
+            if not record.has(task, overwrite, skip_existing)]  # fmt: skip
+    if len(left) < len(tasks):
+        terminal.log(f"{len(tasks) - len(left)} of {len(tasks)} files are there already, skipped")
+    known = {task.file: task for task in left}
+    with record, Progress(len(left), what="archive", unit="files") as progress:
+        for outcome in _outcomes(left, scheduler):
+            record.add(known[outcome.file], outcome)
+            progress.step()
+            if outcome.outcome != "done":
+                terminal.log(f"{outcome.file}: {outcome.outcome}: {outcome.reason}", -1)
+    rows = record.rows_of(task.file for task in tasks)
+    terminal.document["archive"] = rows
+    return rows
 
 
-def reconstruct_one(
-    run: Path, folder: Path, method: str, settings: dict[str, object], constants: Path | None, options: dict[str, Any]
-) -> float:
-    """What a worker does with one recording; returns the seconds that the method took."""
-    from nlos.chain import reconstruct_file
-
-    return reconstruct_file(run, method, settings, folder, constants=constants, overwrite=True, **options).seconds
+def worst(rows: Sequence[Row]) -> ExitCode:
+    """The exit code of an archive: a bug before all, else the highest of its files'."""
+    return max((ExitCode(row["code"]) for row in rows), key=lambda code: (code == ExitCode.BUG, code))
 
 
-@contextmanager
-def connected(address: str) -> Iterator["Client"]:
-    """A client of the scheduler at `address`; `local` starts one worker process a core. Raises `Stopped`."""
-    from distributed import Client, LocalCluster
-
-    if address == "local":
-        with LocalCluster(threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
-            yield client
+def _outcomes(tasks: Sequence[Task], scheduler: str | None) -> Iterator[Outcome]:
+    """One outcome a task, as they come."""
+    if scheduler is None or not tasks:
+        yield from _here(tasks)
         return
-    try:
-        client = Client(address, timeout=10)
-    except (OSError, ValueError) as error:
-        raise Stopped(ExitCode.DEADLINE, f"--scheduler {address}: no Dask scheduler answers ({error})") from error
-    with client:
-        yield client
+    from nlos.cli.archive_on_dask import cores, on_workers
+
+    if scheduler != LOCAL:
+        yield from on_workers(tasks, scheduler)
+        return
+    workers = cores()
+    typical_s: list[float] = []
+    for taken, outcome in enumerate(_here(tasks), 1):  # workers are started once they save more than they cost
+        yield outcome
+        typical_s = sorted([*typical_s, outcome.seconds or 0.0]) if taken > 1 else []  # the first one also loads
+        left = len(tasks) - taken
+        if typical_s and left * typical_s[len(typical_s) // 2] * (1 - 1 / min(workers, max(left, 1))) > STARTUP_S:
+            yield from on_workers(tasks[taken:], LOCAL)
+            return
+
+
+def _here(tasks: Sequence[Task]) -> Iterator[Outcome]:
+    from nlos.acquisition.importers.isolated import one_reader
+
+    with one_reader():
+        for task in tasks:
+            yield attempt(task)

@@ -1,7 +1,7 @@
 """`nlos reconstruct`: from recordings, or any file that an importer reads, to pictures."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -14,7 +14,10 @@ from nlos.cli.terminal import terminal
 
 
 def reconstruct(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Recordings, plain HDF5 or imported formats.")],
+    runs: Annotated[
+        list[Path],
+        typer.Argument(metavar="RUN...", help="Recordings, other files, folders of them."),
+    ],
     method: Annotated[str | None, typer.Option(help="Method name; see `nlos methods`. Default: lct.")] = None,
     weights: Weights = None,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR")] = Path("out"),
@@ -38,10 +41,13 @@ def reconstruct(
     rectified: Rectified = None,
     depth_m: Depths = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
+    skip_existing: Annotated[
+        bool, typer.Option("--skip-existing", help="Of several files, only those without results.")
+    ] = False,
 ) -> None:
     """From a recording, or any file that an importer reads, to a picture."""
     from nlos.chain import FIRST_STAGE, STAGES, reconstruct_file
-    from nlos.recon.results import files_in
+    from nlos.recon.results import NAMES, files_in
 
     method, chosen = chosen_method(weights, method, parse_settings(settings or []))
     _check(method, chosen, device)
@@ -53,38 +59,67 @@ def reconstruct(
             )
         _follow(runs, method, chosen, output, constants, device, volume, html, overwrite, scheduler)
         return
-    folders = [output / run.stem if len(runs) > 1 else output for run in runs]
-    if twice := {str(folder) for folder in folders if folders.count(folder) > 1}:
-        raise UsageError(f"{', '.join(sorted(twice))}: two RUNs of one name. Reconstruct them one by one.")
-    seconds: list[float] = []
-    if scheduler is not None:
-        from nlos.cli.archive import reconstruct_on
+    options: dict[str, Any] = {
+        "constants": constants, "device": device, "html": html, "volume": volume, "given": said, "depth_m": limits_m,
+    }  # fmt: skip
+    if len(runs) > 1 or runs[0].is_dir() or scheduler is not None:
+        _reconstruct_archive(runs, method, chosen, output, options, scheduler, overwrite, skip_existing)
+        return
+    if skip_existing and not overwrite and set(NAMES) <= set(files_in(output)):
+        terminal.result(f"{output}: is there already, skipped", reconstructions=[])
+        return
+    terminal.log(f"{runs[0]}: {method}")
+    with Progress(STAGES, what="reconstruct", unit="stages") as progress:
 
-        seconds = reconstruct_on(
-            scheduler, list(zip(runs, folders, strict=True)), method, chosen,
-            constants=constants, device=device, html=html, volume=volume, overwrite=overwrite,
-            given=said, depth_m=limits_m,
-        )  # fmt: skip
-    else:
-        with Progress(len(runs) * STAGES, what="reconstruct", unit="stages") as progress:
+        def stage(name: str) -> None:
+            progress.at(name)
+            progress.step(0 if name == FIRST_STAGE else 1)
 
-            def stage(name: str) -> None:
-                progress.at(name)
-                progress.step(0 if name == FIRST_STAGE else 1)
+        done = reconstruct_file(runs[0], method, chosen, output, overwrite=overwrite, stage=stage, **options)
+        progress.step()
+    _say(method, [(str(runs[0]), output, done.seconds)])
 
-            for run, folder in zip(runs, folders, strict=True):
-                terminal.log(f"{run}: {method}")
-                done = reconstruct_file(
-                    run, method, chosen, folder, constants=constants, device=device, html=html, volume=volume,
-                    overwrite=overwrite, given=said, depth_m=limits_m, stage=stage,
-                )  # fmt: skip
-                progress.step()
-                seconds.append(done.seconds)
-    for folder, took_s in zip(folders, seconds, strict=True):
-        terminal.result(f"{folder}: {', '.join(files_in(folder))} ({method}, {took_s:.2f} s)")
+
+def _reconstruct_archive(
+    runs: list[Path],
+    method: str,
+    settings: dict[str, object],
+    output: Path,
+    options: dict[str, Any],
+    scheduler: str | None,
+    overwrite: bool,
+    skip_existing: bool,
+) -> None:
+    """Several files, or a folder of them: each has an outcome of its own."""
+    from nlos.cli.archive import files_of, folders_for, reconstruct_archive, worst
+    from nlos.cli.archive_record import RECORD
+    from nlos.cli.archive_task import Task
+
+    files = files_of(runs)
+    tasks = [
+        Task(str(file), file, folder, method, settings, options)
+        for file, folder in zip(files, folders_for(files, output), strict=True)
+    ]
+    rows = reconstruct_archive(tasks, output, scheduler, overwrite=overwrite, skip_existing=skip_existing)
+    _say(method, [(row["file"], Path(row["folder"]), row["seconds"]) for row in rows if row["outcome"] == "done"])
+    if missing := [row for row in rows if row["outcome"] != "done"]:
+        raise Stopped(
+            worst(missing),
+            f"{len(missing)} of {len(rows)} files without a result, the others are done; {output / RECORD} says why. "
+            "The same command with --skip-existing takes these again.",
+        )
+
+
+def _say(method: str, done: list[tuple[str, Path, float | None]]) -> None:
+    """What was made: the file, where its results lie, and what it took."""
+    from nlos.recon.results import files_in
+
+    for _, folder, took_s in done:
+        took = "" if took_s is None else f", {took_s:.2f} s"
+        terminal.result(f"{folder}: {', '.join(files_in(folder))} ({method}{took})")
     terminal.document["reconstructions"] = [
-        {"run": str(run), "folder": str(folder), "seconds": took_s, "files": files_in(folder)}
-        for run, folder, took_s in zip(runs, folders, seconds, strict=True)
+        {"run": run, "folder": str(folder), "seconds": took_s, "files": files_in(folder)}
+        for run, folder, took_s in done
     ]
 
 

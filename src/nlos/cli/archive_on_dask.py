@@ -1,0 +1,93 @@
+"""An archive on a Dask cluster: each result as on one machine, taken up by another worker where one dies.
+
+Workers reach the recordings and the folders of results by the same paths. Dask trusts whoever reaches its scheduler:
+that port belongs on loopback or a private network.
+"""
+
+import logging
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from nlos.cli.archive_task import LOCAL, Outcome, Task, attempt
+from nlos.cli.exit_codes import ExitCode, Stopped
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+ANSWERS_S = 10
+"""A scheduler that does not answer so long is not there, or no more."""
+
+
+def on_workers(tasks: Sequence[Task], address: str) -> Iterator[Outcome]:
+    """One outcome a task as they come. A task whose worker died is taken up by another, until Dask holds the task for
+    the reason (`distributed.scheduler.allowed-failures`); one that failed is not tried again. Raises `Stopped` where
+    no scheduler answers at the beginning; where it goes later, what it had is unfinished."""
+    from distributed import as_completed
+
+    with connected(address) as client:
+        futures = {client.submit(attempt, _absolute(task), pure=False): task for task in tasks}
+        waiting = as_completed(futures)
+        for future in waiting:
+            yield _outcome(future, futures[future], address)
+
+
+def cores() -> int:
+    """How many processes this machine can run at a time."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _outcome(future: "Future[Outcome]", task: Task, address: str) -> Outcome:
+    from distributed import KilledWorker
+    from distributed.client import FutureCancelledError
+
+    try:
+        outcome = future.result(timeout=ANSWERS_S)
+    except KilledWorker as error:
+        reason = f"the workers that had it died ({error})"
+        return Outcome(task.file, "failed", reason, int(ExitCode.RECONSTRUCTION), None, "")
+    except (CancelledError, FutureCancelledError, TimeoutError, OSError):
+        reason = f"the scheduler {address} is gone, before this file's result was known"
+        return Outcome(task.file, "unfinished", reason, int(ExitCode.DEADLINE), None, "")
+    assert isinstance(outcome, Outcome)
+    return outcome
+
+
+def _absolute(task: Task) -> Task:
+    """The same task for a process that stands in another folder."""
+    settings, options = dict(task.settings), dict(task.options)
+    weights, constants = settings.get("weights"), options.get("constants")
+    if isinstance(weights, str) and Path(weights).is_file():
+        settings["weights"] = str(Path(weights).resolve())
+    if constants is not None:
+        options["constants"] = constants.resolve()
+    return replace(task, run=task.run.resolve(), folder=task.folder.resolve(), settings=settings, options=options)
+
+
+@contextmanager
+def connected(address: str) -> Iterator["Client"]:
+    """A client of the scheduler at `address`; `local` starts one worker process a core. Raises `Stopped`."""
+    from distributed import Client, LocalCluster
+
+    for name in list(logging.root.manager.loggerDict):  # what became of files is said in lines of their own
+        if name.partition(".")[0] in ("distributed", "asyncio", "tornado"):
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    if address == LOCAL:
+        with (
+            LocalCluster(n_workers=cores(), threads_per_worker=1, dashboard_address=None) as cluster,
+            Client(cluster) as client,
+        ):
+            yield client
+        return
+    try:
+        client = Client(address, timeout=ANSWERS_S)
+    except (OSError, ValueError) as error:
+        raise Stopped(ExitCode.DEADLINE, f"--scheduler {address}: no Dask scheduler answers ({error})") from error
+    try:
+        yield client
+    finally:
+        client.close(timeout=ANSWERS_S)
