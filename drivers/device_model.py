@@ -38,8 +38,8 @@ class DeviceModel(Generic[Device]):
     library; None: the real one. Raises `DeviceError`. A mirror controller that drives the shutter closes it before
     it does anything else."""
     firmware: "Callable[[Any, SimulatedTable], Any]"
-    """(settings, simulated table) -> the other end of the cable: a `SerialFirmware`, a simulated USB instrument, or
-    what replaces the vendor's library, as the settings' `cable` says."""
+    """(settings, simulated table) -> the other end of the cable: a `SerialFirmware`, a simulated
+    USBTMC instrument, or what replaces libusb or the vendor's library, as the settings' `cable` says."""
     look_for: Callable[[Any], Presence]
     """Settings -> whether it is plugged in. Opens nothing."""
     shutters: Mapping[str, ShutterOutput] = field(default_factory=dict)

@@ -16,7 +16,7 @@ ROOMS = {
 }
 ONLY_IN = {
     "serial": ("drivers/link/serial_line.py", "drivers/simulated/serial/port.py"),
-    "usb": ("drivers/link/usbtmc.py", "drivers/simulated/usb/backend.py"),
+    "usb": ("drivers/link/usbtmc.py", "drivers/link/usb_pipes.py", "drivers/simulated/usb/"),
     "torch": ("recon/",),
     "h5py": (
         "acquisition/recording/",

@@ -9,6 +9,7 @@ from pydantic import Field
 from nlos.drivers.clock import Clock
 from nlos.drivers.device_model import DeviceModel, WireLog
 from nlos.drivers.galvo.block import MirrorBlock
+from nlos.drivers.galvo.helios.model import HELIOS
 from nlos.drivers.galvo.mirror import GalvoMirror
 from nlos.drivers.galvo.optotune.model import OPTOTUNE
 from nlos.drivers.galvo.triggerscope.model import TRIGGERSCOPE
@@ -20,6 +21,7 @@ MIRRORS: dict[str, DeviceModel[GalvoMirror]] = with_plug_ins(
     [
         TRIGGERSCOPE,
         OPTOTUNE,
+        HELIOS,
     ],
 )
 """Word in a bench file -> what that model brings with it."""

@@ -19,6 +19,7 @@ from nlos.drivers.simulated.scene import SceneLight
 from nlos.drivers.simulated.serial.port import plug, unplug
 from nlos.drivers.simulated.table import SimulatedTable
 from nlos.drivers.simulated.usb.backend import SimulatedUsb
+from nlos.drivers.simulated.usb.pipes import SimulatedPipes
 from nlos.drivers.tcspc.models import COUNTERS
 
 
@@ -53,6 +54,8 @@ def far_end(model: DeviceModel[Any], settings: DeviceSettings, table: SimulatedT
     bench, simulation = table.bench, table.simulation
     firmware = model.firmware(settings, table)
     if settings.cable == "library":
+        return firmware
+    if settings.cable == "usb" and isinstance(firmware, SimulatedPipes):
         return firmware
     if settings.cable == "usb":
         rate = simulation.usb_megabytes_per_s

@@ -37,6 +37,7 @@ def test_every_command_of_the_firmware_is_published_and_no_other() -> None:
 
 def test_the_udev_rules_are_those_that_the_program_advises() -> None:
     blocks = [MIRRORS[name].settings(model=name, port="") for name in ("triggerscope", "optotune")]
+    blocks.append(MIRRORS["helios"].settings(model="helios"))
     blocks.append(COUNTERS["tcspc488"].settings(model="tcspc488"))
     for block in blocks:
         assert block.udev_rule

@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,13 +15,14 @@ from nlos.drivers.galvo.mirror import GalvoMirror, MeasuresPosition, MirrorAngle
 from nlos.drivers.galvo.models import MIRRORS, MirrorSettings, open_mirror
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.instruments import far_end
 from nlos.drivers.simulated.serial.cable import SerialCable
-from nlos.drivers.simulated.serial.port import plug, plugged, unplug
+from nlos.drivers.simulated.serial.port import plugged, unplug
 from nlos.drivers.simulated.simulation_settings import SimulationSettings
 from nlos.drivers.simulated.table import SimulatedTable
 
 SETTINGS: TypeAdapter[MirrorSettings] = TypeAdapter(MirrorSettings)
-RESOLUTION_RAD = 5e-5
+RESOLUTION_RAD = {"helios": 2e-4}  # 12 bits over 80 degrees
 AFTER_OPENING_S = 1.0
 PATH = [MirrorAngles(0.1 * math.sin(0.7 * i), 0.1 * math.cos(0.4 * i)) for i in range(12)]
 
@@ -41,7 +42,7 @@ class Lab:
 
     def points_at(self, angles: MirrorAngles) -> bool:
         if not self.real:
-            beam, within_rad = self.bench.beam, RESOLUTION_RAD
+            beam, within_rad = self.bench.beam, RESOLUTION_RAD.get(self.mirror.identity.model, 5e-5)
         elif isinstance(self.mirror, MeasuresPosition):
             beam, within_rad = self.mirror.measured(), READ_BACK_RAD
         else:
@@ -52,6 +53,8 @@ class Lab:
     def cable(self) -> SerialCable:
         if self.real:
             pytest.skip("cable: only a simulated one can be cut and listened to")
+        if MIRRORS[self.mirror.identity.model].settings.cable != "serial":
+            pytest.skip("a serial line's bytes are listened to here; USB has tests of its own")
         return plugged("every")
 
     @contextmanager
@@ -78,12 +81,17 @@ def lab(
 
     def make(*faults: Fault) -> Lab:
         bench = dark_bench(*faults)
-        settings = SETTINGS.validate_python({"model": request.param, "port": "sim://every"})
+        serial = MIRRORS[request.param].settings.cable == "serial"
+        if faults and not serial:
+            pytest.skip("faults of a serial line; USB has tests of its own")
+        address = {"port": "sim://every"} if serial else {"usb": "simulated"}
+        settings = SETTINGS.validate_python({"model": request.param, **address})
         unplug("every")
-        table = SimulatedTable(bench, SimulationSettings(), 10e6)
-        plug("every", MIRRORS[request.param].firmware(settings, table), bench, 0.001)
+        table, stack = SimulatedTable(bench, SimulationSettings(serial_latency_ms=1.0), 10e6), ExitStack()
+        backend = far_end(MIRRORS[request.param], settings, table, stack)
         sent: list[bytes] = []
-        mirror = open_mirror(settings, bench.clock, lambda _, way, data: sent.append(data) if way == ">" else None)
+        log = lambda _, way, data: sent.append(data) if way == ">" else None  # noqa: E731
+        mirror = open_mirror(settings, bench.clock, log, backend)
         bench.clock.advance_to(AFTER_OPENING_S)
         return Lab(bench, mirror, sent)
 
@@ -197,6 +205,7 @@ def test_a_reply_that_is_seconds_late_does_not_keep_it_from_the_centre(
     lab: Callable[..., Lab], where: str, delay_s: float
 ) -> None:
     there = lab()
+    assert there.cable.plugged
     there.mirror.move_to(PATH[1])
     there.bench.faults.add(Fault(name="G2", parameters={"delay_s": delay_s}))
     if where == "in a move":

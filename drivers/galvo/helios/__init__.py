@@ -1,0 +1,1 @@
+"""Helios laser DAC: ILDA galvos by USB."""

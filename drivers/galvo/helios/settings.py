@@ -1,0 +1,42 @@
+"""What a bench file says of a Helios laser DAC and the ILDA galvos behind it."""
+
+from typing import ClassVar, Literal, Self
+
+from pydantic import Field, model_validator
+
+from nlos.drivers.galvo.block import MirrorBlock
+from nlos.drivers.udev import usb_rule
+
+VENDOR_ID, PRODUCT_ID = 0x1209, 0xE500
+
+
+class HeliosSettings(MirrorBlock):
+    """The mirror block of a bench file. The DAC's shutter pin stays low: it is no shutter of a bench, because a stop
+    leaves it as it is."""
+
+    cable: ClassVar = "usb"
+    commands_per_move: ClassVar[int] = 3
+
+    model: Literal["helios"]
+    usb: str = "auto"
+    """The only one plugged in ("auto"), or "simulated"."""
+    optical_deg_at_full_scale: float = Field(default=40.0, gt=0, le=60)
+    """Optical deflection of an axis at the DAC's last code: measure it on the wall."""
+    invert_x: bool = False
+    """The x galvo is wired the other way round."""
+    invert_y: bool = False
+    """The y galvo is wired the other way round."""
+    max_mechanical_deg: float = Field(default=20.0, gt=0, le=30)
+    """How far the head may turn either way from its centre; beyond it moves are refused."""
+    timeout_s: float = Field(default=0.2, ge=0.02, le=10)
+    """How long an answer may take."""
+
+    @property
+    def udev_rule(self) -> str:
+        return usb_rule(VENDOR_ID, PRODUCT_ID)
+
+    @model_validator(mode="after")
+    def _one_only(self) -> Self:
+        if self.usb not in ("auto", "simulated"):
+            raise ValueError("usb must be auto or simulated: a Helios has no serial number")
+        return self
