@@ -86,6 +86,13 @@ def parse(text: str, name: str, model: type[Model]) -> Model:
         raise ConfigError("\n".join(dict.fromkeys(lines))) from error
 
 
+def where(loaded: Loaded[Model], place: Place) -> str:
+    """`file:line:column: key` of a place in a file that was read; the nearest block around a key that is not in it."""
+    _, marks = _read(loaded.text, str(loaded.path))
+    known = next(place[:size] for size in range(len(place), -1, -1) if place[:size] in marks)
+    return f"{loaded.path}:{marks[known].line + 1}:{marks[known].column + 1}: {_dotted(place)}"
+
+
 def _read(text: str, name: str) -> tuple[Any, dict[Place, yaml.Mark]]:
     try:
         _check_depth(text, name)

@@ -10,10 +10,12 @@ import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
 import torch
+from pydantic import Field
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
@@ -35,25 +37,25 @@ TRUTH = ("intensity", "albedo", "depth_m", "coverage")
 class DatasetSettings(Settings):
     """Which samples: geometry, how many scenes, of which kinds, how measured. Equal settings mean equal samples."""
 
-    seed: int = 1
+    seed: Annotated[int, Field(ge=0)] = 1
     """Of the scenes."""
-    scenes: int = 2000
+    scenes: Annotated[int, Field(ge=1)] = 2000
     """How many different scenes."""
-    degradations: int = 3
+    degradations: Annotated[int, Field(ge=1, le=64)] = 3
     """Differently measured copies of each."""
     held_out: bool = False
     """Draw the kinds that are kept for testing."""
     kinds: tuple[str, ...] = ()
     """Kinds of scenes; all unless given."""
-    wall_width_m: float = 2.0
+    wall_width_m: Annotated[float, Field(ge=0.01, le=100)] = 2.0
     """Side of the wall."""
-    rows: int = 64
+    rows: Annotated[int, Field(ge=4, le=1024)] = 64
     """Scan points from top to bottom."""
-    cols: int = 64
+    cols: Annotated[int, Field(ge=4, le=1024)] = 64
     """Scan points from left to right."""
-    bins: int = 256
+    bins: Annotated[int, Field(ge=8, le=65536)] = 256
     """Time bins."""
-    bin_width_ps: float = 64.0
+    bin_width_ps: Annotated[float, Field(ge=0.1, le=1e5)] = 64.0
     """Width of a bin."""
     retroreflective: bool = False
     """Surfaces that send light back where it came from."""

@@ -5,9 +5,11 @@ Everything is stated for 64-bit reproducibility from one random generator; a sam
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.configs.settings import Settings
@@ -17,33 +19,36 @@ NOISELESS_PEAK_COUNTS = 20_000.0
 UNIFORM_NOISE_PEAK_COUNTS = 255.0
 UNIFORM_NOISE_MOST = 10.0
 
+Share = Annotated[float, Field(ge=0, le=1)]
+NotBelow0 = Annotated[float, Field(ge=0)]
+
 
 class DetectorSettings(Settings):
     """How often which condition occurs. The shares of the conditions, `noisy` being the rest, must not exceed 1."""
 
-    peak_counts_least: float = 0.4
+    peak_counts_least: Annotated[float, Field(gt=0)] = 0.4
     """Least mean over the wall of each point's highest bin."""
-    peak_counts_most: float = 200.0
+    peak_counts_most: Annotated[float, Field(gt=0)] = 200.0
     """Greatest mean over the wall of each point's highest bin."""
-    noiseless: float = 0.12
+    noiseless: Share = 0.12
     """Share of samples without photon noise."""
-    uniform: float = 0.08
+    uniform: Share = 0.08
     """Share with the uniform noise U(0, 10) on a scale of 0 to 255."""
-    sparse: float = 0.30
+    sparse: Share = 0.30
     """Share scanned at a part of the points."""
-    uneven_dwell: float = 0.15
+    uneven_dwell: Share = 0.15
     """Share with dwells that differ."""
-    jitter_fwhm_most_ps: float = 120.0
+    jitter_fwhm_most_ps: NotBelow0 = 120.0
     """Widest response."""
-    dark_per_peak_most: float = 0.06
+    dark_per_peak_most: NotBelow0 = 0.06
     """Most background a bin, dark and ambient, over the mean peak."""
-    afterpulsing_most: float = 0.03
+    afterpulsing_most: Share = 0.03
     """Greatest probability of an afterpulse."""
-    pile_up: float = 0.10
+    pile_up: Share = 0.10
     """Share with pile-up and dead time."""
-    detections_per_pulse_most: float = 0.15
+    detections_per_pulse_most: NotBelow0 = 0.15
     """Most clicks a laser pulse where there is pile-up."""
-    calibration_residue: float = 0.20
+    calibration_residue: Share = 0.20
     """Share with leftover offsets and a leftover direct tail."""
 
 

@@ -1,9 +1,11 @@
 """What training minimises, and the two figures it watches: picture, depth, and smoothness of the volume."""
 
 from collections.abc import Mapping
+from typing import Annotated
 
 import torch
 import torch.nn.functional as F
+from pydantic import Field
 
 from nlos.configs.settings import Settings
 from nlos.recon.method import MethodResult
@@ -11,17 +13,19 @@ from nlos.recon.method import MethodResult
 LEAST_ERROR = 3e-4
 """Mean square error below which a picture is as good as perfect: 35 dB."""
 
+NotBelow0 = Annotated[float, Field(ge=0)]
+
 
 class LossSettings(Settings):
     """Weights of the terms; 0 skips one."""
 
-    picture: float = 10.0
+    picture: NotBelow0 = 10.0
     """Weight of the square error of the front view."""
-    log_picture: float = 0.0
+    log_picture: NotBelow0 = 0.0
     """Of the logarithm of each picture's square error, halfway between its own and its best scale: mean decibels."""
-    depth: float = 0.3
+    depth: NotBelow0 = 0.3
     """Weight of the depth error, where there is a surface."""
-    total_variation: float = 0.0
+    total_variation: NotBelow0 = 0.0
     """Weight of the volume's total variation."""
 
 

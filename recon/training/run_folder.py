@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import nn
 
+from nlos.recon.errors import InvalidSettings
 from nlos.recon.methods import find
 from nlos.recon.training.checkpoint import commit, optimiser_tensors, put_optimiser
 from nlos.recon.training.train_settings import TrainSettings
@@ -87,18 +88,12 @@ def resume_run(
     if not (folder / STATE).exists():
         return 0, 0.0
     state = read_weights(folder / STATE)
-    free = {
-        "max_minutes": None,
-        "checkpoint_minutes": 1.0,
-        "tensorboard": False,
-        "cache": "",
-        "licence": "",
-    }
-    given = (TrainSettings.model_validate_json(json.dumps(state.about["settings"])), settings)
-    before, now = (one.model_copy(update=free).model_dump(mode="json") for one in given)
-    if before != now:
-        changed = ", ".join(sorted(key for key in now if before[key] != now[key]))
-        raise ValueError(f"{folder} holds a run with other settings ({changed}). Choose another folder, or remove it.")
+    _refuse_changes(TrainSettings.model_validate_json(json.dumps(state.about["settings"])), settings, folder)
+    if settings.steps < int(state.about["step"]):
+        raise InvalidSettings(
+            f"samples: {folder} has seen {state.about['samples']:,} already. Say as many or more, "
+            "or choose another folder."
+        )
 
     def under(prefix: str) -> dict[str, torch.Tensor]:
         return {name.removeprefix(prefix): x for name, x in state.tensors.items() if name.startswith(prefix)}
@@ -110,3 +105,28 @@ def resume_run(
     for name, own in zip(names, average, strict=True):
         own.copy_(mean[name])
     return int(state.about["step"]), 3600 * float(state.about["hours"])
+
+
+HARMLESS = ("samples", "max_minutes", "checkpoint_minutes", "tensorboard", "cache", "licence")
+"""What may change when a training is resumed. More samples stretch its schedule: a finished run
+goes on from its end."""
+
+
+def _refuse_changes(before: TrainSettings, now: TrainSettings, folder: Path) -> None:
+    """Raises `InvalidSettings` naming every other setting that is not what it was, and what it was."""
+    was, is_ = (_flat(one.model_dump(mode="json", exclude=set(HARMLESS))) for one in (before, now))
+    changed = [f"{key} was {was.get(key)}, now {is_.get(key)}" for key in sorted(was.keys() | is_.keys())
+               if was.get(key) != is_.get(key)]  # fmt: skip
+    if changed:
+        raise InvalidSettings(
+            f"{folder} holds a run with other settings: {'; '.join(changed)}. Choose another folder with -o, put them "
+            "back, or say --overwrite to begin again."
+        )
+
+
+def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Nested settings by their dotted names."""
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        found |= _flat(value, f"{above}{key}.") if isinstance(value, dict) else {f"{above}{key}": value}
+    return found

@@ -52,7 +52,7 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
     if settings.batch % world:
         raise ValueError(f"a batch of {settings.batch} does not divide among {world} processes")
     part = slice(rank * (settings.batch // world), (rank + 1) * (settings.batch // world))
-    device = f"cuda:{os.environ.get('LOCAL_RANK', 0)}" if torch.cuda.is_available() else "cpu"
+    device = device_here()
     model, halved, before = _networks(settings, device)
     parameters = [p for p in model.parameters() if p.requires_grad]
     optimiser = torch.optim.AdamW(
@@ -135,6 +135,11 @@ def _networks(settings: TrainSettings, device: str) -> tuple[nn.Module, nn.Modul
         return model, None, before
     half = WallGrid(wall.width_m, wall.height_m, wall.rows // 2, wall.cols // 2)
     return model, share_parameters(model, build(settings, half, time).to(device)), before
+
+
+def device_here() -> str:
+    """Where this process computes: a GPU where PyTorch sees one."""
+    return f"cuda:{os.environ.get('LOCAL_RANK', 0)}" if torch.cuda.is_available() else "cpu"
 
 
 def build(settings: TrainSettings, wall: WallGrid, time: TimeAxis) -> nn.Module:

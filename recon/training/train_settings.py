@@ -1,13 +1,18 @@
 """What a training configuration says: the method, its data, and the recipe."""
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from nlos.configs.settings import Settings
 from nlos.recon.training.dataset import DatasetSettings
 from nlos.recon.training.losses import LossSettings
+
+GEOMETRY = ("wall_width_m", "rows", "cols", "bins", "bin_width_ps", "retroreflective")
+"""What `validation` takes over from `data`: the network is built for one grid and sees both."""
+Above0 = Annotated[float, Field(gt=0)]
+Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class TrainSettings(Settings):
@@ -24,42 +29,42 @@ class TrainSettings(Settings):
     data: DatasetSettings = DatasetSettings()
     """The scenes that are learned from."""
     validation: DatasetSettings = DatasetSettings(seed=2, scenes=32, degradations=1, held_out=True)
-    """The scenes that it is judged by while it learns."""
+    """The scenes that it is judged by while it learns; on the grid of `data`."""
     loss: LossSettings = LossSettings()
     """What is minimised."""
-    seed: int = 1
+    seed: Annotated[int, Field(ge=0)] = 1
     """Of the order of samples and of the first weights."""
-    samples: int = 6000
+    samples: Annotated[int, Field(ge=1)] = 6000
     """How many samples are seen."""
-    batch: int = 2
+    batch: Annotated[int, Field(ge=1, le=4096)] = 2
     """Samples a step."""
-    learning_rate: float = 2e-3
+    learning_rate: Above0 = 2e-3
     """After the warm-up."""
-    last_rate: float = 4e-5
+    last_rate: Above0 = 4e-5
     """At the end."""
-    warm_up_steps: int = 100
+    warm_up_steps: Annotated[int, Field(ge=0)] = 100
     """Steps over which the rate rises."""
     schedule: Literal["cosine", "exponential"] = "cosine"
     """How the rate falls afterwards."""
-    weight_decay: float = 1e-4
+    weight_decay: Annotated[float, Field(ge=0)] = 1e-4
     """Of AdamW."""
-    clip: float = 1.0
+    clip: Above0 = 1.0
     """Largest norm of the gradient."""
-    average: float = 0.995
+    average: Annotated[float, Field(ge=0, lt=1)] = 0.995
     """Running average of the weights: the part that is kept at each step."""
     flips: bool = True
     """Turn samples over at random."""
-    uniform_noise_most: float = 0.0
+    uniform_noise_most: Annotated[float, Field(ge=0)] = 0.0
     """The largest a of the uniform noise U(0, a) added anew every step, where a scan's brightest bin is 255."""
-    pooled_share: float = 0.0
+    pooled_share: Share = 0.0
     """Part of the steps that see wall points added 2 x 2: a scan on half the grid."""
     precision: Literal["auto", "float32", "bf16"] = "auto"
     """Of the arithmetic; bf16 on GPUs that have it by default."""
     start_from: str | None = None
     """Weights to begin with."""
-    checkpoint_minutes: float = 2.0
+    checkpoint_minutes: Above0 = 2.0
     """Between two states on disk."""
-    max_minutes: float | None = None
+    max_minutes: Above0 | None = None
     """Stops there; the same command resumes."""
     tensorboard: bool = False
     """Also write TensorBoard logs; needs the extra of that name."""
@@ -69,6 +74,13 @@ class TrainSettings(Settings):
         "runs/scenes"  # the folder where rendered samples are kept; null keeps none, for scenes seen once
     )
     """Folder where rendered samples are kept; none for scenes seen once."""
+
+    @model_validator(mode="after")
+    def _inherited(self) -> Self:
+        """`validation` has the grid of `data`, where it says none."""
+        missing = {key: getattr(self.data, key) for key in GEOMETRY if key not in self.validation.model_fields_set}
+        object.__setattr__(self, "validation", self.validation.model_copy(update=missing))
+        return self
 
     @property
     def cache_path(self) -> Path | None:

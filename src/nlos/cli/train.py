@@ -1,32 +1,43 @@
 """`nlos train CONFIG`: train a learned method, alone or as one of several processes under torchrun."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from nlos.cli.terminal import terminal
 
+if TYPE_CHECKING:
+    from nlos.configs.load import Loaded
+    from nlos.recon.training.train_settings import TrainSettings
+
 
 def train(
     config: Annotated[str, typer.Argument(metavar="CONFIG", help="A YAML file, or the name of one in configs/train.")],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of the run. Default: runs/train/NAME.")
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Where the run lives; runs/train/NAME.")
     ] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Everything but the training: is the file right, and what it will take.")
+    ] = False,
     max_minutes: Annotated[
-        float | None, typer.Option(help="Stop after this many minutes; the same command resumes.")
+        float | None, typer.Option(min=0.0, help="Stop after this long; the same command resumes.")
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Start over instead of resuming.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Begin again instead of resuming.")] = False,
 ) -> None:
-    """Train a learned method; an interrupted run goes on from its last checkpoint."""
+    """Train a learned method; an interrupted run resumes from its last checkpoint."""
     from nlos.configs.load import load
     from nlos.recon.training import train as training
     from nlos.recon.training.run_folder import LOG, STATE, WEIGHTS
     from nlos.recon.training.train_settings import TrainSettings
 
     loaded = load("train", config, TrainSettings)
+    _refuse_problems(loaded)
     settings = loaded.settings
     folder = output or Path("runs/train") / loaded.path.stem
+    if check:
+        _say_trial(settings, folder)
+        return
     if max_minutes is not None:
         settings = settings.model_copy(update={"max_minutes": max_minutes})
     if overwrite:
@@ -34,5 +45,31 @@ def train(
             (folder / name).unlink(missing_ok=True)
     summary = training.train(settings, folder, terminal.log)
     figures = ", ".join(f"{name} {value:.3f}" for name, value in summary.get("validation", {}).items())
-    state = "done" if summary.get("finished") else "stopped, the same command goes on"
+    state = "done" if summary.get("finished") else "stopped; the same command resumes"
     terminal.result(f"{folder}: {state}; {summary['samples']} samples; {figures}", folder=str(folder), **summary)
+
+
+def _refuse_problems(loaded: "Loaded[TrainSettings]") -> None:
+    """Raises `ConfigError` with the line of everything that would stop the training later."""
+    from nlos.configs.load import ConfigError, where
+    from nlos.recon.training.checks import problems
+
+    if found := problems(loaded.settings):
+        raise ConfigError("\n".join(f"{where(loaded, place)}: {what}" for place, what in found))
+
+
+def _say_trial(settings: "TrainSettings", folder: Path) -> None:
+    from nlos.recon.training.run_folder import STATE
+    from nlos.recon.training.trial import trial
+    from nlos.recon.weights.files import read_about
+
+    there = folder / STATE
+    seen = int(read_about(there).get("samples", 0)) if there.exists() else 0
+    found = trial(settings, seen)
+    resumes = f", {seen:,} of them seen" if seen else ""
+    terminal.result(f"{settings.method}: {found['parameters']:,} parameters, {settings.samples:,} samples{resumes}")
+    terminal.result(
+        f"{found['seconds_to_make_a_sample']:.2f} s to make a sample, {found['seconds_to_learn_from_it']:.2f} s to "
+        f"learn from it, {found['peak_rss_mb']:.0f} MB; about {found['hours_left']:.1f} hours to the end here",
+        **found,
+    )
