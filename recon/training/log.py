@@ -52,24 +52,6 @@ def _board(folder: Path, step: int) -> Any:
     return SummaryWriter(str(folder / "tensorboard"), purge_step=step)
 
 
-def plot(log: Path) -> None:
-    """loss.png beside the log: the terms of the loss, and what validation found."""
-    from matplotlib.figure import Figure
-
-    lines = [json.loads(line) for line in log.read_text().splitlines()]
-    steps = [line for line in lines if "loss" in line]
-    checks = [line for line in lines if "validation" in line]
-    figure = Figure(figsize=(7, 4), layout="constrained")
-    axes = figure.add_subplot(xlabel="step", ylabel="loss", yscale="log")
-    for name in sorted({key for line in steps for key in line} - {"step", "rate", "gradient_norm", "seconds"}):
-        axes.plot([line["step"] for line in steps], [line[name] for line in steps], label=name, linewidth=0.8)
-    axes.legend(loc="lower left")
-    right = axes.twinx()
-    right.plot([c["step"] for c in checks], [c["validation"]["psnr"] for c in checks], "k.-")
-    right.set_ylabel("validation PSNR, dB")
-    figure.savefig(log.with_name("loss.png"), dpi=120)
-
-
 def finished(folder: Path) -> dict[str, float] | None:
     """What the finished run in `folder` reached on its validation scenes; None where there is none."""
     log = folder / "log.jsonl"

@@ -1,19 +1,23 @@
 """The folder of a training: its state to resume from, its weights to use, and whether both belong to these settings."""
 
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import torch
 from torch import nn
 
-from nlos.recon.errors import InvalidSettings
+from nlos.acquisition.errors import StorageError
+from nlos.acquisition.recording.writer_lock import WriterLock
+from nlos.recon.errors import InvalidSettings, ReconstructionFailed
 from nlos.recon.methods import find
 from nlos.recon.training.checkpoint import commit, optimiser_tensors, put_optimiser
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.weights.described import range_of
-from nlos.recon.weights.files import put_weights, read_weights, save
+from nlos.recon.weights.files import put_weights, read_about, read_weights, save
 
 STATE, WEIGHTS, LOG = "state.safetensors", "weights.safetensors", "log.jsonl"
 
@@ -70,6 +74,24 @@ def save_weights(folder: Path, model: nn.Module, average: list[torch.Tensor], ab
     """Every parameter, those that were trained as their running mean."""
     whole = {name: p.detach() for name, p in model.named_parameters()}
     save(folder / WEIGHTS, whole | _averaged(model, average), about)
+
+
+def keep_best(
+    folder: Path, model: nn.Module, average: list[torch.Tensor], about: dict[str, Any], judged: bool = True
+) -> None:
+    """The weights to use become these where validation finds them better than those before, or is no judge of them.
+
+    The light cone's figures on the same scenes are known at the end alone: the best weights get them then.
+    """
+    path, figures = folder / WEIGHTS, about["validation"]
+    best = read_about(path).get("validation", {}) if path.exists() else {}
+    if not judged or not figures["psnr"] < best.get("psnr", -math.inf):
+        save_weights(folder, model, average, about)
+    elif "lct_psnr" in figures:
+        held = read_weights(path)
+        lct = figures["lct_psnr"]
+        save(path, held.tensors, held.about | {"validation": {
+            **best, "lct_psnr": lct, "margin_db": best["psnr"] - lct}})  # fmt: skip
 
 
 def _averaged(model: nn.Module, average: list[torch.Tensor]) -> dict[str, torch.Tensor]:
@@ -130,3 +152,33 @@ def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
     for key, value in values.items():
         found |= _flat(value, f"{above}{key}.") if isinstance(value, dict) else {f"{above}{key}": value}
     return found
+
+
+def not_finite(what: str, folder: Path, step: int, steps: int) -> ReconstructionFailed:
+    """Why a training cannot go on, and what is left of it."""
+    kept = (
+        f"{folder / WEIGHTS} holds the last good weights" if (folder / WEIGHTS).exists() else "there are no weights yet"
+    )
+    return ReconstructionFailed(
+        f"{what} at step {step + 1} of {steps}; {kept}. Lower learning_rate or clip, or say precision: float32, and "
+        "train into another folder."
+    )
+
+
+@contextmanager
+def alone_in(folder: Path, rank: int) -> Iterator[None]:
+    """The only training in `folder`, as long as this lasts. Raises InvalidSettings where another process trains."""
+    if rank:
+        yield
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        lock = WriterLock(folder / "training")
+    except StorageError as error:
+        raise InvalidSettings(
+            f"{folder}: another process trains there. Wait for it, or choose another folder with -o. ({error})"
+        ) from error
+    try:
+        yield
+    finally:
+        lock.release()

@@ -32,7 +32,12 @@ def ship(
     ends = [json.loads(line) for line in (folder / LOG).read_text().splitlines() if '"finished": ' in line]
     if not ends or not (ends[-1]["finished"] or unfinished):
         raise WeightsError(f"the run in {folder} is not finished. Run `nlos train` again; it resumes.")
-    about = weights.about | {"validation": ends[-1]["validation"], "finished": ends[-1]["finished"], "half": half}
+    own = weights.about.get("validation", {})  # of these weights: the best, not the last
+    about = weights.about | {
+        "validation": own if "lct_psnr" in own else ends[-1]["validation"],
+        "finished": ends[-1]["finished"],
+        "half": half,
+    }
     path = destination / f"{name}.safetensors"
     save(path, {key: x.half() if half else x for key, x in weights.tensors.items()}, about)
     if path.stat().st_size > MOST_BYTES:

@@ -11,6 +11,7 @@ Everything random follows from (seed, step), so a run that is killed goes on fro
 import json
 import math
 import os
+import signal
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -24,33 +25,85 @@ from torch import nn
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.errors import InvalidSettings
 from nlos.recon.methods import find
 from nlos.recon.training.batches import batch_at, mirrored_batch, pooled, whole_scan, with_uniform_noise
 from nlos.recon.training.checkpoint import share_parameters
-from nlos.recon.training.log import Log, plot
+from nlos.recon.training.curves import draw
+from nlos.recon.training.interruption import Asked, caught
+from nlos.recon.training.log import Log
 from nlos.recon.training.losses import losses
-from nlos.recon.training.run_folder import LOG, about_run, resume_run, save_state, save_weights
+from nlos.recon.training.ranks import everywhere, join, mean_of_all, step_together
+from nlos.recon.training.run_folder import (
+    LOG,
+    STATE,
+    WEIGHTS,
+    about_run,
+    alone_in,
+    keep_best,
+    not_finite,
+    resume_run,
+    save_state,
+    save_weights,
+)
+from nlos.recon.training.schedule import learning_rate, validation_steps
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.validation import validate
 from nlos.recon.weights.files import load_weights
 
 Report = Callable[[str], None]
 Objective = Callable[[Mapping[str, torch.Tensor]], dict[str, torch.Tensor]]
+Progress = Callable[[int, int, float], None]
 LINES = 400
-VALIDATIONS = 5
+MOST_SKIPPED = 25
+"""So many gradients in a row that are not finite: nothing is learned any more."""
 
 
-def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict[str, Any]:
-    """Train into `folder`, going on from what is there; returns the summary written to the end of its log.
+def train(
+    settings: TrainSettings,
+    folder: Path,
+    report: Report = print,
+    *,
+    progress: Progress | None = None,
+    overwrite: bool = False,
+) -> dict[str, Any]:
+    """Train into `folder`, resuming what is there unless `overwrite`; returns the summary at the end of its log.
 
-    Files: log.jsonl, state.safetensors (to go on), weights.safetensors (running mean, to use), loss.png.
-    Raises ValueError if `folder` holds a run of other settings, WeightsError for weights that do not fit.
+    Files: log.jsonl and log.csv, state.safetensors (last, to resume), weights.safetensors (running mean, the best on
+    the validation scenes, to use), loss.png. `progress` is told every step: how many, of how many, and the loss.
+    SIGINT and SIGTERM end it after the step under way, its state saved; the summary then says `signal`.
+
+    Raises InvalidSettings if `folder` holds a run of other settings or another process trains there, WeightsError for
+    weights that do not fit, ReconstructionFailed for a loss that is not finite.
     """
+    rank, world = (0, 1) if "RANK" not in os.environ else join()
+    if rank:
+        report, progress = _silent, None
+    try:
+        with alone_in(folder, rank), caught() as asked:
+            if overwrite and rank == 0:
+                for name in (STATE, WEIGHTS, LOG):
+                    (folder / name).unlink(missing_ok=True)
+            if world > 1:
+                dist.barrier()
+            return _train(settings, folder, report, progress, asked, rank, world)
+    finally:
+        if world > 1:
+            dist.destroy_process_group()
+
+
+def _train(
+    settings: TrainSettings,
+    folder: Path,
+    report: Report,
+    progress: Progress | None,
+    asked: Asked,
+    rank: int,
+    world: int,
+) -> dict[str, Any]:
     torch.manual_seed(settings.seed)
-    alone = "RANK" not in os.environ
-    rank, world = (0, 1) if alone else _join()
     if settings.batch % world:
-        raise ValueError(f"a batch of {settings.batch} does not divide among {world} processes")
+        raise InvalidSettings(f"a batch of {settings.batch} does not divide among {world} processes")
     part = slice(rank * (settings.batch // world), (rank + 1) * (settings.batch // world))
     device = device_here()
     model, halved, before = _networks(settings, device)
@@ -64,11 +117,24 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
     count = sum(p.numel() for p in parameters)
     report(f"{settings.method}: {count:,} parameters, from step {step} of {settings.steps}")
     started = saved = clock.monotonic()
-    elapsed, late = spent_s, False
-    figures: dict[str, float] = {}
+    elapsed, late, skipped = spent_s, False, 0
+    checks = validation_steps(settings.steps)
 
     def load(at: int) -> dict[str, torch.Tensor]:
         return batch_at(settings.data, settings.cache_path, settings.seed, at, settings.batch, part)
+
+    def keep_state() -> None:
+        if rank == 0:
+            about = about_run(settings, model, step, elapsed, before, {})
+            save_state(folder, model, optimiser, average, about)
+            if not (folder / WEIGHTS).exists():
+                save_weights(folder, model, average, about)
+
+    def check(against_lct: bool = False) -> dict[str, float]:
+        figures: dict[str, float] = _with(average, parameters, lambda: validate(model, settings, device, against_lct))
+        about = about_run(settings, model, step, elapsed, before, figures)
+        keep_best(folder, model, average, about, judged=getattr(model, "training_loss", None) is None)
+        return figures
 
     with ThreadPoolExecutor(1) as loader:
         ahead = loader.submit(load, step)
@@ -81,7 +147,7 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
             if settings.uniform_noise_most:
                 batch = with_uniform_noise(batch, settings.uniform_noise_most, rng)
             wanted = halved is not None and rng.random() < settings.pooled_share
-            if halved is not None and wanted and _everywhere(whole_scan(batch), world, device):
+            if halved is not None and wanted and everywhere(whole_scan(batch), world, device):
                 batch, network = pooled(batch), halved
             if settings.flips:
                 batch = mirrored_batch(batch, rng)
@@ -89,40 +155,58 @@ def train(settings: TrainSettings, folder: Path, report: Report = print) -> dict
             for group in optimiser.param_groups:
                 group["lr"] = rate
             terms = objective(network, batch, settings, device)
+            late = settings.max_minutes is not None and clock.monotonic() - started >= 60 * settings.max_minutes
+            flags = [torch.tensor(float(flag), device=device) for flag in (asked.number is not None, late)]
+            values = mean_of_all(torch.stack([*(value.detach().float() for value in terms.values()), *flags]), world)
+            *heard, told_to_end, out_of_time = values.tolist()
+            told = dict(zip(terms, heard, strict=True))
+            if not math.isfinite(told["loss"]):
+                raise not_finite(f"the loss is {told['loss']}", folder, step, settings.steps)
             terms["loss"].backward()  # type: ignore[no-untyped-call]
-            norm = _step(parameters, optimiser, settings.clip, world)
+            norm = step_together(parameters, optimiser, settings.clip, world)
+            skipped = 0 if math.isfinite(norm) else skipped + 1
+            if skipped == MOST_SKIPPED:
+                raise not_finite(f"no gradient of {skipped} steps was finite", folder, step, settings.steps)
             keep = min(settings.average, (1 + step) / (10 + step))
             torch._foreach_lerp_(average, [p.detach() for p in parameters], 1 - keep)
             step += 1
-            values = _mean(torch.stack([value.detach().float() for value in terms.values()]), world)
             now = clock.monotonic()
             elapsed = spent_s + now - started
-            told = dict(zip(terms, values.tolist(), strict=True))
             log.terms(step, told, rate, norm, elapsed, every=max(1, settings.steps // LINES))
-            if settings.max_minutes is not None:
-                late = not _everywhere(now - started < 60 * settings.max_minutes, world, device)
+            if progress is not None:
+                progress(step, settings.steps, told["loss"])
+            late = bool(told_to_end or out_of_time)  # what any process heard, all do
             done = late or step == settings.steps
-            if rank == 0 and (done or now - saved > 60 * settings.checkpoint_minutes):
-                about = about_run(settings, model, step, elapsed, before, figures)
-                save_state(folder, model, optimiser, average, about)
-                save_weights(folder, model, average, about)
+            if done or now - saved > 60 * settings.checkpoint_minutes:
+                keep_state()
                 saved = now
-            if rank == 0 and not done and step % max(1, settings.steps // VALIDATIONS) == 0:
-                figures = _with(average, parameters, lambda: validate(model, settings, device))
+            if rank == 0 and not done and step in checks:
+                figures = check()
                 log.line({"step": step, "seconds": elapsed, "validation": figures})
                 report(f"step {step}/{settings.steps}, {elapsed / 60:.1f} min: " + _told(figures))
+                draw(folder / LOG)
+            if told_to_end:
+                if rank == 0:
+                    draw(folder / LOG)
+                return {
+                    "step": step, "samples": step * settings.batch, "minutes": elapsed / 60,
+                    "finished": step == settings.steps, "signal": asked.number or signal.SIGTERM,
+                }  # fmt: skip
     summary: dict[str, Any] = {"step": step, "samples": step * settings.batch, "minutes": elapsed / 60}
     if rank == 0:
-        figures = _with(average, parameters, lambda: validate(model, settings, device, against_lct=True))
-        save_weights(folder, model, average, about_run(settings, model, step, elapsed, before, figures))
+        figures = check(against_lct=True)
         summary |= {"validation": figures, "finished": step == settings.steps}
         log.line(summary)
         report(f"{summary['minutes']:.1f} min, {summary['samples']} samples: " + _told(figures))
-        plot(folder / LOG)
-    if not alone:
+        draw(folder / LOG)
+    if world > 1:
         dist.barrier()
-        dist.destroy_process_group()
     return summary
+
+
+def _silent(line: str) -> None:
+    """What a process says whose words another one says."""
+    del line
 
 
 def _networks(settings: TrainSettings, device: str) -> tuple[nn.Module, nn.Module | None, dict[str, Any]]:
@@ -140,6 +224,15 @@ def _networks(settings: TrainSettings, device: str) -> tuple[nn.Module, nn.Modul
 def device_here() -> str:
     """Where this process computes: a GPU where PyTorch sees one."""
     return f"cuda:{os.environ.get('LOCAL_RANK', 0)}" if torch.cuda.is_available() else "cpu"
+
+
+def half_precision(settings: TrainSettings, device: str) -> bool:
+    """Whether to compute in bfloat16: where the processor has it, unless told otherwise."""
+    if settings.precision != "auto":
+        return settings.precision == "bf16"
+    if device == "cuda":
+        return bool(torch.cuda.is_bf16_supported())
+    return bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
 
 
 def build(settings: TrainSettings, wall: WallGrid, time: TimeAxis) -> nn.Module:
@@ -166,62 +259,6 @@ def objective(
             return own(batch)
         prediction = network(batch["counts"], batch["exposure"])
     return losses(prediction, batch, settings.loss)
-
-
-def half_precision(settings: TrainSettings, device: str) -> bool:
-    """Whether to compute in bfloat16: where the processor has it, unless told otherwise."""
-    if settings.precision != "auto":
-        return settings.precision == "bf16"
-    if device == "cuda":
-        return bool(torch.cuda.is_bf16_supported())
-    return bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
-
-
-def learning_rate(settings: TrainSettings, step: int) -> float:
-    """Linear warm-up, then half a cosine or a steady decay."""
-    if step < settings.warm_up_steps:
-        return settings.learning_rate * (step + 1) / settings.warm_up_steps
-    done = (step - settings.warm_up_steps) / max(1, settings.steps - settings.warm_up_steps)
-    if settings.schedule == "exponential":
-        return float(settings.learning_rate * (settings.last_rate / settings.learning_rate) ** done)
-    return settings.last_rate + (settings.learning_rate - settings.last_rate) * (1 + math.cos(math.pi * done)) / 2
-
-
-def _join() -> tuple[int, int]:
-    dist.init_process_group("nccl" if torch.cuda.is_available() else "gloo")
-    if torch.cuda.is_available():
-        torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
-    return dist.get_rank(), dist.get_world_size()
-
-
-def _everywhere(here: bool, world: int, device: str) -> bool:
-    """Whether it is so in every process."""
-    answer = torch.tensor(float(here), device=device)
-    return bool(_mean(answer, world) == 1)
-
-
-def _mean(x: torch.Tensor, world: int) -> torch.Tensor:
-    """The mean over all processes."""
-    if world > 1:
-        dist.all_reduce(x)
-        x /= world
-    return x
-
-
-def _step(parameters: list[nn.Parameter], optimiser: torch.optim.Optimizer, clip: float, world: int) -> float:
-    """Average the gradients of all processes, clip, step; a step that is not finite is skipped. Returns the norm."""
-    if world > 1:
-        flat = torch.cat([(p.grad if p.grad is not None else torch.zeros_like(p)).flatten() for p in parameters])
-        _mean(flat, world)
-        start = 0
-        for p in parameters:
-            p.grad = torch.empty_like(p).copy_(flat[start : start + p.numel()].view(p.shape))
-            start += p.numel()
-    norm = float(nn.utils.clip_grad_norm_(parameters, clip))
-    if math.isfinite(norm):
-        optimiser.step()
-    optimiser.zero_grad(set_to_none=True)
-    return norm
 
 
 def _with(average: list[torch.Tensor], parameters: Sequence[torch.Tensor], do: Callable[[], Any]) -> Any:

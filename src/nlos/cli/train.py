@@ -1,15 +1,22 @@
 """`nlos train CONFIG`: train a learned method, alone or as one of several processes under torchrun."""
 
+import os
+import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from nlos.cli.exit_codes import ExitCode, Stopped
+from nlos.cli.scan_progress import ScanProgress
 from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
     from nlos.configs.load import Loaded
     from nlos.recon.training.train_settings import TrainSettings
+
+LINE_S = 60.0
+"""Off a terminal, a line so often."""
 
 
 def train(
@@ -28,8 +35,9 @@ def train(
     """Train a learned method; an interrupted run resumes from its last checkpoint."""
     from nlos.configs.load import load
     from nlos.recon.training import train as training
-    from nlos.recon.training.run_folder import LOG, STATE, WEIGHTS
+    from nlos.recon.training.run_folder import STATE
     from nlos.recon.training.train_settings import TrainSettings
+    from nlos.recon.weights.files import read_about
 
     loaded = load("train", config, TrainSettings)
     _refuse_problems(loaded)
@@ -40,13 +48,35 @@ def train(
         return
     if max_minutes is not None:
         settings = settings.model_copy(update={"max_minutes": max_minutes})
-    if overwrite:
-        for name in (STATE, WEIGHTS, LOG):
-            (folder / name).unlink(missing_ok=True)
-    summary = training.train(settings, folder, terminal.log)
+    seen = 0 if overwrite or not (folder / STATE).exists() else int(read_about(folder / STATE).get("step", 0))
+    with ScanProgress(settings.steps, seen, "steps", line_s=LINE_S) as progress:
+
+        def say(line: str) -> None:
+            progress.hide()
+            terminal.log(line)
+            progress.show()
+
+        def told(step: int, steps: int, loss: float) -> None:
+            progress.step(f", loss {loss:.4g}")
+
+        summary = training.train(settings, folder, say, progress=told, overwrite=overwrite)
+    if _rank():
+        return
+    if "signal" in summary:
+        number = summary["signal"]
+        raise Stopped(
+            ExitCode.INTERRUPTED if number == signal.SIGINT else ExitCode.TERMINATED,
+            f"stopped by {signal.Signals(number).name} after step {summary['step']} of {settings.steps}, saved in "
+            f"{folder}. The same command resumes.",
+        )
     figures = ", ".join(f"{name} {value:.3f}" for name, value in summary.get("validation", {}).items())
     state = "done" if summary.get("finished") else "stopped; the same command resumes"
     terminal.result(f"{folder}: {state}; {summary['samples']} samples; {figures}", folder=str(folder), **summary)
+
+
+def _rank() -> int:
+    """This process's number among those of torchrun: only the first one speaks."""
+    return int(os.environ.get("RANK", "0"))
 
 
 def _refuse_problems(loaded: "Loaded[TrainSettings]") -> None:
@@ -55,6 +85,8 @@ def _refuse_problems(loaded: "Loaded[TrainSettings]") -> None:
     from nlos.recon.training.checks import problems
 
     if found := problems(loaded.settings):
+        if _rank():
+            raise typer.Exit(int(ExitCode.USAGE))
         raise ConfigError("\n".join(f"{where(loaded, place)}: {what}" for place, what in found))
 
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from nlos.recon.training.batches import pooled, with_uniform_noise
-from nlos.recon.training.train import learning_rate
+from nlos.recon.training.schedule import learning_rate
 from nlos.recon.training.train_settings import TrainSettings
 
 

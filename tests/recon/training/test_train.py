@@ -15,8 +15,9 @@ import torch
 
 from nlos.recon.training.dataset import DatasetSettings
 from nlos.recon.training.run_folder import STATE, WEIGHTS
+from nlos.recon.training.schedule import learning_rate
 from nlos.recon.training.ship import ship
-from nlos.recon.training.train import learning_rate, train
+from nlos.recon.training.train import train
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.weights.files import WeightsError, load_weights, put_weights, read_weights, save
 

@@ -1,0 +1,63 @@
+"""What a training's log says, for people: loss.png with a panel a curve, and log.csv for every other program."""
+
+import csv
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+NO_CURVES = ("step", "seconds", "samples", "minutes", "finished", "validation")
+VALIDATED = "validation "
+
+
+def curves_of(log: Path) -> dict[str, tuple[list[int], list[float]]]:
+    """Name -> steps and values, from log.jsonl: the loss and its terms, validation, rate and gradient norm."""
+    found: dict[str, tuple[list[int], list[float]]] = {}
+    for row in rows_of(log):
+        for name, value in row.items():
+            if name not in NO_CURVES and isinstance(value, int | float):
+                steps, values = found.setdefault(name, ([], []))
+                steps.append(int(row["step"]))
+                values.append(float(value))
+    return found
+
+
+def rows_of(log: Path) -> list[dict[str, Any]]:
+    """The log's lines; what validation found is `validation NAME`."""
+    rows = []
+    for line in log.read_text(encoding="utf-8").splitlines():
+        if line.endswith("}"):
+            row = json.loads(line)
+            checked = {f"{VALIDATED}{name}": value for name, value in row.pop("validation", {}).items()}
+            rows.append(row | checked)
+    return rows
+
+
+def draw(log: Path) -> None:
+    """log.csv and loss.png beside the log, replaced at once."""
+    from matplotlib.figure import Figure
+
+    rows = rows_of(log)
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    fresh = log.with_name(".log.csv.new")
+    with fresh.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, names)
+        writer.writeheader()
+        writer.writerows(rows)
+    fresh.replace(log.with_name("log.csv"))
+    curves = curves_of(log)
+    if not curves:
+        return
+    columns = min(3, len(curves))
+    lines = -(-len(curves) // columns)
+    figure = Figure(figsize=(4.2 * columns, 2.4 * lines), layout="constrained")
+    for place, (name, (steps, values)) in enumerate(curves.items(), 1):
+        axes = figure.add_subplot(lines, columns, place, title=name, xlabel="step")
+        axes.plot(steps, values, marker="." if len(steps) < 40 else None, linewidth=0.9)
+        finite = [value for value in values if math.isfinite(value)]
+        if not name.startswith(VALIDATED) and finite and min(finite) > 0 and max(finite) > 20 * min(finite):
+            axes.set_yscale("log")
+        axes.grid(alpha=0.3)
+    picture = log.with_name(".loss.new.png")
+    figure.savefig(picture, dpi=110)
+    picture.replace(log.with_name("loss.png"))

@@ -1,0 +1,20 @@
+"""When a training does what: its learning rate at every step, and the steps after which it is validated."""
+
+import math
+
+from nlos.recon.training.train_settings import TrainSettings
+
+
+def learning_rate(settings: TrainSettings, step: int) -> float:
+    """Linear warm-up, then half a cosine or a steady decay."""
+    if step < settings.warm_up_steps:
+        return settings.learning_rate * (step + 1) / settings.warm_up_steps
+    done = (step - settings.warm_up_steps) / max(1, settings.steps - settings.warm_up_steps)
+    if settings.schedule == "exponential":
+        return float(settings.learning_rate * (settings.last_rate / settings.learning_rate) ** done)
+    return settings.last_rate + (settings.learning_rate - settings.last_rate) * (1 + math.cos(math.pi * done)) / 2
+
+
+def validation_steps(steps: int) -> set[int]:
+    """When a network in training is validated: early and often at first, then at every fifth of the way."""
+    return {math.ceil(steps * part) for part in (0.02, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8)}

@@ -1,0 +1,181 @@
+"""A training that one can trust: it ends when told, is alone in its folder, and does not go on with nonsense."""
+
+import csv
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+import torch
+
+from nlos.recon.errors import InvalidSettings, ReconstructionFailed
+from nlos.recon.training import train as training
+from nlos.recon.training.curves import curves_of
+from nlos.recon.training.run_folder import LOG, STATE, WEIGHTS, alone_in
+from nlos.recon.training.schedule import validation_steps
+from nlos.recon.training.train_settings import TrainSettings
+from nlos.recon.weights.files import read_about, read_weights
+
+TEXT = {
+    "method": "unet", "method_settings": {"widths": [4, 8], "finish_widths": [8, 8], "core_points": 8},
+    "data": {"scenes": 6, "degradations": 1, "rows": 16, "cols": 16, "bins": 64, "bin_width_ps": 256.0},
+    "validation": {"seed": 2, "scenes": 2, "degradations": 1, "held_out": True}, "samples": 400, "warm_up_steps": 3,
+}  # fmt: skip
+ROUNDS = 100 if os.environ.get("NLOS_SOAK") else 1
+
+
+def settings(cache: Path, **changes: object) -> TrainSettings:
+    return TrainSettings.model_validate_json(json.dumps(TEXT | {"cache": str(cache)} | changes))
+
+
+def quiet(line: str) -> None:
+    del line
+
+
+def written(folder: Path, cache: Path, **changes: object) -> None:
+    (folder / "a.yaml").write_text(json.dumps(TEXT | {"cache": str(cache)} | changes))  # JSON is YAML
+
+
+def started(folder: Path) -> "subprocess.Popen[str]":
+    words = [sys.executable, "-m", "nlos", "train", "a.yaml", "-o", "run"]
+    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    return subprocess.Popen(
+        words, cwd=folder, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+    )
+
+
+def steps_logged(folder: Path) -> int:
+    log = folder / "run" / LOG
+    return len(log.read_text().splitlines()) if log.exists() else 0
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("scenes")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_saves_the_step_under_way_and_says_how_to_resume(number: int, tmp_path: Path, cache: Path) -> None:
+    written(tmp_path, cache)
+    chance = random.Random(number)
+    for _ in range(ROUNDS):
+        process, logged = started(tmp_path), steps_logged(tmp_path)
+        deadline = time.monotonic() + 90
+        while steps_logged(tmp_path) < logged + 2:
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        time.sleep(chance.uniform(0, 0.3))
+        process.send_signal(number)
+        said = process.communicate(timeout=60)[1]
+        assert process.returncode == 128 + number, said
+        assert f"stopped by {signal.Signals(number).name} after step" in said
+        assert "The same command resumes" in said
+        state = read_about(tmp_path / "run" / STATE)
+        lines = [json.loads(line) for line in (tmp_path / "run" / LOG).read_text().splitlines()]
+        assert state["step"] == max(line["step"] for line in lines), "no step that was taken is lost"
+        assert (tmp_path / "run" / WEIGHTS).exists()
+    more = training.train(settings(cache, samples=2 * (state["step"] + 2)), tmp_path / "run", quiet)
+    assert more["finished"]
+    assert more["step"] == state["step"] + 2
+
+
+def test_a_second_training_in_one_folder_is_refused(tmp_path: Path, cache: Path) -> None:
+    written(tmp_path, cache)
+    first = started(tmp_path)
+    deadline = time.monotonic() + 90
+    while steps_logged(tmp_path) < 2:
+        assert first.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    second = started(tmp_path)
+    said = second.communicate(timeout=90)[1]
+    assert second.returncode == 2
+    assert "another process trains there" in said
+    first.kill()
+    first.communicate()
+    with alone_in(tmp_path / "run", 0):  # a lock goes with its process
+        pass
+
+
+def test_a_loss_that_is_not_finite_stops_with_the_last_good_weights(
+    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chosen, real, calls = settings(cache, samples=40), training.objective, []
+
+    def broken(*given: object) -> dict[str, torch.Tensor]:
+        calls.append(1)
+        terms = real(*given)  # type: ignore[arg-type]
+        return terms if len(calls) < 8 else {name: value * float("nan") for name, value in terms.items()}
+
+    monkeypatch.setattr(training, "objective", broken)
+    with pytest.raises(ReconstructionFailed, match=r"the loss is nan at step 8 of 20.*holds the last good weights"):
+        training.train(chosen, tmp_path, quiet)
+    held = read_weights(tmp_path / WEIGHTS)
+    assert all(tensor.isfinite().all() for tensor in held.tensors.values())
+    assert 0 < held.about["step"] < 8
+    from nlos.cli.exit_codes import exit_code
+
+    assert exit_code(ReconstructionFailed("")) == 8
+
+
+def test_the_best_weights_are_kept_and_the_last_state(tmp_path: Path, cache: Path) -> None:
+    chosen = settings(cache, samples=60, learning_rate=0.02, last_rate=0.02)
+    training.train(chosen, tmp_path, quiet)
+    lines = [json.loads(line) for line in (tmp_path / LOG).read_text().splitlines()]
+    checked = {line["step"]: line["validation"]["psnr"] for line in lines if "validation" in line}
+    assert set(checked) == validation_steps(30) | {30}
+    about = read_about(tmp_path / WEIGHTS)
+    assert about["step"] == max(checked, key=lambda step: checked[step])
+    assert about["validation"]["psnr"] == max(checked.values())
+    assert "lct_psnr" in about["validation"]
+    assert read_about(tmp_path / STATE)["step"] == 30
+
+
+def test_validation_comes_early_and_often_at_first() -> None:
+    steps = sorted(validation_steps(1000))
+    assert steps[0] == 20
+    assert sum(step <= 200 for step in steps) > sum(step > 200 for step in steps)
+    assert validation_steps(1) == {1}
+
+
+def test_the_log_is_a_table_and_every_curve_is_seen(tmp_path: Path, cache: Path) -> None:
+    training.train(settings(cache, samples=40, loss={"log_picture": 0.1}), tmp_path, quiet)
+    with (tmp_path / "log.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["step"] for row in rows if row["loss"]] == [str(step) for step in range(1, 21)]
+    assert {"loss", "rate", "gradient_norm", "validation psnr", "validation depth_mad_m"} <= rows[0].keys()
+    curves = curves_of(tmp_path / LOG)
+    assert {"loss", "rate", "gradient_norm", "validation psnr", "validation lct_psnr"} <= curves.keys()
+    picture = matplotlib.image.imread(tmp_path / "loss.png")[..., :3]
+    blue = np.abs(picture - np.array([0x1F, 0x77, 0xB4]) / 255).max(axis=2) < 0.02
+    columns, rows_of_panels = 3, -(-len(curves) // 3)
+    high, wide = picture.shape[0] // rows_of_panels, picture.shape[1] // columns
+    for number in range(len(curves)):
+        row, col = divmod(number, columns)
+        assert blue[row * high : (row + 1) * high, col * wide : (col + 1) * wide].sum() > 15, list(curves)[number]
+
+
+def test_off_a_terminal_progress_is_a_line_with_rate_loss_and_time_left(
+    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from nlos.__main__ import run
+    from nlos.cli import train as command
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(command, "LINE_S", 0.0)
+    written(tmp_path, cache, samples=8)
+    assert run(["train", "a.yaml", "-o", "run"]) == 0
+    said = capsys.readouterr().err
+    assert "2 of 4 steps" in said
+    assert "steps/s, loss " in said
+    assert "s left" in said
+    with pytest.raises(InvalidSettings, match="has seen 8 already"):
+        training.train(settings(cache, samples=2), tmp_path / "run", quiet)
