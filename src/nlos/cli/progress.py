@@ -14,8 +14,10 @@ _LINE_S = 10.0
 class Progress:
     """Counts steps; shows them on stderr at most ten times a second, or a line every ten seconds off a terminal."""
 
-    def __init__(self, total: int, done: int = 0, what: str = "scan", unit: str = "points") -> None:
-        self._what, self._unit = what, unit
+    def __init__(
+        self, total: int, done: int = 0, what: str = "scan", unit: str = "points", line_s: float = _LINE_S
+    ) -> None:
+        self._what, self._unit, self._line_s = what, unit, line_s
         self._total, self._done, self._begun_with = total, done, done
         self._begun_s = self._shown_s = time.monotonic()
         self._bar = None
@@ -41,15 +43,16 @@ class Progress:
         if self._bar is not None:
             self._bar.stop()
 
-    def step(self, by: int = 1) -> None:
-        """So many more are done."""
+    def step(self, by: int = 1, note: str = "") -> None:
+        """So many more are done; `note` is shown beside the pace."""
         self._done += by
         now = time.monotonic()
-        if now - self._shown_s < (_BAR_S if self._bar is not None else _LINE_S):
+        if now - self._shown_s < (_BAR_S if self._bar is not None else self._line_s):
             return
         self._shown_s = now
         rate = (self._done - self._begun_with) / max(now - self._begun_s, 1e-9)
         pace = f"{rate:.0f} {self._unit}/s" if rate >= 10 else f"{60 * rate:.1f} {self._unit}/min"
+        pace += note
         if self._bar is not None:
             self._bar.update(self._task, completed=self._done, rate=pace)
         else:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from nlos.cli.exit_codes import ExitCode, Stopped
-from nlos.cli.scan_progress import ScanProgress
+from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def train(
     if max_minutes is not None:
         settings = settings.model_copy(update={"max_minutes": max_minutes})
     seen = 0 if overwrite or not (folder / STATE).exists() else int(read_about(folder / STATE).get("step", 0))
-    with ScanProgress(settings.steps, seen, "steps", line_s=LINE_S) as progress:
+    with Progress(settings.steps, seen, what="train", unit="steps", line_s=LINE_S) as progress:
 
         def say(line: str) -> None:
             progress.hide()
@@ -57,7 +57,7 @@ def train(
             progress.show()
 
         def told(step: int, steps: int, loss: float) -> None:
-            progress.step(f", loss {loss:.4g}")
+            progress.step(note=f", loss {loss:.4g}")
 
         summary = training.train(settings, folder, say, progress=told, overwrite=overwrite)
     if _rank():
