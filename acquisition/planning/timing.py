@@ -46,7 +46,7 @@ class Links:
     margin: float
 
     @classmethod
-    def of_cables(cls, serial_s: float, usb_s: float, commands: int, margin: float) -> "Links":
+    def of_cables(cls, serial_s: float, usb_s: float, commands: float, margin: float) -> "Links":
         """From the times of one exchange, there and back, on the mirror's and on the counter's cable."""
         return cls(
             move_s=commands * serial_s,

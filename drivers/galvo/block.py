@@ -9,7 +9,7 @@ from nlos.drivers.galvo.settle import SettleModel
 class MirrorBlock(DeviceSettings):
     """Derived from by each model's own settings. Class variables are the model's, not the user's."""
 
-    commands_per_move: ClassVar[int] = 1
+    commands_per_move: ClassVar[float] = 1
     """Exchanges that one move takes: one for both axes, or one for each."""
     polled_every_s: ClassVar[float | None] = None
     """Pause between two looks at the status of a mirror that has to say twice that it has settled; None: it is waited

@@ -15,7 +15,8 @@ class HeliosSettings(MirrorBlock):
     leaves it as it is."""
 
     cable: ClassVar = "usb"
-    commands_per_move: ClassVar[int] = 3
+    commands_per_move: ClassVar[float] = 1.5
+    """The status, there and back, and the frame, one way."""
 
     model: Literal["helios"]
     usb: str = "auto"

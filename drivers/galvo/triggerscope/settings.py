@@ -27,7 +27,7 @@ class TriggerScopeSettings(MirrorBlock):
     """The mirror block of a bench file."""
 
     cable: ClassVar = "serial"
-    commands_per_move: ClassVar[int] = 2
+    commands_per_move: ClassVar[float] = 2
     marker_output_v: ClassVar[float] = 5.0
     """Its outputs go through level shifters from 3.3 V."""
     trigger_input: ClassVar[str] = "TTL of at least 10 us"
