@@ -4,6 +4,7 @@ import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -164,6 +165,20 @@ def as_recorded(
         bool(said.get("rectified", False)),
         cut if isinstance(cut, int) and cut > 0 else None,
         falloff if isinstance(falloff, int) else None,
-        np.asarray(offsets, dtype=np.float64) if isinstance(offsets, list) else None,
+        _offset_bins(recording, offsets, transient.exposure_s.shape) if isinstance(offsets, list) else None,
         bool(said.get("wall_known", True)),
     )
+
+
+def _offset_bins(recording: Recording, stored: list[Any], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
+    """The offsets (H, W) that an imported file brought along. Raises `InvalidData` for anything else."""
+    try:
+        offsets = np.asarray(stored, dtype=np.float64)
+    except (TypeError, ValueError):
+        offsets = np.zeros(0)
+    if offsets.shape != shape or not np.isfinite(offsets).all():
+        raise InvalidData(
+            f"{recording.path}: scan_json: time_offset_bins is not a {shape[0]} x {shape[1]} table of finite numbers. "
+            "Import the original file again."
+        )
+    return offsets

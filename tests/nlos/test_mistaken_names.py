@@ -137,3 +137,19 @@ def test_an_old_python_is_told_so_in_one_line(tmp_path: Path) -> None:
     assert "Python 3.11 or newer" in said[0]
     assert "3.10.12" in said[0]
     assert not (tmp_path / ".venv").exists()
+
+
+def test_offsets_of_another_shape_than_the_scan_are_refused(folder: Path) -> None:
+    import json
+
+    import h5py
+
+    assert nlos_("scan", "small.yaml", "-o", "run.h5", cwd=folder)[0] == 0
+    with h5py.File(folder / "run.h5", "r+") as file:
+        said = json.loads(file["header/scan_json"][()])
+        said["imported"] = {"time_offset_bins": [[1.0], [1.0, 2.0]]}
+        del file["header/scan_json"]
+        file["header"].create_dataset("scan_json", data=np.bytes_(json.dumps(said)))
+    code, _, err = nlos_("reconstruct", "run.h5", "-o", "out", cwd=folder)
+    assert (code, "Traceback" in err) == (7, False), err
+    assert "time_offset_bins" in err
