@@ -51,7 +51,7 @@ function next(state) {
 function words(state) { const light = state.light === true ? ", light on" : state.light === false && state.status !== "complete" ? ", light off" : ""; return WORDS[state.status] + (state.status === "running" || state.status === "paused" ? light : ""); }
 function banner(state) {
   const last = kind => (state.events.filter(e => e[1] === kind).pop() || [0, "", ""])[2], box = $("banner"), alarm = state.events.filter(e => e[1] === "alarm" || e[1] === "trip").pop(); let big = "", small = "", kind = "";
-  if (gone) [big, small, kind] = ["The viewer has ended", "Nothing on this page changes any more. The scan itself is not affected; `nlos live RUN.h5` shows it again.", "bad"];
+  if (gone) [big, small, kind] = ["The viewer has ended", "This page no longer changes. The scan and its light are not affected by this; see the terminal of the scan. Start nlos live again to watch it.", "bad"];
   else if (state.status === "paused") [big, small] = ["Paused", last("scan").replace(/^paused: /, "") + (state.light === false ? ". The light is off." : "")];
   else if (state.status === "lost") [big, small, kind] = ["The scan's process is gone", `${count(state.samples)} samples are safe. \`nlos scan --resume\` takes the others.`, "bad"];
   else if (state.status === "stopped" || state.status === "failed") [big, small, kind] = [WORDS[state.status], last("trip") || last("alarm") || last("device"), "bad"];
