@@ -135,7 +135,7 @@ def test_training_lowers_the_loss_and_weights_can_be_used(tmp_path: Path, cache:
     losses = [line["loss"] for line in lines if "loss" in line]
     assert sum(losses[-10:]) < 0.7 * sum(losses[:10])
     about = read_weights(tmp_path / WEIGHTS).about
-    assert about["samples"] == 120
+    assert 0 < about["samples"] <= 120  # of the best validation, not the last step
     assert about["settings"]["method"] == "unet"
 
 
