@@ -119,7 +119,7 @@ def test_a_file_loads_as_arrays_and_prints_shortly(tmp_path: Path) -> None:
 
 def test_files_and_the_command_line_give_the_same_picture(tmp_path: Path) -> None:
     path = plain_file(tmp_path)
-    assert run(["reconstruct", str(path), "-o", str(tmp_path / "cli"), "-q"]) == 0
+    assert run(["reconstruct", str(path), "-o", str(tmp_path / "cli")]) == 0
     with h5py.File(tmp_path / "cli" / "reconstruction.h5") as file:
         np.testing.assert_array_equal(file["albedo"][()], nlos.reconstruct(path).albedo)
 
