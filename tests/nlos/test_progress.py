@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nlos.cli import progress as module
 from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
 
@@ -19,9 +18,8 @@ Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
 
 
 def test_a_line_says_rate_and_time_left(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(module, "_LINE_S", -1.0)
     monkeypatch.setattr(terminal, "verbosity", 0)
-    with Progress(10, what="import", unit="files") as progress:
+    with Progress(10, what="import", unit="files", line_s=-1.0) as progress:
         progress.step(4)
     assert re.search(r"^4 of 10 files, [\d.]+ files/(s|min), \d+ s left$", capsys.readouterr().err, re.M)
 
