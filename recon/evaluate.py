@@ -5,9 +5,8 @@ attributes as in `acquisition/importers/plain.py`, and the truth on the same gri
 `gt_mask`.
 """
 
-import difflib
 import resource
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,16 +19,15 @@ from nlos.acquisition.importers.plain import read_plain
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, needed_array, open_hdf5
 from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.entrants import Entrant, check_known, choices, entrant
 from nlos.recon.errors import InvalidData, InvalidSettings, ReconError
-from nlos.recon.methods import find, parse_settings
+from nlos.recon.methods import find
 from nlos.recon.metrics import depth_scores, image_scores
-from nlos.recon.physics_settings import PhysicsSettings
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.subsets import measured_points
 from nlos.recon.volume import Reconstruction
 
 CONDITIONS = ("transient", "counts_p20", "counts_p5", "counts_p1", "counts_p5@16x16")
-SNR_CHOICES = (1.0, 0.1, 0.03, 0.01, 0.003)
 Say = Callable[[str], None]
 
 
@@ -91,10 +89,10 @@ def evaluate(
     """Runs every method on every scene under every condition; conditions that a scene lacks are skipped and reported.
 
     A physics method with an inverse filter runs at each of `SNR_CHOICES` and keeps, per condition, the one with the
-    best mean psnr; `fixed` leaves its snr to the method. `settings` go to every method that knows them. A word
-    of `methods` may be `NAME=FILE`: weights of one's own, which say their method. `step(done, total, at)` is called
-    after every reconstruction. Raises `InvalidData` where no scene has a truth, `InvalidSettings` for a method or
-    condition that does not exist.
+    best mean psnr; `fixed` leaves its snr to the method. `settings` go to every method that knows them. A word of
+    `methods` may be a method's file, or `NAME=FILE`: such a file, or weights, which say their method. `step(done,
+    total, at)` is called after every reconstruction. Raises `InvalidData` where no scene has a truth, `InvalidSettings`
+    for a method or condition that does not exist.
     """
     entrants = [entrant(word) for word in methods]
     if twice := sorted({one.name for one in entrants if [e.name for e in entrants].count(one.name) > 1}):
@@ -130,49 +128,6 @@ def evaluate(
                 rows.append(row)
                 pictures[row.scene, row.method, row.condition] = picture
     return Evaluation(rows, scenes, pictures)
-
-
-@dataclass(frozen=True)
-class Entrant:
-    """One method as it takes part: under its own name, or a user's weights under a name of theirs."""
-
-    name: str
-    method: str
-    settings: dict[str, object]
-
-
-def entrant(word: str) -> Entrant:
-    """`METHOD`, or `NAME=FILE` for weights. Raises `InvalidSettings`."""
-    name, equals, file = word.partition("=")
-    if not equals:
-        return Entrant(name, name, {})
-    if not name or not file:
-        raise InvalidSettings(f"--methods {word}: NAME=FILE is expected, a name and a file of weights")
-    from nlos.recon.weights.described import describe_weights
-
-    known = describe_weights(file)
-    return Entrant(name, known.method, known.settings)
-
-
-def check_known(methods: Sequence[str], settings: dict[str, object]) -> None:
-    """Raises `InvalidSettings` for a method that does not exist, and for a setting that none of them has."""
-    known = sorted({key for method in methods for key in find(method).Settings.model_fields})
-    for key in settings:
-        if key not in known:
-            near = difflib.get_close_matches(key, known, n=1)
-            hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}"
-            raise InvalidSettings(f"none of {', '.join(methods)} has a setting '{key}'; {hint}")
-
-
-def choices(
-    method: str, settings: dict[str, object], fixed: bool, given: Mapping[str, object] | None = None
-) -> list[dict[str, object]]:
-    """The settings that a method is tried with: those of its weights (`given`), and before them `settings`."""
-    known = find(method).Settings
-    own = {**(given or {})} | {key: value for key, value in settings.items() if key in known.model_fields}
-    parse_settings(method, own)
-    tuned = issubclass(known, PhysicsSettings) and known.has_inverse_filter and not fixed and "snr" not in own
-    return [{**own, "snr": snr} for snr in SNR_CHOICES] if tuned else [own]
 
 
 def find_scenes(paths: Sequence[Path], say: Say) -> Iterator[Scene]:

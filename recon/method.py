@@ -6,8 +6,13 @@ What `build` returns is an `nn.Module` that is called with
     counts      (B, 1, T, H, W), float32: time 0 is at the wall, direct light is removed
     exposure_s  (B, H, W), 0 = not measured, or None where every point was exposed alike
 
-and returns a `MethodResult`; its `depths_m`, (D,), says where the planes of the volume lie. A method by physics makes
-the volume and hands it to `physics.seen_in`. `tests/recon/test_a_method_of_ones_own.py` holds one of twenty lines.
+and returns a `MethodResult`; where that has a volume, the module's `depths_m`, (D,), says where its planes lie. A
+method by physics makes the volume and hands it to `physics.seen_in`. One that learns has a setting `weights` with the
+default None, and is trained as it is: `nlos train` knows it by the same word.
+
+The file is in `recon/methods`, or anywhere: its path, which ends in `.py`, is a method's name wherever one is asked
+for. A package offers its own by an entry point of the group `nlos.methods`: a word -> the module that is such a file.
+`docs/howto/methods.md` shows one of thirty lines.
 """
 
 from typing import TYPE_CHECKING, Generic, NamedTuple, Protocol, TypeVar
@@ -34,7 +39,7 @@ class MethodResult(NamedTuple, Generic[Array]):
 
 
 class Method(Protocol):
-    """What a file of `recon/methods` offers."""
+    """What a method's file offers."""
 
     Settings: type[AnySettings]
 

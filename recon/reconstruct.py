@@ -16,6 +16,7 @@ from nlos.recon.gridding import confidence
 from nlos.recon.memory import KnownMemory, available_bytes, refusal
 from nlos.recon.method import MethodResult
 from nlos.recon.methods import find, parse_settings, torch_is_installed
+from nlos.recon.own_methods import name_of
 from nlos.recon.physics_settings import PhysicsSettings
 from nlos.recon.volume import Reconstruction, Volume, refuse_not_finite
 
@@ -26,7 +27,7 @@ PUBLISHED_BIN_WIDTH_S = 16e-12  # two halvings of 4 ps: O'Toole et al. 2018, Lin
 def reconstruct(
     transient: Transient, method: str, settings: Mapping[str, object] | None = None, device: str = "cpu"
 ) -> Reconstruction:
-    """What `method` sees in `transient` (time 0 at the wall, direct light removed).
+    """What `method`, a name or a file that ends in `.py`, sees in `transient` (time 0 at the wall, no direct light).
 
     Raises `InvalidData` for counts nobody can reconstruct, `InvalidSettings` for a method or setting that does not
     exist, `ReconstructionFailed` where memory or the method does not reach, or what it makes is not finite.
@@ -42,9 +43,9 @@ def reconstruct(
             raise ReconstructionFailed(why)
     began = clock.perf_counter()
     if torch_is_installed():
-        from nlos.recon.with_torch import built, see
+        from nlos.recon.with_torch import see_by
 
-        made, depths_m = see(rebinned, built(method, chosen, rebinned.wall, rebinned.time), device)
+        made, depths_m = see_by(method, chosen, rebinned, device)
     else:
         made, depths_m = _see_plainly(rebinned, method, chosen)
     seconds = clock.perf_counter() - began
@@ -52,7 +53,7 @@ def reconstruct(
         albedo=made.albedo.astype(np.float32),
         depth_m=made.depth_m.astype(np.float32),
         wall=rebinned.wall,
-        method=method,
+        method=name_of(method),
         seconds=seconds,
         settings=chosen.model_dump(mode="json"),
         volume=None if made.volume is None else Volume(made.volume, depths_m, rebinned.wall),

@@ -1,13 +1,15 @@
-"""The catalogue of methods: this folder. One file is one method is one word on the command line.
+"""The catalogue of methods: this folder, and what installed packages bring. One method is one word on the command line.
 
 A method's file has a first docstring line for the catalogue, a `Settings` class, and `build(settings, wall, time)`,
 which returns an `nn.Module`: counts (B, 1, T, H, W) and exposure (B, H, W) or None -> `MethodResult(albedo, depth_m,
-volume)`, of physics and learned methods alike. `recon/method.py` is the contract.
+volume)`, of physics and learned methods alike. `recon/method.py` is the contract. A word that ends in `.py` is a file
+of one's own, in no catalogue (`recon/own_methods.py`).
 """
 
 import ast
 import difflib
 import importlib
+import logging
 from importlib.util import find_spec
 from pathlib import Path
 from typing import cast
@@ -17,21 +19,45 @@ from pydantic import ValidationError
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.errors import InvalidSettings
 from nlos.recon.method import Method
+from nlos.recon.own_methods import find_in_file, find_in_package, in_a_file, line_of_package, of_packages
 
+log = logging.getLogger(__name__)
 PLAIN = ("lct", "fk")
 """Methods that need no torch."""
 
 
 def catalogue() -> dict[str, str]:
-    """Every method and its one line, in alphabetical order; imports none of them."""
-    files = [file for folder in __path__ for file in Path(folder).glob("[a-z]*.py")]
-    return {file.stem: _first_line(file) for file in sorted(files, key=lambda file: file.stem)}
+    """Every method and its one line, in alphabetical order, then those of installed packages; imports none of them."""
+    own = {file.stem: first_line(file.read_text(encoding="utf-8")) for file in _files()}
+    return own | {name: line_of_package(point) for name, point in of_packages(frozenset(own)).items()}
+
+
+def usable() -> list[str]:
+    """The catalogue without what cannot be loaded, which is said in a warning."""
+    found = []
+    for name in catalogue():
+        try:
+            find(name)
+        except InvalidSettings as error:
+            log.warning("%s. Update or remove the package.", error)
+        else:
+            found.append(name)
+    return found
 
 
 def find(name: str) -> Method:
-    """The method of that name. Raises `InvalidSettings` with the nearest name for one that does not exist."""
-    known = catalogue()
-    if name not in known:
+    """The method of that name, or in that file where it ends in `.py`.
+
+    Raises `InvalidSettings` with the nearest name for one that does not exist, with file and line for a file that
+    holds no method.
+    """
+    if in_a_file(name):
+        return find_in_file(name)
+    own = frozenset(file.stem for file in _files())
+    if name not in own and (point := of_packages(own).get(name)) is not None:
+        return find_in_package(point)
+    if name not in own:
+        known = catalogue()
         near = difflib.get_close_matches(name, known, n=1)
         raise InvalidSettings(
             f"there is no method '{name}'; " + (f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}")
@@ -65,6 +91,10 @@ def parse_settings(name: str, given: dict[str, object]) -> AnySettings:
         raise InvalidSettings("; ".join(lines)) from None
 
 
-def _first_line(file: Path) -> str:
-    text = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
-    return text.partition("\n")[0]
+def first_line(source: str) -> str:
+    """What a method's file says of itself."""
+    return (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0]
+
+
+def _files() -> list[Path]:
+    return sorted((file for folder in __path__ for file in Path(folder).glob("[a-z]*.py")), key=lambda file: file.stem)

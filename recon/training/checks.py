@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidSettings, ReconError
-from nlos.recon.methods import catalogue, find
+from nlos.recon.methods import find, usable
 from nlos.recon.training.dataset import DatasetSettings, sample
 from nlos.recon.training.impulse_responses import read_impulse_response
 from nlos.recon.training.scenes import kind_names
@@ -38,7 +38,7 @@ def problems(settings: TrainSettings) -> list[Problem]:
 
 def trainable() -> list[str]:
     """The methods that have weights."""
-    return [name for name in catalogue() if "weights" in find(name).Settings.model_fields]
+    return [name for name in usable() if "weights" in find(name).Settings.model_fields]
 
 
 def _of_method(settings: TrainSettings) -> Iterator[Problem]:

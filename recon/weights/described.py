@@ -15,6 +15,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from nlos.recon.methods import catalogue, find
+from nlos.recon.own_methods import in_a_file, name_of
 from nlos.recon.weights.files import OWN_FOLDER, STUDIES, WeightsError, find_weights, read_about
 
 log = logging.getLogger(__name__)
@@ -34,14 +35,20 @@ class Description:
     about: dict[str, Any]
 
 
-def describe_weights(name: str) -> Description:
-    """What the weights `name` (a file, or a name of those that ship) are of.
+def describe_weights(name: str, file: str | None = None) -> Description:
+    """What the weights `name` (a file, or a name of those that ship) are of. Weights of a method in a file need that
+    `file` named: what weights say is never run.
 
     Raises `WeightsError` for a file that does not say so, or that says what no method of the catalogue is.
     """
     path = find_weights(name)
     about = read_about(path)
     method = about.get("method")
+    if isinstance(method, str) and in_a_file(method):
+        if file is None or name_of(file) != name_of(method):
+            raise WeightsError(f"{path} is of the method in a file {name_of(method)}. Name it with --method FILE.")
+        method = file
+        return Description(path, method, _architecture(path, method, about) | {"weights": str(path)}, about)
     if method is None:
         raise WeightsError(
             f"{path} does not say which method it is of. Name it with --method, and its architecture with --set."
@@ -63,7 +70,7 @@ def use_weights(
     path = find_weights(str(weights))
     if method is not None and "method" not in read_about(path):  # another program's: what was said is all there is
         return method, {**settings, "weights": str(path)}
-    known = describe_weights(str(weights))
+    known = describe_weights(str(weights), method if method is not None and in_a_file(method) else None)
     if method not in (None, known.method):
         raise WeightsError(f"{known.path} is of the method {known.method}, not of {method}. Leave the method out.")
     return known.method, {**known.settings, **settings}

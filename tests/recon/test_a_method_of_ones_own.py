@@ -1,41 +1,151 @@
-"""A method of one's own takes one short file that keeps the contract of `recon/method.py`."""
+"""A method of one's own is a file, or a package's entry point; what is wrong with it is said with its file and line."""
 
+import re
+import sys
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
-import nlos.recon.methods
+import nlos
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.methods import catalogue, parse_settings
+from nlos.cli.exit_codes import exit_code
+from nlos.recon.errors import ReconError
+from nlos.recon.evaluate import evaluate
+from nlos.recon.live import LiveReconstruction
+from nlos.recon.methods import catalogue, find, parse_settings, usable
 from nlos.recon.reconstruct import reconstruct
 
 EXAMPLE = Path(__file__).with_name("method_of_ones_own.py")
+PAGE = Path(__file__).parents[2] / "docs" / "howto" / "methods.md"
+TEXT = EXAMPLE.read_text(encoding="utf-8")
 WALL, TIME = WallGrid(1.0, 0.5, 4, 8), TimeAxis(32, 100e-12)
+MAKES = "return MethodResult(brightest.values, depth_m.where(brightest.values >= self.least, torch.nan))"
 
 
 @pytest.fixture
-def _in_the_catalogue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The folder of methods with the example in it."""
-    (tmp_path / "brightest.py").write_text(EXAMPLE.read_text(encoding="utf-8"), encoding="utf-8")
-    monkeypatch.setattr(nlos.recon.methods, "__path__", [*nlos.recon.methods.__path__, str(tmp_path)])
-
-
-def test_the_example_is_short() -> None:
-    lines = [line for line in EXAMPLE.read_text(encoding="utf-8").splitlines() if line.strip()]
-    assert len(lines) <= 30
-
-
-@pytest.mark.usefixtures("_in_the_catalogue")
-def test_a_file_with_settings_and_build_is_a_method() -> None:
+def scan() -> Transient:
     counts = np.zeros((32, 4, 8), np.float32)
     counts[20, 1, 5] = 9
-    seen = reconstruct(Transient(counts, np.ones((4, 8)), WALL, TIME), "brightest", {"least_counts": 2})
+    return Transient(counts, np.ones((4, 8)), WALL, TIME)
+
+
+def test_the_example_is_short_and_is_what_the_page_shows() -> None:
+    assert len([line for line in TEXT.splitlines() if line.strip()]) <= 30
+    assert f"<<'END'\n{TEXT}END\n" in PAGE.read_text(encoding="utf-8")
+
+
+def test_a_file_with_settings_and_build_is_a_method(scan: Transient) -> None:
+    seen = reconstruct(scan, str(EXAMPLE), {"least_counts": 2})
     assert seen.albedo[1, 5] == 9
     assert seen.depth_m[1, 5] == pytest.approx(20.5 * 100e-12 * 299_792_458 / 2)
     assert np.isnan(seen.depth_m).sum() == 31
     assert seen.volume is None
-    assert seen.settings == {"least_counts": 2}
-    assert catalogue()["brightest"].startswith("The brightest return")
-    assert parse_settings("brightest", {}).model_dump() == {"least_counts": 1.0}
+    assert (seen.method, seen.settings) == ("method_of_ones_own.py", {"least_counts": 2})
+    assert parse_settings(str(EXAMPLE), {}).model_dump() == {"least_counts": 1.0}
+    assert "method_of_ones_own" not in catalogue()
+    live = LiveReconstruction(str(EXAMPLE)).update(scan, 32)
+    np.testing.assert_array_equal(live.reconstruction.albedo, seen.albedo)
+
+
+def test_python_takes_it_and_sees_the_file_as_it_is_now(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    histograms = np.random.default_rng(0).poisson(1.0, (4, 8, 32))
+    Path("mine.py").write_text(TEXT, encoding="utf-8")
+    before = nlos.reconstruct(histograms, "mine.py", wall=1.0, bin_width=1e-10)
+    Path("mine.py").write_text(TEXT.replace("MethodResult(brightest.values,", "MethodResult(2 * brightest.values,"))
+    after = nlos.reconstruct(histograms, "./mine.py", wall=1.0, bin_width=1e-10)
+    np.testing.assert_array_equal(after.albedo, 2 * before.albedo)
+
+
+def test_it_is_judged_beside_ours_under_a_name_of_its_own(tmp_path: Path) -> None:
+    counts = np.random.default_rng(0).poisson(1.0, (8, 8, 32))
+    with h5py.File(tmp_path / "scene.h5", "w") as file:
+        file.attrs.update({"bin_width_s": 1e-10, "wall_size_m": 1.0})
+        file["transient"] = counts
+        file["gt_intensity"], file["gt_depth"], file["gt_mask"] = counts[..., 20], np.ones((8, 8)), np.ones((8, 8))
+    words = ["lct", str(EXAMPLE), f"mine={EXAMPLE}"]
+    done = evaluate([tmp_path], words, ["transient"], fixed=True, say=lambda line: None)
+    assert [row.method for row in done.rows] == ["lct", EXAMPLE.name, "mine"]
+    assert done.rows[1].psnr == done.rows[2].psnr
+
+
+WRONG = {
+    "no file": (None, 2, r"mine\.py cannot be read: No such file"),
+    "nothing in it": ("", 2, "there is no class Settings and no function build"),
+    "no build": (TEXT.replace("def build(", "def make("), 2, "there is no function build"),
+    "not Python": (TEXT + "\nthis is (\n", 2, r"mine\.py:33: "),
+    "raises when it is run": (TEXT + "\n1 / 0\n", 2, r"mine\.py:33: ZeroDivisionError"),
+    "ends the program": (TEXT + "\nraise SystemExit(0)\n", 2, r"mine\.py:33: SystemExit"),
+    "needs what is not there": ("import no_such_package\n" + TEXT, 2, r"mine\.py:1: ModuleNotFoundError: .*no_such"),
+    "settings of another kind": (TEXT.replace("class Settings(AnySettings)", "class Settings"), 2, r":12: .*derive"),
+    "build of two": (TEXT.replace("wall: WallGrid, time: TimeAxis) ->", "wall: WallGrid) ->"), 2, r":30: build must"),
+    "build raises": (TEXT.replace("return BrightestReturn", "1 / 0; return BrightestReturn"), 8, r":31: ZeroDivision"),
+    "build returns a word": (
+        TEXT.replace("return BrightestReturn(settings, time)", "return 'x'"),
+        8,
+        r":30: .* str, no",
+    ),
+    "raises on a scan": (TEXT.replace("counts[:, 0].max(", "counts[:, 0].maxx("), 8, r":25: AttributeError"),
+    "an import inside": (
+        TEXT.replace("brightest = counts", "import no_such; brightest = counts"),
+        8,
+        r":25: ModuleNot",
+    ),
+    "returns a tensor": (TEXT.replace(MAKES, "return brightest.values"), 8, r":24: returned Tensor, not a MethodRe"),
+    "another shape": (
+        TEXT.replace("MethodResult(brightest.values,", "MethodResult(brightest.values[0],"),
+        8,
+        r":24: albedo is \(4, 8\), must be \(1, 4, 8\)",
+    ),
+    "another type": (TEXT.replace("(brightest.values,", "(brightest.indices,"), 8, r":24: albedo is torch.int64, must"),
+    "an array": (TEXT.replace("(brightest.values,", "(brightest.values.numpy(),"), 8, r":24: albedo is ndarray, must"),
+    "NaN": (TEXT.replace("(brightest.values,", "(brightest.values / 0,"), 8, r":24: 32 of 32 values of albedo are not"),
+    "below 0": (TEXT.replace("(brightest.values,", "(-brightest.values,"), 8, r":24: albedo goes down to -9"),
+    "no depths": (
+        TEXT.replace("self.least, self.depths_m = ", "self.least, self.planes = ")
+        .replace("self.depths_m)", "self.planes)")
+        .replace("torch.nan))", "torch.nan), counts[:, 0])"),
+        8,
+        r"volume is \(1, 32, 4, 8\), must be \(1, 0, 4, 8\) .*`depths_m`",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_wrong_with_a_file_is_said_with_its_line(case: str, scan: Transient, tmp_path: Path) -> None:
+    text, code, words = WRONG[case]
+    if text is not None:
+        assert text != TEXT, "nothing is wrong with it"
+        (tmp_path / "mine.py").write_text(text, encoding="utf-8")
+    with pytest.raises(ReconError, match=words) as raised:
+        reconstruct(scan, str(tmp_path / "mine.py"))
+    assert exit_code(raised.value) == code
+    assert case == "no file" or "mine.py" in str(raised.value)
+
+
+def test_a_wrong_setting_of_it_is_named() -> None:
+    with pytest.raises(ReconError, match="no setting 'least_count'; did you mean 'least_counts'"):
+        parse_settings(str(EXAMPLE), {"least_count": 1})
+
+
+def test_a_package_brings_its_own(scan: Transient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As pip would install it; a method of a name that is taken is skipped, one that cannot be loaded is said so."""
+    (tmp_path / "acme_deep.py").write_text(TEXT, encoding="utf-8")
+    (tmp_path / "acme_torn.py").write_text("1 / 0\n", encoding="utf-8")
+    about = tmp_path / "acme-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: acme\nVersion: 1.0\nSummary: Bright.\n", "utf-8")
+    points = "[nlos.methods]\nbrightest = acme_deep\nlct = acme_deep\ntorn = acme_torn\n"
+    (about / "entry_points.txt").write_text(points, "utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert catalogue()["brightest"] == "Bright. (package acme)"
+    assert find("lct").__name__ == "nlos.recon.methods.lct"  # type: ignore[attr-defined]
+    assert reconstruct(scan, "brightest").albedo[1, 5] == 9
+    assert {"brightest", "torn"} - set(usable()) == {"torn"}
+    with pytest.raises(ReconError, match=r"acme_torn\.py:1: ZeroDivisionError"):
+        find("torn")
+    for name in [name for name in sys.modules if re.match("acme_(deep|torn)", name)]:
+        del sys.modules[name]

@@ -11,8 +11,9 @@ import pytest
 from typer.testing import CliRunner
 
 from nlos.acquisition.errors import InvalidData as NotAMeasurement
+from nlos.recon.entrants import SNR_CHOICES
 from nlos.recon.errors import InvalidData, InvalidSettings
-from nlos.recon.evaluate import SNR_CHOICES, evaluate, transient_of
+from nlos.recon.evaluate import evaluate, transient_of
 from nlos.recon.evaluate import read_scene as read
 from nlos.recon.evaluation_report import NAMES, write_evaluation
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from nlos.cli.archive_task import LOCAL, Outcome, Task, attempt
 from nlos.cli.exit_codes import ExitCode, Stopped
+from nlos.recon.own_methods import in_a_file
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -65,7 +66,10 @@ def _absolute(task: Task) -> Task:
         settings["weights"] = str(Path(weights).resolve())
     if constants is not None:
         options["constants"] = constants.resolve()
-    return replace(task, run=task.run.resolve(), folder=task.folder.resolve(), settings=settings, options=options)
+    method = str(Path(task.method).expanduser().resolve()) if in_a_file(task.method) else task.method
+    return replace(
+        task, run=task.run.resolve(), folder=task.folder.resolve(), method=method, settings=settings, options=options
+    )
 
 
 @contextmanager

@@ -14,7 +14,8 @@ def evaluate(
     more: Annotated[list[Path] | None, typer.Argument(metavar="[PATH]...", help="More scene files or folders.")] = None,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR")] = Path("out"),
     methods: Annotated[
-        str | None, typer.Option(help="Method names, or NAME=FILE for weights, separated by commas. Default: all.")
+        str | None,
+        typer.Option(help="Names, files of methods, NAME=FILE for those or for weights; between commas. Default: all."),
     ] = None,
     conditions: Annotated[str | None, typer.Option(help="Dataset names, optionally @RxC or @blue:N.")] = None,
     settings: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
@@ -28,7 +29,7 @@ def evaluate(
     from nlos.cli.method_settings import parse_settings
     from nlos.recon import evaluate as evaluation
     from nlos.recon.evaluation_report import NAMES, write_evaluation
-    from nlos.recon.methods import catalogue
+    from nlos.recon.methods import usable
 
     scenes = [*data, *(more or [])]
     for path in scenes:
@@ -37,7 +38,7 @@ def evaluate(
     for name in NAMES:
         if (output / name).exists() and not overwrite:
             raise FileExistsError(f"{output / name}: exists. Choose another folder with -o, or say --overwrite.")
-    chosen = methods.split(",") if methods else list(catalogue())
+    chosen = methods.split(",") if methods else usable()
     with Progress(1, what="evaluate", unit="pictures") as progress:
 
         def step(done: int, total: int, at: str) -> None:

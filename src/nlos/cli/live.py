@@ -28,9 +28,7 @@ def live(
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 picks a free one.")] = 0,
     method: Annotated[
         str | None,
-        typer.Option(
-            help="Method name; see `nlos methods`. Default: NANO (LCT without torch), after a first one by LCT."
-        ),
+        typer.Option(help="A name, or a file, ./mine.py. Default: NANO (LCT without torch), after a first one by LCT."),
     ] = None,
     weights: Weights = None,
     idle_s: Annotated[

@@ -18,7 +18,9 @@ def reconstruct(
         list[Path],
         typer.Argument(metavar="RUN...", help="Recordings, other files, folders of them."),
     ],
-    method: Annotated[str | None, typer.Option(help="Method name; see `nlos methods`. Default: lct.")] = None,
+    method: Annotated[
+        str | None, typer.Option(help="Name (see `nlos methods`) or a file of your own, ./mine.py. Default: lct.")
+    ] = None,
     weights: Weights = None,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR")] = Path("out"),
     settings: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,

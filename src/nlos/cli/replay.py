@@ -17,7 +17,9 @@ def replay(
     run: Annotated[Path, typer.Argument(metavar="RUN")],
     speed: Annotated[str, typer.Option(metavar="X", help="Multiple of the recorded pace; `max` does not wait.")] = "1",
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="NEW.h5")] = None,
-    reconstruct: Annotated[str | None, typer.Option(metavar="METHOD", help="Method name; see `nlos methods`.")] = None,
+    reconstruct: Annotated[
+        str | None, typer.Option(metavar="METHOD", help="Name (see `nlos methods`) or a file of your own, ./mine.py.")
+    ] = None,
     weights: Weights = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:

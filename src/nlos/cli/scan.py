@@ -36,7 +36,9 @@ def scan(
     scan: Annotated[str, typer.Argument(metavar="SCAN", help="A YAML file, or the name of one in configs/scan.")],
     bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="RUN.h5")] = None,
-    reconstruct: Annotated[str | None, typer.Option(metavar="METHOD", help="Method name; see `nlos methods`.")] = None,
+    reconstruct: Annotated[
+        str | None, typer.Option(metavar="METHOD", help="Name (see `nlos methods`) or a file of your own, ./mine.py.")
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Acquire only what is missing.")] = False,
     scene: Annotated[
         Path | None, typer.Option(metavar="RUN.h5", help="Replay a recorded scan as the simulated bench's light.")

@@ -179,3 +179,17 @@ def test_weights_that_do_not_say_enough_are_refused_in_a_sentence(tmp_path: Path
     assert (
         range_of({"wall_width_m": 1.0, "rows": 4, "cols": 8, "bins": 2, "bin_width_ps": 4})["photons"] == "not stated"
     )
+
+
+def test_weights_of_a_method_in_a_file_need_that_file_named(tmp_path: Path) -> None:
+    """They are never the reason that a file runs."""
+    weights, file = tmp_path / "mine.safetensors", tmp_path / "mine.py"
+    save(weights, {"x": torch.zeros(1)}, {"method": str(file), "architecture": {"least_counts": 3.0}})
+    ran = tmp_path / "ran"
+    example = (Path(__file__).parents[1] / "method_of_ones_own.py").read_text(encoding="utf-8")
+    file.write_text(f"{example}\nopen({str(ran)!r}, 'w').close()\n", encoding="utf-8")
+    for method in (None, "lct", str(tmp_path / "other.py")):
+        with pytest.raises(WeightsError, match=r"a method in a file mine\.py. Name it with --method FILE"):
+            use_weights(weights, method, {})
+    assert not ran.exists()
+    assert use_weights(weights, str(file), {})[1]["least_counts"] == 3.0
