@@ -189,7 +189,7 @@ def test_weights_of_a_method_in_a_file_need_that_file_named(tmp_path: Path) -> N
     example = (Path(__file__).parents[1] / "method_of_ones_own.py").read_text(encoding="utf-8")
     file.write_text(f"{example}\nopen({str(ran)!r}, 'w').close()\n", encoding="utf-8")
     for method in (None, "lct", str(tmp_path / "other.py")):
-        with pytest.raises(WeightsError, match=r"a method in a file mine\.py. Name it with --method FILE"):
+        with pytest.raises(WeightsError, match=r"the method in a file mine\.py. Name it with --method FILE"):
             use_weights(weights, method, {})
     assert not ran.exists()
     assert use_weights(weights, str(file), {})[1]["least_counts"] == 3.0
