@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -101,6 +101,17 @@ class ScanPlan:
             sums[number % first_pass] += count
         short = [number for number in open_ if sums[number % first_pass] < self.revisit_below]
         return [number for number in short if self.pass_[number] == self.pass_[short[0]]]
+
+    def on_axis(self, axis: HistogramAxis) -> "ScanPlan":
+        """The same points over another time axis; a window that ends points early keeps its times."""
+        old, stop = self.axis, self.stop
+        if stop is not None:
+            first, end = (
+                round((old.offset_s + each * old.bin_width_s - axis.offset_s) / axis.bin_width_s)
+                for each in (stop.first_bin, stop.end_bin)
+            )
+            stop = replace(stop, first_bin=max(first, 0), end_bin=min(max(end, first + 1), axis.bins))
+        return replace(self, axis=axis, stop=stop)
 
     def digest(self) -> str:
         """SHA-256 over everything that the plan says: equal digests are equal plans."""

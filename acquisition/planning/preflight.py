@@ -34,6 +34,22 @@ def aim_of(bench: Bench) -> Aim:
     return Aim(geometry.wall_distance_m, geometry.mirror_separation_m)
 
 
+def fitted(plan: ScanPlan, bench: Bench) -> ScanPlan:
+    """The plan on the time axis that the counter has nearest to its own. Raises `LimitError` where none is near."""
+    axis = bench.counter.nearest_axis(plan.axis)
+    return plan if axis == plan.axis else plan.on_axis(axis)
+
+
+def refitted(asked: HistogramAxis, axis: HistogramAxis) -> str:
+    """What to say of a plan that was `fitted`; empty where its time axis is the one asked for."""
+    if axis == asked:
+        return ""
+    return (
+        f"the counter has no {asked.bins} bins of {asked.bin_width_s * 1e12:g} ps from {asked.offset_s * 1e9:g} ns: "
+        f"taking {axis.bins} of {axis.bin_width_s * 1e12:g} ps from {axis.offset_s * 1e9:g} ns, which hold that window"
+    )
+
+
 def checked_angles(plan: ScanPlan, bench: Bench, aim: Aiming) -> list[MirrorAngles]:
     """The mirror angles of every point. Raises `LimitError` where a point, a dwell or the time axis is out of the
     devices' reach, or of what a recorded scene holds, `InvalidData` where that has holes; nothing has been sent or
@@ -51,7 +67,7 @@ def checked_angles(plan: ScanPlan, bench: Bench, aim: Aiming) -> list[MirrorAngl
             what = f"wall point x = {point.x_m:+.3f} m, y = {point.y_m:+.3f} m: {error.what}"
             raise LimitError(error.device, what, error.remedy) from error
     for dwell_s in set(plan.dwell_s.tolist()):
-        bench.counter.check(plan.axis, dwell_s)
+        bench.counter.check(plan.axis, dwell_s, plan.stop)
     if bench.simulated is not None:
         if holes := bench.simulated.holes(angles):
             raise InvalidData(

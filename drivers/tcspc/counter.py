@@ -126,8 +126,13 @@ class HistogramCounter(Protocol):
         """Whether the instrument closes the shutter by itself when the host stops kicking."""
         ...
 
-    def check(self, axis: HistogramAxis, dwell_s: float) -> None:
-        """Raises `LimitError` where axis or dwell cannot be set exactly. Sends nothing."""
+    def check(self, axis: HistogramAxis, dwell_s: float, stop: StopAtCounts | None = None) -> None:
+        """Raises `LimitError` where axis, dwell or stop cannot be set exactly. Sends nothing."""
+        ...
+
+    def nearest_axis(self, axis: HistogramAxis) -> HistogramAxis:
+        """`axis` where it can be set exactly, else its window on the nearest bin width that the counter has. Raises
+        `LimitError` naming the widths where none is near. Sends nothing."""
         ...
 
     def configure(self, axis: HistogramAxis, stop: StopAtCounts | None = None) -> None:

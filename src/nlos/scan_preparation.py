@@ -8,7 +8,7 @@ from pathlib import Path
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.planning.aim import Aiming
 from nlos.acquisition.planning.plan import ScanPlan
-from nlos.acquisition.planning.preflight import aim_of, check_disk, checked_angles
+from nlos.acquisition.planning.preflight import aim_of, check_disk, checked_angles, fitted, refitted
 from nlos.acquisition.planning.schemes import Choice, choose
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
@@ -42,7 +42,8 @@ class ScanRequest:
 
 @dataclass(frozen=True)
 class PreparedScan:
-    """A request that this bench can carry out; nothing has moved and the light has been off."""
+    """A request that this bench can carry out, its plan on the counter's own time axis; nothing has moved and the light
+    has been off."""
 
     request: ScanRequest
     bench: Bench
@@ -73,10 +74,13 @@ class PreparedScan:
 
 
 def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
-    """Checks trip, constants, limits, scheme and disk, in this order. Raises `SafetyTrip`, `ForeignConstants`,
-    `LimitError`, `PlanRefused` or `StorageError`; the bench has not been touched then."""
-    plan, target = request.plan, request.target
+    """Checks trip, time axis, constants, limits, scheme and disk, in this order. Raises `SafetyTrip`, `LimitError`,
+    `ForeignConstants`, `PlanRefused` or `StorageError`; the bench has not been touched then."""
     bench.shutter.check_trip()
+    plan, target = fitted(request.plan, bench), request.target
+    if other_axis := refitted(request.plan.axis, plan.axis):
+        bench.report("warning", other_axis)
+    request = replace(request, plan=plan)
     roles = {"mirror": bench.mirror.identity, "counter": bench.counter.identity}
     known = measured_constants(request.constants, roles)
     geometry = None if known is None else known[1].geometry

@@ -25,6 +25,7 @@ from nlos.drivers.tcspc.picoquant.library import (
     not_in_time,
 )
 from nlos.drivers.tcspc.picoquant.setup import AxisCodes, axis_codes, set_up_inputs, set_up_markers
+from nlos.drivers.tcspc.time_axis import cannot_stop, nearest_axis
 
 MODE_HISTOGRAM, MODE_T3 = 0, 3
 _RATES_SETTLE_S = 0.2
@@ -72,17 +73,19 @@ class Picoquant:
 
     # Settings
 
-    def check(self, axis: HistogramAxis, dwell_s: float) -> None:
+    def check(self, axis: HistogramAxis, dwell_s: float, stop: StopAtCounts | None = None) -> None:
         axis_codes(self._device, self._family, self._base_s, axis, self._t3)
         self._milliseconds(dwell_s)
+        if stop is not None:
+            raise cannot_stop(self._device)
+
+    def nearest_axis(self, axis: HistogramAxis) -> HistogramAxis:
+        widths_s = [self._base_s * 2**code for code in range(self._family.most_binning_codes)]
+        return nearest_axis(self._device, axis, widths_s, None if self._t3 else self._family.offset_unit_s)
 
     def configure(self, axis: HistogramAxis, stop: StopAtCounts | None = None) -> None:
         if stop is not None:
-            raise LimitError(
-                self._device,
-                "it cannot stop a point at a number of counts within a window.",
-                "Use an exposure in two passes.",
-            )
+            raise cannot_stop(self._device)
         codes = axis_codes(self._device, self._family, self._base_s, axis, self._t3)
         call = self._library.call
         call("SetBinning", codes.binning)
@@ -124,10 +127,13 @@ class Picoquant:
             self._milliseconds(dwell_s)
 
     def _milliseconds(self, dwell_s: float) -> int:
+        """How long a measurement of one point lasts. Raises `LimitError` where that is not what was asked for."""
         whole = round(dwell_s * 1e3)
         if not 1 <= whole <= 360_000_000 or abs(dwell_s * 1e3 - whole) > 1e-6:
             raise LimitError(
-                self._device, f"dwell {dwell_s * 1e3:g} ms is not a whole number of milliseconds.", "Change dwell_ms."
+                self._device,
+                f"dwell {dwell_s * 1e3:g} ms is not a whole number of milliseconds.",
+                f"Set dwell_ms to {max(whole, 1)}, or `mode: t3` in the bench file.",
             )
         return whole
 

@@ -1,6 +1,7 @@
 """The same instruments in T3 mode: every photon with its time, sorted into points by the mirror's markers."""
 
 import ctypes
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,6 +18,7 @@ from nlos.drivers.tcspc.t3_points import PointHistograms, StepMarkers
 
 _CLOCK_UNIT_S = 100e-9
 _LONGEST_PERIOD = 16_777_215
+_LONGEST_MS = 360_000_000
 _POLL_S = 0.002
 """ReadFiFo returns within about 10 ms; asked more often it returns less."""
 _STEP_MARKERS = 0b011
@@ -41,6 +43,7 @@ class PicoquantT3(Picoquant):
         self._points: PointHistograms | None = None
         self._markers: StepMarkers | None = None
         self._period_s = self._blanking_s = 0.0
+        self._last_pulse = math.inf
         self._all_flags = HistogramFlag.NONE
         self._single = (np.zeros(0, dtype=np.int64), 0)
 
@@ -60,6 +63,13 @@ class PicoquantT3(Picoquant):
                 f"dwell and blanking make {period * _CLOCK_UNIT_S * 1e3:g} ms, no multiple of 100 ns up to 1.677 s.",
                 "Change dwell_ms.",
             )
+
+    def _milliseconds(self, dwell_s: float) -> int:
+        """Measurements are whole milliseconds, points any number of laser pulses at the beginning of one."""
+        whole = math.ceil(dwell_s * 1e3 - 1e-6)
+        if not dwell_s > 0 or not 1 <= whole <= _LONGEST_MS:
+            raise LimitError(self._device, f"dwell {dwell_s * 1e3:g} ms is not within 0 to 100 h.", "Change dwell_ms.")
+        return whole
 
     def arm(
         self,
@@ -111,6 +121,9 @@ class PicoquantT3(Picoquant):
         self._single = (np.zeros(self._axis.bins if self._axis else 0, dtype=np.int64), 0)
         if self._points is None:
             self._decoder = T3Decoder(self._family.layout)
+            dwell_s = self._dwells_s[self._triggered]
+            cut = milliseconds * 1e-3 - dwell_s > 1e-9
+            self._last_pulse = dwell_s * self._sync_hz if cut else math.inf
         super()._begin(milliseconds)
 
     def _while_running(self) -> int:
@@ -122,8 +135,10 @@ class PicoquantT3(Picoquant):
         self._all_flags |= flags
         if self._points is None:
             delays = events.format.delays(events.photons)
+            exposed = events.photon_pulses < self._last_pulse
             if self._family.prefix != "PH":
-                delays = delays[events.format.channels(events.photons) == self._settings.channel]
+                exposed &= events.format.channels(events.photons) == self._settings.channel
+            delays = delays[exposed]
             axis, codes = self._configured()
             # Delays before the first bin wrap to large numbers and fall out with those after the last.
             wanted = np.minimum(delays - np.uint32(codes.first), np.uint32(axis.bins))
@@ -143,11 +158,12 @@ class PicoquantT3(Picoquant):
         return np.ctypeslib.as_array(self._buffer)[:read].copy()
 
     def _finish(self) -> Histogram:
-        """One point started by the host: what is still in the FIFO belongs to it."""
+        """One point started by the host: what is still in the FIFO belongs to it, up to the end of its dwell."""
         while self._while_running():
             pass
         self._stop()
-        live_s = self._library.real("GetElapsedMeasTime") * 1e-3 or self._dwells_s[self._triggered - 1]
+        dwell_s = self._dwells_s[self._triggered - 1]
+        live_s = min(self._library.real("GetElapsedMeasTime") * 1e-3 or dwell_s, dwell_s)
         flags, self._all_flags = self._all_flags, HistogramFlag.NONE
         return self._histogram(self._single[0].astype(np.uint32), self._single[1], live_s, flags)
 

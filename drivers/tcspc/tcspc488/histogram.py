@@ -11,10 +11,18 @@ from nlos.drivers.errors import CommandRejected, DeviceReset, DeviceTimeout, Lim
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.tcspc.counter import CounterStatus, CountRates, Histogram, HistogramAxis, StopAtCounts, Trigger
 from nlos.drivers.tcspc.tcspc488.instrument import Instrument
-from nlos.drivers.tcspc.tcspc488.messages import Status, arm_commands, axis_commands, microseconds, stop_commands
+from nlos.drivers.tcspc.tcspc488.messages import (
+    WIDTHS,
+    Status,
+    arm_commands,
+    axis_commands,
+    microseconds,
+    stop_commands,
+)
 from nlos.drivers.tcspc.tcspc488.reading import checked, read_records
 from nlos.drivers.tcspc.tcspc488.records import record_bytes
 from nlos.drivers.tcspc.tcspc488.settings import Tcspc488Settings
+from nlos.drivers.tcspc.time_axis import nearest_axis
 
 _SHORT_WAIT_S = 0.01
 _EARLY_S = 0.002
@@ -64,10 +72,15 @@ class Tcspc488:
     def max_points(self) -> int:
         return self.instrument.capacity.max_points
 
-    def check(self, axis: HistogramAxis, dwell_s: float) -> None:
-        """Raises `LimitError` where axis or dwell cannot be set exactly. Sends nothing."""
+    def check(self, axis: HistogramAxis, dwell_s: float, stop: StopAtCounts | None = None) -> None:
+        """Raises `LimitError` where axis, dwell or stop cannot be set exactly. Sends nothing."""
         axis_commands(self._device, axis, self.instrument.capacity)
+        stop_commands(self._device, axis, stop)
         microseconds(self._device, dwell_s)
+
+    def nearest_axis(self, axis: HistogramAxis) -> HistogramAxis:
+        base_s = self.instrument.capacity.base_ps * 1e-12
+        return nearest_axis(self._device, axis, [base_s * 2**code for code in range(WIDTHS)], 1e-12)
 
     def configure(self, axis: HistogramAxis, stop: StopAtCounts | None = None) -> None:
         """Sets and reads back. A latched trip is `SafetyTrip` here, before anybody turns the light on."""

@@ -9,6 +9,8 @@ from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.link.scpi import ScpiError
 from nlos.drivers.tcspc.counter import CountRates, HistogramAxis, StopAtCounts, Trigger
 
+WIDTHS = 16
+"""Bin widths are the base width times 1, 2, 4, ..., so many of them."""
 _STATES = ("IDLE", "ARMED", "RUN", "DONE", "TRIP", "FAULT")
 _TRIPS = {
     101: "the detector's rate was too high for too long (over-count trip)",
@@ -130,7 +132,7 @@ def axis_commands(device: str, axis: HistogramAxis, capacity: Capacity) -> dict[
         raise LimitError(device, f"{axis.bins} bins are outside 64 to {capacity.max_bins}.")
     width_ps, offset_ps = axis.bin_width_s * _PICO, axis.offset_s * _PICO
     units = round(width_ps / capacity.base_ps)
-    if units < 1 or units.bit_count() != 1 or units > 1 << 15 or abs(units * capacity.base_ps - width_ps) > 1e-6:
+    if units < 1 or units.bit_count() != 1 or units >= 1 << WIDTHS or abs(units * capacity.base_ps - width_ps) > 1e-6:
         raise LimitError(
             device,
             f"bin width {width_ps:g} ps is not {capacity.base_ps} ps times a power of two.",

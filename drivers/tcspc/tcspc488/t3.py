@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nlos.drivers.errors import CommandRejected, DeviceLost, DeviceTimeout, LimitError, ProtocolError
-from nlos.drivers.tcspc.counter import CounterStatus, Histogram, HistogramFlag, Trigger
+from nlos.drivers.tcspc.counter import CounterStatus, Histogram, HistogramAxis, HistogramFlag, StopAtCounts, Trigger
 from nlos.drivers.tcspc.t3 import GENERIC, T3Decoder
 from nlos.drivers.tcspc.t3_points import PointHistograms, StepMarkers
 from nlos.drivers.tcspc.tcspc488.histogram import POLL_S, Tcspc488
@@ -35,6 +35,19 @@ class Tcspc488T3(Tcspc488):
         self._points = PointHistograms(0, 1, StepMarkers(np.zeros(0, np.int64), 0, _GATE_MARKER))
         self._broken = False
 
+    def check(self, axis: HistogramAxis, dwell_s: float, stop: StopAtCounts | None = None) -> None:
+        super().check(axis, dwell_s, stop)
+        self._check_records(axis, stop is not None)
+
+    def _check_records(self, axis: HistogramAxis, stops: bool) -> None:
+        """Raises `LimitError` for what a stream of records cannot do."""
+        if stops:
+            raise LimitError(
+                self._device, "stopping at a number of counts needs histogram mode.", "Set mode: histogram."
+            )
+        if axis.bins > 1 << GENERIC.delay_bits:
+            raise LimitError(self._device, f"a T3 record counts {1 << GENERIC.delay_bits} bins, not {axis.bins}.")
+
     def arm(
         self,
         dwells_s: Sequence[float],
@@ -43,12 +56,8 @@ class Tcspc488T3(Tcspc488):
         blanking_s: float = 0.0,
     ) -> None:
         """As `Tcspc488.arm`; the laser's rate is measured, which turns dwells into laser pulses."""
-        if self._stops:
-            raise LimitError(
-                self._device, "stopping at a number of counts needs histogram mode.", "Set mode: histogram."
-            )
-        if self._axis is not None and self._axis.bins > 1 << GENERIC.delay_bits:
-            raise LimitError(self._device, f"a T3 record counts {1 << GENERIC.delay_bits} bins, not {self._axis.bins}.")
+        if self._axis is not None:
+            self._check_records(self._axis, self._stops)
         self._sync_hz = self.rates().sync_hz
         super().arm(dwells_s, numbers, trigger, blanking_s)
         assert self._axis is not None

@@ -21,6 +21,7 @@ from nlos.drivers.tcspc.counter import (
     StopAtCounts,
     Trigger,
 )
+from nlos.drivers.tcspc.time_axis import cannot_stop, nearest_whole_ps
 from nlos.drivers.tcspc.timetagger.clocked import ByFlim, ByTags, Clocked, Period
 from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
 from nlos.drivers.tcspc.timetagger.tagger import PS, Tagger, load_package
@@ -82,7 +83,7 @@ class TimeTagger:
 
     # Settings
 
-    def check(self, axis: HistogramAxis, dwell_s: float) -> None:
+    def check(self, axis: HistogramAxis, dwell_s: float, stop: StopAtCounts | None = None) -> None:
         width, first = axis.bin_width_s / PS, axis.offset_s / axis.bin_width_s
         if abs(width - round(width)) > 1e-3 or round(width) < 1:
             raise LimitError(
@@ -96,15 +97,14 @@ class TimeTagger:
             )
         if not 1e-6 <= dwell_s <= _LONGEST_S:
             raise LimitError(self._device, f"dwell {dwell_s:g} s is not 1 us to {_LONGEST_S:g} s.", "Change dwell_ms.")
+        if stop is not None:
+            raise cannot_stop(self._device)
+
+    def nearest_axis(self, axis: HistogramAxis) -> HistogramAxis:
+        return nearest_whole_ps(axis)
 
     def configure(self, axis: HistogramAxis, stop: StopAtCounts | None = None) -> None:
-        if stop is not None:
-            raise LimitError(
-                self._device,
-                "it cannot stop a point at a number of counts within a window.",
-                "Use an exposure in two passes.",
-            )
-        self.check(axis, 1.0)
+        self.check(axis, 1.0, stop)
         self._axis, self._histogram = axis, None
 
     def arm(

@@ -38,6 +38,8 @@ def plan(
         check_light,
         checked_angles,
         expectation,
+        fitted,
+        refitted,
     )
     from nlos.acquisition.planning.scan_settings import ScanSettings
     from nlos.acquisition.planning.schemes import choose
@@ -46,8 +48,9 @@ def plan(
     if picture is not None and picture_target(picture).exists() and not overwrite:
         raise FileExistsError(f"{picture}: exists. Choose another name, or say --overwrite.")
     wanted, table = load("scan", scan, ScanSettings), load_bench(bench)
-    planned = wanted.settings.plan()
+    asked = wanted.settings.plan()
     with opened(twin(table), quiet=True) as open_bench:
+        planned = fitted(asked, open_bench)
         angles = checked_angles(planned, open_bench, aim_of(open_bench))
         rates, links = None, None
         if like is not None:
@@ -56,7 +59,7 @@ def plan(
             rates = ExpectedRates.of_simulation(planned, open_bench, angles)
         choice = choose(planned, open_bench, angles, links)
         within_px = beam_within_px(planned, open_bench, angles)
-    _tell(planned, choice)
+    _tell(planned, choice, refitted(asked.axis, planned.axis))
     _tell_beam(within_px, planned, choice)
     if rates is not None:
         _tell_light(expectation(planned, rates))
@@ -107,7 +110,7 @@ def _tell_beam(settled_px: float, plan: "ScanPlan", choice: "Choice") -> None:
     terminal.result(f"beam       within {within_px:.2g} pixel of each point {how}", beam_within_px=within_px)
 
 
-def _tell(plan: "ScanPlan", choice: "Choice") -> None:
+def _tell(plan: "ScanPlan", choice: "Choice", other_axis: str) -> None:
     from nlos.acquisition.planning.preflight import disk_bytes
     from nlos.acquisition.scanning.light_watch import SHUT_WITHIN_S
 
@@ -116,8 +119,13 @@ def _tell(plan: "ScanPlan", choice: "Choice") -> None:
     disk = disk_bytes(plan)
     parts = {"dwell_s": forecast.dwell_s, "settle_s": forecast.settle_s, "links_s": forecast.links_s,
              "upload_s": forecast.upload_s}  # fmt: skip
-    wall = plan.wall
+    wall, axis = plan.wall, plan.axis
     terminal.result(f"points     {len(plan)} on {wall.width_m:g} x {wall.height_m:g} m", points=len(plan))
+    terminal.result(
+        f"histogram  {axis.bins} bins of {axis.bin_width_s * 1e12:g} ps from {axis.offset_s * 1e9:g} ns"
+        + (f": {other_axis}" if other_axis else ""),
+        bins=axis.bins, bin_width_s=axis.bin_width_s, offset_s=axis.offset_s,
+    )  # fmt: skip
     terminal.result(f"scheme     {choice.scheme.value}: {choice.why}", scheme=choice.scheme.value, why=choice.why)
     terminal.result(
         f"duration   {forecast.total_s:.1f} s ({low_s:.1f} to {high_s:.1f} s): "

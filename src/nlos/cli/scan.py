@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from nlos.acquisition.planning.preflight import refitted
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.salvage import settle
@@ -133,7 +134,9 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
     """Checks, then scans into the target. Whatever happens, the shutter is closed before the recording is."""
 
     prepared = prepare(request, bench)
-    plan, target = request.plan, request.target
+    plan, target = prepared.request.plan, request.target
+    if other_axis := refitted(request.plan.axis, plan.axis):
+        terminal.log(f"warning: {other_axis}")
     forecast_s = prepared.choice.forecast.total_s
     if prepared.constants is not None:
         terminal.log(f"constants: {prepared.constants[0]}, measured {prepared.constants[1].measured_utc}")

@@ -18,7 +18,14 @@ from nlos.drivers.simulated.simulation_settings import SimulationSettings
 from nlos.drivers.simulated.spad import DetectorSettings
 from nlos.drivers.simulated.table import SimulatedTable
 from nlos.drivers.simulated.usb.backend import SimulatedUsb
-from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramCounter, HistogramFlag, Trigger
+from nlos.drivers.tcspc.counter import (
+    Histogram,
+    HistogramAxis,
+    HistogramCounter,
+    HistogramFlag,
+    StopAtCounts,
+    Trigger,
+)
 from nlos.drivers.tcspc.models import COUNTERS as REGISTRY
 from nlos.drivers.tcspc.models import CounterSettings, open_counter
 from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488
@@ -289,3 +296,35 @@ def test_closing_twice_is_quiet(lab: Lab) -> None:
     lab.counter.trigger()
     lab.counter.close()
     lab.counter.close()
+
+
+@pytest.mark.parametrize("offset_s", [0.0, 10e-9, 12.8e-9, 10.0071e-9])
+@pytest.mark.parametrize("width_ps", [7, 13, 16, 20, 25, 32, 50, 100])
+def test_the_nearest_axis_can_be_set_and_holds_the_window(lab: Lab, width_ps: int, offset_s: float) -> None:
+    asked = HistogramAxis(BINS, width_ps * 1e-12, offset_s)
+    lab.sent.clear()
+    axis = lab.counter.nearest_axis(asked)
+    assert lab.sent == []
+    lab.counter.check(axis, DWELL_S)
+    assert abs(np.log2(axis.bin_width_s / asked.bin_width_s)) <= 0.5 + 1e-9
+    assert axis.offset_s <= offset_s + 1e-15
+    assert axis.offset_s + axis.bins * axis.bin_width_s >= offset_s + BINS * asked.bin_width_s - 1e-3 * axis.bin_width_s
+    assert lab.counter.nearest_axis(axis) == axis
+    assert lab.counter.nearest_axis(lab.axis) == lab.axis
+
+
+def test_a_width_that_is_near_none_of_its_own_is_refused(lab: Lab) -> None:
+    with pytest.raises(LimitError, match="bin_width_ps"):
+        lab.counter.nearest_axis(HistogramAxis(BINS, 0.1e-12))
+
+
+def test_what_ends_points_early_is_checked_before_anything_is_sent(lab: Lab) -> None:
+    stop = StopAtCounts(10, 0, BINS)
+    lab.sent.clear()
+    try:
+        lab.counter.check(lab.axis, DWELL_S, stop)
+    except LimitError:
+        assert lab.sent == []
+        return
+    lab.counter.configure(lab.axis, stop)
+    assert len(lab.one_by_one(1)) == 1
