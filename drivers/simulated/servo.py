@@ -23,11 +23,11 @@ class ServoSettings(Settings):
     bandwidth_hz: float = Field(default=2500.0, ge=1, le=1e5)
     """Small-angle bandwidth at -3 dB."""
     slew_deg_per_s: float = Field(default=6000.0, gt=0)
-    """Largest speed of an axis."""
+    """Largest mechanical speed of an axis."""
     delay_us: float = Field(default=20.0, ge=0, le=1e4)
     """Between a command and the first movement."""
     rest_deg: float = Field(default=0.004, gt=0, le=0.1)
-    """How near its target friction holds an axis still."""
+    """How near its target friction holds an axis still, mechanical."""
 
 
 @dataclass(frozen=True)

@@ -156,9 +156,9 @@ class Helios:
             ("x", settings.invert_x, angles.x_rad),
             ("y", settings.invert_y, angles.y_rad),
         ):
-            what = f"mirror {name} = {math.degrees(angle_rad):+.2f} deg"
+            what = f"mirror {name} = {math.degrees(angle_rad):+.2f} deg optical"
             if not abs(math.degrees(angle_rad)) <= limit_deg:
-                raise LimitError(DEVICE, f"{what} is outside +-{limit_deg:.2f} deg.", remedy)
+                raise LimitError(DEVICE, f"{what} is outside +-{limit_deg:.2f} deg optical.", remedy)
             try:
                 codes.append(wire.code_for(-angle_rad if inverted else angle_rad, settings.optical_deg_at_full_scale))
             except ValueError as error:

@@ -28,7 +28,8 @@ class HeliosSettings(MirrorBlock):
     invert_y: bool = False
     """The y galvo is wired the other way round."""
     max_mechanical_deg: float = Field(default=20.0, gt=0, le=30)
-    """How far the head may turn either way from its centre; beyond it moves are refused."""
+    """How far the head may turn either way from its centre (mechanical; the beam turns twice that); beyond it moves are
+    refused."""
     timeout_s: float = Field(default=0.2, ge=0.02, le=10)
     """How long an answer may take."""
 

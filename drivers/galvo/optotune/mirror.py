@@ -185,7 +185,7 @@ class Optotune:
                 return x, y
         raise LimitError(
             DEVICE,
-            f"mirror {_shown(angles)} is outside the circle of {limit_deg:.2f} deg.",
+            f"mirror {_shown(angles)} is outside the circle of {limit_deg:.2f} deg optical.",
             "Shrink the wall in the plan or move the scanner back.",
         )
 
@@ -243,4 +243,4 @@ def _names(faults: Status) -> str:
 
 
 def _shown(angles: MirrorAngles) -> str:
-    return f"x = {math.degrees(angles.x_rad):+.2f} deg, y = {math.degrees(angles.y_rad):+.2f} deg"
+    return f"x = {math.degrees(angles.x_rad):+.2f} deg, y = {math.degrees(angles.y_rad):+.2f} deg optical"

@@ -24,7 +24,8 @@ class OptotuneSettings(MirrorBlock):
     controller: Literal["auto", "MR-E-2", "MR-E-3"] = "auto"
     """The one that it must be, or "auto" for whichever of the two answers."""
     max_mechanical_deg: float = Field(default=25.0, gt=0, le=25)
-    """How far the mirror may turn either way from its centre; beyond it moves are refused."""
+    """How far the mirror may turn either way from its centre (mechanical; the beam turns twice that); beyond it moves
+    are refused."""
     settle: SettleModel = SettleModel(
         table=(
             SettlePoint(step_deg=0.1, settle_ms=2.0),
@@ -42,7 +43,7 @@ class OptotuneSettings(MirrorBlock):
     warn_error_deg: float = Field(default=0.3, gt=0)
     """Mechanical distance of measured from commanded position that is worth a warning."""
     max_error_deg: float = Field(default=1.0, gt=0)
-    """The same distance from which it is a fault."""
+    """The same mechanical distance from which it is a fault."""
 
     @property
     def udev_rule(self) -> str:

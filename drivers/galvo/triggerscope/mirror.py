@@ -231,9 +231,9 @@ class TriggerScope:
         remedy = "Shrink the wall in the plan or move the scanner back."
         codes = []
         for name, axis, angle_rad in zip("xy", self._axes, (angles.x_rad, angles.y_rad), strict=True):
-            what = f"mirror {name} = {math.degrees(angle_rad):+.2f} deg"
+            what = f"mirror {name} = {math.degrees(angle_rad):+.2f} deg optical"
             if not abs(math.degrees(angle_rad)) <= limit_deg:
-                raise LimitError(DEVICE, f"{what} is outside +-{limit_deg:.2f} deg.", remedy)
+                raise LimitError(DEVICE, f"{what} is outside +-{limit_deg:.2f} deg optical.", remedy)
             try:
                 codes.append(wire.code_for(angle_rad, axis.volts_per_degree, axis.offset_v))
             except ValueError as error:

@@ -41,7 +41,8 @@ class TriggerScopeSettings(MirrorBlock):
     y: AxisSettings = AxisSettings(dac=2)
     """The axis that moves the beam up and down."""
     max_mechanical_deg: float = Field(default=20.0, gt=0, le=45)
-    """How far the head may turn either way from its centre; beyond it moves are refused."""
+    """How far the head may turn either way from its centre (mechanical; the beam turns twice that); beyond it moves are
+    refused."""
     shutter_pin: int | None = Field(default=None, ge=9, le=16)
     """TTL output that is wired to the laser shutter; outputs 1 to 3 carry the markers of a sequence."""
     timeout_s: float = Field(default=0.5, ge=0.02, le=10)

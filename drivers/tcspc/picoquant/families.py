@@ -4,13 +4,14 @@ From the libraries' manuals and header files: version 3 of each, and version 4 o
 and wants the same order for every call made here.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
 from nlos.configs.settings import Settings
-from nlos.drivers.tcspc.block import CounterBlock
+from nlos.drivers.tcspc.block import CounterBlock, Pulse
 from nlos.drivers.tcspc.t3 import GENERIC, PICOHARP_300, T3Format
 
 Device = Literal["picoharp300", "hydraharp400", "multiharp150"]
@@ -108,8 +109,8 @@ class PicoquantSettings(CounterBlock):
     """Serial number of the instrument, or "auto" for the first one that answers."""
     mode: Literal["histogram", "t3"] = "histogram"
     """Histograms made by the instrument, or by this computer from a record of every photon."""
-    channel: int = Field(default=0, ge=0, le=63)
-    """The detector's input, counted from 0."""
+    input: int = Field(default=1, ge=1, le=64)
+    """The detector's input, as printed on the front panel."""
     sync: PicoquantInput = PicoquantInput()
     """The laser's synchronisation input."""
     detector: PicoquantInput = PicoquantInput()
@@ -124,6 +125,18 @@ class PicoquantSettings(CounterBlock):
     marker_disorder_us: float = Field(default=50.0, ge=0, le=10_000)
     """How much later than photons of the same time a marker may stand in the record stream."""
 
+    @classmethod
+    def pulse_keys(cls, pulse: Pulse, device: str = "") -> Mapping[str, object] | None:
+        family = FAMILIES[device]
+        if family.constant_fraction:  # their inputs take negative pulses only
+            return {"level_mv": family.nim_level_mv} if pulse == "nim" else None
+        return {"level_mv": -50, "edge": "falling"} if pulse == "nim" else {"level_mv": 1000, "edge": "rising"}
+
+    @property
+    def channel(self) -> int:
+        """The detector's input as the library counts: from 0."""
+        return self.input - 1
+
     @property
     def marker_input_most_v(self) -> float | None:
         """The highest voltage that the marker inputs stand."""
@@ -133,6 +146,17 @@ class PicoquantSettings(CounterBlock):
     def clock_output(self) -> str:
         """What the pixel clock looks like, empty where there is none."""
         return "NIM" if FAMILIES[self.device].trigger_output else ""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _inputs_as_printed(cls, given: Any) -> Any:
+        if isinstance(given, dict) and "channel" in given:
+            channel = given["channel"]
+            written = channel + 1 if isinstance(channel, int) else "its number"
+            raise ValueError(
+                f"`channel` counted inputs from 0; write `input: {written}`, the number printed on the front panel"
+            )
+        return given
 
     @model_validator(mode="after")
     def _levels_exist(self) -> Self:

@@ -1,11 +1,12 @@
 """What a bench file says about a `tcspc488`, and the commands that say it to the instrument."""
 
+from collections.abc import Mapping
 from typing import ClassVar, Literal
 
 from pydantic import Field
 
 from nlos.configs.settings import Settings
-from nlos.drivers.tcspc.block import CounterBlock
+from nlos.drivers.tcspc.block import CounterBlock, Pulse
 from nlos.drivers.udev import usb_rule
 
 
@@ -74,6 +75,10 @@ class Tcspc488Settings(CounterBlock):
     """Width of a histogram bin on the way to the computer."""
     markers: bool = False
     """Whether the mirror controller's marker outputs 1 to 3 are wired to the counter's marker inputs."""
+
+    @classmethod
+    def pulse_keys(cls, pulse: Pulse, device: str = "") -> Mapping[str, object] | None:
+        return {"level_mv": -100, "edge": "falling"} if pulse == "nim" else {"level_mv": 1000, "edge": "rising"}
 
     @property
     def udev_rule(self) -> str:

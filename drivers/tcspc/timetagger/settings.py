@@ -1,11 +1,12 @@
 """What a bench file says of a Swabian Time Tagger."""
 
+from collections.abc import Mapping
 from typing import ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
 from nlos.configs.settings import Settings
-from nlos.drivers.tcspc.block import CounterBlock
+from nlos.drivers.tcspc.block import CounterBlock, Pulse
 
 Channel = int
 """Number on the front panel, negative for falling edges, as the vendor counts."""
@@ -27,6 +28,7 @@ class TimeTaggerSettings(CounterBlock):
 
     cable: ClassVar = "library"
     clock_output: ClassVar[str] = "TTL"
+    usual_pulse: ClassVar[Pulse] = "ttl"
     listing_begins_s: ClassVar[float] = 0.1
     """The laser's rate is measured first."""
     listing_ends_s: ClassVar[float] = 0.11
@@ -50,6 +52,10 @@ class TimeTaggerSettings(CounterBlock):
     pixel_clock: int | None = Field(default=None, ge=1, le=2)
     """AUX OUT (Time Tagger Ultra and X) that is wired to the mirror controller's trigger input; none: the computer
     steps the mirror."""
+
+    @classmethod
+    def pulse_keys(cls, pulse: Pulse, device: str = "") -> Mapping[str, object] | None:
+        return {"level_mv": -300, "edge": "falling"} if pulse == "nim" else {"level_mv": 500, "edge": "rising"}
 
     @model_validator(mode="after")
     def _one_channel_each(self) -> Self:

@@ -11,6 +11,7 @@ from nlos.cli.exit_codes import UsageError
 
 VERBS = {
     "devices": "Show what is plugged in, what the bench expects, and how to fix the difference.",
+    "new": "Write a bench file by questions and detection: `nlos new bench`.",
     "shutter": "Close the laser shutter, whatever else on the bench is missing: `nlos shutter close`.",
     "doctor": "Check software, disk, links, mirror, counter, shutter and dark counts, and run a small scan.",
     "plan": "Check everything a scan would, move nothing, and predict its duration.",

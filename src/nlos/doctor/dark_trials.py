@@ -50,9 +50,11 @@ def corners(bench: Bench) -> Iterator[Finding]:
     if not off_deg:
         yield skipped("read-back", f"{bench.mirror.identity.product} does not measure where it points; light does")
     elif max(off_deg) > _READ_BACK_DEG:
-        yield failed("read-back", f"up to {max(off_deg):.2f} deg from where it was sent", "Check head and controller.")
+        yield failed(
+            "read-back", f"up to {max(off_deg):.2f} deg mechanical from where it was sent", "Check head and controller."
+        )
     else:
-        yield passed("read-back", f"within {max(off_deg):.3f} deg of where it was sent")
+        yield passed("read-back", f"within {max(off_deg):.3f} deg mechanical of where it was sent")
 
 
 def markers(bench: Bench) -> Iterator[Finding]:

@@ -107,7 +107,7 @@ def mirror_lines(mirror: GalvoMirror, settings: BenchSettings) -> Iterator[Findi
             break
         reach_deg = degrees
     wall_m = 2 * settings.geometry.wall_distance_m * math.tan(math.radians(min(reach_deg, 80)))
-    yield passed("mirror", f"reaches +-{reach_deg} deg ({wall_m:.1f} m of wall)")
+    yield passed("mirror", f"reaches +-{reach_deg} deg optical ({wall_m:.1f} m of wall)")
 
 
 def _small_moves(mirror: GalvoMirror, clock: Clock, path: list[MirrorAngles]) -> Finding:

@@ -253,7 +253,7 @@ def test_the_limit_is_a_circle_and_nothing_is_trimmed(lab: Lab) -> None:
     mirror.move_to(MirrorAngles(math.radians(49.9), 0.0))
     assert math.degrees(bench.beam.x_rad) == pytest.approx(49.9, abs=1e-3)
     for corner in (MirrorAngles(math.radians(45), math.radians(45)), MirrorAngles(0.0, math.radians(-50.1))):
-        with pytest.raises(LimitError, match=r"outside the circle of 50.00 deg. Shrink the wall"):
+        with pytest.raises(LimitError, match=r"outside the circle of 50.00 deg optical. Shrink the wall"):
             mirror.move_to(corner)
     mirror.move_to(ASIDE)
 

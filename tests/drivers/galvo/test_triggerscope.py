@@ -145,9 +145,11 @@ def test_what_overruns_the_controllers_memory_is_refused_before_anything_is_sent
 
 def test_positions_beyond_the_head_are_refused_before_anything_is_sent(talk: Callable[..., TriggerScope]) -> None:
     mirror = talk(*OPENING, x=AxisSettings(dac=1, volts_per_degree=0.6))
-    with pytest.raises(LimitError, match=r"mirror y = -40.10 deg is outside \+-40.00 deg. Shrink the wall"):
+    with pytest.raises(
+        LimitError, match=r"mirror y = -40.10 deg optical is outside \+-40.00 deg optical. Shrink the wall"
+    ):
         mirror.move_to(MirrorAngles(0.0, math.radians(-40.1)))
-    with pytest.raises(LimitError, match=r"mirror x = \+34.00 deg needs \+10.200 V"):
+    with pytest.raises(LimitError, match=r"mirror x = \+34.00 deg optical needs \+10.200 V"):
         mirror.load([MirrorAngles(math.radians(34.0), 0.0)])
     for bad in (math.nan, math.inf):
         with pytest.raises(LimitError):

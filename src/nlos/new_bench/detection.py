@@ -1,0 +1,58 @@
+"""What is plugged in that could be a bench's mirror controller or counter: the answers that questions begin with."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from nlos.drivers.device_settings import DeviceSettings
+from nlos.drivers.galvo.models import MIRRORS
+from nlos.drivers.link.serial_line import available_ports
+from nlos.drivers.tcspc.models import COUNTERS
+
+_BY_ID = Path("/dev/serial/by-id")
+
+
+@dataclass(frozen=True)
+class Detected:
+    """Models that are there, by word, and serial ports by the name that stays the same from day to day."""
+
+    mirrors: tuple[str, ...]
+    counters: tuple[str, ...]
+    ports: tuple[str, ...]
+
+
+def detect() -> Detected:
+    """Looks without opening anything: a serial port says that it is there, not who is behind it."""
+    ports = tuple(_lasting(each.port) for each in available_ports())
+    mirrors = [word for word, model in MIRRORS.items() if model.settings.cable != "serial" and _there(model.settings)]
+    counters = [word for word, model in COUNTERS.items() if _there(model.settings)]
+    return Detected(tuple(mirrors), tuple(counters), ports)
+
+
+def _lasting(port: str) -> str:
+    """The same port by a name that does not depend on the order of plugging in, where the system has one."""
+    if _BY_ID.is_dir():
+        for link in sorted(_BY_ID.iterdir()):
+            if link.resolve() == Path(port).resolve():
+                return str(link)
+    return port
+
+
+def _there(settings: type[DeviceSettings]) -> bool:
+    """Whether a device of this model is found with its own defaults."""
+    word = settings.model_fields["model"].annotation.__args__[0]  # type: ignore[union-attr]
+    for more in [{"device": each} for each in devices_of(settings)] or [{}]:
+        try:
+            block = settings.model_validate({"model": word, **more})
+        except ValidationError:  # it has keys that only a person knows
+            return False
+        if (MIRRORS | COUNTERS)[word].look_for(block).found:
+            return True
+    return False
+
+
+def devices_of(settings: type[DeviceSettings]) -> tuple[str, ...]:
+    """The kinds of instrument that one driver knows apart; empty where there is one."""
+    field = settings.model_fields.get("device")
+    return () if field is None else tuple(field.annotation.__args__)  # type: ignore[union-attr]

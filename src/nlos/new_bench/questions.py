@@ -1,0 +1,149 @@
+"""What is asked for a bench file: in which order, with which default, and what an answer may be."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import radians, tan
+
+from nlos.drivers.device_settings import DeviceSettings
+from nlos.drivers.galvo.models import MIRRORS
+from nlos.drivers.tcspc.block import CounterBlock, Pulse
+from nlos.drivers.tcspc.models import COUNTERS
+from nlos.new_bench.detection import Detected, devices_of
+
+Answers = Mapping[str, str]
+YES_OR_NO = ("yes", "no")
+
+
+@dataclass(frozen=True)
+class Question:
+    """One question. `choices` empty: a number (`number`) or any text. `default` None: a person has to know."""
+
+    key: str
+    text: str
+    default: str | None = None
+    choices: tuple[str, ...] = ()
+    number: tuple[float, float] | None = None
+
+    def refusal(self, answer: str) -> str:
+        """Why this is no answer; empty where it is one."""
+        if self.choices:
+            return "" if answer in self.choices else f"{answer!r} is none of {', '.join(self.choices)}"
+        if self.number is not None:
+            low, high = self.number
+            try:
+                return "" if low <= float(answer) <= high else f"{answer} is not within {low:g} to {high:g}"
+            except ValueError:
+                return f"{answer!r} is no number"
+        return "" if answer.strip() else "an answer is needed"
+
+
+Asking = Callable[[Answers], Question | None]
+
+
+def questions(found: Detected, simulated: bool) -> "list[Asking]":
+    """Each takes the answers so far; None: there is nothing to ask."""
+    mirrors, counters = tuple(MIRRORS), tuple(COUNTERS)
+    first_mirror = (*found.mirrors, "triggerscope")[0]
+    first_counter = (*found.counters, "tcspc488")[0]
+
+    def mirror_of(said: Answers) -> type[DeviceSettings]:
+        return MIRRORS[said["mirror"]].settings
+
+    def counter_of(said: Answers) -> type[CounterBlock]:
+        settings = COUNTERS[said["counter"]].settings
+        assert issubclass(settings, CounterBlock)
+        return settings
+
+    def port(said: Answers) -> Question | None:
+        if mirror_of(said).cable != "serial" or simulated:
+            return None
+        seen = f"there: {', '.join(found.ports)}" if found.ports else "none is plugged in"
+        return Question("port", f"its serial port ({seen})", (*found.ports, "/dev/ttyACM0")[0])
+
+    def volts(said: Answers) -> Question | None:
+        if "x" not in mirror_of(said).model_fields:
+            return None
+        text = "volts of the galvo driver per degree that a mirror turns (mechanical)"
+        return Question("volts_per_degree", text, "0.5", number=(0.01, 10))
+
+    def reach(said: Answers) -> Question | None:
+        default = mirror_of(said).model_fields["max_mechanical_deg"].default
+        text = "degrees that a mirror may turn either way (mechanical; the beam turns twice that, optical)"
+        return Question("max_mechanical_deg", text, f"{default:g}", number=(0.1, 45))
+
+    def device(said: Answers) -> Question | None:
+        kinds = devices_of(counter_of(said))
+        return Question("device", "which instrument", kinds[-1], kinds) if kinds else None
+
+    def pulse(key: str, text: str) -> Asking:
+        def ask(said: Answers) -> Question | None:
+            takes, device = counter_of(said), said.get("device", "")
+            kinds: tuple[Pulse, ...] = ("nim", "ttl")
+            taken = tuple(each for each in kinds if takes.pulse_keys(each, device) is not None)
+            words = f"{text}: nim (0 to -0.8 V) or ttl (0 to 3 V or more)"
+            if len(taken) < len(kinds):
+                words += "; this counter takes no other, put a converter into the cable"
+            return Question(key, words, takes.usual_pulse if takes.usual_pulse in taken else taken[0], taken)
+
+        return ask
+
+    def inputs(said: Answers) -> Question | None:
+        fields = counter_of(said).model_fields
+        if "input" not in fields and not has_channels(counter_of(said)):
+            return None
+        default = "2" if has_channels(counter_of(said)) else "1"
+        return Question("detector_input", "the detector's input, as printed on the front", default, number=(1, 64))
+
+    def sync_input(said: Answers) -> Question | None:
+        if not has_channels(counter_of(said)):
+            return None
+        return Question("sync_input", "the laser's sync input, as printed on the front", "1", number=(1, 64))
+
+    def markers(said: Answers) -> Question | None:
+        field = counter_of(said).model_fields.get("markers")
+        if field is None or field.annotation is not bool or not hasattr(mirror_of(said), "marker_output_v"):
+            return None
+        text = "are the controller's TTL outputs 1 to 3 wired to the counter's marker inputs, and its clock to TRIG IN"
+        return Question("markers", text, "yes" if simulated else "no", YES_OR_NO)
+
+    def pixel_clock(said: Answers) -> Question | None:
+        if "pixel_clock" not in counter_of(said).model_fields or not hasattr(mirror_of(said), "trigger_input"):
+            return None
+        text = "the counter's clock output that is wired to TRIG IN, with markers wired back (0: none)"
+        return Question("pixel_clock", text, "1" if simulated else "0", ("0", "1", "2"))
+
+    def shutter(said: Answers) -> Question | None:
+        outputs = (*COUNTERS[said["counter"]].shutters, *MIRRORS[said["mirror"]].shutters, "none")
+        text = "what closes the laser's shutter (none: nothing that this program drives)"
+        return Question("shutter", text, outputs[0], outputs)
+
+    def shutter_pin(said: Answers) -> Question | None:
+        output = MIRRORS[said["mirror"]].shutters.get(said["shutter"])
+        if output is None or output.needs != "shutter_pin":
+            return None
+        return Question("shutter_pin", "the controller's TTL output that the shutter is wired to", "9", number=(9, 16))
+
+    def half_width(said: Answers) -> Question | None:
+        reach_m = float(said["wall_distance_m"]) * tan(radians(min(2 * float(said["max_mechanical_deg"]), 60.0)))
+        text = "how far from the wall's centre the beam may be sent, each way, in metres"
+        return Question("half_m", text, f"{min(1.0, 0.7 * reach_m):.2g}", number=(0.001, 50))
+
+    wall = Question("wall_distance_m", "metres from the second mirror to the wall, straight ahead",
+                    "2.0" if simulated else None, number=(0.05, 100))  # fmt: skip
+    lever = Question("mirror_separation_m", "metres between the two mirrors (0 for one that turns both ways)",
+                     "0.0", number=(0, 1))  # fmt: skip
+    laser = Question("repetition_hz", "laser pulses a second", "10e6" if simulated else None, number=(1e3, 1e9))
+    return [
+        lambda said: Question("mirror", "mirror controller", first_mirror, mirrors), port, volts, reach,
+        lambda said: Question("counter", "photon counter", first_counter, counters), device,
+        sync_input, inputs,
+        pulse("sync_pulse", "the laser's sync pulse"), pulse("detector_pulse", "the detector's pulse"),
+        markers, pixel_clock,
+        shutter, shutter_pin, lambda said: wall, lambda said: lever, half_width, lambda said: laser,
+    ]  # fmt: skip
+
+
+def has_channels(settings: type[CounterBlock]) -> bool:
+    """Whether sync and detector name their inputs each in a block of its own, edges by sign."""
+    block = settings.model_fields["sync"].annotation
+    return block is not None and "channel" in block.model_fields

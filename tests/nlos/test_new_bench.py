@@ -1,0 +1,103 @@
+"""`nlos new bench`: whatever is answered, a file that loads, says what every line means, and hears its own pulses."""
+
+import itertools
+from pathlib import Path
+
+import pytest
+import yaml
+
+from nlos.cli.exit_codes import UsageError
+from nlos.cli.new import new
+from nlos.configs.load import ConfigError, load, parse
+from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.drivers.galvo.models import MIRRORS
+from nlos.drivers.tcspc.models import COUNTERS
+from nlos.new_bench.detection import Detected, devices_of
+from nlos.new_bench.questions import questions
+from nlos.new_bench.writing import bench_text, blocks_of
+
+NOTHING = Detected((), (), ())
+KINDS = [(word, device) for word, model in COUNTERS.items() for device in devices_of(model.settings) or ("",)]
+
+
+def answered(simulated: bool, **given: str) -> dict[str, str]:
+    """Every question with its default, but for those that are `given`."""
+    said: dict[str, str] = {}
+    for ask in questions(NOTHING, simulated):
+        if (question := ask(said)) is not None:
+            answer = given.get(question.key, question.default)
+            assert answer is not None, question
+            assert not question.refusal(answer), question
+            said[question.key] = answer
+    return said
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+@pytest.mark.parametrize("mirror", MIRRORS)
+@pytest.mark.parametrize(("counter", "device"), KINDS)
+def test_every_pair_of_instruments_makes_a_file_that_loads(
+    mirror: str, counter: str, device: str, simulated: bool, tmp_path: Path
+) -> None:
+    for pulse in ("nim", "ttl"):
+        given = {"mirror": mirror, "counter": counter, "device": device, "detector_pulse": pulse,
+                 "wall_distance_m": "1.42", "repetition_hz": "20e6"}  # fmt: skip
+        try:
+            said = answered(simulated, **given)
+        except AssertionError:  # a pulse that this counter does not take is not among the choices
+            assert (pulse, device) in itertools.product(["ttl"], ["picoharp300", "hydraharp400"])
+            continue
+        text = bench_text(blocks_of("mine", said, simulated))
+        settings = parse(text, "mine.yaml", BenchSettings)
+        assert settings.simulated == simulated
+        assert settings.geometry.wall_distance_m == 1.42
+        assert settings.laser.repetition_hz == 20e6
+        lines = text.splitlines()
+        for number, line in enumerate(lines):
+            own = line.strip()
+            assert "#" in own or lines[number - 1].strip().startswith("#") or not own, f"says not what it means: {own}"
+        assert all(len(line) <= 120 for line in lines)
+
+
+@pytest.mark.parametrize(("counter", "device"), KINDS)
+def test_a_counter_with_its_defaults_hears_laser_and_detector(counter: str, device: str) -> None:
+    said = answered(True, counter=counter, device=device)
+    settings = parse(bench_text(blocks_of("mine", said, True)), "mine.yaml", BenchSettings)
+    with open_bench(settings) as bench:
+        bench.clock.sleep(0.5)
+        rates = bench.counter.rates()
+    assert rates.sync_hz == pytest.approx(10e6, rel=1e-3)
+    assert rates.detector_hz > 0
+
+
+def test_off_a_terminal_defaults_are_taken_and_what_has_none_is_asked_for(tmp_path: Path) -> None:
+    file = tmp_path / "b.yaml"
+    with pytest.raises(UsageError, match="--answer wall_distance_m="):
+        new("bench", file, None, [], False, False, False)
+    assert not file.exists()
+    code = new("bench", file, None, ["wall_distance_m=1.4"], True, False, False)
+    assert code == 0
+    assert load("bench", str(file), BenchSettings).settings.name == "b"
+    with pytest.raises(FileExistsError, match="--overwrite"):
+        new("bench", file, None, [], True, False, False)
+    for wrong, why in (("wall_distance_m=far", "no number"), ("mirror=acme", "none of"), ("colour=red", "nothing of")):
+        with pytest.raises(UsageError, match=why):
+            new("bench", tmp_path / "c.yaml", None, [wrong], True, False, False)
+
+
+def test_inputs_are_named_as_printed_on_the_front() -> None:
+    text = (Path(__file__).parents[2] / "configs/bench/multiharp.yaml").read_text()
+    old = yaml.safe_load(text)
+    assert parse(text, "m.yaml", BenchSettings).counter.channel == 0  # type: ignore[attr-defined]
+    old["counter"]["channel"] = 2
+    with pytest.raises(ConfigError, match="write `input: 3`"):
+        parse(yaml.safe_dump(old), "m.yaml", BenchSettings)
+
+
+def test_degrees_say_of_what_they_are() -> None:
+    page = (Path(__file__).parents[2] / "docs/settings/bench.md").read_text().split("# Bench files")[1]
+    for line in page.splitlines():
+        cells = [cell.strip() for cell in line.split("|")]
+        if len(cells) < 5 or "deg" not in cells[1].strip("`").split("_"):
+            continue
+        words = " ".join(cells).lower()
+        assert any(word in words for word in ("mechanical", "optical", "edge", "beam")), line
