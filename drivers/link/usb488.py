@@ -250,11 +250,11 @@ class Usb488:
     def _read_slice(self, buffer: "array.array[int]", deadline_s: float) -> int:
         """Waits in slices, so that a device that leaves out the zero-length packet costs one slice, not the timeout."""
         while True:
+            left_s = self._left(deadline_s)
             try:
-                return self._pipes.read_into(buffer, min(_SLICE_S, self._left(deadline_s)))
+                return self._pipes.read_into(buffer, min(_SLICE_S, left_s))
             except DeviceTimeout:
-                if self._clock.now() >= deadline_s:
-                    raise
+                pass
 
     def _preempted(self) -> Preempted:
         return Preempted(self._pipes.device, "an urgent command broke into this exchange.")

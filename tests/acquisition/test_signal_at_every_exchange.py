@@ -12,7 +12,7 @@ from nlos.drivers.bench import open_bench
 from tests.acquisition.fault_cases import BENCHES, plan, settings
 
 SOAK = os.environ.get("NLOS_SOAK") == "1"
-PLACES = 5
+PLACES = 2
 """Of a scan, where it is a sample."""
 
 

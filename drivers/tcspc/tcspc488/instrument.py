@@ -136,7 +136,7 @@ class Instrument:
             try:
                 answer = self.scpi.query(b"INP:RATE?")[0]
             except ErrorsReported as refusal:
-                if refusal.errors[0].code != -221:
+                if -221 not in {each.code for each in refusal.errors}:  # an earlier exchange's mishap may stand before
                     raise
                 until_s = self.clock.now() + _RATES_SETTLE_S  # it counts for 100 ms after any change of its inputs
                 while (left_s := until_s - self.clock.now()) > 0:
