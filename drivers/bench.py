@@ -1,14 +1,14 @@
 """Everything on the optical table: opened together, the light shut first whatever happens, and closed in order."""
 
-import logging
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from functools import partial
 
+from nlos.drivers.arming import Agree, Arming
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.clock import Clock, SystemClock
+from nlos.drivers.closing import Closing
 from nlos.drivers.device_model import WireLog
-from nlos.drivers.errors import BenchClosed, DeviceError, DeviceLost
+from nlos.drivers.errors import BenchClosed, DeviceError
 from nlos.drivers.events import EventLog, OnEvent
 from nlos.drivers.exit_paths import ExitPaths
 from nlos.drivers.galvo.mirror import GalvoMirror
@@ -23,10 +23,6 @@ from nlos.drivers.tcspc.models import COUNTERS, open_counter
 from nlos.drivers.trip_latch import TripLatch
 
 __all__ = ["Bench", "BenchSettings", "WireLog", "open_bench"]
-
-_log = logging.getLogger(__name__)
-
-_MORE_CLOSINGS = 4  # answers that are seconds late come within so many
 
 
 class Bench:
@@ -99,13 +95,15 @@ def open_bench(
     scene: RecordedScan | None = None,
     wire_log: WireLog | None = None,
     latch: TripLatch | None = None,
+    agree: Agree | None = None,
 ) -> Iterator[Bench]:
     """Opens counter, shutter and mirror, in this order: the shutter is closed, and read back, before anything moves.
 
     However the block is left - normally, by an exception, a signal, or the end of the interpreter - the shutter closes
     first, then the counter stops, the mirror parks and the links close. `scene` replaces a simulated bench's surfaces
-    by a recorded scan. `latch`: where trips outlast this program. Signals are caught where this is entered in the main
-    thread. Raises `DeviceError`, with the shutter closed where what drives it answers.
+    by a recorded scan. `latch`: where trips outlast this program. `agree` asks somebody where the bench file's `arm`
+    wants it. Signals are caught where this is entered in the main thread. Raises `DeviceError`, with the shutter closed
+    where what drives it answers.
     """
     with ExitStack() as stack:
         events = EventLog()
@@ -119,7 +117,7 @@ def open_bench(
             clock = simulated.clock
         elif scene is not None:
             raise ValueError(f"bench {settings.name} is real; a recorded scan can only replace simulated light")
-        closing = _Closing(events, clock)
+        closing = Closing(events, clock)
         stack.enter_context(ExitPaths(closing.shut_light, closing.close))
         with closing.on_error():
             try:
@@ -137,95 +135,11 @@ def open_bench(
             mirror = closing.mirror = open_mirror(settings.mirror, clock, wire_log, mirror_end)
             if settings.shutter_on == "mirror":
                 inner = MIRRORS[settings.mirror.model].shutters[settings.shutter.model].of(mirror)
-            shutter = closing.shutter = GuardedShutter(inner, counter, settings.safety, events, latch)
+            arming = None if settings.arming is None else Arming(settings.arming, clock, events, agree)
+            shutter = closing.shutter = GuardedShutter(inner, counter, settings.safety, events, latch, arming)
             shutter.close()
             bench = Bench(settings, mirror, counter, shutter, clock, events, simulated)
             stack.callback(setattr, bench, "closed", True)
             for warning in bench.warnings:
                 events.report("warning", warning)
             yield bench
-
-
-class _Closing:
-    """What has been opened so far, and the order in which it is closed."""
-
-    def __init__(self, events: EventLog, clock: Clock) -> None:
-        self._clock = clock
-        self.counter: HistogramCounter | None = None
-        self.mirror: GalvoMirror | None = None
-        self.shutter: GuardedShutter | None = None
-        self._events = events
-        self._reason = ""
-        self._error: BaseException | None = None
-        self._dark = True
-
-    @contextmanager
-    def on_error(self) -> Iterator[None]:
-        """Remembers why the bench is left, for the event log."""
-        try:
-            yield
-        except BaseException as error:
-            self._error = error
-            self._reason = f"{type(error).__name__} {error}".strip()
-            raise
-
-    def shut_light(self, why: str) -> None:
-        """Within a signal handler: closes the shutter, and leaves what was reported to be written down later."""
-        self._events.deferred = True
-        try:
-            self._events.report("signal", why)
-            if self.shutter is not None:
-                self.shutter.hold(why)
-        except DeviceError:
-            pass  # reported; the way out tries again
-        finally:
-            self._events.deferred = False
-
-    def close(self) -> None:
-        """Light, gate, mirror, links. A failure, of whatever kind, stops none of the later steps. The first that a
-        device reports is raised at the end, or noted on the exception that is already on its way."""
-        failures: list[DeviceError] = []
-        with ExitStack() as later:  # runs what it holds from last to first, come what may
-            later.callback(self._events.deliver)
-            if self.counter is not None:
-                later.callback(self._done, failures, self.counter.close)
-            if self.mirror is not None:
-                later.callback(self._done, failures, self.mirror.close)
-                later.callback(self._park, failures, self.mirror)
-            if self.counter is not None:
-                later.callback(self._done, failures, self.counter.abort)
-            if self.shutter is not None:
-                self._dark = False
-                self._dark = self._shut(failures, self.shutter)
-        if failures and self._error is None:
-            raise failures[0]
-        for failure in failures:
-            if self._error is not None:
-                self._error.add_note(str(failure))
-
-    def _shut(self, failures: list[DeviceError], shutter: GuardedShutter) -> bool:
-        """Whether it is dark. A cable that is lost takes nothing back that was confirmed before."""
-        if self._done(failures, partial(shutter.close, self._reason)):
-            return True
-        lost = isinstance(failures[-1], DeviceLost)
-        if lost and shutter.confirmed_closed:
-            return True
-        _log.critical("THE LASER SHUTTER IS NOT CONFIRMED CLOSED (%s). Shut the laser off.", failures[-1])
-        if lost:
-            return shutter.outlast_watchdog(self._clock)
-        return any(self._done(failures, partial(shutter.close, self._reason)) for _ in range(_MORE_CLOSINGS))
-
-    def _park(self, failures: list[DeviceError], mirror: GalvoMirror) -> None:
-        if self._dark:
-            self._done(failures, mirror.park)
-        else:
-            self._events.report("warning", "not parked: the shutter is not confirmed closed")
-
-    def _done(self, failures: list[DeviceError], step: Callable[[], object]) -> bool:
-        try:
-            step()
-        except DeviceError as error:
-            self._events.report("device", str(error))
-            failures.append(error)
-            return False
-        return True

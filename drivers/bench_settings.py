@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Literal, Self
 from pydantic import Field, model_validator
 
 from nlos.configs.settings import Settings
+from nlos.drivers.alignment_settings import AlignmentSettings
+from nlos.drivers.arm_settings import ArmSettings
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.models import MIRRORS, MirrorSettings
 from nlos.drivers.safety_settings import SafetySettings
@@ -97,12 +99,21 @@ class BenchSettings(Settings):
     """The pulsed laser."""
     safety: SafetySettings = SafetySettings()
     """When the light is shut off without anybody asking."""
+    alignment: AlignmentSettings = AlignmentSettings()
+    """How much light there is while somebody aims by hand."""
+    arm: ArmSettings | None = None
+    """What has to happen before the first light."""
     simulation: SimulationSettings | None = None
     """What a simulated bench is made of; not for real instruments."""
 
     @property
     def simulated(self) -> bool:
         return self.mirror.simulated
+
+    @property
+    def arming(self) -> ArmSettings | None:
+        """What has to happen before light; None on a simulated bench that does not ask for a rehearsal of it."""
+        return self.arm or (None if self.simulated else ArmSettings())
 
     @property
     def shutter_on(self) -> Literal["mirror", "counter", "nothing"]:

@@ -43,3 +43,20 @@ class VirtualClock:
     def advance_to(self, when_s: float) -> None:
         """Moves on to `when_s`; a moment already past leaves the clock where it is."""
         self._now_s = max(self._now_s, when_s)
+
+
+class RealTimeClock(VirtualClock):
+    """A simulated bench's clock that keeps the computer's time: for a person who turns a knob and looks."""
+
+    def __init__(self) -> None:
+        self._began_s = time.monotonic()
+
+    def now(self) -> float:
+        return time.monotonic() - self._began_s
+
+    def sleep(self, seconds: float) -> None:
+        if seconds > 0:
+            time.sleep(seconds)
+
+    def advance_to(self, when_s: float) -> None:
+        self.sleep(when_s - self.now())

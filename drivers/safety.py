@@ -3,6 +3,7 @@
 This asks for the light to be shut off and checks that it was. The hard-wired interlock is the safety device.
 """
 
+from nlos.drivers.arming import Arming
 from nlos.drivers.clock import Clock
 from nlos.drivers.errors import DeviceError, SafetyTrip, ShutterHeld
 from nlos.drivers.events import EventLog
@@ -20,10 +21,11 @@ class GuardedShutter:
     def __init__(
         self,
         shutter: LaserShutter,
-        counter: HistogramCounter,
+        counter: HistogramCounter | None,
         settings: SafetySettings,
         events: EventLog,
         latch: TripLatch | None = None,
+        arming: Arming | None = None,
     ) -> None:
         self._shutter, self._counter, self._settings, self._events = shutter, counter, settings, events
         self._watching = False
@@ -32,6 +34,7 @@ class GuardedShutter:
         self._latch = latch
         self._trip: str | None = None if latch is None else latch.standing()
         self._held = ""
+        self._arming = arming
 
     @property
     def on_counter(self) -> bool:
@@ -41,7 +44,12 @@ class GuardedShutter:
     @property
     def has_watchdog(self) -> bool:
         """Whether the shutter closes by itself when this computer falls silent."""
-        return self._shutter.on_counter and self._counter.has_watchdog and self._settings.watchdog_s > 0
+        return self._watchdog is not None
+
+    @property
+    def _watchdog(self) -> HistogramCounter | None:
+        watches = self._shutter.on_counter and self._settings.watchdog_s > 0
+        return self._counter if watches and self._counter is not None and self._counter.has_watchdog else None
 
     @property
     def may_be_open(self) -> bool:
@@ -52,17 +60,24 @@ class GuardedShutter:
         """Whether a signal shut the light off and nobody has released the shutter since."""
         return bool(self._held)
 
+    def arm(self) -> None:
+        """What has to happen before the first light, at a moment when a question does not disturb; `open` does it
+        otherwise. Raises `LimitError`."""
+        if self._arming is not None and not self._settings.dry_run:
+            self._arming.arm()
+
     def open(self) -> None:
         """Raises `SafetyTrip` after a trip, until `clear_trip`, and where the interlock is open, `ShutterHeld` after
-        `hold`, until `release`. In a dry run nothing opens."""
+        `hold`, until `release`, `LimitError` where this terminal may have no light. In a dry run nothing opens."""
         self.check_trip()
+        self.arm()
         if self.is_held():
             raise ShutterHeld("shutter", f"stays closed after {self._held}.")
         if self._settings.dry_run:
             self._events.report("shutter", "asked to open: stays closed in a dry run")
             return
-        if self.has_watchdog:
-            self._counter.arm_watchdog(self._settings.watchdog_s)
+        if (watchdog := self._watchdog) is not None:
+            watchdog.arm_watchdog(self._settings.watchdog_s)
             self._watching = True
         was_open = self._open
         # From here on the light may be on, whatever the instrument's answer will be.
@@ -113,7 +128,7 @@ class GuardedShutter:
         self._open, self.confirmed_closed = False, True
         if was_open:
             self._events.report("shutter", f"closed{': ' + why if why else ''}")
-        if self._watching:
+        if self._watching and self._counter is not None:
             self._watching = False
             try:
                 self._counter.arm_watchdog(0.0)
@@ -167,7 +182,8 @@ class GuardedShutter:
         """A person's decision to go on after a trip, here and in the instrument; reported with that person's name."""
         if self._latch is not None:
             self._latch.clear(who)
-        self._counter.clear_trip()
+        if self._counter is not None:
+            self._counter.clear_trip()
         self._events.report("override", f"{who} cleared the trip: {self._trip or 'the instrument had it'}")
         self._trip = None
 

@@ -16,6 +16,7 @@ from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.condition import listed
 from nlos.acquisition.recording.recording import EVENT, EVENT_ROWS, RECORD, Recording
 from nlos.drivers.bench import Bench
+from nlos.drivers.bench_settings import GeometrySettings
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.tcspc.counter import HistogramAxis
@@ -30,7 +31,11 @@ HEADER_BYTES = 1 << 20
 
 def aim_of(bench: Bench) -> Aim:
     """The ideal geometry that the bench file states."""
-    geometry = bench.settings.geometry
+    return drawn_aim(bench.settings.geometry)
+
+
+def drawn_aim(geometry: GeometrySettings) -> Aim:
+    """The same, of a bench file's `geometry` block."""
     return Aim(geometry.wall_distance_m, geometry.mirror_separation_m)
 
 

@@ -1,6 +1,7 @@
 """What every mirror controller does: aim the beam, within limits that are checked before anything is sent."""
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -82,4 +83,26 @@ class MeasuresPosition(Protocol):
 
     def measured(self) -> MirrorAngles:
         """Where it sees the mirror now. Raises `DeviceFault` where that is far from where it was sent."""
+        ...
+
+
+@runtime_checkable
+class VerifiedByEye(Protocol):
+    """A mirror whose controller may confirm moves that it does not make; only a person sees the difference."""
+
+    @property
+    def shows_that_it_moves(self) -> bool:
+        """Whether nobody needs to look."""
+        ...
+
+    def check_trusted(self) -> None:
+        """Raises `DeviceFault` where it may not be moved without having been seen to move."""
+        ...
+
+    def trusted_for_trial(self) -> AbstractContextManager[None]:
+        """While the block runs it may be moved, for somebody who looks."""
+        ...
+
+    def trust(self) -> None:
+        """A person saw it move."""
         ...

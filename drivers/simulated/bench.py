@@ -65,6 +65,15 @@ class LimitedLight(Protocol):
         ...
 
 
+@runtime_checkable
+class LightOnAWall(Protocol):
+    """A `Light` that knows where on a wall its beam lands."""
+
+    def spot_m(self, beam: MirrorAngles) -> tuple[float, float] | None:
+        """(x, y), or None where it does not meet the wall."""
+        ...
+
+
 Pulse = Callable[[float, float], None]
 """(bench time of the rising edge, seconds until the falling one)"""
 
@@ -98,6 +107,11 @@ class SimulatedBench:
         self._going_on: list[Callable[[float], None]] = []
         self.witness: Callable[[float, str], None] = lambda when_s, what: None
         """Told of every change of shutter and beam as it happens on this bench, whoever caused it."""
+
+    def spot_m(self, beam: MirrorAngles) -> tuple[float, float] | None:
+        """Where a ruler on the wall finds the spot of this beam, (x, y); None where the light knows no wall."""
+        light: object = self.light
+        return light.spot_m(beam) if isinstance(light, LightOnAWall) else None
 
     def holes(self, beams: Sequence[MirrorAngles]) -> list[int]:
         """Which of these places a recorded scene lacks, though it was to be measured there."""

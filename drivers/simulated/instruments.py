@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from nlos.drivers.bench_settings import BenchSettings
+from nlos.drivers.clock import VirtualClock
 from nlos.drivers.device_model import DeviceModel
 from nlos.drivers.device_settings import DeviceSettings
 from nlos.drivers.galvo.models import MIRRORS
@@ -34,12 +35,16 @@ class PluggedIn:
 
 
 @contextmanager
-def plug_in(settings: BenchSettings, scene: RecordedScan | None = None) -> Iterator[PluggedIn]:
-    """Builds light, bench and firmwares, and plugs them in until the block is left."""
+def plug_in(
+    settings: BenchSettings, scene: RecordedScan | None = None, clock: VirtualClock | None = None
+) -> Iterator[PluggedIn]:
+    """Builds light, bench and firmwares, and plugs them in until the block is left. `clock`: a virtual one by default,
+    which runs ahead of the computer's."""
     simulation = settings.simulation
     if simulation is None:
         raise ValueError("the bench file has no simulation block")
-    bench = SimulatedBench(light_of(settings, scene), faults=FaultPlan(simulation.faults), servo=simulation.servo)
+    light, faults = light_of(settings, scene), FaultPlan(simulation.faults)
+    bench = SimulatedBench(light, clock, faults, simulation.servo)
     table = SimulatedTable(bench, simulation, settings.laser.repetition_hz)
     with ExitStack() as stack:
         if simulation.witness is not None:

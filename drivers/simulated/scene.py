@@ -66,6 +66,11 @@ class SceneLight:
         detected = spad.distort(per_pulse, gate.bin_width_s, self._detector)
         return spad.draw(detected, gate, self._repetition_hz, spad.generator(self._seed, gate, beam))
 
+    def spot_m(self, beam: MirrorAngles) -> tuple[float, float] | None:
+        """Where the beam lands on the wall's plane."""
+        spot = self._path.spot(beam)
+        return None if spot is None else (spot.x_m, spot.y_m)
+
     def photons_per_pulse(self, spot: Spot | None, bin_width_s: float, offset_s: float) -> Array:
         """Expected photons per laser pulse in each bin of one period, shape (P,), starting `offset_s` after sync."""
         bins = max(1, round(1 / (self._repetition_hz * bin_width_s)))

@@ -13,6 +13,7 @@ from nlos.acquisition.recording.salvage import Resumed
 from nlos.acquisition.sample import Sample
 from nlos.acquisition.scanning.alarms import AlarmSettings
 from nlos.acquisition.scanning.control import ScanControl
+from nlos.cli.agreeing import agrees
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.targets import recording_target
 from nlos.configs.load import load
@@ -32,7 +33,7 @@ def open_bench(bench: str | Path = "simulated") -> Iterator[Bench]:
     all. Raises `ConfigError` for what the file says and `DeviceError` for what is not there.
     """
     settings = load("bench", str(bench), BenchSettings).settings
-    with table.open_bench(settings, latch=TripLatch.of_bench(settings)) as opened:
+    with table.open_bench(settings, latch=TripLatch.of_bench(settings), agree=agrees) as opened:
         yield opened
 
 

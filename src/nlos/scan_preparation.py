@@ -74,8 +74,8 @@ class PreparedScan:
 
 
 def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
-    """Checks trip, time axis, constants, limits, scheme and disk, in this order. Raises `SafetyTrip`, `LimitError`,
-    `ForeignConstants`, `PlanRefused` or `StorageError`; the bench has not been touched then."""
+    """Checks trip, time axis, constants, limits, scheme and disk, in this order, then arms the light. Raises
+    `SafetyTrip`, `LimitError`, `ForeignConstants`, `PlanRefused` or `StorageError`; the bench has not been touched then."""
     bench.shutter.check_trip()
     plan, target = fitted(request.plan, bench), request.target
     if other_axis := refitted(request.plan.axis, plan.axis):
@@ -92,6 +92,7 @@ def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
         check_disk(plan, target, round(request.alarms.min_free_mb * 1e6))
     folder = Path.cwd() if target is None else target.absolute().parent
     alarms = Alarms(request.alarms, bench.settings.laser.repetition_hz, folder)
+    bench.shutter.arm()
     used = "{}" if known is None else json.dumps(known[1].summary(), default=str)
     header = replace(request.header, devices=roles, warnings=tuple(bench.warnings), constants_json=used).stamped()
     return PreparedScan(request, bench, header, known, aim, lag, choice, alarms)

@@ -54,6 +54,7 @@ class TriggerScope:
         self._settled_at_s = 0.0
         self._sequence: tuple[MirrorAngles, ...] = ()
         self._armed = False
+        self._seen_to_move = settings.allow_unverified_dac
 
     @classmethod
     def open(cls, settings: TriggerScopeSettings, clock: Clock, wire_log: WireLog | None = None) -> "TriggerScope":
@@ -252,12 +253,30 @@ class TriggerScope:
         if self._unknown is not None:
             cause = getattr(self._unknown, "what", self._unknown)
             raise DeviceFault(DEVICE, f"where the mirror points is not known any more: {cause}", REOPEN)
-        if not self._controller.gave_banner and not self._settings.allow_unverified_dac:
+        self.check_trusted()
+
+    @property
+    def shows_that_it_moves(self) -> bool:
+        return self._controller.gave_banner
+
+    def trust(self) -> None:
+        self._seen_to_move = True
+
+    @contextlib.contextmanager
+    def trusted_for_trial(self) -> Iterator[None]:
+        before, self._seen_to_move = self._seen_to_move, True
+        try:
+            yield
+        finally:
+            self._seen_to_move = before
+
+    def check_trusted(self) -> None:
+        if not self._controller.gave_banner and not self._seen_to_move:
             raise DeviceFault(
                 DEVICE,
                 "it gave no start-up banner: without its SD card it confirms every move and makes none.",
-                "Check the SD card and switch the controller off and on; or watch the beam move with the laser at low "
-                "power and set `allow_unverified_dac: true`.",
+                "Check the SD card and switch the controller off and on; or see it move with `nlos jog`, whose first "
+                "moves are small, then set `allow_unverified_dac: true`.",
             )
 
     def _check_usable(self) -> None:

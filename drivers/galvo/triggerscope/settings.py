@@ -51,7 +51,7 @@ class TriggerScopeSettings(MirrorBlock):
     """How long the start-up text may take after the port is opened."""
     allow_unverified_dac: bool = False
     """Moves although no start-up text was seen, which is how a controller without SD card looks: it confirms every
-    command and moves nothing."""
+    command and moves nothing. `nlos jog` asks somebody to look at its first small moves."""
 
     @property
     def udev_rule(self) -> str:

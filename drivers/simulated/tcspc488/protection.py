@@ -60,6 +60,7 @@ class Protection:
         """Restarts the watchdog, with a new period (0: off) where one is given."""
         if period_s is not None:
             self.watchdog_s = period_s
+            self._bench.witness(now_s, f"watchdog {period_s:g}")
         self._watchdog_due_s = now_s + self.watchdog_s if self.watchdog_s else NEVER_S
 
     def command_shutter(self, is_open: bool) -> None:

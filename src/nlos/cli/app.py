@@ -14,6 +14,9 @@ VERBS = {
     "new": "Write a bench file by questions and detection: `nlos new bench`.",
     "shutter": "Close the laser shutter, whatever else on the bench is missing: `nlos shutter close`.",
     "doctor": "Check software, disk, links, mirror, counter, shutter and dark counts, and run a small scan.",
+    "point": "Send the beam to one place on the wall; light only for as long as asked for.",
+    "jog": "Move the beam by arrow keys, watch the counts, mark spots for calibration.",
+    "monitor": "Show rates, sync, direct peak and histogram as they change.",
     "plan": "Check everything a scan would, move nothing, and predict its duration.",
     "scan": "Acquire a scan; on the simulated bench unless --bench names another.",
     "calibrate": "Measure the bench's constants from recordings, with their errors.",
@@ -43,7 +46,9 @@ EVERYWHERE = (
 )
 
 
-HELP = {"help_option_names": ["-h", "--help"]}
+HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
+NUMBERS = {**HELP, "ignore_unknown_options": True}
+"""For a verb whose arguments are numbers: one below zero looks like an option."""
 
 
 class LazyVerbs(TyperGroup):
@@ -69,7 +74,7 @@ def load_verb(name: str) -> Any:
     """The command for a verb, from its own file."""
     module = importlib.import_module(f"nlos.cli.{name}_" if name == "import" else f"nlos.cli.{name}")
     single = typer.Typer(add_completion=False, rich_markup_mode=None)
-    single.command(name, help=VERBS[name], epilog=EVERYWHERE, context_settings=HELP)(
+    single.command(name, help=VERBS[name], epilog=EVERYWHERE, context_settings=NUMBERS if name == "point" else HELP)(
         getattr(module, module.__name__.split(".")[-1])
     )
     return typer.main.get_command(single)

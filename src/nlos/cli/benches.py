@@ -60,18 +60,22 @@ def measured_constants(given: Path | None, devices: "Mapping[str, DeviceIdentity
 @contextmanager
 def opened(loaded: "Loaded[BenchSettings]", scene: Path | None = None, quiet: bool = False) -> Iterator["Bench"]:
     """The open bench; `scene` is a recorded scan that replaces a simulated bench's light."""
+    from nlos.cli.agreeing import agrees
     from nlos.drivers.bench import open_bench
     from nlos.drivers.trip_latch import TripLatch
 
     latch = TripLatch.of_bench(loaded.settings)
-    with _wire_log() as log, open_bench(loaded.settings, scene=_scene(scene), wire_log=log, latch=latch) as bench:
+    with (
+        wire_logged() as log,
+        open_bench(loaded.settings, scene=_scene(scene), wire_log=log, latch=latch, agree=agrees) as bench,
+    ):
         for warning in bench.warnings:
             terminal.log(f"warning: {warning}", 1 if quiet else 0)
         yield bench
 
 
 @contextmanager
-def _wire_log() -> Iterator[Callable[[str, str, bytes], None] | None]:
+def wire_logged() -> Iterator[Callable[[str, str, bytes], None] | None]:
     """Every byte to and from the devices, one line each: time, device, direction, bytes as Python writes them."""
     if terminal.wire_log is None:
         yield None

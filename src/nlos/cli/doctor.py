@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from nlos.cli.agreeing import somebody_is_there
 from nlos.cli.benches import load_bench
 from nlos.cli.exit_codes import ExitCode, UsageError
 from nlos.cli.targets import page_target
@@ -44,7 +45,7 @@ def doctor(
     """
     from nlos.doctor.area import area_of
     from nlos.doctor.examination import Visit, examine
-    from nlos.doctor.hands import light_is_agreed_to, somebody_is_there
+    from nlos.doctor.hands import light_is_agreed_to
     from nlos.doctor.page import write_page
 
     if output is not None and not thorough:

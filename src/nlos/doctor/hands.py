@@ -1,8 +1,8 @@
 """What the doctor asks of a person's hands: a lamp, a cable, the interlock. On a simulated bench it does so itself."""
 
-import sys
 from typing import Protocol
 
+from nlos.cli.agreeing import answer, somebody_is_there
 from nlos.cli.terminal import terminal
 from nlos.drivers.bench import Bench
 from nlos.drivers.simulated.bench import SimulatedBench
@@ -125,11 +125,6 @@ class NoHands:
         return False
 
 
-def somebody_is_there() -> bool:
-    """Whether a person can read a question and answer it."""
-    return sys.stdin.isatty() and sys.stderr.isatty()
-
-
 def hands_for(bench: Bench) -> Hands:
     """Whose hands this bench has."""
     if bench.simulated is not None:
@@ -141,17 +136,9 @@ def light_is_agreed_to(where: str) -> bool:
     """Asks in words whether the shutter may open."""
     terminal.log(f"With light: the shutter opens, and the beam goes to {where} on the wall.", -9)
     terminal.log('Is everybody safe from it? Type "light" to agree, Enter to stay in the dark.', -9)
-    return _answer() == "light"
+    return answer() == "light"
 
 
 def _asked(what: str) -> bool:
     terminal.log(f"{what} Enter when that is done, any word to skip it.", -9)
-    return _answer() == ""
-
-
-def _answer() -> str | None:
-    """What was typed; None at the end of the input."""
-    try:
-        return input().strip().lower()
-    except EOFError:
-        return None
+    return answer() == ""

@@ -100,7 +100,7 @@ def test_off_a_terminal_there_is_no_light_without_the_word(
 def test_on_a_terminal_light_is_agreed_to_in_words_that_say_where(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, answer: str, light: bool
 ) -> None:
-    monkeypatch.setattr(hands, "somebody_is_there", lambda: True)
+    monkeypatch.setattr("nlos.cli.doctor.somebody_is_there", lambda: True)
     monkeypatch.setattr(builtins, "input", lambda: answer)
     assert run(["doctor", "--thorough", "-o", "page.html"]) == 0
     said = capsys.readouterr()

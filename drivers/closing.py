@@ -1,0 +1,102 @@
+"""What of a bench has been opened so far, and the order in which it is closed: light, gate, mirror, links."""
+
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+
+from nlos.drivers.clock import Clock
+from nlos.drivers.errors import DeviceError, DeviceLost
+from nlos.drivers.events import EventLog
+from nlos.drivers.galvo.mirror import GalvoMirror
+from nlos.drivers.safety import GuardedShutter
+from nlos.drivers.tcspc.counter import HistogramCounter
+
+_log = logging.getLogger(__name__)
+
+_MORE_CLOSINGS = 4  # answers that are seconds late come within so many
+
+
+class Closing:
+    """Filled in as a bench is opened; `close` may be called at any time."""
+
+    def __init__(self, events: EventLog, clock: Clock) -> None:
+        self._clock = clock
+        self.counter: HistogramCounter | None = None
+        self.mirror: GalvoMirror | None = None
+        self.shutter: GuardedShutter | None = None
+        self._events = events
+        self._reason = ""
+        self._error: BaseException | None = None
+        self._dark = True
+
+    @contextmanager
+    def on_error(self) -> Iterator[None]:
+        """Remembers why the bench is left, for the event log."""
+        try:
+            yield
+        except BaseException as error:
+            self._error = error
+            self._reason = f"{type(error).__name__} {error}".strip()
+            raise
+
+    def shut_light(self, why: str) -> None:
+        """Within a signal handler: closes the shutter, and leaves what was reported to be written down later."""
+        self._events.deferred = True
+        try:
+            self._events.report("signal", why)
+            if self.shutter is not None:
+                self.shutter.hold(why)
+        except DeviceError:
+            pass  # reported; the way out tries again
+        finally:
+            self._events.deferred = False
+
+    def close(self) -> None:
+        """Light, gate, mirror, links. A failure, of whatever kind, stops none of the later steps. The first that a
+        device reports is raised at the end, or noted on the exception that is already on its way."""
+        failures: list[DeviceError] = []
+        with ExitStack() as later:  # runs what it holds from last to first, come what may
+            later.callback(self._events.deliver)
+            if self.counter is not None:
+                later.callback(self._done, failures, self.counter.close)
+            if self.mirror is not None:
+                later.callback(self._done, failures, self.mirror.close)
+                later.callback(self._park, failures, self.mirror)
+            if self.counter is not None:
+                later.callback(self._done, failures, self.counter.abort)
+            if self.shutter is not None:
+                self._dark = False
+                self._dark = self._shut(failures, self.shutter)
+        if failures and self._error is None:
+            raise failures[0]
+        for failure in failures:
+            if self._error is not None:
+                self._error.add_note(str(failure))
+
+    def _shut(self, failures: list[DeviceError], shutter: GuardedShutter) -> bool:
+        """Whether it is dark. A cable that is lost takes nothing back that was confirmed before."""
+        if self._done(failures, partial(shutter.close, self._reason)):
+            return True
+        lost = isinstance(failures[-1], DeviceLost)
+        if lost and shutter.confirmed_closed:
+            return True
+        _log.critical("THE LASER SHUTTER IS NOT CONFIRMED CLOSED (%s). Shut the laser off.", failures[-1])
+        if lost:
+            return shutter.outlast_watchdog(self._clock)
+        return any(self._done(failures, partial(shutter.close, self._reason)) for _ in range(_MORE_CLOSINGS))
+
+    def _park(self, failures: list[DeviceError], mirror: GalvoMirror) -> None:
+        if self._dark:
+            self._done(failures, mirror.park)
+        else:
+            self._events.report("warning", "not parked: the shutter is not confirmed closed")
+
+    def _done(self, failures: list[DeviceError], step: Callable[[], object]) -> bool:
+        try:
+            step()
+        except DeviceError as error:
+            self._events.report("device", str(error))
+            failures.append(error)
+            return False
+        return True

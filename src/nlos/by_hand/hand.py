@@ -1,0 +1,137 @@
+"""What is in one's hands: the beam, the light, and what the counter sees, updated more than ten times a second."""
+
+import math
+from collections import deque
+from collections.abc import Callable
+
+from nlos.by_hand.keys import Keys
+from nlos.by_hand.light import LightOnRequest
+from nlos.by_hand.peak import DirectPeak
+from nlos.by_hand.reach import Pointing, Reach
+from nlos.by_hand.time_axis import part_of_period, whole_period
+from nlos.by_hand.watching import DWELL_S, Reading, Watch
+from nlos.drivers.errors import DeviceError, LimitError
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.partial_bench import PartialBench
+
+FIRST_HOLD_S = 0.8
+"""A key that is held down is first repeated after so long at most, as keyboards are set."""
+HOLD_S = 0.3
+"""And then at least so often: the light outlasts the last repeat by no more."""
+_TICK_S = 0.01
+_LONGEST_AXIS_DWELL_S = 0.06
+
+
+class Hand:
+    """One bench, as far as it is there. `update` takes one gate, or waits as long where there is no counter."""
+
+    def __init__(self, bench: PartialBench, aim: Pointing, keys: Keys) -> None:
+        self.bench, self.keys = bench, keys
+        self.light = LightOnRequest(bench.shutter, bench.clock, bench.settings.alignment)
+        self.reach = None if bench.mirror is None else Reach(bench.settings, bench.mirror, aim)
+        self.angles = MirrorAngles(0.0, 0.0)
+        self.no_light = ""
+        """Why there is none to be had; empty where there is."""
+        self.notes: deque[str] = deque(maxlen=3)
+        self.reading: Reading | None = None
+        self.peak: DirectPeak | None = None
+        self.watch: Watch | None = None
+        self._waiting: deque[str] = deque()
+        self._held_s = -math.inf
+        self.typing = False
+        """Whether keys are text: a space is no wish for light then."""
+        self.begin_text: frozenset[str] = frozenset()
+        """Keys after which text follows."""
+        if bench.counter is not None:
+            axis = whole_period(bench.counter, bench.settings.laser.repetition_hz, _LONGEST_AXIS_DWELL_S)
+            self.watch = Watch(bench, self.light, axis)
+            bench.counter.meanwhile(self._meanwhile)
+
+    def note(self, text: str) -> None:
+        """Something to be read by who looks at the screen."""
+        self.notes.append(text)
+
+    def pressed(self) -> list[str]:
+        """The keys that wait, but for those that are held for light."""
+        self._look_at_keys()
+        found = list(self._waiting)
+        self._waiting.clear()
+        return found
+
+    def update(self) -> None:
+        """One gate, and the direct peak in the last second's. Raises `DeviceError` with the light as it is."""
+        self._meanwhile()
+        if self.watch is None:
+            until_s = self.bench.clock.now() + DWELL_S
+            while self.bench.clock.now() < until_s:
+                self.bench.clock.sleep(_TICK_S)
+                self._meanwhile()
+            return
+        self.reading = self.watch.look()
+        self.peak = self.watch.peak()
+
+    def move_to(self, angles: MirrorAngles) -> None:
+        """Raises `LimitError` where the beam may not go, with nothing moved."""
+        if self.reach is None or self.bench.mirror is None:
+            raise LimitError("mirror", "it does not answer: nothing can be moved.", "Plug it in, then start again.")
+        self.reach.check(angles)
+        self.bench.mirror.begin_move(angles)
+        self.angles = angles
+        self._wait(self.bench.mirror.wait_settled)
+        if self.watch is not None:
+            self.watch.forget()
+
+    def try_to(self, act: Callable[[], None]) -> bool:
+        """Does it, or notes what is in the way: a person goes on from there."""
+        try:
+            act()
+        except LimitError as error:
+            self.note(f"{error.what} {error.remedy}")
+            return False
+        return True
+
+    def look_at(self, start_s: float | None, end_s: float | None = None) -> None:
+        """The histogram over a part of the period; over all of it without."""
+        if self.watch is None:
+            return
+        counter, repetition_hz = self.watch.counter, self.bench.settings.laser.repetition_hz
+        if start_s is None or end_s is None:
+            self.watch.set_axis(whole_period(counter, repetition_hz, _LONGEST_AXIS_DWELL_S))
+        else:
+            self.watch.set_axis(part_of_period(counter, max(start_s, 0.0), end_s, _LONGEST_AXIS_DWELL_S))
+
+    def ask_for_light(self, seconds: float) -> None:
+        """Raises `LimitError` where there is none to be had, or the beam is where it may not be."""
+        if self.no_light:
+            raise LimitError("shutter", f"stays closed: {self.no_light}", "Start again where there may be light.")
+        if self.reach is not None:
+            self.reach.check(self.angles)
+        self.light.ask(seconds)
+
+    def _hold(self) -> None:
+        now_s = self.bench.clock.now()
+        repeats = now_s - self._held_s < FIRST_HOLD_S
+        self._held_s = now_s
+        self.try_to(lambda: self.ask_for_light(HOLD_S if repeats else FIRST_HOLD_S))
+
+    def _look_at_keys(self) -> None:
+        for key in self.keys.pressed():
+            if key == "space" and not (self.typing or self.begin_text.intersection(self._waiting)):
+                self._hold()
+            else:
+                self._waiting.append(key)
+
+    def _meanwhile(self) -> None:
+        """Every 10 ms, whatever is waited for."""
+        if self.bench.mirror is not None:
+            self.bench.mirror.look()
+        self._look_at_keys()
+        self.light.tick()
+
+    def _wait(self, settled: Callable[[], None]) -> None:
+        try:
+            settled()
+        except DeviceError:
+            self.light.end("the mirror did not settle")
+            raise
+        self.light.tick()

@@ -1,0 +1,115 @@
+"""Light that somebody asked for: on for no longer than that, at the duty that the bench allows for alignment."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+
+from nlos.drivers.alignment_settings import AlignmentSettings
+from nlos.drivers.clock import Clock
+from nlos.drivers.errors import DeviceError, LimitError
+from nlos.drivers.safety import GuardedShutter
+
+SPARE_S = 0.03
+"""So much earlier than its time the light is told to go off: the command takes a while."""
+SHORTEST_S = 0.1
+_ALARM_EARLY_S = 0.01
+
+
+class LightOnRequest:
+    """`ask` says for how long; `tick`, called every 10 ms, opens and closes. A timer's signal closes where the program
+    itself waits for something else. The instrument's watchdog closes where the program is gone."""
+
+    def __init__(self, shutter: GuardedShutter | None, clock: Clock, alignment: AlignmentSettings) -> None:
+        self._shutter, self._clock, self._alignment = shutter, clock, alignment
+        self._began_s = self._until_s = float("-inf")
+        self._timed = False
+
+    @property
+    def lit(self) -> bool:
+        """Whether the shutter may be open now."""
+        return self._shutter is not None and self._shutter.may_be_open
+
+    @property
+    def wanted(self) -> bool:
+        """Whether what was asked for is not over yet."""
+        return self.left_s > 0
+
+    @property
+    def left_s(self) -> float:
+        return max(0.0, self._until_s - self._clock.now())
+
+    def check(self, seconds: float) -> None:
+        """Raises `LimitError` for a time that cannot be had."""
+        if self._shutter is None:
+            raise LimitError("shutter", "what drives it does not answer: no light.", "Plug it in, or stay in the dark.")
+        if not SHORTEST_S <= seconds <= self._alignment.longest_s:
+            raise LimitError(
+                "shutter",
+                f"light for {seconds:g} s is outside {SHORTEST_S:g} to {self._alignment.longest_s:g} s.",
+                "Ask for less, or change alignment.longest_s in the bench file.",
+            )
+
+    def ask(self, seconds: float) -> None:
+        """Light for so long from now on. Raises `LimitError` where there is none to be had."""
+        self.check(seconds)
+        assert self._shutter is not None
+        self._shutter.arm()
+        now_s = self._clock.now()
+        if self._until_s <= now_s:
+            self._began_s = now_s
+            self._shutter.release()  # somebody asks anew, after whatever shut the light
+        self._until_s = max(self._until_s, now_s + seconds)
+        self.tick()
+
+    def tick(self) -> None:
+        """Opens or closes as it is time to. Raises what the shutter raises."""
+        if self._shutter is None:
+            return
+        now_s, alignment = self._clock.now(), self._alignment
+        phase_s = (now_s - self._began_s) % alignment.period_s if self._until_s > now_s else 0.0
+        off_s = min(self._until_s, now_s - phase_s + alignment.duty * alignment.period_s)
+        if alignment.duty == 1.0:
+            off_s = self._until_s
+        wanted = now_s < off_s - SPARE_S
+        if wanted and not self._shutter.may_be_open:
+            self._set_timer(off_s - now_s - _ALARM_EARLY_S)
+            self._shutter.open()
+        elif not wanted and self._shutter.may_be_open:
+            self._shutter.close("its time is over")
+            self._set_timer(0.0)
+        elif wanted:
+            self._set_timer(off_s - now_s - _ALARM_EARLY_S)
+
+    def end(self, why: str) -> None:
+        """Off, whatever was asked for."""
+        self._until_s = float("-inf")
+        self._set_timer(0.0)
+        if self.lit and self._shutter is not None:
+            self._shutter.close(why)
+
+    @contextmanager
+    def timed(self) -> Iterator[None]:
+        """While the block runs a timer stands behind `tick`: in the main thread of a POSIX system."""
+        if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        previous = signal.signal(signal.SIGALRM, self._on_alarm)
+        self._timed = True
+        try:
+            yield
+        finally:
+            self._set_timer(0.0)
+            self._timed = False
+            signal.signal(signal.SIGALRM, previous)
+
+    def _set_timer(self, seconds: float) -> None:
+        if self._timed:
+            signal.setitimer(signal.ITIMER_REAL, max(seconds, 1e-3) if seconds else 0.0)
+
+    def _on_alarm(self, number: int, frame: FrameType | None) -> None:
+        if not self.lit or self._shutter is None:
+            return
+        with suppress(DeviceError):  # reported; the next `tick` tries again
+            self._shutter.close("its time is over")

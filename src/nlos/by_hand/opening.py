@@ -1,0 +1,76 @@
+"""A bench opened for hands: who is there, by what geometry it is aimed, and whether it may have light."""
+
+from collections.abc import Iterator, Set
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from nlos.acquisition.planning.preflight import drawn_aim
+from nlos.by_hand.hand import Hand
+from nlos.by_hand.keys import keys_of_terminal
+from nlos.by_hand.trust import watch_first_moves
+from nlos.cli.agreeing import agrees, somebody_is_there
+from nlos.cli.benches import wire_logged
+from nlos.cli.terminal import terminal
+from nlos.drivers.errors import LimitError
+from nlos.drivers.partial_bench import PartialBench, open_partial_bench
+from nlos.drivers.trip_latch import TripLatch
+
+if TYPE_CHECKING:
+    from nlos.configs.load import Loaded
+    from nlos.drivers.bench_settings import BenchSettings
+
+
+@contextmanager
+def in_hand(
+    table: "Loaded[BenchSettings]", wanted: Set[str], light_s: float | None = None, light_elsewhere: bool = False
+) -> Iterator[Hand]:
+    """The bench until the block is left; then the light is off, the mirror parked and the terminal as it was.
+
+    `light_s`: what will be asked for, so that everything that stands against it is said before anything moves.
+    """
+    settings, latch = table.settings, TripLatch.of_bench(table.settings)
+    with (
+        wire_logged() as log,
+        open_partial_bench(
+            settings, wanted, light_elsewhere=light_elsewhere, wire_log=log, latch=latch, agree=agrees
+        ) as bench,
+    ):
+        for role in sorted(wanted & bench.absent.keys()):
+            terminal.log(f"going on without the {role}: {bench.absent[role]}")
+        why = why_no_light(bench)
+        if light_s is not None and why:
+            raise LimitError("shutter", f"stays closed: {why}", "Without --light everything else is done.")
+        if bench.mirror is not None and "mirror" in wanted:
+            watch_first_moves(bench)
+        with keys_of_terminal() as keys:
+            hand = Hand(bench, drawn_aim(settings.geometry), keys)
+            hand.no_light = why
+            if light_s is not None:
+                hand.light.check(light_s)
+            with hand.light.timed():
+                try:
+                    yield hand
+                finally:
+                    hand.light.end("nobody is there any more")
+
+
+def why_no_light(bench: PartialBench) -> str:
+    """Why this bench has no light for whoever is at this terminal; empty where it has. Asks what has to be asked, once
+    and before a screen is drawn."""
+    if bench.shutter is None:
+        return "what drives the shutter does not answer."
+    if bench.settings.safety.dry_run:
+        return "safety.dry_run is set in the bench file."
+    power_mw, arming = bench.settings.alignment.power_mw, bench.settings.arming
+    try:
+        bench.shutter.check_trip()
+        if arming is not None and (arming.confirm or arming.delay_s == 0):
+            bench.shutter.arm()
+    except LimitError as error:
+        return error.what.removeprefix("stays closed: ")
+    if power_mw is not None and not bench.settings.simulated:
+        if not somebody_is_there():
+            return f"nobody is at a terminal to say that the laser is down at {power_mw:g} mW (alignment.power_mw)."
+        if not agrees(f"Turn the laser down to {power_mw:g} mW, the bench file's alignment power.", "done"):
+            return f"the laser was not turned down to {power_mw:g} mW."
+    return ""

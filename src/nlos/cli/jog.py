@@ -1,0 +1,55 @@
+"""`nlos jog`: the beam by arrow keys, with angles, place, rates and histogram in view, and marks for calibration."""
+
+import re
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from nlos.cli.benches import load_bench
+from nlos.cli.exit_codes import UsageError
+from nlos.cli.point import ELSEWHERE, LIGHT
+from nlos.cli.terminal import terminal
+
+
+def jog(
+    bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
+    light: Annotated[float | None, LIGHT] = None,
+    marks: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.csv",
+            help="Where marks go, for `nlos calibrate --spots`; added to where it exists. Default: spots-BENCH-DAY.csv",
+        ),
+    ] = None,
+    no_shutter: Annotated[bool, ELSEWHERE] = False,
+) -> None:
+    """Moves the beam by arrow keys. SPACE, held down, gives light; nothing else does but --light. `m` marks a spot: its
+    commanded angles, and where on the wall a ruler finds it, for `nlos calibrate --spots`."""
+    from nlos.by_hand.jogging import Jog
+    from nlos.by_hand.marks import Marks
+    from nlos.by_hand.opening import in_hand
+    from nlos.by_hand.screen import screen_of_terminal
+
+    table = load_bench(bench)
+    name = re.sub(r"[^A-Za-z0-9]+", "-", table.settings.name)[:60]
+    book = Marks(marks or Path(f"spots-{name}-{datetime.now(UTC):%Y%m%d}.csv"))
+    had = book.count
+    with in_hand(table, {"mirror", "counter"}, light, no_shutter) as hand:
+        if not hand.keys.there:
+            raise UsageError("nlos jog needs a terminal; scripts say `nlos point`.")
+        if hand.reach is None:
+            raise hand.bench.absent["mirror"]
+        jogging = Jog(hand, book)
+        if light is not None:
+            hand.ask_for_light(light)
+        with screen_of_terminal() as screen:
+            while not jogging.ended:
+                for key in hand.pressed():
+                    jogging.press(key)
+                screen.draw(jogging.lines(screen.size.columns, screen.size.lines))
+                hand.update()
+    if book.count > had:
+        terminal.result(f"{book.path}: {book.count} spots", spots=str(book.path), marked=book.count - had)
+        terminal.log(f"nine or more tell the mirror's place: nlos calibrate RUN --spots {book.path}")

@@ -1,0 +1,156 @@
+"""`nlos monitor`: rates, sync, direct peak and histogram as they change, while somebody turns a screw."""
+
+import csv
+import math
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from nlos.cli.benches import load_bench
+from nlos.cli.exit_codes import UsageError
+from nlos.cli.point import ELSEWHERE, LIGHT
+from nlos.cli.terminal import terminal
+
+if TYPE_CHECKING:
+    from nlos.by_hand.hand import Hand
+
+_COLUMNS = (
+    "utc", "light", "sync_hz", "detector_hz", "direct_ns", "direct_fwhm_ps", "direct_hz", "x_deg", "y_deg",
+)  # fmt: skip
+_LINE_S = 1.0
+
+
+def monitor(
+    bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
+    light: Annotated[float | None, LIGHT] = None,
+    at: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="X_M Y_M", help="Send the beam there first; the mirror is left alone otherwise."),
+    ] = None,
+    gate: Annotated[
+        str | None, typer.Option(metavar="START:END", help="Show this part of the period, ns; all of it by default.")
+    ] = None,
+    seconds: Annotated[
+        float | None, typer.Option("--for", metavar="SECONDS", help="End by itself after so long.")
+    ] = None,
+    log: Annotated[Path | None, typer.Option(metavar="FILE.csv", help="Write every update there.")] = None,
+    no_shutter: Annotated[bool, ELSEWHERE] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
+) -> None:
+    """Shows what the counter sees, more than ten times a second on a terminal and as a line a second elsewhere. Light
+    only for --light seconds, or while SPACE is held. `q` ends."""
+    from nlos.by_hand.opening import in_hand
+    from nlos.by_hand.screen import screen_of_terminal
+
+    window = _window(gate)
+    if log is not None and log.exists() and not overwrite:
+        raise FileExistsError(f"{log}: exists. Choose another name, or say --overwrite.")
+    table = load_bench(bench)
+    wanted = {"counter"} | (set() if at is None else {"mirror"})
+    with in_hand(table, wanted, light, no_shutter) as hand, _logged(log) as write:
+        if hand.watch is None:
+            raise hand.bench.absent["counter"]
+        if window is not None:
+            hand.look_at(*window)
+        if at is not None:
+            if hand.reach is None:
+                raise hand.bench.absent["mirror"]
+            hand.move_to(hand.reach.angles_of(*at))
+        if light is not None:
+            hand.ask_for_light(light)
+        until_s = time.monotonic() + (math.inf if seconds is None else seconds)
+        if hand.keys.there and not terminal.as_json:
+            with screen_of_terminal() as screen:
+                for _ in _updates(hand, until_s, write):
+                    screen.draw(_lines(hand, screen.size.columns, screen.size.lines))
+        else:
+            _print_lines(hand, until_s, write)
+        terminal.document.update(_row(hand))
+    if log is not None:
+        terminal.result(f"{log}: every update", log=str(log))
+
+
+def _updates(hand: "Hand", until_s: float, write: "Writer") -> Iterator[None]:
+    while time.monotonic() < until_s:
+        hand.update()
+        write(_row(hand))
+        yield
+        if "q" in hand.pressed():
+            return
+
+
+def _print_lines(hand: "Hand", until_s: float, write: "Writer") -> None:
+    from nlos.by_hand import lines
+
+    said_s = -math.inf
+    for _ in _updates(hand, until_s, write):
+        if time.monotonic() - said_s >= _LINE_S:
+            said_s = time.monotonic()
+            values = [" ".join(each.split()) for each in (*lines.counts(hand), lines.light(hand))]
+            terminal.result("; ".join(values))
+
+
+def _lines(hand: "Hand", columns: int, rows: int) -> list[str]:
+    from nlos.by_hand import lines
+
+    shown = [*lines.heading(hand), "", *lines.beam(hand), lines.light(hand), *lines.counts(hand), ""]
+    return [*shown, *lines.histogram(hand, columns - 1, rows - len(shown) - 5, True), *hand.notes, "q ends"]
+
+
+def _row(hand: "Hand") -> dict[str, Any]:
+    reading, peak, watch = hand.reading, hand.peak, hand.watch
+    if reading is None or watch is None:
+        return {}
+    return {
+        "utc": datetime.now(UTC).isoformat(timespec="milliseconds"),
+        "light": "mixed" if reading.lit is None else int(reading.lit),
+        "sync_hz": round(reading.sync_hz, 1),
+        "detector_hz": round(reading.detector_hz, 1),
+        "direct_ns": None if peak is None else round(peak.time_s * 1e9, 4),
+        "direct_fwhm_ps": None if peak is None or peak.fwhm_s is None else round(peak.fwhm_s * 1e12, 1),
+        "direct_hz": None if peak is None else round(peak.counts / max(watch.summed_s, 1e-9), 1),
+        "x_deg": math.degrees(hand.angles.x_rad) if hand.reach is not None else None,
+        "y_deg": math.degrees(hand.angles.y_rad) if hand.reach is not None else None,
+    }
+
+
+class Writer:
+    """Rows of the log, each on its way to the disk as it is written; nowhere without a file."""
+
+    def __init__(self, file: Any = None) -> None:
+        self._file = file
+        self._table = None if file is None else csv.DictWriter(file, _COLUMNS, lineterminator="\n")
+        if self._table is not None:
+            self._table.writeheader()
+
+    def __call__(self, row: dict[str, Any]) -> None:
+        if self._table is not None and row:
+            self._table.writerow(row)
+            self._file.flush()
+
+
+@contextmanager
+def _logged(path: Path | None) -> Iterator[Writer]:
+    if path is None:
+        yield Writer()
+        return
+    with path.open("w", encoding="utf-8", newline="") as file:
+        yield Writer(file)
+
+
+def _window(gate: str | None) -> tuple[float, float] | None:
+    """Seconds. Raises `UsageError` for what is no window."""
+    if gate is None:
+        return None
+    try:
+        start, end = (float(each) * 1e-9 for each in gate.split(":"))
+    except ValueError:
+        raise UsageError(f"--gate {gate}: two times in ns with a colon between them, such as 10:30") from None
+    if not 0 <= start < end < math.inf:
+        raise UsageError(f"--gate {gate}: must begin at 0 or later, and end after its beginning")
+    return start, end

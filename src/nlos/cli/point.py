@@ -1,0 +1,65 @@
+"""`nlos point`: sends the beam to one place, with light only for as long as somebody asks for it."""
+
+import math
+import time
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from nlos.cli.benches import load_bench
+from nlos.cli.terminal import terminal
+
+if TYPE_CHECKING:
+    from nlos.by_hand.hand import Hand
+
+LIGHT = typer.Option(metavar="SECONDS", help="Light for so long, at the bench's alignment duty; none unless said.")
+ELSEWHERE = typer.Option("--no-shutter", help="Something else keeps the light off, or the beam safe.")
+
+
+def point(
+    x: Annotated[float, typer.Argument(metavar="X_M", help="Right of the wall's centre, metres.")],
+    y: Annotated[float, typer.Argument(metavar="Y_M", help="Above it.")],
+    bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
+    deg: Annotated[bool, typer.Option("--deg", help="X and Y are optical mirror angles in degrees.")] = False,
+    light: Annotated[float | None, LIGHT] = None,
+    hold: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Stay for so long; on a terminal until a key otherwise.")
+    ] = None,
+    no_shutter: Annotated[bool, ELSEWHERE] = False,
+) -> None:
+    """Sends the beam to one place and stays there: until a key on a terminal, for --hold or --light seconds elsewhere.
+    SPACE, held down, gives light as well. The mirror parks in the dark afterwards."""
+    from nlos.by_hand.opening import in_hand
+    from nlos.drivers.errors import LimitError
+    from nlos.drivers.galvo.mirror import MirrorAngles
+
+    table = load_bench(bench)
+    with in_hand(table, {"mirror"}, light, no_shutter) as hand:
+        if hand.reach is None:
+            raise hand.bench.absent["mirror"]
+        if deg and not (math.isfinite(x) and math.isfinite(y)):
+            raise LimitError("mirror", f"({x:g}, {y:g}) deg are no angles.", "Give x and y in degrees.")
+        angles = MirrorAngles(math.radians(x), math.radians(y)) if deg else hand.reach.angles_of(x, y)
+        hand.move_to(angles)
+        x_m, y_m = hand.reach.place_of(angles)
+        x_deg, y_deg = math.degrees(angles.x_rad), math.degrees(angles.y_rad)
+        terminal.result(
+            f"x {x_deg:+.4f} deg, y {y_deg:+.4f} deg (optical): ({x_m:+.4f}, {y_m:+.4f}) m on the wall",
+            x_deg=x_deg, y_deg=y_deg, x_m=x_m, y_m=y_m, light_s=light or 0.0,
+        )  # fmt: skip
+        if light is not None:
+            hand.ask_for_light(light)
+            terminal.log(f"light for {light:g} s")
+        elif hand.keys.there and hold is None:
+            terminal.log("SPACE, held down: light. Any other key ends.")
+        stay_s = max(hold or 0.0, light or 0.0)
+        until_s = time.monotonic() + (stay_s if stay_s or not hand.keys.there else math.inf)
+        _stay(hand, until_s)
+
+
+def _stay(hand: "Hand", until_s: float) -> None:
+    while not hand.pressed() and time.monotonic() < until_s:
+        hand.update()
+        for note in hand.notes:
+            terminal.log(note)
+        hand.notes.clear()

@@ -1,0 +1,74 @@
+"""Before the first light: the terminal's place, somebody's word, the warning time."""
+
+from pathlib import Path
+
+import pytest
+
+from nlos.configs.load import load
+from nlos.drivers.arm_settings import ArmSettings
+from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.drivers.errors import LimitError
+from nlos.drivers.terminal_place import remote_terminal
+
+FROM_AFAR = {"SSH_CONNECTION": "10.0.0.7 50000 10.0.0.1 22"}
+
+
+def armed(**arm: object) -> BenchSettings:
+    return load("bench", "simulated", BenchSettings).settings.model_copy(update={"arm": ArmSettings(**arm)})
+
+
+def test_a_terminal_that_is_not_at_the_bench_gets_no_light(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in FROM_AFAR.items():
+        monkeypatch.setenv(name, value)
+    with open_bench(armed()) as bench:
+        with pytest.raises(LimitError, match="not at the bench"):
+            bench.shutter.open()
+        assert bench.simulated is not None
+        assert not bench.simulated.shutter_open
+    with open_bench(armed(remote=True)) as bench:
+        bench.shutter.open()
+        assert bench.simulated is not None
+        assert bench.simulated.shutter_open
+
+
+def test_light_waits_for_a_word_where_the_bench_file_wants_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+
+    def agree(what: str) -> bool:
+        asked.append(what)
+        return len(asked) > 1
+
+    with open_bench(armed(confirm=True, remote=True), agree=agree) as bench:
+        with pytest.raises(LimitError, match="nobody agreed"):
+            bench.shutter.open()
+        for _ in range(3):
+            bench.shutter.open()
+            bench.shutter.close()
+    assert len(asked) == 2  # once more after the no, then never again
+
+
+def test_the_warning_time_passes_before_the_first_light_and_not_again() -> None:
+    with open_bench(armed(delay_s=5.0, remote=True)) as bench:
+        began_s = bench.clock.now()
+        bench.shutter.open()
+        first_s = bench.clock.now()
+        bench.shutter.close()
+        bench.shutter.open()
+        assert 5.0 <= first_s - began_s < 5.5
+        assert bench.clock.now() - first_s < 0.5
+
+
+def test_a_real_bench_is_armed_by_default_and_a_simulated_one_is_not() -> None:
+    assert load("bench", "lab", BenchSettings).settings.arming == ArmSettings()
+    assert load("bench", "simulated", BenchSettings).settings.arming is None
+
+
+def test_a_shell_without_ssh_variables_is_found_out_by_who_started_it(tmp_path: Path) -> None:
+    import os
+
+    for number, line in ((os.getpid(), "1 (python) S 77 0"), (77, "77 (sudo) S 78 0"), (78, "78 (sshd-session) S 1 0")):
+        (tmp_path / str(number)).mkdir()
+        (tmp_path / str(number) / "stat").write_text(line)
+    assert remote_terminal({}, tmp_path) == "started by sshd-session"
+    assert remote_terminal({}, tmp_path / "nothing") is None
+    assert "10.0.0.7" in str(remote_terminal(FROM_AFAR, tmp_path / "nothing"))

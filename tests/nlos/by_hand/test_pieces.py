@@ -1,0 +1,88 @@
+"""What aiming by hand is made of: the peak, the chart, keys, marks, time axes."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nlos.by_hand.chart import chart
+from nlos.by_hand.keys import decoded
+from nlos.by_hand.marks import Marks
+from nlos.by_hand.peak import direct_peak
+from nlos.by_hand.time_axis import whole_period
+from nlos.calibration_input import read_spots
+from nlos.configs.load import load, names
+from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.tcspc.counter import HistogramAxis
+
+AXIS = HistogramAxis(6250, 16e-12)
+
+
+def pulse(time_s: float, fwhm_s: float, photons: float, axis: HistogramAxis = AXIS) -> np.ndarray:
+    """Expected counts (T,) of a Gaussian pulse round a whole period."""
+    edges = (np.arange(axis.bins * 3 + 1) - axis.bins) * axis.bin_width_s
+    cumulative = np.array([0.5 * (1 + math.erf((e - time_s) / (fwhm_s / 2.3548) / math.sqrt(2))) for e in edges])
+    return photons * np.diff(cumulative).reshape(3, -1).sum(axis=0)
+
+
+@pytest.mark.parametrize("time_ns", [0.01, 13.69, 50.0, 99.99])
+@pytest.mark.parametrize("fwhm_ps", [60.0, 200.0])
+def test_the_direct_peak_is_where_and_as_wide_as_it_was_made(time_ns: float, fwhm_ps: float) -> None:
+    draw = np.random.default_rng(3)
+    counts = draw.poisson(pulse(time_ns * 1e-9, fwhm_ps * 1e-12, 2e4) + 0.5)
+    found = direct_peak(counts, AXIS, cyclic=True)
+    assert found is not None
+    assert found.fwhm_s is not None
+    off_s = (found.time_s - time_ns * 1e-9 + 50e-9) % 100e-9 - 50e-9
+    assert abs(off_s) < max(12e-12, 0.1e-12 * fwhm_ps)
+    assert found.fwhm_s == pytest.approx(fwhm_ps * 1e-12, rel=0.12)
+    assert found.counts == pytest.approx(2e4, rel=0.05)
+
+
+def test_a_brighter_hidden_surface_is_not_taken_for_the_wall() -> None:
+    counts = np.random.default_rng(1).poisson(pulse(98e-9, 70e-12, 5e3) + pulse(4e-9, 900e-12, 1.2e4) + 0.2)
+    found = direct_peak(counts, AXIS, cyclic=True)
+    assert found is not None
+    assert found.time_s == pytest.approx(98e-9, abs=20e-12)
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_chance_makes_no_peak(seed: int) -> None:
+    assert direct_peak(np.random.default_rng(seed).poisson(0.3, 6250), AXIS, cyclic=True) is None
+
+
+def test_every_column_shows_its_highest_bin() -> None:
+    counts = np.zeros(6250, np.int64)
+    counts[4321] = 1000
+    rows = chart(counts, 80, 6)
+    assert len(rows) == 6
+    assert all(len(row) == 80 for row in rows)
+    assert [row.index("█") for row in rows] == [4321 * 80 // 6250] * 6
+
+
+def test_keys_arrive_whole_and_what_is_none_of_ours_is_skipped() -> None:
+    assert decoded(b"\x1b[A\x1b[Dq \r") == ["up", "left", "q", "space", "enter"]
+    assert decoded(b"\x1b[15~\x1b[1;5Cm\xc3\xa9") == ["m"]
+
+
+def test_marks_are_spots_that_calibrate_reads(tmp_path: Path) -> None:
+    path = tmp_path / "spots.csv"
+    Marks(path).add(MirrorAngles(0.1, -0.05), (0.2, -0.1))
+    again = Marks(path)
+    again.add(MirrorAngles(-0.1, 0.05), (-0.2, 0.1))
+    assert again.count == 2
+    spots = read_spots(path)
+    assert spots.x_rad == pytest.approx([0.1, -0.1], abs=1e-7)
+    assert spots.y_m == pytest.approx([-0.1, 0.1])
+
+
+@pytest.mark.parametrize("bench", [name for name in names("bench") if name != "lab"])
+def test_every_counter_has_bins_for_the_whole_period(bench: str) -> None:
+    settings = load("bench", bench, BenchSettings).settings
+    with open_bench(settings) as opened:
+        axis = whole_period(opened.counter, settings.laser.repetition_hz, 0.06)
+        opened.counter.configure(axis)
+    assert axis.bins * axis.bin_width_s >= 1 / settings.laser.repetition_hz
+    assert axis.bin_width_s <= 40e-12

@@ -1,0 +1,124 @@
+"""One instrument alone works, and says what it lacks; an unverified mirror is seen to move before it is trusted."""
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from nlos.__main__ import run
+from nlos.cli.terminal import terminal
+from tests.nlos.by_hand.at_a_terminal import at_a_terminal
+from tests.nlos.by_hand.witness import account, bench_file
+
+MISSING = {"mirror": "G10", "counter": "U10"}
+
+
+@pytest.fixture(autouse=True)
+def fresh_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (("as_json", False), ("verbosity", 0), ("wire_log", None), ("document", {})):
+        monkeypatch.setattr(terminal, name, value)
+
+
+def without(folder: Path, role: str, **changes: dict[str, object]) -> str:
+    fault = {"name": MISSING[role], "times": 99, "parameters": {"kind": "missing"}}
+    return str(bench_file(folder, {**changes, "simulation": {"faults": [fault]}}))
+
+
+def moved(folder: Path) -> list[tuple[float, float]]:
+    """Where the beam was sent, but for the centre and the ends of its outputs' ranges: it swings there, in the dark,
+    when its controller is set up."""
+    ends = (0.0, -math.radians(40.0))
+    return [beam for beam in account(folder).beams if not all(min(abs(a - e) for e in ends) < 1e-4 for a in beam)]
+
+
+def test_the_counter_is_watched_without_the_mirror(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = tmp_path / "log.csv"
+    path = without(tmp_path, "mirror")
+    assert run(["monitor", "--bench", path, "--for", "0.4", "--light", "0.3", "--log", str(log), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["sync_hz"] == pytest.approx(10e6, rel=1e-3)
+    rows = list(csv.DictReader(log.open()))
+    assert len(rows) >= 4
+    assert any(float(row["direct_ns"] or 0) == pytest.approx(13.69, abs=0.05) for row in rows if row["light"] == "1")
+    assert 0 < account(tmp_path).lit_s <= 0.3
+    assert not moved(tmp_path)
+
+
+def test_the_mirror_is_moved_without_the_counter_only_where_somebody_answers_for_the_light(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = without(tmp_path, "counter")
+    assert run(["point", "0.2", "-0.1", "--bench", path]) == 4
+    assert "nobody knows whether there is light" in capsys.readouterr().err
+    assert not moved(tmp_path)
+    assert run(["point", "0.2", "-0.1", "--bench", path, "--no-shutter"]) == 0
+    assert "(+0.2000, -0.1000) m on the wall" in capsys.readouterr().out
+    assert moved(tmp_path)
+
+
+def test_a_mirror_that_drives_its_shutter_needs_no_counter(tmp_path: Path) -> None:
+    path = without(tmp_path, "counter", shutter={"model": "triggerscope_ttl"}, mirror={"shutter_pin": 16})
+    assert run(["point", "0.2", "-0.1", "--bench", path, "--light", "0.3"]) == 0
+    assert 0.15 < account(tmp_path).lit_s <= 0.3
+
+
+def test_alignment_duty_is_kept(tmp_path: Path) -> None:
+    path = bench_file(tmp_path, {"alignment": {"duty": 0.4, "period_s": 0.5}})
+    assert run(["point", "0", "0", "--bench", str(path), "--light", "1.2"]) == 0
+    seen = account(tmp_path)
+    assert len(seen.lit) == 3
+    assert all(end is not None and end - start <= 0.4 * 0.5 for start, end in seen.lit)
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (["point", "0", "0", "--light", "500"], "outside 0.1 to 120 s"),
+    (["point", "nan", "0"], "is no place"),
+    (["point", "--deg", "41", "0"], "outside +-40.00 deg"),
+    (["point", "2", "0"], "outside the allowed area"),
+    (["monitor", "--at", "2", "0", "--for", "1"], "outside the allowed area"),
+])  # fmt: skip
+def test_what_is_refused_moves_nothing_and_lights_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str
+) -> None:
+    allowed = {"left_m": -1.0, "right_m": 1.0, "bottom_m": -1.0, "top_m": 1.0}
+    path = bench_file(tmp_path, {"geometry": {"allowed": allowed}})
+    assert run([*words, "--bench", str(path)]) == 4
+    assert said in capsys.readouterr().err
+    assert not account(tmp_path).lit
+    assert not moved(tmp_path)
+
+
+def test_first_moves_of_an_unverified_mirror_are_small_asked_for_and_seen(tmp_path: Path) -> None:
+    path = bench_file(tmp_path, {"simulation": {"faults": [{"name": "A3"}]}})
+    with at_a_terminal(tmp_path, "jog", "--bench", str(path)) as child:
+        child.wait_for("After Enter the x mirror")
+        child.press("\r")
+        child.wait_for("Did the x mirror move?")
+        child.press("\r")
+        assert child.ends() == 3
+        assert "was not seen to move" in child.said
+    assert not account(tmp_path).lit
+
+
+def test_nobody_at_the_terminal_moves_no_unverified_mirror(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = bench_file(tmp_path, {"simulation": {"faults": [{"name": "A3"}]}})
+    assert run(["point", "0.1", "0.1", "--bench", str(path)]) == 3
+    assert "nlos jog" in capsys.readouterr().err
+
+
+def test_spots_marked_in_jog_keep_their_commanded_angles(tmp_path: Path) -> None:
+    with at_a_terminal(tmp_path, "jog", "--bench", str(bench_file(tmp_path)), "--marks", "spots.csv") as child:
+        child.wait_until(lambda: bool(child.frames), "a screen")
+        child.press("g", "0.5 -0.25", "\r")
+        child.wait_for("+0.5000   y   -0.2500 m")
+        child.press("m")
+        child.wait_for("the simulated ruler says +0.500 -0.250")
+        child.press("0.5 -0.25", "\r")
+        child.wait_for("spot 1 in spots.csv")
+        child.press("q")
+        assert child.ends() == 0
+    (row,) = csv.DictReader((tmp_path / "spots.csv").open())
+    assert float(row["x_deg"]) == pytest.approx(13.94, abs=0.2)
+    assert (float(row["x_m"]), float(row["y_m"])) == (0.5, -0.25)
