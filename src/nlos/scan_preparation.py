@@ -75,7 +75,7 @@ class PreparedScan:
 
 def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
     """Checks trip, time axis, constants, limits, scheme and disk, in this order, then arms the light. Raises
-    `SafetyTrip`, `LimitError`, `ForeignConstants`, `PlanRefused` or `StorageError`; the bench has not been touched then."""
+    `SafetyTrip`, `LimitError`, `ForeignConstants`, `PlanRefused` or `StorageError`; the bench is as it was then."""
     bench.shutter.check_trip()
     plan, target = fitted(request.plan, bench), request.target
     if other_axis := refitted(request.plan.axis, plan.axis):
