@@ -55,3 +55,17 @@ def choices(
     parse_settings(method, own)
     tuned = issubclass(known, PhysicsSettings) and known.has_inverse_filter and not fixed and "snr" not in own
     return [{**own, "snr": snr} for snr in SNR_CHOICES] if tuned else [own]
+
+
+def learned_from(one: Entrant) -> frozenset[str]:
+    """Fingerprints of the scenes on disk that its weights were trained on."""
+    field = find(one.method).Settings.model_fields.get("weights")
+    weights = one.settings.get("weights", None if field is None else field.default)
+    if not isinstance(weights, str):
+        return frozenset()
+    from nlos.recon.weights.files import WeightsError, find_weights, read_about
+
+    try:
+        return frozenset(read_about(find_weights(weights)).get("learned_from", ()))
+    except WeightsError:
+        return frozenset()  # said where they are used

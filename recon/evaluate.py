@@ -19,8 +19,9 @@ from nlos.acquisition.importers.plain import read_plain
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, needed_array, open_hdf5
 from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.entrants import Entrant, check_known, choices, entrant
+from nlos.recon.entrants import Entrant, check_known, choices, entrant, learned_from
 from nlos.recon.errors import InvalidData, InvalidSettings, ReconError
+from nlos.recon.fingerprint import fingerprint_of
 from nlos.recon.methods import find
 from nlos.recon.metrics import depth_scores, image_scores
 from nlos.recon.reconstruct import reconstruct
@@ -101,6 +102,9 @@ def evaluate(
     scenes = list(find_scenes(paths, say))
     if not scenes:
         raise InvalidData(f"no scene with ground truth (gt_intensity, gt_depth, gt_mask) in {_listed(paths)}.")
+    for one in entrants:
+        for scene in scenes_learned_from(one, scenes):
+            say(f"{one.name} has learned from {scene.name}: its figures there say nothing about other scenes")
     rows, pictures = [], {}
     each = sum(len(choices(one.method, settings or {}, fixed, one.settings)) for one in entrants)
     done, total = 0, len(conditions) * len(scenes) * each
@@ -128,6 +132,16 @@ def evaluate(
                 rows.append(row)
                 pictures[row.scene, row.method, row.condition] = picture
     return Evaluation(rows, scenes, pictures)
+
+
+def scenes_learned_from(one: Entrant, scenes: Sequence[Scene]) -> list[Scene]:
+    """The scenes that an entrant's weights were trained on, told by what they show and not by their names."""
+    seen = learned_from(one)
+    return (
+        [scene for scene in scenes if fingerprint_of(scene.intensity, scene.depth_m * scene.mask) in seen]
+        if seen
+        else []
+    )
 
 
 def find_scenes(paths: Sequence[Path], say: Say) -> Iterator[Scene]:

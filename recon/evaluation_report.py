@@ -1,9 +1,11 @@
-"""results.json, results.md and gallery.png: what `nlos evaluate` leaves behind."""
+"""results.json, results.csv, results.md and gallery.png: what `nlos evaluate` leaves behind."""
 
+import csv
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import fields
 from pathlib import Path
-from typing import TypeVar
+from typing import TextIO, TypeVar
 
 import matplotlib
 import numpy as np
@@ -17,7 +19,7 @@ from nlos.recon.results import software
 from nlos.recon.seen import visible_depth
 
 T = TypeVar("T")
-NAMES = ("results.json", "results.md", "gallery.png")
+NAMES = ("results.json", "results.csv", "results.md", "gallery.png")
 COLUMNS: tuple[tuple[str, str, float, str], ...] = (
     ("psnr", "PSNR, dB", 1, "{:.2f}"),
     ("ssim", "SSIM", 1, "{:.3f}"),
@@ -34,16 +36,25 @@ COLUMNS: tuple[tuple[str, str, float, str], ...] = (
 
 
 def write_evaluation(folder: Path, evaluation: Evaluation, overwrite: bool = False) -> list[Path]:
-    """Writes the three files and returns their paths. Raises FileExistsError unless `overwrite`."""
+    """Writes the four files and returns their paths. Raises FileExistsError unless `overwrite`."""
     paths = [folder / name for name in NAMES]
     for path in paths:
         if path.exists() and not overwrite:
             raise FileExistsError(f"{path} is there already. Choose another folder, or allow it with --overwrite.")
     folder.mkdir(parents=True, exist_ok=True)
     paths[0].write_text(json.dumps(as_json(evaluation.rows), indent=1) + "\n", encoding="utf-8")
-    paths[1].write_text(table(evaluation), encoding="utf-8")
-    gallery(evaluation, paths[2])
+    with paths[1].open("w", newline="", encoding="utf-8") as file:
+        write_csv(evaluation.rows, file)
+    paths[2].write_text(table(evaluation), encoding="utf-8")
+    gallery(evaluation, paths[3])
     return paths
+
+
+def write_csv(rows: Sequence[Row], file: TextIO) -> None:
+    """The rows as a table for spreadsheets: those of results.json, settings as JSON, empty where there is none."""
+    table_of = csv.DictWriter(file, [field.name for field in fields(Row)])
+    table_of.writeheader()
+    table_of.writerows(row | {"settings": json.dumps(row["settings"])} for row in as_json(list(rows)))
 
 
 def table(evaluation: Evaluation) -> str:

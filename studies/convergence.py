@@ -16,8 +16,9 @@ import torch
 from torch import Tensor, nn
 
 from nlos.recon.methods import faithful, nano
-from nlos.recon.training.dataset import collate, sample
+from nlos.recon.training.dataset import sample
 from nlos.recon.training.run_folder import WEIGHTS
+from nlos.recon.training.training_sample import collate
 from nlos.recon.weights.files import place_of
 from studies.rows import SAMPLES, SEEDS, WATCHED, folder_of, in_order
 

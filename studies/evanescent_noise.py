@@ -11,7 +11,8 @@ import torch
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 from nlos.recon.layers.measurement import rates_of
-from nlos.recon.training.dataset import collate, sample
+from nlos.recon.training.dataset import sample
+from nlos.recon.training.training_sample import collate
 from studies.noise_figure import KINDS, NoiseFit, held_out
 
 INSIDE = 0.5  # of the light cone: farther from it than what leaks through the wall's tapered edges

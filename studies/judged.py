@@ -9,11 +9,12 @@ import numpy as np
 import torch
 
 from nlos.recon.metrics import depth_scores, image_scores
-from nlos.recon.training.dataset import DatasetSettings, collate, sample
+from nlos.recon.training.dataset import DatasetSettings, sample
 from nlos.recon.training.losses import picture_of
 from nlos.recon.training.run_folder import WEIGHTS
 from nlos.recon.training.train import build
 from nlos.recon.training.train_settings import TrainSettings
+from nlos.recon.training.training_sample import collate
 from nlos.recon.weights.files import load_weights
 from studies.rows import JUDGED
 

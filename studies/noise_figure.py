@@ -18,8 +18,9 @@ import torch
 
 from nlos.recon.layers.measurement import rates_of
 from nlos.recon.methods.nano import Nano, Settings, build
-from nlos.recon.training.dataset import DatasetSettings, collate, sample
+from nlos.recon.training.dataset import DatasetSettings, sample
 from nlos.recon.training.detector import DetectorSettings
+from nlos.recon.training.training_sample import collate
 from nlos.recon.weights.files import put_part
 
 INSIDE = DetectorSettings(noiseless=0.0, uniform=0.0, peak_counts_least=0.4, peak_counts_most=200.0)

@@ -72,7 +72,7 @@ def read_everything(path: Path) -> None:
 def read_array(dataset: h5py.Dataset, dimensions: int) -> npt.NDArray[np.generic]:
     """All of `dataset`, after its type, dimensions and size were checked. Raises `InvalidData`."""
     place = f"{dataset.file.filename}: {dataset.name.lstrip('/')}"
-    if dataset.dtype.kind not in "uif":
+    if dataset.dtype.kind not in "uifb":
         raise InvalidData(f"{place}: holds {dataset.dtype}, not numbers")
     if len(dataset.shape) != dimensions:
         raise InvalidData(f"{place}: has {len(dataset.shape)} dimensions ({dataset.shape}); {dimensions} are expected")

@@ -13,13 +13,12 @@ from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidSettings, ReconError
 from nlos.recon.methods import find, usable
 from nlos.recon.training.dataset import DatasetSettings, sample
+from nlos.recon.training.file_checks import Problem, problems_of_files
 from nlos.recon.training.impulse_responses import read_impulse_response
 from nlos.recon.training.scenes import kind_names
 from nlos.recon.training.train_settings import GEOMETRY, TrainSettings
 from nlos.recon.weights.files import WeightsError, find_weights, load_weights, read_about
 
-Problem = tuple[tuple[str | int, ...], str]
-"""Where in the training file, and what is wrong with what, and what to do."""
 TRIED = 3
 """Samples that are made before a training begins: every one of them would be, sooner or later."""
 
@@ -29,6 +28,8 @@ def problems(settings: TrainSettings) -> list[Problem]:
     found = [*_of_method(settings), *_of_run(settings), *_of_files(settings)]
     for block in ("data", "validation"):
         found += _of_data(getattr(settings, block), block)
+    if not found:
+        found += problems_of_files(settings)
     if not found:
         found += _of_scenes(settings)
     if not found:

@@ -1,5 +1,7 @@
 """Training samples from (seed, index), cached on disk: a scene, its transient, a detector's counts, and the truth.
 
+A share of them may come from scenes on disk (`disk_samples`).
+
 One scene is rendered once and measured `degradations` times. Sample i belongs to scene i // degradations and is the
 same whoever asks, in whatever order, cached or not. A cache is a folder of one safetensors file per scene; several
 processes may fill it at the same time.
@@ -8,13 +10,11 @@ processes may fill it at the same time.
 import hashlib
 import json
 import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
-import torch
 from pydantic import Field
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
@@ -23,15 +23,16 @@ from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings
 from nlos.recon.training.detector import DetectorSettings, measure
+from nlos.recon.training.disk_samples import file_number, sample_on_disk
 from nlos.recon.training.impulse_responses import read_impulse_response
 from nlos.recon.training.rendering import render
 from nlos.recon.training.scenes import GENERATOR, Scene, front_view, make_scene, surfels
 from nlos.recon.training.second_bounce import render_second_bounce, thinned
 from nlos.recon.training.shapes import Array
+from nlos.recon.training.training_sample import TRUTH, TrainingSample
 from nlos.recon.training.visibility import visibility
 
 BOUNCING = 160
-TRUTH = ("intensity", "albedo", "depth_m", "coverage")
 
 
 class DatasetSettings(Settings):
@@ -67,6 +68,10 @@ class DatasetSettings(Settings):
     """HDF5 files of measured responses."""
     detector: DetectorSettings = DetectorSettings()
     """How scenes are measured."""
+    files: Annotated[str, Field(min_length=1)] | None = None
+    """Pattern of scenes on disk with their truth, `mine/*.h5`; see Train your own."""
+    share: Annotated[float, Field(gt=0, le=1)] = 0.5
+    """Of the samples that come from `files`; the others are made."""
 
     @property
     def wall(self) -> WallGrid:
@@ -80,24 +85,6 @@ class DatasetSettings(Settings):
         return self.scenes * self.degradations
 
 
-@dataclass(frozen=True)
-class TrainingSample:
-    """Counts, how they were measured, and the truth they should lead to; all on the scan grid."""
-
-    counts: npt.NDArray[np.uint16]  # (T, H, W)
-    exposure: Array  # (H, W) relative dwell, mean 1 over measured points, 0 = not measured
-    noise_map: Array  # (H, W) standard deviation a bin over exposure and mean signal peak; inf = not measured
-    noise_level: float  # its root mean square over measured points
-    background: float  # expected background counts a bin at exposure 1
-    intensity: Array  # (H, W) albedo |cos| coverage: what the front view shows
-    albedo: Array  # (H, W)
-    depth_m: Array  # (H, W), 0 where less than half of the pixel is covered
-    coverage: Array  # (H, W)
-    normal: Array  # (3, H, W)
-    kind: str
-    condition: str
-
-
 def sample(settings: DatasetSettings, index: int, cache: Path | None = None) -> TrainingSample:
     """Sample `index` (0 .. len(settings) - 1); with a `cache` folder it is read from there, or made and put there.
 
@@ -105,6 +92,8 @@ def sample(settings: DatasetSettings, index: int, cache: Path | None = None) -> 
     """
     if not 0 <= index < len(settings):
         raise IndexError(f"sample {index} of {len(settings)}")
+    if settings.files is not None and (number := file_number(index, settings.share)) is not None:
+        return sample_on_disk(settings, settings.files, number, cache)
     scene, which = divmod(index, settings.degradations)
     if cache is None:
         return _unpack(*_make(settings, scene, (which,)), which)
@@ -124,22 +113,11 @@ def cache_folder(settings: DatasetSettings, cache: Path) -> Path:
     """Where samples of these settings lie in `cache`: the name changes with anything that changes them.
 
     The number of scenes does not: a longer run uses what a shorter one made. Nor do settings at their defaults, so a
-    new one leaves old caches good.
+    new one leaves old caches good, nor scenes on disk, which are kept elsewhere.
     """
-    described = settings.model_dump(mode="json", exclude={"scenes"}, exclude_defaults=True) | {"generator": GENERATOR}
+    left_out = {"scenes", "files", "share"}
+    described = settings.model_dump(mode="json", exclude=left_out, exclude_defaults=True) | {"generator": GENERATOR}
     return cache / hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()[:16]
-
-
-def collate(samples: list[TrainingSample]) -> dict[str, torch.Tensor]:
-    """Batch: counts (B, 1, T, H, W) float32; truth, exposure, noise_map (B, H, W); normal (B, 3, H, W), levels (B,)."""
-    batch = {
-        name: torch.from_numpy(np.stack([getattr(s, name) for s in samples]))
-        for name in ("exposure", "noise_map", "normal", *TRUTH)
-    }
-    batch["counts"] = torch.from_numpy(np.stack([s.counts.astype(np.float32) for s in samples])[:, None])
-    for name in ("noise_level", "background"):
-        batch[name] = torch.tensor([getattr(s, name) for s in samples], dtype=torch.float32)
-    return batch
 
 
 def _make(

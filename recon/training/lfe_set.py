@@ -37,7 +37,7 @@ class LfeScene:
         Raises FileNotFoundError where the folder holds no such transient, ValueError where it is not a stack of
         square frames.
         """
-        path = self._file(f"light-{1 if kind == 'confocal' else 2}-*.hdr")
+        path = self.file(f"light-{1 if kind == 'confocal' else 2}-*.hdr")
         gray = read_radiance(path) @ LUMINANCE
         side = gray.shape[1]
         if gray.shape[0] % side or gray.shape[0] // side < bins:
@@ -48,14 +48,15 @@ class LfeScene:
 
     def picture(self, view: int = 0) -> npt.NDArray[np.float32]:
         """The rendered picture as gray values over their maximum, (256, 256)."""
-        gray = read_radiance(self._file(f"confocal-{view}-*.hdr")) @ LUMINANCE
+        gray = read_radiance(self.file(f"confocal-{view}-*.hdr")) @ LUMINANCE
         return np.asarray(gray / max(float(gray.max()), 1e-12), dtype=np.float32)
 
     def nearness(self, view: int = 0) -> npt.NDArray[np.float32]:
         """1 nearest, 0 where nothing is, (256, 256)."""
-        return np.clip(read_radiance(self._file(f"depth-{view}-*.hdr"))[..., 0], 0, 1)
+        return np.clip(read_radiance(self.file(f"depth-{view}-*.hdr"))[..., 0], 0, 1)
 
-    def _file(self, pattern: str) -> Path:
+    def file(self, pattern: str) -> Path:
+        """The first file of that pattern. Raises FileNotFoundError."""
         for path in sorted(self.folder.glob(pattern)):
             return path
         raise FileNotFoundError(f"{self.folder} holds no {pattern}; is it a scene of the LFE set, fully unpacked?")

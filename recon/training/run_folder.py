@@ -13,20 +13,13 @@ from torch import nn
 from nlos.acquisition.errors import StorageError
 from nlos.acquisition.recording.writer_lock import WriterLock
 from nlos.recon.errors import InvalidSettings, ReconstructionFailed
-from nlos.recon.methods import find
+from nlos.recon.training.architecture import method_settings
 from nlos.recon.training.checkpoint import commit, optimiser_tensors, put_optimiser
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.weights.described import range_of
 from nlos.recon.weights.files import put_weights, read_about, read_weights, save
 
 STATE, WEIGHTS, LOG = "state.safetensors", "weights.safetensors", "log.jsonl"
-
-
-def architecture(settings: TrainSettings) -> dict[str, Any]:
-    """Every setting of the method that is trained, those at their defaults too."""
-    kind = find(settings.method).Settings
-    given = json.dumps({"weights": None} | settings.method_settings)
-    return kind.model_validate_json(given).model_dump(mode="json")
 
 
 def about_run(
@@ -36,15 +29,18 @@ def about_run(
     seconds: float,
     before: Mapping[str, Any],
     validation: Mapping[str, float],
+    learned_from: list[str],
 ) -> dict[str, Any]:
-    """What weights of this step say about themselves; `before` is what those said that the run began with."""
+    """What weights of this step say about themselves; `before` is what those said that the run began with, and
+    `learned_from` the fingerprints of scenes on disk."""
     return {
         "method": settings.method,
-        "architecture": architecture(settings),
+        "architecture": method_settings(settings).model_dump(mode="json"),
         "range": range_of(settings.data.model_dump(mode="json")),
         "licence": settings.licence,
         "settings": settings.model_dump(mode="json"),
         "validation": dict(validation),
+        "learned_from": learned_from,
         "step": step,
         "samples": step * settings.batch,
         "hours": seconds / 3600,
@@ -105,12 +101,19 @@ def resume_run(
     model: nn.Module,
     optimiser: torch.optim.Optimizer,
     average: list[torch.Tensor],
+    learned_from: list[str],
 ) -> tuple[int, float]:
     """Step and seconds spent of the run in `folder`, its state put in place; 0, 0 where there is none."""
     if not (folder / STATE).exists():
         return 0, 0.0
     state = read_weights(folder / STATE)
     _refuse_changes(TrainSettings.model_validate_json(json.dumps(state.about["settings"])), settings, folder)
+    others = set(state.about.get("learned_from", ())) ^ set(learned_from)
+    if others:
+        raise InvalidSettings(
+            f"{folder} holds a run on other scenes: {len(others)} of what data.files finds were added, changed or "
+            "removed. Put them back, choose another folder with -o, or say --overwrite to begin again."
+        )
     if settings.steps < int(state.about["step"]):
         raise InvalidSettings(
             f"samples: {folder} has seen {state.about['samples']:,} already. Say as many or more, "

@@ -8,7 +8,6 @@ picture's maximum. It may instead bring its own objective, `training_loss(batch)
 Everything random follows from (seed, step), so a run that is killed goes on from its last checkpoint bit for bit.
 """
 
-import json
 import math
 import os
 import signal
@@ -27,9 +26,11 @@ from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidSettings
 from nlos.recon.methods import find
+from nlos.recon.training.architecture import method_settings
 from nlos.recon.training.batches import batch_at, mirrored_batch, pooled, whole_scan, with_uniform_noise
 from nlos.recon.training.checkpoint import share_parameters
 from nlos.recon.training.curves import draw
+from nlos.recon.training.file_checks import learned_from
 from nlos.recon.training.interruption import Asked, caught
 from nlos.recon.training.log import Log
 from nlos.recon.training.losses import losses
@@ -112,7 +113,8 @@ def _train(
         parameters, lr=settings.learning_rate, betas=(0.9, 0.98), weight_decay=settings.weight_decay
     )
     average = [p.detach().clone() for p in parameters]
-    step, spent_s = resume_run(settings, folder, model, optimiser, average)
+    learned = learned_from(settings)
+    step, spent_s = resume_run(settings, folder, model, optimiser, average, learned)
     log = Log(folder / LOG, step, rank == 0, settings.tensorboard)
     count = sum(p.numel() for p in parameters)
     report(f"{settings.method}: {count:,} parameters, from step {step} of {settings.steps}")
@@ -125,14 +127,14 @@ def _train(
 
     def keep_state() -> None:
         if rank == 0:
-            about = about_run(settings, model, step, elapsed, before, {})
+            about = about_run(settings, model, step, elapsed, before, {}, learned)
             save_state(folder, model, optimiser, average, about)
             if not (folder / WEIGHTS).exists():
                 save_weights(folder, model, average, about)
 
     def check(against_lct: bool = False) -> dict[str, float]:
         figures: dict[str, float] = _with(average, parameters, lambda: validate(model, settings, device, against_lct))
-        about = about_run(settings, model, step, elapsed, before, figures)
+        about = about_run(settings, model, step, elapsed, before, figures, learned)
         keep_best(folder, model, average, about, judged=getattr(model, "training_loss", None) is None)
         return figures
 
@@ -237,9 +239,7 @@ def half_precision(settings: TrainSettings, device: str) -> bool:
 
 def build(settings: TrainSettings, wall: WallGrid, time: TimeAxis) -> nn.Module:
     """The method's network without weights, laid out for the processor's fastest convolutions."""
-    method = find(settings.method)
-    given = json.dumps({"weights": None} | settings.method_settings)
-    model = method.build(method.Settings.model_validate_json(given), wall, time)
+    model = find(settings.method).build(method_settings(settings), wall, time)
     model.train()
     for dims, layout in ((5, torch.channels_last_3d), (4, torch.channels_last)):
         for parameter in model.parameters():

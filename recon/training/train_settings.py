@@ -25,7 +25,7 @@ class TrainSettings(Settings):
     method: str
     """The method that is trained: `nlos methods`."""
     method_settings: dict[str, Any] = Field(default_factory=dict)
-    """Its settings."""
+    """Its settings; those of the weights in `start_from` unless given."""
     data: DatasetSettings = DatasetSettings()
     """The scenes that are learned from."""
     validation: DatasetSettings = DatasetSettings(seed=2, scenes=32, degradations=1, held_out=True)
@@ -61,7 +61,7 @@ class TrainSettings(Settings):
     precision: Literal["auto", "float32", "bf16"] = "auto"
     """Of the arithmetic; bf16 on GPUs that have it by default."""
     start_from: str | None = None
-    """Weights to begin with."""
+    """Weights to begin with: a file, or a name of those that ship. Their architecture comes with them."""
     checkpoint_minutes: Above0 = 2.0
     """Between two states on disk."""
     max_minutes: Above0 | None = None

@@ -5,9 +5,10 @@ import torch
 from torch import nn
 
 from nlos.recon.method import MethodResult
-from nlos.recon.training.dataset import collate, sample
+from nlos.recon.training.dataset import sample
 from nlos.recon.training.losses import picture_of, psnr
 from nlos.recon.training.train_settings import TrainSettings
+from nlos.recon.training.training_sample import collate
 from nlos.recon.transport.falloff import Falloff
 from nlos.recon.transport.light_cone import LightConeConvolution
 from nlos.recon.transport.resampling import LightConeResampling

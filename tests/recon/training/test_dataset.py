@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from nlos.acquisition.transient import TimeAxis
-from nlos.recon.training.dataset import DatasetSettings, TrainingSample, cache_folder, collate, sample
+from nlos.recon.training.dataset import DatasetSettings, cache_folder, sample
 from nlos.recon.training.detector import DetectorSettings, measure, pile_up, respond, shift_points
 from nlos.recon.training.impulse_responses import read_impulse_response
+from nlos.recon.training.training_sample import TrainingSample, collate
 
 SMALL = DatasetSettings(seed=2, scenes=4, degradations=2, rows=16, cols=16, bins=128, bin_width_ps=128.0)
 PLAIN = DetectorSettings(
