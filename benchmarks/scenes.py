@@ -14,7 +14,8 @@ import torch
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.training.batches import batch_at
-from nlos.recon.training.dataset import DatasetSettings, sample
+from nlos.recon.training.dataset import sample
+from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.rendering import render
 from nlos.recon.training.scenes import Surfels, make_scene, surfels
 from nlos.recon.training.train import build, objective

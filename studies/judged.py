@@ -9,7 +9,8 @@ import numpy as np
 import torch
 
 from nlos.recon.metrics import depth_scores, image_scores
-from nlos.recon.training.dataset import DatasetSettings, sample
+from nlos.recon.training.dataset import sample
+from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.losses import picture_of
 from nlos.recon.training.run_folder import WEIGHTS
 from nlos.recon.training.train import build

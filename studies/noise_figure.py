@@ -18,7 +18,8 @@ import torch
 
 from nlos.recon.layers.measurement import rates_of
 from nlos.recon.methods.nano import Nano, Settings, build
-from nlos.recon.training.dataset import DatasetSettings, sample
+from nlos.recon.training.dataset import sample
+from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.detector import DetectorSettings
 from nlos.recon.training.training_sample import collate
 from nlos.recon.weights.files import put_part

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from nlos.recon.training.dataset import DatasetSettings
+from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.detector import DetectorSettings
 from nlos.recon.training.losses import LossSettings
 from nlos.recon.training.train_settings import TrainSettings

@@ -8,7 +8,8 @@ import numpy.typing as npt
 import torch
 
 from nlos.recon.layers.symmetries import mirrored
-from nlos.recon.training.dataset import DatasetSettings, sample
+from nlos.recon.training.dataset import sample
+from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.training_sample import collate
 
 USED = ("counts", "exposure", "noise_map", "intensity", "albedo", "depth_m", "coverage", "noise_level", "background")

@@ -12,7 +12,8 @@ from pydantic import ValidationError
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidSettings, ReconError
 from nlos.recon.methods import find, usable
-from nlos.recon.training.dataset import DatasetSettings, sample
+from nlos.recon.training.dataset import sample
+from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.file_checks import Problem, problems_of_files
 from nlos.recon.training.impulse_responses import read_impulse_response
 from nlos.recon.training.scenes import kind_names

@@ -11,18 +11,14 @@ import hashlib
 import json
 import os
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
-from nlos.acquisition.transient import TimeAxis
-from nlos.acquisition.wall import WallGrid
-from nlos.configs.settings import Settings
-from nlos.recon.training.detector import DetectorSettings, measure
+from nlos.recon.training.dataset_settings import DatasetSettings
+from nlos.recon.training.detector import measure
 from nlos.recon.training.disk_samples import file_number, sample_on_disk
 from nlos.recon.training.impulse_responses import read_impulse_response
 from nlos.recon.training.rendering import render
@@ -33,56 +29,6 @@ from nlos.recon.training.training_sample import TRUTH, TrainingSample
 from nlos.recon.training.visibility import visibility
 
 BOUNCING = 160
-
-
-class DatasetSettings(Settings):
-    """Which samples: geometry, how many scenes, of which kinds, how measured. Equal settings mean equal samples."""
-
-    seed: Annotated[int, Field(ge=0)] = 1
-    """Of the scenes."""
-    scenes: Annotated[int, Field(ge=1)] = 2000
-    """How many different scenes."""
-    degradations: Annotated[int, Field(ge=1, le=64)] = 3
-    """Differently measured copies of each."""
-    held_out: bool = False
-    """Draw the kinds that are kept for testing."""
-    kinds: tuple[str, ...] = ()
-    """Kinds of scenes; all unless given."""
-    wall_width_m: Annotated[float, Field(ge=0.01, le=100)] = 2.0
-    """Side of the wall."""
-    rows: Annotated[int, Field(ge=4, le=1024)] = 64
-    """Scan points from top to bottom."""
-    cols: Annotated[int, Field(ge=4, le=1024)] = 64
-    """Scan points from left to right."""
-    bins: Annotated[int, Field(ge=8, le=65536)] = 256
-    """Time bins."""
-    bin_width_ps: Annotated[float, Field(ge=0.1, le=1e5)] = 64.0
-    """Width of a bin."""
-    retroreflective: bool = False
-    """Surfaces that send light back where it came from."""
-    shadows: bool = False
-    """Surfaces hide each other from the wall."""
-    second_bounce: bool = False
-    """Light that meets two hidden surfaces."""
-    impulse_responses: tuple[str, ...] = ()
-    """HDF5 files of measured responses."""
-    detector: DetectorSettings = DetectorSettings()
-    """How scenes are measured."""
-    files: Annotated[str, Field(min_length=1)] | None = None
-    """Pattern of scenes on disk with their truth, `mine/*.h5`; see Train your own."""
-    share: Annotated[float, Field(gt=0, le=1)] = 0.5
-    """Of the samples that come from `files`; the others are made."""
-
-    @property
-    def wall(self) -> WallGrid:
-        return WallGrid(self.wall_width_m, self.wall_width_m * self.rows / self.cols, self.rows, self.cols)
-
-    @property
-    def time(self) -> TimeAxis:
-        return TimeAxis(self.bins, self.bin_width_ps * 1e-12)
-
-    def __len__(self) -> int:
-        return self.scenes * self.degradations
 
 
 def sample(settings: DatasetSettings, index: int, cache: Path | None = None) -> TrainingSample:

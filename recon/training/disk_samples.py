@@ -5,21 +5,18 @@ import os
 from dataclasses import fields
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
+from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.detector import measure
 from nlos.recon.training.impulse_responses import read_impulse_response
 from nlos.recon.training.on_grid import on_grid
 from nlos.recon.training.scenes_on_disk import SceneOnDisk, read_scene, scene_files
 from nlos.recon.training.shapes import Array
 from nlos.recon.training.training_sample import TrainingSample
-
-if TYPE_CHECKING:
-    from nlos.recon.training.dataset import DatasetSettings
 
 DARKEST = 0.5
 """Part of the bins, the emptiest ones, that the background of a measured scan is taken from."""
@@ -31,7 +28,7 @@ def file_number(index: int, share: float) -> int | None:
     return before if with_it > before else None
 
 
-def sample_on_disk(settings: "DatasetSettings", pattern: str, number: int, cache: Path | None) -> TrainingSample:
+def sample_on_disk(settings: DatasetSettings, pattern: str, number: int, cache: Path | None) -> TrainingSample:
     """Sample `number` of those from files: every file in turn, a scene without noise measured anew each time.
 
     Raises what reading and measuring raise, with the file's name.
@@ -53,7 +50,7 @@ def _listed(pattern: str) -> tuple[Path, ...]:
     return tuple(scene_files(pattern))
 
 
-def _measured(settings: "DatasetSettings", scene: SceneOnDisk, path: Path, number: int) -> TrainingSample:
+def _measured(settings: DatasetSettings, scene: SceneOnDisk, path: Path, number: int) -> TrainingSample:
     rng = np.random.default_rng((settings.seed, number, int(settings.held_out), 3))
     responses = [read_impulse_response(Path(name), settings.time.bin_width_s) for name in settings.impulse_responses]
     got = measure(scene.light, settings.time, settings.detector, rng, responses)
@@ -90,7 +87,7 @@ def _truth_of(scene: SceneOnDisk) -> dict[str, Array]:
     }  # fmt: skip
 
 
-def _fitted(settings: "DatasetSettings", path: Path, cache: Path | None) -> SceneOnDisk:
+def _fitted(settings: DatasetSettings, path: Path, cache: Path | None) -> SceneOnDisk:
     """The scene on the training's grid, kept in `cache` where there is one: LFE's take seconds to read."""
     wall, time = settings.wall, settings.time
     if cache is None:

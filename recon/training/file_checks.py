@@ -5,7 +5,7 @@ from pathlib import Path
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.isolated import one_reader
-from nlos.recon.training.dataset import DatasetSettings
+from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.on_grid import on_grid
 from nlos.recon.training.scenes_on_disk import check_scene, fingerprint, read_scene, scene_files
 from nlos.recon.training.train_settings import TrainSettings

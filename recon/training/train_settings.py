@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from nlos.configs.settings import Settings
-from nlos.recon.training.dataset import DatasetSettings
+from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.losses import LossSettings
 
 GEOMETRY = ("wall_width_m", "rows", "cols", "bins", "bin_width_ps", "retroreflective")

@@ -20,13 +20,24 @@ BLOCK = re.compile(r"^(<!-- not run: [^\n]* -->\n)?```(sh|python)\n(.*?)^```", r
 
 @pytest.mark.parametrize("page", PAGES)
 def test_every_block_of_a_page_runs(page: str, tmp_path: Path) -> None:
+    run_page(page, tmp_path, long=False)
+
+
+@pytest.mark.soak
+@pytest.mark.skipif(not SOAK, reason="the blocks that take a minute: make soak")
+@pytest.mark.parametrize("page", [page for page in PAGES if "make soak" in (DOCS / page).read_text(encoding="utf-8")])
+def test_every_long_block_of_a_page_runs(page: str, tmp_path: Path) -> None:
+    run_page(page, tmp_path, long=True)
+
+
+def run_page(page: str, tmp_path: Path, long: bool) -> None:
     text = (DOCS / page).read_text(encoding="utf-8")
     shown = text.count("\n```sh\n") + text.count("\n```python\n")
     found = BLOCK.findall(text)
     assert len(found) == shown, "a block that this test does not see"
     script = ["set -euo pipefail", "touch blocks.py"]
     for skipped, language, code in found:
-        if skipped and not (SOAK and "make soak" in skipped):
+        if skipped and not (long and "make soak" in skipped):
             continue
         if language == "sh":
             script.append(code)
@@ -41,7 +52,7 @@ def test_every_block_of_a_page_runs(page: str, tmp_path: Path) -> None:
     here = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     words = ["bash", "-c", "\n".join(script)]
     done = subprocess.run(
-        words, cwd=tmp_path, env=here, capture_output=True, text=True, timeout=900 if SOAK else 280, check=False
+        words, cwd=tmp_path, env=here, capture_output=True, text=True, timeout=900 if long else 280, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
 

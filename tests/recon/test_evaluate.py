@@ -1,5 +1,6 @@
 """`nlos evaluate`: conditions, rows and files as its contract says, and the targets of the light-cone transform."""
 
+import csv
 import json
 import os
 from collections.abc import Callable
@@ -72,7 +73,11 @@ def test_every_method_at_every_condition_with_its_best_snr(tmp_path: Path) -> No
     rows = json.loads(paths[0].read_text())
     assert all(set(row) == FIELDS for row in rows)
     assert all(row["peak_rss_mb"] > 50 and row["seconds"] > 0 for row in rows)
-    assert "## counts_p5@8x8" in paths[1].read_text()
+    with paths[1].open(newline="") as file:
+        table = list(csv.DictReader(file))
+    assert [float(row["psnr"]) for row in table] == [row["psnr"] for row in rows]
+    assert json.loads(table[0]["settings"]) == rows[0]["settings"]
+    assert "## counts_p5@8x8" in paths[2].read_text()
     with pytest.raises(FileExistsError, match="--overwrite"):
         write_evaluation(tmp_path / "out", done)
 

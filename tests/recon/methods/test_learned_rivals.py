@@ -10,7 +10,8 @@ from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.methods import find
 from nlos.recon.reconstruct import reconstruct
-from nlos.recon.training.dataset import DatasetSettings, sample
+from nlos.recon.training.dataset import sample
+from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.losses import picture_of, psnr
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.training_sample import collate

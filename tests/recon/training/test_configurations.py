@@ -6,7 +6,7 @@ import pytest
 
 from nlos.configs.load import load
 from nlos.recon.training.batches import batch_at
-from nlos.recon.training.dataset import DatasetSettings
+from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.train import build, objective
 from nlos.recon.training.train_settings import TrainSettings
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from nlos.acquisition.transient import TimeAxis
-from nlos.recon.training.dataset import DatasetSettings, cache_folder, sample
+from nlos.recon.training.dataset import cache_folder, sample
+from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.detector import DetectorSettings, measure, pile_up, respond, shift_points
 from nlos.recon.training.impulse_responses import read_impulse_response
 from nlos.recon.training.training_sample import TrainingSample, collate

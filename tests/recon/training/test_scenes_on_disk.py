@@ -16,7 +16,8 @@ from nlos.recon.errors import InvalidSettings
 from nlos.recon.evaluate import evaluate
 from nlos.recon.fingerprint import fingerprint_of
 from nlos.recon.training.checks import problems
-from nlos.recon.training.dataset import DatasetSettings, sample
+from nlos.recon.training.dataset import sample
+from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.disk_samples import file_number
 from nlos.recon.training.on_grid import on_grid
 from nlos.recon.training.run_folder import WEIGHTS

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import torch
 
-from nlos.recon.training.dataset import DatasetSettings
+from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.run_folder import STATE, WEIGHTS
 from nlos.recon.training.schedule import learning_rate
 from nlos.recon.training.ship import ship
