@@ -1,11 +1,12 @@
 """Constants and impulse responses from anywhere: read by a child first, so that a damaged file stops nobody."""
 
-from collections.abc import Mapping
+from datetime import datetime
 from pathlib import Path
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.isolated import check_isolated, one_reader
-from nlos.calibration.constants import BenchConstants, load, load_response, newest_that_fits
+from nlos.calibration.constants import BenchConstants, load, load_response
+from nlos.calibration.errors import CalibrationError
 from nlos.calibration.impulse_response import ImpulseResponse
 
 _CONSTANTS, _RESPONSE = "nlos.calibration.constants:load", "nlos.calibration.constants:load_response"
@@ -23,14 +24,14 @@ def response_checked(path: Path) -> ImpulseResponse:
     return load_response(path)
 
 
-def newest_checked(folder: Path, devices: Mapping[str, str], bin_width_s: float | None = None) -> Path | None:
-    """As `constants.newest_that_fits`, of the files in `folder`."""
-    sound = []
-    with one_reader() as reader:
+def all_checked(folder: Path) -> list[tuple[Path, BenchConstants]]:
+    """Every constants file of `folder`, the newest measured first; what cannot be read is passed over."""
+    found = []
+    with one_reader():
         for path in sorted(folder.glob("*.h5")):
             try:
-                reader.check(path, _CONSTANTS)
-            except InvalidData:
+                constants = load_checked(path)
+                found.append((datetime.fromisoformat(constants.measured_utc), path, constants))
+            except (InvalidData, CalibrationError, ValueError):
                 continue
-            sound.append(path)
-    return newest_that_fits(sound, devices, bin_width_s)
+    return [(path, constants) for _, path, constants in sorted(found, key=lambda each: each[:2], reverse=True)]

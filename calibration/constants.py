@@ -8,9 +8,8 @@ with its error under its own name (`dead_time_s`, `dead_time_s_error`). Datasets
 
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
-from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 
@@ -21,6 +20,7 @@ import numpy.typing as npt
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset
 from nlos.acquisition.recording.plausible import json_object
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
+from nlos.calibration.bench_facts import Facts, changes
 from nlos.calibration.errors import ForeignConstants, InvalidData, PoorCalibration
 from nlos.calibration.geometry import ScannerGeometry
 from nlos.calibration.impulse_response import ImpulseResponse, from_histogram
@@ -88,12 +88,30 @@ class BenchConstants:
     afterpulse_decay_s: float | None = None
     geometry: ScannerGeometry | None = None
     geometry_errors: Mapping[str, float] = field(default_factory=dict)
+    bench: str = ""
+    """The name of the bench they belong to; empty where the recording did not say."""
+    bench_facts: Facts = field(default_factory=dict)
+    """What of that bench they depend on, as it was: `facts_of`."""
 
-    def refuse_other_devices(self, devices: Mapping[str, str]) -> None:
-        """Raises `ForeignConstants` where a device of the same role has another model or serial number."""
+    @property
+    def aims(self) -> bool:
+        """Whether a scan may be aimed by them unasked: only spots tell mirror gain and wall distance apart."""
+        return self.geometry is not None and "x_gain" in self.geometry_errors
+
+    def stale(self, devices: Mapping[str, str], facts: Facts) -> list[str]:
+        """What is not as it was when they were measured, with both values; devices not known are not compared."""
+        others = [
+            f"{role} {self.devices[role]} then, {name} now"
+            for role, name in devices.items()
+            if self.devices.get(role, name) != name
+        ]
+        return others + changes(self.bench_facts, facts)
+
+    def refuse_other_models(self, devices: Mapping[str, str]) -> None:
+        """Raises `ForeignConstants` where a device of the same role is of another model."""
         for role, name in devices.items():
             mine = self.devices.get(role)
-            if mine is not None and mine != name:
+            if mine is not None and mine.split()[:1] != name.split()[:1]:
                 raise ForeignConstants(
                     f"these constants of {self.measured_utc} are for the {role} {mine}, the data come from {name}. "
                     "Calibrate with a recording of this bench."
@@ -104,6 +122,7 @@ class BenchConstants:
         numbers = {name: getattr(self, name) for name in _QUANTITIES}
         return {
             "measured_utc": self.measured_utc,
+            "bench": self.bench,
             "sources": list(self.sources),
             "devices": dict(self.devices),
             "geometry": None if self.geometry is None else asdict(self.geometry),
@@ -135,6 +154,7 @@ def save(constants: BenchConstants, path: Path, overwrite: bool = False) -> None
     if path.exists() and not overwrite:
         raise FileExistsError(f"{path} exists; --overwrite replaces it")
     about = {"devices": dict(constants.devices), "measured_utc": constants.measured_utc, "sources": constants.sources}
+    about |= {"bench": constants.bench, "bench_facts": dict(constants.bench_facts)}
     if constants.geometry is not None:
         about["geometry"] = asdict(constants.geometry)
         about["geometry_errors"] = dict(constants.geometry_errors)
@@ -210,24 +230,6 @@ def load_response(path: Path) -> ImpulseResponse:
         raise InvalidData(f"{path}: not a readable impulse response: it is damaged, or something else") from error
 
 
-def newest_that_fits(
-    files: Iterable[Path], devices: Mapping[str, str], bin_width_s: float | None = None
-) -> Path | None:
-    """The most recently measured constants file of `files` that is for these devices and this bin width; files that
-    cannot be read or are for other devices are passed over. None where there is none."""
-    found: list[tuple[datetime, Path]] = []
-    for path in files:
-        try:
-            constants = load(path)
-            constants.refuse_other_devices(devices)
-            when = datetime.fromisoformat(constants.measured_utc)
-        except (InvalidData, ValueError):
-            continue
-        if bin_width_s is None or abs(constants.bin_width_s / bin_width_s - 1) < 1e-6:
-            found.append((when, path))
-    return max(found)[1] if found else None
-
-
 def _read(file: h5py.File) -> BenchConstants:
     about = json_object(f"{file.filename}: about", str(file.attrs["about"]))
     quantities = {
@@ -259,6 +261,8 @@ def _read(file: h5py.File) -> BenchConstants:
         afterpulse_decay_s=_finite(file.attrs["afterpulse_decay_s"]) if "afterpulse_decay_s" in file.attrs else None,
         geometry=geometry_of(about["geometry"]) if "geometry" in about else None,
         geometry_errors={str(name): float(value) for name, value in about.get("geometry_errors", {}).items()},
+        bench=str(about.get("bench", "")),
+        bench_facts={str(key): value for key, value in about.get("bench_facts", {}).items()},
         **quantities,
     )
 

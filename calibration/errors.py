@@ -25,5 +25,9 @@ class ForeignConstants(InvalidData):
     """The constants were measured with another device, time axis or wall than the data."""
 
 
+class StaleConstants(ForeignConstants):
+    """The bench has changed since its constants were measured."""
+
+
 class PoorCalibration(InvalidData):
     """The constants are worse than their own limits and are not saved."""

@@ -13,6 +13,16 @@ STATE = "NLOS_STATE"
 """Environment variable: the folder of what outlasts a program; `~/.local/state/nlos` where it is not set."""
 
 
+def state_folder() -> Path:
+    """Where what outlasts a program is kept."""
+    return Path(os.environ.get(STATE) or Path.home() / ".local" / "state" / "nlos")
+
+
+def file_word(name: str) -> str:
+    """A bench's name as part of a file's."""
+    return re.sub(r"[^A-Za-z0-9]+", "-", name)[:60]
+
+
 class TripLatch:
     """The log of one bench: a line a trip, override or name. The last line says whether a trip stands."""
 
@@ -23,9 +33,8 @@ class TripLatch:
     def of_bench(cls, settings: BenchSettings) -> "TripLatch":
         """By the bench's name and addresses: a bench file that is moved or corrected elsewhere keeps its trip."""
         name, addresses = settings.name, (settings.mirror.address, settings.counter.model, settings.shutter.model)
-        folder = Path(os.environ.get(STATE) or Path.home() / ".local" / "state" / "nlos")
         place = hashlib.sha256("\n".join(addresses).encode()).hexdigest()[:8]
-        return cls(folder / "trips" / f"{re.sub(r'[^A-Za-z0-9]+', '-', name)[:60]}-{place}.log")
+        return cls(state_folder() / "trips" / f"{file_word(name)}-{place}.log")
 
     def standing(self) -> str | None:
         """Why the bench is tripped; None where it is not."""

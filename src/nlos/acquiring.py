@@ -51,7 +51,7 @@ def scan(
     Everything is checked at once, before anything moves (`SafetyTrip`, `LimitError`, `PlanRefused`, `StorageError`);
     the light is on only between the first and the last sample that are asked for. `output`: also writes the recording,
     with all that happens, each sample before it is yielded; `resume`: only what is missing there. `constants`: what
-    `nlos calibrate` measured, to aim by; default: the newest in `constants/` that fits. A bench without a shutter needs
+    `nlos calibrate` measured, to aim by; default: the bench's newest; "none": none. A bench without a shutter needs
     `no_shutter=True`. Raises `DeviceError` with the shutter closed.
     """
     if bench.settings.shutter.model == "none" and not no_shutter:

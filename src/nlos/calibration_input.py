@@ -11,6 +11,7 @@ from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
     from nlos.acquisition.planning.aim import Aim
+    from nlos.calibration.bench_facts import Facts
     from nlos.calibration.geometry import ScannerGeometry
     from nlos.calibration.geometry_fit import Spots
     from nlos.calibration.raw_points import RawPoints
@@ -30,6 +31,8 @@ class RunInput:
     """What the scan was aimed by."""
     meant_dark: bool
     """Whether its bench was forbidden to open the shutter."""
+    bench_json: str = "{}"
+    """Its bench file, where the run says."""
 
 
 def load_run(run: Path, wall_size_m: float | None = None) -> RunInput:
@@ -72,7 +75,8 @@ def load_run(run: Path, wall_size_m: float | None = None) -> RunInput:
         dry_run = isinstance(safety, dict) and bool(safety.get("dry_run", False))
         if not said.get("wall_known", True):
             raw = _on_wall(run, raw, recording.plan.wall.width_m, wall_size_m)
-    return RunInput(raw, names, aim, dry_run)
+        bench_json = recording.header.bench_json
+    return RunInput(raw, names, aim, dry_run, bench_json)
 
 
 def _refuse_rectified(run: Path, rectified: bool) -> None:
@@ -174,3 +178,23 @@ def common_devices(runs: list[Path], each: list[Mapping[str, str]]) -> Mapping[s
                     f"{run}: its {role} is {name}, the other runs' is {common[role]}. Calibrate one bench at a time."
                 )
     return common
+
+
+def common_bench(runs: list[Path], each: list[str]) -> "tuple[str, Facts]":
+    """The name of the bench that all runs are of, and what constants depend on of it; empty where no run says. Raises
+    `ForeignConstants` where the bench was changed between two of them."""
+    from nlos.calibration.bench_facts import changes, facts_of
+    from nlos.calibration.errors import ForeignConstants
+
+    known = [(run, *facts_of(text)) for run, text in zip(runs, each, strict=True)]
+    known = [(run, name, facts) for run, name, facts in known if name]
+    if not known:
+        return "", {}
+    first, name, facts = known[0]
+    for run, other, its in known[1:]:
+        differ = changes(facts, its) if other == name else [f"bench {name} then, {other} now"]
+        if differ:
+            raise ForeignConstants(
+                f"{run}: its bench is not as it was in {first}: {'; '.join(differ)}. Calibrate one bench at a time."
+            )
+    return name, facts

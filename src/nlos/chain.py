@@ -26,18 +26,16 @@ FIRST_STAGE, STAGES = "reading", 4
 
 
 def constants_for(scan: LoadedScan, given: Path | None) -> "BenchConstants | None":
-    """The constants named, or the newest in `constants/` that fit this scan's devices. Raises `ForeignConstants`."""
-    from nlos.calibration.checked import load_checked, newest_checked
+    """The constants named, or the newest of this scan's bench that hold for it. Raises `ForeignConstants`."""
+    from nlos.bench_constants import correcting_constants
 
-    path = given
-    if path is None and scan.devices and Path("constants").is_dir():
-        path = newest_checked(Path("constants"), scan.devices, scan.transient.time.bin_width_s)
-    if path is None:
+    known = correcting_constants(given, scan.bench_json, scan.devices, scan.transient.time.bin_width_s)
+    if known is None:
         return None
-    constants = load_checked(path)
-    constants.refuse_other_devices(scan.devices)
-    log.info("constants: %s, measured %s", path, constants.measured_utc)
-    return constants
+    log.info("%s", known.said())
+    if known.warning:
+        log.warning("%s", known.warning)
+    return known.constants
 
 
 def calibrate_scan(

@@ -44,6 +44,8 @@ class LoadedScan:
     """Whether the file says how large the wall is."""
     points: RawPoints | None = None
     """Samples at free positions as they were taken; `transient` then has them in the pixels they lie in."""
+    bench_json: str = "{}"
+    """The bench file that it was taken with, where it is known."""
     left_aside: int = 0
     """Samples that were damaged or unreadable, and are not in it."""
 
@@ -167,6 +169,7 @@ def as_recorded(
         falloff if isinstance(falloff, int) else None,
         _offset_bins(recording, offsets, transient.exposure_s.shape) if isinstance(offsets, list) else None,
         bool(said.get("wall_known", True)),
+        bench_json=recording.header.bench_json,
     )
 
 

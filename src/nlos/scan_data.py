@@ -75,7 +75,7 @@ class Scan:
     def calibrated(self, constants: str | Path | None = None) -> Transient:
         """The transient that methods see, counts (T, H, W): time 0 at the wall, direct light removed.
 
-        `constants`: a file of `nlos calibrate`; else what fits in `constants/`, else the scan's own direct light.
+        `constants`: a file of `nlos calibrate`; else the newest of the scan's bench, else the scan's own direct light.
         """
         found = constants_for(self.loaded, None if constants is None else Path(constants))
         return calibrate_scan(self.loaded, constants=found)

@@ -1,7 +1,7 @@
 """A scan before its light: everything checked, aimed and described, for the command line and from Python alike."""
 
 import json
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,10 +20,8 @@ from nlos.acquisition.scanning.alarms import Alarms, AlarmSettings
 from nlos.acquisition.scanning.control import ScanControl
 from nlos.acquisition.scanning.engine import scan
 from nlos.acquisition.scanning.lag import Lag
-from nlos.calibration.checked import load_checked, newest_checked
-from nlos.calibration.constants import BenchConstants
+from nlos.bench_constants import Known, aiming_constants
 from nlos.drivers.bench import Bench
-from nlos.drivers.identity import DeviceIdentity
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,7 @@ class ScanRequest:
     resume: bool = False
     overwrite: bool = False
     constants: Path | None = None
-    """Of the bench, to aim by; None: the newest in `constants/` that fits."""
+    """Of the bench, to aim by; None: the newest of this bench; `none`: none."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ class PreparedScan:
     request: ScanRequest
     bench: Bench
     header: Header
-    constants: tuple[Path, BenchConstants] | None
+    constants: Known | None
     aim: Aiming
     lag: Lag | None
     choice: Choice
@@ -82,8 +80,11 @@ def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
         bench.report("warning", other_axis)
     request = replace(request, plan=plan)
     roles = {"mirror": bench.mirror.identity, "counter": bench.counter.identity}
-    known = measured_constants(request.constants, roles)
-    geometry = None if known is None else known[1].geometry
+    names = {role: f"{who.model} {who.serial}".strip() for role, who in roles.items()}
+    known = aiming_constants(request.constants, bench.settings.model_dump_json(), names)
+    if known is not None and known.warning:
+        bench.report("warning", known.warning)
+    geometry = None if known is None else known.constants.geometry
     aim = aim_of(bench) if geometry is None else geometry
     swept = request.resume and plan.within_px is not None and target is not None
     lag = known_lag(target) if swept and target is not None else None
@@ -93,28 +94,9 @@ def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
     folder = Path.cwd() if target is None else target.absolute().parent
     alarms = Alarms(request.alarms, bench.settings.laser.repetition_hz, folder)
     bench.shutter.arm()
-    used = "{}" if known is None else json.dumps(known[1].summary(), default=str)
+    used = "{}" if known is None else json.dumps(known.constants.summary(), default=str)
     header = replace(request.header, devices=roles, warnings=tuple(bench.warnings), constants_json=used).stamped()
     return PreparedScan(request, bench, header, known, aim, lag, choice, alarms)
-
-
-def measured_constants(given: Path | None, devices: Mapping[str, DeviceIdentity]) -> tuple[Path, BenchConstants] | None:
-    """The constants named; else the newest in `constants/` for these devices whose aim rests on measured spots.
-
-    Raises `ForeignConstants` where the constants named are of another bench.
-    """
-    names = {role: f"{who.model} {who.serial}".strip() for role, who in devices.items()}
-    path = given
-    if path is None and Path("constants").is_dir():
-        path = newest_checked(Path("constants"), names)
-    if path is None:
-        return None
-    constants = load_checked(path)
-    constants.refuse_other_devices(names)
-    # Without spots, mirror gain and wall distance are not told apart: a person has to ask for such an aim.
-    if given is None and "x_gain" not in constants.geometry_errors:
-        return None
-    return path, constants
 
 
 def known_lag(target: Path) -> Lag | None:

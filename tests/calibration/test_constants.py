@@ -7,7 +7,8 @@ import pytest
 
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.transient import TimeAxis
-from nlos.calibration.constants import Arrivals, BenchConstants, Quantity, load, load_response, newest_that_fits, save
+from nlos.calibration.checked import all_checked
+from nlos.calibration.constants import Arrivals, BenchConstants, Quantity, load, load_response, save
 from nlos.calibration.correct import common_bins, correct_known, correct_points, correct_sample
 from nlos.calibration.errors import ForeignConstants, InvalidData, PoorCalibration
 from nlos.calibration.geometry import ScannerGeometry
@@ -59,6 +60,8 @@ def test_what_is_saved_is_what_is_loaded(constants: BenchConstants, tmp_path: Pa
         afterpulse_probability=Quantity(0.01, 0.001),
         afterpulse_decay_s=3e-8,
         geometry_errors={"wall_yaw_rad": 1e-4},
+        bench="left table",
+        bench_facts={"geometry.wall_distance_m": 2.0, "mirror.model": "triggerscope"},
     )
     save(full, tmp_path / "c.h5")
     again = load(tmp_path / "c.h5")
@@ -67,7 +70,15 @@ def test_what_is_saved_is_what_is_loaded(constants: BenchConstants, tmp_path: Pa
     assert np.array_equal(again.arrivals.at([0.1, 0.9375], [0, 0.0625]), full.arrivals.at([0.1, 0.9375], [0, 0.0625]))
     for name in ("devices", "measured_utc", "sources", "bin_width_s", "direct_end_bin", "dark_hz", "ambient_hz"):
         assert getattr(again, name) == getattr(full, name), name
-    for name in ("dead_time_s", "afterpulse_probability", "afterpulse_decay_s", "geometry", "geometry_errors"):
+    for name in (
+        "dead_time_s",
+        "afterpulse_probability",
+        "afterpulse_decay_s",
+        "geometry",
+        "geometry_errors",
+        "bench",
+        "bench_facts",
+    ):
         assert getattr(again, name) == getattr(full, name), name
     assert np.array_equal(again.response.density, full.response.density)  # type: ignore[union-attr]
 
@@ -96,19 +107,18 @@ def test_a_scatter_over_one_bin_is_not_saved(constants: BenchConstants, tmp_path
     assert not list(tmp_path.iterdir())
 
 
-def test_constants_of_another_device_are_refused_by_name(constants: BenchConstants) -> None:
-    constants.refuse_other_devices({"mirror": "triggerscope T-1"})
-    with pytest.raises(ForeignConstants, match="for the counter tcspc488 C-7, the data come from tcspc488 C-8"):
-        constants.refuse_other_devices({"counter": "tcspc488 C-8"})
+def test_constants_of_another_model_are_refused_by_name(constants: BenchConstants) -> None:
+    constants.refuse_other_models({"mirror": "triggerscope T-2"})
+    with pytest.raises(ForeignConstants, match="for the counter tcspc488 C-7, the data come from picoquant C-8"):
+        constants.refuse_other_models({"counter": "picoquant C-8"})
 
 
-def test_the_newest_that_fits_is_taken(constants: BenchConstants, tmp_path: Path) -> None:
+def test_the_newest_comes_first_and_what_cannot_be_read_not_at_all(constants: BenchConstants, tmp_path: Path) -> None:
     save(replace(constants, measured_utc="2026-03-03T00:00:00+00:00"), tmp_path / "a.h5")
-    save(replace(constants, measured_utc="2026-03-09T00:00:00+00:00", devices={"counter": "other"}), tmp_path / "b.h5")
+    save(replace(constants, measured_utc="2026-03-09T00:00:00+02:00"), tmp_path / "b.h5")
     save(constants, tmp_path / "c.h5")
     (tmp_path / "d.h5").write_bytes(b"not HDF5")
-    assert newest_that_fits(sorted(tmp_path.glob("*.h5")), BENCH, 32e-12) == tmp_path / "a.h5"
-    assert newest_that_fits(sorted(tmp_path.glob("*.h5")), BENCH, 16e-12) is None
+    assert [path.name for path, _ in all_checked(tmp_path)] == ["b.h5", "a.h5", "c.h5"]
 
 
 @pytest.mark.parametrize("harm", ["truncated", "nan", "format", "shape"])

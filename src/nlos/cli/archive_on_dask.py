@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nlos.bench_constants import NONE
 from nlos.cli.archive_task import LOCAL, Outcome, Task, attempt
 from nlos.cli.exit_codes import ExitCode, Stopped
 from nlos.recon.own_methods import in_a_file
@@ -64,7 +65,7 @@ def _absolute(task: Task) -> Task:
     weights, constants = settings.get("weights"), options.get("constants")
     if isinstance(weights, str) and Path(weights).is_file():
         settings["weights"] = str(Path(weights).resolve())
-    if constants is not None:
+    if constants is not None and constants != NONE:
         options["constants"] = constants.resolve()
     method = str(Path(task.method).expanduser().resolve()) if in_a_file(task.method) else task.method
     return replace(

@@ -1,6 +1,6 @@
 """Opens the bench that a command names, with the wire log, and writes what happens on it into a recording."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from nlos.calibration.constants import BenchConstants
     from nlos.configs.load import Loaded
     from nlos.drivers.bench import Bench, BenchSettings
-    from nlos.drivers.identity import DeviceIdentity
     from nlos.drivers.simulated.recorded import RecordedScan
 
 DEFAULT_BENCH = "simulated"
@@ -43,18 +42,24 @@ def twin(loaded: "Loaded[BenchSettings]") -> "Loaded[BenchSettings]":
     return replace(loaded, settings=bench.model_copy(update=parts))
 
 
-def measured_constants(given: Path | None, devices: "Mapping[str, DeviceIdentity]") -> "BenchConstants | None":
-    """The constants named; else the newest in `constants/` for these devices whose aim rests on measured spots.
+def measured_constants(given: Path | None, bench: "Bench", devices: bool = True) -> "BenchConstants | None":
+    """The constants to aim this bench by, said with what they override; None where there are none.
 
-    Raises `ForeignConstants` where the constants named are of another bench.
+    `devices`: whether those of the open bench are the real ones, no twin's. Raises `ForeignConstants`, and
+    `StaleConstants` where the bench has changed since they were measured.
     """
-    from nlos import scan_preparation
+    from nlos.acquisition.planning.preflight import aim_of
+    from nlos.bench_constants import aiming_constants
 
-    known = scan_preparation.measured_constants(given, devices)
+    roles = {"mirror": bench.mirror.identity, "counter": bench.counter.identity} if devices else {}
+    names = {role: f"{who.model} {who.serial}".strip() for role, who in roles.items()}
+    known = aiming_constants(given, bench.settings.model_dump_json(), names)
     if known is None:
         return None
-    terminal.log(f"constants: {known[0]}, measured {known[1].measured_utc}")
-    return known[1]
+    terminal.log(known.said(aim_of(bench)))
+    if known.warning:
+        terminal.log(f"warning: {known.warning}")
+    return known.constants
 
 
 @contextmanager

@@ -21,7 +21,7 @@ _GAINS = ("x_gain", "y_gain")
 def calibrate(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Raw scans, and runs with the shutter closed.")],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="CONSTANTS.h5", help="Default: constants/RUN.h5.")
+        Path | None, typer.Option("-o", "--output", metavar="CONSTANTS.h5", help="Default: kept with the bench.")
     ] = None,
     dead_time_ns: Annotated[
         float | None,
@@ -48,19 +48,23 @@ def calibrate(
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Measures the bench's constants from recordings and says how good they are."""
+    from dataclasses import replace
     from datetime import UTC, datetime
 
+    from nlos.bench_constants import folder_of
     from nlos.calibration.checked import response_checked
     from nlos.calibration.constants import Quantity, save
     from nlos.calibration.measure import measure_constants
-    from nlos.calibration_input import common_devices, load_run, read_spots, refuse_unmeant_darkness
+    from nlos.calibration_input import common_bench, common_devices, load_run, read_spots, refuse_unmeant_darkness
     from nlos.report.calibration_pictures import write_pictures
 
-    target = output or Path("constants") / f"{runs[0].stem}.h5"
-    if target.exists() and not overwrite:
-        raise FileExistsError(f"{target}: exists. Choose another name with -o, or say --overwrite.")
+    if output is not None:
+        _refuse_to_replace(output, overwrite)
     loaded = [load_run(run, wall_size_m) for run in runs]
     devices = common_devices(runs, [one.devices for one in loaded])
+    bench, facts = common_bench(runs, [one.bench_json for one in loaded])
+    target = output or (folder_of(bench) if bench else Path("constants")) / f"{runs[0].stem}.h5"
+    _refuse_to_replace(target, overwrite)
     found = measure_constants(
         [one.raw for one in loaded],
         devices=devices,
@@ -81,8 +85,15 @@ def calibrate(
         terminal.result(str(picture))
     terminal.document["pictures"] = [str(picture) for picture in pictures]
     _refuse_poor(found.constants)
-    save(found.constants, target, overwrite)
-    terminal.result(str(target), constants=str(target))
+    save(replace(found.constants, bench=bench, bench_facts=facts), target, overwrite)
+    kept = bench and target.parent.resolve() == folder_of(bench).resolve()
+    whose = f"of bench {bench}, taken from now on" if kept else "taken where --constants names it"
+    terminal.result(f"{target}: {whose}", constants=str(target), bench=bench, kept_with_bench=bool(kept))
+
+
+def _refuse_to_replace(target: Path, overwrite: bool) -> None:
+    if target.exists() and not overwrite:
+        raise FileExistsError(f"{target}: exists. Choose another name with -o, or say --overwrite.")
 
 
 def _refuse_poor(constants: "BenchConstants") -> None:

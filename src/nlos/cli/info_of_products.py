@@ -34,6 +34,7 @@ def _of_constants(path: Path) -> dict[str, Any]:
     summary = held.summary()
     found: dict[str, Any] = {
         "format": "constants",
+        "bench": summary["bench"] or "not stored",
         "measured": summary["measured_utc"],
         "devices": summary["devices"],
         "sources": summary["sources"],

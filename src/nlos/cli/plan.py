@@ -5,11 +5,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from nlos.cli.benches import load_bench, opened, twin
+from nlos.cli.benches import load_bench, measured_constants, opened, twin
 from nlos.cli.targets import picture_target
 from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
+    from nlos.acquisition.planning.aim import Aiming
     from nlos.acquisition.planning.plan import ScanPlan
     from nlos.acquisition.planning.preflight import Expectation, ExpectedRates
     from nlos.acquisition.planning.schemes import Choice
@@ -23,6 +24,10 @@ def plan(
     like: Annotated[
         Path | None,
         typer.Option(metavar="RUN.h5", help="An earlier scan of this bench, to predict photons and pace from."),
+    ] = None,
+    constants: Annotated[
+        Path | None,
+        typer.Option(metavar="CONSTANTS.h5", help="Constants to aim by, or none. Default: the bench's newest."),
     ] = None,
     picture: Annotated[
         Path | None, typer.Option(metavar="F.png", help="Draw the mirror's path, coloured by time.")
@@ -51,10 +56,14 @@ def plan(
     asked = wanted.settings.plan()
     with opened(twin(table), quiet=True) as open_bench:
         planned = fitted(asked, open_bench)
-        angles = checked_angles(planned, open_bench, aim_of(open_bench))
+        # Of a real bench a twin is open: its constants are known by the bench's name, serial numbers by scan alone.
+        known = measured_constants(constants, open_bench, devices=table.settings.simulated)
+        measured = None if known is None else known.geometry
+        aim = aim_of(open_bench) if measured is None else measured
+        angles = checked_angles(planned, open_bench, aim)
         rates, links = None, None
         if like is not None:
-            rates, links = _learned(like, open_bench)
+            rates, links = _learned(like, open_bench, aim)
         elif table.settings.simulated and open_bench.simulated is not None:
             rates = ExpectedRates.of_simulation(planned, open_bench, angles)
         choice = choose(planned, open_bench, angles, links)
@@ -71,9 +80,9 @@ def plan(
         terminal.result(f"{picture}: the path over the wall and the dwell of every point", picture=str(picture))
 
 
-def _learned(like: Path, bench: "Bench") -> "tuple[ExpectedRates, Links]":
+def _learned(like: Path, bench: "Bench", aim: "Aiming") -> "tuple[ExpectedRates, Links]":
     """Photon rates, and the cables' times if the past scan was stepped by the host."""
-    from nlos.acquisition.planning.preflight import ExpectedRates, aim_of
+    from nlos.acquisition.planning.preflight import ExpectedRates
     from nlos.acquisition.planning.timing import Pace, learned_links, links_of, moves_s
     from nlos.acquisition.recording.checked import open_checked
     from nlos.drivers.galvo.mirror import MirrorAngles
@@ -83,7 +92,7 @@ def _learned(like: Path, bench: "Bench") -> "tuple[ExpectedRates, Links]":
         rates = ExpectedRates.of_recording(recording)
         if any(event.kind == "scheme" and event.text.startswith("S1") for event in recording.events()):
             positions = recording.plan.positions
-            aimed = aim_of(bench).angles_rad(positions.x_m, positions.y_m)
+            aimed = aim.angles_rad(positions.x_m, positions.y_m)
             angles = [MirrorAngles(x, y) for x, y in zip(*(each.tolist() for each in aimed), strict=True)]
             links = learned_links(links, list(recording.samples()), Pace(recording.plan, moves_s(bench, angles)))
     return rates, links

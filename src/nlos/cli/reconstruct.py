@@ -26,7 +26,7 @@ def reconstruct(
     settings: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
     constants: Annotated[
         Path | None,
-        typer.Option(metavar="CONSTANTS.h5", help="Default: the newest in constants/ that fits the scan's devices."),
+        typer.Option(metavar="CONSTANTS.h5", help="Or none. Default: the newest of the scan's bench."),
     ] = None,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     html: Annotated[bool, typer.Option("--html", help="Also write a rotatable 3D view in one HTML file.")] = False,

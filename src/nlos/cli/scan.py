@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from nlos.acquisition.planning.preflight import refitted
+from nlos.acquisition.planning.preflight import aim_of, refitted
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.salvage import settle
@@ -46,7 +46,7 @@ def scan(
     ] = None,
     constants: Annotated[
         Path | None,
-        typer.Option(metavar="CONSTANTS.h5", help="Constants to aim by. Default: the newest in constants/ that fits."),
+        typer.Option(metavar="CONSTANTS.h5", help="Constants to aim by, or none. Default: the bench's newest."),
     ] = None,
     no_shutter: Annotated[bool, typer.Option("--no-shutter", help="Allow a bench without a shutter.")] = False,
     live: Annotated[
@@ -139,7 +139,9 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
         terminal.log(f"warning: {other_axis}")
     forecast_s = prepared.choice.forecast.total_s
     if prepared.constants is not None:
-        terminal.log(f"constants: {prepared.constants[0]}, measured {prepared.constants[1].measured_utc}")
+        terminal.log(prepared.constants.said(aim_of(bench)))
+        if prepared.constants.warning:
+            terminal.log(f"warning: {prepared.constants.warning}")
     terminal.log(f"scheme {prepared.choice.scheme.value}, {forecast_s:.1f} s expected; {prepared.choice.why}")
     prepared.alarms.wait_for_rates(bench)
     enough = watching.enough(prepared)

@@ -1,0 +1,112 @@
+"""A bench's constants: kept by its name, wherever one stands; the newest, unless the bench has changed since."""
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+from nlos.acquisition.planning.aim import Aiming
+from nlos.calibration.bench_facts import Facts, facts_of
+from nlos.calibration.checked import all_checked, load_checked
+from nlos.calibration.constants import BenchConstants
+from nlos.calibration.errors import StaleConstants
+from nlos.calibration.geometry import ScannerGeometry
+from nlos.drivers.trip_latch import file_word, state_folder
+
+log = logging.getLogger(__name__)
+
+NONE = Path("none")
+"""What `--constants` takes for: none at all."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """Constants of a bench. `stale`: what has changed since, where a person named them all the same."""
+
+    path: Path
+    constants: BenchConstants
+    stale: tuple[str, ...] = ()
+
+    def said(self, drawn: Aiming | None = None) -> str:
+        """Which they are, and where they go before the bench file: both values."""
+        words = f"constants: {self.path}, measured {self.constants.measured_utc}"
+        if drawn is not None and (instead := overrides(self.constants, drawn)):
+            words += f"; in place of the bench file: {', '.join(instead)}"
+        return words
+
+    @property
+    def warning(self) -> str:
+        """What to say of stale ones; empty otherwise."""
+        if not self.stale:
+            return ""
+        return f"{self.path}: the bench has changed since these constants were measured: {'; '.join(self.stale)}"
+
+
+def folder_of(bench: str) -> Path:
+    """Where `nlos calibrate` keeps the constants of the bench of that name."""
+    return state_folder() / "constants" / file_word(bench)
+
+
+def aiming_constants(given: Path | None, bench_json: str, devices: Mapping[str, str]) -> Known | None:
+    """The constants to aim by: those named, else the newest of this bench that rest on measured spots.
+
+    `devices`: role -> model and serial; empty where nobody opened them. Raises `ForeignConstants` for named ones of
+    other models, `StaleConstants` where the bench has changed since and none are named.
+    """
+    name, facts = facts_of(bench_json)
+    if given == NONE:
+        return None
+    if given is not None:
+        return _named(given, devices, facts)
+    for path, constants in all_checked(folder_of(name)) if name else ():
+        if not constants.aims:
+            continue
+        if stale := constants.stale(devices, facts):
+            raise StaleConstants(
+                f"{path}: bench {name} has changed since these constants were measured ({constants.measured_utc}): "
+                f"{'; '.join(stale)}. Scan with --constants none and calibrate again, or take them all the same: "
+                f"--constants {path}"
+            )
+        return Known(path, constants)
+    return None
+
+
+def correcting_constants(
+    given: Path | None, bench_json: str, devices: Mapping[str, str], bin_width_s: float
+) -> Known | None:
+    """The constants to correct a scan's counts by: those named, else the newest of its bench for its bin width, that
+    hold for the bench as it was in that scan; others are passed over and said. Raises `ForeignConstants`."""
+    name, facts = facts_of(bench_json)
+    if given == NONE:
+        return None
+    if given is not None:
+        return _named(given, devices, facts)
+    for path, constants in all_checked(folder_of(name)) if name else ():
+        if abs(constants.bin_width_s / bin_width_s - 1) >= 1e-6:
+            continue
+        if stale := constants.stale(devices, facts):
+            log.info("constants: %s passed over, the bench was another in this scan: %s", path, "; ".join(stale))
+            continue
+        return Known(path, constants)
+    return None
+
+
+def _named(path: Path, devices: Mapping[str, str], facts: Facts) -> Known:
+    constants = load_checked(path)
+    constants.refuse_other_models(devices)
+    return Known(path, constants, tuple(constants.stale(devices, facts)))
+
+
+def overrides(constants: BenchConstants, drawn: Aiming) -> list[str]:
+    """Where the measured geometry is another than the bench file's, with both values."""
+    measured = constants.geometry
+    if measured is None:
+        return []
+    usual = ScannerGeometry(1.0)
+    found = []
+    for each in fields(ScannerGeometry):
+        value, file_value = getattr(measured, each.name), getattr(drawn, each.name, getattr(usual, each.name))
+        if abs(value - file_value) > 5e-5:
+            unit = next((f" {word}" for word in ("rad", "m") if each.name.endswith(f"_{word}")), "")
+            found.append(f"{each.name} {value:.4f}{unit} (file {file_value:g})")
+    return found

@@ -1,0 +1,161 @@
+"""Constants belong to a bench: found by its name from any folder, said with what they override, refused once stale."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from nlos.__main__ import run
+from nlos.acquisition.recording.recording import Recording
+from nlos.bench_constants import NONE, aiming_constants, correcting_constants, folder_of
+from nlos.calibration.bench_facts import facts_of
+from nlos.calibration.constants import Arrivals, BenchConstants, save
+from nlos.calibration.errors import ForeignConstants, StaleConstants
+from nlos.calibration.geometry import ScannerGeometry
+from nlos.configs.load import find, parse
+from nlos.drivers.bench import BenchSettings
+from tests.nlos.conftest import SMALL
+
+DEVICES = {"mirror": "triggerscope ", "counter": "tcspc488 SIM0001"}
+SPOTS = {"x_gain": 1e-4, "wall_distance_m": 1e-3}
+BENCH: dict[str, Any] = yaml.safe_load(find("bench", "simulated").read_text())
+
+
+def bench_json(**changed: Any) -> str:
+    """The simulated bench's file, with some blocks changed."""
+    return parse(yaml.safe_dump(with_changes(changed)), "b.yaml", BenchSettings).model_dump_json()
+
+
+def with_changes(changed: dict[str, Any]) -> dict[str, Any]:
+    return {key: {**value, **changed.get(key, {})} if isinstance(value, dict) else changed.get(key, value)
+            for key, value in BENCH.items()}  # fmt: skip
+
+
+def constants(**more: Any) -> BenchConstants:
+    """Those of a bench whose wall is a little further away than its file says."""
+    name, facts = facts_of(bench_json())
+    x_m = np.array([-0.1, 0.1])
+    arrivals = Arrivals(np.array([0.0, 0.0, 2.0]), 1e-9, np.eye(4), 1e-12, x_m, x_m, np.zeros(2))
+    made = BenchConstants(
+        {"mirror": DEVICES["mirror"].strip(), "counter": DEVICES["counter"]}, "2026-03-01T12:00:00+00:00", ("a.h5",),
+        16e-12, arrivals=arrivals, geometry=ScannerGeometry(2.03, scanner_x_m=0.25), geometry_errors=SPOTS,
+        bench=name, bench_facts=facts,
+    )  # fmt: skip
+    return replace(made, **more)
+
+
+@pytest.fixture(scope="module")
+def state(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What outlasts a program: the constants of the simulated bench. Once a module, as a child reads each file once."""
+    folder = tmp_path_factory.mktemp("state") / "constants" / BENCH["name"]
+    folder.mkdir(parents=True)
+    save(constants(), folder / "spots.h5")
+    return folder.parents[1]
+
+
+@pytest.fixture
+def kept(state: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """The file that is kept with the bench; one stands in another folder."""
+    monkeypatch.setenv("NLOS_STATE", str(state))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.yaml").write_text(SMALL)
+    return folder_of(BENCH["name"]) / "spots.h5"
+
+
+def devices_now() -> dict[str, str]:
+    return {"mirror": DEVICES["mirror"].strip(), "counter": DEVICES["counter"]}
+
+
+def test_they_are_found_by_the_benchs_name_and_say_what_they_override(kept: Path) -> None:
+    known = aiming_constants(None, bench_json(), devices_now())
+    assert known is not None
+    assert known.path == kept
+    drawn = ScannerGeometry(2.0)
+    assert "wall_distance_m 2.0300 m (file 2)" in known.said(drawn)
+    assert "scanner_x_m 0.2500 m (file 0)" in known.said(drawn)
+    assert "y_gain" not in known.said(drawn)
+    assert aiming_constants(None, bench_json(name="another"), devices_now()) is None
+    assert aiming_constants(NONE, bench_json(), devices_now()) is None
+
+
+CHANGED = {
+    "distance": {"geometry": {"wall_distance_m": 1.42}},
+    "lever": {"geometry": {"mirror_separation_m": 0.01}},
+    "mounting": {"mirror": {"x": {"dac": 1, "volts_per_degree": -0.5}}},
+    "swapped axes": {"mirror": {"x": {"dac": 2}, "y": {"dac": 1}}},
+    "cable": {"counter": {"detector": {"delay_ps": 500}}},
+    "level": {"counter": {"sync": {"level_mv": -300}}},
+    "laser": {"laser": {"repetition_hz": 20e6}},
+}
+
+
+@pytest.mark.parametrize("what", CHANGED)
+def test_a_bench_that_changed_makes_them_stale(kept: Path, what: str) -> None:
+    now = bench_json(**CHANGED[what])
+    with pytest.raises(StaleConstants, match=r"then, .* now.*--constants none.*--constants /"):
+        aiming_constants(None, now, devices_now())
+    named = aiming_constants(kept, now, devices_now())
+    assert named is not None
+    assert "has changed since" in named.warning
+    assert correcting_constants(None, now, devices_now(), 16e-12) is None
+
+
+@pytest.mark.parametrize("block", [{"mirror": {"timeout_s": 1.0}}, {"safety": {"trip_cps": 1e6}},
+                                   {"counter": {"over_count": {"rate_hz": 1000}}},
+                                   {"geometry": {"allowed": {"left_m": -1.0, "right_m": 1.0, "bottom_m": -1.0,
+                                                             "top_m": 1.0}}}])  # fmt: skip
+def test_what_moves_neither_beam_nor_time_does_not(kept: Path, block: dict[str, Any]) -> None:
+    assert aiming_constants(None, bench_json(**block), devices_now()) is not None
+
+
+def test_another_serial_number_is_another_bench(kept: Path) -> None:
+    other = {**devices_now(), "counter": "tcspc488 C-9"}
+    with pytest.raises(StaleConstants, match="counter tcspc488 SIM0001 then, tcspc488 C-9 now"):
+        aiming_constants(None, bench_json(), other)
+    assert aiming_constants(None, bench_json(), {}) is not None  # nobody opened them: plan
+    with pytest.raises(ForeignConstants, match="for the counter"):
+        aiming_constants(kept, bench_json(), {"counter": "picoquant 7"})
+
+
+def test_only_the_newest_tells_how_the_bench_is_now(kept: Path) -> None:
+    moved = facts_of(bench_json(geometry={"wall_distance_m": 1.42}))[1]
+    later = kept.with_name("later.h5")
+    save(constants(measured_utc="2026-04-01T12:00:00+00:00", bench_facts=moved), later)
+    try:
+        with pytest.raises(StaleConstants, match=r"later\.h5.*wall_distance_m 1\.42 then, 2 now"):
+            aiming_constants(None, bench_json(), devices_now())
+        back = correcting_constants(None, bench_json(), devices_now(), 16e-12)  # a scan of before the move
+    finally:
+        later.unlink()
+    assert back is not None
+    assert back.path == kept
+
+
+@pytest.mark.parametrize("verb", [["plan", "small.yaml"], ["scan", "small.yaml", "-o", "run.h5"]])
+def test_plan_and_scan_take_the_same_and_refuse_the_same(
+    kept: Path, verb: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(verb) == 0
+    said = capsys.readouterr().err
+    assert f"constants: {kept}" in said
+    assert "wall_distance_m 2.0300 m (file 2)" in said
+    Path("moved.yaml").write_text(yaml.safe_dump(with_changes({"geometry": {"wall_distance_m": 1.42}})))
+    moved = [*verb, "--bench", "moved.yaml", *(["--overwrite"] if verb[0] == "scan" else [])]
+    assert run(moved) == 7
+    assert "wall_distance_m 2 then, 1.42 now" in capsys.readouterr().err
+    assert run([*moved, "--constants", "none"]) == 0
+    assert "constants:" not in capsys.readouterr().err
+    assert run([*moved, "--constants", str(kept)]) == 0
+    assert "warning: " + str(kept) in capsys.readouterr().err
+
+
+def test_a_recording_keeps_which_it_was_aimed_by(kept: Path) -> None:
+    assert run(["scan", "small.yaml", "-o", "run.h5"]) == 0
+    with Recording.open(Path("run.h5")) as recording:
+        used = json.loads(recording.header.constants_json)
+    assert used["bench"] == BENCH["name"]
+    assert used["geometry"]["scanner_x_m"] == 0.25
