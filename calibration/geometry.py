@@ -56,6 +56,15 @@ class ScannerGeometry:
         point = start + length * ray
         return np.tensordot(right, point, 1), np.tensordot(up, point, 1), length + lever / np.cos(ax)
 
+    def ranges_m(self, x_rad: npt.ArrayLike, y_rad: npt.ArrayLike) -> Floats:
+        """From the first mirror to the wall along the beam."""
+        return self.spots(x_rad, y_rad)[2]
+
+    def wall_points(self, x_rad: npt.ArrayLike, y_rad: npt.ArrayLike) -> tuple[Floats, Floats]:
+        """Where on the wall (x_m, y_m) the beam of commanded angles lands."""
+        x_m, y_m, _ = self.spots(x_rad, y_rad)
+        return x_m, y_m
+
     def angles_rad(self, x_m: npt.ArrayLike, y_m: npt.ArrayLike) -> tuple[Floats, Floats]:
         """The commanded angles that put the beam on wall positions: what the next scan is to be aimed by. By Newton's
         method, to 1e-9 m. Raises `InvalidData` for positions that the beam cannot reach."""

@@ -161,7 +161,7 @@ def fit_scanner(
     """Wall distance, tilt and delay by the commanded angles and direct arrivals, with `spots` the mirrors' gains and
     offsets too; None where the points do not tell. Raises `InvalidData` for spots that do not."""
     x_rad, y_rad = aim.angles_rad(raw.x_m, raw.y_m)
-    start = aim if isinstance(aim, ScannerGeometry) else ScannerGeometry(aim.wall_distance_m, aim.mirror_separation_m)
+    start = aim if isinstance(aim, ScannerGeometry) else ScannerGeometry(**vars(aim))
     width_s = raw.time.bin_width_s
     arrival_s = raw.time.start_s + offsets.measured_bins * width_s
     try:

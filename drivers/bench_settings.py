@@ -8,6 +8,7 @@ from nlos.configs.settings import Settings
 from nlos.drivers.alignment_settings import AlignmentSettings
 from nlos.drivers.arm_settings import ArmSettings
 from nlos.drivers.errors import LimitError
+from nlos.drivers.first_light_settings import FirstLightSettings
 from nlos.drivers.galvo.models import MIRRORS, MirrorSettings
 from nlos.drivers.safety_settings import SafetySettings
 from nlos.drivers.simulated.simulation_settings import SimulationSettings
@@ -58,13 +59,21 @@ class AllowedArea(Settings):
 
 
 class GeometrySettings(Settings):
-    """Where the relay wall is: `wall_distance_m` from the second mirror, straight ahead. Without `allowed` the mirror's
-    own limits are all that holds the beam."""
+    """Where the relay wall is: `wall_distance_m` from the second mirror, straight ahead, and where the scanner stands
+    before it. Without `allowed` the mirror's own limits are all that holds the beam."""
 
     wall_distance_m: float = Field(gt=0, le=100)
     """From the second mirror to the wall, straight ahead."""
     mirror_separation_m: float = Field(default=0.0, ge=0, le=1)
     """Between the two galvo mirrors."""
+    scanner_x_m: float = Field(default=0.0, ge=-100, le=100)
+    """The scanner stands so far right of the wall's centre, where wall coordinates begin."""
+    scanner_y_m: float = Field(default=0.0, ge=-100, le=100)
+    """The scanner stands so far above the wall's centre."""
+    wall_pitch_deg: float = Field(default=0.0, gt=-60, lt=60)
+    """The wall's top edge leans away from the scanner by so much."""
+    wall_yaw_deg: float = Field(default=0.0, gt=-60, lt=60)
+    """The wall's right edge swings away from the scanner by so much."""
     allowed: AllowedArea | None = None
     """The part of the wall's plane that the beam may be sent to; the mirror's limits alone unless given."""
 
@@ -99,6 +108,8 @@ class BenchSettings(Settings):
     """The pulsed laser."""
     safety: SafetySettings = SafetySettings()
     """When the light is shut off without anybody asking."""
+    first_light: FirstLightSettings | None = None
+    """What `nlos calibrate --first-light` found."""
     alignment: AlignmentSettings = AlignmentSettings()
     """How much light there is while somebody aims by hand."""
     arm: ArmSettings | None = None

@@ -36,7 +36,14 @@ def aim_of(bench: Bench) -> Aim:
 
 def drawn_aim(geometry: GeometrySettings) -> Aim:
     """The same, of a bench file's `geometry` block."""
-    return Aim(geometry.wall_distance_m, geometry.mirror_separation_m)
+    return Aim(
+        geometry.wall_distance_m,
+        geometry.mirror_separation_m,
+        geometry.scanner_x_m,
+        geometry.scanner_y_m,
+        math.radians(geometry.wall_pitch_deg),
+        math.radians(geometry.wall_yaw_deg),
+    )
 
 
 def fitted(plan: ScanPlan, bench: Bench) -> ScanPlan:

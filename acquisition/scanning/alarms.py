@@ -55,6 +55,8 @@ class AlarmSettings(Settings):
     """What too many dark counts do to the scan."""
     on_blank: Action = Field(default=Action.PAUSE, strict=False)
     """No photons at all where photons came before: a shutter, a cable or a detector that went off."""
+    on_direct: Action = Field(default=Action.PAUSE, strict=False)
+    """No direct light in the first points, or at another time than first light found it."""
     min_free_mb: float = Field(default=100.0, ge=0)
     """Free space on the recording's disk below which `on_disk` applies."""
     on_disk: Action = Field(default=Action.ABORT, strict=False)
@@ -86,7 +88,8 @@ class _Level:
 
 
 class Alarms:
-    """The alarms of one scan on one bench. `folder`: where the recording grows."""
+    """The alarms of one scan on one bench. `folder`: where the recording grows. `direct` says what is wrong with a
+    sample's direct light, in words; empty where nothing is known to be."""
 
     def __init__(
         self,
@@ -94,9 +97,11 @@ class Alarms:
         repetition_hz: float,
         folder: Path | None = None,
         free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
+        direct: Callable[[Sample], str] | None = None,
     ) -> None:
         self._settings, self._repetition_hz, self._folder, self._free = settings, repetition_hz, folder, free_bytes
-        self._levels = {name: _Level() for name in ("sync", "count rate", "dark rate", "blank", "disk")}
+        self._direct = direct
+        self._levels = {name: _Level() for name in ("sync", "count rate", "dark rate", "blank", "disk", "direct")}
         self._samples = 0
         self._mean_hz = 0.0
         self._blank_s = 0.0
@@ -131,6 +136,7 @@ class Alarms:
             self._sync(histogram.sync_count / live_s, live_s)
             or self._count_rate(histogram.total_count, live_s)
             or self._blank(histogram.total_count, live_s)
+            or self._direct_light(sample)
         )
         if trouble is None and self._samples % BLOCK == 1:
             trouble = self._disk()
@@ -147,6 +153,7 @@ class Alarms:
             "dark rate": self._settings.on_dark_rate,
             "blank": self._settings.on_blank,
             "disk": self._settings.on_disk,
+            "direct": self._settings.on_direct,
         }[name]
         return Trouble(name, text, action) if self._levels[name].stands(deviation) else None
 
@@ -178,6 +185,14 @@ class Alarms:
             self._blank_s += live_s
         expected = self._blank_s * self._mean_hz
         return self._look("blank", expected / BLANK_PHOTONS, f"no photon where {expected:.0f} were expected")
+
+    def _direct_light(self, sample: Sample) -> Trouble | None:
+        """Said once: whoever goes on after that has decided."""
+        said = "" if self._direct is None else self._direct(sample)
+        if not said:
+            return None
+        self._direct = None
+        return self._look("direct", 2.0, said)
 
     def _disk(self) -> Trouble | None:
         if self._folder is None or not self._settings.min_free_mb:

@@ -12,11 +12,14 @@ SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
 
 
 class Misalignment(Settings):
-    """How the real bench differs from the drawing: what a calibration is there to find."""
+    """How the real bench differs from the drawing: what a calibration is there to find. Places and angles without a
+    value are as the bench file's `geometry` draws them; with one, they stay true whatever is written there."""
 
-    scanner_x_m: float = 0.0
+    wall_distance_m: float | None = Field(default=None, gt=0)
+    """From the second mirror to the wall, straight ahead."""
+    scanner_x_m: float | None = None
     """The scanner stands so far right of the wall's centre."""
-    scanner_y_m: float = 0.0
+    scanner_y_m: float | None = None
     """The scanner stands so far above the wall's centre."""
     x_gain: float = Field(default=1.0, gt=0)
     """Real over nominal deflection of the x mirror."""
@@ -26,9 +29,9 @@ class Misalignment(Settings):
     """Optical deflection at nominal zero."""
     y_offset_deg: float = 0.0
     """Optical deflection at nominal zero."""
-    wall_pitch_deg: float = Field(default=0.0, gt=-60, lt=60)
+    wall_pitch_deg: float | None = Field(default=None, gt=-60, lt=60)
     """The wall's top edge leans away from the scanner."""
-    wall_yaw_deg: float = Field(default=0.0, gt=-60, lt=60)
+    wall_yaw_deg: float | None = Field(default=None, gt=-60, lt=60)
     """The wall's right edge swings away from the scanner."""
 
 
@@ -52,10 +55,11 @@ class BeamPath:
     def __init__(
         self, wall_distance_m: float, mirror_separation_m: float = 0.0, misalignment: Misalignment | None = None
     ) -> None:
-        self._distance_m = wall_distance_m
         self._separation_m = mirror_separation_m
         self._off = misalignment or Misalignment()
-        pitch, yaw = radians(self._off.wall_pitch_deg), radians(self._off.wall_yaw_deg)
+        self._distance_m = wall_distance_m if self._off.wall_distance_m is None else self._off.wall_distance_m
+        self._place_m = (self._off.scanner_x_m or 0.0, self._off.scanner_y_m or 0.0)
+        pitch, yaw = radians(self._off.wall_pitch_deg or 0.0), radians(self._off.wall_yaw_deg or 0.0)
         # Scanner coordinates have z from the wall to the scanner; the wall's edges lean towards -z.
         self._right = (cos(yaw), 0.0, -sin(yaw))
         self._up = (-sin(pitch) * sin(yaw), cos(pitch), -sin(pitch) * cos(yaw))
@@ -68,7 +72,7 @@ class BeamPath:
         y_rad = angles.y_rad * off.y_gain + radians(off.y_offset_deg)
         if not (abs(x_rad) < 1.55 and abs(y_rad) < 1.55):
             return None
-        start = (off.scanner_x_m + self._separation_m * tan(x_rad), off.scanner_y_m, self._distance_m)
+        start = (self._place_m[0] + self._separation_m * tan(x_rad), self._place_m[1], self._distance_m)
         ray = (sin(x_rad), cos(x_rad) * sin(y_rad), -cos(x_rad) * cos(y_rad))
         cosine = -_dot(ray, self._normal)
         if cosine < 1e-3:

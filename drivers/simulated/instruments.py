@@ -12,7 +12,7 @@ from nlos.drivers.clock import VirtualClock
 from nlos.drivers.device_model import DeviceModel
 from nlos.drivers.device_settings import DeviceSettings
 from nlos.drivers.galvo.models import MIRRORS
-from nlos.drivers.simulated.beam import BeamPath
+from nlos.drivers.simulated.beam import BeamPath, Misalignment
 from nlos.drivers.simulated.bench import Light, SimulatedBench
 from nlos.drivers.simulated.faults import FaultPlan
 from nlos.drivers.simulated.recorded import RecordedLight, RecordedScan
@@ -83,12 +83,23 @@ def _written_to(path: Path, stack: ExitStack) -> Callable[[float, str], None]:
     return witness
 
 
+def true_path(settings: BenchSettings, misalignment: Misalignment) -> BeamPath:
+    """The beam's real way: as drawn, but for what is out of place."""
+    drawn = settings.geometry
+    unsaid = {
+        key: getattr(drawn, key)
+        for key in ("scanner_x_m", "scanner_y_m", "wall_pitch_deg", "wall_yaw_deg")
+        if getattr(misalignment, key) is None
+    }
+    return BeamPath(drawn.wall_distance_m, drawn.mirror_separation_m, misalignment.model_copy(update=unsaid))
+
+
 def light_of(settings: BenchSettings, scene: RecordedScan | None = None) -> Light:
     """What the bench's detector sees: the scene of its file, or a recorded scan. The geometry is the true one."""
     simulation = settings.simulation
     if simulation is None:
         raise ValueError("the bench file has no simulation block")
-    path = BeamPath(settings.geometry.wall_distance_m, settings.geometry.mirror_separation_m, simulation.misalignment)
+    path = true_path(settings, simulation.misalignment)
     repetition_hz = settings.laser.repetition_hz
     if scene is not None:
         return RecordedLight(scene, path, repetition_hz, simulation.seed)

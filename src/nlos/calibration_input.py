@@ -153,7 +153,6 @@ def read_spots(path: Path) -> "Spots":
 
 def _aimed_by(constants_json: str, bench_json: str) -> "Aim | ScannerGeometry | None":
     """The earlier constants' geometry where they took part in the scan, else the bench file's; None without either."""
-    from nlos.acquisition.planning.aim import Aim
     from nlos.calibration.constants import geometry_of
     from nlos.calibration.errors import InvalidData
 
@@ -161,9 +160,24 @@ def _aimed_by(constants_json: str, bench_json: str) -> "Aim | ScannerGeometry | 
         fitted, drawn = (json.loads(text).get("geometry") for text in (constants_json, bench_json))
         if fitted:
             return geometry_of(fitted)
-        return Aim(float(drawn["wall_distance_m"]), float(drawn.get("mirror_separation_m", 0.0))) if drawn else None
+        return _drawn(drawn) if drawn else None
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise InvalidData(f"header: the geometry of the bench cannot be read ({error})") from error
+
+
+def _drawn(geometry: Mapping[str, float]) -> "Aim":
+    """As the bench file of a recording drew it."""
+    from math import radians
+
+    from nlos.acquisition.planning.aim import Aim
+
+    lengths = ("wall_distance_m", "mirror_separation_m", "scanner_x_m", "scanner_y_m")
+    angles = ("wall_pitch_deg", "wall_yaw_deg")
+    return Aim(
+        float(geometry["wall_distance_m"]),
+        *(float(geometry.get(key, 0.0)) for key in lengths[1:]),
+        *(radians(float(geometry.get(key, 0.0))) for key in angles),
+    )
 
 
 def common_devices(runs: list[Path], each: list[Mapping[str, str]]) -> Mapping[str, str]:

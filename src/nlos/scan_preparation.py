@@ -7,6 +7,7 @@ from pathlib import Path
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.planning.aim import Aiming
+from nlos.acquisition.planning.direct_light import expected_direct, window_warnings
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.preflight import aim_of, check_disk, checked_angles, fitted, refitted
 from nlos.acquisition.planning.schemes import Choice, choose
@@ -18,6 +19,7 @@ from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.sample import Sample
 from nlos.acquisition.scanning.alarms import Alarms, AlarmSettings
 from nlos.acquisition.scanning.control import ScanControl
+from nlos.acquisition.scanning.direct_watch import DirectWatch
 from nlos.acquisition.scanning.engine import scan
 from nlos.acquisition.scanning.lag import Lag
 from nlos.bench_constants import Known, aiming_constants
@@ -51,6 +53,8 @@ class PreparedScan:
     lag: Lag | None
     choice: Choice
     alarms: Alarms
+    warnings: tuple[str, ...] = ()
+    """What is wrong with the plan's time window."""
 
     def begin(self) -> Resumed:
         """The recording to write into. Raises `StorageError`, or `ResumeRefused`, where that cannot be."""
@@ -92,11 +96,16 @@ def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
     if target is not None:
         check_disk(plan, target, round(request.alarms.min_free_mb * 1e6))
     folder = Path.cwd() if target is None else target.absolute().parent
-    alarms = Alarms(request.alarms, bench.settings.laser.repetition_hz, folder)
+    direct = None if bench.settings.safety.dry_run else expected_direct(plan, bench.settings, aim)
+    warnings = () if direct is None else tuple(window_warnings(plan, direct))
+    for warning in warnings:
+        bench.report("warning", warning)
+    looks = None if direct is None else DirectWatch(plan, direct).look
+    alarms = Alarms(request.alarms, bench.settings.laser.repetition_hz, folder, direct=looks)
     bench.shutter.arm()
     used = "{}" if known is None else json.dumps(known.constants.summary(), default=str)
     header = replace(request.header, devices=roles, warnings=tuple(bench.warnings), constants_json=used).stamped()
-    return PreparedScan(request, bench, header, known, aim, lag, choice, alarms)
+    return PreparedScan(request, bench, header, known, aim, lag, choice, alarms, warnings)
 
 
 def known_lag(target: Path) -> Lag | None:

@@ -4,15 +4,16 @@ import math
 from collections import deque
 from collections.abc import Callable
 
+from nlos.acquisition.direct_peak import DirectPeak
+from nlos.acquisition.planning.aim import Aiming
 from nlos.by_hand.keys import Keys
 from nlos.by_hand.light import LightOnRequest
-from nlos.by_hand.peak import DirectPeak
-from nlos.by_hand.reach import Pointing, Reach
-from nlos.by_hand.time_axis import part_of_period, whole_period
+from nlos.by_hand.reach import Reach
 from nlos.by_hand.watching import DWELL_S, Reading, Watch
 from nlos.drivers.errors import DeviceError, LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.partial_bench import PartialBench
+from nlos.drivers.tcspc.axes import part_of_period, whole_period
 
 FIRST_HOLD_S = 0.8
 """A key that is held down is first repeated after so long at most, as keyboards are set."""
@@ -20,12 +21,13 @@ HOLD_S = 0.3
 """And then at least so often: the light outlasts the last repeat by no more."""
 _TICK_S = 0.01
 _LONGEST_AXIS_DWELL_S = 0.06
+_ZOOMED_BINS = 1024
 
 
 class Hand:
     """One bench, as far as it is there. `update` takes one gate, or waits as long where there is no counter."""
 
-    def __init__(self, bench: PartialBench, aim: Pointing, keys: Keys) -> None:
+    def __init__(self, bench: PartialBench, aim: Aiming, keys: Keys) -> None:
         self.bench, self.keys = bench, keys
         self.light = LightOnRequest(bench.shutter, bench.clock, bench.settings.alignment)
         self.reach = None if bench.mirror is None else Reach(bench.settings, bench.mirror, aim)
@@ -98,7 +100,7 @@ class Hand:
         if start_s is None or end_s is None:
             self.watch.set_axis(whole_period(counter, repetition_hz, _LONGEST_AXIS_DWELL_S))
         else:
-            self.watch.set_axis(part_of_period(counter, max(start_s, 0.0), end_s, _LONGEST_AXIS_DWELL_S))
+            self.watch.set_axis(part_of_period(counter, max(start_s, 0.0), end_s, _LONGEST_AXIS_DWELL_S, _ZOOMED_BINS))
 
     def ask_for_light(self, seconds: float) -> None:
         """Raises `LimitError` where there is none to be had, or the beam is where it may not be."""

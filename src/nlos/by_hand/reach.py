@@ -1,7 +1,6 @@
 """Where the beam may be sent by hand: mirror limits, and the part of the wall that the bench file allows."""
 
 import math
-from typing import Protocol
 
 import numpy as np
 
@@ -11,18 +10,10 @@ from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.mirror import GalvoMirror, MirrorAngles
 
 
-class Pointing(Aiming, Protocol):
-    """Aiming that can be asked the other way round as well."""
-
-    def wall_point(self, angles: MirrorAngles) -> tuple[float, float]:
-        """Where on the wall (x_m, y_m) the beam lands."""
-        ...
-
-
 class Reach:
     """Angles and places of one bench, checked before anything is sent."""
 
-    def __init__(self, settings: BenchSettings, mirror: GalvoMirror, aim: Pointing) -> None:
+    def __init__(self, settings: BenchSettings, mirror: GalvoMirror, aim: Aiming) -> None:
         self._allowed, self._mirror, self._aim = settings.geometry.allowed, mirror, aim
 
     def angles_of(self, x_m: float, y_m: float) -> MirrorAngles:
@@ -38,7 +29,8 @@ class Reach:
 
     def place_of(self, angles: MirrorAngles) -> tuple[float, float]:
         """Where on the wall (x_m, y_m) the beam is, by the bench's geometry."""
-        return self._aim.wall_point(angles)
+        x_m, y_m = self._aim.wall_points(np.array([angles.x_rad]), np.array([angles.y_rad]))
+        return float(x_m[0]), float(y_m[0])
 
     def check(self, angles: MirrorAngles) -> None:
         """Raises `LimitError` for angles at which the beam may not be."""

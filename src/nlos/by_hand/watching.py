@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from nlos.acquisition.direct_peak import DirectPeak, direct_peak
 from nlos.by_hand.light import LightOnRequest
-from nlos.by_hand.peak import DirectPeak, direct_peak
 from nlos.drivers.clock import Clock
 from nlos.drivers.partial_bench import PartialBench
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramCounter

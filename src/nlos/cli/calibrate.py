@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from nlos.cli.exit_codes import ExitCode, Stopped
+from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
@@ -19,7 +19,9 @@ _GAINS = ("x_gain", "y_gain")
 
 
 def calibrate(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Raw scans, and runs with the shutter closed.")],
+    runs: Annotated[
+        list[Path] | None, typer.Argument(metavar="RUN...", help="Raw scans, and runs with the shutter closed.")
+    ] = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="CONSTANTS.h5", help="Default: kept with the bench.")
     ] = None,
@@ -45,9 +47,42 @@ def calibrate(
     dark: Annotated[
         bool, typer.Option("--dark", help="These runs were meant to be dark, even if there is only one.")
     ] = False,
+    first_light: Annotated[
+        bool,
+        typer.Option("--first-light", help="Before the first scan: delay, response, rates, window, from a few points."),
+    ] = False,
+    bench: Annotated[
+        str | None, typer.Option(metavar="BENCH", help="Of --first-light. Default: the simulated bench.")
+    ] = None,
+    light: Annotated[bool, typer.Option("--light", help="Agree that --first-light opens the shutter.")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
-    """Measures the bench's constants from recordings and says how good they are."""
+    """Measures the bench's constants from recordings and says how good they are; --first-light what a bench file needs
+    before there is a recording, written with `-o BENCH.yaml`."""
+    if first_light:
+        from nlos.cli.first_light import first_light as measured
+
+        if runs:
+            raise UsageError("--first-light measures on the bench; it takes no RUN")
+        measured(bench, light, output, overwrite)
+        return
+    if not runs:
+        raise UsageError("name a RUN to calibrate from, or say --first-light")
+    if bench is not None or light:
+        raise UsageError("--bench and --light go with --first-light; a RUN names its bench itself")
+    _from_runs(runs, output, dead_time_ns, response, spots, wall_size_m, dark, overwrite)
+
+
+def _from_runs(
+    runs: list[Path],
+    output: Path | None,
+    dead_time_ns: float | None,
+    response: Path | None,
+    spots: Path | None,
+    wall_size_m: float | None,
+    dark: bool,
+    overwrite: bool,
+) -> None:
     from dataclasses import replace
     from datetime import UTC, datetime
 
@@ -117,8 +152,8 @@ def _lines(found: "Measurement") -> "list[tuple[str, dict[str, object]]]":
     if found.geometry is not None:
         lines += _geometry_lines(found)
     for name, unit, scale in (
-        ("dark_hz", "clicks/s in the dark", 1.0),
-        ("ambient_hz", "clicks/s of ambient light", 1.0),
+        ("dark_hz", "clicks/s with the shutter closed (dark counts and room light)", 1.0),
+        ("ambient_hz", "clicks/s more between the pulses of a scan", 1.0),
         ("dead_time_s", "ns dead time", 1e9),
         ("afterpulse_probability", "% afterpulses", 100.0),
     ):

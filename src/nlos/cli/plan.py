@@ -36,6 +36,7 @@ def plan(
 ) -> None:
     """Checks everything that `scan` would; duration with its parts, disk, photons to expect. Moves nothing: a real
     bench is not even opened, its simulated twin is asked."""
+    from nlos.acquisition.planning.direct_light import expected_direct, window_warnings
     from nlos.acquisition.planning.preflight import (
         ExpectedRates,
         aim_of,
@@ -68,8 +69,13 @@ def plan(
             rates = ExpectedRates.of_simulation(planned, open_bench, angles)
         choice = choose(planned, open_bench, angles, links)
         within_px = beam_within_px(planned, open_bench, angles)
+        direct = expected_direct(planned, open_bench.settings, aim)
     _tell(planned, choice, refitted(asked.axis, planned.axis))
     _tell_beam(within_px, planned, choice)
+    warnings = window_warnings(planned, direct)
+    for warning in warnings:
+        terminal.log(f"warning: {warning}")
+    terminal.document["warnings"] = warnings
     if rates is not None:
         _tell_light(expectation(planned, rates))
         check_light(rates, table.settings.laser.repetition_hz)

@@ -137,6 +137,8 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
     plan, target = prepared.request.plan, request.target
     if other_axis := refitted(request.plan.axis, plan.axis):
         terminal.log(f"warning: {other_axis}")
+    for warning in prepared.warnings:
+        terminal.log(f"warning: {warning}")
     forecast_s = prepared.choice.forecast.total_s
     if prepared.constants is not None:
         terminal.log(prepared.constants.said(aim_of(bench)))

@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from nlos.acquisition.planning.preflight import aim_of
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import LimitError
@@ -88,4 +90,5 @@ def angles_of(bench: Bench, place: tuple[float, float]) -> MirrorAngles:
 
 def range_m(bench: Bench, place: tuple[float, float]) -> float:
     """From the scanner to a place on the wall."""
-    return math.hypot(bench.settings.geometry.wall_distance_m, *place)
+    angles = angles_of(bench, place)
+    return float(aim_of(bench).ranges_m(np.float64(angles.x_rad), np.float64(angles.y_rad)))

@@ -19,6 +19,10 @@ class Hands(Protocol):
         """Steady light, of no laser, on the detector."""
         ...
 
+    def cover(self, on: bool) -> bool:
+        """Something opaque over the detector, or away again."""
+        ...
+
     def pull_mirror_cable(self) -> bool:
         """Within the next minute, while the doctor watches."""
         ...
@@ -47,12 +51,18 @@ class SimulatedHands:
         self._settings, self._table = bench.settings, table
 
     def lamp(self, on: bool) -> bool:
+        return self._room_light(on, _LAMP_CPS)
+
+    def cover(self, on: bool) -> bool:
+        return self._room_light(on, 0.0)
+
+    def _room_light(self, changed: bool, ambient_cps: float) -> bool:
         from nlos.drivers.simulated.instruments import light_of
 
         settings = self._settings
-        if on:
+        if changed:
             assert settings.simulation is not None
-            scene = settings.simulation.scene.model_copy(update={"ambient_cps": _LAMP_CPS})
+            scene = settings.simulation.scene.model_copy(update={"ambient_cps": ambient_cps})
             simulation = settings.simulation.model_copy(update={"scene": scene})
             settings = settings.model_copy(update={"simulation": simulation})
             self._before = self._table.light
@@ -87,6 +97,9 @@ class PersonsHands:
             return _asked("Shine a steady lamp (a torch, not a fluorescent tube) on the wall or the detector.")
         return _asked("Take the lamp away.")
 
+    def cover(self, on: bool) -> bool:
+        return _asked("Cover the detector, light-tight." if on else "Uncover the detector again.")
+
     def pull_mirror_cable(self) -> bool:
         return _asked("After Enter, pull the mirror controller's cable out of this computer within a minute.")
 
@@ -107,6 +120,9 @@ class NoHands:
     """Nobody is there to ask."""
 
     def lamp(self, on: bool) -> bool:
+        return False
+
+    def cover(self, on: bool) -> bool:
         return False
 
     def pull_mirror_cable(self) -> bool:

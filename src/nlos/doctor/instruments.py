@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 from nlos.doctor.area import angles_of, area_of
 from nlos.doctor.findings import Finding, failed, passed, warned
+from nlos.doctor.gates import axis_of, dwells, gates
 from nlos.drivers.bench import Bench
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.clock import Clock
@@ -14,6 +15,7 @@ from nlos.drivers.tcspc.counter import CountRates, HistogramCounter
 
 _DARK_CPS = (2e3, 50e3)
 """Counts per second in the dark from which something is worth a look, and from which something is wrong."""
+_QUIET_S, _QUIET_GATES = 2.0, 4
 _ANSWERS = 5
 _SLOW_S = 0.05
 """A USB instrument that takes longer for a short answer holds up every point of a scan."""
@@ -71,13 +73,25 @@ def counter_lines(counter: HistogramCounter, settings: BenchSettings) -> Iterato
 
 
 def dark_counts(bench: Bench) -> Iterator[Finding]:
-    yield dark_line(bench.counter.rates())
+    rates = bench.counter.rates()
+    if rates.detector_hz == 0:  # its rate meter looks for a moment only
+        bench.counter.configure(axis_of(bench))
+        taken = gates(bench, dwells(_QUIET_S / _QUIET_GATES, _QUIET_GATES))
+        counted = sum(each.total_count for each in taken)
+        rates = CountRates(rates.sync_hz, counted / sum(each.live_time_s for each in taken))
+    yield dark_line(rates)
 
 
 def dark_line(rates: CountRates) -> Finding:
     """The detector with the shutter closed."""
     dark_cps = rates.detector_hz
-    said = f"{dark_cps:.0f} counts/s with the shutter closed"
+    said = f"{dark_cps:.0f} counts/s with the shutter closed, dark counts and room light together"
+    if dark_cps == 0:
+        return warned(
+            "dark counts",
+            "not one count with the shutter closed: a dead channel, or a very quiet detector in a very dark room",
+            "Let some room light in and look (`nlos monitor`): it must count.",
+        )
     if dark_cps > _DARK_CPS[1]:
         return failed("dark counts", said, "Light comes in or the detector is hot: find out before scanning.")
     if dark_cps > _DARK_CPS[0]:

@@ -16,9 +16,9 @@ from nlos.acquisition.sample import Sample
 from nlos.acquisition.scanning.engine import record, scan
 from nlos.acquisition.wall import WallGrid
 from nlos.calibration.errors import InvalidData
-from nlos.doctor.area import area_of
+from nlos.doctor.area import area_of, range_m
 from nlos.doctor.findings import Finding, failed, passed, warned
-from nlos.doctor.gates import SPEED_OF_LIGHT_M_PER_S, axis_of
+from nlos.doctor.gates import axis_of, expected_s
 from nlos.drivers.bench import Bench
 
 _HALF_M = 0.2
@@ -64,12 +64,12 @@ def _scanned(bench: Bench, folder: Path) -> Iterator[Finding]:
         yield failed("scan", "what was recorded is not what was measured", "Check memory and disk.")
         return
     yield passed("scan", f"{len(samples)} points, {counts} photons, recorded and read back")
-    yield _direct_light(samples, bench.settings.geometry.wall_distance_m)
+    yield _direct_light(samples, bench)
     if find_spec("torch") is not None:
         yield from _reconstruction(run, folder)
 
 
-def _direct_light(samples: list[Sample], wall_distance_m: float) -> Finding:
+def _direct_light(samples: list[Sample], bench: Bench) -> Finding:
     """Whether the first arrival is about where the wall is."""
     late_ns = []
     for sample in samples:
@@ -77,8 +77,7 @@ def _direct_light(samples: list[Sample], wall_distance_m: float) -> Finding:
         # The first peak, not the highest: a hidden surface may return more light than the wall's spot.
         first = int((h.counts >= max(0.3 * h.counts.max(), 1)).argmax())
         arrival_s = h.offset_s + (first + 0.5) * h.bin_width_s
-        range_m = (wall_distance_m**2 + p.x_m**2 + p.y_m**2) ** 0.5
-        late_ns.append((arrival_s - 2 * range_m / SPEED_OF_LIGHT_M_PER_S) * 1e9)
+        late_ns.append((arrival_s - expected_s(range_m(bench, (p.x_m, p.y_m)))) * 1e9)
     late_ns.sort()
     middle, spread = late_ns[len(late_ns) // 2], late_ns[-2] - late_ns[1]
     said = f"{middle:+.2f} ns from where the wall is, the same within {spread:.2f} ns at all points"

@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nlos.acquisition.direct_peak import direct_peak
 from nlos.by_hand.chart import chart
 from nlos.by_hand.keys import decoded
 from nlos.by_hand.marks import Marks
-from nlos.by_hand.peak import direct_peak
-from nlos.by_hand.time_axis import whole_period
 from nlos.calibration_input import read_spots
 from nlos.configs.load import load, names
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.tcspc.axes import whole_period
 from nlos.drivers.tcspc.counter import HistogramAxis
 
 AXIS = HistogramAxis(6250, 16e-12)

@@ -1,0 +1,114 @@
+"""`nlos calibrate --first-light`: delay, response, rates and a time window, before there is a scan."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from nlos.cli.agreeing import somebody_is_there
+from nlos.cli.benches import load_bench, opened
+from nlos.cli.exit_codes import UsageError
+from nlos.cli.terminal import terminal
+from nlos.drivers.errors import LimitError
+
+if TYPE_CHECKING:
+    from nlos.drivers.bench import Bench
+    from nlos.first_light.measuring import FirstLight
+
+
+def first_light(bench: str | None, light: bool, output: Path | None, overwrite: bool) -> None:
+    """Measures, says what was found, and writes the bench file with its `first_light` block to `output`."""
+    from nlos.configs.load import parse
+    from nlos.drivers.bench_settings import BenchSettings
+    from nlos.first_light.bench_lines import with_block
+    from nlos.first_light.measuring import in_the_dark, in_the_light
+
+    if output is not None and output.suffix.lower() not in (".yaml", ".yml"):
+        raise UsageError(f"-o {output}: first light writes a bench file, .yaml")
+    if output is not None and output.exists() and not overwrite:
+        raise FileExistsError(f"{output}: exists. Choose another name with -o, or say --overwrite.")
+    table = load_bench(bench)
+    if table.settings.safety.dry_run:
+        raise UsageError(f"{table.path}: safety.dry_run is set: no light, no first light")
+    with opened(table) as open_bench:
+        closed, dark = in_the_dark(open_bench)
+        _agree(open_bench, light)
+        found = in_the_light(open_bench, closed, dark)
+    _tell(found)
+    lines = _block(found)
+    text = with_block(table.text, "first_light", lines)
+    parse(text, str(output or table.path), BenchSettings)
+    terminal.result("\nthe bench file's lines:\n" + "\n".join(lines))
+    terminal.result(f"\na scan file's line:\n{_histogram_line(found)}")
+    if output is None:
+        terminal.log(f"not written: say -o {table.path.name} --overwrite for that file, or another name")
+        return
+    partial = output.with_name(f".{output.name}.part")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(output)
+    finally:
+        partial.unlink(missing_ok=True)
+    terminal.result(f"{output}: {table.path.name} with these lines", bench=str(output))
+
+
+def _agree(bench: "Bench", light: bool) -> None:
+    """Light on a real bench is agreed to in words. Raises `LimitError` where nobody does."""
+    from nlos.doctor.area import area_of
+    from nlos.doctor.hands import light_is_agreed_to
+
+    if light or bench.simulated is not None:
+        return
+    if not (somebody_is_there() and light_is_agreed_to(str(area_of(bench)))):
+        raise LimitError("shutter", "stays closed: nobody agreed to light.", "Say --light when it is safe to.")
+
+
+def _tell(found: "FirstLight") -> None:
+    plus = "" if found.fwhm_s is None else f", {found.fwhm_s * 1e12:.0f} ps wide (FWHM)"
+    terminal.result(
+        f"delay      {found.delay_s * 1e9:+.4f} +- {found.delay_error_s * 1e9:.4f} ns beyond the light's way; the same "
+        f"within {found.spread_s * 1e12:.0f} ps at {len(found.places)} places{plus}",
+        delay_ns=found.delay_s * 1e9, delay_error_ns=found.delay_error_s * 1e9, spread_ns=found.spread_s * 1e9,
+        response_fwhm_ps=None if found.fwhm_s is None else found.fwhm_s * 1e12,
+    )  # fmt: skip
+    terminal.result(f"direct     {found.direct.cps:.0f} +- {found.direct.error_cps:.0f} counts/s from the middle",
+                    direct_cps=found.direct.cps)  # fmt: skip
+    if found.dark is None or found.room is None:
+        terminal.result(
+            f"background {found.closed.cps:.0f} +- {found.closed.error_cps:.0f} counts/s with the shutter closed: dark "
+            "counts and room light together; nobody covered the detector to tell them apart",
+            closed_cps=found.closed.cps, dark_cps=None, room_cps=None,
+        )  # fmt: skip
+    else:
+        terminal.result(
+            f"dark       {found.dark.cps:.0f} +- {found.dark.error_cps:.0f} counts/s with the detector covered",
+            closed_cps=found.closed.cps, dark_cps=found.dark.cps,
+        )  # fmt: skip
+        terminal.result(
+            f"room       {found.room.cps:.0f} +- {found.room.error_cps:.0f} counts/s of light that is not the laser's",
+            room_cps=found.room.cps,
+        )  # fmt: skip
+        if found.dark.cps == 0:
+            terminal.log("warning: not one dark count: a very quiet detector; a dead one would show no direct light")
+    for warning in found.warnings:
+        terminal.log(f"warning: {warning}")
+    terminal.document["warnings"] = list(found.warnings)
+
+
+def _block(found: "FirstLight") -> list[str]:
+    values = [
+        ("delay_ns", f"{found.delay_s * 1e9:.4f}", f"+- {found.delay_error_s * 1e9:.4f}"),
+        ("response_fwhm_ps", None if found.fwhm_s is None else f"{found.fwhm_s * 1e12:.0f}.0", "direct peak"),
+        ("direct_cps", f"{found.direct.cps:.0f}.0", "from the middle of the area"),
+        ("dark_cps", None if found.dark is None else f"{max(found.dark.cps, 0):.0f}.0", "detector covered"),
+        ("room_cps", None if found.room is None else f"{max(found.room.cps, 0):.0f}.0", "shutter closed, less dark"),
+    ]
+    shown = [(f"  {key}: {value}", why) for key, value, why in values if value is not None]
+    head = f"first_light:               # nlos calibrate --first-light, {datetime.now(UTC):%Y-%m-%d}"
+    return [head, *(f"{line:<27}# {why}" for line, why in shown)]
+
+
+def _histogram_line(found: "FirstLight") -> str:
+    axis = found.window
+    width_ps, offset_ns = axis.bin_width_s * 1e12, axis.offset_s * 1e9
+    terminal.document["histogram"] = {"bins": axis.bins, "bin_width_ps": width_ps, "offset_ns": offset_ns}
+    return f"histogram: {{bins: {axis.bins}, bin_width_ps: {width_ps:g}, offset_ns: {offset_ns:g}}}"

@@ -1,0 +1,1 @@
+"""First light: what a bench has to say before its first scan, from a few points over the laser's whole period."""

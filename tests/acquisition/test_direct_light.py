@@ -1,0 +1,102 @@
+"""Direct light and the time window: what `plan` warns of, and what the first points of a scan give away."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from nlos.__main__ import run
+from nlos.acquisition.planning.direct_light import expected_direct, window_warnings
+from nlos.acquisition.planning.preflight import aim_of, fitted
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.recording.recording import Recording
+from nlos.configs.load import find, load, names
+from nlos.drivers.bench import BenchSettings, open_bench
+
+WALL = "wall: {width_m: 0.6, height_m: 0.6, rows: 8, cols: 8}\npattern: serpentine\ndwell_ms: 8\n"
+
+
+def bench_file(folder: Path, **changes: Any) -> str:
+    document = yaml.safe_load(find("bench", "simulated").read_text("utf-8"))
+    document["simulation"]["scene"]["surfel_m"] = 0.1
+    for key, value in changes.items():
+        place = document
+        *above, last = key.split("__")
+        for each in above:
+            place = place.setdefault(each, {})
+        place[last] = value
+    path = folder / "bench.yaml"
+    path.write_text(yaml.safe_dump(document), "utf-8")
+    return str(path)
+
+
+def scan_file(folder: Path, histogram: str) -> str:
+    path = folder / "scan.yaml"
+    path.write_text(f"{WALL}histogram: {{{histogram}}}\n")
+    return str(path)
+
+
+def warnings(bench: str, scan: str) -> list[str]:
+    settings = load("bench", bench, BenchSettings).settings
+    with open_bench(settings) as opened:
+        plan = fitted(load("scan", scan, ScanSettings).settings.plan(), opened)
+        return window_warnings(plan, expected_direct(plan, settings, aim_of(opened)))
+
+
+@pytest.mark.parametrize("scan", names("scan"))
+def test_shipped_scans_see_direct_light_on_the_shipped_benches(scan: str) -> None:
+    for bench in ("simulated", "multiharp", "optotune"):
+        assert warnings(bench, scan) == []
+
+
+@pytest.mark.parametrize(
+    ("histogram", "bench", "said"),
+    [
+        (
+            "bins: 1024, bin_width_ps: 16, offset_ns: 10",
+            {"geometry__wall_distance_m": 1.5},
+            "cuts off direct light at",
+        ),
+        ("bins: 1024, bin_width_ps: 16, offset_ns: 20", {}, "misses direct light: it comes 13.3"),
+        ("bins: 1024, bin_width_ps: 16, offset_ns: 10", {"first_light": {"delay_ns": 47.0}}, "it comes 60.3"),
+        ("bins: 8192, bin_width_ps: 16", {}, "longer than the laser's period of 100 ns"),
+        ("bins: 1024, bin_width_ps: 16, offset_ns: 110", {}, ""),  # the next pulse's window
+        ("bins: 1024, bin_width_ps: 16, offset_ns: 2", {"first_light": {"delay_ns": -10.0}}, ""),
+        ("bins: 1024, bin_width_ps: 16, offset_ns: 2", {"first_light": {"delay_ns": 90.0}}, ""),
+    ],
+)
+def test_windows_are_held_against_the_period_and_the_wall(
+    tmp_path: Path, histogram: str, bench: dict[str, Any], said: str
+) -> None:
+    found = warnings(bench_file(tmp_path, **bench), scan_file(tmp_path, histogram))
+    assert [said in each for each in found] == ([True] if said else [])
+
+
+@pytest.mark.parametrize(
+    ("bench", "said"),
+    [
+        ({"simulation__scene__delay_ns": 47.0}, "no direct light in the first 10 points"),
+        ({"simulation__scene__direct_cps": 0.0, "simulation__scene__objects": []}, "no direct light in the first 10"),
+        ({"first_light": {"delay_ns": 2.35}}, "comes -2.00 ns from where it should"),
+        ({"first_light": {"delay_ns": 0.35}, "simulation__misalignment__wall_distance_m": 2.4}, "comes +2.7"),
+        ({"first_light": {"delay_ns": 0.35}, "simulation__scene__direct_cps": 0.0}, "direct light"),
+    ],
+)
+def test_a_scan_whose_direct_light_is_not_where_it_should_be_stops_in_its_first_points(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], bench: dict[str, Any], said: str
+) -> None:
+    target = tmp_path / "run.h5"
+    scan = scan_file(tmp_path, "bins: 1024, bin_width_ps: 16, offset_ns: 10")
+    assert run(["scan", scan, "--bench", bench_file(tmp_path, **bench), "-o", str(target)]) == 5
+    assert said in capsys.readouterr().err
+    with Recording.open(target) as recording:
+        assert len(list(recording.samples())) <= 10
+        assert any(event.kind == "alarm" and "direct" in event.text for event in recording.events())
+
+
+@pytest.mark.parametrize("delay_ns", [None, 0.35, 0.9])
+def test_a_bench_that_is_as_it_was_goes_on(tmp_path: Path, delay_ns: float | None) -> None:
+    changes = {} if delay_ns is None else {"first_light": {"delay_ns": delay_ns}}
+    scan = scan_file(tmp_path, "bins: 1024, bin_width_ps: 16, offset_ns: 10")
+    assert run(["scan", scan, "--bench", bench_file(tmp_path, **changes), "-o", str(tmp_path / "run.h5")]) == 0

@@ -1,0 +1,110 @@
+"""First light: what is found on simulated benches is what they were made with, and the file it writes is the same."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from nlos.__main__ import run
+from nlos.cli.terminal import terminal
+from nlos.configs.load import find, load
+from nlos.drivers.bench import BenchSettings
+from nlos.drivers.simulated.bench import SimulatedBench
+from nlos.first_light.bench_lines import with_block
+
+
+@pytest.fixture(autouse=True)
+def fresh_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (("as_json", False), ("verbosity", 0), ("wire_log", None), ("document", {})):
+        monkeypatch.setattr(terminal, name, value)
+
+
+def bench_file(folder: Path, name: str = "simulated", **scene: Any) -> Path:
+    document = yaml.safe_load(find("bench", name).read_text("utf-8"))
+    document["simulation"]["scene"].update(surfel_m=0.1, **scene)
+    path = folder / f"{name}.yaml"
+    path.write_text(yaml.safe_dump(document), "utf-8")
+    return path
+
+
+def found(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any]:
+    assert run(["calibrate", "--first-light", "--json", *words]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert isinstance(said, dict)
+    return said
+
+
+@pytest.mark.parametrize("bench", ["simulated", "optotune", "multiharp", "timetagger"])
+@pytest.mark.parametrize("delay_ns", [0.35, 47.0, -1.2, 93.3])
+def test_the_delay_is_found_within_20_ps(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], bench: str, delay_ns: float
+) -> None:
+    said = found(capsys, "--bench", str(bench_file(tmp_path, bench, delay_ns=delay_ns)))
+    off_ns = (said["delay_ns"] - delay_ns + 50) % 100 - 50
+    assert abs(off_ns) < 0.02
+    assert said["response_fwhm_ps"] == pytest.approx(71, abs=8)
+    assert said["direct_cps"] == pytest.approx(40e3, rel=0.06)
+
+
+def test_dark_counts_are_kept_apart_from_the_room(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = bench_file(tmp_path, "noisy")  # 2,000 dark counts a second, 20,000 of room light, afterpulses of both
+    said = found(capsys, "--bench", str(path))
+    assert said["dark_cps"] == pytest.approx(2000, rel=0.1)
+    assert said["room_cps"] == pytest.approx(20e3, rel=0.1)
+
+
+def test_nobody_to_cover_the_detector_calls_nothing_dark(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("nlos.doctor.hands.SimulatedHands.cover", lambda self, on: False)
+    said = found(capsys, "--bench", str(bench_file(tmp_path)))
+    assert said["dark_cps"] is None
+    assert said["closed_cps"] == pytest.approx(600, rel=0.2)
+
+
+def test_a_dead_channel_and_a_dark_laser_are_no_pass(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    document = yaml.safe_load(bench_file(tmp_path, ambient_cps=0.0, direct_cps=0.0, objects=[]).read_text())
+    path = tmp_path / "dead.yaml"
+    path.write_text(yaml.safe_dump(document))
+    assert run(["calibrate", "--first-light", "--bench", str(path)]) == 3
+    assert "no direct light from" in capsys.readouterr().err
+    document["simulation"]["detector"]["dark_cps"] = 0.0
+    path.write_text(yaml.safe_dump(document))
+    opened: list[bool] = []
+    monkeypatch.setattr(SimulatedBench, "set_shutter", lambda self, is_open: opened.append(is_open))
+    assert run(["calibrate", "--first-light", "--bench", str(path)]) == 3
+    assert "not one count" in capsys.readouterr().err
+    assert not any(opened)
+    run(["doctor", "--bench", str(path)])
+    said = capsys.readouterr().out
+    assert "WARN  dark counts" in said
+    assert "PASS  dark counts" not in said
+
+
+def test_the_bench_file_is_written_with_every_other_line_as_it_was(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = find("bench", "simulated").read_text("utf-8")
+    path = tmp_path / "mine.yaml"
+    assert run(["calibrate", "--first-light", "-o", str(path)]) == 0
+    after = path.read_text("utf-8")
+    assert next(line for line in after.splitlines() if line not in before.splitlines()).startswith("first_light:")
+    assert set(before.splitlines()) <= set(after.splitlines())
+    settings = load("bench", str(path), BenchSettings).settings
+    assert settings.first_light is not None
+    assert abs(settings.first_light.delay_ns - 0.35) < 0.02
+    assert run(["calibrate", "--first-light", "--bench", str(path), "-o", str(path)]) == 6
+    assert run(["calibrate", "--first-light", "--bench", str(path), "-o", str(path), "--overwrite"]) == 0
+    assert path.read_text("utf-8").count("first_light:") == 1
+
+
+def test_comments_stay_with_what_they_are_about() -> None:
+    text = "a: 1\nfirst_light:\n  x: 2   # old\n# about b\nb: 3\n"
+    assert (
+        with_block(text, "first_light", ["first_light:", "  x: 9"]) == "a: 1\nfirst_light:\n  x: 9\n# about b\nb: 3\n"
+    )
+    assert with_block("a: 1", "k", ["k: 2"]) == "a: 1\nk: 2\n"
