@@ -1,12 +1,16 @@
-"""One thread a test process: several run side by side, and threads that wait for each other's cores cost all."""
+"""One thread a test process: several run side by side, and threads that wait for each other's cores cost all. A test
+that waits for ever fails after a while, and says where."""
 
 import atexit
 import itertools
 import os
 import shutil
+import signal
 import tempfile
+import threading
 import warnings
 from collections.abc import Iterator
+from types import FrameType
 
 import pytest
 
@@ -17,11 +21,33 @@ atexit.register(shutil.rmtree, _STATE, ignore_errors=True)
 _numbers = itertools.count()
 FAIL = {"drivers", "acquisition", "calibration", "configs"}
 """Folders of tests that fail where something is left behind; others, which start viewers and kernels, are warned."""
+LONGEST_S = 300.0
+"""Of a test, outside campaigns."""
 os.environ["NLOS_STATE"] = _STATE
 os.environ[MARK] = str(os.getpid())
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    if os.environ.get("NLOS_SOAK") == "1" or not hasattr(signal, "pthread_kill"):
+        return (yield)
+
+    def overdue(number: int, frame: FrameType | None) -> None:
+        raise TimeoutError(f"{item.nodeid} took more than {LONGEST_S:g} s")
+
+    before = signal.signal(signal.SIGUSR1, overdue)
+    timer = threading.Timer(LONGEST_S, signal.pthread_kill, (threading.main_thread().ident, signal.SIGUSR1))
+    timer.daemon = True
+    timer.start()
+    try:
+        return (yield)
+    finally:
+        timer.cancel()
+        timer.join()
+        signal.signal(signal.SIGUSR1, before)
 
 
 @pytest.fixture(autouse=True)

@@ -100,10 +100,10 @@ class Viewer:
         assert isinstance(found, dict)
         return found
 
-    def waits(self, until: Callable[[dict[str, Any]], Any], seconds: float = 90) -> dict[str, Any]:
-        """The first state of which `until` holds."""
+    def waits(self, until: Callable[[dict[str, Any]], Any], seconds: float = 90, scan: int = 0) -> dict[str, Any]:
+        """The first state of that scan of which `until` holds."""
         deadline_s = time.monotonic() + seconds
-        while not until(state := self.state()):
+        while not until(state := self.state(scan)):
             assert time.monotonic() < deadline_s, state
             time.sleep(0.1)
         return state

@@ -89,8 +89,7 @@ def test_scans_at_free_positions_are_watched_too(nlos: Nlos, viewing: Viewing, t
         assert nlos("scan", f"{name}.yaml", "-o", f"{name}.h5").returncode == 0
     with viewing("scan.h5", "free.h5", "--method", "lct") as viewer:
         viewer.waits(lambda state: state["over"])
-        while not (state := viewer.state(1))["over"]:
-            time.sleep(0.1)
+        state = viewer.waits(lambda state: state["over"], scan=1)
         assert (state["run"], state["samples"], state["planned"]) == ("free.h5", 90, 90)
         plan = viewer.ask("plan?scan=1")
         assert (plan["places"], plan["grid"]) == (90, None)

@@ -13,12 +13,14 @@ from nlos.calibration.constants import load
 from nlos.calibration.correct import common_bins, correct_known
 from nlos.calibration.raw_points import from_samples
 from nlos.chain import calibrate_scan, constants_for
+from nlos.live.answers import ScanAnswers
 from nlos.live.calibration import SampleCalibration
 from nlos.live.good_enough import Enough
 from nlos.live.pace import Pace
 from nlos.live.process import state_file, write_state
 from nlos.live.scan import LiveScan
 from nlos.loaded import load_scan
+from nlos.recon.errors import ReconstructionFailed
 from nlos.recon.live import LivePicture, LiveReconstruction
 from nlos.recon.reconstruct import reconstruct
 
@@ -77,6 +79,21 @@ def test_the_last_picture_is_that_of_the_finished_recording(
     last = pictures[-1].reconstruction
     assert np.abs(last.albedo - batch.albedo).max() <= 1e-5 * batch.albedo.max()
     assert np.allclose(last.depth_m, batch.depth_m, rtol=0, atol=1e-5, equal_nan=True)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_pictures_that_break_off_say_so(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(self: LiveReconstruction, *given: object) -> LivePicture:
+        raise SystemError("of a kind that nobody expects")
+
+    monkeypatch.setattr(LiveReconstruction, "update", broken)
+    watched = LiveScan(run, [LiveReconstruction("lct")])
+    watched.start()
+    with pytest.raises(ReconstructionFailed, match=r"run.h5: the pictures broke off"):
+        watched.wait()
+    state = ScanAnswers(watched).state()
+    assert (state["over"], state["lost"], state["samples"]) == (False, True, 256)
+    assert "the pictures broke off" in state["message"]
 
 
 def test_change_is_what_a_quarter_more_samples_did(run: Path) -> None:

@@ -78,7 +78,7 @@ def live(
 
     def end_when_idle() -> None:
         while not all(scan.failed for scan in scans):
-            busy = any(not (scan.over or scan.failed) for scan in scans)
+            busy = any(not (scan.over or scan.broke_off or scan.failed) for scan in scans)
             if idle_s is not None and not busy and time.monotonic() - page.asked_s > idle_s:
                 break
             time.sleep(0.5)

@@ -34,8 +34,8 @@ class ScanAnswers:
         answer: dict[str, Any] = {
             "run": scan.run.name, "methods": [live.method for live in scan.lives], "samples": 0, "planned": 0,
             "made": scan.pictures, "skipped": scan.skipped, "message": scan.message, "over": scan.over, "events": [],
-            "alarms": 0, "status": "waiting", "lost": scan.error is not None, "frames": self._frames.samples,
-            "frames_version": self._frames.version,
+            "alarms": 0, "status": "waiting", "lost": scan.error is not None or scan.broke_off,
+            "frames": self._frames.samples, "frames_version": self._frames.version,
             "pictures": {
                 method: {"samples": p.samples, "change": p.change, "error": p.error}
                 for method, p in scan.latest.items()

@@ -78,6 +78,8 @@ class LiveScan:
     """Every sample of the scan is in."""
     over: bool = False
     """The scan has ended and its last picture is made."""
+    broke_off: bool = False
+    """The pictures ended before the scan, by a fault of ours: what is shown stays, and no more comes."""
     error: Exception | None = None
     """Why the scan could not be followed to its end."""
 
@@ -197,11 +199,11 @@ class LiveScan:
     def _paint(self) -> None:
         from nlos.recon.methods import PLAIN, find
 
-        for live in self.lives:
-            find(live.method)  # loads its libraries, which takes seconds, while the first points are taken
-        if self.lives[0].method in PLAIN:  # a network's first picture of anything would keep the real one waiting
-            rehearse(self.lives[0])
         try:
+            for live in self.lives:
+                find(live.method)  # loads its libraries, which takes seconds, while the first points are taken
+            if self.lives[0].method in PLAIN:  # a network's first picture of anything would keep the real one waiting
+                rehearse(self.lives[0])
             while not self._stopped.is_set():
                 self._news.wait(0.2)
                 self._news.clear()
@@ -216,6 +218,9 @@ class LiveScan:
                 self.coming = self._schedule.coming(count, planned, self._growing, last) if planned else None
         finally:
             self.coming = None
+            if not (self.over or self._stopped.is_set()):
+                self.broke_off = True
+                self._say(f"{self.run.name}: the pictures broke off, by a bug. Scan and samples are not touched")
             self._ended.set()
 
     @property
