@@ -20,15 +20,20 @@ def order(count: int, epoch: int, seed: int) -> npt.NDArray[np.int64]:
     return np.random.default_rng((seed, epoch, 11)).permutation(count)
 
 
+def indices_at(count: int, seed: int, step: int, batch: int, part: slice = slice(None)) -> list[int]:
+    """The samples, of `count`, that batch number `step` holds, or the `part` of them that one process works on."""
+    found = []
+    for position in range(step * batch, (step + 1) * batch)[part]:
+        epoch, place = divmod(position, count)
+        found.append(int(order(count, epoch, seed)[place]))
+    return found
+
+
 def batch_at(
     data: DatasetSettings, cache: Path | None, seed: int, step: int, batch: int, part: slice = slice(None)
 ) -> dict[str, torch.Tensor]:
     """Batch number `step`, or the `part` of its samples that one of several processes works on."""
-    chosen = []
-    for position in range(step * batch, (step + 1) * batch)[part]:
-        epoch, place = divmod(position, len(data))
-        chosen.append(sample(data, int(order(len(data), epoch, seed)[place]), cache))
-    whole = collate(chosen)
+    whole = collate([sample(data, index, cache) for index in indices_at(len(data), seed, step, batch, part)])
     return {name: whole[name] for name in USED}
 
 

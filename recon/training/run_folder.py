@@ -132,7 +132,7 @@ def resume_run(
     return int(state.about["step"]), 3600 * float(state.about["hours"])
 
 
-HARMLESS = ("samples", "max_minutes", "checkpoint_minutes", "tensorboard", "cache", "licence")
+HARMLESS = ("samples", "max_minutes", "checkpoint_minutes", "tensorboard", "cache", "licence", "workers")
 """What may change when a training is resumed. More samples stretch its schedule: a finished run
 goes on from its end."""
 

@@ -13,7 +13,6 @@ import os
 import signal
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -22,14 +21,16 @@ import torch
 import torch.distributed as dist
 from torch import nn
 
+from nlos.acquisition.errors import InvalidData as NotAMeasurement
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.errors import InvalidSettings
+from nlos.recon.errors import InvalidSettings, ReconError
 from nlos.recon.methods import find
 from nlos.recon.training.architecture import method_settings
-from nlos.recon.training.batches import batch_at, mirrored_batch, pooled, whole_scan, with_uniform_noise
+from nlos.recon.training.batches import mirrored_batch, pooled, whole_scan, with_uniform_noise
 from nlos.recon.training.checkpoint import share_parameters
 from nlos.recon.training.curves import draw
+from nlos.recon.training.feed import Feed, workers_for
 from nlos.recon.training.file_checks import learned_from
 from nlos.recon.training.interruption import Asked, caught
 from nlos.recon.training.log import Log
@@ -56,6 +57,8 @@ Report = Callable[[str], None]
 Objective = Callable[[Mapping[str, torch.Tensor]], dict[str, torch.Tensor]]
 Progress = Callable[[int, int, float], None]
 LINES = 400
+WAITED_MOST = 0.05
+"""Of the time, for samples: above it, the user hears of it."""
 MOST_SKIPPED = 25
 """So many gradients in a row that are not finite: nothing is learned any more."""
 
@@ -122,9 +125,6 @@ def _train(
     elapsed, late, skipped = spent_s, False, 0
     checks = validation_steps(settings.steps)
 
-    def load(at: int) -> dict[str, torch.Tensor]:
-        return batch_at(settings.data, settings.cache_path, settings.seed, at, settings.batch, part)
-
     def keep_state() -> None:
         if rank == 0:
             about = about_run(settings, model, step, elapsed, before, {}, learned)
@@ -138,11 +138,14 @@ def _train(
         keep_best(folder, model, average, about, judged=getattr(model, "training_loss", None) is None)
         return figures
 
-    with ThreadPoolExecutor(1) as loader:
-        ahead = loader.submit(load, step)
+    workers = workers_for(settings, (settings.steps - step) * settings.batch, world, device)
+    with Feed(settings, part, step, workers) as feed:
         while step < settings.steps and not late:
-            batch = {name: x.to(device) for name, x in ahead.result().items()}
-            ahead = loader.submit(load, min(step + 1, settings.steps - 1))
+            try:
+                batch = {name: x.to(device) for name, x in feed.batch().items()}
+            except (ReconError, OSError, ValueError, NotAMeasurement):
+                keep_state()
+                raise
             torch.manual_seed(hash((settings.seed, step, rank)))
             rng = np.random.default_rng((settings.seed, step, 12))
             network = model
@@ -194,7 +197,11 @@ def _train(
                     "step": step, "samples": step * settings.batch, "minutes": elapsed / 60,
                     "finished": step == settings.steps, "signal": asked.number or signal.SIGTERM,
                 }  # fmt: skip
+    share = feed.waited_s / max(clock.monotonic() - started, 1e-9)
+    if share > WAITED_MOST:
+        report(f"the network waited for samples {100 * share:.0f} % of the time: more `workers`, or a cache, may help")
     summary: dict[str, Any] = {"step": step, "samples": step * settings.batch, "minutes": elapsed / 60}
+    summary["data_wait"] = share
     if rank == 0:
         figures = check(against_lct=True)
         summary |= {"validation": figures, "finished": step == settings.steps}

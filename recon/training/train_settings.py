@@ -66,6 +66,9 @@ class TrainSettings(Settings):
     """Between two states on disk."""
     max_minutes: Above0 | None = None
     """Stops there; the same command resumes."""
+    workers: Annotated[int, Field(ge=0, le=256)] | None = None
+    """Processes that make samples, each on one core; by default 1 on a CPU, the spare cores beside a GPU, and none for
+    short runs. The run is the same."""
     tensorboard: bool = False
     """Also write TensorBoard logs; needs the extra of that name."""
     licence: str = "not stated"
