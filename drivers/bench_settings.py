@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from nlos.configs.settings import Settings
 from nlos.drivers.alignment_settings import AlignmentSettings
@@ -11,6 +11,7 @@ from nlos.drivers.errors import LimitError
 from nlos.drivers.first_light_settings import FirstLightSettings
 from nlos.drivers.galvo.models import MIRRORS, MirrorSettings
 from nlos.drivers.safety_settings import SafetySettings
+from nlos.drivers.simulated.fault_catalogue import names
 from nlos.drivers.simulated.simulation_settings import SimulationSettings
 from nlos.drivers.tcspc.models import COUNTERS, CounterSettings
 
@@ -116,6 +117,15 @@ class BenchSettings(Settings):
     """What has to happen before the first light."""
     simulation: SimulationSettings | None = None
     """What a simulated bench is made of; not for real instruments."""
+
+    @field_validator("simulation")
+    @classmethod
+    def _faults_are_known(cls, simulation: SimulationSettings | None) -> SimulationSettings | None:
+        """Here and not where a fault is described, because models bring their own."""
+        unknown = [each.name for each in simulation.faults if each.name not in names()] if simulation else []
+        if unknown:
+            raise ValueError(f"no fault of that name; docs/faults.md lists them: {', '.join(unknown)}")
+        return simulation
 
     @property
     def simulated(self) -> bool:

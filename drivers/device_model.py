@@ -1,6 +1,6 @@
 """What one model of mirror controller or counter brings with it: all that the rest of the program has to be told."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -8,6 +8,7 @@ from nlos.drivers.clock import Clock
 from nlos.drivers.device_settings import DeviceSettings
 from nlos.drivers.presence import Presence
 from nlos.drivers.shutter import LaserShutter
+from nlos.drivers.simulated.fault_row import FaultRow
 
 if TYPE_CHECKING:
     from nlos.drivers.simulated.table import SimulatedTable
@@ -42,6 +43,8 @@ class DeviceModel(Generic[Device]):
     USBTMC instrument, or what replaces libusb or the vendor's library, as the settings' `cable` says."""
     look_for: Callable[[Any], Presence]
     """Settings -> whether it is plugged in. Opens nothing."""
+    faults: Sequence[FaultRow] = ()
+    """What its firmware can do wrong when a bench file asks for it, beside the faults of a serial line."""
     shutters: Mapping[str, ShutterOutput] = field(default_factory=dict)
     """Word in a bench file's `shutter` block -> the output of this device that it means."""
 

@@ -15,7 +15,7 @@ from nlos.acquisition.scanning.lag_trial import USUAL, first_guess_s, trial
 from nlos.acquisition.scanning.sweeping import Lines, sweep
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import LimitError
-from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.mirror import MirrorAngles, own_clock
 
 
 class Scheme(Enum):
@@ -27,6 +27,8 @@ class Scheme(Enum):
     """The counter's pixel clock steps the mirror through an uploaded sequence."""
     LISTED = "S3"
     """The same, with histograms sorted out of a stream of photons by the mirror's markers."""
+    PLAYED = "S3, the mirror's own clock"
+    """The mirror plays an uploaded sequence on its own clock, and its marks begin the counter's points."""
     SWEPT = "S2, continuous lines"
     """The clock keeps the mirror moving along lines: for plans that allow it, with dwells below the settling time."""
 
@@ -48,14 +50,28 @@ def choose(
     lag: Lag | None = None,
 ) -> Choice:
     """The fastest scheme. Clocked ones need a sequence in the mirror, a clock in the counter, and the marker wires
-    without which nobody would notice that the two are out of step."""
+    without which nobody would notice that the two are out of step; or a mirror with its own clock, whose marks begin
+    the counter's points."""
     links = links or links_of(bench)
     stepped = stepped_forecast(plan, bench, angles, links)
     if obstacle := _obstacle(bench):
         return Choice(Scheme.STEPPED, obstacle, stepped)
     scheme = Scheme.LISTED if bench.counter.list_mode else Scheme.CLOCKED
-    clocked = clocked_forecast(plan, bench, angles, links)
-    if plan.within_px is not None and np.median(plan.dwell_s) < np.median(moves_s(bench, angles)):
+    if own_clock(bench.mirror) is not None:
+        scheme = Scheme.PLAYED
+        if plan.stop is not None:
+            return Choice(Scheme.STEPPED, "points that end early need a mirror that waits for them", stepped)
+    try:
+        clocked = clocked_forecast(plan, bench, angles, links)
+    except LimitError as error:
+        if scheme is not Scheme.PLAYED:
+            raise
+        return Choice(Scheme.STEPPED, f"not by its own clock: {error.what}", stepped)
+    if (
+        scheme is not Scheme.PLAYED
+        and plan.within_px is not None
+        and np.median(plan.dwell_s) < np.median(moves_s(bench, angles))
+    ):
         try:
             swept = forecast(Scheme.SWEPT, plan, bench, angles, links, lag)
         except LimitError as error:
@@ -112,9 +128,12 @@ def continuous_lines(plan: ScanPlan, angles: Sequence[MirrorAngles]) -> Lines:
 
 
 def _obstacle(bench: Bench) -> str:
-    if bench.mirror.max_sequence < 2:
+    own = own_clock(bench.mirror) is not None
+    if bench.mirror.max_sequence < 2 and not own:
         return f"mirror {bench.mirror.identity.model} cannot step by itself"
-    if not bench.counter.has_pixel_clock:
+    if own and not bench.counter.follows_mirror:
+        return f"counter {bench.counter.identity.model} is not wired to follow the mirror's own clock"
+    if not bench.counter.has_pixel_clock and not own:
         return f"counter {bench.counter.identity.model} has no pixel clock"
     if not bench.counter.counts_markers:
         return "the mirror's marker outputs are not wired to the counter, so its steps could not be counted"

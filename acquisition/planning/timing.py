@@ -9,15 +9,12 @@ import numpy.typing as npt
 
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.sample import Sample
-from nlos.acquisition.scanning.clocked import Sequencer, Stepping, stepping
+from nlos.acquisition.scanning.clocked import Sequencer, Stepping, next_sequence, stepping
 from nlos.drivers.bench import Bench
 from nlos.drivers.device_settings import Cable
+from nlos.drivers.galvo.block import MirrorBlock
 from nlos.drivers.galvo.mirror import MirrorAngles
 
-STATES_PER_LINE = 99
-"""Table entries that one upload command of a sequencing controller carries; x, y and marks go one after the other."""
-SEQUENCE_COMMANDS = 13
-"""Commands beside the uploads that clear, start and stop a sequence."""
 SCAN_QUESTIONS = 6
 """Exchanges with the counter that set up a scan, alarms included, and end it."""
 ARM_QUESTIONS = 9.5
@@ -46,13 +43,13 @@ class Links:
     margin: float
 
     @classmethod
-    def of_cables(cls, serial_s: float, usb_s: float, commands: float, margin: float) -> "Links":
+    def of_cables(cls, mirror: MirrorBlock, serial_s: float, usb_s: float, margin: float) -> "Links":
         """From the times of one exchange, there and back, on the mirror's and on the counter's cable."""
         return cls(
-            move_s=commands * serial_s,
+            move_s=mirror.commands_per_move * serial_s,
             point_s=POINT_QUESTIONS * usb_s,
             line_s=3 * serial_s,
-            sequence_s=SEQUENCE_COMMANDS * serial_s + SEQUENCE_QUESTIONS * usb_s,
+            sequence_s=mirror.commands_per_sequence * serial_s + SEQUENCE_QUESTIONS * usb_s,
             arm_s=ARM_QUESTIONS * usb_s,
             scan_s=SCAN_QUESTIONS * usb_s,
             margin=margin,
@@ -61,8 +58,7 @@ class Links:
 
 def links_of(bench: Bench) -> Links:
     """What the cables of a bench cost until recordings of it say better."""
-    commands = bench.settings.mirror.commands_per_move
-    return Links.of_cables(*exchanges_s(bench), commands, MARGIN if bench.settings.simulation else 0.15)
+    return Links.of_cables(bench.settings.mirror, *exchanges_s(bench), MARGIN if bench.settings.simulation else 0.15)
 
 
 def exchanges_s(bench: Bench) -> tuple[float, float]:
@@ -150,14 +146,13 @@ def clocked_forecast(
 ) -> Forecast:
     """Schemes S2 and S3: points pay for blanking, sequences for upload and start; so do those that come `before`.
     Raises `LimitError` where a run-up leaves the mirror's reach."""
-    most = min(bench.mirror.max_sequence, bench.counter.max_points)
     whole = Forecast(0.0, 0.0, links.scan_s, 0.0, links.margin, certain_share(plan))
     ends_s = bench.settings.counter.listing_ends_s if bench.counter.list_mode else 0.0
     first, where = 0, MirrorAngles(0.0, 0.0)
     left = list(before)
     while first < len(plan):
-        points = [plan[number] for number in range(first, min(first + most, len(plan)))]
-        part = sequencer(points, angles[first : first + most], bench.mirror.settle_s, most, bench.counter.list_mode)
+        points = [plan[number] for number in range(first, min(first + bench.counter.max_points, len(plan)))]
+        part = next_sequence(bench, points, angles[first:], sequencer)
         if left:
             part = replace(left.pop(), count=0)
         for each in part.angles:
@@ -168,7 +163,7 @@ def clocked_forecast(
             dwell_s=whole.dwell_s + dwell_s,
             settle_s=whole.settle_s + part.duration_s - dwell_s + bench.mirror.settle_s(where, part.angles[0]),
             links_s=whole.links_s + links.sequence_s + ends_s,
-            upload_s=whole.upload_s + -(-len(part.index) // STATES_PER_LINE) * links.line_s,
+            upload_s=whole.upload_s + -(-len(part.index) // bench.settings.mirror.steps_per_upload) * links.line_s,
         )
         first, where = first + part.count, part.angles[-1]
     return whole

@@ -1,4 +1,4 @@
-"""Schemes S2 and S3: the counter's pixel clock steps the mirror, and the host only uploads, watches and reads blocks.
+"""Schemes S2 and S3: a clock steps the mirror, the counter's or its own, and the host uploads, watches, reads blocks.
 
 The mirror's marker edges are counted against the points. A block is handed on once the status after the next one agrees
 as well; where they disagree, everything since then is taken again.
@@ -6,7 +6,7 @@ as well; where they disagree, everything since then is taken again.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +16,7 @@ from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.scanning.control import ScanControl
 from nlos.acquisition.scanning.light_watch import LightOff, LightWatch
 from nlos.drivers.bench import Bench
-from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.mirror import MirrorAngles, OwnClock, OwnSteps, own_clock
 from nlos.drivers.tcspc.counter import WAITING_NUMBER, CounterStatus, Trigger
 
 BLOCK_S = 0.1
@@ -46,9 +46,14 @@ class Stepping:
     index: list[int]
     blanking_s: float
     count: int
+    own: OwnSteps | None = None
+    """The pace of a mirror with a clock of its own."""
 
     @property
     def duration_s(self) -> float:
+        """From the first step's command to the end of the last dwell."""
+        if self.own is not None:
+            return self.own.first_s + len(self.dwells_s) * self.own.step_s
         return sum(self.dwells_s) + len(self.dwells_s) * self.blanking_s
 
 
@@ -81,6 +86,25 @@ def stepping(
     return made
 
 
+def next_sequence(
+    bench: Bench, points: Sequence[ScanPoint], angles: Sequence[MirrorAngles], sequencer: Sequencer
+) -> Stepping:
+    """The next sequence of these points that mirror and counter hold; steps by a mirror's own clock are all alike, as
+    in list mode. Raises `LimitError` for a dwell that its clock does not make."""
+    mirror, counter = bench.mirror, bench.counter
+    own = own_clock(mirror)
+    held = mirror.max_sequence if own is None else own.most_steps(points[0].dwell_s)
+    most = min(held, counter.max_points)
+    plan = sequencer(points[:most], angles[:most], mirror.settle_s, most, counter.list_mode or own is not None)
+    return plan if own is None else at_own_pace(plan, own)
+
+
+def at_own_pace(plan: Stepping, own: OwnClock) -> Stepping:
+    """The same sequence, blanked for as long as the mirror's clock leaves before each dwell."""
+    steps = own.own_steps(plan.dwells_s[0], plan.blanking_s)
+    return replace(plan, blanking_s=steps.blanking_s, own=steps)
+
+
 def best_blanking_us(moves_us: npt.NDArray[np.int64], jump_us: int) -> int:
     """The blanking with the least total time: steps that settle within it cost it, longer ones cost themselves (at
     least twice the blanking) and `jump_us`."""
@@ -108,15 +132,22 @@ def take(
     a pause, the markers disagree or `watch` has shut off the light. The shutter is opened here and left to the caller
     to close."""
     mirror, counter, clock = bench.mirror, bench.counter, bench.clock
-    most = min(mirror.max_sequence, counter.max_points)
-    plan = sequencer(points, angles, mirror.settle_s, most, counter.list_mode)
+    plan = next_sequence(bench, points, angles, sequencer)
     counter.abort()  # where the sequence before was given up, its clock still runs
     mirror.stop()
-    mirror.load(plan.angles)
+    own = own_clock(mirror)
+    if own is None or plan.own is None:
+        mirror.load(plan.angles)
+    else:
+        own.load_steps(plan.angles, plan.own)
     bench.shutter.open()
     mirror.start()
     armed_s = clock.now() - start_s
-    counter.arm(plan.dwells_s, plan.numbers, Trigger.CLOCK, plan.blanking_s)
+    if own is None or plan.own is None:
+        counter.arm(plan.dwells_s, plan.numbers, Trigger.CLOCK, plan.blanking_s)
+    else:
+        counter.arm(plan.dwells_s, plan.numbers, Trigger.MIRROR, plan.blanking_s, plan.own.step_s)
+        own.play()
     entries = len(plan.index)
     block = max(1, min(round(entries * BLOCK_S / plan.duration_s), BLOCK_POINTS))
     held: list[Sample] = []

@@ -11,6 +11,10 @@ class MirrorBlock(DeviceSettings):
 
     commands_per_move: ClassVar[float] = 1
     """Exchanges that one move takes: one for both axes, or one for each."""
+    commands_per_sequence: ClassVar[float] = 13
+    """Exchanges beside the uploads that clear, start and stop a sequence."""
+    steps_per_upload: ClassVar[int] = 99
+    """How many steps of a sequence one upload carries; x, y and marks go one after the other."""
     polled_every_s: ClassVar[float | None] = None
     """Pause between two looks at the status of a mirror that has to say twice that it has settled; None: it is waited
     for by the settle model."""

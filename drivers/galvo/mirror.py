@@ -77,6 +77,55 @@ class GalvoMirror(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class OwnSteps:
+    """What a mirror's own clock makes of points of one dwell."""
+
+    dwell_s: float
+    settling_s: float
+    """What was asked for: how long each point lasts, and how long the mirror needs before it."""
+    step_s: float
+    """From the mark of one step to that of the next."""
+    blanking_s: float
+    """From a mark to the dwell behind it, in whole microseconds: at least `settling_s`. What is left of the step after
+    the dwell is spare, because no two clocks are the same."""
+    first_s: float
+    """From `play` to the first mark."""
+
+
+@runtime_checkable
+class OwnClock(Protocol):
+    """A mirror that plays a sequence on a clock of its own, which no edge starts or steps, and marks every step: on
+    lines 1 and 2 in turn, on line 3 with the first, and on a fourth for counters that want one edge a point."""
+
+    @property
+    def has_own_clock(self) -> bool:
+        """Whether the bench file says that its marks are wired."""
+        ...
+
+    def most_steps(self, dwell_s: float) -> int:
+        """How many positions of that dwell one sequence holds."""
+        ...
+
+    def own_steps(self, dwell_s: float, settling_s: float) -> OwnSteps:
+        """The shortest steps of its clock that hold both. Raises `LimitError` where it has none."""
+        ...
+
+    def load_steps(self, sequence: Sequence[MirrorAngles], steps: OwnSteps) -> None:
+        """Gets the sequence ready at the pace that `own_steps` made; `start` then goes to its first position,
+        `stop` ends it. Raises `LimitError`."""
+        ...
+
+    def play(self) -> None:
+        """Plays it once, from now on."""
+        ...
+
+
+def own_clock(mirror: GalvoMirror) -> OwnClock | None:
+    """The mirror, if it steps by a clock of its own and the bench file says that its marks are wired."""
+    return mirror if isinstance(mirror, OwnClock) and mirror.has_own_clock else None
+
+
 @runtime_checkable
 class MeasuresPosition(Protocol):
     """A mirror whose controller has a sensor of its own."""

@@ -105,6 +105,8 @@ class SimulatedBench:
         self._path: Callable[[float], MirrorAngles] = self._swing
         self._wires: dict[str, list[tuple[float, Pulse]]] = {}
         self._going_on: list[Callable[[float], None]] = []
+        self._clocks: list[Callable[[float], None]] = []
+        self._passing = False
         self.witness: Callable[[float, str], None] = lambda when_s, what: None
         """Told of every change of shutter and beam as it happens on this bench, whoever caused it."""
 
@@ -146,6 +148,7 @@ class SimulatedBench:
 
     def beam_at(self, when_s: float) -> MirrorAngles:
         """Where the beam points at a bench time not before the last steering."""
+        self.let_pass(when_s)
         return self._path(when_s)
 
     def _swing(self, when_s: float) -> MirrorAngles:
@@ -167,6 +170,21 @@ class SimulatedBench:
         """An instrument that goes on by itself: `catch_up(now)` is called before the shutter changes, so that what was
         due until then sees the light as it was."""
         self._going_on.append(catch_up)
+
+    def ticks(self, until: Callable[[float], None]) -> None:
+        """An instrument with a clock of its own, whose edges others follow: told by `let_pass` to come up to now."""
+        self._clocks.append(until)
+
+    def let_pass(self, now_s: float) -> None:
+        """What clocks other than the asker's own do until then. Called by an instrument before it looks at itself."""
+        if self._passing:
+            return  # an edge is being answered: whoever answers may look ahead, time does not go there
+        self._passing = True
+        try:
+            for until in self._clocks:
+                until(now_s)
+        finally:
+            self._passing = False
 
     def _catch_up(self) -> None:
         for catch_up in self._going_on:

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from nlos.configs.settings import Settings
-from nlos.drivers.simulated.fault_catalogue import NAMES
 
 
 class Fault(Settings):
@@ -27,13 +26,6 @@ class Fault(Settings):
     """How often it strikes."""
     parameters: dict[str, Any] = Field(default_factory=dict)
     """The fault's own: how many bytes, which flag."""
-
-    @field_validator("name")
-    @classmethod
-    def _is_known(cls, name: str) -> str:
-        if name not in NAMES:
-            raise ValueError("no fault of that name; docs/faults.md lists them")
-        return name
 
 
 @dataclass

@@ -40,12 +40,14 @@ class T3Instrument:
         self._started_s = self._done_s = self._bin_width_s = 0.0
         self._wraps = 0
         self._running = False
+        self._stepped = self._left_alone = False  # by marks that are not of this clock; and no more of them will come
         self.overrun = False
         self.hears = True
         """Whether the detector's pulses cross the trigger level."""
         bench.follow(self.advance)
         for k, line in enumerate(("marker_1", "marker_2", "marker_4")):
             bench.wire(line, partial(self._mark, 1 << k))
+        bench.wire("last_step_over", self._let_alone)
 
     def start(self, now_s: float, ends_s: float, bin_width_s: float) -> None:
         self._fifo.clear()
@@ -54,6 +56,7 @@ class T3Instrument:
         self._started_s = self._done_s = now_s
         self._end_s, self._bin_width_s = ends_s, bin_width_s
         self._running, self.overrun = True, False
+        self._stepped = self._left_alone = False
 
     def stop(self) -> None:
         """Ends the measurement; without a clock, what it saw so far is recorded."""
@@ -68,6 +71,7 @@ class T3Instrument:
 
     def advance(self, now_s: float) -> None:
         """Everything until `now_s`: clock edges, the markers that they cause, and light in between."""
+        self._bench.let_pass(now_s)
         running, self._running = self._running, False  # an edge moves the bench, which asks whether we are up to date
         while self._edge_s <= now_s:
             if running:
@@ -76,6 +80,8 @@ class T3Instrument:
             self._bench.edge("pixel_clock", edge_s, _STRETCHED_S)
         if running and self._edge_s == _NEVER_S and now_s >= self._end_s - 1e-9:
             self._expose_until(self._end_s)
+        elif running and self._left_alone:
+            self._expose_until(now_s)
         self._running = running
 
     def read(self, most: int) -> npt.NDArray[np.uint32]:
@@ -91,8 +97,22 @@ class T3Instrument:
             self._waiting -= len(piece)
         return np.concatenate(taken) if taken else np.zeros(0, dtype=np.uint32)
 
+    @property
+    def told_s(self) -> float:
+        """Until when it has recorded what there was."""
+        return self._done_s
+
     def _mark(self, bit: int, when_s: float) -> None:
+        if self._running and self._edge_s == _NEVER_S:
+            self._stepped = True
+            self._left_alone = False
+            self._expose_until(when_s)
         self._markers.append((self._pulse(when_s), bit))
+
+    def _let_alone(self, when_s: float) -> None:
+        if self._running and self._stepped:
+            self._expose_until(when_s)
+            self._left_alone = True
 
     def _expose_until(self, until_s: float) -> None:
         """Records of the time since the last call: one clock period, or one measurement."""
@@ -138,7 +158,7 @@ class T3Instrument:
     ) -> Iterator[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]]:
         """Laser pulse (since the measurement's start) and delay of the photons from where the beam rests, in layers
         from the end of the period; the measurement of a single point is one piece."""
-        if self._edge_s == _NEVER_S:
+        if self._edge_s == _NEVER_S and not self._stepped:
             pulses, delays = self._photons(settled_s, until_s - start_s)
             yield pulses + self._pulse(start_s), delays
             return

@@ -80,6 +80,9 @@ class Trigger(Enum):
     CLOCK = "clock"
     """The counter's own pixel clock, which also steps the mirror (scheme S2)."""
 
+    MIRROR = "mirror"
+    """The marks of a mirror that steps by a clock of its own."""
+
 
 @dataclass(frozen=True)
 class CounterStatus:
@@ -109,6 +112,11 @@ class HistogramCounter(Protocol):
 
     @property
     def has_pixel_clock(self) -> bool: ...
+
+    @property
+    def follows_mirror(self) -> bool:
+        """Whether it is wired so that the marks of a mirror with a clock of its own begin its points."""
+        ...
 
     @property
     def list_mode(self) -> bool:
@@ -145,10 +153,11 @@ class HistogramCounter(Protocol):
         numbers: Sequence[int],
         trigger: Trigger = Trigger.HOST,
         blanking_s: float = 0.0,
+        step_s: float = 0.0,
     ) -> None:
         """Gets ready for `len(dwells_s)` points. `numbers` are the plan's own point numbers, stamped into the records
         so that a record can never be taken for another point's. `blanking_s`: dead time after each clock step while
-        the mirror settles."""
+        the mirror settles. `step_s`: with `Trigger.MIRROR`, how often the mirror steps."""
         ...
 
     def trigger(self) -> None:

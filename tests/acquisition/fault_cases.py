@@ -1,4 +1,4 @@
-"""Five benches, the faults that each of them can meet, and a plan that all of them scan."""
+"""Benches, the faults that each of them can meet, and a plan that all of them scan."""
 
 import json
 import signal
@@ -51,14 +51,25 @@ VENDOR: list[tuple[str, dict[str, Any]]] = [
     ("V1", {"place": "GetFlags"}), ("V1", {"place": "ReadFiFo"}), ("V2", {}), ("V3", {}), ("V4", {}),
     ("U20", {"place": "marker", "late_pulses": 200}),
 ]  # fmt: skip
+TAGGER: list[tuple[str, dict[str, Any]]] = [
+    ("T1", {}), ("T2", {"place": "getData"}), ("T2", {"place": "getOverflowsAndClear", "lost": True}),
+    ("T2", {"place": "sync"}),
+]  # fmt: skip
+HELIOS: list[tuple[str, dict[str, Any]]] = [
+    ("H1", {"place": "sequence"}), ("H3", {"place": "frame"}), ("H3", {"place": "command"}),
+    ("H3", {"place": "answer"}), ("H4", {}), ("H4", {"delay_s": 0.5}), *(("H2", {"place": line}) for line in
+    ("marker_1", "marker_2", "marker_4", "trigger")),
+]  # fmt: skip
 BENCHES = {
     "stepped": ("simulated", {"counter": {"markers": False}}, SERIAL + TRIGGERSCOPE + USB),
     "clocked": ("simulated", {}, SERIAL + TRIGGERSCOPE + USB),
     "listed": ("simulated", {"counter": {"mode": "t3"}}, SERIAL + TRIGGERSCOPE + USB + LIST_MODE),
     "optotune": ("optotune", {}, SERIAL + OPTOTUNE + USB),
     "multiharp": ("multiharp", {}, SERIAL + TRIGGERSCOPE + VENDOR),
-    "timetagger": ("timetagger", {}, SERIAL + TRIGGERSCOPE),
-    "timetagger list": ("timetagger", {"counter": {"mode": "list"}}, SERIAL + TRIGGERSCOPE),
+    "played": ("helios", {}, HELIOS + USB),
+    "played, listed": ("helios", {"counter": {"mode": "t3"}}, HELIOS + USB + LIST_MODE),
+    "timetagger": ("timetagger", {}, SERIAL + TRIGGERSCOPE + TAGGER),
+    "timetagger list": ("timetagger", {"counter": {"mode": "list"}}, SERIAL + TRIGGERSCOPE + TAGGER),
 }
 
 

@@ -48,7 +48,15 @@ PATTERNS: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize("scheme", [Scheme.STEPPED, Scheme.CLOCKED, Scheme.LISTED])
+BENCH_OF = {
+    Scheme.STEPPED: "simulated",
+    Scheme.CLOCKED: "simulated",
+    Scheme.LISTED: "multiharp",
+    Scheme.PLAYED: "helios",
+}
+
+
+@pytest.mark.parametrize("scheme", BENCH_OF)
 @pytest.mark.parametrize("pattern", PATTERNS, ids=lambda pattern: "-".join(map(str, pattern.values())))
 def test_predicted_time_is_within_2_percent_of_the_benches(
     bench_settings: Benches, small_plan: Plans, pattern: dict[str, Any], scheme: Scheme
@@ -56,7 +64,7 @@ def test_predicted_time_is_within_2_percent_of_the_benches(
     listed = scheme is Scheme.LISTED
     axis = {"bins": 64, "bin_width_ps": 320 if listed else 256, "offset_ns": 9.6}
     plan = small_plan(14, 14, pattern=pattern, histogram=axis)
-    with open_bench(bench_settings(name="multiharp" if listed else "simulated")) as bench:
+    with open_bench(bench_settings(name=BENCH_OF[scheme])) as bench:
         angles = checked_angles(plan, bench, aim_of(bench))
         predicted = forecast(scheme, plan, bench, angles)
         started_s = bench.clock.now()

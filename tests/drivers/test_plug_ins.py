@@ -64,6 +64,26 @@ def test_its_devices_are_scanned_with_like_ours(lab: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+def test_its_faults_are_rehearsed_by_name_and_stand_in_the_table(lab: Path) -> None:
+    fault = "simulation: {faults: [{name: ACME1, after_s: 0.3}], scene:"
+    (lab / "bench.yaml").write_text(SIMULATED + SCENE.replace("simulation: {scene:", fault), "utf-8")
+    done = nlos(lab, "scan", "scan.yaml", "--bench", "bench.yaml", "-o", "run.h5")
+    assert done.returncode == 3, done.stderr
+    assert "acme_galvo did not move" in done.stderr.replace(":", "")
+    catalogue = "nlos.drivers.simulated.fault_catalogue"
+    environment = os.environ | {"PYTHONPATH": str(lab / "site")}
+    page = subprocess.run(
+        [sys.executable, "-m", catalogue], cwd=lab, env=environment, capture_output=True, text=True, check=True
+    ).stdout
+    assert "| ACME1 | it says no |" in page
+    (lab / "bench.yaml").write_text(
+        SIMULATED + SCENE.replace("simulation: {scene:", fault.replace("E1", "E2")), "utf-8"
+    )
+    done = nlos(lab, "plan", "scan.yaml", "--bench", "bench.yaml")
+    assert done.returncode == 2
+    assert "no fault of that name" in done.stderr
+
+
 def test_where_they_are_missing_they_are_named_with_a_remedy_and_their_udev_rule(lab: Path) -> None:
     (lab / "bench.yaml").write_text(BENCH.replace("PORT", "/dev/ttyACME").replace("LIBRARY", "/no/such.so"), "utf-8")
     done = nlos(lab, "devices", "--bench", "bench.yaml")

@@ -1,4 +1,4 @@
-"""A Helios laser DAC before ILDA galvos: one point held at a time, and nothing read back."""
+"""A Helios laser DAC before ILDA galvos: holds a point, or plays a sequence by its own clock; nothing is read back."""
 
 import contextlib
 import math
@@ -17,8 +17,9 @@ from nlos.drivers.errors import (
     WrongDevice,
 )
 from nlos.drivers.galvo.helios import wire
+from nlos.drivers.galvo.helios.sequence import marked, most_steps, own_steps, pace
 from nlos.drivers.galvo.helios.settings import PRODUCT_ID, VENDOR_ID, HeliosSettings
-from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.mirror import MirrorAngles, OwnSteps
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.link.usb_pipes import UsbPipes
 
@@ -31,7 +32,7 @@ _STALE = 8
 
 
 class Helios:
-    """A `GalvoMirror` stepped by the host. Its own clock takes no trigger and could not be told from a counter's."""
+    """A `GalvoMirror` that takes no trigger: stepped by the host or, as an `OwnClock`, by itself."""
 
     max_sequence = 0
 
@@ -39,8 +40,11 @@ class Helios:
         self.warnings = [f"{DEVICE}: nothing reads back where this mirror points."]
         self._settings, self._clock, self._pipes = settings, clock, pipes
         self._unknown: BaseException | None = None
-        self._at = MirrorAngles(0.0, 0.0)
+        self._from: tuple[MirrorAngles, ...] = (MirrorAngles(0.0, 0.0),)  # one of these: where a sequence was stopped
         self._settled_at_s = 0.0
+        self._sequence: tuple[MirrorAngles, ...] = ()
+        self._frame, self._step_s = b"", 0.0
+        self._played_s: float | None = None
         self._drain()
         versions = [self._ask(wire.FIRMWARE)[1:5] for _ in range(2)]
         if versions[0] != versions[1] or len(versions[0]) < 4:
@@ -73,9 +77,7 @@ class Helios:
     def begin_move(self, angles: MirrorAngles) -> None:
         """Both axes in one frame of one point, which is repeated until the next."""
         codes = self._codes(angles)
-        if self._unknown is not None:
-            cause = getattr(self._unknown, "what", self._unknown)
-            raise DeviceFault(DEVICE, f"where the mirror points is not known any more: {cause}", REOPEN)
+        self._check_known()
         with self._motion():
             self._hold(codes)
             self._arrive(angles)
@@ -90,11 +92,71 @@ class Helios:
     def load(self, sequence: Sequence[MirrorAngles]) -> None:
         raise LimitError(DEVICE, "this mirror cannot step by itself to a trigger.", _STEPS)
 
+    @property
+    def has_own_clock(self) -> bool:
+        """Whether the bench file says that the colour outputs are marks."""
+        return self._settings.markers == "colours"
+
+    def most_steps(self, dwell_s: float) -> int:
+        """As many points as a frame of the DAC holds."""
+        return most_steps(dwell_s)
+
+    def own_steps(self, dwell_s: float, settling_s: float) -> OwnSteps:
+        """The DAC's clock has whole samples a second, at least 7. Raises `LimitError` below."""
+        try:
+            return own_steps(dwell_s, settling_s)
+        except ValueError as error:
+            raise LimitError(DEVICE, f"{error}.", "Choose a shorter dwell, or settling times that are true.") from error
+
+    def load_steps(self, sequence: Sequence[MirrorAngles], steps: OwnSteps) -> None:
+        """Makes the frame; nothing is sent before `play`. Raises `LimitError`."""
+        if not self.has_own_clock:
+            raise LimitError(DEVICE, "its colour outputs mark nothing.", "Wire them, then say markers: colours.")
+        most = self.most_steps(steps.dwell_s)
+        if not 1 <= len(sequence) <= most:
+            raise LimitError(DEVICE, f"a sequence of {len(sequence)} positions.", f"Load 1 to {most} at a time.")
+        self._sequence, self._frame = (), b""
+        codes = [self._codes(angles) for angles in sequence]
+        self._check_known()
+        self._step_s = steps.step_s
+        this = pace(steps.dwell_s, steps.settling_s)
+        high = round(self._settings.marker_output_v / wire.COLOUR_FULL_V * 255)
+        frame = marked(codes, this.samples, high)
+        self._frame = wire.encode_frame(frame, this.rate, wire.START_AT_ONCE | wire.ONCE)
+        self._sequence = tuple(sequence)
+
     def start(self) -> None:
-        raise CommandRejected(DEVICE, "this mirror cannot step by itself to a trigger.", _STEPS)
+        """Goes to the first position of what `load_steps` took and waits until the mirror is still."""
+        if not self.has_own_clock:
+            raise CommandRejected(DEVICE, "this mirror cannot step by itself to a trigger.", _STEPS)
+        if not self._sequence:
+            raise CommandRejected(DEVICE, "no sequence is loaded.", "Call load_steps() before each start().")
+        self.move_to(self._sequence[0])
+
+    def play(self) -> None:
+        """Sends the frame: a sample later the first mark rises. After the last sample the mirror stays."""
+        if not self._frame:
+            raise CommandRejected(DEVICE, "no sequence is loaded.", "Call load_steps() before each start().")
+        self._check_known()
+        with self._motion():
+            self._send(self._frame)
+        self._played_s, self._frame = self._clock.now(), b""
 
     def stop(self) -> None:
-        """Nothing to end: this mirror never steps by itself."""
+        """Ends a sequence where it is by now; the sequence is forgotten."""
+        sequence, played_s = self._sequence, self._played_s
+        self._sequence, self._frame, self._played_s = (), b"", None
+        if played_s is None or not sequence:
+            return
+        done = (self._clock.now() - played_s) / self._step_s
+        if done > len(sequence) + 1:
+            self._from = sequence[-1:]
+            return
+        here = sequence[min(int(done), len(sequence) - 1)]
+        self._from = sequence
+        with self._motion():
+            self._hold(self._codes(here))
+            self._arrive(here)
 
     def look(self) -> None:
         """Reads what nobody asked for: of a DAC that answers only when asked, a restart or somebody else's answer."""
@@ -107,6 +169,7 @@ class Helios:
 
     def park(self) -> None:
         """Stopped, dark, shutter pin low, then centred and held. After an error, this does not make it usable again."""
+        self._sequence, self._frame, self._played_s = (), b"", None
         with self._motion():
             self._pipes.command(wire.encode_command(wire.STOP), self._settings.timeout_s)
             self._pipes.command(wire.encode_command(wire.SHUTTER), self._settings.timeout_s)
@@ -125,13 +188,23 @@ class Helios:
         self._pipes.close()
 
     def _hold(self, codes: tuple[int, int]) -> None:
+        """Stays at one point, dark."""
+        self._send(wire.encode_frame([wire.Codes(*codes)], _RATE, wire.START_AT_ONCE))
+
+    def _send(self, frame: bytes) -> None:
         if self._ask(wire.STATUS)[1:2] != b"\x01":
             raise DeviceFault(DEVICE, "it still has a frame that it was not sent.", "Close other programs that use it.")
-        self._pipes.send(wire.encode_frame([codes], _RATE, wire.START_AT_ONCE), self._settings.timeout_s)
+        self._pipes.send(frame, self._settings.timeout_s)
 
     def _arrive(self, angles: MirrorAngles) -> None:
-        self._settled_at_s = self._clock.now() + 1 / _RATE + self.settle_s(self._at, angles)
-        self._at = angles
+        settle_s = max(self.settle_s(start, angles) for start in self._from)
+        self._settled_at_s = self._clock.now() + 1 / _RATE + settle_s
+        self._from = (angles,)
+
+    def _check_known(self) -> None:
+        if self._unknown is not None:
+            cause = getattr(self._unknown, "what", self._unknown)
+            raise DeviceFault(DEVICE, f"where the mirror points is not known any more: {cause}", REOPEN)
 
     def _ask(self, code: int) -> bytes:
         """The answer, which begins with the command's code and its top bit; older answers are let go."""

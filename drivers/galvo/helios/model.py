@@ -7,6 +7,7 @@ from nlos.drivers.galvo.helios.settings import PRODUCT_ID, VENDOR_ID, HeliosSett
 from nlos.drivers.galvo.mirror import GalvoMirror
 from nlos.drivers.link.usbtmc import find_usb
 from nlos.drivers.presence import Presence
+from nlos.drivers.simulated.helios.faults import FAULTS
 from nlos.drivers.simulated.helios.firmware import HeliosFirmware
 from nlos.drivers.simulated.table import SimulatedTable
 from nlos.drivers.simulated.usb.pipes import SimulatedPipes
@@ -25,5 +26,5 @@ def _backend(settings: HeliosSettings, table: SimulatedTable) -> SimulatedPipes:
 
 
 HELIOS: DeviceModel[GalvoMirror] = DeviceModel(
-    settings=HeliosSettings, open=Helios.open, firmware=_backend, look_for=_look_for
+    settings=HeliosSettings, open=Helios.open, firmware=_backend, look_for=_look_for, faults=FAULTS
 )

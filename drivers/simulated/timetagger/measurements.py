@@ -199,12 +199,12 @@ class TimeTagStream(Measurement):
         times = np.concatenate([each[0] for each in self._tags])[: self._most]
         channels = np.concatenate([each[1] for each in self._tags])[: self._most]
         self.forget()
-        return TagBuffer(times, channels)
+        return TagBuffer(times, channels, self._tagger.panel.told_ps())
 
 
 class TagBuffer:
-    def __init__(self, times: npt.NDArray[np.int64], channels: npt.NDArray[np.int32]) -> None:
-        self._times, self._channels = times, channels
+    def __init__(self, times: npt.NDArray[np.int64], channels: npt.NDArray[np.int32], until_ps: int) -> None:
+        self._times, self._channels, self.tGetData = times, channels, until_ps
 
     def getTimestamps(self) -> npt.NDArray[np.int64]:
         return self._times
@@ -248,10 +248,10 @@ class Flim(Measurement):
     def _sorted(self) -> "FrameInfo":
         """Pixels whose end is past: what a delayed edge encloses is known then."""
         self._pulled()
-        now_ps = round(self._tagger.panel.bench.clock.now() / PS)
+        told_ps = self._tagger.panel.told_ps() + self._tagger.panel.period_ps  # edges are told to a laser pulse
         times, channels = self._left
         begins, ends = (np.sort(times[channels == each]) for each in (self._begin_at, self._end_at))
-        ends = ends[ends <= now_ps][: self._pixels - len(self._ends)]
+        ends = ends[ends <= told_ps][: self._pixels - len(self._ends)]
         clicks, starts = np.sort(times[channels == self._click]), np.sort(times[channels == self._start])
         for begin_ps, end_ps in zip(begins.tolist(), ends.tolist(), strict=False):
             inside = clicks[np.searchsorted(clicks, begin_ps) : np.searchsorted(clicks, end_ps)]

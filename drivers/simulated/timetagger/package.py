@@ -93,12 +93,14 @@ class Instrument:
 
     def sync(self, timeout: int = -1) -> bool:
         self.check_channel(1)
+        self.panel.fail("sync")
         self.hub.pull()
         return True
 
     def getOverflowsAndClear(self) -> int:
         self.check_channel(1)
-        return int(self.panel.bench.faults.strikes("V2", self.panel.bench.clock.now()) is not None)
+        self.panel.fail("getOverflowsAndClear")
+        return int(self.panel.bench.faults.strikes("T1", self.panel.bench.clock.now()) is not None)
 
     def xtra_setAuxOutSignal(self, channel: int, frequency: float) -> None:
         self._aux_hz[channel] = frequency

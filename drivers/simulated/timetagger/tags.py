@@ -53,6 +53,16 @@ class FrontPanel:
         self._decoder = T3Decoder(GENERIC)
         self._instrument.start(self._started_s, until_s or self._started_s + _FOREVER_S, self._width_ps * PS)
 
+    def fail(self, call: str) -> None:
+        """Raises what the vendor's package raises where a call fails."""
+        if (fault := self.bench.faults.strikes("T2", self.bench.clock.now(), call)) is not None:
+            lost = bool(fault.parameters.get("lost", False))
+            raise RuntimeError("The Time Tagger is not connected any more" if lost else "USB transfer failed")
+
+    def told_ps(self) -> int:
+        """Until when everything has become tags."""
+        return round(self._instrument.told_s / PS)
+
     def stop(self) -> None:
         self._instrument.stop()
 
@@ -62,6 +72,7 @@ class FrontPanel:
 
     def pull(self) -> Tags:
         """Tags of the time since the last look."""
+        self.fail("getData")
         self._instrument.advance(self.bench.clock.now())
         events = self._decoder.feed(self._instrument.read(_RECORDS))
         since_ps = round(self._started_s / PS)

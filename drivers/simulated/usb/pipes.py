@@ -21,7 +21,9 @@ class VendorDevice(Protocol):
 
     usb: UsbDescription
 
-    def bulk(self, data: bytes, now_s: float) -> None: ...
+    def bulk(self, data: bytes, now_s: float) -> bool:
+        """One transfer; false where the device does not take it now."""
+        ...
 
     def command(self, data: bytes, now_s: float) -> bytes | None:
         """Its answer on the interrupt pipe, if any."""
@@ -36,6 +38,7 @@ class SimulatedPipes(usb.backend.IBackend):  # type: ignore[misc]
     def __init__(self, device: VendorDevice, bench: SimulatedBench, latency_s: float) -> None:
         self.device, self._bench, self._latency_s = device, bench, latency_s
         self._answers: deque[bytes] = deque()
+        self._late: list[tuple[float, bytes]] = []
         self._plugged, self._claimed = True, False
 
     def unplug(self) -> None:
@@ -113,22 +116,34 @@ class SimulatedPipes(usb.backend.IBackend):  # type: ignore[misc]
         return False
 
     def bulk_write(self, dev_handle: object, ep: int, intf: int, data: "array.array[int]", timeout: int) -> int:
-        now_s = self._pass()
+        now_s = self._pass("frame")
         if len(data) % 64 == 0:  # no zero-length packet follows: the device waits for the end of the transfer
             return len(data)
-        self.device.bulk(data.tobytes(), now_s)
+        if not self.device.bulk(data.tobytes(), now_s):
+            self._bench.clock.sleep(timeout * 1e-3)
+            raise usb.core.USBTimeoutError("Operation timed out", -7, errno.ETIMEDOUT)
         return len(data)
 
     def intr_write(self, dev_handle: object, ep: int, intf: int, data: "array.array[int]", timeout: int) -> int:
-        answer = self.device.command(data.tobytes(), self._pass())
-        if answer is not None:
+        now_s = self._pass("command")
+        answer = self.device.command(data.tobytes(), now_s)
+        if answer is None:
+            return len(data)
+        if (fault := self._bench.faults.strikes("H4", now_s)) is None:
             self._answers.append(answer)
+        elif delay_s := float(fault.parameters.get("delay_s", 0.0)):
+            self._late.append((now_s + delay_s, answer))
         return len(data)
 
     def intr_read(self, dev_handle: object, ep: int, intf: int, buff: "array.array[int]", timeout: int) -> int:
-        self._pass()
+        by_s = self._pass("answer") + timeout * 1e-3
+        due = [each for each in self._late if each[0] <= by_s]
+        if due and not self._answers:
+            self._bench.clock.advance_to(due[0][0])
+        self._answers.extend(answer for _, answer in due)
+        self._late = [each for each in self._late if each not in due]
         if not self._answers:
-            self._bench.clock.sleep(timeout * 1e-3)
+            self._bench.clock.advance_to(by_s)
             raise usb.core.USBTimeoutError("Operation timed out", -7, errno.ETIMEDOUT)
         packet = self._answers.popleft()
         memoryview(buff)[: len(packet)] = packet
@@ -144,7 +159,7 @@ class SimulatedPipes(usb.backend.IBackend):  # type: ignore[misc]
         data: "array.array[int]",
         timeout: int,
     ) -> int:
-        self._pass()
+        self._pass("")
         text = string_descriptor(self.device.usb, wValue) if (bmRequestType, bRequest) == (0x80, 6) else None
         if text is None:
             raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
@@ -152,14 +167,14 @@ class SimulatedPipes(usb.backend.IBackend):  # type: ignore[misc]
         memoryview(data)[:count] = text[:count]
         return count
 
-    def _pass(self) -> float:
-        """One way along the cable."""
+    def _pass(self, place: str) -> float:
+        """One way along the cable; when that is done."""
+        if self._plugged and self._bench.faults.strikes("H3", self._bench.clock.now(), place):
+            self.unplug()
         self._check()
         self._bench.clock.sleep(0.5 * self._latency_s)
         return self._bench.clock.now()
 
     def _check(self) -> None:
-        if self._plugged and self._bench.faults.strikes("U11", self._bench.clock.now()):
-            self.unplug()
         if not self._plugged:
             raise usb.core.USBError("No such device (it may have been disconnected)", -4, errno.ENODEV)

@@ -73,7 +73,13 @@ class Picoquant:
 
     # Settings
 
+    @property
+    def follows_mirror(self) -> bool:
+        """Only a record of every photon can be sorted by marks."""
+        return self._t3
+
     def check(self, axis: HistogramAxis, dwell_s: float, stop: StopAtCounts | None = None) -> None:
+        """Raises `LimitError` where axis or dwell cannot be set exactly. Sends nothing."""
         axis_codes(self._device, self._family, self._base_s, axis, self._t3)
         self._milliseconds(dwell_s)
         if stop is not None:
@@ -102,6 +108,7 @@ class Picoquant:
         numbers: Sequence[int],
         trigger: Trigger = Trigger.HOST,
         blanking_s: float = 0.0,
+        step_s: float = 0.0,
     ) -> None:
         """The instrument knows no point numbers: histograms are told apart by their order since here."""
         if self._axis is None:

@@ -3,6 +3,7 @@
 from nlos.drivers.device_model import DeviceModel
 from nlos.drivers.errors import DeviceNotFound
 from nlos.drivers.presence import Presence
+from nlos.drivers.simulated.picoquant.faults import FAULTS
 from nlos.drivers.simulated.picoquant.library import PicoquantLibrary
 from nlos.drivers.simulated.table import SimulatedTable
 from nlos.drivers.tcspc.counter import HistogramCounter
@@ -26,5 +27,5 @@ def _library(settings: PicoquantSettings, table: SimulatedTable) -> PicoquantLib
 
 
 PICOQUANT: DeviceModel[HistogramCounter] = DeviceModel(
-    settings=PicoquantSettings, open=open_picoquant, firmware=_library, look_for=_look_for
+    settings=PicoquantSettings, open=open_picoquant, firmware=_library, look_for=_look_for, faults=FAULTS
 )

@@ -52,6 +52,8 @@ class PicoquantT3(Picoquant):
         if trigger is Trigger.HOST:
             super()._check_trigger(dwells_s, trigger, blanking_s)
             return
+        if trigger is Trigger.MIRROR:
+            return
         if not self.has_pixel_clock:
             raise LimitError(self._device, "it has no trigger output to step the mirror.", "Scan point by point.")
         if len(set(dwells_s)) != 1:
@@ -77,13 +79,16 @@ class PicoquantT3(Picoquant):
         numbers: Sequence[int],
         trigger: Trigger = Trigger.HOST,
         blanking_s: float = 0.0,
+        step_s: float = 0.0,
     ) -> None:
-        super().arm(dwells_s, numbers, trigger, blanking_s)
+        """As `Picoquant.arm`. With `Trigger.CLOCK` the trigger output steps the mirror from now on; with
+        `Trigger.MIRROR` the mirror's marks are only waited for."""
+        super().arm(dwells_s, numbers, trigger, blanking_s, step_s)
         axis, codes = self._configured()
         self._all_flags = HistogramFlag.NONE
         if trigger is Trigger.HOST:
             return
-        self._period_s, self._blanking_s = dwells_s[0] + blanking_s, blanking_s
+        self._period_s, self._blanking_s = step_s or dwells_s[0] + blanking_s, blanking_s
         dwells = np.round(np.asarray(dwells_s) * self._sync_hz).astype(np.int64)
         self._markers = StepMarkers(dwells, round(blanking_s * self._sync_hz), _STEP_MARKERS)
         self._points = PointHistograms(
@@ -96,7 +101,8 @@ class PicoquantT3(Picoquant):
         )
         self._decoder = T3Decoder(self._family.layout)
         self._begin(round((len(dwells_s) + 2) * self._period_s * 1e3) + 1000)
-        self._library.call("SetTriggerOutput", round(self._period_s / _CLOCK_UNIT_S))
+        if trigger is Trigger.CLOCK:
+            self._library.call("SetTriggerOutput", round(self._period_s / _CLOCK_UNIT_S))
 
     def wait_points(self, count: int, timeout_s: float) -> CounterStatus:
         if self._points is None:

@@ -69,6 +69,11 @@ class Tcspc488:
         return self._settings.markers
 
     @property
+    def follows_mirror(self) -> bool:
+        """Whether one of its edges a point comes in at the trigger input, and its marks at the marker inputs."""
+        return self._settings.markers and self._settings.mirror_steps
+
+    @property
     def max_points(self) -> int:
         return self.instrument.capacity.max_points
 
@@ -97,8 +102,10 @@ class Tcspc488:
         numbers: Sequence[int],
         trigger: Trigger = Trigger.HOST,
         blanking_s: float = 0.0,
+        step_s: float = 0.0,
     ) -> None:
-        """Gets ready for the points; every setting is read back before the instrument is started."""
+        """Gets ready for the points; every setting is read back before the instrument is started. With
+        `Trigger.MIRROR` each edge at the trigger input begins the next one."""
         if self._axis is None:
             raise LimitError(self._device, "armed before a time axis was set.", "Call configure() first.")
         if len(dwells_s) != len(numbers) or not 1 <= len(dwells_s) <= self.max_points:
@@ -114,7 +121,7 @@ class Tcspc488:
         self._dwells_s, self._numbers, self._trigger = dwells_s, numbers, trigger
         self._triggered, self._brought = 0, None
         start_s = self.clock.now()
-        self._due_s = [start_s + each for each in accumulate((us + blanking_us) * 1e-6 for us in dwells_us)]
+        self._due_s = [start_s + each for each in accumulate(step_s or (us + blanking_us) * 1e-6 for us in dwells_us)]
 
     # Acquiring
 
@@ -163,7 +170,7 @@ class Tcspc488:
 
     def _due(self, count: int) -> float:
         """When the gates of that many points should have closed. Raises `CommandRejected` for one not triggered."""
-        if self._trigger is Trigger.CLOCK:
+        if self._trigger is not Trigger.HOST:
             return self._due_s[min(count, len(self._due_s)) - 1]
         if count > self._triggered:
             raise CommandRejected(self._device, f"{count} points wanted, {self._triggered} triggered.", "Trigger.")

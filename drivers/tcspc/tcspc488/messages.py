@@ -167,11 +167,12 @@ def arm_commands(
     # The period is the least time between edges: blanking and dwell, or, where gates differ in length, no more than
     # makes each edge follow the gate before it.
     period_us = blanking_us + (dwells_us[0] if uniform and not stops else 1)
+    source = {Trigger.HOST: "BUS", Trigger.CLOCK: "IMM", Trigger.MIRROR: "EXT"}[trigger]
     commands = {
         "ACQ:MODE": mode,
         "ACQ:POIN": str(len(dwells_us)),
-        "ACQ:BLAN": str(blanking_us if clocked else 0),
-        "ACQ:TRIG:SOUR": "IMM" if clocked else "BUS",
+        "ACQ:BLAN": str(0 if trigger is Trigger.HOST else blanking_us),
+        "ACQ:TRIG:SOUR": source,
         "OUTP:PCLK": str(10 * period_us if clocked else 0),
         "ACQ:DWEL": str(dwells_us[0]),
     }

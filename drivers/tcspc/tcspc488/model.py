@@ -4,6 +4,7 @@ from nlos.drivers.device_model import DeviceModel, ShutterOutput
 from nlos.drivers.errors import DeviceError
 from nlos.drivers.link.usbtmc import available_instruments
 from nlos.drivers.presence import Presence, usb_not_searched, usb_presence
+from nlos.drivers.simulated.tcspc488.faults import FAULTS
 from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
 from nlos.drivers.tcspc.counter import HistogramCounter
 from nlos.drivers.tcspc.tcspc488.counter import open_tcspc488
@@ -23,6 +24,7 @@ TCSPC488: DeviceModel[HistogramCounter] = DeviceModel(
     settings=Tcspc488Settings,
     open=open_tcspc488,
     firmware=lambda settings, table: Tcspc488Firmware(table.bench),
+    faults=FAULTS,
     look_for=_look_for,
     shutters={"tcspc488": ShutterOutput(Tcspc488Shutter)},
 )

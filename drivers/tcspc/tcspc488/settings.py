@@ -75,6 +75,8 @@ class Tcspc488Settings(CounterBlock):
     """Width of a histogram bin on the way to the computer."""
     markers: bool = False
     """Whether the mirror controller's marker outputs 1 to 3 are wired to the counter's marker inputs."""
+    mirror_steps: bool = False
+    """Whether the fourth mark of a mirror with a clock of its own (one edge a point) is wired to the trigger input."""
 
     @classmethod
     def pulse_keys(cls, pulse: Pulse, device: str = "") -> Mapping[str, object] | None:

@@ -54,12 +54,13 @@ class Tcspc488T3(Tcspc488):
         numbers: Sequence[int],
         trigger: Trigger = Trigger.HOST,
         blanking_s: float = 0.0,
+        step_s: float = 0.0,
     ) -> None:
         """As `Tcspc488.arm`; the laser's rate is measured, which turns dwells into laser pulses."""
         if self._axis is not None:
             self._check_records(self._axis, self._stops)
         self._sync_hz = self.rates().sync_hz
-        super().arm(dwells_s, numbers, trigger, blanking_s)
+        super().arm(dwells_s, numbers, trigger, blanking_s, step_s)
         assert self._axis is not None
         self._decoder = T3Decoder(GENERIC)
         dwells = np.round(np.asarray(dwells_s) * self._sync_hz).astype(np.int64)

@@ -63,10 +63,13 @@ class Clocked(Protocol):
 
 
 class PixelClock:
-    """AUX OUT at one period. Raises `LimitError` where the instrument makes another of it."""
+    """AUX OUT at one period; without a number another clock steps the mirror. Raises `LimitError` where the instrument
+    makes another period of it."""
 
     def __init__(self, tagger: Tagger, number: int | None, period_s: float) -> None:
-        self._tagger, self._number = tagger, number
+        self._tagger, self._number, self.period_s = tagger, number, period_s
+        if number is None:
+            return
         tagger.set("xtra_setAuxOutSignal", number, 1 / period_s)
         made_hz = float(tagger.set("xtra_getAuxOutSignalFrequency", number))
         if abs(made_hz * period_s - 1) > 1e-6:
@@ -77,7 +80,9 @@ class PixelClock:
             )
 
     def run(self, on: bool) -> None:
-        self._tagger.set("xtra_setAuxOut", self._number, on)
+        """Starts or stops it."""
+        if self._number is not None:
+            self._tagger.set("xtra_setAuxOut", self._number, on)
 
 
 class ByFlim:
@@ -85,11 +90,10 @@ class ByFlim:
 
     def __init__(
         self, tagger: Tagger, settings: TimeTaggerSettings, axis: HistogramAxis, period: Period,
-        points: int, dwell_s: float, blanking_s: float,
+        points: int, dwell_s: float, blanking_s: float, clock: "PixelClock",
     ) -> None:  # fmt: skip
         self._tagger, self._points = tagger, points
-        self._step_ps = round((dwell_s + blanking_s) / PS)
-        self._clock = PixelClock(tagger, settings.pixel_clock, dwell_s + blanking_s)
+        self._step_ps, self._clock = round(clock.period_s / PS), clock
         step = tagger.measurement("Combiner", list(settings.markers[:2]))
         channel = tagger.call("getChannel", step.getChannel)
         begin = tagger.measurement("DelayedChannel", channel, round(blanking_s / PS))
@@ -152,11 +156,11 @@ class ByTags:
 
     def __init__(
         self, tagger: Tagger, settings: TimeTaggerSettings, axis: HistogramAxis, period: Period,
-        points: int, dwell_s: float, blanking_s: float,
+        points: int, dwell_s: float, blanking_s: float, clock: "PixelClock",
     ) -> None:  # fmt: skip
         self._tagger, self._settings, self._period = tagger, settings, period
-        self._step_ps, self._width_ps = round((dwell_s + blanking_s) / PS), round(axis.bin_width_s / PS)
-        self._clock = PixelClock(tagger, settings.pixel_clock, dwell_s + blanking_s)
+        self._step_ps, self._width_ps = round(clock.period_s / PS), round(axis.bin_width_s / PS)
+        self._clock = clock
         channels = [settings.sync.channel, settings.detector.channel, *settings.markers]
         self._stream = tagger.measurement("TimeTagStream", _MOST_TAGS, channels)
         dwells = np.full(points, round(dwell_s / PS), np.int64)
@@ -174,11 +178,11 @@ class ByTags:
         self._clock.run(True)
 
     def look(self) -> int:
-        times, channels, lost = _tags(self._tagger, self._stream)
+        times, channels, lost, until_ps = _tags(self._tagger, self._stream)
         if lost:
             self._histograms.mark_lost(self._until_ps, np.iinfo(np.int64).max)
-        if len(times):
-            self._until_ps = int(times[-1])
+        if until_ps > self._until_ps:
+            self._until_ps = until_ps
             bins, at, self._sync_ps = _photons(times, channels, self._settings, self._sync_ps, self._width_ps)
             bits = np.zeros(len(times), np.uint8)
             for k, channel in enumerate(self._settings.markers):
@@ -206,19 +210,20 @@ class ByTags:
         tagger: Tagger, settings: TimeTaggerSettings, stream: Any, axis: HistogramAxis, period: Period
     ) -> npt.NDArray[Any]:
         """All tags of one point started by the host, as counts over the laser period (bins,)."""
-        times, channels, _ = _tags(tagger, stream)
+        times, channels, _, _ = _tags(tagger, stream)
         before = np.iinfo(np.int64).min // 2
         bins, _, _ = _photons(times, channels, settings, before, round(axis.bin_width_s / PS))
         return np.bincount(bins[bins < period.bins], minlength=period.bins)
 
 
-def _tags(tagger: Tagger, stream: Any) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], bool]:
-    """Times in ps and channels (n,) since the last look, and whether any were lost."""
+def _tags(tagger: Tagger, stream: Any) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], bool, int]:
+    """Times in ps and channels (n,) since the last look, whether any were lost, and until when (ps) all are told."""
     buffer = tagger.call("getData", stream.getData)
     kinds = tagger.read(buffer, "getEventTypes")
     whole = kinds == _TIME_TAG
     times = tagger.read(buffer, "getTimestamps").astype(np.int64)
-    return times[whole], tagger.read(buffer, "getChannels").astype(np.int32)[whole], not bool(whole.all())
+    channels = tagger.read(buffer, "getChannels").astype(np.int32)
+    return times[whole], channels[whole], not bool(whole.all()), int(buffer.tGetData)
 
 
 def _photons(

@@ -22,7 +22,7 @@ from nlos.drivers.tcspc.counter import (
     Trigger,
 )
 from nlos.drivers.tcspc.time_axis import cannot_stop, nearest_whole_ps
-from nlos.drivers.tcspc.timetagger.clocked import ByFlim, ByTags, Clocked, Period
+from nlos.drivers.tcspc.timetagger.clocked import ByFlim, ByTags, Clocked, Period, PixelClock
 from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
 from nlos.drivers.tcspc.timetagger.tagger import PS, Tagger, load_package
 
@@ -43,7 +43,8 @@ class TimeTagger:
     def __init__(self, settings: TimeTaggerSettings, clock: Clock, tagger: Tagger) -> None:
         self._settings, self._clock, self.tagger = settings, clock, tagger
         self._device = settings.model
-        self.has_pixel_clock = self.list_mode = self.counts_markers = settings.pixel_clock is not None
+        self.has_pixel_clock, self.follows_mirror = settings.pixel_clock is not None, settings.mirror_steps
+        self.list_mode = self.counts_markers = self.has_pixel_clock or self.follows_mirror
         self.warnings: Sequence[str] = ()
         for each in (settings.sync, settings.detector):
             tagger.set("setTriggerLevel", each.channel, each.level_mv * 1e-3)
@@ -113,6 +114,7 @@ class TimeTagger:
         numbers: Sequence[int],
         trigger: Trigger = Trigger.HOST,
         blanking_s: float = 0.0,
+        step_s: float = 0.0,
     ) -> None:
         """The instrument knows no point numbers: histograms are told apart by their order since here. The laser's rate
         is measured, which says how many bins a period has."""
@@ -130,8 +132,10 @@ class TimeTagger:
                 "no AUX OUT steps the mirror.",
                 "Name one as `pixel_clock`, or scan point by point.",
             )
-        if trigger is Trigger.CLOCK and len(set(dwells_s)) != 1:
-            raise LimitError(self._device, "its clock has one period for all points.", "Use a uniform dwell.")
+        if trigger is Trigger.MIRROR and not self.follows_mirror:
+            raise LimitError(self._device, "no marks of the mirror are wired to it.", "Set mirror_steps: true.")
+        if trigger is not Trigger.HOST and len(set(dwells_s)) != 1:
+            raise LimitError(self._device, "points stepped by a clock have one dwell.", "Use a uniform dwell.")
         sync_hz = self.tagger.rates().sync_hz
         self.tagger.filter_sync(sync_hz)
         width_ps, first = round(axis.bin_width_s / PS), round(axis.offset_s / axis.bin_width_s)
@@ -139,10 +143,12 @@ class TimeTagger:
         self._period = Period(sync_hz, first, bins)
         self._dwells_s, self._taken, self._triggered = dwells_s, [], 0
         self._armed_s = self._clock.now()
-        if trigger is Trigger.CLOCK:
+        if trigger is not Trigger.HOST:
             kind: type[ByTags | ByFlim] = ByTags if self._settings.mode == "list" else ByFlim
-            points, dwell_s = len(dwells_s), dwells_s[0]
-            self._clocked = kind(self.tagger, self._settings, axis, self._period, points, dwell_s, blanking_s)
+            points, dwell_s, step_s = len(dwells_s), dwells_s[0], step_s or dwells_s[0] + blanking_s
+            clock = PixelClock(self.tagger, self._settings.pixel_clock if trigger is Trigger.CLOCK else None, step_s)
+            made = kind(self.tagger, self._settings, axis, self._period, points, dwell_s, blanking_s, clock)
+            self._clocked = made
             self._running = True
             self._clocked.begin()
             return

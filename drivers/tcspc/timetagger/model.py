@@ -3,6 +3,7 @@
 from nlos.drivers.device_model import DeviceModel
 from nlos.drivers.errors import DeviceNotFound
 from nlos.drivers.presence import Presence
+from nlos.drivers.simulated.timetagger.faults import FAULTS
 from nlos.drivers.simulated.timetagger.package import TimeTaggerPackage
 from nlos.drivers.tcspc.counter import HistogramCounter
 from nlos.drivers.tcspc.timetagger.counter import TimeTagger
@@ -27,5 +28,6 @@ TIMETAGGER: DeviceModel[HistogramCounter] = DeviceModel(
     settings=TimeTaggerSettings,
     open=TimeTagger.open,
     firmware=lambda settings, table: TimeTaggerPackage(table, settings),
+    faults=FAULTS,
     look_for=_look_for,
 )

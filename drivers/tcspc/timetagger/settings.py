@@ -49,6 +49,8 @@ class TimeTaggerSettings(CounterBlock):
     """Inputs to which the mirror controller's marker outputs 1, 2 and 3 are wired."""
     marker_level_mv: int = Field(default=1500, ge=-2500, le=2500)
     """Voltage that a marker has to cross."""
+    mirror_steps: bool = False
+    """Whether the mirror steps by a clock of its own, and its marks are wired to `markers`."""
     pixel_clock: int | None = Field(default=None, ge=1, le=2)
     """AUX OUT (Time Tagger Ultra and X) that is wired to the mirror controller's trigger input; none: the computer
     steps the mirror."""

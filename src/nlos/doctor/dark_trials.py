@@ -12,7 +12,7 @@ from nlos.doctor.findings import Chart, Finding, failed, passed, skipped, warned
 from nlos.doctor.gates import axis_of, dwells, gates
 from nlos.doctor.hands import hands_for
 from nlos.drivers.bench import Bench
-from nlos.drivers.galvo.mirror import MeasuresPosition
+from nlos.drivers.galvo.mirror import MeasuresPosition, own_clock
 from nlos.drivers.tcspc.counter import HistogramAxis, HistogramFlag, Trigger
 
 _READ_BACK_DEG = 0.3
@@ -58,11 +58,16 @@ def corners(bench: Bench) -> Iterator[Finding]:
 
 
 def markers(bench: Bench) -> Iterator[Finding]:
-    """Steps by the counter's clock, as the counter sees them come back from the mirror."""
+    """Steps by the counter's clock, or the mirror's own, as the counter sees them come back from the mirror."""
     mirror, counter = bench.mirror, bench.counter
+    own = own_clock(mirror)
     lacks = (
-        (mirror.max_sequence < 2, f"{mirror.identity.product} cannot step by itself"),
-        (not counter.has_pixel_clock, f"{counter.identity.product} has no pixel clock"),
+        (mirror.max_sequence < 2 and own is None, f"{mirror.identity.product} cannot step by itself"),
+        (
+            own is not None and not counter.follows_mirror,
+            f"{counter.identity.product} is not wired to follow the mirror",
+        ),
+        (own is None and not counter.has_pixel_clock, f"{counter.identity.product} has no pixel clock"),
         (not counter.counts_markers, "the mirror's marker outputs are not wired to the counter"),
     )
     if why := next((text for lacking, text in lacks if lacking), ""):
@@ -71,10 +76,18 @@ def markers(bench: Bench) -> Iterator[Finding]:
     area = area_of(bench)
     path = [angles_of(bench, place) for place in area.corners] * (_STEPS // 4)
     counter.configure(axis_of(bench))
-    mirror.load(path)
+    steps = own.own_steps(_STEP_S, 0.0) if own is not None else None
+    if own is not None and steps is not None:
+        own.load_steps(path, steps)
+    else:
+        mirror.load(path)
     mirror.start()
     try:
-        counter.arm([_STEP_S] * len(path), range(len(path)), Trigger.CLOCK, 0.0)
+        if own is not None and steps is not None:
+            counter.arm([_STEP_S] * len(path), range(len(path)), Trigger.MIRROR, steps.blanking_s, steps.step_s)
+            own.play()
+        else:
+            counter.arm([_STEP_S] * len(path), range(len(path)), Trigger.CLOCK, 0.0)
         status = counter.wait_points(len(path), timeout_s=len(path) * _STEP_S + 2.0)
         flags = HistogramFlag.NONE
         for histogram in counter.read(0, len(path)):

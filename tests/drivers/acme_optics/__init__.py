@@ -12,6 +12,7 @@ from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.link.serial_line import SerialLine
 from nlos.drivers.presence import port_presence
 from nlos.drivers.shutter import TtlShutter
+from nlos.drivers.simulated.fault_row import ALL, FaultRow
 from nlos.drivers.simulated.table import SimulatedTable
 from nlos.drivers.tcspc.picoquant.families import PicoquantSettings
 from nlos.drivers.tcspc.picoquant.model import PICOQUANT
@@ -119,6 +120,8 @@ class AcmeFirmware:
         if words in (["open"], ["shut"]):
             self._bench.set_shutter(words == ["open"])
         else:
+            if self._bench.faults.strikes("ACME1", when_s):
+                return b"no\r\n"
             there = MirrorAngles(*(int(word) * 1e-6 for word in words))
             self._bench.steer(there, when_s, self._settle_s(self._bench.beam_at(when_s), there))
         return b"ok\r\n"
@@ -129,6 +132,7 @@ MIRROR: DeviceModel[Any] = DeviceModel(
     open=lambda settings, clock, backend, wire_log: AcmeMirror(settings, clock, wire_log),
     firmware=lambda settings, table: AcmeFirmware(table, settings),
     look_for=lambda settings: port_presence(settings.port, settings.udev_rule),
+    faults=[FaultRow("ACME1", "it says no", "`DeviceFault`, shutter closed", ALL)],
     shutters={"acme_shutter": ShutterOutput(TtlShutter)},
 )
 

@@ -53,19 +53,21 @@ def rig(dark_bench: Callable[..., SimulatedBench]) -> Callable[..., Rig]:
 
 
 def test_a_frame_is_the_bytes_that_the_sdk_makes() -> None:
-    frame = wire.encode_frame([(0xABC, 0x123), (0x800, 0xFFF)], 10_000, wire.START_AT_ONCE | wire.ONCE)
-    assert frame == bytes.fromhex("abc123 00000000 800fff 00000000 1027 0200 03")
+    samples = [wire.Codes(0xABC, 0x123), wire.Codes(0x800, 0xFFF, bytes((255, 0, 168, 1)))]
+    frame = wire.encode_frame(samples, 10_000, wire.START_AT_ONCE | wire.ONCE)
+    assert frame == bytes.fromhex("abc123 00000000 800fff ff00a801 1027 0200 03")
 
 
 def test_what_the_dac_would_skip_in_silence_is_never_made() -> None:
     for count in (45, 109, 45 + 64 * 20):  # with the five bytes behind them they fill whole packets
         with pytest.raises(ValueError, match="whole packets"):
-            wire.encode_frame([(0, 0)] * count, 1000, 0)
-    for points, rate in (([], 1000), ([(0, 0)] * 4096, 1000), ([(0, 0)], 6), ([(0, 0)], 65536)):
+            wire.encode_frame([wire.Codes(0, 0)] * count, 1000, 0)
+    one = [wire.Codes(0, 0)]
+    for points, rate in (([], 1000), (one * 4096, 1000), (one, 6), (one, 65536)):
         with pytest.raises(ValueError, match="a second"):
             wire.encode_frame(points, rate, 0)
     with pytest.raises(ValueError, match="12 bits"):
-        wire.encode_frame([(0x1000, 0)], 1000, 0)
+        wire.encode_frame([wire.Codes(0x1000, 0)], 1000, 0)
 
 
 @pytest.mark.parametrize("code", sorted(set(range(256)) - {1, 2, 3, 4, 5}))

@@ -1,16 +1,19 @@
 """The table of faults is what the simulators commit, what the tests provoke, and what the page says."""
 
+import json
 import re
 from pathlib import Path
 
 import pytest
 
-from nlos.drivers.simulated.fault_catalogue import NAMES, TABLES, markdown
-from nlos.drivers.simulated.faults import Fault
+from nlos.configs.load import load
+from nlos.drivers.bench_settings import BenchSettings
+from nlos.drivers.simulated.fault_catalogue import markdown, names, tables
 
 TOP = Path(__file__).parents[3]
-BUILT_IN = {row.name for rows in TABLES.values() for row in rows if row.parameters.startswith("built in")}
-NAMED = re.compile(r'"([GABUV]\d{1,2})"')
+NAMES = names()
+BUILT_IN = {row.name for rows in tables().values() for row in rows if row.parameters.startswith("built in")}
+NAMED = re.compile(r'"([GABUVHT]\d{1,2})"')
 
 
 def named_in(folder: Path, but: str) -> set[str]:
@@ -25,8 +28,8 @@ def test_the_page_is_made_from_the_table() -> None:
 
 
 def test_every_fault_of_the_table_can_be_committed_and_no_other() -> None:
-    named = named_in(TOP / "drivers" / "simulated", "fault_catalogue.py")
-    assert named - {"U32"} == NAMES - BUILT_IN  # which is a record format
+    named = named_in(TOP / "drivers" / "simulated", "faults.py")
+    assert named - {"U32", "T3"} == NAMES - BUILT_IN  # which are a record format and a mode
 
 
 @pytest.mark.parametrize("name", sorted(NAMES - BUILT_IN))
@@ -35,5 +38,6 @@ def test_every_fault_is_provoked_by_a_test(name: str) -> None:
 
 
 def test_a_fault_that_nobody_knows_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"docs/faults\.md"):
-        Fault(name="G11")
+    bench = load("bench", "simulated", BenchSettings).settings.model_dump(mode="json")
+    with pytest.raises(ValueError, match=r"docs/faults\.md lists them: G11"):
+        BenchSettings.model_validate_json(json.dumps(bench | {"simulation": {"faults": [{"name": "G11"}]}}))

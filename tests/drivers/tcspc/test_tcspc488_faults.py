@@ -147,7 +147,7 @@ CAUSES = {"over_count": (SafetyTrip, "rate"), "interlock": (SafetyTrip, "interlo
 
 
 @pytest.mark.parametrize("cause", CAUSES)
-@pytest.mark.parametrize("trigger", list(Trigger))
+@pytest.mark.parametrize("trigger", [Trigger.HOST, Trigger.CLOCK])
 def test_a_trip_shuts_the_light_and_stays_until_it_is_cleared(rig: Callable, cause: str, trigger: Trigger) -> None:
     this = rig()
     error, words = CAUSES[cause]
@@ -205,7 +205,7 @@ def test_the_watchdog_shuts_the_light_of_a_host_that_fell_silent(rig: Callable) 
 
 
 @pytest.mark.parametrize("dwell_s", [0.008, 0.3, 3.0])
-@pytest.mark.parametrize("trigger", list(Trigger))
+@pytest.mark.parametrize("trigger", [Trigger.HOST, Trigger.CLOCK])
 def test_waiting_kicks_the_watchdog(rig: Callable, dwell_s: float, trigger: Trigger) -> None:
     this = rig()
     this.counter.arm_watchdog(0.2)
@@ -292,7 +292,7 @@ def test_an_instrument_that_comes_back_as_another_is_refused(rig: Callable) -> N
         this.counter.arm([0.002] * 10, NUMBERS)
 
 
-@pytest.mark.parametrize("trigger", list(Trigger))
+@pytest.mark.parametrize("trigger", [Trigger.HOST, Trigger.CLOCK])
 def test_a_restart_during_a_scan_is_device_reset(rig: Callable, trigger: Trigger) -> None:
     this = rig()
     this.counter.arm([0.002] * 10, NUMBERS, trigger)

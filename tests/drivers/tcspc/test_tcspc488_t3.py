@@ -30,7 +30,7 @@ def take(this: Any, trigger: Trigger) -> list[Histogram]:
     return histograms
 
 
-@pytest.mark.parametrize("trigger", list(Trigger))
+@pytest.mark.parametrize("trigger", [Trigger.HOST, Trigger.CLOCK])
 def test_the_same_photons_as_in_histogram_mode(rig: Callable, trigger: Trigger) -> None:
     listed, counted = rig(mode="t3"), rig()
     listed.light["rate_hz"] = counted.light["rate_hz"] = 200e3

@@ -13,10 +13,10 @@ from nlos.doctor import small_scan
 from nlos.doctor.examination import Visit, examine
 from nlos.doctor.findings import Finding
 from nlos.drivers.bench import BenchSettings
-from nlos.drivers.simulated.fault_catalogue import TABLES
+from nlos.drivers.simulated.fault_catalogue import tables
 from nlos.drivers.simulated.faults import Fault
 
-ROWS = {row.name: row for rows in TABLES.values() for row in rows}
+ROWS = {row.name: row for rows in tables().values() for row in rows}
 BUILT_IN = {name for name, row in ROWS.items() if row.parameters.startswith("built in")}
 AS_OPENED = 0.0
 SOAK = os.environ.get("NLOS_SOAK") == "1"
@@ -44,6 +44,14 @@ def _multiharp(line: str | None, verdict: str = "FAIL", **words: Any) -> Case:
     return Case(line, verdict, bench="multiharp", after_s=0.23, **words)
 
 
+def _timetagger(line: str | None, verdict: str = "FAIL", **words: Any) -> Case:
+    return Case(line, verdict, bench="timetagger", after_s=0.23, **words)
+
+
+def _helios(line: str | None, verdict: str = "FAIL", **words: Any) -> Case:
+    return Case(line, verdict, bench="helios", **words)
+
+
 CASES = {
     **{name: Case("links") for name in ("G1", "G2", "G4", "G5", "G6", "G8", "G9", "A2", "A7")},
     **{name: Case(None) for name in ("G3", "G7", "U7", "U8", "U16")},
@@ -69,6 +77,12 @@ CASES = {
     "U17": Case("counter", after_s=AS_OPENED),
     "U19": Case("links", "WARN", after_s=AS_OPENED, times=200, parameters={"delay_s": 0.1}),
     "U20": Case("markers", "WARN", counter={"mode": "t3"}, parameters={"place": "records", "what": "fifo_full"}),
+    "H1": _helios("markers", parameters={"place": "sequence"}),
+    "H2": _helios("markers", parameters={"place": "marker_1"}),
+    "H3": _helios("mirror", after_s=0.5, parameters={"place": "command"}),
+    "H4": _helios("mirror", after_s=0.5),
+    "T1": _timetagger("markers", "WARN"),
+    "T2": _timetagger("markers", parameters={"place": "sync"}),
     "V1": _multiharp("counter"),
     "V2": _multiharp("markers", "WARN"),
     "V3": _multiharp("markers"),
