@@ -10,7 +10,7 @@ _WIRES = {
     "allow_unverified_dac", "shutter_pin", "max_mechanical_deg", "limits", "readback", "warn_error_deg",
     "max_error_deg",
     "controller", "settle", "over_count", "counts", "markers", "marker_level_mv", "marker_holdoff_ns",
-    "marker_disorder_us", "mode", "levels_converted", "pixel_clock", "allowed",
+    "marker_disorder_us", "mode", "levels_converted", "pixel_clock", "allowed", "allowed_deg",
 }  # fmt: skip
 """Keys that move neither beam nor time: where a device is plugged in, how long it may take, how far it may go. A key
 that a driver from elsewhere brings counts, as mounting does."""

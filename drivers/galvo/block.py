@@ -3,6 +3,8 @@
 from typing import ClassVar
 
 from nlos.drivers.device_settings import DeviceSettings
+from nlos.drivers.galvo.allowed_angles import AllowedAngles
+from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.galvo.settle import SettleModel
 
 
@@ -21,3 +23,10 @@ class MirrorBlock(DeviceSettings):
 
     settle: SettleModel = SettleModel()
     """How long the beam takes to be still after a step of one axis."""
+    allowed_deg: AllowedAngles | None = None
+    """How far each axis may be sent to each side, whatever the geometry says; the head's reach alone unless given."""
+
+    def check_allowed(self, angles: MirrorAngles) -> None:
+        """Raises `LimitError` outside `allowed_deg`. A driver asks before it sends."""
+        if self.allowed_deg is not None:
+            self.allowed_deg.check(self.model, angles)

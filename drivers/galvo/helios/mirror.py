@@ -223,6 +223,7 @@ class Helios:
 
     def _codes(self, angles: MirrorAngles) -> tuple[int, int]:
         settings, codes = self._settings, []
+        settings.check_allowed(angles)
         limit_deg = 2.0 * settings.max_mechanical_deg
         remedy = "Shrink the wall in the plan or move the scanner back."
         for name, inverted, angle_rad in (

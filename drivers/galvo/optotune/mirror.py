@@ -178,6 +178,7 @@ class Optotune:
             self._wait_stable()
 
     def _coordinates(self, angles: MirrorAngles) -> tuple[float, float]:
+        self._settings.check_allowed(angles)
         limit_deg = 2.0 * self._settings.max_mechanical_deg
         if max(abs(angles.x_rad), abs(angles.y_rad)) < math.pi / 2:
             x, y = wire.coordinates(angles)

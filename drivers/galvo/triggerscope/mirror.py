@@ -228,6 +228,7 @@ class TriggerScope:
         raise ProtocolError(DEVICE, "twice it kept another part of the sequence than was sent.", REOPEN)
 
     def _codes(self, angles: MirrorAngles) -> tuple[int, int]:
+        self._settings.check_allowed(angles)
         limit_deg = 2.0 * self._settings.max_mechanical_deg
         remedy = "Shrink the wall in the plan or move the scanner back."
         codes = []

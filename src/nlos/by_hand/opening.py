@@ -16,6 +16,7 @@ from nlos.drivers.partial_bench import PartialBench, open_partial_bench
 from nlos.drivers.trip_latch import TripLatch
 
 if TYPE_CHECKING:
+    from nlos.acquisition.planning.aim import Aiming
     from nlos.configs.load import Loaded
     from nlos.drivers.bench_settings import BenchSettings
 
@@ -43,7 +44,7 @@ def in_hand(
         if bench.mirror is not None and "mirror" in wanted:
             watch_first_moves(bench)
         with keys_of_terminal() as keys:
-            hand = Hand(bench, drawn_aim(settings.geometry), keys)
+            hand = Hand(bench, _aim(bench), keys)
             hand.no_light = why
             if light_s is not None:
                 hand.light.check(light_s)
@@ -52,6 +53,27 @@ def in_hand(
                     yield hand
                 finally:
                     hand.light.end("nobody is there any more")
+
+
+def _aim(bench: PartialBench) -> "Aiming":
+    """As scans of this bench are aimed: by its constants where they rest on spots and still hold, else as drawn."""
+    from nlos.bench_constants import aiming_constants
+    from nlos.calibration.errors import StaleConstants
+
+    drawn = drawn_aim(bench.settings.geometry)
+    there = {"mirror": bench.mirror, "counter": bench.counter}
+    names = {
+        role: f"{one.identity.model} {one.identity.serial}".strip() for role, one in there.items() if one is not None
+    }
+    try:
+        known = aiming_constants(None, bench.settings.model_dump_json(), names)
+    except StaleConstants as error:
+        terminal.log(f"aimed as the bench file draws it: {error}")
+        return drawn
+    if known is None or known.constants.geometry is None:
+        return drawn
+    terminal.log(known.said(drawn))
+    return known.constants.geometry
 
 
 def why_no_light(bench: PartialBench) -> str:

@@ -99,6 +99,32 @@ def lab(
     unplug("every")
 
 
+@pytest.mark.parametrize("model", MODELS)
+def test_angles_sent_stay_within_each_sides_limit(model: str, dark_bench: Callable[..., SimulatedBench]) -> None:
+    bench = dark_bench()
+    serial = MIRRORS[model].settings.cable == "serial"
+    allowed = {"left_deg": -3.0, "right_deg": 5.0, "bottom_deg": -2.0, "top_deg": 7.0}
+    block = {"model": model, **({"port": "sim://every"} if serial else {"usb": "simulated"}), "allowed_deg": allowed}
+    settings = SETTINGS.validate_python(block)
+    unplug("every")
+    with ExitStack() as stack:
+        table = SimulatedTable(bench, SimulationSettings(), 10e6)
+        mirror = open_mirror(settings, bench.clock, None, far_end(MIRRORS[model], settings, table, stack))
+        stack.callback(mirror.close)
+        for x_deg, y_deg in ((-3.0, 0.0), (5.0, 0.0), (0.0, -2.0), (0.0, 7.0), (4.9, 6.9)):
+            mirror.move_to(MirrorAngles(math.radians(x_deg), math.radians(y_deg)))
+        before = bench.beam
+        for x_deg, y_deg in ((-3.1, 0.0), (5.1, 0.0), (0.0, -2.1), (0.0, 7.1), (math.nan, 0.0)):
+            outside = MirrorAngles(math.radians(x_deg), math.radians(y_deg))
+            for send in (mirror.check, mirror.move_to):
+                with pytest.raises(LimitError, match="allowed_deg"):
+                    send(outside)
+            if mirror.max_sequence:
+                with pytest.raises(LimitError, match="allowed_deg"):
+                    mirror.load([outside])
+        assert bench.beam == before
+
+
 def test_it_says_who_it_is(lab: Callable[..., Lab]) -> None:
     identity = lab().mirror.identity
     assert identity.model in MIRRORS
