@@ -11,10 +11,10 @@ from nlos.drivers.clock import Clock
 from nlos.drivers.errors import DeviceError, LimitError
 from nlos.drivers.safety import GuardedShutter
 
-SPARE_S = 0.03
-"""So much earlier than its time the light is told to go off: the command takes a while."""
-SHORTEST_S = 0.1
-_ALARM_EARLY_S = 0.01
+SPARE_S = 0.06
+"""So much earlier than its time the light is told to go off: the command takes a while, and so may a busy computer."""
+SHORTEST_S = 0.2
+_ALARM_EARLY_S = 0.03
 
 
 class LightOnRequest:

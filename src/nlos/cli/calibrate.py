@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
 MM_PER_PS = 0.299792458 / 2
 """Depth of a picosecond there and back."""
-_GAINS = ("x_gain", "y_gain")
 
 
 def calibrate(
@@ -66,8 +65,13 @@ def calibrate(
             raise UsageError("--first-light measures on the bench; it takes no RUN")
         measured(bench, light, output, overwrite)
         return
+    if not runs and spots is not None and not light:
+        from nlos.cli.spots import place_scanner
+
+        place_scanner(spots, bench, output, overwrite)
+        return
     if not runs:
-        raise UsageError("name a RUN to calibrate from, or say --first-light")
+        raise UsageError("name a RUN to calibrate from, or say --first-light, or --spots FILE for the scanner's place")
     if bench is not None or light:
         raise UsageError("--bench and --light go with --first-light; a RUN names its bench itself")
     _from_runs(runs, output, dead_time_ns, response, spots, wall_size_m, dark, overwrite)
@@ -90,8 +94,10 @@ def _from_runs(
     from nlos.calibration.checked import response_checked
     from nlos.calibration.constants import Quantity, save
     from nlos.calibration.measure import measure_constants
+    from nlos.calibration.spots_fit import check_sense
     from nlos.calibration_input import common_bench, common_devices, load_run, read_spots, refuse_unmeant_darkness
     from nlos.report.calibration_pictures import write_pictures
+    from nlos.report.spots_picture import spots_picture
 
     if output is not None:
         _refuse_to_replace(output, overwrite)
@@ -100,6 +106,9 @@ def _from_runs(
     bench, facts = common_bench(runs, [one.bench_json for one in loaded])
     target = output or (folder_of(bench) if bench else Path("constants")) / f"{runs[0].stem}.h5"
     _refuse_to_replace(target, overwrite)
+    measured_spots = None if spots is None else read_spots(spots)
+    if measured_spots is not None:
+        check_sense(measured_spots)
     found = measure_constants(
         [one.raw for one in loaded],
         devices=devices,
@@ -108,7 +117,7 @@ def _from_runs(
         aim=next((one.aim for one in loaded if one.aim is not None), None),
         dead_time=None if dead_time_ns is None else Quantity(dead_time_ns * 1e-9, 0.0),
         response=None if response is None else response_checked(response),
-        spots=None if spots is None else read_spots(spots),
+        spots=measured_spots,
     )
     if found.raw is None and not dark:
         refuse_unmeant_darkness(runs, loaded)
@@ -116,6 +125,9 @@ def _from_runs(
         terminal.result(line, **values)
     target.parent.mkdir(parents=True, exist_ok=True)
     pictures = write_pictures(found, target.with_suffix(""))
+    if measured_spots is not None and found.geometry is not None and found.raw is not None:
+        pictures.append(target.with_suffix("") / "spots.png")
+        spots_picture(pictures[-1], found.geometry, measured_spots, (found.raw.x_m, found.raw.y_m))
     for picture in pictures:
         terminal.result(str(picture))
     terminal.document["pictures"] = [str(picture) for picture in pictures]
@@ -197,6 +209,9 @@ def _timing_lines(report: Mapping[str, object], constants: "BenchConstants") -> 
 def _geometry_lines(found: "Measurement") -> "list[tuple[str, dict[str, object]]]":
     import numpy as np
 
+    from nlos.calibration.spots_fit import poorly_determined
+    from nlos.cli.spots import fitted_lines, undetermined_line
+
     fit = found.geometry
     assert fit is not None
     height_mm = fit.height_m[fit.accepted] * 1e3
@@ -222,6 +237,9 @@ def _geometry_lines(found: "Measurement") -> "list[tuple[str, dict[str, object]]
     ]
     if len(fit.spot_residual_m):
         spots_mm = float(np.sqrt(np.mean(fit.spot_residual_m**2))) * 1e3
-        gains = ", ".join(f"{name} {getattr(fit.geometry, name):.5f} +- {fit.errors[name]:.5f}" for name in _GAINS)
-        lines.append((f"{gains}; spots {spots_mm:.2f} mm RMS off the model", {"spots_rms_mm": spots_mm}))
+        lines += fitted_lines(fit)
+        lines.append((f"spots {spots_mm:.2f} mm RMS off the model", {"spots_rms_mm": spots_mm}))
+    for name in poorly_determined(fit):
+        lines.append((f"warning: {undetermined_line(name, getattr(fit.geometry, name), fit.errors[name])}", {}))
+    lines[0][1]["undetermined"] = poorly_determined(fit)
     return lines

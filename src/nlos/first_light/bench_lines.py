@@ -2,6 +2,8 @@
 
 import re
 
+from nlos.cli.exit_codes import UsageError
+
 _TOP = re.compile(r"^[A-Za-z_][A-Za-z0-9_]*\s*:", re.MULTILINE)
 
 
@@ -27,3 +29,27 @@ def _comments_before_next(old: str) -> str:
             break
         kept.append(line)
     return "".join(reversed(kept))
+
+
+def with_keys(text: str, block: str, values: dict[str, str]) -> str:
+    """`text` with keys of the top-level `block` set: those that are there keep their comments. Raises `UsageError` for
+    a block that is not written one key a line."""
+    starts = list(_TOP.finditer(text))
+    index = next((k for k, found in enumerate(starts) if found[0].rstrip(" \t:") == block), None)
+    if index is None:
+        return with_block(text, block, [f"{block}:", *(f"  {key}: {value}" for key, value in values.items())])
+    end = starts[index + 1].start() if index + 1 < len(starts) else len(text)
+    lines = text[starts[index].start() : end].splitlines()
+    if lines[0].split("#")[0].strip() != f"{block}:":
+        raise UsageError(f"{block}: is not written one key a line; put these values in by hand")
+    left = dict(values)
+    for number, line in enumerate(lines):
+        key = line.split(":")[0].strip()
+        if line.startswith("  ") and not line.startswith("   ") and key in left:
+            value, hash_, comment = line.partition("#")
+            wide = len(value.rstrip())
+            new = f"  {key}: {left.pop(key)}"
+            lines[number] = f"{new.ljust(max(wide, len(value) - 1))} {hash_}{comment}" if hash_ else new
+    last = max(k for k, line in enumerate(lines) if line.startswith(" ") or k == 0)
+    lines[last + 1 : last + 1] = [f"  {key}: {value}" for key, value in left.items()]
+    return text[: starts[index].start()] + "\n".join(lines) + "\n" + text[end:]

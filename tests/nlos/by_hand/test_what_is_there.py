@@ -73,7 +73,7 @@ def test_alignment_duty_is_kept(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("words", "said"), [
-    (["point", "0", "0", "--light", "500"], "outside 0.1 to 120 s"),
+    (["point", "0", "0", "--light", "500"], "outside 0.2 to 120 s"),
     (["point", "nan", "0"], "is no place"),
     (["point", "--deg", "41", "0"], "outside +-40.00 deg"),
     (["point", "2", "0"], "outside the allowed area"),

@@ -1,0 +1,100 @@
+"""`nlos calibrate --spots FILE` without a scan: where the scanner stands, for the bench file."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from nlos.cli.benches import load_bench
+from nlos.cli.exit_codes import UsageError
+from nlos.cli.terminal import terminal
+
+if TYPE_CHECKING:
+    from nlos.calibration.geometry_fit import GeometryFit
+    from nlos.calibration.spots_fit import PlacedScanner
+
+NAMES = {
+    "scanner_x_m": ("the scanner's x", 1.0, "m", "scanner_x_m"),
+    "scanner_y_m": ("the scanner's y", 1.0, "m", "scanner_y_m"),
+    "wall_distance_m": ("the wall's distance", 1.0, "m", "wall_distance_m"),
+    "wall_pitch_rad": ("the wall's pitch", math.degrees(1.0), "deg", "wall_pitch_deg"),
+    "wall_yaw_rad": ("the wall's yaw", math.degrees(1.0), "deg", "wall_yaw_deg"),
+    "x_offset_rad": ("x offset", math.degrees(1.0), "deg", ""),
+    "y_offset_rad": ("y offset", math.degrees(1.0), "deg", ""),
+    "x_gain": ("x gain", 1.0, "", ""),
+    "y_gain": ("y gain", 1.0, "", ""),
+}
+"""Parameter -> what it is called, in which unit it is printed, and its key in a bench file's geometry."""
+
+
+def place_scanner(spots: Path, bench: str | None, output: Path | None, overwrite: bool) -> None:
+    """Fits, says what was found and what these spots cannot tell, draws it, and writes the bench file to `output`."""
+    from nlos.acquisition.planning.preflight import drawn_aim
+    from nlos.calibration.geometry import ScannerGeometry
+    from nlos.calibration.spots_fit import place_from_spots
+    from nlos.calibration_input import read_spots
+    from nlos.configs.load import parse
+    from nlos.drivers.bench_settings import BenchSettings
+    from nlos.first_light.bench_lines import with_keys
+    from nlos.report.spots_picture import spots_picture
+
+    if output is not None and output.suffix.lower() not in (".yaml", ".yml"):
+        raise UsageError(f"-o {output}: spots without a RUN write a bench file, .yaml")
+    if output is not None and output.exists() and not overwrite:
+        raise FileExistsError(f"{output}: exists. Choose another name with -o, or say --overwrite.")
+    table, measured = load_bench(bench), read_spots(spots)
+    found = place_from_spots(measured, ScannerGeometry(**vars(drawn_aim(table.settings.geometry))))
+    _tell(found)
+    picture = spots.with_suffix(".png")
+    spots_picture(picture, found.fit, measured, allowed=table.settings.geometry.allowed)
+    terminal.result(f"{picture}: wall, spots, residuals", picture=str(picture))
+    keys = {
+        key: f"{getattr(found.fit.geometry, name) * scale:.4f}"
+        for name, (_, scale, _, key) in NAMES.items()
+        if key and name in found.fit.errors
+    }
+    terminal.result("the bench file's lines, in geometry:\n" + "\n".join(f"  {key}: {v}" for key, v in keys.items()))
+    if output is None:
+        terminal.log(f"not written: say -o {table.path.name} --overwrite for that file, or another name")
+        return
+    text = with_keys(table.text, "geometry", keys)
+    parse(text, str(output), BenchSettings)
+    partial = output.with_name(f".{output.name}.part")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(output)
+    finally:
+        partial.unlink(missing_ok=True)
+    terminal.result(f"{output}: {table.path.name} with these lines", bench=str(output))
+
+
+def fitted_lines(fit: "GeometryFit") -> list[tuple[str, dict[str, object]]]:
+    """Every fitted parameter with its error, in the units that people read."""
+    lines: list[tuple[str, dict[str, object]]] = []
+    for name, (called, scale, unit, _) in NAMES.items():
+        if name in fit.errors:
+            value, error = getattr(fit.geometry, name) * scale, fit.errors[name] * scale
+            lines.append((f"{called:<20} {value:+.4f} +- {error:.4f} {unit}".rstrip(), {}))
+    return lines
+
+
+def undetermined_line(name: str, value: float, error: float) -> str:
+    """What the spots leave open."""
+    called, scale, unit, _ = NAMES[name]
+    said = "" if not math.isfinite(error) else f" ({value * scale:+.2f} +- {error * scale:.2f} {unit})"
+    return f"{called}: these spots do not determine it{said}"
+
+
+def _tell(found: "PlacedScanner") -> None:
+    import numpy as np
+
+    for line, values in fitted_lines(found.fit):
+        terminal.result(line, **values)
+    for name, (value, error) in found.undetermined.items():
+        terminal.log(f"warning: {undetermined_line(name, value, error)}; kept as the bench file has it")
+    rms_mm = float(np.sqrt(np.mean(found.fit.spot_residual_m**2))) * 1e3
+    terminal.result(
+        f"{len(found.fit.spot_residual_m)} spots, {rms_mm:.2f} mm RMS off the fit; for mirrors that turn by as much as "
+        "they are told: a RUN given with the spots tells gains and offsets as well",
+        spots_rms_mm=rms_mm, geometry=vars(found.fit.geometry), geometry_errors=dict(found.fit.errors),
+        undetermined=sorted(found.undetermined),
+    )  # fmt: skip
