@@ -61,10 +61,12 @@ class Bench:
 
     @property
     def identities(self) -> tuple[DeviceIdentity, ...]:
+        """Who mirror and counter said they are when they were opened."""
         return (self.mirror.identity, self.counter.identity)
 
     @property
     def warnings(self) -> tuple[str, ...]:
+        """What a person should know of this bench before a scan, and the recording keep."""
         own = []
         if self.settings.shutter.model == "none":
             own.append("this bench has no shutter: nothing here can shut off the light")

@@ -129,6 +129,7 @@ class BenchSettings(Settings):
 
     @property
     def simulated(self) -> bool:
+        """Whether its instruments are simulated: all of them, or none."""
         return self.mirror.simulated
 
     @property

@@ -7,9 +7,13 @@ from typing import Protocol
 class Clock(Protocol):
     """Seconds on a monotonic clock of arbitrary origin. Everything that waits is given one."""
 
-    def now(self) -> float: ...
+    def now(self) -> float:
+        """Seconds since some moment."""
+        ...
 
-    def sleep(self, seconds: float) -> None: ...
+    def sleep(self, seconds: float) -> None:
+        """Returns when so many seconds have passed; at once for none or less."""
+        ...
 
 
 class SystemClock:
@@ -59,4 +63,5 @@ class RealTimeClock(VirtualClock):
             time.sleep(seconds)
 
     def advance_to(self, when_s: float) -> None:
+        """Waits until then; not at all for a moment already past."""
         self.sleep(when_s - self.now())

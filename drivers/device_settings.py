@@ -26,6 +26,7 @@ class DeviceSettings(Settings):
 
     @property
     def simulated(self) -> bool:
+        """Whether its address means the simulated device."""
         return self.address == "simulated" or self.address.startswith("sim://")
 
     def on_simulated_cable(self) -> Self:

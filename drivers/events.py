@@ -17,6 +17,7 @@ class EventLog:
 
     @property
     def listener(self) -> OnEvent | None:
+        """Who is told of what happens; None: it waits for the next one."""
         return self._listener
 
     @listener.setter
@@ -25,6 +26,7 @@ class EventLog:
         self.deliver()
 
     def report(self, kind: str, text: str) -> None:
+        """Something happened: told at once, or when events are delivered again."""
         self._waiting.append((kind, text))
         if not self.deferred:
             self.deliver()

@@ -145,6 +145,7 @@ class GuardedShutter:
         return True
 
     def state(self) -> ShutterState:
+        """What the guarded shutter's contact says."""
         return self._shutter.state()
 
     def watch(self, histogram: Histogram) -> None:

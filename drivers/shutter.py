@@ -30,13 +30,17 @@ class LaserShutter(Protocol):
         handler, repeatedly, and after any error. Raises `DeviceFault` where the feedback still says open."""
         ...
 
-    def state(self) -> ShutterState: ...
+    def state(self) -> ShutterState:
+        """What was commanded, and what a contact says of it where there is one."""
+        ...
 
 
 class ShutterLine(Protocol):
     """A controller with a TTL output that is wired to the shutter; `triggerscope` is one."""
 
-    def set_shutter_line(self, is_open: bool) -> None: ...
+    def set_shutter_line(self, is_open: bool) -> None:
+        """Drives the output; returns when the controller confirms."""
+        ...
 
 
 class TtlShutter:
@@ -57,6 +61,7 @@ class TtlShutter:
         self._commanded_open = False
 
     def state(self) -> ShutterState:
+        """As commanded: nothing reads back."""
         return ShutterState(self._commanded_open, None, None)
 
 
@@ -75,4 +80,5 @@ class NoShutter:
         self._commanded_open = False
 
     def state(self) -> ShutterState:
+        """As commanded: there is none."""
         return ShutterState(self._commanded_open, None, None)

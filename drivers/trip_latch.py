@@ -47,6 +47,7 @@ class TripLatch:
         return why if kind == "trip" else None
 
     def trip(self, why: str) -> None:
+        """Writes down that, when and why the light was shut off."""
         self._add(f"trip: {why}")
 
     def clear(self, who: str) -> None:

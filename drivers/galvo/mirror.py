@@ -24,7 +24,9 @@ class GalvoMirror(Protocol):
     """
 
     @property
-    def identity(self) -> DeviceIdentity: ...
+    def identity(self) -> DeviceIdentity:
+        """Who it said it is when it was opened."""
+        ...
 
     @property
     def max_sequence(self) -> int:

@@ -20,9 +20,13 @@ _EXCHANGE = {-410, -420, -430}
 class MessageLink(Protocol):
     """What carries the messages: USBTMC here; anything else that has whole messages would do."""
 
-    def ask(self, message: bytes, timeout_s: float, expected: int = 4096) -> bytes: ...
+    def ask(self, message: bytes, timeout_s: float, expected: int = 4096) -> bytes:
+        """Sends a message and returns its whole answer, of `expected` bytes or so. Raises `DeviceError`."""
+        ...
 
-    def clear(self) -> None: ...
+    def clear(self) -> None:
+        """Brings both ends back to where a new message can begin."""
+        ...
 
 
 @dataclass(frozen=True)

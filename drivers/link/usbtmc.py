@@ -194,6 +194,7 @@ class UsbtmcInterface:
 
     @property
     def has_interrupt(self) -> bool:
+        """Whether it has the endpoint on which service requests come (USB488 3.4)."""
         return self._interrupt is not None
 
     def write(self, data: bytes, timeout_s: float) -> None:
@@ -246,6 +247,7 @@ class UsbtmcInterface:
         return reply
 
     def clear_halt(self, pipe: str) -> None:
+        """Clears a stalled endpoint (USB 2.0, 9.4.5)."""
         endpoint = self._in if pipe == "in" else self._out
         self._log_setup(_TO_ENDPOINT, _CLEAR_FEATURE, 0, endpoint, 0)
         try:

@@ -52,18 +52,21 @@ class ErrorQueue:
         return len(self._codes)
 
     def push(self, code: int) -> None:
+        """Adds an error; the last place of a full queue says -350."""
         if len(self._codes) >= 16:
             self._codes[-1] = -350
         else:
             self._codes.append(code)
 
     def pop(self) -> bytes:
+        """The oldest entry as `SYST:ERR?` answers it, or 0."""
         if not self._codes:
             return b'0,"No error"'
         code = self._codes.popleft()
         return f'{code},"{ERROR_TEXTS[code]}"'.encode()
 
     def clear(self) -> None:
+        """`*CLS`."""
         self._codes.clear()
 
 

@@ -103,7 +103,9 @@ class HistogramCounter(Protocol):
     """
 
     @property
-    def identity(self) -> DeviceIdentity: ...
+    def identity(self) -> DeviceIdentity:
+        """Who it said it is when it was opened."""
+        ...
 
     @property
     def max_points(self) -> int:
@@ -111,7 +113,9 @@ class HistogramCounter(Protocol):
         ...
 
     @property
-    def has_pixel_clock(self) -> bool: ...
+    def has_pixel_clock(self) -> bool:
+        """Whether a clock of its own can step a mirror (`Trigger.CLOCK`)."""
+        ...
 
     @property
     def follows_mirror(self) -> bool:
@@ -186,7 +190,9 @@ class HistogramCounter(Protocol):
         """Closes the gate and forgets what was armed."""
         ...
 
-    def rates(self) -> CountRates: ...
+    def rates(self) -> CountRates:
+        """What its inputs count now. Raises `DeviceError`."""
+        ...
 
     def arm_watchdog(self, timeout_s: float) -> None:
         """The instrument closes the shutter unless kicked within `timeout_s`; 0 turns it off."""

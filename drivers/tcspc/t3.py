@@ -30,6 +30,7 @@ class T3Format:
 
     @property
     def wrap(self) -> int:
+        """Laser pulses between two overflow records."""
         return 1 << self.pulse_bits
 
     def delays(self, photons: Records) -> Records:

@@ -24,6 +24,7 @@ class Pace:
 
     @property
     def step_s(self) -> float:
+        """How long a point really takes."""
         return self.samples * wire.sample_s(self.rate)
 
 

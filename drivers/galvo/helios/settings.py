@@ -44,6 +44,7 @@ class HeliosSettings(MirrorBlock):
 
     @property
     def udev_rule(self) -> str:
+        """By the ids that pid.codes gave it."""
         return usb_rule(VENDOR_ID, PRODUCT_ID)
 
     @model_validator(mode="after")

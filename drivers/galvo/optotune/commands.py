@@ -65,6 +65,7 @@ def angles_at(x: float, y: float) -> MirrorAngles:
 
 
 def set_position(x: float, y: float) -> bytes:
+    """`XY=x;y` in coordinates of the unit circle, x = tan(angle) / tan(50 deg) (MR-E-2 manual, Simple mode)."""
     return b"XY=%.6f;%.6f\r\n" % (x, y)
 
 

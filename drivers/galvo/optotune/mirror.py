@@ -65,6 +65,7 @@ class Optotune:
 
     @property
     def identity(self) -> DeviceIdentity:
+        """From GETID, GETSN and GETVERSION."""
         return self._identity
 
     @property

@@ -47,6 +47,7 @@ class OptotuneSettings(MirrorBlock):
 
     @property
     def udev_rule(self) -> str:
+        """By the vendor id of the controller's USB port."""
         return tty_rule(_ST_VENDOR_ID, self.model)
 
     @model_validator(mode="after")

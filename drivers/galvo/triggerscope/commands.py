@@ -41,14 +41,17 @@ def angle_for(code: int, volts_per_degree: float, offset_v: float) -> float:
 
 
 def set_range(dac: int) -> bytes:
+    """`SARn-r`: the span of a DAC. Every output goes to code 0 with it."""
     return b"SAR%d-%d\n" % (dac, RANGE)
 
 
 def set_code(dac: int, code: int) -> bytes:
+    """`SAOn-v`: a DAC to a code, 0 to 65535."""
     return b"SAO%d-%d\n" % (dac, code)
 
 
 def clear_states(dac: int) -> bytes:
+    """`PACn`: forgets the table of a DAC and stops stepping it."""
     return b"PAC%d\n" % dac
 
 
@@ -63,18 +66,22 @@ def end_blanking(dac: int) -> bytes:
 
 
 def set_mask(group: int, mask: int) -> bytes:
+    """`SDOg-m`: the eight TTL outputs of a group, a bit each."""
     return b"SDO%d-%d\n" % (group, mask)
 
 
 def clear_masks(group: int) -> bytes:
+    """`PDCg`: forgets the table of a TTL group."""
     return b"PDC%d\n" % group
 
 
 def step_masks(group: int, on: bool) -> bytes:
+    """`PDSg-s-t`: a TTL group steps with trigger edges, or no longer."""
     return b"PDS%d-%d-1\n" % (group, on)
 
 
 def end_mask_blanking(group: int) -> bytes:
+    """`BDOg-0-0`: a TTL group is not blanked by the trigger level."""
     return b"BDO%d-0-0\n" % group
 
 

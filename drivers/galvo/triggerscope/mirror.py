@@ -81,6 +81,7 @@ class TriggerScope:
 
     @property
     def identity(self) -> DeviceIdentity:
+        """From its start-up banner or `*`."""
         return self._controller.identity
 
     @property
@@ -258,13 +259,16 @@ class TriggerScope:
 
     @property
     def shows_that_it_moves(self) -> bool:
+        """Whether its banner came, which a board without SD card does not give."""
         return self._controller.gave_banner
 
     def trust(self) -> None:
+        """Somebody has seen it move."""
         self._seen_to_move = True
 
     @contextlib.contextmanager
     def trusted_for_trial(self) -> Iterator[None]:
+        """Trusted within this block, for the small moves that show it."""
         before, self._seen_to_move = self._seen_to_move, True
         try:
             yield
@@ -272,6 +276,7 @@ class TriggerScope:
             self._seen_to_move = before
 
     def check_trusted(self) -> None:
+        """Raises `DeviceFault` where nothing shows that it moves."""
         if not self._controller.gave_banner and not self._seen_to_move:
             raise DeviceFault(
                 DEVICE,

@@ -24,6 +24,7 @@ def set_up(dacs: Sequence[int], shutter_group: int | None) -> list[bytes]:
 
 
 def ranges(dacs: Sequence[int]) -> list[bytes]:
+    """Each axis to +-10 V: every output goes to code 0 until it is set."""
     return [wire.set_range(dac) for dac in dacs]
 
 

@@ -55,6 +55,7 @@ class TriggerScopeSettings(MirrorBlock):
 
     @property
     def udev_rule(self) -> str:
+        """By the vendor id of the board's USB port."""
         return tty_rule(_TEENSY_VENDOR_ID, self.model)
 
     @model_validator(mode="after")

@@ -142,6 +142,7 @@ class Acquisition:
         )
 
     def sync_hz(self, now_s: float) -> float:
+        """Laser pulses a second at the sync input."""
         return self.look(now_s).sync_count / RATE_WINDOW_S
 
     def abort(self) -> None:
@@ -263,6 +264,7 @@ class Acquisition:
 
     @property
     def free(self) -> int:
+        """Slots that a new point may take."""
         return SLOTS - (self.done - self._read_until)
 
     def _count_marker(self, line: int, when_s: float) -> None:
@@ -272,6 +274,7 @@ class Acquisition:
     # Protection
 
     def kick_watchdog(self, now_s: float, period_s: float | None = None) -> None:
+        """`SYST:WDOG:KICK`, or `SYST:WDOG` with a period."""
         self.protection.kick(now_s, period_s)
         self._schedule()
 

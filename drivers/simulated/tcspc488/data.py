@@ -43,5 +43,6 @@ def _record(slot: Slot, number: int, armed_s: float, wide: bool) -> bytes:
 
 
 def encode_block(payload: bytes) -> bytes:
+    """An IEEE 488.2 definite block: `#`, digits of the length, the length, the bytes."""
     digits = str(len(payload)).encode()
     return b"#%d%s%s" % (len(digits), digits, payload)

@@ -70,9 +70,11 @@ class Protection:
         self.shutter_commanded = is_open
 
     def trip(self, code: int) -> None:
+        """Shuts the light off and remembers why."""
         self.command_shutter(False)
         self.tripped = code
 
     def clear(self) -> None:
+        """Forgets the cause; the shutter stays closed."""
         self.tripped = 0
         self._over_since_s = NEVER_S

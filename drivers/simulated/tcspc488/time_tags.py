@@ -48,9 +48,11 @@ class TimeTags:
         self._started_s, self._sync_hz = now_s, sync_hz
 
     def pulse(self, when_s: float) -> int:
+        """The laser pulse at a bench time, counted from `INIT`."""
         return round((when_s - self._started_s) * self._sync_hz)
 
     def mark(self, bits: int, when_s: float) -> None:
+        """An edge on the marker inputs."""
         self._markers.append((self.pulse(when_s), bits))
 
     def expose(self, gate: Gate, exposure: Exposure, blanking_s: float) -> None:

@@ -1,13 +1,14 @@
 """Measurements and virtual channels of a simulated Time Tagger: what the vendor's library makes of the tags."""
 
-from typing import Any, Protocol
+from abc import ABC, abstractmethod
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from nlos.drivers.simulated.timetagger.tags import PS, FrontPanel, Tags
 
-_NONE: Tags = (np.zeros(0, np.int64), np.zeros(0, np.int32))
+NONE: Tags = (np.zeros(0, np.int64), np.zeros(0, np.int32))
 _FIRST_VIRTUAL = 1001
 
 
@@ -21,7 +22,9 @@ class Tagger(Protocol):
         """Raises `ValueError` where there is none, `RuntimeError` where the instrument is closed."""
         ...
 
-    def clicks_a_second(self, channel: int) -> float: ...
+    def clicks_a_second(self, channel: int) -> float:
+        """What a rate meter says of a channel."""
+        ...
 
 
 class Hub:
@@ -34,11 +37,13 @@ class Hub:
         self._running: list[Measurement] = []
 
     def add_virtual(self, channels: list[int], delay_ps: int) -> int:
+        """A channel that repeats others, later; its number."""
         number = _FIRST_VIRTUAL + len(self.virtual)
         self.virtual[number] = (channels, delay_ps)
         return number
 
     def begin(self, measurement: "Measurement", until_s: float | None) -> None:
+        """From now on tags go to this one, too."""
         self.pull()
         self._running = [each for each in self._running if each.running and each is not measurement]
         self._running.append(measurement)
@@ -59,9 +64,9 @@ class Hub:
             at = self._of(tags, channel)
             times.append(at)
             channels.append(np.full(len(at), channel, np.int32))
-        time = np.concatenate(times) if times else _NONE[0]
+        time = np.concatenate(times) if times else NONE[0]
         order = np.argsort(time, kind="stable")
-        return time[order], (np.concatenate(channels) if channels else _NONE[1])[order]
+        return time[order], (np.concatenate(channels) if channels else NONE[1])[order]
 
     def _of(self, tags: Tags, channel: int) -> npt.NDArray[np.int64]:
         if channel not in self.virtual:
@@ -89,8 +94,8 @@ class DelayedChannel:
         return self._number
 
 
-class Measurement:
-    """Runs from its creation."""
+class Measurement(ABC):
+    """Runs from its creation. By the vendor's name it cannot be made itself."""
 
     channels: list[int]
 
@@ -107,11 +112,13 @@ class Measurement:
             self._tagger.hub.pull()
         self.forget()
 
+    @abstractmethod
     def forget(self) -> None:
-        raise NotImplementedError
+        """What was measured so far does not count."""
 
+    @abstractmethod
     def take(self, times: npt.NDArray[np.int64], channels: npt.NDArray[np.int32]) -> None:
-        raise NotImplementedError
+        """Tags of its own channels, in time order: ps and channels, both (n,)."""
 
     def start(self) -> None:
         self._begin(None)
@@ -189,7 +196,7 @@ class TimeTagStream(Measurement):
         super().__init__(tagger, list(channels))
 
     def forget(self) -> None:
-        self._tags = [_NONE]
+        self._tags = [NONE]
 
     def take(self, times: npt.NDArray[np.int64], channels: npt.NDArray[np.int32]) -> None:
         self._tags.append((times, channels))
@@ -214,81 +221,3 @@ class TagBuffer:
 
     def getEventTypes(self) -> npt.NDArray[np.uint8]:
         return np.zeros(len(self._times), np.uint8)
-
-
-class Flim(Measurement):
-    """Pixels begin and end with edges; a frame is complete with its last pixel, and the next one begins."""
-
-    def __init__(
-        self,
-        tagger: Tagger,
-        start_channel: int,
-        click_channel: int,
-        pixel_begin_channel: int,
-        n_pixels: int,
-        n_bins: int,
-        binwidth: int,
-        pixel_end_channel: int,
-    ) -> None:
-        self._start, self._click, self._begin_at, self._end_at = (
-            start_channel, click_channel, pixel_begin_channel, pixel_end_channel,
-        )  # fmt: skip
-        self._pixels, self._bins, self._width = n_pixels, n_bins, binwidth
-        super().__init__(tagger, [start_channel, click_channel, pixel_begin_channel, pixel_end_channel])
-
-    def forget(self) -> None:
-        self._left = _NONE
-        self._frame = np.zeros((self._pixels, self._bins), np.uint32)
-        self._begins: list[int] = []
-        self._ends: list[int] = []
-
-    def take(self, times: npt.NDArray[np.int64], channels: npt.NDArray[np.int32]) -> None:
-        self._left = np.concatenate((self._left[0], times)), np.concatenate((self._left[1], channels))
-
-    def _sorted(self) -> "FrameInfo":
-        """Pixels whose end is past: what a delayed edge encloses is known then."""
-        self._pulled()
-        told_ps = self._tagger.panel.told_ps() + self._tagger.panel.period_ps  # edges are told to a laser pulse
-        times, channels = self._left
-        begins, ends = (np.sort(times[channels == each]) for each in (self._begin_at, self._end_at))
-        ends = ends[ends <= told_ps][: self._pixels - len(self._ends)]
-        clicks, starts = np.sort(times[channels == self._click]), np.sort(times[channels == self._start])
-        for begin_ps, end_ps in zip(begins.tolist(), ends.tolist(), strict=False):
-            inside = clicks[np.searchsorted(clicks, begin_ps) : np.searchsorted(clicks, end_ps)]
-            first = starts[np.searchsorted(starts, inside, side="right") - 1]
-            bins = (inside - first) // self._width
-            self._frame[len(self._ends)] = np.bincount(bins[bins < self._bins], minlength=self._bins)
-            self._begins.append(begin_ps)
-            self._ends.append(end_ps)
-        if len(ends):
-            last = times > ends[-1] - self._tagger.panel.period_ps  # and the laser pulse of the next photon
-            edges = np.isin(channels, (self._begin_at, self._end_at))
-            left = np.where(edges, times > np.where(channels == self._end_at, ends[-1], begins[len(ends) - 1]), last)
-            self._left = times[left], channels[left]
-        return FrameInfo(self._frame, np.array(self._begins), np.array(self._ends), len(self._ends))
-
-    def getFramesAcquired(self) -> int:
-        return int(self._sorted().getPixelPosition() == self._pixels)
-
-    def getCurrentFrameEx(self) -> "FrameInfo":
-        return self._sorted()
-
-    def getReadyFrameEx(self, index: int = -1) -> "FrameInfo":
-        return self._sorted()
-
-
-class FrameInfo:
-    def __init__(self, frame: Any, begins: Any, ends: Any, position: int) -> None:
-        self._frame, self._begins, self._ends, self._position = frame, begins, ends, position
-
-    def getPixelPosition(self) -> int:
-        return self._position
-
-    def getHistograms(self) -> npt.NDArray[np.uint32]:
-        return np.asarray(self._frame)
-
-    def getPixelBegins(self) -> npt.NDArray[np.int64]:
-        return np.asarray(self._begins)
-
-    def getPixelEnds(self) -> npt.NDArray[np.int64]:
-        return np.asarray(self._ends)

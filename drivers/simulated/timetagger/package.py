@@ -6,7 +6,7 @@ clears and stops by itself, reading a stream empties it, and unknown channels an
 
 from nlos.drivers.simulated.bench import Gate
 from nlos.drivers.simulated.table import SimulatedTable
-from nlos.drivers.simulated.timetagger import measurements
+from nlos.drivers.simulated.timetagger import flim, measurements
 from nlos.drivers.simulated.timetagger.tags import FrontPanel
 from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
 
@@ -20,7 +20,7 @@ class TimeTaggerPackage:
     def __init__(self, table: SimulatedTable, wiring: TimeTaggerSettings) -> None:
         self._panel = FrontPanel(table, wiring)
         self.held = False
-        for kind in (measurements.Histogram, measurements.Flim, measurements.TimeTagStream, measurements.Countrate,
+        for kind in (measurements.Histogram, flim.Flim, measurements.TimeTagStream, measurements.Countrate,
                      measurements.Combiner, measurements.DelayedChannel):  # fmt: skip
             setattr(self, kind.__name__, kind)
 
@@ -59,6 +59,7 @@ class Instrument:
         return seen.total_count / seen.live_s
 
     def check_channel(self, channel: int) -> None:
+        """Raises `ValueError` where there is none, `RuntimeError` where the instrument is closed."""
         if not self.open:
             raise RuntimeError("The Time Tagger is not connected any more")
         if not (0 < abs(channel) <= _INPUTS or channel in self.hub.virtual):
@@ -92,6 +93,7 @@ class Instrument:
         self.panel.filtered = frozenset()
 
     def sync(self, timeout: int = -1) -> bool:
+        """Everything until now has become tags."""
         self.check_channel(1)
         self.panel.fail("sync")
         self.hub.pull()

@@ -42,9 +42,11 @@ class FrontPanel:
         return 0 < self.level_v.get(channel, 0.5) * 1e3 < height_mv
 
     def photons_cross(self) -> bool:
+        """Whether the detector's pulses make edges."""
         return self.crossed(self.wiring.detector.channel, _TTL_MV)
 
     def laser_crosses(self) -> bool:
+        """Whether the laser's pulses make edges."""
         return self.crossed(self.wiring.sync.channel, _TTL_MV)
 
     def begin(self, until_s: float | None) -> None:

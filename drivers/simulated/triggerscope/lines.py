@@ -29,6 +29,7 @@ class Line:
 
     @property
     def name(self) -> bytes:
+        """The command: its first three characters."""
         return self.part(0, 3)
 
     def part(self, left: int, right: int | None = None) -> bytes:
@@ -36,6 +37,7 @@ class Line:
         return self.text[left:right].split(b"\0")[0]
 
     def number(self, left: int, right: int | None = None) -> int:
+        """As the sketch's `toInt`: digits up to the first other character, 0 for none."""
         return integer(self.part(left, right))
 
     def byte(self, left: int, right: int | None = None) -> int:
@@ -43,6 +45,7 @@ class Line:
         return self.number(left, right) & 255
 
     def separated(self, at: int) -> bool:
+        """Whether a `-` stands there."""
         return self.text[at : at + 1] == b"-"
 
     def output(self) -> tuple[int, int] | None:

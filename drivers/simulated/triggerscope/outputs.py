@@ -23,9 +23,11 @@ class Output:
     index: int = 0
 
     def show(self, level: bool) -> None:
+        """Puts out its value, or 0 while the trigger level blanks it."""
         self.put_out(self.value if not self.blanking or self.active_at == level else 0)
 
     def clear(self) -> None:
+        """Forgets the table and stops stepping; what is put out stays."""
         self.stepping = False
         self.index = self.length = 0
         self.table = [0] * STATES
@@ -37,6 +39,7 @@ class Output:
         return state
 
     def begin_stepping(self, rising: bool) -> None:
+        """From now on an edge brings the next state; for falling edges the first one at once."""
         self.stepping, self.steps_at = True, rising
         self.before_stepping, self.index = self.value, 0
         if not rising:

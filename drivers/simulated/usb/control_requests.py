@@ -30,14 +30,34 @@ class BulkTransfers(Protocol):
     last_in_tag: int
 
     @property
-    def transfers(self) -> Sized: ...
+    def transfers(self) -> Sized:
+        """Those under way."""
+        ...
+
     @property
-    def receiving(self) -> bool: ...
-    def end_reception(self) -> int: ...
-    def end_response(self, now_s: float) -> int: ...
-    def clear(self, now_s: float) -> None: ...
-    def queue_service_request(self) -> None: ...
-    def status_byte(self) -> int: ...
+    def receiving(self) -> bool:
+        """Whether a message has begun and not ended."""
+        ...
+
+    def end_reception(self) -> int:
+        """Gives up the message under way; its tag."""
+        ...
+
+    def end_response(self, now_s: float) -> int:
+        """Gives up the answer under way; how many bytes of it were sent."""
+        ...
+
+    def clear(self, now_s: float) -> None:
+        """Forgets messages and answers."""
+        ...
+
+    def queue_service_request(self) -> None:
+        """One for the interrupt endpoint."""
+        ...
+
+    def status_byte(self) -> int:
+        """As READ_STATUS_BYTE answers it."""
+        ...
 
 
 class ControlRequests:
@@ -83,6 +103,7 @@ class ControlRequests:
         raise Stall
 
     def reset(self) -> None:
+        """A bus reset: nothing is pending any more."""
         self._pending_replies = 0
 
     def _initiate_abort_out(self, tag: int) -> bytes:

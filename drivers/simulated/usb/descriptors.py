@@ -17,6 +17,7 @@ class UsbDescription:
 
 
 def device_descriptor(usb: UsbDescription, address: int, port: int) -> SimpleNamespace:
+    """USB 2.0, table 9-8."""
     return SimpleNamespace(
         bLength=18, bDescriptorType=1, bcdUSB=0x0200, bDeviceClass=0, bDeviceSubClass=0, bDeviceProtocol=0,
         bMaxPacketSize0=64, idVendor=usb.vendor_id, idProduct=usb.product_id, bcdDevice=0x0100,
@@ -26,6 +27,7 @@ def device_descriptor(usb: UsbDescription, address: int, port: int) -> SimpleNam
 
 
 def configuration_descriptor(index: int) -> SimpleNamespace:
+    """USB 2.0, table 9-10: one interface."""
     if index != 0:
         raise IndexError(f"no configuration {index}")
     return SimpleNamespace(

@@ -29,7 +29,9 @@ class VendorDevice(Protocol):
         """Its answer on the interrupt pipe, if any."""
         ...
 
-    def connected(self, is_connected: bool, now_s: float) -> None: ...
+    def connected(self, is_connected: bool, now_s: float) -> None:
+        """The host has chosen its interface, or is gone."""
+        ...
 
 
 class SimulatedPipes(usb.backend.IBackend):  # type: ignore[misc]

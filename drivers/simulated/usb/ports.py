@@ -12,10 +12,14 @@ class UsbInstrument(Instrument, Protocol):
     """A firmware that can be plugged in."""
 
     @property
-    def usb(self) -> UsbDescription: ...
+    def usb(self) -> UsbDescription:
+        """What its descriptors say."""
+        ...
 
     @property
-    def faults(self) -> FaultPlan: ...
+    def faults(self) -> FaultPlan:
+        """What it is going to do wrong."""
+        ...
 
 
 @dataclass(eq=False)

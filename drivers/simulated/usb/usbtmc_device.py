@@ -32,7 +32,9 @@ class Instrument(Protocol):
         """-410 interrupted, -420 unterminated, -430 deadlocked."""
         ...
 
-    def status_byte(self) -> int: ...
+    def status_byte(self) -> int:
+        """IEEE 488.2, 11.2."""
+        ...
 
     def advance(self, now_s: float) -> None:
         """Lets everything happen that is due by `now_s`."""

@@ -127,6 +127,7 @@ class PicoquantSettings(CounterBlock):
 
     @classmethod
     def pulse_keys(cls, pulse: Pulse, device: str = "") -> Mapping[str, object] | None:
+        """The family's own levels (vendor's manuals); None where its inputs take no such pulses."""
         family = FAMILIES[device]
         if family.constant_fraction:  # their inputs take negative pulses only
             return {"level_mv": family.nim_level_mv} if pulse == "nim" else None

@@ -183,4 +183,5 @@ def check_alive(library: VendorLibrary, flags: int, what: str) -> None:
 
 
 def not_in_time(library: VendorLibrary, what: str, timeout_s: float) -> DeviceTimeout:
+    """The error of points that did not come, with what to look at."""
     return DeviceTimeout(library.device, f"{what} after {timeout_s:g} s.", "Check trigger and marker wiring.")

@@ -60,6 +60,7 @@ class Tcspc488:
 
     @property
     def warnings(self) -> list[str]:
+        """What a person should know of this instrument."""
         return self.instrument.warnings
 
     # Settings

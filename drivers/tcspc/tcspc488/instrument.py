@@ -192,6 +192,7 @@ class Instrument:
         raise safety_error(self.device, errors, cause)
 
     def call(self, *units: bytes) -> None:
+        """Sends one command that answers nothing. Raises what the error queue says."""
         with self.errors_named():
             self.scpi.command(*units)
 

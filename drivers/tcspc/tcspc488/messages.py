@@ -46,10 +46,12 @@ class Status:
 
     @property
     def running(self) -> bool:
+        """Whether points are still to come."""
         return self.state in ("ARMED", "RUN")
 
     @property
     def tripped(self) -> bool:
+        """Whether the light was shut off by the instrument."""
         return self.state in ("TRIP", "FAULT")
 
 
@@ -103,6 +105,7 @@ def _steps(first: int, second: int, start: int) -> int:
 
 
 def is_trip(errors: Sequence[ScpiError]) -> bool:
+    """Whether one of these errors says that the light was shut off."""
     return any(error.code in _TRIPS for error in errors)
 
 

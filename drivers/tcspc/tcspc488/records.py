@@ -20,6 +20,7 @@ _KNOWN_FLAGS = 0x7F
 
 
 def record_bytes(bins: int, wide: bool) -> int:
+    """Length of a record: header, bins of two or four bytes, CRC."""
     return HEADER_BYTES + bins * (4 if wide else 2) + _CRC.size
 
 

@@ -80,10 +80,12 @@ class Tcspc488Settings(CounterBlock):
 
     @classmethod
     def pulse_keys(cls, pulse: Pulse, device: str = "") -> Mapping[str, object] | None:
+        """Levels of the instrument profile: -100 mV falling for NIM, 1 V rising for TTL."""
         return {"level_mv": -100, "edge": "falling"} if pulse == "nim" else {"level_mv": 1000, "edge": "rising"}
 
     @property
     def udev_rule(self) -> str:
+        """By the ids in the bench file."""
         return usb_rule(self.vendor_id, self.product_id)
 
 

@@ -43,7 +43,9 @@ class Clocked(Protocol):
         """Points before this one will not change any more."""
         ...
 
-    def begin(self) -> None: ...
+    def begin(self) -> None:
+        """Forgets what was seen, and starts the clock where it is the instrument's."""
+        ...
 
     def look(self) -> int:
         """Takes what has come; how many points are complete."""
@@ -53,13 +55,17 @@ class Clocked(Protocol):
         """Markers seen while the points were due, and how many there were by their times."""
         ...
 
-    def lost_points(self) -> int: ...
+    def lost_points(self) -> int:
+        """How many points had tags lost."""
+        ...
 
     def point(self, k: int) -> tuple[npt.NDArray[Any], float, bool]:
         """Counts over the laser period (bins,), when its gate opened, and whether any of it was lost."""
         ...
 
-    def end(self) -> None: ...
+    def end(self) -> None:
+        """Stops clock and measurement."""
+        ...
 
 
 class PixelClock:

@@ -57,6 +57,7 @@ class TimeTaggerSettings(CounterBlock):
 
     @classmethod
     def pulse_keys(cls, pulse: Pulse, device: str = "") -> Mapping[str, object] | None:
+        """Levels within the instrument's +-2.5 V."""
         return {"level_mv": -300, "edge": "falling"} if pulse == "nim" else {"level_mv": 500, "edge": "rising"}
 
     @model_validator(mode="after")

@@ -1,0 +1,86 @@
+"""`Flim` of a simulated Time Tagger: a histogram a pixel, between edges that begin and end it."""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.drivers.simulated.timetagger.measurements import NONE, Measurement, Tagger
+
+
+class Flim(Measurement):
+    """Pixels begin and end with edges; a frame is complete with its last pixel, and the next one begins."""
+
+    def __init__(
+        self,
+        tagger: Tagger,
+        start_channel: int,
+        click_channel: int,
+        pixel_begin_channel: int,
+        n_pixels: int,
+        n_bins: int,
+        binwidth: int,
+        pixel_end_channel: int,
+    ) -> None:
+        self._start, self._click, self._begin_at, self._end_at = (
+            start_channel, click_channel, pixel_begin_channel, pixel_end_channel,
+        )  # fmt: skip
+        self._pixels, self._bins, self._width = n_pixels, n_bins, binwidth
+        super().__init__(tagger, [start_channel, click_channel, pixel_begin_channel, pixel_end_channel])
+
+    def forget(self) -> None:
+        self._left = NONE
+        self._frame = np.zeros((self._pixels, self._bins), np.uint32)
+        self._begins: list[int] = []
+        self._ends: list[int] = []
+
+    def take(self, times: npt.NDArray[np.int64], channels: npt.NDArray[np.int32]) -> None:
+        self._left = np.concatenate((self._left[0], times)), np.concatenate((self._left[1], channels))
+
+    def _sorted(self) -> "FrameInfo":
+        """Pixels whose end is past: what a delayed edge encloses is known then."""
+        self._pulled()
+        told_ps = self._tagger.panel.told_ps() + self._tagger.panel.period_ps  # edges are told to a laser pulse
+        times, channels = self._left
+        begins, ends = (np.sort(times[channels == each]) for each in (self._begin_at, self._end_at))
+        ends = ends[ends <= told_ps][: self._pixels - len(self._ends)]
+        clicks, starts = np.sort(times[channels == self._click]), np.sort(times[channels == self._start])
+        for begin_ps, end_ps in zip(begins.tolist(), ends.tolist(), strict=False):
+            inside = clicks[np.searchsorted(clicks, begin_ps) : np.searchsorted(clicks, end_ps)]
+            first = starts[np.searchsorted(starts, inside, side="right") - 1]
+            bins = (inside - first) // self._width
+            self._frame[len(self._ends)] = np.bincount(bins[bins < self._bins], minlength=self._bins)
+            self._begins.append(begin_ps)
+            self._ends.append(end_ps)
+        if len(ends):
+            last = times > ends[-1] - self._tagger.panel.period_ps  # and the laser pulse of the next photon
+            edges = np.isin(channels, (self._begin_at, self._end_at))
+            left = np.where(edges, times > np.where(channels == self._end_at, ends[-1], begins[len(ends) - 1]), last)
+            self._left = times[left], channels[left]
+        return FrameInfo(self._frame, np.array(self._begins), np.array(self._ends), len(self._ends))
+
+    def getFramesAcquired(self) -> int:
+        return int(self._sorted().getPixelPosition() == self._pixels)
+
+    def getCurrentFrameEx(self) -> "FrameInfo":
+        return self._sorted()
+
+    def getReadyFrameEx(self, index: int = -1) -> "FrameInfo":
+        return self._sorted()
+
+
+class FrameInfo:
+    def __init__(self, frame: Any, begins: Any, ends: Any, position: int) -> None:
+        self._frame, self._begins, self._ends, self._position = frame, begins, ends, position
+
+    def getPixelPosition(self) -> int:
+        return self._position
+
+    def getHistograms(self) -> npt.NDArray[np.uint32]:
+        return np.asarray(self._frame)
+
+    def getPixelBegins(self) -> npt.NDArray[np.int64]:
+        return np.asarray(self._begins)
+
+    def getPixelEnds(self) -> npt.NDArray[np.int64]:
+        return np.asarray(self._ends)
