@@ -1,5 +1,6 @@
 """A served recording arrives whole on the far side, however often the line is cut, and only with its ticket."""
 
+import contextlib
 import json
 import os
 import socket
@@ -137,7 +138,10 @@ class Cable:
             end.close()
 
     def close(self) -> None:
+        with contextlib.suppress(OSError):
+            self._listener.shutdown(socket.SHUT_RDWR)  # wakes the thread that accepts; closing alone does not
         self._listener.close()
+        self._thread.join(5)
 
 
 @pytest.mark.soak
