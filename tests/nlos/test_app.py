@@ -58,7 +58,7 @@ def test_what_was_not_installed_is_named_with_the_extra_that_brings_it(capsys: p
         (["run.h5", "--method", "lctt"], 2, "there is no method 'lctt'"),
         (["run.h5", "--set", "snrr=1"], 2, "no setting 'snrr'"),
         (["run.h5", "--device", "tpu"], 2, "cpu or cuda"),
-        (["a/run.h5", "b/run.h5"], 2, "two RUNs of one name"),
+        (["a/run.h5", "b/run.h5"], 2, "two files of one name"),
         (["gone.ticket", "--follow", "-o", "new"], 2, "gone.ticket: no such file"),
         (["gone.h5"], 2, "gone.h5: no such file"),
     ],
