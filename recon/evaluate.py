@@ -65,6 +65,9 @@ class Row:
     depth_missing: float
     seconds: float
     peak_rss_mb: float
+    explained: float = float("nan")
+    """The share of light that the picture accounts for, and its standard error; NaN where that could not be found."""
+    explained_error: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -222,6 +225,7 @@ def _run(
         done = reconstruct(transient, one.method, settings, device)
     except ReconError as error:
         raise type(error)(f"{scene.name}, {condition}, {one.name}: {error}") from error
+    told, nan = done.explained, float("nan")
     row = Row(
         scene=scene.name,
         method=one.name,
@@ -229,6 +233,8 @@ def _run(
         condition=condition,
         **image_scores(done.albedo, scene.intensity),
         **depth_scores(done.depth_m, scene.depth_m, scene.mask),
+        explained=nan if told is None or told.share is None else told.share,
+        explained_error=nan if told is None or told.error is None else told.error,
         seconds=done.seconds,
         peak_rss_mb=_peak_rss_mb(),
     )

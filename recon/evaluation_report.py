@@ -30,6 +30,7 @@ COLUMNS: tuple[tuple[str, str, float, str], ...] = (
     ("depth_mad_m", "depth MAD, mm", 1e3, "{:.1f}"),
     ("depth_median_abs_m", "depth median, mm", 1e3, "{:.1f}"),
     ("depth_missing", "no depth, %", 100, "{:.1f}"),
+    ("explained", "explained, %", 100, "{:.0f}"),
     ("seconds", "s", 1, "{:.2f}"),
     ("peak_rss_mb", "peak MB", 1, "{:.0f}"),
 )

@@ -17,6 +17,7 @@ from nlos.recon.volume import Reconstruction
 
 DOTS_PER_INCH = 150
 BACKGROUND = 0.88
+NOTHING = "This picture explains nothing of the light"
 
 
 def albedo_picture(reconstruction: Reconstruction, path: Path) -> None:
@@ -70,6 +71,7 @@ def summary_figure(reconstruction: Reconstruction, figure: Figure | None = None)
     draw_albedo(reconstruction, figure, left)
     draw_depth(reconstruction, figure, right)
     figure.supxlabel(small_print(reconstruction), fontsize=7, color="0.35")
+    warned(reconstruction, figure)
     return figure
 
 
@@ -118,7 +120,15 @@ def small_print(reconstruction: Reconstruction) -> str:
     words = [made.scan, made.method.upper()]
     if made.points:
         words += [f"{made.points:,} points", f"{si(made.photons)}photons from behind the wall"]
+    if made.explained is not None and made.explained.share is not None:
+        words.append(str(made.explained))
     return " · ".join(word for word in (*words, f"{made.seconds:.1f} s") if word)
+
+
+def warned(reconstruction: Reconstruction, figure: Figure) -> None:
+    """The label of a picture that explains nothing, in red above it."""
+    if reconstruction.explained is not None and reconstruction.explained.nothing:
+        figure.suptitle(NOTHING, color="white", backgroundcolor="firebrick", fontsize=11, weight="bold")
 
 
 def si(number: float) -> str:
@@ -133,6 +143,7 @@ def _single(reconstruction: Reconstruction, path: Path, draw: Callable[[Reconstr
     figure = Figure(figsize=(5.6, 4.9), layout="constrained")
     draw(reconstruction, figure, figure.add_subplot())
     figure.supxlabel(small_print(reconstruction), fontsize=6.5, color="0.35")
+    warned(reconstruction, figure)
     _save(figure, path)
 
 

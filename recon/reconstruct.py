@@ -12,6 +12,7 @@ import numpy.typing as npt
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.configs.settings import Settings
 from nlos.recon.errors import InvalidData, ReconstructionFailed
+from nlos.recon.explained import Explained, explained_light
 from nlos.recon.gridding import confidence
 from nlos.recon.memory import KnownMemory, available_bytes, refusal
 from nlos.recon.method import MethodResult
@@ -25,9 +26,15 @@ PUBLISHED_BIN_WIDTH_S = 16e-12  # two halvings of 4 ps: O'Toole et al. 2018, Lin
 
 
 def reconstruct(
-    transient: Transient, method: str, settings: Mapping[str, object] | None = None, device: str = "cpu"
+    transient: Transient,
+    method: str,
+    settings: Mapping[str, object] | None = None,
+    device: str = "cpu",
+    *,
+    explain: bool = True,
 ) -> Reconstruction:
-    """What `method`, a name or a file that ends in `.py`, sees in `transient` (time 0 at the wall, no direct light).
+    """What `method`, a name or a file that ends in `.py`, sees in `transient` (time 0 at the wall, no direct light);
+    and how much of the light that explains, unless `explain` is False.
 
     Raises `InvalidData` for counts nobody can reconstruct, `InvalidSettings` for a method or setting that does not
     exist, `ReconstructionFailed` where memory or the method does not reach, or what it makes is not finite.
@@ -42,12 +49,7 @@ def reconstruct(
         if why := refusal(method, rebinned.wall, rebinned.time, needed, free, remedies):
             raise ReconstructionFailed(why)
     began = clock.perf_counter()
-    if torch_is_installed():
-        from nlos.recon.with_torch import see_by
-
-        made, depths_m = see_by(method, chosen, rebinned, device)
-    else:
-        made, depths_m = _see_plainly(rebinned, method, chosen)
+    made, depths_m = _see(rebinned, method, chosen, device)
     seconds = clock.perf_counter() - began
     result = Reconstruction(
         albedo=made.albedo.astype(np.float32),
@@ -63,7 +65,33 @@ def reconstruct(
         photons=max(float(rebinned.counts.sum(dtype=np.float64)), 0.0),
     )
     refuse_not_finite(result)
-    return result
+    return replace(result, explained=_explained(rebinned, method, chosen, device)) if explain else result
+
+
+def _explained(transient: Transient, method: str, chosen: Settings, device: str) -> Explained:
+    """What a picture of a part of `transient` explains of the rest; without averages over mirror images, for speed."""
+    quick = chosen.model_copy(update={"symmetries": False}) if hasattr(chosen, "symmetries") else chosen
+    falloff = getattr(chosen, "falloff", None)
+
+    def see(part: Transient) -> tuple[Image, Image]:
+        made, _ = _see(part, method, quick, device)
+        if not np.isfinite(made.albedo).all() or np.isinf(made.depth_m).any():
+            raise ReconstructionFailed("numbers that are not finite")
+        return made.albedo, made.depth_m
+
+    falloffs = (4.0, 2.0) if falloff is None else (float(falloff),)
+    return explained_light(transient, see, falloffs, lambda part: rebin(part, _bin_width_s(chosen, part)))
+
+
+def _see(
+    transient: Transient, method: str, chosen: Settings, device: str
+) -> tuple[MethodResult[Image], npt.NDArray[np.float64]]:
+    """What a method makes of one transient, and the depths of its planes, (D,)."""
+    if torch_is_installed():
+        from nlos.recon.with_torch import see_by
+
+        return see_by(method, chosen, transient, device)
+    return _see_plainly(transient, method, chosen)
 
 
 def _weights_sha256(chosen: Settings) -> str | None:

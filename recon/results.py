@@ -3,7 +3,8 @@
 Layout: `albedo` (H, W), `depth_m` (H, W, NaN where nothing is seen), `confidence` (H, W, 0 to 1: how well the wall was
 measured there), `x_m` (W,), `y_m` (H,), and where the method has them `volume` (D, H, W) and `depths_m` (D,);
 attributes `method`, `settings` (JSON), `seconds`, `weights_sha256`, `software`, `samples_left_aside`
-(damaged or unreadable, not used). Row 0 is the top, column 0 the left,
+(damaged or unreadable, not used), `explained` and `explained_error` (the share of light that the picture accounts for,
+NaN where that could not be found) and `explained_note`. Row 0 is the top, column 0 the left,
 seen from the wall.
 """
 
@@ -19,6 +20,7 @@ from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, needed_array
 from nlos.acquisition.recording.plausible import json_object
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData
+from nlos.recon.explained import NOT_LOOKED_FOR, Explained
 from nlos.recon.volume import Reconstruction, Volume, refuse_not_finite
 
 NAMES = ("reconstruction.h5", "albedo.png", "depth.png")
@@ -88,6 +90,10 @@ def write_reconstruction(path: Path, reconstruction: Reconstruction, keep_volume
         file.attrs["weights_sha256"] = reconstruction.weights_sha256 or ""
         file.attrs["software"] = software()
         file.attrs["samples_left_aside"] = reconstruction.left_aside
+        told = reconstruction.explained or NOT_LOOKED_FOR
+        file.attrs["explained"] = np.nan if told.share is None else told.share
+        file.attrs["explained_error"] = np.nan if told.error is None else told.error
+        file.attrs["explained_note"] = told.note
         file.attrs["wall_size_m"] = (wall.width_m, wall.height_m)
         file["albedo"] = reconstruction.albedo
         file["depth_m"] = reconstruction.depth_m
@@ -128,11 +134,30 @@ def read_reconstruction(path: Path) -> Reconstruction:
                 weights_sha256=str(file.attrs["weights_sha256"]) or None,
                 left_aside=int(file.attrs.get("samples_left_aside", 0)),
                 confidence=needed_array(file, "confidence", (rows, cols)) if known else None,
+                explained=_explained(file.attrs),
             )
     except (InvalidData, LookupError, OSError, ValueError, TypeError, RuntimeError, AttributeError) as error:
         if isinstance(error, FileNotFoundError):
             raise
         raise InvalidData(f"{path} is not a reconstruction: {error}. Make one with `nlos reconstruct`.") from error
+
+
+def _explained(held: h5py.AttributeManager) -> Explained | None:
+    """None in files from before it was known."""
+    if "explained" not in held:
+        return None
+    share, error = float(held["explained"]), float(held["explained_error"])
+    note = str(held["explained_note"])
+    return Explained(None, None, note) if share != share else Explained(share, error, note)
+
+
+def read_explained(folder: Path) -> Explained:
+    """What the result in `folder` says of the light it explains. Raises `InvalidData`."""
+    try:
+        with open_hdf5(folder / NAMES[0]) as file:
+            return _explained(file.attrs) or NOT_LOOKED_FOR
+    except (InvalidData, LookupError, OSError, ValueError, TypeError) as error:
+        raise InvalidData(f"{folder / NAMES[0]} is not a reconstruction: {error}") from error
 
 
 def software() -> str:

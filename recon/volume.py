@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import ReconstructionFailed
+from nlos.recon.explained import Explained
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,8 @@ class Reconstruction:
     """The name of the file that it was made from."""
     left_aside: int = 0
     """Samples of the scan that were damaged or unreadable, and not used."""
+    explained: Explained | None = None
+    """How much of light that it was not made from the picture accounts for."""
 
 
 def refuse_not_finite(reconstruction: Reconstruction) -> None:

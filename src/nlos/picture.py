@@ -75,6 +75,19 @@ class Picture:
         """How long the reconstruction took."""
         return self.reconstruction.seconds
 
+    @property
+    def explained(self) -> float | None:
+        """The share of light that it was not made from which the picture accounts for: 1 is all of it, 0 none; None
+        where that could not be found."""
+        told = self.reconstruction.explained
+        return None if told is None else told.share
+
+    @property
+    def explained_error(self) -> float | None:
+        """The standard error of `explained`."""
+        told = self.reconstruction.explained
+        return None if told is None else told.error
+
     def figure(self) -> Figure:
         """Front view and depth map side by side, axes in metres."""
         return summary_figure(self.reconstruction)
@@ -121,7 +134,9 @@ class Picture:
         if seen.any():
             near, far = np.quantile(self.depth_m[seen], (0.02, 0.98))
             depths = f"surfaces from {near:.2f} to {far:.2f} m"
-        return f"<nlos.Picture by {self.method}: {rows} x {cols}, {depths}, {self.seconds:.2f} s>"
+        told = self.reconstruction.explained
+        light = f", {told}" if told is not None and told.share is not None else ""
+        return f"<nlos.Picture by {self.method}: {rows} x {cols}, {depths}{light}, {self.seconds:.2f} s>"
 
     def _repr_png_(self) -> bytes:
         return png(self.figure())

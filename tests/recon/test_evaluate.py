@@ -21,7 +21,7 @@ from nlos.recon.evaluation_report import NAMES, write_evaluation
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "synthetic"
 FIELDS = {
     "scene", "method", "settings", "condition", "psnr", "ssim", "psnr_max", "ssim_max", "corr", "depth_rmse_m",
-    "depth_mad_m", "depth_median_abs_m", "depth_missing", "seconds", "peak_rss_mb",
+    "depth_mad_m", "depth_median_abs_m", "depth_missing", "explained", "explained_error", "seconds", "peak_rss_mb",
 }  # fmt: skip
 
 

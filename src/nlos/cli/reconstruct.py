@@ -114,15 +114,25 @@ def _reconstruct_archive(
 
 def _say(method: str, done: list[tuple[str, Path, float | None]]) -> None:
     """What was made: the file, where its results lie, and what it took."""
-    from nlos.recon.results import files_in
+    from nlos.recon.results import files_in, read_explained
 
-    for _, folder, took_s in done:
+    told = [read_explained(folder) for _, folder, _ in done]
+    for (_, folder, took_s), explained in zip(done, told, strict=True):
         took = "" if took_s is None else f", {took_s:.2f} s"
         terminal.result(f"{folder}: {', '.join(files_in(folder))} ({method}{took})")
+        if explained.nothing:
+            terminal.log(
+                f"{folder}: WARNING: the picture {explained}: do not believe it. {explained.note}".rstrip(), -1
+            )
+        else:
+            terminal.result(f"{folder}: {explained}")
     terminal.document["reconstructions"] = [
-        {"run": run, "folder": str(folder), "seconds": took_s, "files": files_in(folder)}
-        for run, folder, took_s in done
-    ]
+        {
+            "run": run, "folder": str(folder), "seconds": took_s, "files": files_in(folder),
+            "explained": explained.share, "explained_error": explained.error, "explained_note": explained.note,
+        }
+        for (run, folder, took_s), explained in zip(done, told, strict=True)
+    ]  # fmt: skip
 
 
 def _check(method: str, settings: dict[str, object], device: str) -> None:

@@ -203,11 +203,15 @@ def _ask(interrupts: Interrupts, progress: Progress, writer: "RecordingWriter", 
 def _reconstruct(run: Path, method: str, settings: dict[str, object], overwrite: bool) -> None:
     """The picture of a scan that has just ended. Raises `Stopped`: whatever fails here, the scan is safe."""
     from nlos.chain import reconstruct_file
+    from nlos.recon.explained import NOT_LOOKED_FOR
     from nlos.recon.results import files_in
 
     folder = run.with_suffix("")
     done = reconstruct_file(run, method, settings, folder, overwrite=overwrite)
     terminal.result(f"{folder}: {', '.join(files_in(folder))} ({method}, {done.seconds:.2f} s)")
+    explained = done.explained or NOT_LOOKED_FOR
+    terminal.log(f"{folder}: {explained}", -1 if explained.nothing else 0)
     terminal.document["reconstruction"] = {
         "folder": str(folder), "method": method, "seconds": done.seconds, "files": files_in(folder),
+        "explained": explained.share, "explained_error": explained.error,
     }  # fmt: skip

@@ -37,6 +37,8 @@ def described(picture: "LivePicture") -> dict[str, Any]:
         "change": picture.change,
         "error": picture.error,
         "seconds": result.seconds,
+        "explained": None if result.explained is None else str(result.explained),
+        "explains_nothing": result.explained is not None and result.explained.nothing,
         "wall": [result.wall.width_m, result.wall.height_m],
         "albedo": packed(result.albedo / brightest(result)),
         "depth_m": packed(visible_depth(result)),

@@ -104,7 +104,21 @@ def _summary(said: ScanPart, quality: str, best: "Sequence[Reconstruction]") -> 
             if part and span_m
             else f"{result.method.upper()} sees nothing: the front view is no brighter anywhere than its noise."
         )
-    return f'<p class="summary">{escape(" ".join(word for word in words if word))}</p>{said.warnings}'
+        if result.explained is not None:
+            words.append(f"The picture {result.explained}." if result.explained.share is not None else "")
+    label = "".join(_label(result) for result in best)
+    return f'<p class="summary">{escape(" ".join(word for word in words if word))}</p>{label}{said.warnings}'
+
+
+def _label(result: "Reconstruction") -> str:
+    """A warning above everything where the picture explains nothing."""
+    if result.explained is None or not result.explained.nothing:
+        return ""
+    why = f" ({escape(result.explained.note)})" if result.explained.note else ""
+    return (
+        f'<p class="warning"><strong>This picture explains nothing of the light{why}.</strong> Do not believe it: '
+        "check the wall's size, time zero and falloff, or measure longer.</p>"
+    )
 
 
 def _hero(result: "Reconstruction") -> str:

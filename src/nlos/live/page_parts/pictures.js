@@ -49,6 +49,7 @@ class PicturePanel {
     const p = this.picture, state = scans[this.scan].state, since = state.samples - p.samples, old = frame === null && since > .02 * state.planned, span = document.createElement("span");
     span.className = old ? "stale" : ""; span.textContent = frame === null && old ? `of ${count(p.samples)} points; ${count(since)} more since` : `of ${count(p.samples)} points`;
     const rest = p.change < 1 && frame === null ? `, changed by ${(100 * p.change).toFixed(1)} % from the previous picture` : "";
-    return [document.createTextNode(`${p.method.toUpperCase()} `), span, document.createTextNode(rest)];
+    const said = document.createElement("span"); said.className = p.explains_nothing ? "nothing" : ""; said.textContent = p.explained ? `, ${p.explained}` : "";
+    return [document.createTextNode(`${p.method.toUpperCase()} `), span, document.createTextNode(rest), said];
   }
 }

@@ -1,0 +1,149 @@
+"""How much of the light a picture explains: of light that it was not made from, by what its surface would send.
+
+The scan is thinned into two parts with independent noise. The same method sees one of them, on half the grid; the
+surface that it finds is rendered, its gain, a flat background and a width of the response are fitted to that part,
+and the other part judges: 1 - |light - rendered|^2 / |light - background|^2, each over its variance, with what photon
+noise adds to either taken off. 1 is all there is to explain, 0 no better than an empty scene.
+"""
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+
+from nlos.acquisition.transient import Transient
+from nlos.recon.errors import ReconError
+from nlos.recon.explained_parts import KEPT, Parts, coarser, photon_unit, split
+from nlos.recon.explained_surface import surface_light
+
+POINTS = 256  # of the wall at which light is compared
+STRETCHES = 128  # of the time axis in which it is
+WIDTHS = (0.0, 0.5, 1.0, 2.0)  # tried for the response, standard deviations in stretches
+LEAST = 0.05
+"""A picture that explains less than this, or less than two of its errors, explains nothing."""
+SURE = 3.0  # standard errors by which light must differ from a flat background, or there is nothing to explain
+SEED = 5
+Floats = npt.NDArray[np.float64]
+Seen = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
+
+
+@dataclass(frozen=True)
+class Explained:
+    """The share of light left for judging that the picture accounts for, its standard error, and what to know about it.
+
+    `share` is None where it could not be found; `note` then says why.
+    """
+
+    share: float | None
+    error: float | None
+    note: str = ""
+    seconds: float = 0.0
+
+    @property
+    def nothing(self) -> bool:
+        """Whether the picture explains nothing: nobody should believe it."""
+        return self.share is not None and self.share < max(LEAST, 2 * (self.error or 0.0))
+
+    def __str__(self) -> str:
+        if self.share is None:
+            return f"explained light unknown: {self.note}"
+        figure = f"{100 * self.share:.0f} ± {100 * (self.error or 0):.0f} %"
+        return f"EXPLAINS NOTHING of the light ({figure})" if self.nothing else f"explains {figure} of the light"
+
+
+NOT_LOOKED_FOR = Explained(None, None, "it was not looked for")
+
+
+def explained_light(
+    transient: Transient,
+    see: Callable[[Transient], Seen],
+    falloffs: tuple[float, ...],
+    prepare: Callable[[Transient], Transient] = lambda same: same,
+) -> Explained:
+    """What `see`, which makes a picture and a depth map (H, W) of a scan, explains of `transient`.
+
+    Of several `falloffs` the one that fits the seen part best is taken; `prepare` is done to the coarser scan first.
+    Never raises: where there is no answer, the note says why.
+    """
+    began = clock.perf_counter()
+    unit = photon_unit(transient)
+    parts = split(prepare(coarser(transient)), unit)
+    for part in (parts.seen, parts.judging):
+        if not part.counts.sum(dtype=np.float64) > 0:
+            return Explained(None, None, "too few photons to leave some out", clock.perf_counter() - began)
+    try:
+        albedo, depth_m = see(parts.seen)
+    except ReconError as error:
+        return Explained(None, None, f"no picture of a part of the scan: {error}", clock.perf_counter() - began)
+    share, spread, note = _judge(parts, albedo, depth_m, falloffs)
+    if unit != 1.0:
+        note = "; ".join(word for word in (note, "these are no photon counts: noise is estimated from them") if word)
+    return Explained(share, spread, note, clock.perf_counter() - began)
+
+
+def _judge(
+    parts: Parts, albedo: npt.NDArray[np.float32], depth_m: npt.NDArray[np.float32], falloffs: tuple[float, ...]
+) -> tuple[float, float, str]:
+    seen, judging, unit = parts.seen, parts.judging, max(parts.unit, 1e-12)
+    measured = np.argwhere(seen.exposure_s > 0)
+    points = measured[np.sort(np.random.default_rng(SEED).permutation(len(measured))[:POINTS])]
+    row, col = points.T
+    dwell = seen.exposure_s[row, col] / seen.exposure_s[row, col].mean()
+    first = int(np.flatnonzero(seen.counts.any(axis=(1, 2)))[0])
+    joined = max(1, round((seen.time.bins - first) / STRETCHES))
+
+    def stretches(x: npt.NDArray[np.floating]) -> Floats:
+        used = (len(x) - first) // joined * joined
+        return np.asarray(x[first : first + used].reshape(used // joined, joined, -1).sum(axis=1), dtype=np.float64)
+
+    had, left = stretches(seen.counts[:, row, col]), stretches(judging.counts[:, row, col])
+    flat = np.ones_like(had) * dwell
+    profile = np.maximum(uniform_filter1d((had / dwell).mean(axis=1), 3), 0)
+    floor = max(float(np.quantile(profile, 0.1)), 0.0) + 0.02 * float(profile.max())
+    near = np.maximum(uniform_filter1d(had, 5, axis=0), 0)
+    weight = 1 / (floor * dwell + 0.5 * profile[:, None] * dwell + 0.5 * near)
+    best: tuple[float, Floats] | None = None
+    for falloff in falloffs:
+        light = surface_light(albedo, depth_m, seen.wall, points, seen.time, falloff) * dwell
+        for width in WIDTHS:
+            rendered = stretches(light)
+            if width:
+                rendered = gaussian_filter1d(rendered, width, axis=0, mode="constant")
+            model = _fitted(had, rendered, flat, weight)
+            misfit = float((weight * (had - model) ** 2).sum())
+            if best is None or misfit < best[0]:
+                best = (misfit, model)
+    assert best is not None
+    rest = (1 - KEPT) / KEPT
+    empty = flat * (max(float((weight * had * flat).sum()), 0.0) / float((weight * flat * flat).sum()))
+    noise = unit * left  # its expected value is the variance, whatever the mean
+    missed = (weight * ((left - rest * best[1]) ** 2 - noise)).sum(axis=0)  # (N,)
+    there = (weight * ((left - rest * empty) ** 2 - noise)).sum(axis=0)
+    total, count = float(there.sum()), len(there)
+    if total < SURE * float(np.sqrt(count * there.var())):
+        return 0.0, 0.0, "nothing to explain: no light but a flat background"
+    share = 1 - float(missed.sum()) / total
+    error = float(np.sqrt(count * (missed - (1 - share) * there).var())) / total
+    return share, error, ""
+
+
+def _fitted(data: Floats, rendered: Floats, flat: Floats, weight: Floats) -> Floats:
+    """gain x `rendered` + background x `flat`, neither below 0, that comes closest to `data`."""
+    background = max(float((weight * data * flat).sum()), 0.0) / float((weight * flat * flat).sum())
+    power = float((weight * rendered * rendered).sum())
+    if not power > 0:
+        return background * flat
+    both = float((weight * rendered * flat).sum())
+    flats = float((weight * flat * flat).sum())
+    of_light, of_flat = float((weight * data * rendered).sum()), float((weight * data * flat).sum())
+    determinant = power * flats - both * both
+    gain = (of_light * flats - of_flat * both) / determinant if determinant > 1e-12 * power * flats else 0.0
+    if gain <= 0:
+        return background * flat
+    background = (of_flat - gain * both) / flats
+    if background < 0:
+        gain, background = max(of_light / power, 0.0), 0.0
+    return gain * rendered + background * flat

@@ -1,0 +1,68 @@
+"""The light that a picture's surface would send to points of the wall: a small renderer of its own, in NumPy.
+
+Radiometry of O'Toole et al. 2018, eq. 1, with both cosines: a pixel is one surfel, turned as its
+neighbours' depths say.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
+from nlos.acquisition.wall import WallGrid
+
+FAINT = 0.005
+"""Of the brightest pixel: fainter ones are not rendered."""
+Floats = npt.NDArray[np.float32]
+
+
+def surface_light(
+    albedo: Floats, depth_m: Floats, wall: WallGrid, points: npt.NDArray[np.intp], time: TimeAxis, falloff: float
+) -> Floats:
+    """(T, N): what the surface with brightness and depth (H, W) sends to the wall points (N, 2) of rows and columns.
+
+    Brightness without a depth is put at the picture's median depth, so that haze counts. `falloff` 4 is a diffuse
+    surface, 2 a retroreflective one. All 0 where nothing has a depth.
+    """
+    out = np.zeros((len(points), time.bins), np.float32)
+    known = np.isfinite(depth_m) & (depth_m > 0)
+    bright = albedo > FAINT * albedo.max()
+    if not (known & bright).any():
+        return out.T
+    middle = float(np.median(depth_m[known & bright]))
+    z = np.where(known, depth_m, middle).astype(np.float32)
+    across, up = slopes(z, wall)
+    row, col = np.nonzero(bright)
+    x_m, y_m = wall.x_m().astype(np.float32), wall.y_m().astype(np.float32)
+    x, y, z, across, up = x_m[col], y_m[row], z[row, col], across[row, col], up[row, col]
+    shade = albedo[row, col]
+    per_metre, first = 2 / (SPEED_OF_LIGHT_M_PER_S * time.bin_width_s), time.start_s / time.bin_width_s
+    for k, (point_row, point_col) in enumerate(points):
+        dx, dy = x_m[point_col] - x, y_m[point_row] - y
+        squared = dx * dx + dy * dy + z * z
+        r = np.sqrt(squared)
+        facing = np.maximum(z + dx * across + dy * up, 0) / r  # cosine at the surface over that of its front view
+        light = shade * (facing * z / r) ** (falloff / 2) / squared ** (falloff / 2)
+        bin_ = (r * np.float32(per_metre) - np.float32(first)).astype(np.int64)
+        inside = (bin_ >= 0) & (bin_ < time.bins)
+        out[k] = np.bincount(bin_[inside], weights=light[inside], minlength=time.bins)
+    return out.T
+
+
+def slopes(z: Floats, wall: WallGrid) -> tuple[Floats, Floats]:
+    """dz/dx and dz/dy (up) of a depth map (H, W), from neighbours no farther apart in depth than a pixel is wide; 0
+    where there are none."""
+    pitch_x, pitch_y = wall.width_m / wall.cols, wall.height_m / wall.rows
+    return _slope(z, 1, pitch_x), -_slope(z, 0, pitch_y)
+
+
+def _slope(z: Floats, axis: int, pitch: float) -> Floats:
+    step = np.diff(z, axis=axis)
+    joined = np.abs(step) < pitch
+    step = np.where(joined, step, 0)
+    edge = [(0, 0), (0, 0)]
+    total, count = np.zeros_like(z), np.zeros_like(z)
+    for side in ((1, 0), (0, 1)):
+        edge[axis] = side
+        total += np.pad(step, edge)
+        count += np.pad(joined, edge)
+    return np.asarray(total / np.maximum(count, 1) / pitch, dtype=np.float32)

@@ -1,0 +1,184 @@
+"""Explained light: the two parts of a scan, the renderer, what is judged, and where it is told."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+import pytest
+from matplotlib.figure import Figure
+
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.errors import ReconstructionFailed
+from nlos.recon.explained import Explained, explained_light
+from nlos.recon.explained_parts import KEPT, coarser, photon_unit, split
+from nlos.recon.explained_surface import surface_light
+from nlos.recon.methods import catalogue
+from nlos.recon.pictures import NOTHING, summary_figure
+from nlos.recon.reconstruct import reconstruct
+from nlos.recon.results import read_reconstruction, write_results
+from nlos.recon.training.dataset import DatasetSettings, TrainingSample, sample
+from nlos.recon.training.detector import DetectorSettings
+from nlos.recon.training.rendering import render
+from nlos.recon.training.scenes import Surfels
+
+PLAIN = {"noiseless": 0.0, "uniform": 0.0, "sparse": 0.0, "uneven_dwell": 0.0, "jitter_fwhm_most_ps": 0.0,
+         "afterpulsing_most": 0.0, "pile_up": 0.0, "calibration_residue": 0.0}  # fmt: skip
+GRID = {"rows": 20, "cols": 20, "bins": 256, "bin_width_ps": 64.0}
+
+
+def drawn(peak: float, index: int = 3) -> tuple[TrainingSample, Transient]:
+    """A simulated scan of so many counts in the brightest bins, and the truth."""
+    detector = DetectorSettings(**PLAIN, peak_counts_least=peak, peak_counts_most=peak * 1.0001)  # type: ignore[arg-type]
+    data = DatasetSettings(seed=41, degradations=1, detector=detector, **GRID)  # type: ignore[arg-type]
+    made = sample(data, index)
+    return made, Transient(made.counts.astype(np.float32), made.exposure.astype(np.float64), data.wall, data.time)
+
+
+def truth(made: TrainingSample) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    return made.intensity, np.where(made.depth_m > 0, made.depth_m, np.nan).astype(np.float32)
+
+
+@pytest.mark.parametrize("falloff", [4.0, 2.0])
+def test_the_renderer_sends_the_light_that_the_training_renderer_sends(falloff: float) -> None:
+    wall, time = WallGrid(1.0, 1.0, 24, 24), TimeAxis(200, 64e-12)
+    x, y = np.meshgrid(wall.x_m(), wall.y_m())
+    seen = (np.abs(x) < 0.3) & (np.abs(y) < 0.2)
+    depth = 0.6 + 0.5 * x - 0.3 * y
+    normal = np.array([0.5, -0.3, -1.0]) / np.sqrt(0.5**2 + 0.3**2 + 1)
+    where = np.stack([x[seen], y[seen], depth[seen]], axis=1).astype(np.float32)
+    area = np.full(len(where), 1 / (24 * 24) / -normal[2], np.float32)
+    pieces = Surfels(where, np.tile(normal, (len(where), 1)).astype(np.float32), area)
+    other = render(pieces, wall, time, retroreflective=falloff == 2).numpy()
+    albedo = np.where(seen, -normal[2], 0).astype(np.float32)
+    points = np.array([(0, 0), (3, 20), (12, 12), (23, 5)])
+    own = surface_light(albedo, np.where(seen, depth, np.nan).astype(np.float32), wall, points, time, falloff)
+    theirs = other[:, points[:, 0], points[:, 1]]
+    ratio = own.sum(axis=0) / theirs.sum(axis=0)
+    inner = ratio / ratio.mean()  # the outermost pixels' slopes are one-sided, everything else is exact
+    assert np.abs(inner - 1).max() < 0.02
+    assert np.corrcoef(own.ravel(), theirs.ravel())[0, 1] > 0.999
+
+
+def test_the_parts_are_independent_poisson_scans() -> None:
+    rng = np.random.default_rng(0)
+    counts = rng.poisson(np.broadcast_to([0.3, 4.0, 90.0], (60, 60, 3))).astype(np.float32).transpose(2, 0, 1).copy()
+    parts = split(Transient(counts, np.ones((60, 60)), WallGrid(1, 1, 60, 60), TimeAxis(3, 1e-10)), 1.0)
+    seen, judging = parts.seen.counts, parts.judging.counts
+    assert np.array_equal(seen + judging, counts)
+    assert (judging == np.rint(judging)).all()
+    for k, mean in enumerate((0.3, 4.0, 90.0)):
+        for part, share in ((seen[k], KEPT), (judging[k], 1 - KEPT)):
+            assert part.mean() == pytest.approx(share * mean, rel=0.06)
+            assert part.var() == pytest.approx(share * mean, rel=0.12)
+        assert abs(np.corrcoef(seen[k].ravel(), judging[k].ravel())[0, 1]) < 0.06
+
+
+def test_noise_that_is_no_photons_is_split_as_well() -> None:
+    rng = np.random.default_rng(1)
+    mean = 100 + 50 * np.sin(np.arange(400) / 60)[:, None, None] * np.ones((400, 20, 20))
+    noisy = (mean + np.sqrt(0.5 * mean) * rng.standard_normal(mean.shape)).astype(np.float32)
+    scan = Transient(noisy, np.ones((20, 20)), WallGrid(1, 1, 20, 20), TimeAxis(400, 1e-10))
+    unit = photon_unit(scan)
+    assert unit == pytest.approx(0.5, rel=0.05)
+    parts = split(scan, unit)
+    rest = [part.counts - share * mean for part, share in ((parts.seen, KEPT), (parts.judging, 1 - KEPT))]
+    assert abs(np.corrcoef(rest[0].ravel(), rest[1].ravel())[0, 1]) < 0.03
+
+
+def test_points_are_added_up_and_an_odd_wall_grows_by_a_pixel() -> None:
+    counts = np.random.default_rng(2).poisson(3, (5, 25, 30)).astype(np.float32)
+    scan = Transient(counts, np.ones((25, 30)), WallGrid(3.0, 2.5, 25, 30), TimeAxis(5, 1e-10))
+    half = coarser(scan)
+    assert (half.wall.rows, half.wall.cols, half.wall.width_m) == (13, 15, 3.0)
+    assert half.wall.height_m == pytest.approx(2.6)
+    assert half.counts.sum() == counts.sum()
+    assert half.exposure_s[0, 0] == 4
+    assert half.exposure_s[12, 0] == 2
+
+
+@pytest.mark.parametrize("peak", [1.0, 20.0])
+def test_the_truth_explains_the_light_however_few_photons_and_wrong_pictures_do_not(peak: float) -> None:
+    made, scan = drawn(peak)
+    albedo, depth = truth(made)
+    whole = explained_light(scan, lambda part: (albedo, depth), (4.0,))
+    assert whole.share is not None
+    assert whole.error is not None
+    assert 0.88 < whole.share < 1.05 + 2 * whole.error
+    assert not whole.nothing
+    mirrored = explained_light(scan, lambda part: (albedo[:, ::-1], depth[:, ::-1]), (4.0,))
+    farther = explained_light(scan, lambda part: (albedo, depth * np.float32(1.1)), (4.0,))
+    noise = np.random.default_rng(3).random(albedo.shape, np.float32)
+    drawn_by_chance = explained_light(scan, lambda part: (noise, np.full_like(depth, 1.9)), (4.0,))
+    for wrong in (mirrored, farther, drawn_by_chance):
+        assert wrong.share is not None
+        assert wrong.share < whole.share - 0.1
+    assert explained_light(scan, lambda part: (albedo * 0, depth), (4.0,)).nothing
+    assert explained_light(scan, lambda part: (albedo, depth), (2.0, 4.0)).share == pytest.approx(whole.share, abs=0.03)
+
+
+def test_a_scan_of_noise_is_explained_by_nothing_and_says_so(tmp_path: Path) -> None:
+    _, scan = drawn(5.0)
+    dark = replace(scan, counts=np.random.default_rng(4).poisson(0.3, scan.counts.shape).astype(np.float32))
+    for method in ("lct", "fk"):
+        result = reconstruct(dark, method)
+        assert result.explained is not None
+        assert result.explained.nothing
+    assert "EXPLAINS NOTHING" in str(result.explained)
+    figure: Figure = summary_figure(result)
+    assert figure.get_suptitle() == NOTHING
+    assert summary_figure(reconstruct(scan, "lct")).get_suptitle() == ""
+    write_results(tmp_path / "dark", result)
+    assert read_reconstruction(tmp_path / "dark" / "reconstruction.h5").explained == replace(
+        result.explained, seconds=0.0
+    )
+
+
+def test_what_cannot_be_judged_says_why() -> None:
+    _, scan = drawn(5.0)
+    few = np.zeros_like(scan.counts)
+    few[100, 3, 3] = 1
+    none = reconstruct(replace(scan, counts=few), "lct").explained
+    assert none is not None
+    assert none.share is None
+    assert "too few photons" in none.note
+
+    def fails(part: Transient) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        raise ReconstructionFailed("not today")
+
+    assert "not today" in explained_light(scan, fails, (4.0,)).note
+
+
+@pytest.mark.parametrize("method", [name for name in catalogue() if name not in ("nano", "lfe", "nlost", "faithful")])
+def test_every_method_says_what_it_explains(method: str) -> None:
+    _, scan = drawn(20.0)
+    if method == "unet":
+        pytest.skip("no weights ship")
+    told = reconstruct(scan, method, {"iterations": 3} if method == "gradient_descent" else {}).explained
+    assert told is not None
+    assert told.share is not None
+    assert -0.2 < told.share < 1.1
+
+
+def test_the_command_line_tells_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from nlos.__main__ import run
+
+    _, scan = drawn(20.0)
+    for name, counts in (("light", scan.counts), ("dark", np.random.default_rng(5).poisson(0.2, scan.counts.shape))):
+        with h5py.File(tmp_path / f"{name}.h5", "w") as file:
+            file["histograms"] = counts.transpose(1, 2, 0).astype(np.uint16)
+            file.attrs["bin_width_s"], file.attrs["wall_size_m"], file.attrs["direct_cut_bins"] = 64e-12, 2.0, 0
+        assert run(["reconstruct", str(tmp_path / f"{name}.h5"), "-o", str(tmp_path / name), "--json"]) == 0
+        told = capsys.readouterr()
+        (said,) = json.loads(told.out)["reconstructions"]
+        with h5py.File(tmp_path / name / "reconstruction.h5") as file:
+            assert said["explained"] == file.attrs["explained"]
+            assert said["explained_error"] == file.attrs["explained_error"]
+        if name == "light":
+            assert said["explained"] > 0.4
+        else:
+            assert Explained(said["explained"], said["explained_error"]).nothing
+            assert "EXPLAINS NOTHING" in told.err
