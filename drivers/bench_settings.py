@@ -48,6 +48,9 @@ class AllowedArea(Settings):
             raise ValueError("left_m must lie below right_m, and bottom_m below top_m")
         return self
 
+    def __str__(self) -> str:
+        return f"x {self.left_m:+g} to {self.right_m:+g} m, y {self.bottom_m:+g} to {self.top_m:+g} m"
+
     def check(self, x_m: float, y_m: float) -> None:
         """Raises `LimitError` outside."""
         if not (self.left_m <= x_m <= self.right_m and self.bottom_m <= y_m <= self.top_m):

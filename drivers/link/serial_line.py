@@ -10,8 +10,9 @@ import serial
 from serial.tools import list_ports
 
 from nlos.drivers.clock import Clock
-from nlos.drivers.errors import DeviceBusy, DeviceError, DeviceLost, DeviceNotFound, DeviceTimeout, ProtocolError
+from nlos.drivers.errors import DeviceLost, DeviceTimeout, ProtocolError
 from nlos.drivers.link.framing import Take, take_line
+from nlos.drivers.link.open_errors import cannot_open
 from nlos.drivers.link.port_lock import let_others_in, lock_out_others
 
 try:  # an unplugged port raises termios.error, which is not an OSError, from flush and from setting a timeout
@@ -41,11 +42,14 @@ class PortInfo:
     port: str
     description: str
     serial_number: str
+    vendor_id: int = 0
+    """Of the USB device behind it; 0 where there is none."""
 
 
 def available_ports() -> list[PortInfo]:
     """The serial ports of this computer."""
-    return [PortInfo(p.device, p.description or "", p.serial_number or "") for p in sorted(list_ports.comports())]
+    found = sorted(list_ports.comports())
+    return [PortInfo(p.device, p.description or "", p.serial_number or "", p.vid or 0) for p in found]
 
 
 class SerialLine:
@@ -100,7 +104,7 @@ class SerialLine:
         try:
             port = serial.serial_for_url(url, baudrate=baud, timeout=0, write_timeout=timeout_s, exclusive=True)
         except _OPEN_ERRORS as error:
-            raise _cannot_open(device, url, error) from error
+            raise cannot_open(device, url, error, [each.port for each in available_ports()]) from error
         lock_out_others(port)
         return cls(device, port, clock, timeout_s=timeout_s, resynchronise=resynchronise, wire_log=wire_log)
 
@@ -274,23 +278,3 @@ class SerialLine:
             self.device, f"the serial port went away ({error}).", "Check cable and power, then open the bench again."
         )
         return self._lost
-
-
-def _cannot_open(device: str, url: str, error: Exception) -> DeviceError:
-    number, text = getattr(error, "errno", None), str(error)
-    if isinstance(error, ValueError) or number == 2 or "FileNotFoundError" in text:
-        ports = ", ".join(port.port for port in available_ports()) or "none"
-        return DeviceNotFound(
-            device,
-            f"there is no port {url} ({text}).",
-            f"Ports of this computer: {ports}. Plug the device in or correct `port` in the bench file.",
-        )
-    if number == 13:
-        return DeviceBusy(
-            device,
-            f"this user may not open {url}.",
-            "Join the group that owns the port (usually dialout) or add a udev rule, then log in again.",
-        )
-    if number in (11, 16, 35) or "PermissionError" in text:  # EAGAIN on Linux, EBUSY, EAGAIN on macOS, Windows
-        return DeviceBusy(device, f"another program holds {url} ({text}).", "Close it, then try again.")
-    return DeviceNotFound(device, f"{url} could not be opened ({text}).", "Check cable, power and `port`.")

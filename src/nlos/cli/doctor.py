@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from nlos.cli.agreeing import somebody_is_there
+from nlos.cli.agreeing import agrees, somebody_is_there
 from nlos.cli.benches import load_bench
 from nlos.cli.exit_codes import ExitCode, UsageError
 from nlos.cli.targets import page_target
@@ -25,6 +25,9 @@ def doctor(
     light: Annotated[
         bool, typer.Option("--light", help="Agree that the shutter opens; on a terminal, --thorough asks for it.")
     ] = False,
+    move: Annotated[
+        bool, typer.Option("--move", help="Agree that the mirror moves, in the dark; asked for on a terminal.")
+    ] = False,
     thorough: Annotated[
         bool, typer.Option("--thorough", help="The first day's examination, with a page that holds its results.")
     ] = False,
@@ -38,10 +41,11 @@ def doctor(
 ) -> int:
     """PASS, WARN or FAIL for everything that a scan needs, SKIP for what cannot be examined; exits with 3 after a FAIL.
 
-    The mirror moves a little, where the bench allows it, with the shutter closed. A real bench opens its shutter
-    only where --light is said. --thorough: in the dark every corner, markers, dark counts and timing linearity; then,
-    agreed to in words, with light: rates, the beam at the corners, settling, trip, watchdog, interlock and a pulled
-    cable. A person is asked for a lamp, the interlock and the cable.
+    The mirror moves a little, where the bench allows it, with the shutter closed; a real one only where that is agreed
+    to, by a word typed or --move. A real bench opens its shutter only where --light is said. --thorough: in the dark
+    every corner, markers, dark counts and timing linearity; then, agreed to in words, with light: rates, the beam at
+    the corners, settling, trip, watchdog, interlock and a pulled cable. A person is asked for a lamp, the interlock and
+    the cable.
     """
     from nlos.doctor.area import area_of
     from nlos.doctor.examination import Visit, examine
@@ -67,7 +71,18 @@ def doctor(
             opened_it = light_is_agreed_to(str(area_of(bench)))
         return opened_it
 
-    visit = Visit(agreed, clear_trip, thorough)
+    answers: dict[str, bool] = {}
+
+    def may_move(why: str) -> bool:
+        if table.settings.simulated or (move and not why):
+            return not why
+        if why not in answers:
+            area = table.settings.geometry.allowed
+            where = "its own limits (geometry.allowed is not set)" if area is None else str(area)
+            answers[why] = agrees(f"{why} The mirror moves: as it is opened, then within {where}.".strip(), "move")
+        return answers[why]
+
+    visit = Visit(agreed, clear_trip, thorough, may_move=may_move)
     findings: list[Finding] = []
     code = _said(examine(table, visit), findings)
     if target is not None:

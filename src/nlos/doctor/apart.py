@@ -1,11 +1,12 @@
 """What is left of a bench that cannot be opened as a whole: each instrument on its own, as far as that is safe."""
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import ExitStack, closing
 from typing import Any
 
 from nlos.doctor.findings import Finding, failed, passed, skipped, warned
 from nlos.doctor.instruments import counter_lines, dark_line, mirror_lines
+from nlos.doctor.silence import device_of, why_silent
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.clock import Clock, SystemClock
 from nlos.drivers.dark import make_dark
@@ -24,14 +25,20 @@ def role_of(settings: BenchSettings, error: DeviceError) -> str:
     return error.device
 
 
-def failure(settings: BenchSettings, error: DeviceError) -> Finding:
-    """The line of an instrument that failed."""
-    return failed(role_of(settings, error), f"{error.device}: {error.what}", error.remedy)
+def failure(settings: BenchSettings, error: DeviceError, silent: bool = False) -> Finding:
+    """The line of an instrument that failed, and where it is plugged in. `silent`: it did not even open; why is looked
+    into."""
+    block = device_of(settings, error)
+    where = error.device if block is None else f"{error.device} at {block.address}"
+    why = why_silent(block, error) if silent and block is not None else ""
+    return failed(role_of(settings, error), f"{where}: {error.what}", f"{why} {error.remedy}".strip())
 
 
-def apart(settings: BenchSettings, missing: set[str]) -> Iterator[Finding]:
-    """Shutter, counter and mirror, but for the roles that are `missing`. The light is off first; a mirror, which moves
-    as it is opened, is left alone where that is not confirmed."""
+def apart(
+    settings: BenchSettings, missing: Mapping[str, str], may_move: Callable[[str], bool] = lambda why: not why
+) -> Iterator[Finding]:
+    """Shutter, counter and mirror, but for the roles that are `missing`, with why. The light is off first; a mirror,
+    which moves as it is opened, is opened only where `may_move`, who is told why nobody knows that it is dark."""
     dark = yield from _dark(settings)
     with ExitStack() as stack:
         clock: Clock = SystemClock()
@@ -43,13 +50,14 @@ def apart(settings: BenchSettings, missing: set[str]) -> Iterator[Finding]:
             plugged = stack.enter_context(plug_in(settings))
             clock, counter_end, mirror_end = plugged.bench.clock, plugged.counter, plugged.mirror
         if "counter" in missing:
-            yield from (skipped(what, "the counter is missing") for what in ("counter", "sync", "dark counts"))
+            yield from (skipped(what, missing["counter"]) for what in ("counter", "sync", "dark counts"))
         else:
             yield from _alone(settings, lambda: _counter(settings, clock, counter_end, dark))
         if "mirror" in missing:
-            yield skipped("mirror", "the mirror is missing")
-        elif not dark:
-            yield skipped("mirror", "it moves as it is opened, and the light is not confirmed off")
+            yield skipped("mirror", missing["mirror"])
+        elif not may_move("" if dark else "The shutter is not confirmed closed: switch the laser off by hand first."):
+            why = "nobody agreed to that" if dark else "the light is not confirmed off"
+            yield skipped("mirror", f"it moves as it is opened, and {why}")
         else:
             yield from _alone(settings, lambda: _mirror(settings, clock, mirror_end))
 
@@ -73,7 +81,7 @@ def _alone(settings: BenchSettings, look: Callable[[], Iterator[Finding]]) -> It
     try:
         yield from look()
     except DeviceError as error:
-        yield failure(settings, error)
+        yield failure(settings, error, silent=True)
 
 
 def _counter(settings: BenchSettings, clock: Clock, backend: Any, dark: bool) -> Iterator[Finding]:

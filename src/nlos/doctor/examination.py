@@ -98,17 +98,20 @@ class Visit:
     thorough: bool = False
     met: dict[str, DeviceIdentity] = field(default_factory=dict)
     """Role -> who answered."""
+    may_move: Callable[[str], bool] = lambda why: not why
+    """Whether the mirror may move, in the dark; told why nobody knows that it is, empty where it is."""
 
 
 def examine(table: "Loaded[BenchSettings]", visit: Visit) -> Iterator[Finding]:
     """Everything that a scan needs, and thoroughly what a lab asks of it before its first one."""
     settings = table.settings
     yield from surroundings(table)
-    missing: set[str] = set()
+    missing: dict[str, str] = {}
     for item in absent(settings):
-        missing.add(item.role)
+        missing[item.role] = f"the {item.role} is missing"
         yield failed(item.model, f"{item.role} at {item.address}: {item.what}", item.remedy)
-    if not missing:
+    unmoved = not missing and not visit.may_move("")
+    if not missing and not unmoved:
         condition, was_open, lit = Condition(), False, False
         try:
             with listening() as repeats, opened(table) as bench:
@@ -117,18 +120,20 @@ def examine(table: "Loaded[BenchSettings]", visit: Visit) -> Iterator[Finding]:
                 lit = yield from _on_the_bench(bench, visit, condition)
                 yield repeats.finding()
         except DeviceError as error:
-            yield failure(settings, error)
+            yield failure(settings, error, silent=not was_open)
             if not was_open:
-                missing.add(role_of(settings, error))
+                missing[role_of(settings, error)] = f"the {role_of(settings, error)} failed before: {error.what}"
         if was_open:
             if visit.thorough and condition.lost:
                 yield skipped("cable", next(iter(condition.lost.values())))
             elif visit.thorough:
                 yield from pulled_and_replugged(table, lit)
             return
-    yield from apart(settings, missing)
+    if unmoved:
+        missing["mirror"] = "it moves as it is opened, and nobody agreed to that: say --move when it is safe to"
+    yield from apart(settings, missing, visit.may_move)
     everything = (*CHECKS, *(DARK if visit.thorough else ()), SMALL_SCAN, *(LIT if visit.thorough else ()))
-    why = f"{' and '.join(sorted(missing))} missing or failed"
+    why = "the mirror was not to move" if unmoved else f"{' and '.join(sorted(missing))} missing or failed"
     yield from (skipped(check.name, why) for check in everything if check.name not in APART)
 
 
