@@ -57,6 +57,8 @@ Report = Callable[[str], None]
 Objective = Callable[[Mapping[str, torch.Tensor]], dict[str, torch.Tensor]]
 Progress = Callable[[int, int, float], None]
 LINES = 400
+SAVING_MOST = 20
+"""Times what saving a state takes: states are not saved more often."""
 WAITED_MOST = 0.05
 """Of the time, for samples: above it, the user hears of it."""
 MOST_SKIPPED = 25
@@ -122,6 +124,7 @@ def _train(
     count = sum(p.numel() for p in parameters)
     report(f"{settings.method}: {count:,} parameters, from step {step} of {settings.steps}")
     started = saved = clock.monotonic()
+    saving_s = 0.0
     elapsed, late, skipped = spent_s, False, 0
     checks = validation_steps(settings.steps)
 
@@ -182,9 +185,10 @@ def _train(
                 progress(step, settings.steps, told["loss"])
             late = bool(told_to_end or out_of_time)  # what any process heard, all do
             done = late or step == settings.steps
-            if done or now - saved > 60 * settings.checkpoint_minutes:
+            if done or now - saved > max(60 * settings.checkpoint_minutes, SAVING_MOST * saving_s):
                 keep_state()
-                saved = now
+                saved = clock.monotonic()
+                saving_s = saved - now
             if rank == 0 and not done and step in checks:
                 figures = check()
                 log.line({"step": step, "seconds": elapsed, "validation": figures})

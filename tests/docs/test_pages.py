@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -72,3 +73,10 @@ def test_every_key_says_what_it_means(kind: str) -> None:
     for block in blocks(model_of(kind)):
         for key, setting in describe(block).items():
             assert setting.what or key in ("kind", "model"), f"{block.__name__}: {key} has no meaning"
+
+
+def test_every_extra_of_the_package_is_in_the_table() -> None:
+    project = tomllib.loads((DOCS.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    rows = [line for line in (DOCS / "index.md").read_text(encoding="utf-8").splitlines() if line.startswith("| `")]
+    named = {name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])}
+    assert named == set(project["optional-dependencies"])
