@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 from nlos.configs.settings import Settings
 
-Kind = Literal["bench", "scan", "train"]
+Kind = Literal["bench", "scan", "train", "queue"]
 Model = TypeVar("Model", bound=Settings)
 Place = tuple[str | int, ...]
 

@@ -10,6 +10,7 @@ from nlos.drivers.arm_settings import ArmSettings
 from nlos.drivers.errors import LimitError
 from nlos.drivers.first_light_settings import FirstLightSettings
 from nlos.drivers.galvo.models import MIRRORS, MirrorSettings
+from nlos.drivers.run_defaults import RunDefaults
 from nlos.drivers.safety_settings import SafetySettings
 from nlos.drivers.simulated.fault_catalogue import names
 from nlos.drivers.simulated.simulation_settings import SimulationSettings
@@ -114,6 +115,8 @@ class BenchSettings(Settings):
     """When the light is shut off without anybody asking."""
     first_light: FirstLightSettings | None = None
     """What `nlos calibrate --first-light` found."""
+    runs: RunDefaults = RunDefaults()
+    """What is said of every run: operator, tags, data folder, who is told at the end."""
     alignment: AlignmentSettings = AlignmentSettings()
     """How much light there is while somebody aims by hand."""
     arm: ArmSettings | None = None

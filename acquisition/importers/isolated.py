@@ -69,6 +69,10 @@ class IsolatedReader:
         where it refuses, crashes, or runs out of time or memory: then nobody else should read that file."""
         self._ask(path, {"reader": reader})
 
+    def ask(self, path: Path, reader: str) -> dict[str, Any]:
+        """What `reader` returns of the file, a dictionary of plain JSON values. Raises as `check` does."""
+        return dict(self._ask(path, {"reader": reader})["found"])
+
     def close(self) -> None:
         """Ends the child. May be called twice."""
         child, self._child = self._child, None

@@ -58,8 +58,8 @@ def _answer(request: dict[str, Any]) -> dict[str, object]:
     refusals = (InvalidData, FileNotFoundError, getattr(module, "InvalidData", InvalidData))  # each room has its own
     try:
         if request["reader"] is not None:
-            getattr(module, name)(path)
-            return {}
+            found = getattr(module, name)(path)
+            return {"found": found} if isinstance(found, dict) else {}
         given = request["given"]
         wall_m = None if given["wall_m"] is None else tuple(given["wall_m"])
         return _sent(read_any(path, Given(**{**given, "wall_m": wall_m})), Path(request["folder"]))

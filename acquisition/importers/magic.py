@@ -5,7 +5,7 @@ from pathlib import Path
 from nlos.acquisition.recording.header import FORMAT
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
-_HEAD_BYTES = 8 << 20
+_FIRST_BYTES, _HEAD_BYTES = 1 << 16, 8 << 20
 
 
 def is_recording(path: Path) -> bool:
@@ -13,8 +13,10 @@ def is_recording(path: Path) -> bool:
     damaged file, and this is asked of every file."""
     if magic_of(path) != HDF5_MAGIC:
         return False
+    word = FORMAT.encode("ascii")
     with path.open("rb") as file:
-        return FORMAT.encode("ascii") in file.read(_HEAD_BYTES)
+        head = file.read(_FIRST_BYTES)  # where ours have it; a damaged file is read on
+        return word in head or word in head[-len(word) :] + file.read(_HEAD_BYTES - _FIRST_BYTES)
 
 
 def magic_of(path: Path) -> bytes:

@@ -17,6 +17,8 @@ from nlos.drivers.tcspc.counter import HistogramAxis, StopAtCounts
 
 FORMAT, VERSION = "nlos-scan", 1
 MAX_TEXT_BYTES = 1 << 22
+LATER = ("identity", "run_json")
+"""Texts that recordings of earlier versions do not have."""
 COLUMNS = {"row": "<i4", "col": "<i4", "x_m": "<f8", "y_m": "<f8", "dwell_s": "<f8", "pass": "<i4"}
 
 
@@ -39,7 +41,7 @@ def read_header(file: h5py.File) -> Header:
         raise InvalidData(f"{file.filename}: recording version {file.attrs.get('version')!r}; {VERSION} is read")
     texts = {}
     for name in Header().texts():
-        if name == "identity" and not has_identity(file):
+        if name in LATER and not _has(file, name):
             continue
         item = plain_dataset(file, f"header/{name}", (), None)
         if item.dtype.kind != "S" or item.dtype.itemsize > MAX_TEXT_BYTES:
@@ -61,9 +63,13 @@ def read_header(file: h5py.File) -> Header:
 
 def has_identity(file: h5py.File) -> bool:
     """Whether the file holds a random identity of its own: those of the first versions do not."""
+    return _has(file, "identity")
+
+
+def _has(file: h5py.File, name: str) -> bool:
     if not isinstance(file.get("header", getlink=True), h5py.HardLink) or not isinstance(file["header"], h5py.Group):
         raise InvalidData(f"{file.filename}: header: is missing or a link to elsewhere")
-    return "identity" in file["header"].keys()  # noqa: SIM118 - `in` a group follows links
+    return name in file["header"].keys()  # noqa: SIM118 - `in` a group follows links
 
 
 def write_plan(file: h5py.File, plan: ScanPlan) -> None:

@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from nlos.acquisition.recording.run_notes import NO_NOTES, RunNotes
 from nlos.drivers.identity import DeviceIdentity
 
 _PACKAGES = ("nlos", "numpy", "h5py", "pyserial", "pyusb", "pydantic")
@@ -32,6 +33,8 @@ class Header:
     warnings: tuple[str, ...] = ()
     identity: str = ""
     """Random, made with the file: copies of a recording have the same, two recordings never."""
+    notes: RunNotes = NO_NOTES
+    """What a person said about the run; empty in recordings of before there were notes."""
 
     def stamped(self) -> "Header":
         """The same header with software, git hash and time of now."""
@@ -56,6 +59,7 @@ class Header:
             "git_hash": self.git_hash,
             "started_utc": self.started_utc,
             "warnings": json.dumps(list(self.warnings)),
+            "run_json": self.notes.to_json(),
         }
 
     @classmethod
@@ -70,6 +74,7 @@ class Header:
             software=dict(json.loads(texts["software"])),
             warnings=tuple(json.loads(texts["warnings"])),
             identity=str(texts.get("identity", "")),
+            notes=RunNotes.from_json(texts.get("run_json", "{}")),
         )
 
 

@@ -2,7 +2,7 @@
 
     /                 attributes: format "nlos-scan", version 1
     /header/NAME      fixed-length UTF-8 text: scan_text and bench_text (the files as given), scan_json and bench_json
-                      (resolved), constants_json, devices, software, git_hash, started_utc, warnings, identity
+                      (resolved), constants_json, devices, software, git_hash, started_utc, warnings, identity, run_json
     /plan             attributes: width_m, height_m, rows, cols, bins, bin_width_s, offset_s, stop (counts, first_bin,
                       end_bin; 0 = off), revisit_below (0 = off), within_px (only where lines may be continuous), digest
     /plan/row, col    (N,) int32, -1 off the grid       /plan/x_m, y_m, dwell_s   (N,) float64     /plan/pass (N,) int32

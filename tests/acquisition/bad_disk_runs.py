@@ -9,8 +9,10 @@ import time
 from pathlib import Path
 
 import nlos.acquisition.scanning.engine
+import nlos.cli.queue
 import nlos.cli.scan
 import nlos.cli.verify
+import nlos.series.sweep
 from nlos.__main__ import run
 from nlos.acquisition.network.mirror import mirror
 from nlos.acquisition.network.ticket import Ticket
@@ -54,6 +56,8 @@ def main() -> None:
 
 if __name__ == "__main__":
     assert nlos.acquisition.scanning.engine
+    assert nlos.cli.queue
     assert nlos.cli.scan
+    assert nlos.series.sweep
     assert nlos.cli.verify
     main()

@@ -1,13 +1,10 @@
 """A disk that goes bad under a scan: exit 6 with the light off, and not one acknowledged sample lost or wrong."""
 
 import errno
-import json
 import os
 import random
 import re
 import shutil
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -18,10 +15,10 @@ import pytest
 from nlos.acquisition.network.server import SampleServer
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.salvage import verify
+from tests.acquisition.bad_disk_server import Run, bad_disks
 from tests.acquisition.witnessed_bench import BENCHES, bench_file, is_parked, witnessed
 
 SOAK = os.environ.get("NLOS_SOAK") == "1"
-HERE = Path(__file__).parent
 SCAN = """\
 wall: {width_m: 0.3, height_m: 0.3, rows: 16, cols: 16}
 pattern: serpentine
@@ -41,35 +38,14 @@ HARMING = {
     "replaced": ("replace", 0),
     "overwritten": ("overwrite", 900),
 }
-Run = Callable[..., int | None]
 Counts = dict[int, bytes]
 
 
 @pytest.fixture(scope="module")
 def nlos(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     """nlos(folder, bad, *arguments): a command on a disk that goes bad; its exit code."""
-    compiler = shutil.which("cc") or shutil.which("gcc")
-    if compiler is None or sys.platform != "linux":
-        pytest.skip("a disk that goes bad needs Linux and a C compiler (apt-get install gcc)")
-    shim = tmp_path_factory.mktemp("shim") / "bad_disk.so"
-    subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-o", shim, HERE / "bad_disk.c", "-ldl"], check=True)
-    runs = subprocess.Popen(
-        [sys.executable, HERE / "bad_disk_runs.py"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-        env={**os.environ, "LD_PRELOAD": str(shim)},
-    )  # fmt: skip
-    assert runs.stdin is not None
-    assert runs.stdout is not None
-    ask, answers = runs.stdin, runs.stdout
-
-    def run(folder: Path, bad: str, *arguments: str) -> int | None:
-        ask.write(json.dumps({"bad": bad, "arguments": arguments, "folder": str(folder)}) + "\n")
-        ask.flush()
-        code: int | None = json.loads(answers.readline())["code"]
-        return code
-
-    yield run
-    ask.close()
-    runs.wait(30)
+    with bad_disks(tmp_path_factory.mktemp("shim")) as run:
+        yield run
 
 
 @pytest.fixture(scope="module")

@@ -61,6 +61,7 @@ def _of_recording(recording: "Recording") -> dict[str, Any]:
         "photons": int(records["total_count"].sum()),
         "flagged": int((records["flags"] != 0).sum()),
         "started": header.started_utc,
+        **header.notes.shown(),
         "devices": {role: f"{who.product} {who.serial} ({who.model})" for role, who in header.devices.items()},
         "software": dict(header.software),
         "git hash": header.git_hash,

@@ -1,45 +1,32 @@
 """`nlos scan`: acquires a plan on a bench into a recording that nothing can take away."""
 
-from contextlib import ExitStack, closing
-from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from nlos.acquisition.planning.preflight import aim_of, refitted
 from nlos.acquisition.planning.scan_settings import ScanSettings
-from nlos.acquisition.recording.provenance import Header
-from nlos.acquisition.recording.salvage import settle
-from nlos.acquisition.scanning.control import ScanControl
-from nlos.cli.benches import load_bench, opened
-from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
-from nlos.cli.interrupts import Interrupts
+from nlos.cli.benches import load_bench
+from nlos.cli.exit_codes import UsageError
 from nlos.cli.method_settings import Weights, chosen_method
-from nlos.cli.progress import Progress
-from nlos.cli.targets import recording_target
-from nlos.cli.terminal import terminal
+from nlos.cli.taking import ScanOptions, require_shutter, take
 from nlos.configs.load import load
-from nlos.drivers.bench import Bench
-from nlos.drivers.errors import SafetyTrip
-from nlos.drivers.exit_paths import undisturbed
-from nlos.live.good_enough import Enough, parse_until
-from nlos.live.process import methods_for, start_live
-from nlos.scan_ending import ScanEnding
-from nlos.scan_preparation import PreparedScan, ScanRequest, prepare
-
-if TYPE_CHECKING:
-    from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.live.good_enough import parse_until
+from nlos.live.process import methods_for
+from nlos.run_defaults import dated_name, hooks_for, notes_for
+from nlos.series.sweep import swept
+from nlos.telling import told
 
 
 def scan(
     scan: Annotated[str, typer.Argument(metavar="SCAN", help="A YAML file, or the name of one in configs/scan.")],
     bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
-    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="RUN.h5")] = None,
-    reconstruct: Annotated[
-        str | None, typer.Option(metavar="METHOD", help="Name (see `nlos methods`) or a file of your own, ./mine.py.")
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="RUN.h5", help="With --sweep: the series' folder."),
     ] = None,
+    reconstruct: Annotated[str | None, typer.Option(metavar="METHOD", help="Method name; see `nlos methods`.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Acquire only what is missing.")] = False,
     scene: Annotated[
         Path | None, typer.Option(metavar="RUN.h5", help="Replay a recorded scan as the simulated bench's light.")
@@ -60,16 +47,27 @@ def scan(
         ),
     ] = None,
     weights: Weights = None,
+    sample: Annotated[str | None, typer.Option(metavar="TEXT", help="What is behind the corner; kept with it.")] = None,
+    operator: Annotated[str | None, typer.Option(metavar="NAME", help="Who measures.")] = None,
+    note: Annotated[str | None, typer.Option(metavar="TEXT", help="Anything worth finding again.")] = None,
+    tag: Annotated[list[str] | None, typer.Option(metavar="WORD", help="May be given again; `nlos runs WORD`.")] = None,
+    sweep: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=A,B,C", help="A scan for each value of a key: dwell_ms=1,2,4. May be given again."),
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
-) -> None:
+) -> int:
     """Acquires. Ctrl-C closes the shutter and pauses; Enter goes on, a second Ctrl-C ends the scan cleanly."""
 
     wanted, table = load("scan", scan, ScanSettings), load_bench(bench)
-    if table.settings.shutter.model == "none" and not no_shutter:
-        raise UsageError(
-            f"{table.path}: this bench has no shutter, so nothing here can shut off the light. "
-            "Say --no-shutter if something else does."
-        )
+    require_shutter(table, no_shutter)
+    notes = notes_for(table.settings, sample, operator, note, tag or [])
+    if sweep:
+        if resume or live or until or scene or overwrite or weights:
+            raise UsageError(
+                "--sweep makes a series: of the others only -o, --reconstruct, --constants and notes apply"
+            )
+        return swept(wanted, table, sweep, notes, output, reconstruct, constants, no_shutter)
     seeing: dict[str, object] = {}
     if weights is not None:
         reconstruct, seeing = chosen_method(weights, reconstruct, {})
@@ -80,138 +78,10 @@ def scan(
     level = None if until is None else parse_until(until)
     if live or level is not None:
         methods_for(reconstruct)
-    plan = wanted.settings.plan()
-    target = output or Path(f"{wanted.path.stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}.h5")
-    recording_target(target)
-    if resume and settle(target, plan):  # no device is even opened
-        terminal.result(f"{target}: is complete, nothing was left to take", recording=str(target), taken=0)
-        return
-    if target.exists() and not (overwrite or resume):
-        raise FileExistsError(f"{target}: exists. Choose another name with -o, or say --resume or --overwrite.")
-    header = Header(
-        scan_text=wanted.text,
-        scan_json=wanted.settings.model_dump_json(),
-        bench_text=table.text,
-        bench_json=table.settings.model_dump_json(),
-    )
-    target.parent.mkdir(exist_ok=True)
-    with Interrupts().caught() as interrupts, opened(table, scene) as open_bench:
-        request = ScanRequest(plan, wanted.settings.alarms, header, target, resume, overwrite, constants)
-        _acquire(request, open_bench, interrupts, _Watching(reconstruct, seeing, live, level))
-    if reconstruct is not None:
-        _reconstruct(target, reconstruct, seeing, overwrite)
-
-
-@dataclass(frozen=True)
-class _Watching:
-    """Who looks on: the method and its settings, whether on a page, and the level at which the scan may end."""
-
-    method: str | None
-    settings: dict[str, object]
-    live: bool
-    level: float | None
-
-    def enough(self, scan: PreparedScan) -> Enough | None:
-        """Decides when the picture is good enough. It reads what is there, so it is made before the file is opened."""
-        if self.level is None:
-            return None
-        asked, bench = scan.request, scan.bench
-        assert asked.target is not None
-        devices = {role: f"{who.model} {who.serial}".strip() for role, who in scan.header.devices.items()}
-        return Enough(
-            asked.target, asked.plan, devices, self.level, methods_for(self.method)[-1], bench.report,
-            watched=not bench.settings.simulated, resumed=asked.resume, settings=self.settings,
-        )  # fmt: skip
-
-    def show(self, scan: PreparedScan) -> None:
-        """Starts the page, where one is asked for or the picture is judged while light is on."""
-        assert scan.request.target is not None
-        if self.live or (self.level is not None and not scan.bench.settings.simulated):
-            start_live(scan.request.target, self.method, self.settings.get("weights"))
-
-
-def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watching: _Watching) -> None:
-    """Checks, then scans into the target. Whatever happens, the shutter is closed before the recording is."""
-
-    prepared = prepare(request, bench)
-    plan, target = prepared.request.plan, request.target
-    if other_axis := refitted(request.plan.axis, plan.axis):
-        terminal.log(f"warning: {other_axis}")
-    for warning in prepared.warnings:
-        terminal.log(f"warning: {warning}")
-    forecast_s = prepared.choice.forecast.total_s
-    if prepared.constants is not None:
-        terminal.log(prepared.constants.said(aim_of(bench)))
-        if prepared.constants.warning:
-            terminal.log(f"warning: {prepared.constants.warning}")
-    terminal.log(f"scheme {prepared.choice.scheme.value}, {forecast_s:.1f} s expected; {prepared.choice.why}")
-    prepared.alarms.wait_for_rates(bench)
-    enough = watching.enough(prepared)
-    safe = ""
-    try:
-        with ExitStack() as stack:
-            with undisturbed():  # a recording that is begun is ended, whenever a signal comes
-                begun = prepared.begin()
-                writer = begun.writer
-                if writer is None:
-                    return
-                progress = Progress(len(plan), len(begun.taken))
-                control = ScanControl(lambda why: _ask(interrupts, progress, writer, why))
-                ending = stack.enter_context(ScanEnding(bench, writer, control, "--resume"))
-                safe = ending.safe
-            interrupts.pauses(control)
-            watching.show(prepared)
-            start_s = bench.clock.now() - begun.elapsed_s
-            stack.enter_context(progress)
-            samples = prepared.samples(begun, control, enough)
-            bench.on_event = lambda kind, text: writer.log(kind, text, bench.clock.now() - start_s)
-            with closing(samples):
-                for sample in samples:
-                    writer.write(sample)
-                    progress.step()
-                    if enough is not None:
-                        enough.add(sample)
-    except SafetyTrip as error:
-        if not safe:  # before the recording was begun
-            raise
-        raise Stopped(ExitCode.ALARM, str(error)) from error
-    except (KeyboardInterrupt, SystemExit):
-        if safe:
-            terminal.log(f"nlos: ended by a signal. {safe}", -9)
-        raise
-    duration_s = bench.clock.now() - start_s
-    terminal.result(
-        f"{target}: {writer.acknowledged} of {len(plan)} points in {duration_s:.1f} s of bench time "
-        f"({forecast_s:.1f} s predicted)",
-        recording=str(target), taken=writer.acknowledged - len(begun.taken), points=writer.acknowledged,
-        planned=len(plan), bench_s=duration_s, predicted_s=forecast_s,
-        scheme=prepared.choice.scheme.value, status="complete" if ending.complete else "interrupted",
-    )  # fmt: skip
-    if not ending.complete and (interrupts.seen or enough is None or not enough.reached):
-        raise Stopped(ExitCode.INTERRUPTED, f"ended by Ctrl-C. {ending.safe}")
-
-
-def _ask(interrupts: Interrupts, progress: Progress, writer: "RecordingWriter", why: str) -> bool:
-    writer.flush()  # whoever is asked may come back tomorrow
-    progress.hide()
-    going = interrupts.ask(why)
-    if going:
-        progress.show()
-    return going
-
-
-def _reconstruct(run: Path, method: str, settings: dict[str, object], overwrite: bool) -> None:
-    """The picture of a scan that has just ended. Raises `Stopped`: whatever fails here, the scan is safe."""
-    from nlos.chain import reconstruct_file
-    from nlos.recon.explained import NOT_LOOKED_FOR
-    from nlos.recon.results import files_in
-
-    folder = run.with_suffix("")
-    done = reconstruct_file(run, method, settings, folder, overwrite=overwrite)
-    terminal.result(f"{folder}: {', '.join(files_in(folder))} ({method}, {done.seconds:.2f} s)")
-    explained = done.explained or NOT_LOOKED_FOR
-    terminal.log(f"{folder}: {explained}", -1 if explained.nothing else 0)
-    terminal.document["reconstruction"] = {
-        "folder": str(folder), "method": method, "seconds": done.seconds, "files": files_in(folder),
-        "explained": explained.share, "explained_error": explained.error,
-    }  # fmt: skip
+    target = output or dated_name(table.settings, wanted.path.stem, notes.sample, datetime.now())
+    if output is None:
+        target.parent.mkdir(parents=True, exist_ok=True)
+    options = ScanOptions(notes, reconstruct, seeing, resume, scene, constants, live, level, overwrite)
+    with told(hooks_for(table.settings), target, notes):
+        take(wanted, table, target, options)
+    return 0

@@ -53,7 +53,7 @@ class ScanAnswers:
         planned = len(seen.plan)
         return answer | {
             "samples": done, "planned": planned, "status": _status(scan, seen), "light": _light(seen),
-            "started_utc": seen.started_utc, "elapsed_s": elapsed_s,
+            "started_utc": seen.started_utc, "notes": dict(seen.notes), "elapsed_s": elapsed_s,
             "left_s": elapsed_s / done * (planned - done) if done else None,
             "rate_hz": detections / live_s if live_s else None,
             "events": [[round(e.bench_s, 3), e.kind, e.text] for e in seen.events[-EVENTS:]],

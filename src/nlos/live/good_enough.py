@@ -37,6 +37,7 @@ class Enough:
         watched: bool,
         resumed: bool = False,
         settings: Mapping[str, object] | None = None,
+        bench_json: str = "{}",
     ) -> None:
         """Before `run` is opened for writing: where it is `resumed`, what it holds is read here. `watched`: the live
         process of `run` makes the pictures, and its figures are read here."""
@@ -49,6 +50,7 @@ class Enough:
         self.reached = False
         """Whether the scan, or the first of its passes, ended for being good enough."""
         self._level, self._report, self._devices = level, report, devices
+        self._bench_json = bench_json
         self._state = state_file(run) if watched else None
         self._gathering = gathering_for(plan)
         self._live = LiveReconstruction(method, settings)
@@ -94,7 +96,7 @@ class Enough:
         from nlos.recon.errors import ReconError
 
         try:
-            scan = scan_of(new_scan(self._gathering.plan, self._devices), self._gathering)
+            scan = scan_of(new_scan(self._gathering.plan, self._devices, self._bench_json), self._gathering)
             transient = calibrate_scan(scan, constants=constants_for(scan, None))
             return self._live.update(transient, len(self._gathering), scan.falloff)
         except (InvalidData, ReconError) as error:

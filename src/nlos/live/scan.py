@@ -11,7 +11,7 @@ last sample is in, the last picture is that of the finished recording.
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -43,6 +43,8 @@ class Seen:
     started_utc: str
     which: str
     """The recording's identity: the file may be another one by now."""
+    notes: Mapping[str, str] = field(default_factory=dict)
+    """What a person said of the run, by name."""
 
 
 @dataclass
@@ -177,6 +179,7 @@ class LiveScan:
             tuple(recording.events()),
             recording.header.started_utc,
             recording.header.identity,
+            recording.header.notes.shown(),
         )
 
     def _begin(self, recording: "Recording") -> None:

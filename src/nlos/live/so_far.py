@@ -24,12 +24,12 @@ def gathering_for(plan: "ScanPlan") -> "Gathering | FreePoints":
     return Gathering(plan) if plan.positions.on_grid else FreePoints(plan)
 
 
-def new_scan(plan: "ScanPlan", devices: Mapping[str, str]) -> "LoadedScan":
+def new_scan(plan: "ScanPlan", devices: Mapping[str, str], bench_json: str = "{}") -> "LoadedScan":
     """A scan that is being taken, without samples."""
     from nlos.loaded import LoadedScan
 
     transient, nothing = _nothing(plan)
-    return LoadedScan(transient, devices, nothing, nothing, False, None, None, None)
+    return LoadedScan(transient, devices, nothing, nothing, False, None, None, None, bench_json=bench_json)
 
 
 def empty_scan(recording: "Recording") -> "LoadedScan":

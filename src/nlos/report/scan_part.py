@@ -53,6 +53,7 @@ def _about(recording: "Recording") -> str:
     live_s = float(records["live_time_s"].sum())
     rows = {
         "Started": header.started_utc or "not stored",
+        **{name.capitalize(): text for name, text in header.notes.shown().items()},
         "Status": f"{recording.status.name.lower()}, {len(records)} of {len(plan)} points",
         "Wall": f"{plan.wall.width_m:g} x {plan.wall.height_m:g} m, grid of {plan.wall.rows} x {plan.wall.cols}",
         "Time axis": f"{plan.axis.bins} bins of {plan.axis.bin_width_s * 1e12:g} ps",

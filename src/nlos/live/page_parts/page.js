@@ -62,7 +62,7 @@ function banner(state) {
 }
 function tell() {
   const state = scans[chosen].state, p = best(scans[chosen]), noise = p && frame === null ? state.pictures[p.method] : p;
-  $("run").textContent = scans.map(s => s.state.run).join(" and "); document.title = `${WORDS[state.status]} - ${state.run}`; $("status").textContent = gone ? "no answer; the viewer has ended" : words(state); $("next").textContent = gone ? "" : next(state);
+  $("run").textContent = scans.map(s => s.state.run).join(" and "); document.title = `${WORDS[state.status]} - ${state.run}`; $("notes").textContent = Object.entries(state.notes || {}).map(([name, text]) => `${name}: ${text}`).join(" · "); $("status").textContent = gone ? "no answer; the viewer has ended" : words(state); $("next").textContent = gone ? "" : next(state);
   $("points").textContent = `${count(state.samples)} of ${count(state.planned)}`; $("rate").textContent = state.rate_hz ? rate(state.rate_hz) : "–"; $("noise").textContent = noise ? `${(100 * noise.error).toFixed(1)} %` : "–";
   $("left").textContent = state.status === "running" && state.left_s !== null ? `${seconds(state.left_s)} left` : state.elapsed_s ? `${seconds(state.elapsed_s)} taken` : "–"; $("done").style.width = 100 * state.samples / (state.planned || 1) + "%";
   $("alarms").hidden = !state.alarms; $("alarms").lastElementChild.textContent = state.alarms; banner(state); $("difference").hidden = scans.length < 2;

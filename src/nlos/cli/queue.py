@@ -1,0 +1,26 @@
+"""`nlos queue`: many scans one after the other, forecast whole, resumed after anything."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from nlos.cli.terminal import terminal
+
+
+def queue(
+    file: Annotated[Path, typer.Argument(metavar="FILE.yaml", help="Which scans, and what an alarm does to the rest.")],
+    plan: Annotated[bool, typer.Option("--plan", help="Check and forecast all of it; take nothing.")] = False,
+    retry: Annotated[bool, typer.Option("--retry", help="Take up again what an alarm ended.")] = False,
+) -> int:
+    """Takes every scan of a queue file. Called again it goes on: after Ctrl-C, an alarm, a full disk, a power cut. What
+    is done stays; what was cut off is resumed; recordings, not the journal, have the last word."""
+    from nlos.series.carry_out import Series, carry_out, forecast
+    from nlos.series.sweep import load_queue
+
+    series = Series.of(load_queue(file), retry)
+    if plan:
+        forecast(series)
+        terminal.document["outcomes"] = {}
+        return 0
+    return carry_out(series)

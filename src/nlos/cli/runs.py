@@ -1,0 +1,90 @@
+"""`nlos runs`: finds scans again, by sample, operator, note, tag, day, or anything else that is known of them."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from nlos.cli.exit_codes import UsageError
+from nlos.cli.targets import page_target
+from nlos.cli.terminal import terminal
+
+if TYPE_CHECKING:
+    from nlos.runs.index import Run
+
+_LONGEST = 40
+_HEADS = ("started", "status", "points", "sample", "operator", "tags", "path", "note")
+
+
+def runs(
+    words: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[WORDS]", help="All must fit: hat, sample:hat, tag:night, since:2026-03, until:2026-04-02"
+        ),
+    ] = None,
+    folder: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Default: the data folder of defaults.yaml, or this folder.")
+    ] = None,
+    sort: Annotated[str, typer.Option(metavar="FIELD", help="started, sample, operator, photons, ...")] = "started",
+    ascending: Annotated[bool, typer.Option("--ascending", help="The smallest or oldest first.")] = False,
+    limit: Annotated[int, typer.Option(min=1, help="At most so many.")] = 50,
+    rebuild: Annotated[bool, typer.Option("--rebuild", help="Read every file again.")] = False,
+    page: Annotated[
+        Path | None, typer.Option(metavar="F.html", help="Write them as a page with thumbnails as well.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing page.")] = False,
+) -> None:
+    """Lists recordings below a folder, the latest first. The index is made from the files and brought up to date
+    first; deleting it loses nothing."""
+    from nlos.run_defaults import data_folder
+    from nlos.runs.index import SORTS, RunsIndex
+
+    where = folder or data_folder() or Path()
+    if not where.is_dir():
+        raise FileNotFoundError(f"{where}: no such folder")
+    if sort not in SORTS:
+        raise UsageError(f"--sort {sort}: choose one of {', '.join(SORTS)}")
+    if page is not None and page_target(page).exists() and not overwrite:
+        raise FileExistsError(f"{page}: exists. Choose another name, or say --overwrite.")
+    with RunsIndex(where) as index:
+        changes = index.rebuild() if rebuild else index.update()
+        found, every = index.search(words or [], sort, not ascending, limit), index.count()
+    if changes.unreadable:
+        terminal.log(f"warning: {changes.unreadable} recordings cannot be read: `nlos runs status:unreadable`")
+    _show(found)
+    terminal.result(f"{len(found)} of {every} runs in {where}", total=every, folder=str(where))
+    terminal.document["runs"] = [
+        {"path": run.path, "started": run.started, **{k: v for k, v in run.summary.items() if k != "thumbnail"}}
+        for run in found
+    ]
+    if page is not None:
+        from nlos.runs.page import write_page
+
+        write_page(page, where, found, " ".join(words or []))
+        terminal.result(str(page), page=str(page))
+
+
+def _show(found: "list[Run]") -> None:
+    """One line each, in columns."""
+    lines: list[tuple[str, ...]] = [_HEADS]
+    for run in found:
+        said = run.summary
+        points = f"{said['points']}/{said['planned']}" if "points" in said else ""
+        lines.append((run.started, run.status, points, str(said.get("sample", "")), str(said.get("operator", "")),
+                      ",".join(said.get("tags", [])), run.path,
+                      str(said.get("note", said.get("trouble", "")))))  # fmt: skip
+    if len(lines) == 1:
+        return
+    lines = [
+        tuple(_cut(cell) if _HEADS[column] != "path" else cell for column, cell in enumerate(line)) for line in lines
+    ]
+    widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]))]
+    for line in lines:
+        cells = [f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True) if width]
+        terminal.result("  ".join(cells).rstrip())
+
+
+def _cut(text: str) -> str:
+    one = " ".join(text.split())
+    return one if len(one) <= _LONGEST else f"{one[: _LONGEST - 1]}…"

@@ -1,0 +1,63 @@
+"""`nlos status`: a read-only page for the corridor: the scan under way, the series, the latest runs."""
+
+import os
+import secrets
+import signal
+import socket
+from pathlib import Path
+from types import FrameType
+from typing import Annotated
+
+import typer
+
+from nlos.cli.exit_codes import UsageError
+from nlos.cli.terminal import terminal
+
+NICENESS = 10
+
+
+def status(
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="[DIR]", help="Default: the data folder of defaults.yaml, or this folder.")
+    ] = None,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 picks a free one.")] = 0,
+    host: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="This computer's address that others reach it by.")
+    ] = "127.0.0.1",
+    token: Annotated[
+        str | None, typer.Option(metavar="WORD", help="The secret in the page's address; a new one unless given.")
+    ] = None,
+) -> None:
+    """A page that asks for itself again every few seconds. Whoever has its address may look; nobody can control
+    anything. It is made from the files, by a process of its own: start it on any machine that sees the data folder.
+    Ctrl-C ends it."""
+    from nlos.live.web import WebServer
+    from nlos.run_defaults import data_folder
+    from nlos.status_page import StatusPage
+
+    where = folder or data_folder() or Path()
+    if not where.is_dir():
+        raise FileNotFoundError(f"{where}: no such folder")
+    if token is not None and not (16 <= len(token) <= 100 and token.replace("-", "").replace("_", "").isalnum()):
+        raise UsageError("--token: 16 to 100 letters, digits, - and _: it is all that keeps others out")
+    try:
+        door = socket.create_server((host, port))
+    except OSError as error:
+        raise UsageError(f"--host {host} --port {port}: {error.strerror}. Choose another.") from error
+    if hasattr(os, "nice"):
+        os.nice(NICENESS)  # a scan on this machine goes first
+    number, word = door.getsockname()[1], token or secrets.token_urlsafe(24)
+    names = {host, socket.gethostname(), "127.0.0.1", "localhost"}
+    server = WebServer(door, StatusPage(where, word, {f"{name}:{number}" for name in names}))
+
+    def ended(number: int, frame: FrameType | None) -> None:
+        server.stop()
+
+    previous = {each: signal.signal(each, ended) for each in (signal.SIGINT, signal.SIGTERM)}
+    url = f"http://{host}:{number}/{word}/"
+    terminal.result(url, url=url)
+    try:
+        server.run()
+    finally:
+        for each, handler in previous.items():
+            signal.signal(each, handler)

@@ -1,0 +1,74 @@
+"""Notes and places of a run: what the command line says, else the bench file, else a person's own defaults."""
+
+import os
+import re
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+
+from nlos.acquisition.recording.run_notes import RunNotes
+from nlos.cli.exit_codes import UsageError
+from nlos.configs.load import ConfigError, parse
+from nlos.drivers.bench_settings import BenchSettings
+from nlos.drivers.run_defaults import HookSettings, RunDefaults
+
+CONFIG = "NLOS_CONFIG"
+"""Environment variable: the folder of a person's own defaults; `~/.config/nlos` where it is not set."""
+
+
+def own_defaults() -> RunDefaults:
+    """`defaults.yaml` in that folder; nothing where there is none. Raises `ConfigError`."""
+    path = Path(os.environ.get(CONFIG) or Path.home() / ".config" / "nlos") / "defaults.yaml"
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return RunDefaults()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read ({error})") from error
+    return parse(text, str(path), RunDefaults)
+
+
+def notes_for(
+    bench: BenchSettings, sample: str | None, operator: str | None, note: str | None, tags: Sequence[str]
+) -> RunNotes:
+    """Raises `UsageError` for what a recording does not keep."""
+    own, its = own_defaults(), bench.runs
+    words = [tag for given in tags for tag in given.split(",")]
+    try:
+        return RunNotes.of(
+            _first(sample, its.sample, own.sample),
+            _first(operator, its.operator, own.operator),
+            _first(note, its.note, own.note),
+            [*words, *its.tags, *own.tags],
+        )
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+
+
+def _first(given: str | None, *defaults: str) -> str:
+    """What was given, an empty text too; else the first default that says something."""
+    return given if given is not None else next((text for text in defaults if text), "")
+
+
+def hooks_for(bench: BenchSettings) -> HookSettings:
+    """The bench's, else one's own."""
+    return bench.runs.hooks or own_defaults().hooks
+
+
+def data_folder(bench: BenchSettings | None = None) -> Path | None:
+    """Where runs are kept; None: nobody said, so in the current folder."""
+    said = (bench.runs.folder if bench is not None else "") or own_defaults().folder
+    return Path(said).expanduser() if said else None
+
+
+def dated_name(bench: BenchSettings, scan: str, sample: str, now: datetime) -> Path:
+    """What a scan without a name of its own is called: day, time, scan and sample, in the data folder by days."""
+    folder, words = data_folder(bench), [word for word in (file_word(scan), file_word(sample)) if word]
+    if folder is None:
+        return Path(f"{'-'.join(words)}-{now:%Y%m%d-%H%M%S}.h5")
+    return folder / f"{now:%Y-%m-%d}" / f"{now:%H%M%S}-{'-'.join(words)}.h5"
+
+
+def file_word(text: str) -> str:
+    """A text as part of a file's name: letters of any language, digits, dots and underscores, joined by dashes."""
+    return re.sub(r"[^\w.]+", "-", text).strip("-.")[:60]

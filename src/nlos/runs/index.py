@@ -1,0 +1,216 @@
+"""The index of a folder of recordings: SQLite beside no data, made from the files alone and never believed over them.
+
+It lies in the state folder, one file a data folder; deleting it loses nothing. Files are told apart by size, time and
+inode: those that have changed are read again, by a child, and those that are gone are left out.
+"""
+
+import hashlib
+import json
+import os
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from nlos.acquisition.errors import InvalidData, StorageError
+from nlos.acquisition.importers.isolated import IsolatedReader
+from nlos.acquisition.importers.magic import is_recording
+from nlos.drivers.trip_latch import state_folder
+from nlos.runs.query import condition, local_time
+
+_READER = "nlos.acquisition.recording.summary:summarise"
+_VERSION = 2
+_BATCH = 500
+_READERS, _WORTH_A_READER = 4, 50
+"""Children that read side by side, each worth its start from so many files on."""
+Stamp = tuple[int, int, int]
+"""Size, time of change, inode."""
+Row = tuple[tuple[Any, ...], str]
+"""What is searched of a run, and its summary."""
+UNREADABLE, OTHER = "unreadable", "other"
+"""Of a recording that cannot be read; of another file that is called .h5 and is not shown."""
+_SCHEMA = """
+CREATE TABLE runs (
+    path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, inode INTEGER, kind TEXT, started TEXT, status TEXT,
+    points INTEGER, planned INTEGER, photons INTEGER, live_s REAL, sample TEXT, operator TEXT, note TEXT, tags TEXT,
+    bench TEXT, words TEXT
+) WITHOUT ROWID;
+CREATE TABLE summaries (path TEXT PRIMARY KEY, summary TEXT);
+CREATE INDEX by_start ON runs (started);
+"""
+_COLUMNS = ("path", "size", "mtime_ns", "inode", "kind", "started", "status", "points", "planned", "photons", "live_s",
+            "sample", "operator", "note", "tags", "bench", "words")  # fmt: skip
+SORTS = ("started", "path", "status", "points", "photons", "live_s", "sample", "operator", "bench")
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What an update found."""
+
+    read: int
+    gone: int
+    unreadable: int
+
+
+@dataclass(frozen=True)
+class Run:
+    """One recording of a list. `path` is relative to the folder; `summary` as `summarise` gives it."""
+
+    path: str
+    started: str
+    """Local time, to the second; empty where the file does not say."""
+    status: str
+    summary: dict[str, Any]
+
+
+class RunsIndex:
+    """The index of `folder`, opened, made where there is none or where it is no index."""
+
+    def __init__(self, folder: Path, place: Path | None = None) -> None:
+        self.folder = folder.resolve()
+        name = hashlib.sha256(str(self.folder).encode()).hexdigest()[:16]
+        self.place = place or state_folder() / "runs" / f"{name}.sqlite"
+        self._base = self._opened()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._base.close()
+
+    def _opened(self) -> sqlite3.Connection:
+        try:
+            self.place.parent.mkdir(parents=True, exist_ok=True)
+            base = sqlite3.connect(self.place, timeout=30.0)
+            try:
+                if base.execute("PRAGMA user_version").fetchone()[0] == _VERSION:
+                    base.execute("SELECT path FROM runs LIMIT 1").fetchone()
+                    return base
+            except sqlite3.DatabaseError as error:
+                if isinstance(error, sqlite3.OperationalError) and "locked" in str(error):
+                    base.close()
+                    raise
+            base.close()
+            for left in (self.place, *self.place.parent.glob(f"{self.place.name}-*")):
+                left.unlink(missing_ok=True)
+            base = sqlite3.connect(self.place, timeout=30.0)
+            base.executescript(f"{_SCHEMA}PRAGMA user_version = {_VERSION};")
+            return base
+        except (OSError, sqlite3.Error) as error:
+            raise StorageError(f"{self.place}: the index of runs cannot be kept there ({error})") from error
+
+    def rebuild(self) -> Changes:
+        """From the files alone."""
+        with self._base:
+            self._base.execute("DELETE FROM runs")
+            self._base.execute("DELETE FROM summaries")
+        return self.update()
+
+    def update(self) -> Changes:
+        """Reads what is new or has changed, and leaves out what is gone. Raises `StorageError`."""
+        try:
+            return self._update()
+        except sqlite3.Error as error:
+            raise StorageError(f"{self.place}: the index of runs cannot be written ({error})") from error
+
+    def _update(self) -> Changes:
+        # One that was being written may have been killed since: its file does not show that.
+        asked = "SELECT path, size, mtime_ns, inode, status = 'running' FROM runs"
+        known = {path: () if running else tuple(stamp) for path, *stamp, running in self._base.execute(asked)}
+        there = {path: (stat.st_size, stat.st_mtime_ns, stat.st_ino) for path, stat in _recordings(self.folder)}
+        gone = [(path,) for path in known.keys() - there.keys()]
+        fresh = sorted(path for path, stamp in there.items() if known.get(path) != stamp)
+        with self._base:
+            for table in ("runs", "summaries"):
+                self._base.executemany(f"DELETE FROM {table} WHERE path = ?", gone)
+        unreadable = 0
+        many = min(_READERS, os.cpu_count() or 1, 1 + len(fresh) // _WORTH_A_READER)
+        with ExitStack() as stack:
+            readers = [stack.enter_context(IsolatedReader()) for _ in range(many)]
+            threads = stack.enter_context(ThreadPoolExecutor(many, thread_name_prefix="runs"))
+            for first in range(0, len(fresh), _BATCH):
+                batch = fresh[first : first + _BATCH]
+                parts = [threads.submit(self._rows, reader, batch[i::many], there) for i, reader in enumerate(readers)]
+                rows = [row for part in parts for row in part.result()]
+                unreadable += sum(row[4] == UNREADABLE for row, _ in rows)
+                with self._base:
+                    marks = ", ".join("?" * len(_COLUMNS))
+                    self._base.executemany(f"INSERT OR REPLACE INTO runs VALUES ({marks})", [row for row, _ in rows])
+                    summaries = [(row[0], summary) for row, summary in rows]
+                    self._base.executemany("INSERT OR REPLACE INTO summaries VALUES (?, ?)", summaries)
+        return Changes(len(fresh), len(gone), unreadable)
+
+    def _rows(self, reader: IsolatedReader, paths: Sequence[str], there: Mapping[str, Stamp]) -> list[Row]:
+        return [self._row(reader, path, there[path]) for path in paths]
+
+    def _row(self, reader: IsolatedReader, path: str, stamp: Stamp) -> Row:
+
+        full, kind = self.folder / path, "recording"
+        try:
+            if not is_recording(full):
+                raise InvalidData("another HDF5 file")
+            said = reader.ask(full, _READER)
+        except (InvalidData, StorageError, OSError) as error:
+            kind = UNREADABLE if _may_be_one(full) else OTHER
+            said = {"status": UNREADABLE, "trouble": str(error)}
+        started = local_time(str(said.get("started_utc", "")))
+        told = [str(said.get(name, "")) for name in ("sample", "operator", "note")]
+        tags, bench = " ".join(said.get("tags", [])), str(said.get("bench", ""))
+        words = " ".join([path, started, *told, tags, bench, str(said.get("status")), str(said.get("pattern", "")),
+                          *said.get("devices", [])]).casefold()  # fmt: skip
+        row = (
+            path, *stamp, kind, started, said.get("status"), said.get("points"), said.get("planned"),
+            said.get("photons"), said.get("live_s"), *told, tags, bench, words,
+        )  # fmt: skip
+        return row, json.dumps(said)
+
+    def search(
+        self, words: Sequence[str] = (), sort: str = "started", reverse: bool = True, limit: int | None = None
+    ) -> list[Run]:
+        """Recordings that every word fits, the latest first unless told. Raises `UsageError` for a word that means
+        nothing."""
+        where, values = condition(words)
+        order = f"{sort} {'DESC' if reverse else 'ASC'}, path {'DESC' if reverse else 'ASC'}"
+        found = f"SELECT * FROM runs WHERE kind != ? AND {where} ORDER BY {order} LIMIT ?"
+        asked = f"SELECT path, started, status, summary FROM ({found}) JOIN summaries USING (path) ORDER BY {order}"
+        with closing(self._base.execute(asked, (OTHER, *values, -1 if limit is None else limit))) as rows:
+            return [Run(path, started, status, json.loads(summary)) for path, started, status, summary in rows]
+
+    def count(self) -> int:
+        """How many runs there are in all."""
+        return int(self._base.execute("SELECT count(*) FROM runs WHERE kind != ?", (OTHER,)).fetchone()[0])
+
+
+def _may_be_one(path: Path) -> bool:
+    """Whether a file that cannot be read was meant to be a recording."""
+    try:
+        return is_recording(path)
+    except (OSError, InvalidData):
+        return True
+
+
+def _recordings(folder: Path) -> Iterator[tuple[str, os.stat_result]]:
+    """Every file below `folder` that may be a recording, by its path relative to it; hidden ones are left out."""
+    left = [folder]
+    while left:
+        here = left.pop()
+        try:
+            entries = list(os.scandir(here))
+        except OSError:
+            continue
+        for entry in entries:
+            if entry.name.startswith("."):
+                continue
+            try:
+                if entry.is_dir(follow_symlinks=False):
+                    left.append(Path(entry.path))
+                elif entry.name.endswith(".h5") and entry.name != "reconstruction.h5" and entry.is_file():
+                    yield os.path.relpath(entry.path, folder), entry.stat()
+            except OSError:
+                continue

@@ -1,0 +1,209 @@
+"""Carries a series out: what is missing, one scan after the other, each outcome on disk before the next begins."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
+from pathlib import Path
+
+from nlos.acquisition.errors import StorageError
+from nlos.acquisition.recording.salvage import settle
+from nlos.acquisition.recording.writer_lock import WriterLock
+from nlos.acquisition.scanning.alarms import AlarmRaised
+from nlos.chain import reconstruct_file
+from nlos.cli.exit_codes import ExitCode, UsageError, exit_code
+from nlos.cli.taking import ScanOptions, require_shutter, take
+from nlos.cli.terminal import terminal
+from nlos.configs.load import Loaded
+from nlos.run_defaults import hooks_for
+from nlos.series import journal as outcomes
+from nlos.series.expand import Run, expand
+from nlos.series.forecast import Forecast, forecasts
+from nlos.series.journal import Journal
+from nlos.series.room import check_room
+from nlos.series.settings import QueueSettings
+from nlos.telling import ALARM, DONE, Ending, tell
+
+ENDS_BY = {ExitCode.ALARM: outcomes.ALARM, ExitCode.STORAGE: outcomes.STORAGE,
+           ExitCode.INTERRUPTED: outcomes.INTERRUPTED, ExitCode.TERMINATED: outcomes.INTERRUPTED}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Series:
+    """A queue that was read and expanded. `retry`: scans that an alarm ended are taken up again."""
+
+    queue: Loaded[QueueSettings]
+    folder: Path
+    runs: Sequence[Run]
+    retry: bool = False
+
+    @classmethod
+    def of(cls, queue: Loaded[QueueSettings], retry: bool = False) -> "Series":
+        """Raises `ConfigError` for a queue that no bench could carry out."""
+        said = queue.settings.folder
+        folder = queue.path.parent / (said if said is not None else queue.path.stem)
+        if queue.settings.reconstruct is not None:
+            from nlos.recon.methods import find
+
+            find(queue.settings.reconstruct)
+        runs = expand(queue)
+        for run in runs:
+            require_shutter(run.bench, queue.settings.no_shutter)
+        return cls(queue, folder.expanduser(), runs, retry)
+
+    def recording(self, run: Run) -> Path:
+        return self.folder / f"{run.name}.h5"
+
+    @property
+    def constants(self) -> Path | None:
+        said = self.queue.settings.constants
+        return None if said is None else Path(said)
+
+
+def carry_out(series: Series) -> int:
+    """Everything that is still to do; returns the exit code: 5 where an alarm left a scan as it is. Raises what ends
+    the series: it goes on from there when it is carried out again."""
+    series.folder.mkdir(parents=True, exist_ok=True)
+    lock = WriterLock(series.folder / outcomes.NAME)
+    try:
+        journal = Journal(series.folder)
+        todo = [run for run in series.runs if not _is_over(series, journal, run)]
+        expected = list(forecasts(todo, series.constants))
+        _tell(series, journal, todo, expected)
+        coming = dict(zip((run.name for run in todo), expected, strict=True))
+        journal.plan({run.name: coming[run.name].seconds if run.name in coming else 0.0 for run in series.runs})
+        check_room(series.folder, [(series.recording(run), each) for run, each in zip(todo, expected, strict=True)])
+        for run in todo:
+            _one(series, journal, run)
+        failed = _pictures(series, journal) if series.queue.settings.reconstruct is not None else 0
+        return _ended(series, journal, failed)
+    finally:
+        lock.release()
+
+
+def forecast(series: Series) -> None:
+    """Checks everything and says what is to come; writes nothing."""
+    journal = Journal(series.folder)
+    todo = [run for run in series.runs if journal.outcome(run.name) != outcomes.DONE]
+    _tell(series, journal, todo, list(forecasts(todo, series.constants)))
+
+
+def _is_over(series: Series, journal: Journal, run: Run) -> bool:
+    """Whether nothing is left to do for a run: its recording says so, or an alarm ended it and nobody wants it again.
+    Raises `UsageError` where it was another run."""
+    last, path = journal.last(run.name), series.recording(run)
+    if last is not None and last.digest != run.digest:
+        raise UsageError(
+            f"{series.folder}: {run.name} was begun with other settings. Undo the change in {series.queue.path}, or "
+            "give this series a folder of its own."
+        )
+    if path.exists() and last is None:
+        raise FileExistsError(f"{path}: exists and is none of this series'. Give the series a folder of its own.")
+    if last is not None and last.what == outcomes.ALARM and series.queue.settings.on_alarm == "skip":
+        return not series.retry
+    if last is None or not path.exists():
+        return False
+    if last.what == outcomes.DONE:
+        return True
+    try:
+        complete = settle(path, series.runs[series.runs.index(run)].scan.settings.plan())
+    except (ValueError, StorageError):  # resuming says what is wrong with it, or begins anew
+        return False
+    if complete:  # it was killed between its last sample and its line
+        journal.add(run.name, outcomes.DONE, run.digest, "complete when the series was resumed")
+    return complete
+
+
+def _one(series: Series, journal: Journal, run: Run) -> None:
+    """One scan. An alarm that may be skipped is written down; whatever else ends it goes on to the caller."""
+    path = series.recording(run)
+    terminal.log(f"run {run.name}")
+    journal.add(run.name, outcomes.BEGUN, run.digest)
+    try:
+        take(run.scan, run.bench, path, ScanOptions(run.notes, resume=True, constants=series.constants))
+    except BaseException as error:
+        code = exit_code(error) if not isinstance(error, SystemExit) else ExitCode(int(error.code or 0))
+        journal.add(run.name, ENDS_BY.get(code, outcomes.FAILED), run.digest, str(error), int(code))
+        if code is not ExitCode.INTERRUPTED and not isinstance(error, SystemExit):
+            _announce(series, run, ALARM, str(error), code)
+        if not _may_go_on(series, error):
+            again = f"`nlos queue {series.queue.path}` resumes it."
+            error.add_note(f"the series ended in run {run.name}. {again}")
+            raise
+        terminal.log(f"warning: run {run.name} left as it is: {error}")
+        return
+    journal.add(run.name, outcomes.DONE, run.digest)
+
+
+def _may_go_on(series: Series, error: BaseException) -> bool:
+    """An alarm is of this scan; a trip, a lost device or a full disk would meet the next one, too."""
+    of_this_scan = isinstance(error, AlarmRaised) or isinstance(error.__cause__, AlarmRaised)
+    return of_this_scan and series.queue.settings.on_alarm == "skip"
+
+
+def _pictures(series: Series, journal: Journal) -> int:
+    """Reconstructs every complete recording that has no picture yet; how many could not be."""
+    method, failed = series.queue.settings.reconstruct, 0
+    assert method is not None
+    for run in series.runs:
+        path = series.recording(run)
+        folder = path.with_suffix("")
+        if journal.outcome(run.name) != outcomes.DONE or (folder / "reconstruction.h5").exists():
+            continue
+        try:
+            done = reconstruct_file(path, method, {}, folder, overwrite=True)
+        except (ValueError, OSError, RuntimeError) as error:
+            journal.add(run.name, outcomes.NO_PICTURE, run.digest, str(error), int(exit_code(error)))
+            terminal.log(f"warning: {path}: no picture: {error}")
+            failed += 1
+            continue
+        journal.add(run.name, outcomes.PICTURE, run.digest, f"{method}, {done.seconds:.2f} s")
+        terminal.log(f"{folder}: {method}, {done.seconds:.2f} s")
+    return failed
+
+
+def _tell(series: Series, journal: Journal, todo: Sequence[Run], expected: Sequence[Forecast]) -> None:
+    """What is to come: each scan, and the whole."""
+    width = max(len(run.name) for run in series.runs)
+    coming = dict(zip((run.name for run in todo), expected, strict=True))
+    for run in series.runs:
+        each = coming.get(run.name)
+        words = journal.outcome(run.name) if each is None else (
+            f"{each.points} points, {each.seconds:.1f} s, {each.disk_bytes / 1e6:.1f} MB, {each.scheme}"
+        )  # fmt: skip
+        terminal.result(f"{run.name:<{width}}  {words}")
+    seconds, disk = sum(each.seconds for each in expected), sum(each.disk_bytes for each in expected)
+    ends = datetime.now() + timedelta(seconds=seconds)
+    terminal.result(
+        f"{len(todo)} of {len(series.runs)} scans to take: {_duration(seconds)} of bench time, until {ends:%a %H:%M}, "
+        f"and {disk / 1e6:.0f} MB",
+        to_take=len(todo), scans=len(series.runs), expected_s=seconds, expected_disk_bytes=disk,
+    )  # fmt: skip
+
+
+def _duration(seconds: float) -> str:
+    hours, rest = divmod(round(seconds), 3600)
+    return f"{hours} h {rest // 60:02d} min" if hours else f"{rest // 60} min {rest % 60:02d} s"
+
+
+def _ended(series: Series, journal: Journal, failed: int) -> int:
+    """Says what became of each, and whom it concerns."""
+    found = {run.name: journal.outcome(run.name) for run in series.runs}
+    alarms = sum(each == outcomes.ALARM for each in found.values())
+    pictures = f", {failed} without a picture" if failed else ""
+    words = f"{series.folder}: {sum(each == outcomes.DONE for each in found.values())} of {len(found)} scans done"
+    words += f", {alarms} ended by an alarm{pictures}" if alarms else pictures
+    terminal.result(words, folder=str(series.folder), outcomes=found)
+    code = ExitCode.ALARM if alarms else ExitCode.RECONSTRUCTION if failed else ExitCode.DONE
+    _announce(series, None, DONE, words, code)
+    return int(code)
+
+
+def _announce(series: Series, run: Run | None, status: str, message: str, code: int) -> None:
+    first = series.runs[0] if run is None else run
+    hooks = series.queue.settings.hooks
+    where = str(series.folder if run is None else series.recording(run))
+    notes = first.notes if run is not None else replace(first.notes, note="")
+    tell(
+        hooks_for(first.bench.settings) if hooks is None else hooks,
+        Ending(where, status, message, int(code), notes.sample, notes.operator, notes.note, notes.tags),
+    )

@@ -1,0 +1,71 @@
+"""`nlos scan --sweep KEY=A,B,C`: a series made from one scan, written down as a queue file, which can be resumed."""
+
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.recording.run_notes import RunNotes
+from nlos.cli.exit_codes import UsageError
+from nlos.cli.terminal import terminal
+from nlos.configs.load import Loaded, load
+from nlos.drivers.bench_settings import BenchSettings
+from nlos.run_defaults import dated_name
+from nlos.series.carry_out import Series, carry_out
+from nlos.series.settings import QueueSettings
+
+
+def swept(
+    scan: Loaded[ScanSettings],
+    bench: Loaded[BenchSettings],
+    sweep: Sequence[str],
+    notes: RunNotes,
+    output: Path | None,
+    method: str | None,
+    constants: Path | None,
+    no_shutter: bool,
+) -> int:
+    """Writes FOLDER/queue.yaml and carries it out; over the same file it resumes. Returns the exit code."""
+    folder = output or dated_name(bench.settings, f"{scan.path.stem}-sweep", notes.sample, datetime.now()).with_suffix(
+        ""
+    )
+    content: dict[str, Any] = {
+        "bench": str(bench.path.absolute()),
+        "folder": ".",
+        **{key: value for key, value in (("reconstruct", method), ("sample", notes.sample), ("note", notes.note),
+                                         ("operator", notes.operator)) if value is not None},
+        "tags": list(notes.tags),
+        "no_shutter": no_shutter,
+        "runs": [{"scan": str(scan.path.absolute()), "sweep": dict(_values(each) for each in sweep)}],
+    }  # fmt: skip
+    if constants is not None:
+        content["constants"] = str(constants if str(constants) == "none" else constants.absolute())
+    text = f"# Written by `nlos scan --sweep`; `nlos queue` of this file resumes it.\n{yaml.safe_dump(content)}"
+    target = folder / "queue.yaml"
+    folder.mkdir(parents=True, exist_ok=True)
+    if target.exists() and target.read_text(encoding="utf-8") != text:
+        raise FileExistsError(f"{target}: is another series. Choose another folder with -o.")
+    target.write_text(text, encoding="utf-8")
+    terminal.log(f"{target}: `nlos queue {target}` resumes it after anything")
+    return carry_out(Series.of(load_queue(target)))
+
+
+def load_queue(path: Path) -> Loaded[QueueSettings]:
+    """A queue file. Raises `ConfigError` with its line, `FileNotFoundError`."""
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such queue file")
+    return load("queue", str(path), QueueSettings)
+
+
+def _values(text: str) -> tuple[str, list[Any]]:
+    """KEY=A,B,C as YAML reads each value."""
+    key, equals, values = text.partition("=")
+    if not (key and equals and values):
+        raise UsageError(f"--sweep {text}: write KEY=A,B,C")
+    found = [yaml.safe_load(each) for each in values.split(",")]
+    if not all(isinstance(each, bool | int | float | str) for each in found):
+        raise UsageError(f"--sweep {text}: each value must be a number or a word")
+    return key, found

@@ -1,0 +1,127 @@
+"""What the screen in the corridor shows of a data folder: the scan under way, the series, and the latest runs.
+
+Read-only and without a script: the browser asks again by itself. Made from files alone, by a process of its own, so
+that nothing a visitor does reaches the laser, the mirrors or a recording.
+"""
+
+import secrets
+import threading
+import time
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+
+from nlos.acquisition.errors import StorageError
+from nlos.acquisition.recording.writer_lock import is_locked
+from nlos.live.web import Answer, Refused, Request
+from nlos.runs.index import Run, RunsIndex
+from nlos.runs.page import card
+from nlos.series.journal import NAME as JOURNAL
+from nlos.series.journal import Journal, planned
+
+AGAIN_S = 5
+"""How often the browser asks; the folder is looked at no more often than that."""
+LATEST = 12
+
+
+class StatusPage:
+    """Answers whoever names one of `hosts` and begins the path with `token`."""
+
+    def __init__(self, folder: Path, token: str, hosts: set[str]) -> None:
+        self._folder, self._token, self._hosts = folder, token.encode(), hosts
+        self._style = (files("nlos.runs") / "page.css").read_text(encoding="utf-8")
+        self._lock, self._body, self._made_s = threading.Lock(), "", -float("inf")
+
+    def __call__(self, request: Request) -> Answer:
+        """Raises `Refused`."""
+        _, _, rest = request.path.partition("/")
+        token, slash, what = rest.partition("/")
+        allowed = secrets.compare_digest(token.encode("ascii", "replace"), self._token)
+        if request.host not in self._hosts or not allowed or not slash:
+            raise Refused(403)
+        if what:
+            raise Refused(404)
+        nonce = secrets.token_urlsafe(16)
+        policy = (
+            f"default-src 'none'; style-src 'nonce-{nonce}'; img-src data:; base-uri 'none'; form-action 'none'; "
+            "frame-ancestors 'none'"
+        )
+        body = (
+            '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
+            f'content="width=device-width, initial-scale=1"><meta http-equiv="refresh" content="{AGAIN_S}">'
+            f'<title>nlos status</title><style nonce="{nonce}">{self._style}</style></head><body>{self._current()}'
+            "</body></html>"
+        )
+        return Answer(body.encode(), kind="text/html; charset=utf-8", headers={"Content-Security-Policy": policy})
+
+    def _current(self) -> str:
+        """The page's body; visitors at the same time get the same one."""
+        with self._lock:
+            if time.monotonic() - self._made_s >= AGAIN_S:
+                self._body, self._made_s = body(self._folder), time.monotonic()
+            return self._body
+
+
+def body(folder: Path) -> str:
+    """What is known of the folder now."""
+    try:
+        with RunsIndex(folder) as index:
+            index.update()
+            latest, every = index.search(limit=LATEST), index.count()
+    except StorageError as error:
+        return f"<h1>{escape(folder.name)}</h1><p>{escape(str(error))}</p>"
+    now = f"{datetime.now():%Y-%m-%d %H:%M:%S}"
+    growing = [run for run in latest if run.status == "running" and is_locked(folder / run.path)]
+    cards = "".join(card(folder, run) for run in latest)
+    return (
+        f'<h1>{escape(folder.resolve().name)} <span class="when">{now}</span></h1>{_under_way(growing)}'
+        f"{_series(folder)}<section><h2>The latest of {every} runs</h2><main>{cards}</main></section>"
+    )
+
+
+def _under_way(growing: Sequence[Run]) -> str:
+    if not growing:
+        return '<section><p class="big">No scan is under way.</p></section>'
+    return "".join(
+        f'<section><p class="big">{escape(str(run.summary.get("sample") or Path(run.path).stem))}</p>'
+        f'<progress max="{run.summary["planned"]}" value="{run.summary["points"]}"></progress>'
+        f"<p>{run.summary['points']:,} of {run.summary['planned']:,} points since {escape(run.started)}; "
+        f"{escape(str(run.summary.get('operator') or 'nobody named'))}, bench {escape(run.summary['bench'])}</p>"
+        "</section>"
+        for run in growing
+    )
+
+
+def _series(folder: Path) -> str:
+    """The series below the folder whose journal changed last."""
+    try:
+        journals = sorted(folder.glob(f"**/{JOURNAL}"), key=lambda path: path.stat().st_mtime)
+    except OSError:
+        return ""
+    if not journals:
+        return ""
+    here = journals[-1].parent
+    journal, expected_s = Journal(here), planned(here)
+    outcome = {name: journal.outcome(name) for name in expected_s}
+    over = [name for name, what in outcome.items() if what not in ("waiting", "begun", "cut off")]
+    left_s = sum(seconds for name, seconds in expected_s.items() if name not in over)
+    going = is_locked(here / JOURNAL)
+    ends = f"until about {datetime.now() + timedelta(seconds=left_s):%a %H:%M}" if going else "not running now"
+    if len(over) == len(outcome):
+        ends = "over"
+    rows = "".join(
+        f"<tr><td>{escape(name)}</td><td>{escape('under way' if going and what == 'cut off' else what)}</td>"
+        f"<td>{escape(_why(journal, name))}</td></tr>"
+        for name, what in outcome.items()
+    )
+    return (
+        f'<section><h2>Series {escape(here.name)}</h2><p class="big">{len(over)} of {len(outcome)} scans, {ends}</p>'
+        f'<progress max="{max(len(outcome), 1)}" value="{len(over)}"></progress><table>{rows}</table></section>'
+    )
+
+
+def _why(journal: Journal, name: str) -> str:
+    last = journal.last(name)
+    return "" if last is None or last.what == "done" else last.message

@@ -1,0 +1,195 @@
+"""Runs are found again: what was said of them is kept with them, and the index is what the files say."""
+
+import json
+import shutil
+from datetime import datetime
+from pathlib import Path
+
+import h5py
+import pytest
+
+from nlos.__main__ import run
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import Recording, Status
+from nlos.acquisition.recording.run_notes import RunNotes
+from nlos.acquisition.recording.salvage import recover
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.cli.exit_codes import UsageError
+from nlos.configs.load import load
+from nlos.drivers.bench_settings import BenchSettings
+from nlos.drivers.run_defaults import RunDefaults
+from nlos.report.scan_part import _about
+from nlos.run_defaults import dated_name, notes_for
+from nlos.runs.index import RunsIndex
+from nlos.runs.page import page
+from tests.acquisition.test_recording import plan_of, sample_of
+from tests.nlos.conftest import SMALL
+
+BENCH = load("bench", "simulated", BenchSettings).settings
+NOTES = RunNotes.of("A hat", "Ada", "100 % cotton <script>alert(1)</script>", ["night", "hat"])
+
+
+@pytest.fixture(autouse=True)
+def no_defaults_of_ones_own(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    folder = tmp_path / "config"
+    folder.mkdir()
+    monkeypatch.setenv("NLOS_CONFIG", str(folder))
+    return folder
+
+
+def recording(path: Path, notes: RunNotes, status: Status = Status.COMPLETE, started: str = "") -> Path:
+    """A recording of a few points; one that says it is running is what a crash leaves."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    plan = plan_of()
+    header = Header(bench_json=BENCH.model_dump_json(), notes=notes, started_utc=started)
+    writer = RecordingWriter.create(path, plan, header)
+    for number in range(len(plan)):
+        writer.write(sample_of(plan, number))
+    writer.finish(status)
+    return path
+
+
+def test_a_scan_keeps_what_was_said_of_it(
+    tmp_path: Path, no_defaults_of_ones_own: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    data = tmp_path / "data"
+    (no_defaults_of_ones_own / "defaults.yaml").write_text(
+        f"operator: Ada\nsample: none\ntags: [own]\nfolder: {data}\n"
+    )
+    Path("small.yaml").write_text(SMALL)
+    said = ["--sample", "A hat / cap", "--note", "with feather", "--tag", "night,red", "--tag", "night"]
+    assert run(["scan", "small.yaml", *said]) == 0
+    (path,) = data.rglob("*.h5")
+    assert path.parent.name == f"{datetime.now():%Y-%m-%d}"
+    assert path.name.endswith("-small-A-hat-cap.h5")
+    with Recording.open(path) as held:
+        assert held.header.notes == RunNotes("A hat / cap", "Ada", "with feather", ("night", "own", "red"))
+    capsys.readouterr()
+    assert run(["info", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert all(word in out for word in ("A hat / cap", "Ada", "with feather", "night, own, red"))
+    with Recording.open(path) as held:
+        assert "<td>A hat / cap</td>" in _about(held)
+    recover(path, tmp_path / "copy.h5")
+    with Recording.open(tmp_path / "copy.h5") as held:
+        assert held.header.notes.note == "with feather"
+    assert run(["runs", "feather", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert [each["sample"] for each in found["runs"]] == ["A hat / cap"]
+
+
+def test_what_is_said_goes_before_bench_and_person(no_defaults_of_ones_own: Path) -> None:
+    (no_defaults_of_ones_own / "defaults.yaml").write_text("operator: Ada\nnote: mine\ntags: [own]\n")
+    bench = BENCH.model_copy(update={"runs": RunDefaults(operator="Bea", sample="hat", tags=("table",), folder="/d")})
+    assert notes_for(bench, None, None, None, []) == RunNotes("hat", "Bea", "mine", ("own", "table"))
+    assert notes_for(bench, "cap", "", None, ["x"]) == RunNotes("cap", "", "mine", ("own", "table", "x"))
+    now = datetime(2026, 3, 1, 14, 32, 5)
+    assert dated_name(bench, "demo", "a b/c", now) == Path("/d/2026-03-01/143205-demo-a-b-c.h5")
+    assert dated_name(BENCH, "demo", "", now) == Path("demo-20260301-143205.h5")
+    for wrong in (["two words"], ["x" * 61], [f"t{n}" for n in range(40)]):
+        with pytest.raises(UsageError, match="tag"):
+            notes_for(bench, None, None, None, wrong)
+    with pytest.raises(UsageError, match="10000 at most"):
+        notes_for(bench, None, None, "x" * 10_001, [])
+
+
+def test_recordings_of_before_there_were_notes_are_read(tmp_path: Path) -> None:
+    path = recording(tmp_path / "old.h5", NOTES)
+    with h5py.File(path, "r+") as file:
+        del file["header/run_json"]
+    with Recording.open(path) as held:
+        assert held.header.notes == RunNotes()
+        assert held.header.identity
+    with RunsIndex(tmp_path) as index:
+        assert (index.update().read, index.update().read) == (1, 0)
+        assert index.search()[0].summary["sample"] == ""
+
+
+def test_the_index_follows_the_files(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    recording(data / "a" / "done.h5", NOTES, started="2026-03-01T12:00:00+00:00")
+    recording(data / "b" / "stopped.h5", RunNotes.of("cap"), Status.STOPPED, "2026-04-02T12:00:00+00:00")
+    recording(data / "killed.h5", RunNotes.of("hut"), Status.RUNNING, "2026-05-03T12:00:00+00:00")
+    damaged = recording(data / "damaged.h5", RunNotes.of("lost"))
+    damaged.write_bytes(damaged.read_bytes()[:30_000])
+    with h5py.File(data / "other.h5", "w") as file:
+        file["x"] = 1
+    (data / "text.h5").write_text("no HDF5")
+    with RunsIndex(data) as index:
+        changes = index.update()
+        assert (changes.read, changes.gone, changes.unreadable) == (6, 0, 1)
+        status = {each.path: each.status for each in index.search()}
+        assert status == {"a/done.h5": "complete", "b/stopped.h5": "stopped", "killed.h5": "cut off",
+                          "damaged.h5": "unreadable"}  # fmt: skip
+        assert index.update() == type(changes)(0, 0, 0)
+        shutil.move(data / "a" / "done.h5", data / "b" / "moved.h5")
+        (data / "killed.h5").unlink()
+        recording(data / "new.h5", RunNotes.of("new"))
+        changes = index.update()
+        assert (changes.read, changes.gone) == (2, 2)
+        before = index.search()
+        assert {each.path for each in before} == {"b/moved.h5", "b/stopped.h5", "damaged.h5", "new.h5"}
+        assert index.rebuild().read == 6
+        assert index.search() == before
+        place = index.place
+    place.write_bytes(b"this is no database" * 100)
+    with RunsIndex(data) as index:
+        index.update()
+        assert index.search() == before
+
+
+SEARCHES = {
+    (): {"hat", "cap", "plain"},
+    ("HAT",): {"hat"},
+    ("sample:hat",): {"hat"},
+    ("sample:cotton",): set(),
+    ("cotton", "ada"): {"hat"},
+    ("100 %",): {"hat"},
+    ("100_%",): set(),
+    ("tag:night",): {"hat", "cap"},
+    ("tag:nigh",): set(),
+    ("2026-03",): {"hat"},
+    ("since:2026-03-02",): {"cap"},
+    ("until:2026-03",): {"hat"},
+    ("since:2026", "until:2026-04-02"): {"hat", "cap"},
+    ("status:complete", "simulated"): {"hat", "cap", "plain"},
+    ("'; DROP TABLE runs; --",): set(),
+}
+
+
+@pytest.fixture(scope="module")
+def three(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("three")
+    recording(folder / "hat.h5", NOTES, started="2026-03-01T12:00:00+00:00")
+    recording(folder / "cap.h5", RunNotes.of("cap", tags=["night"]), started="2026-04-02T12:00:00+00:00")
+    recording(folder / "plain.h5", RunNotes())
+    with RunsIndex(folder, folder / "index.sqlite") as index:
+        index.update()
+    return folder
+
+
+@pytest.mark.parametrize("words", SEARCHES)
+def test_words_find_runs(three: Path, words: tuple[str, ...]) -> None:
+    with RunsIndex(three, three / "index.sqlite") as index:
+        assert {Path(each.path).stem for each in index.search(words)} == SEARCHES[words]
+
+
+def test_they_come_in_the_order_asked_for_and_no_more(three: Path) -> None:
+    with RunsIndex(three, three / "index.sqlite") as index:
+        assert [Path(each.path).stem for each in index.search()] == ["cap", "hat", "plain"]
+        assert [Path(each.path).stem for each in index.search(sort="sample", reverse=False)] == ["plain", "hat", "cap"]
+        assert len(index.search(limit=1)) == 1
+        for wrong in ("colour:red", "since:yesterday"):
+            with pytest.raises(UsageError, match=wrong.partition(":")[0]):
+                index.search([wrong])
+
+
+def test_the_page_has_a_card_and_a_picture_for_each_and_runs_no_script_of_a_note(three: Path) -> None:
+    with RunsIndex(three, three / "index.sqlite") as index:
+        html = page(three, index.search(), "words <b>", three)
+    assert html.count("<article") == html.count("data:image/png;base64,") == 3
+    assert "A hat" in html
+    assert 'href="hat.h5"' in html
+    assert "<script" not in html
+    assert "words <b>" not in html

@@ -1,0 +1,120 @@
+"""The screen in the corridor: what runs, what is to come, what was taken; for who has its address, and to look only."""
+
+import http.client
+import json
+import re
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import Status
+from nlos.acquisition.recording.run_notes import RunNotes
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.recording.writer_lock import WriterLock
+from nlos.live.web import WebServer
+from nlos.series.journal import ALARM, BEGUN, DONE, NAME, Journal
+from nlos.status_page import StatusPage, body
+from tests.acquisition.test_recording import plan_of, sample_of
+
+TOKEN = "corridor-corridor"
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    """A folder with a finished run, and a series: one done, one ended by an alarm, one to come."""
+    folder = tmp_path / "data"
+    (folder / "night").mkdir(parents=True)
+    journal = Journal(folder / "night")
+    journal.plan({"1-hat": 10.0, "2-cap": 10.0, "3-hut": 3600.0})
+    for name, what in (("1-hat", DONE), ("2-cap", ALARM)):
+        journal.add(name, BEGUN)
+        journal.add(name, what, message="" if what == DONE else "too <b>bright</b>")
+    return folder
+
+
+def growing(path: Path, points: int) -> RecordingWriter:
+    plan = plan_of()
+    header = Header(notes=RunNotes.of("hut <i>", "Ada"), bench_json='{"name": "left table"}').stamped()
+    writer = RecordingWriter.create(path, plan, header)
+    for number in range(points):
+        writer.write(sample_of(plan, number))
+    writer.flush()
+    return writer
+
+
+def plain(html: str) -> str:
+    return " ".join(re.sub(r"<[^>]*>", " ", html).split())
+
+
+def test_it_shows_the_scan_under_way_and_then_that_there_is_none(data: Path) -> None:
+    writer = growing(data / "night" / "3-hut.h5", 10)
+    try:
+        said = plain(body(data))
+        assert "hut &lt;i&gt; 10 of 30 points" in said
+        assert "Ada, bench left table" in said
+    finally:
+        writer.finish(Status.INTERRUPTED)
+    said = plain(body(data))
+    assert "No scan is under way." in said
+    assert "10 of 30 points" in said  # on its card
+
+
+def test_it_shows_how_far_the_series_is_and_why_a_scan_ended(data: Path) -> None:
+    lock = WriterLock(data / "night" / NAME)  # as `nlos queue` holds it
+    try:
+        said = plain(body(data))
+    finally:
+        lock.release()
+    assert "Series night 2 of 3 scans, until about" in said
+    assert "2-cap alarm too &lt;b&gt;bright&lt;/b&gt;" in said
+    assert "3-hut waiting" in said
+    assert "not running now" in plain(body(data))
+    Journal(data / "night").add("3-hut", DONE)
+    assert "3 of 3 scans, over" in plain(body(data))
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[int]:
+    door = socket.create_server(("127.0.0.1", 0))
+    port = int(door.getsockname()[1])
+    server = WebServer(door, StatusPage(folder, TOKEN, {f"127.0.0.1:{port}"}))
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    try:
+        yield port
+    finally:
+        server.stop()
+        thread.join(10)
+        assert not thread.is_alive()
+
+
+def asked(port: int, method: str, path: str, host: str | None = None) -> tuple[int, str, dict[str, str]]:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
+    try:
+        connection.request(method, path, headers={} if host is None else {"Host": host})
+        answer = connection.getresponse()
+        return answer.status, answer.read().decode(), dict(answer.getheaders())
+    finally:
+        connection.close()
+
+
+def test_who_has_the_address_may_look_and_nobody_may_do_anything(data: Path) -> None:
+    with served(data) as port:
+        status, html, headers = asked(port, "GET", f"/{TOKEN}/")
+        assert status == 200
+        assert "Series night" in html
+        assert "<script" not in html
+        assert "script-src" not in headers["Content-Security-Policy"]
+        assert headers["Content-Security-Policy"].startswith("default-src 'none'")
+        assert asked(port, "GET", "/")[0] == 403
+        assert asked(port, "GET", "/corridor-corridoR/")[0] == 403
+        assert asked(port, "GET", f"/{TOKEN}/", host="evil.example")[0] == 403
+        assert asked(port, "GET", f"/{TOKEN}/../etc")[0] == 404
+        for method in ("POST", "PUT", "DELETE"):
+            assert asked(port, method, f"/{TOKEN}/")[0] == 405
+    assert json.loads((data / "night" / "plan.json").read_text())["3-hut"] == 3600.0
