@@ -19,6 +19,10 @@ def pages() -> dict[str, str]:
         "patterns.md": _patterns(),
         "scan.md": _file("scan", "Scan files", "What `nlos plan SCAN` and `nlos scan SCAN` read."),
         "bench.md": _file("bench", "Bench files", "What `--bench BENCH` reads."),
+        "queue.md": _file("queue", "Queue files", "What `nlos queue FILE` reads."),
+        "defaults.md": _file(
+            "defaults", "A person's defaults", "`~/.config/nlos/defaults.yaml`: what every scan of yours says."
+        ),
         "train.md": _file("train", "Training files", "What `nlos train CONFIG` reads."),
     }
 

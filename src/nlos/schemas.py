@@ -6,7 +6,7 @@ from pydantic import BaseModel
 
 from nlos.configs.describe import describe
 
-Kind = Literal["scan", "bench", "train"]
+Kind = Literal["scan", "bench", "queue", "defaults", "train"]
 
 
 def schema_of(kind: Kind) -> dict[str, Any]:
@@ -28,6 +28,14 @@ def model_of(kind: str) -> type[BaseModel]:
         from nlos.drivers.bench_settings import BenchSettings
 
         return BenchSettings
+    if kind == "queue":
+        from nlos.series.settings import QueueSettings
+
+        return QueueSettings
+    if kind == "defaults":
+        from nlos.drivers.run_defaults import RunDefaults
+
+        return RunDefaults
     from nlos.recon.training.train_settings import TrainSettings
 
     return TrainSettings

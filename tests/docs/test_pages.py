@@ -68,7 +68,7 @@ def test_the_settings_pages_are_made_from_the_classes() -> None:
         assert (DOCS / "settings" / name).read_text(encoding="utf-8") == text, "run: python docs/make_settings.py"
 
 
-@pytest.mark.parametrize("kind", ["scan", "train", "bench"])
+@pytest.mark.parametrize("kind", ["scan", "train", "bench", "queue", "defaults"])
 def test_every_key_says_what_it_means(kind: str) -> None:
     for block in blocks(model_of(kind)):
         for key, setting in describe(block).items():

@@ -1,4 +1,4 @@
-"""`nlos schema`: the JSON Schema of scan, bench and training files, for editors."""
+"""`nlos schema`: the JSON Schema of scan, bench, queue and training files, and of one's own defaults, for editors."""
 
 import json
 from typing import Annotated, Literal
@@ -9,7 +9,10 @@ from nlos.cli.terminal import terminal
 
 
 def schema(
-    kind: Annotated[Literal["scan", "bench", "train"], typer.Argument(metavar="scan|bench|train")],
+    kind: Annotated[
+        Literal["scan", "bench", "queue", "defaults", "train"],
+        typer.Argument(metavar="scan|bench|queue|defaults|train"),
+    ],
 ) -> None:
     """Prints the JSON Schema of a kind of YAML file. An editor that knows the YAML language server completes keys after
     a first line `# yaml-language-server: $schema=FILE`."""
