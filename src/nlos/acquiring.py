@@ -1,6 +1,6 @@
 """`nlos.open_bench` and `nlos.scan`: the command line's benches and scans, from Python."""
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +21,7 @@ from nlos.drivers import bench as table
 from nlos.drivers.bench import Bench, BenchSettings
 from nlos.drivers.exit_paths import undisturbed
 from nlos.drivers.trip_latch import TripLatch
+from nlos.run_defaults import notes_for
 from nlos.scan_ending import ScanEnding
 from nlos.scan_preparation import PreparedScan, ScanRequest, prepare
 
@@ -45,6 +46,10 @@ def scan(
     resume: bool = False,
     constants: str | Path | None = None,
     no_shutter: bool = False,
+    sample: str | None = None,
+    operator: str | None = None,
+    note: str | None = None,
+    tags: Sequence[str] = (),
 ) -> Generator[Sample, None, None]:
     """Acquires: yields every sample as it is taken. `scan`: a YAML file, a name in `configs/scan`, or a `ScanPlan`.
 
@@ -52,7 +57,8 @@ def scan(
     the light is on only between the first and the last sample that are asked for. `output`: also writes the recording,
     with all that happens, each sample before it is yielded; `resume`: only what is missing there. `constants`: what
     `nlos calibrate` measured, to aim by; default: the bench's newest; "none": none. A bench without a shutter needs
-    `no_shutter=True`. Raises `DeviceError` with the shutter closed.
+    `no_shutter=True`. `sample`, `operator`, `note`, `tags`: kept in the recording; defaults are the bench's, then one's
+    own. Raises `DeviceError` with the shutter closed.
     """
     if bench.settings.shutter.model == "none" and not no_shutter:
         raise PlanRefused(
@@ -65,7 +71,8 @@ def scan(
         wanted = load("scan", str(scan), ScanSettings)
         plan, alarms = wanted.settings.plan(), wanted.settings.alarms
         header = Header(scan_text=wanted.text, scan_json=wanted.settings.model_dump_json())
-    header = replace(header, bench_json=bench.settings.model_dump_json())
+    notes = notes_for(bench.settings, sample, operator, note, tags)
+    header = replace(header, bench_json=bench.settings.model_dump_json(), notes=notes)
     target = None if output is None else _checked_target(Path(output), resume)
     aimed_by = None if constants is None else Path(constants)
     prepared = prepare(ScanRequest(plan, alarms, header, target, resume, constants=aimed_by), bench)

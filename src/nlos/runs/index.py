@@ -197,20 +197,21 @@ def _may_be_one(path: Path) -> bool:
 
 def _recordings(folder: Path) -> Iterator[tuple[str, os.stat_result]]:
     """Every file below `folder` that may be a recording, by its path relative to it; hidden ones are left out."""
-    left = [folder]
+    left = [""]
     while left:
         here = left.pop()
         try:
-            entries = list(os.scandir(here))
+            entries = list(os.scandir(folder / here))
         except OSError:
             continue
         for entry in entries:
-            if entry.name.startswith("."):
+            name = entry.name
+            if name.startswith("."):
                 continue
             try:
                 if entry.is_dir(follow_symlinks=False):
-                    left.append(Path(entry.path))
-                elif entry.name.endswith(".h5") and entry.name != "reconstruction.h5" and entry.is_file():
-                    yield os.path.relpath(entry.path, folder), entry.stat()
+                    left.append(f"{here}{name}/")
+                elif name.endswith(".h5") and name != "reconstruction.h5" and entry.is_file():
+                    yield f"{here}{name}", entry.stat()
             except OSError:
                 continue
