@@ -277,7 +277,7 @@ def test_the_file_format_page_names_everything_that_is_in_a_file(tmp_path: Path)
         file.visititems(lambda name, item: places.append(name) if isinstance(item, h5py.Dataset) else None)
         fields = [field for name in ("status", "events", "samples/records") for field in file[name].dtype.names]
         attributes = [*file.attrs, *file["plan"].attrs]
-    assert len(places) == 21
+    assert len(places) == 22
     for place in places:
         assert f"`/{place}`" in page
     for word in fields + attributes:
