@@ -90,6 +90,10 @@ def _refuse_problems(loaded: "Loaded[TrainSettings]") -> None:
         raise ConfigError("\n".join(f"{where(loaded, place)}: {what}" for place, what in found))
 
 
+def _spoken(hours: float) -> str:
+    return f"{hours:.1f} hours" if hours >= 1 else f"{60 * hours:.1f} minutes"
+
+
 def _say_trial(settings: "TrainSettings", folder: Path) -> None:
     from nlos.recon.training.run_folder import STATE
     from nlos.recon.training.trial import trial
@@ -102,6 +106,6 @@ def _say_trial(settings: "TrainSettings", folder: Path) -> None:
     terminal.result(f"{settings.method}: {found['parameters']:,} parameters, {settings.samples:,} samples{resumes}")
     terminal.result(
         f"{found['seconds_to_make_a_sample']:.2f} s to make a sample, {found['seconds_to_learn_from_it']:.2f} s to "
-        f"learn from it, {found['peak_rss_mb']:.0f} MB; about {found['hours_left']:.1f} hours to the end here",
+        f"learn from it, {found['peak_rss_mb']:.0f} MB; about {_spoken(found['hours_left'])} to the end here",
         **found,
     )
