@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from nlos.acquisition.response import Response
 from nlos.acquisition.wall import WallGrid
 
 SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
@@ -43,6 +44,8 @@ class Transient:
     exposure_s: npt.NDArray[np.float64]  # (H, W)
     wall: WallGrid
     time: TimeAxis
+    response: Response | None = None
+    """What the instrument makes of an instant of light; None where nobody knows."""
 
     def __post_init__(self) -> None:
         expected = (self.time.bins, self.wall.rows, self.wall.cols)

@@ -7,6 +7,7 @@ attributes as in `acquisition/importers/plain.py`, and the truth on the same gri
 
 import resource
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from nlos.acquisition.importers.plain import read_plain
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, needed_array, open_hdf5
 from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.conditions import NOISELESS, parsed, slowed
 from nlos.recon.entrants import Entrant, check_known, choices, entrant, learned_from
 from nlos.recon.errors import InvalidData, InvalidSettings, ReconError
 from nlos.recon.fingerprint import fingerprint_of
@@ -26,7 +28,7 @@ from nlos.recon.methods import find
 from nlos.recon.metrics import depth_scores, image_scores
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.subsets import measured_points
-from nlos.recon.volume import Reconstruction
+from nlos.recon.volume import Reconstruction, response_words
 
 CONDITIONS = ("transient", "counts_p20", "counts_p5", "counts_p1", "counts_p5@16x16")
 Say = Callable[[str], None]
@@ -87,6 +89,7 @@ def evaluate(
     settings: dict[str, object] | None = None,
     fixed: bool = False,
     device: str = "cpu",
+    response: Callable[[Transient], Transient] = lambda transient: transient,
     say: Say = print,
     step: Callable[[int, int, str], None] = lambda done, total, at: None,
 ) -> Evaluation:
@@ -94,9 +97,10 @@ def evaluate(
 
     A physics method with an inverse filter runs at each of `SNR_CHOICES` and keeps, per condition, the one with the
     best mean psnr; `fixed` leaves its snr to the method. `settings` go to every method that knows them. A word of
-    `methods` may be a method's file, or `NAME=FILE`: such a file, or weights, which say their method. `step(done,
-    total, at)` is called after every reconstruction. Raises `InvalidData` where no scene has a truth, `InvalidSettings`
-    for a method or condition that does not exist.
+    `methods` may be a method's file, or `NAME=FILE`: such a file, or weights, which say their method. `response` may
+    put another response in place of the file's or the condition's. `step(done, total, at)` is called after every
+    reconstruction. Raises `InvalidData` where no scene has a truth, `InvalidSettings` for a method or condition that
+    does not exist.
     """
     entrants = [entrant(word) for word in methods]
     if twice := sorted({one.name for one in entrants if [e.name for e in entrants].count(one.name) > 1}):
@@ -104,7 +108,9 @@ def evaluate(
     check_known([one.method for one in entrants], settings or {})
     scenes = list(find_scenes(paths, say))
     if not scenes:
-        raise InvalidData(f"no scene with ground truth (gt_intensity, gt_depth, gt_mask) in {_listed(paths)}.")
+        raise InvalidData(
+            f"no scene with ground truth (gt_intensity, gt_depth, gt_mask) in {', '.join(map(str, paths))}."
+        )
     for one in entrants:
         for scene in scenes_learned_from(one, scenes):
             say(f"{one.name} has learned from {scene.name}: its figures there say nothing about other scenes")
@@ -119,7 +125,7 @@ def evaluate(
         if len(having) < len(scenes):
             say(f"{condition}: only in {', '.join(scene.name for scene in having)}")
             total -= each * (len(scenes) - len(having))
-        transients = [transient_of(scene, condition) for scene in having]
+        transients = [response(transient_of(scene, condition)) for scene in having]
         for one in entrants:
             best: list[tuple[Row, Reconstruction]] = []
             for chosen in choices(one.method, settings or {}, fixed, one.settings):
@@ -193,23 +199,25 @@ def datasets(scene: Scene) -> list[str]:
 
 
 def has_condition(scene: Scene, condition: str) -> bool:
-    """Whether the scene has the dataset that `condition` names."""
-    return condition.partition("@")[0] in datasets(scene)
+    """Whether the scene has the datasets that `condition` names."""
+    return parsed(condition).needed <= set(datasets(scene))
 
 
 def transient_of(scene: Scene, condition: str) -> Transient:
     """The scene's histograms under a condition; points that it leaves out have exposure 0 and no counts."""
-    dataset, _, subset = condition.partition("@")
-    scan = read_plain(scene.path, dataset)
-    whole = scan.transient
+    wanted = parsed(condition)
+    scan = read_plain(scene.path, wanted.dataset)
+    whole = replace(scan.transient, response=scan.response)
     if whole.exposure_s.shape != scene.intensity.shape:
         raise InvalidData(
-            f"{scene.path}: {dataset} was measured on {whole.wall.rows} x {whole.wall.cols} points, the truth is given "
-            f"on {scene.intensity.shape[0]} x {scene.intensity.shape[1]}."
+            f"{scene.path}: {wanted.dataset} was measured on {whole.wall.rows} x {whole.wall.cols} points, the truth "
+            f"is given on {scene.intensity.shape[0]} x {scene.intensity.shape[1]}."
         )
     if (whole.counts < 0).any():
-        raise InvalidData(f"{scene.path}: {dataset} holds {int((whole.counts < 0).sum())} counts below 0.")
-    measured = measured_points(subset, whole.wall.rows, whole.wall.cols)
+        raise InvalidData(f"{scene.path}: {wanted.dataset} holds {int((whole.counts < 0).sum())} counts below 0.")
+    if wanted.fwhm_ps is not None:
+        whole = slowed(whole, read_plain(scene.path, NOISELESS).transient, wanted.fwhm_ps)
+    measured = measured_points(wanted.subset, whole.wall.rows, whole.wall.cols)
     counts = whole.counts * measured
     counts[: scan.direct_cut_bins] = 0
     return replace(whole, counts=counts, exposure_s=measured.astype(np.float64))
@@ -229,7 +237,7 @@ def _run(
     row = Row(
         scene=scene.name,
         method=one.name,
-        settings=done.settings,
+        settings=done.settings | ({} if done.response is None else {"response": response_words(done)}),
         condition=condition,
         **image_scores(done.albedo, scene.intensity),
         **depth_scores(done.depth_m, scene.depth_m, scene.mask),
@@ -253,10 +261,8 @@ def as_json(rows: list[Row]) -> list[dict[str, Any]]:
 
 def _forget_peak() -> None:
     """Linux: starts the peak of resident memory anew. Elsewhere the peak stays that of the whole process."""
-    try:
+    with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
-    except OSError:
-        return
 
 
 def _peak_rss_mb() -> float:
@@ -267,7 +273,3 @@ def _peak_rss_mb() -> float:
     except OSError:
         pass
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
-def _listed(paths: Sequence[Path]) -> str:
-    return ", ".join(str(path) for path in paths)

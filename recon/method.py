@@ -6,6 +6,10 @@ What `build` returns is an `nn.Module` that is called with
     counts      (B, 1, T, H, W), float32: time 0 is at the wall, direct light is removed
     exposure_s  (B, H, W), 0 = not measured, or None where every point was exposed alike
 
+and, where the module says `takes_response = True` and one is known,
+
+    response    (B, K): what an instant of light becomes, shares a bin, K odd, the middle one on time
+
 and returns a `MethodResult`; where that has a volume, the module's `depths_m`, (D,), says where its planes lie. A
 method by physics makes the volume and hands it to `physics.seen_in`. One that learns has a setting `weights` with the
 default None, and is trained as it is: `nlos train` knows it by the same word.
@@ -46,3 +50,8 @@ class Method(Protocol):
     def build(self, settings: AnySettings, wall: WallGrid, time: TimeAxis) -> "torch.nn.Module":
         """An `nn.Module` for one geometry, as above. Raises `InvalidSettings` where the settings do not fit it."""
         ...
+
+
+def takes_response(built: object) -> bool:
+    """Whether a built method wants to be told the instrument's response."""
+    return bool(getattr(built, "takes_response", False))

@@ -1,6 +1,6 @@
 """The settings that physics methods share."""
 
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
@@ -11,6 +11,7 @@ from nlos.recon.memory import cube_bytes
 from nlos.recon.transport.conventions import Conventions
 from nlos.recon.transport.light_cone_kernel import padded_cells
 
+TOLD_SNR = 2.0  # times the snr picked from the data, which a slow response makes look noisier than they are
 PUBLISHED_SNR = 0.8  # O'Toole et al. 2018, all scenes of theirs but the diffuse ones
 
 
@@ -28,6 +29,10 @@ class PhysicsSettings(Settings):
     """Rebin to this width first; a whole multiple of the data's."""
     conventions: Conventions = "physical"
     """`physical`, or `authors` for comparison with the published programs."""
+
+    def snr_where_told(self, snr: Any) -> Any:
+        """The snr for an inverse that has the response in it, from the one that `prepare` picked or was given."""
+        return snr if self.snr is not None or self.conventions == "authors" else TOLD_SNR * snr
 
     cubes: ClassVar[float] = 3.5
     """Peak memory beside the program itself, in float32 volumes of the counts' size, measured."""

@@ -15,7 +15,7 @@ from nlos.recon.errors import InvalidData, ReconstructionFailed
 from nlos.recon.explained import Explained, explained_light
 from nlos.recon.gridding import confidence
 from nlos.recon.memory import KnownMemory, available_bytes, refusal
-from nlos.recon.method import MethodResult
+from nlos.recon.method import MethodResult, takes_response
 from nlos.recon.methods import find, parse_settings, torch_is_installed
 from nlos.recon.own_methods import name_of
 from nlos.recon.physics_settings import PhysicsSettings
@@ -49,7 +49,7 @@ def reconstruct(
         if why := refusal(method, rebinned.wall, rebinned.time, needed, free, remedies):
             raise ReconstructionFailed(why)
     began = clock.perf_counter()
-    made, depths_m = _see(rebinned, method, chosen, device)
+    made, depths_m, takes = _see(rebinned, method, chosen, device)
     seconds = clock.perf_counter() - began
     result = Reconstruction(
         albedo=made.albedo.astype(np.float32),
@@ -63,6 +63,8 @@ def reconstruct(
         confidence=confidence(rebinned.exposure_s),
         points=int(np.count_nonzero(rebinned.exposure_s > 0)),
         photons=max(float(rebinned.counts.sum(dtype=np.float64)), 0.0),
+        response=rebinned.response,
+        response_used=rebinned.response is not None and takes,
     )
     refuse_not_finite(result)
     return replace(result, explained=_explained(rebinned, method, chosen, device)) if explain else result
@@ -74,7 +76,7 @@ def _explained(transient: Transient, method: str, chosen: Settings, device: str)
     falloff = getattr(chosen, "falloff", None)
 
     def see(part: Transient) -> tuple[Image, Image]:
-        made, _ = _see(part, method, quick, device)
+        made, _, _ = _see(part, method, quick, device)
         if not np.isfinite(made.albedo).all() or np.isinf(made.depth_m).any():
             raise ReconstructionFailed("numbers that are not finite")
         return made.albedo, made.depth_m
@@ -85,13 +87,14 @@ def _explained(transient: Transient, method: str, chosen: Settings, device: str)
 
 def _see(
     transient: Transient, method: str, chosen: Settings, device: str
-) -> tuple[MethodResult[Image], npt.NDArray[np.float64]]:
-    """What a method makes of one transient, and the depths of its planes, (D,)."""
+) -> tuple[MethodResult[Image], npt.NDArray[np.float64], bool]:
+    """What a method makes of one transient, the depths of its planes, (D,), and whether it takes a response."""
     if torch_is_installed():
         from nlos.recon.with_torch import see_by
 
         return see_by(method, chosen, transient, device)
-    return _see_plainly(transient, method, chosen)
+    plain = cast(Any, find(method)).build(chosen, transient.wall, transient.time)
+    return *_see_plainly(transient, plain), takes_response(plain)
 
 
 def _weights_sha256(chosen: Settings) -> str | None:
@@ -123,12 +126,12 @@ def _bin_width_s(chosen: Settings, transient: Transient) -> float:
     return width_s
 
 
-def _see_plainly(
-    transient: Transient, method: str, chosen: Settings
-) -> tuple[MethodResult[Image], npt.NDArray[np.float64]]:
-    """The same without torch."""
-    plain = cast(Any, find(method)).build(chosen, transient.wall, transient.time)
-    return plain(transient.counts, transient.exposure_s), plain.depths_m
+def _see_plainly(transient: Transient, plain: Any) -> tuple[MethodResult[Image], npt.NDArray[np.float64]]:
+    """What a method built for this wall and time axis makes of one transient, without torch."""
+    told: tuple[npt.NDArray[np.float64], ...] = ()
+    if transient.response is not None and takes_response(plain):
+        told = (transient.response.taps(transient.time.bin_width_s),)
+    return plain(transient.counts, transient.exposure_s, *told), plain.depths_m
 
 
 def check(transient: Transient) -> None:

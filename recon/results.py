@@ -2,7 +2,8 @@
 
 Layout: `albedo` (H, W), `depth_m` (H, W, NaN where nothing is seen), `confidence` (H, W, 0 to 1: how well the wall was
 measured there), `x_m` (W,), `y_m` (H,), and where the method has them `volume` (D, H, W) and `depths_m` (D,);
-attributes `method`, `settings` (JSON), `seconds`, `weights_sha256`, `software`, `samples_left_aside`
+attributes `method`, `settings` (JSON), `seconds`, `weights_sha256`, `software`, `response` (which response of the
+instrument was taken, in words), where one is known `response_fwhm_ps`, `samples_left_aside`
 (damaged or unreadable, not used), `explained` and `explained_error` (the share of light that the picture accounts for,
 NaN where that could not be found) and `explained_note`. Row 0 is the top, column 0 the left,
 seen from the wall.
@@ -21,7 +22,7 @@ from nlos.acquisition.recording.plausible import json_object
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData
 from nlos.recon.explained import NOT_LOOKED_FOR, Explained
-from nlos.recon.volume import Reconstruction, Volume, refuse_not_finite
+from nlos.recon.volume import Reconstruction, Volume, refuse_not_finite, response_words
 
 NAMES = ("reconstruction.h5", "albedo.png", "depth.png")
 EVEN = 0.5  # where no point's confidence is lower there is no picture of it
@@ -89,6 +90,9 @@ def write_reconstruction(path: Path, reconstruction: Reconstruction, keep_volume
         file.attrs["seconds"] = reconstruction.seconds
         file.attrs["weights_sha256"] = reconstruction.weights_sha256 or ""
         file.attrs["software"] = software()
+        file.attrs["response"] = response_words(reconstruction)
+        if reconstruction.response is not None:
+            file.attrs["response_fwhm_ps"] = reconstruction.response.fwhm_s * 1e12
         file.attrs["samples_left_aside"] = reconstruction.left_aside
         told = reconstruction.explained or NOT_LOOKED_FOR
         file.attrs["explained"] = np.nan if told.share is None else told.share

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nlos.acquisition.response import Response
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import ReconstructionFailed
 from nlos.recon.explained import Explained
@@ -41,6 +42,10 @@ class Reconstruction:
     """What their histograms held, direct light and background removed."""
     scan: str = ""
     """The name of the file that it was made from."""
+    response: Response | None = None
+    """What the instrument makes of an instant of light, as far as it was known."""
+    response_used: bool = False
+    """Whether the method took it into account."""
     left_aside: int = 0
     """Samples of the scan that were damaged or unreadable, and not used."""
     explained: Explained | None = None
@@ -65,3 +70,12 @@ def refuse_not_finite(reconstruction: Reconstruction) -> None:
             f"{reconstruction.method}: numbers that are not finite: {', '.join(wrong)}. The counts are finite, so this "
             "is a fault of the method: use another, and report this one with the file."
         )
+
+
+def response_words(reconstruction: Reconstruction) -> str:
+    """Which response of the instrument the picture was made with, in words."""
+    response = reconstruction.response
+    if response is None:
+        return "none known"
+    unused = "" if reconstruction.response_used else f"; {reconstruction.method} does not use it"
+    return f"{response.fwhm_s * 1e12:.0f} ps FWHM, {response.source}{unused}"

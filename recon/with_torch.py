@@ -13,7 +13,7 @@ from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings
 from nlos.recon.errors import ReconstructionFailed
-from nlos.recon.method import Method, MethodResult
+from nlos.recon.method import Method, MethodResult, takes_response
 from nlos.recon.methods import find
 from nlos.recon.own_methods import defined_at, with_its_line
 
@@ -23,15 +23,16 @@ Depths = npt.NDArray[np.float64]
 
 def see_by(
     method: str, settings: Settings, transient: Transient, device: str = "cpu"
-) -> tuple[MethodResult[Floats], Depths]:
-    """What a method makes of one transient, and the depths of its planes, (D,); none where it says none.
+) -> tuple[MethodResult[Floats], Depths, bool]:
+    """What a method makes of one transient, the depths of its planes, (D,), none where it says none, and whether it
+    takes the instrument's response into account.
 
     Raises `ReconstructionFailed` where what it makes is not of the shapes in `recon/method.py`.
     """
     found = find(method)
     with with_its_line(method, found):
         module = built(cast(Hashable, found), settings, transient.wall, transient.time)
-        return see(transient, module, device, defined_at(found, "forward"))
+        return *see(transient, module, device, defined_at(found, "forward")), takes_response(module)
 
 
 def see(
@@ -45,7 +46,11 @@ def see(
     with torch.inference_mode():
         counts = torch.from_numpy(np.ascontiguousarray(transient.counts))[None, None].to(device)
         exposure_s = torch.from_numpy(np.ascontiguousarray(transient.exposure_s))[None].to(device)
-        made: MethodResult[torch.Tensor] = module(counts, exposure_s)
+        told: tuple[torch.Tensor, ...] = ()
+        if transient.response is not None and takes_response(module):
+            taps = transient.response.taps(transient.time.bin_width_s)
+            told = (torch.from_numpy(taps)[None].float().to(device),) if len(taps) > 1 else ()
+        made: MethodResult[torch.Tensor] = module(counts, exposure_s, *told)
     planes = getattr(module, "depths_m", ())
     depths_m = np.asarray(planes.cpu() if isinstance(planes, torch.Tensor) else planes, dtype=np.float64)
     wrong = _wrong(made, len(depths_m), transient.wall) or (_wrong_numbers(made) if own_at else "")

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.response import Response
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid, grid_around
 
@@ -47,6 +48,8 @@ class ImportedScan:
     """Bin in which the rectified time 0 lies, where the file says so."""
     wall_known: bool = True
     """Whether the file says how large the wall is; where it does not, 1 m x 1 m is assumed."""
+    response: Response | None = None
+    """What the instrument makes of an instant of light, where the file says so."""
     notes: tuple[str, ...] = field(default=())
     """What the file does not hold and was assumed, or holds and was left behind."""
 

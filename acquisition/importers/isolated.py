@@ -23,6 +23,7 @@ import numpy as np
 from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.imported import PLAIN_FIELDS, FreePoints, ImportedScan
+from nlos.acquisition.response import from_json
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 
@@ -196,5 +197,9 @@ def _load(folder: Path, answer: dict[str, Any]) -> ImportedScan:
     )
     fields = {key: answer[key] for key in PLAIN_FIELDS}
     return ImportedScan(
-        held, time_offset_bins=arrays.get("time_offset_bins"), notes=tuple(map(str, answer["notes"])), **fields
+        held,
+        time_offset_bins=arrays.get("time_offset_bins"),
+        response=from_json(answer["response"]),
+        notes=tuple(map(str, answer["notes"])),
+        **fields,
     )

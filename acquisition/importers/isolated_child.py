@@ -19,6 +19,7 @@ from nlos.acquisition.importers.describe import describe
 from nlos.acquisition.importers.formats import read_any
 from nlos.acquisition.importers.given import Given
 from nlos.acquisition.importers.imported import PLAIN_FIELDS, FreePoints, ImportedScan
+from nlos.acquisition.response import as_json
 
 
 def main(requests: IO[str], answers: IO[str], memory_bytes: int) -> None:
@@ -92,6 +93,7 @@ def _sent(scan: ImportedScan, folder: Path) -> dict[str, object]:
     if scan.time_offset_bins is not None:
         np.save(folder / "time_offset_bins.npy", scan.time_offset_bins)
     answer = {key: getattr(scan, key) for key in (*PLAIN_FIELDS, "notes")}
+    answer["response"] = as_json(scan.response)
     return answer | {"wall": asdict(held.wall), "time": asdict(held.time)}
 
 

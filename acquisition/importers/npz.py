@@ -12,6 +12,7 @@ from nlos.acquisition.importers.arrays import held_scan
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES
+from nlos.acquisition.response import stated
 
 _MAX_RATIO = 1100  # zlib's own limit is about 1032
 
@@ -39,7 +40,12 @@ def read_npz(path: Path, given: Given = NOTHING) -> ImportedScan:
     held, more = held_scan(str(path), "histograms", counts, beside, width_s, sides_m, given, start_s)
     rectified = "rectified" in arrays and bool(_number(path, arrays, "rectified"))
     known = given.wall_m is not None or counts.ndim == 2 or not notes
-    return ImportedScan(held, "NPZ", rectified=rectified, wall_known=known, notes=(*notes, *more))
+    curve = _numbers(path, arrays, "response") if "response" in arrays else None
+    step_s, fwhm_ps = (
+        _number(path, arrays, name) if name in arrays else None for name in ("response_bin_width_s", "response_fwhm_ps")
+    )
+    response = stated(curve, step_s, fwhm_ps, str(path))
+    return ImportedScan(held, "NPZ", rectified=rectified, wall_known=known, response=response, notes=(*notes, *more))
 
 
 def _arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:

@@ -1,8 +1,8 @@
 """Plain HDF5 scans: `histograms` [H, W, T], or [N, T] at `x_m`, `y_m` [N], and a few attributes; read as they stand.
 
 Attributes: `bin_width_s`, `wall_size_m` (one number, or width and height; free positions do without); optionally
-`direct_cut_bins`, `falloff_exponent_authors` (2 or 4), `rectified` (default 1), and datasets `exposure_s` and
-`time_offset_bins` [H, W].
+`direct_cut_bins`, `falloff_exponent_authors` (2 or 4), `rectified` (default 1), `response_fwhm_ps`, and datasets
+`exposure_s` and `time_offset_bins` [H, W], and `response`, a curve over bins of `response_bin_width_s`.
 """
 
 from pathlib import Path
@@ -17,6 +17,7 @@ from nlos.acquisition.importers.arrays import held_scan
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, open_hdf5, read_array
+from nlos.acquisition.response import stated
 
 _SINGLE = ("exposure_s", "x_m", "y_m", "time_offset_bins")
 
@@ -37,6 +38,10 @@ def read_plain(path: Path, dataset: str = "histograms", given: Given = NOTHING) 
         cut = int(_number(file, "direct_cut_bins", default=0))
         falloff = int(_number(file, "falloff_exponent_authors", default=4))
         rectified = bool(_number(file, "rectified", default=1))
+        curve = _beside(file, "response")
+        step_s, fwhm_ps = (
+            _number(file, name) if name in file.attrs else None for name in ("response_bin_width_s", "response_fwhm_ps")
+        )
     if falloff not in (2, 4):
         raise InvalidData(f"{path}: falloff_exponent_authors is {falloff}; 2 or 4 are known")
     held, notes = held_scan(str(path), dataset, counts, beside, width_s, sides_m, given)
@@ -52,6 +57,7 @@ def read_plain(path: Path, dataset: str = "histograms", given: Given = NOTHING) 
         falloff=falloff,
         rectified=rectified,
         time_offset_bins=offsets,
+        response=stated(curve, step_s, fwhm_ps, str(path)),
         notes=notes,
     )
 

@@ -14,6 +14,7 @@ from nlos.acquisition.recording.lay_out import put_in_place
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.response import as_json
 from nlos.acquisition.sample import Sample
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
 
@@ -89,5 +90,6 @@ def _said(scan: ImportedScan, source: Path) -> dict[str, object]:
         "wall_known": scan.wall_known,
         "direct_cut_bins": scan.direct_cut_bins,
         "falloff": scan.falloff,
+        "response": as_json(scan.response),
         "time_offset_bins": None if offsets is None else np.round(offsets, 4).tolist(),
     }

@@ -7,6 +7,7 @@ from torch import Tensor, nn
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.layers.measurement import DIFFUSE, LOG_SNR_AT_KNOTS, NOISE_KNOTS, WienerVolumes, piecewise
+from nlos.recon.layers.told_response import MIDDLE, Told
 from nlos.recon.layers.transient_lifting import LiftingName, TransientLifting
 from nlos.recon.transport.light_cone import LightConeConvolution
 from nlos.recon.transport.resampling import LightConeResampling
@@ -33,7 +34,7 @@ class LiftedVolumes(nn.Module):
         self.slices = (physics.slices + 1) // 2
         extent_s = 2 * physics.slices * physics.pitch[0] * physics.unit_m / SPEED_OF_LIGHT_M_PER_S
         self.first = physics.first
-        time = TimeAxis(self.slices, extent_s / self.slices)
+        self.time = time = TimeAxis(self.slices, extent_s / self.slices)
         self.resampling = LightConeResampling(time)
         self.cone = LightConeConvolution(wall, time)
         fall = ((torch.arange(self.slices) + 0.5) / self.slices) ** max(0.0, UNDONE - (DIFFUSE - physics.falloff))
@@ -41,11 +42,15 @@ class LiftedVolumes(nn.Module):
 
     fall: Tensor
 
-    def forward(self, net: Tensor, log_noise: Tensor, reach: int) -> Tensor:
+    def forward(self, net: Tensor, log_noise: Tensor, reach: int, response: Told | None = None) -> Tensor:
+        """A `response` is inverted as it is about the middle of the light."""
         tau = F.interpolate(net[:, :, self.first :], size=(self.slices, *self.points), mode="area")
         lifted = self.lifting(tau).float()
         snr = 10 ** piecewise(log_noise, NOISE_KNOTS, LOG_SNR_AT_KNOTS)
-        solved = self.cone.wiener(self.resampling(lifted * self.fall), snr)
+        spread = None
+        if response is not None:
+            spread = response.spectra(self.time, self.resampling.cells, self.cone.padded[0])[:, MIDDLE]
+        solved = self.cone.wiener(self.resampling(lifted * self.fall), snr, spread)
         volume = self.resampling.adjoint(solved)
         power = volume[:, :, : (reach + 1) // 2].square().mean(dim=(1, 2, 3, 4), keepdim=True)
         return volume / power.sqrt().clamp(min=1e-12)

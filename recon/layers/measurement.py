@@ -13,8 +13,10 @@ from torch import Tensor, nn
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.layers.told_response import BANDS, MIDDLE, Told
 from nlos.recon.transport.light_cone import LightConeConvolution
 from nlos.recon.transport.resampling import LightConeResampling
+from nlos.recon.transport.response_bands import knots, windows
 
 FINEST_BIN = 0.0049  # depth of a time bin in wall widths up to which neighbours are added
 SLICE = 0.0096  # depth of a slice of the Wiener volumes, 19 mm behind a wall of 2 m
@@ -229,20 +231,45 @@ class WienerVolumes(nn.Module):
         batch, channels, _, rows, cols = used.shape
         return used.reshape(batch, channels, self.bins, self.factor, rows, cols).sum(dim=3)
 
-    def forward(self, rates: Rates, log_noise: Tensor) -> Tensor:
+    def forward(self, rates: Rates, log_noise: Tensor, response: Told | None = None) -> Tensor:
         """rates of (B, 1, bins, H, W), log10 noise level (B,) -> (B, VOLUMES, slices, H, W)."""
         undone = piecewise(log_noise, NOISE_KNOTS, FALLOFF_AT_KNOTS)
         exponent = (undone - (DIFFUSE - self.falloff)).clamp(min=0)
         weight = (self.relative[None] ** exponent[:, None])[:, None, :, None, None]
         snr = 10 ** piecewise(log_noise, NOISE_KNOTS, LOG_SNR_AT_KNOTS)
         snr_of = [snr * factor for factor in SNR_FACTORS]
+        aliased = 1 / (1 / snr_of[-1] + ALIASING * (1 / rates.kept - 1))
+        if response is not None:
+            return self.sharpened(rates, weight, snr_of, aliased, response)
         filled = self.resampling(rates.net * weight).repeat(1, len(SNR_FACTORS), 1, 1, 1)
         volumes = self.slices_of(self.cone.wiener(filled, torch.stack(snr_of, dim=1)))
         if bool((rates.kept == 1).all()):
             return torch.cat((volumes, volumes[:, -1:]), dim=1)
-        aliased = 1 / (1 / snr_of[-1] + ALIASING * (1 / rates.kept - 1))
         empty = self.slices_of(self.cone.wiener(self.resampling(rates.unfilled * weight), aliased))
         return torch.cat((volumes, empty), dim=1)
+
+    def sharpened(self, rates: Rates, weight: Tensor, snr_of: list[Tensor], aliased: Tensor, response: Told) -> Tensor:
+        """The same three volumes, the response inverted with the light cone: the blurred one about the middle of the
+        light alone, the sharp ones in bands of time."""
+        spread = response.spectra(self.time, self.resampling.cells, self.cone.padded[0])
+        weights = torch.from_numpy(np.stack([windows(knots_s, self.time) for knots_s in response.knots_s])).to(weight)
+
+        def inverted(net: Tensor, snr: Tensor) -> Tensor:
+            parts = self.resampling(net * weights[..., None, None])
+            return self.slices_of(self.cone.wiener(parts, snr, spread).sum(dim=1, keepdim=True))
+
+        net = rates.net * weight
+        blurred = self.cone.wiener(self.resampling(net), snr_of[0], spread[:, MIDDLE])
+        sharp = inverted(net, snr_of[1])
+        whole = bool((rates.kept == 1).all())
+        empty = sharp if whole else inverted(rates.unfilled * weight, aliased)
+        return torch.cat((self.slices_of(blurred), sharp, empty), dim=1)
+
+    def told(self, taps: Tensor, bin_width_s: float, net: Tensor) -> Told:
+        """A response (B, K), and BANDS times from the first light of `net` rates to the end of the axis, evenly over
+        log t."""
+        profiles = net.detach().mean(dim=(1, 3, 4)).cpu().numpy()
+        return Told(taps.to(net), bin_width_s, [knots(profile, self.time, BANDS) for profile in profiles])
 
     def slices_of(self, solved: Tensor) -> Tensor:
         """(B, V, cells, H, W) on the light cone -> (B, V, slices, H, W)."""

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from nlos.recon.layers.frequency_encoding import StochasticFrequencyEncoding
 from nlos.recon.layers.physical_multiplier import PhysicalMultiplier
 from nlos.recon.layers.residual_block import ResidualBlock
+from nlos.recon.layers.response_condition import ResponseCondition
 from nlos.recon.layers.spectral_resampling import resample_field
 
 Pitch = tuple[float, float, float]
@@ -77,6 +78,7 @@ class PhysicalUnfolding(nn.Module):
 
     features (B, F, D, H, W), eta (B, conditions), pitch of the grid in wall widths -> (B, channels[0], D, H, W).
     The lifted features are both u^0 and the guide u_g. The `spectral` coarsest scales have the spectral update.
+    `width` (B,) is that of the instrument's response, of order 1, where it is told.
     """
 
     def __init__(
@@ -110,6 +112,8 @@ class PhysicalUnfolding(nn.Module):
         self.prolong = nn.ModuleList(small_conv(coarse, fine, 0.5) for fine, coarse in pairs)
         self.refine = nn.ModuleList(ResidualBlock(3, fine) for fine, _ in pairs)
         self.sfe = StochasticFrequencyEncoding(channels[-1], sfe_bandwidth) if sfe_bandwidth else None
+        self.spectral = min(spectral, scales)
+        self.response = ResponseCondition(conditions, (channels[0], channels[0], *(maps,) * self.spectral))
 
     def encode_frequencies(self, u: Tensor) -> Tensor:
         """SFE of the coarsest scale, on its spectrum."""
@@ -120,9 +124,13 @@ class PhysicalUnfolding(nn.Module):
             encoded: Tensor = torch.fft.irfftn(self.sfe(spectrum), s=u.shape[2:], dim=(2, 3, 4), norm="ortho")
             return encoded
 
-    def forward(self, features: Tensor, eta: Tensor, pitch: Pitch) -> Tensor:
+    def forward(self, features: Tensor, eta: Tensor, pitch: Pitch, width: Tensor | None = None) -> Tensor:
         u: Tensor = self.lift_u(features)
         guide: Tensor = self.lift_g(features)
+        shifts: list[Tensor] = []
+        if width is not None:
+            of_u, of_g, *shifts = self.response(width, eta)
+            u, guide = u + of_u[:, :, None, None, None], guide + of_g[:, :, None, None, None]
         size = tuple(features.shape[2:])
         extent = tuple(n * step for n, step in zip(size, pitch, strict=True))
         outputs: list[Tensor] = []
@@ -132,6 +140,8 @@ class PhysicalUnfolding(nn.Module):
                 u = self.restrict_u[scale - 1](resample_field(u, size))
                 guide = self.restrict_g[scale - 1](resample_field(guide, size))
             gains = self.gains[scale](eta)
+            if shifts and scale >= len(self.iterations) - self.spectral:
+                gains = gains + shifts.pop(0)
             here = (extent[0] / size[0], extent[1] / size[1], extent[2] / size[2])
             for step in cast(nn.ModuleList, steps):
                 u = step(u, guide, gains, here)

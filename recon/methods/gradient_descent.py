@@ -16,6 +16,8 @@ from nlos.recon.transport.conventions import depths_m
 from nlos.recon.transport.falloff import Falloff
 from nlos.recon.transport.light_cone import LightConeConvolution
 from nlos.recon.transport.resampling import LightConeResampling
+from nlos.recon.transport.response_bands import BANDS, bands_of
+from nlos.recon.transport.response_on_cone import ResponseOnCone
 
 AXES = (-3, -2, -1)
 SMOOTHED = 0.01  # gradients below this part of the albedo's maximum are not kept sharp by total variation
@@ -41,6 +43,8 @@ class GradientDescent(nn.Module):
     quadratic (that majorises TV where there is one). Source: the unfolded iteration u - dt (H*(H u - y) + u / snr).
     """
 
+    takes_response = True
+
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
         super().__init__()
         self.settings, self.time = settings, time
@@ -49,23 +53,36 @@ class GradientDescent(nn.Module):
         self.resample = LightConeResampling(time, settings.conventions)
         self.cone = LightConeConvolution(wall, time, settings.conventions, settings.tile)
 
-    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> MethodResult[torch.Tensor]:
+    def forward(
+        self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None
+    ) -> MethodResult[torch.Tensor]:
         """The volume, its front view and its depth map."""
-        return seen_in(self.volume(counts, exposure_s), self.depths_m)
+        return seen_in(self.volume(counts, exposure_s, response), self.depths_m)
 
-    def volume(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
-        """The albedo after all iterations."""
+    def volume(
+        self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None
+    ) -> torch.Tensor:
+        """The albedo after all iterations; a `response` (1, K) is part of the forward model."""
         signal, snr = prepare(counts, exposure_s, self.settings, self.time, self.falloff)
         y = self.resample(signal)
         ridge = (1 / torch.as_tensor(snr, dtype=y.dtype, device=y.device)).expand(len(y)).view(-1, 1, 1, 1, 1)
-        return self.resample.adjoint(self._descend(y, ridge)).clamp_(min=0)
+        recorded = None if response is None else self._recorded(signal, response)
+        return self.resample.adjoint(self._descend(y, ridge, recorded)).clamp_(min=0)
 
-    def _descend(self, y: torch.Tensor, ridge: torch.Tensor) -> torch.Tensor:
+    def _recorded(self, signal: torch.Tensor, response: torch.Tensor) -> ResponseOnCone:
+        """What the instrument makes of light on the cone."""
+        profile, padded = signal.mean(dim=(0, 1, 3, 4)).cpu().numpy(), self.cone.padded[0]
+        taps = response[0].cpu().double().numpy()
+        bands = bands_of(profile, BANDS, taps, self.time, self.resample.cells, padded)
+        return ResponseOnCone(bands, self.resample.matrix, padded)
+
+    def _descend(self, y: torch.Tensor, ridge: torch.Tensor, recorded: ResponseOnCone | None = None) -> torch.Tensor:
         u = torch.zeros_like(y)
         residual = -y
         direction, before = torch.zeros_like(y), torch.ones_like(ridge)
         for _ in range(self.settings.iterations):
-            gradient = self.cone.adjoint(residual) + ridge * u
+            unmatched = residual if recorded is None else recorded.adjoint(residual)
+            gradient = self.cone.adjoint(unmatched) + ridge * u
             weights = self._tv_weights(u, ridge)
             if weights is not None:
                 gradient = gradient - _divergence(weights * _gradient(u))
@@ -73,6 +90,8 @@ class GradientDescent(nn.Module):
             keep = squared / before if self.settings.momentum else torch.zeros_like(squared)
             direction, before = keep * direction - gradient, squared.clamp(min=1e-30)
             seen = self.cone(direction)
+            if recorded is not None:
+                seen = recorded(seen)
             curvature = _dot(seen, seen) + ridge * _dot(direction, direction)
             if weights is not None:
                 curvature = curvature + (weights * _gradient(direction).square()).sum((0, 2, 3, 4, 5)).view_as(ridge)

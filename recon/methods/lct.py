@@ -6,6 +6,7 @@ from torch import nn
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
+from nlos.recon.inverted_in_bands import inverted_in_bands
 from nlos.recon.method import MethodResult
 from nlos.recon.physics import prepare, seen_in
 from nlos.recon.plain.lct import Settings
@@ -18,6 +19,8 @@ from nlos.recon.transport.resampling import LightConeResampling
 class LightConeTransform(nn.Module):
     """(B, C, T, H, W) counts -> (B, C, D, H, W) albedo, one plane a bin. Source: O'Toole et al., Nature 2018."""
 
+    takes_response = True
+
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
         super().__init__()
         self.settings, self.time = settings, time
@@ -26,15 +29,23 @@ class LightConeTransform(nn.Module):
         self.resample = LightConeResampling(time, settings.conventions)
         self.cone = LightConeConvolution(wall, time, settings.conventions, settings.tile)
 
-    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> MethodResult[torch.Tensor]:
+    def forward(
+        self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None
+    ) -> MethodResult[torch.Tensor]:
         """The volume, its front view and its depth map."""
-        return seen_in(self.volume(counts, exposure_s), self.depths_m)
+        return seen_in(self.volume(counts, exposure_s, response), self.depths_m)
 
-    def volume(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
-        """The albedo volume, not below 0."""
+    def volume(
+        self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None
+    ) -> torch.Tensor:
+        """The albedo volume, not below 0; a `response` (B, K) is inverted with the light cone."""
         signal, snr = prepare(counts, exposure_s, self.settings, self.time, self.falloff)
-        signal = self.resample(signal)
-        return self.resample.adjoint(self.cone.wiener(signal, snr)).clamp_(min=0)
+        if response is None:
+            solved = self.cone.wiener(self.resample(signal), snr)
+        else:
+            level = self.settings.snr_where_told(snr)
+            solved = inverted_in_bands(signal, level, response, self.time, self.resample, self.cone, self.cone.wiener)
+        return self.resample.adjoint(solved).clamp_(min=0)
 
 
 def build(settings: AnySettings, wall: WallGrid, time: TimeAxis) -> LightConeTransform:

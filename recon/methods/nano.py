@@ -9,7 +9,7 @@ import torch.nn.functional as F
 from pydantic import Field
 from torch import Tensor, nn
 
-from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.layers.lifted_volumes import LiftedVolumes
@@ -26,6 +26,7 @@ from nlos.recon.layers.measurement import (
 from nlos.recon.layers.noise_level import NoiseLevel
 from nlos.recon.layers.physical_unfolding import PhysicalUnfolding
 from nlos.recon.layers.symmetries import Fields, mean_over_symmetries
+from nlos.recon.layers.told_response import Told
 from nlos.recon.layers.transient_lifting import LiftingName
 from nlos.recon.layers.volume_projection import AttentionProjection, MaximumProjection, Projection
 from nlos.recon.memory import cube_bytes
@@ -91,15 +92,18 @@ class Settings(AnySettings):
 class Nano(nn.Module):
     """G_eta = B_p . Phi_eta . B_l after noise level estimation, then volume projection (Wang et al., section IV).
 
-    counts (B, 1, T, H, W) in any unit, exposure (B, H, W) in any unit, 0 = not measured, or None for an even one ->
+    counts (B, 1, T, H, W) in any unit, exposure (B, H, W) in any unit, 0 = not measured, or None for an even one, and
+    where it is known what an instant of light becomes, `response` (B, K), shares a bin, K odd, the middle on time ->
     albedo (B, H, W) from 0 to 1 at the brightest point, depth_m (B, H, W), NaN where nothing is seen, and the volume
     (B, D, H, W).
     The parameters do not depend on wall or time axis; `noise` gives the predicted noise.
     """
 
+    takes_response = True
+
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis):
         super().__init__()
-        self.settings = settings
+        self.settings, self.time = settings, time
         self.physics = WienerVolumes(wall, time, settings.falloff)
         self.depths_m = self.physics.depths.double().numpy() * self.physics.unit_m
         pitch = self.physics.pitch
@@ -123,6 +127,7 @@ class Nano(nn.Module):
         )
         for lift in (self.unfolding.lift_u, self.unfolding.lift_g):
             lift.weight.data[:, OWN_FEATURES - 1 :] = 0  # the last pass and the lifted features come in from zero
+        self.added_later = ("unfolding.response.",)
         self.head = nn.Conv3d(settings.channels[0], 1 + settings.features, 1)
         nn.init.normal_(self.head.weight, std=0.05)
         nn.init.zeros_(cast(Tensor, self.head.bias))
@@ -135,8 +140,10 @@ class Nano(nn.Module):
         for name, parameter in self.named_parameters():
             parameter.requires_grad = name.startswith("noise_level.") == (trained is not None)
 
-    def forward(self, counts: Tensor, exposure: Tensor | None = None) -> MethodResult[Tensor]:
-        volumes, eta, maps, lifted, presence = self.prepared(counts, exposure)
+    def forward(
+        self, counts: Tensor, exposure: Tensor | None = None, response: Tensor | None = None
+    ) -> MethodResult[Tensor]:
+        volumes, eta, maps, lifted, presence = self.prepared(counts, exposure, response)
         if self.settings.symmetries and not self.training:
             seen = self.over_symmetries(volumes, eta, maps, lifted)
         else:
@@ -150,17 +157,28 @@ class Nano(nn.Module):
         behind = self.physics.slices - seen.volume.shape[1]  # too far for any light
         return MethodResult(albedo, depth_m, F.pad(seen.volume * present[..., None], (0, 0, 0, 0, 0, behind)))
 
-    def prepared(self, counts: Tensor, exposure: Tensor | None) -> tuple[Tensor, Tensor, Tensor, Tensor | None, Tensor]:
-        """Volumes as deep as there is light, eta, confidence, lifted features, and the presence of any light (B,)."""
+    def prepared(
+        self, counts: Tensor, exposure: Tensor | None, response: Tensor | None = None
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor | None, Tensor]:
+        """Volumes as deep as there is light, eta (last the response's width), confidence, lifted features, and the
+        presence of any light (B,)."""
         rates = rates_of(self.physics.rebin(counts), exposure)
         log_noise, noise_map = self.noise(rates)
         reach = self.reach(rates.net)
         scaled = max(reach, TRAINED_SLICES)
-        volumes = self.normalised(self.physics(rates, log_noise)[:, :, :scaled])[:, :, :reach]
-        lifted = None if self.lifted is None else self.lifted(rates.net, log_noise, scaled)
+        known = None if response is None else self.physics.told(response, self.time.bin_width_s, rates.net)
+        volumes = self.normalised(self.physics(rates, log_noise, known)[:, :, :scaled])[:, :, :reach]
+        lifted = None if self.lifted is None else self.lifted(rates.net, log_noise, scaled, known)
         maps = confidence(log_noise, noise_map, rates.exposure)
         told = log_noise if self.settings.nle else torch.full_like(log_noise, MIDDLE_NOISE)
-        return volumes, conditions(told, rates), maps, lifted, rates.presence
+        eta = conditions(told, rates)
+        if known is not None:
+            eta = torch.cat((eta, self.width(known)[:, None]), dim=1)
+        return volumes, eta, maps, lifted, rates.presence
+
+    def width(self, response: Told) -> Tensor:
+        """(B,) of order 1: the response's width in slices, as it grows in decades."""
+        return torch.log1p(response.width_s * (SPEED_OF_LIGHT_M_PER_S / 2 / self.physics.unit_m / SLICE))
 
     # A. Noise level estimation
 
@@ -225,7 +243,8 @@ class Nano(nn.Module):
 
     def operator(self, features: Tensor, volumes: Tensor, eta: Tensor, maps: Tensor) -> Projection:
         """One pass: Phi_eta, B_p, and the volume projection (C)."""
-        u = self.unfolding(features, eta, self.pitch)
+        width = eta[:, CONDITIONS] if eta.shape[1] > CONDITIONS else None
+        u = self.unfolding(features, eta[:, :CONDITIONS], self.pitch, width)
         out, depths = self.head(u).float(), self.physics.depths[: volumes.shape[2]]
         if isinstance(self.projection, AttentionProjection):
             return cast(Projection, self.projection(out[:, 0], out[:, 1:], volumes, maps, depths))

@@ -9,10 +9,11 @@ from nlos.acquisition.wall import WallGrid
 from nlos.recon.front_view import depth_map, front_view
 from nlos.recon.method import MethodResult
 from nlos.recon.physics_settings import LightConeSettings
-from nlos.recon.plain.prepared import prepare
+from nlos.recon.plain.prepared import Cube, prepare
 from nlos.recon.transport.conventions import depths_m
 from nlos.recon.transport.light_cone_filter import LightConeFilter
 from nlos.recon.transport.resampling_matrix import resampling_matrix
+from nlos.recon.transport.response_bands import BANDS, bands_of, gain_of_both
 
 
 class Settings(LightConeSettings):
@@ -22,6 +23,8 @@ class Settings(LightConeSettings):
 class PlainLightConeTransform:
     """Counts (T, H, W) and exposure (H, W) -> albedo (D, H, W), a plane a bin. Source: O'Toole et al., Nature 2018."""
 
+    takes_response = True
+
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
         self.settings, self.time = settings, time
         self.depths_m = depths_m(time, settings.conventions)
@@ -29,22 +32,32 @@ class PlainLightConeTransform:
         self.filter = LightConeFilter(wall, time, settings.conventions, settings.tile)
 
     def __call__(
-        self, counts: npt.NDArray[np.float32], exposure_s: npt.NDArray[np.float64]
-    ) -> MethodResult[npt.NDArray[np.float32]]:
+        self, counts: Cube, exposure_s: npt.NDArray[np.float64], response: npt.NDArray[np.float64] | None = None
+    ) -> MethodResult[Cube]:
         """The volume, its front view and its depth map."""
-        volume = self.volume(counts, exposure_s)
+        volume = self.volume(counts, exposure_s, response)
         return MethodResult(front_view(volume), depth_map(volume, self.depths_m), volume)
 
-    def volume(self, counts: npt.NDArray[np.float32], exposure_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
-        """The albedo volume, not below 0."""
+    def volume(
+        self, counts: Cube, exposure_s: npt.NDArray[np.float64], response: npt.NDArray[np.float64] | None = None
+    ) -> Cube:
+        """The albedo volume, not below 0; a `response` (K,), shares a bin, is inverted with the light cone."""
         signal, snr = prepare(counts, exposure_s, self.settings, self.time)
-        noise = np.float32(1 / snr)
-        on_cone = along_time(self.matrix, signal)[None]
-        image = self.filter(on_cone, True, lambda power, planes: 1 / (power + noise))[0]
+        noise = np.float32(1 / (snr if response is None else self.settings.snr_where_told(snr)))
+        if response is None:
+            on_cone = along_time(self.matrix, signal)[None]
+            image = self.filter(on_cone, True, lambda power, planes: 1 / (power + noise))[0]
+        else:
+            profile, cells = signal.mean(axis=(1, 2)), self.matrix.shape[0]
+            bands = bands_of(profile, BANDS, response, self.time, cells, self.filter.padded[0])
+            image = np.zeros((cells, *signal.shape[1:]), np.float32)
+            for window, spectrum in zip(bands.windows, bands.spectra, strict=True):
+                part = along_time(self.matrix, signal * window[:, None, None])[None]
+                image += self.filter(part, True, gain_of_both(noise, spectrum[None]))[0]
         return np.maximum(along_time(scipy.sparse.csr_array(self.matrix.T), image), 0)
 
 
-def along_time(matrix: scipy.sparse.csr_array, x: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def along_time(matrix: scipy.sparse.csr_array, x: Cube) -> Cube:
     """A sparse matrix (V, T) applied along the first axis of (T, H, W)."""
     return np.asarray(matrix @ x.reshape(len(x), -1)).reshape(matrix.shape[0], *x.shape[1:])
 

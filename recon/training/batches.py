@@ -12,7 +12,10 @@ from nlos.recon.training.dataset import sample
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.training_sample import collate
 
-USED = ("counts", "exposure", "noise_map", "intensity", "albedo", "depth_m", "coverage", "noise_level", "background")
+USED = (
+    "counts", "exposure", "noise_map", "intensity", "albedo", "depth_m", "coverage", "noise_level", "background",
+    "response",
+)  # fmt: skip
 
 
 def order(count: int, epoch: int, seed: int) -> npt.NDArray[np.int64]:
@@ -44,7 +47,7 @@ def pooled(batch: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
         rows, cols = x.shape[-2:]
         return x.reshape(*x.shape[:-2], rows // 2, 2, cols // 2, 2).mean(dim=(-1, -3))
 
-    result = {name: batch[name] for name in ("noise_level", "background") if name in batch}
+    result = {name: batch[name] for name in ("noise_level", "background", "response") if name in batch}
     result |= {name: mean(batch[name]) for name in ("intensity", "albedo", "coverage", "exposure")}
     result["counts"] = 4 * mean(batch["counts"])
     result["background"] = 4 * batch["background"]

@@ -16,7 +16,7 @@ from nlos.recon.training.dataset import sample
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.file_checks import Problem, problems_of_files
 from nlos.recon.training.impulse_responses import read_impulse_response
-from nlos.recon.training.scenes import kind_names
+from nlos.recon.training.scenes import kinds_to_name
 from nlos.recon.training.train_settings import GEOMETRY, TrainSettings
 from nlos.recon.weights.files import WeightsError, find_weights, load_weights, read_about
 
@@ -106,7 +106,7 @@ def _of_files(settings: TrainSettings) -> Iterator[Problem]:
 
 
 def _of_data(data: DatasetSettings, block: str) -> Iterator[Problem]:
-    known = kind_names(held_out=data.held_out)
+    known = kinds_to_name(held_out=data.held_out)
     for number, kind in enumerate(data.kinds):
         if kind not in known:
             which = "held out" if data.held_out else "trained on"

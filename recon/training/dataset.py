@@ -20,7 +20,7 @@ from safetensors.numpy import save_file
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.detector import measure
 from nlos.recon.training.disk_samples import file_number, sample_on_disk
-from nlos.recon.training.impulse_responses import read_impulse_response
+from nlos.recon.training.impulse_responses import UNTOLD, read_impulse_response
 from nlos.recon.training.rendering import render
 from nlos.recon.training.scenes import GENERATOR, Scene, front_view, make_scene, surfels
 from nlos.recon.training.second_bounce import render_second_bounce, thinned
@@ -83,6 +83,7 @@ def _make(
         small = got.counts.max() <= np.iinfo(np.uint8).max
         arrays[f"counts_{k}"] = got.counts.astype(np.uint8) if small else got.counts
         arrays[f"exposure_{k}"], arrays[f"noise_map_{k}"] = got.exposure, got.noise_map
+        arrays[f"response_{k}"] = got.response
         words[f"measured_{k}"] = json.dumps([got.background, got.noise_level, got.condition])
     return {name: np.ascontiguousarray(array) for name, array in arrays.items()}, words
 
@@ -106,10 +107,12 @@ def _unpack(arrays: dict[str, npt.NDArray[np.generic]], words: dict[str, str], w
         background=background,
         kind=words["kind"],
         condition=condition,
+        response=arrays.get(f"response_{which}", UNTOLD).astype(np.float32),
     )
 
 
 def _read(path: Path, which: int) -> TrainingSample:
     with safe_open(path, framework="numpy") as file:
-        names = (*TRUTH, "normal", f"counts_{which}", f"exposure_{which}", f"noise_map_{which}")
+        names = [*TRUTH, "normal", *(f"{name}_{which}" for name in ("counts", "exposure", "noise_map"))]
+        names += {f"response_{which}"} & set(file.keys())  # caches made before responses were told have none
         return _unpack({name: file.get_tensor(name) for name in names}, file.metadata(), which)

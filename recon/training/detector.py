@@ -13,6 +13,7 @@ from pydantic import Field
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.configs.settings import Settings
+from nlos.recon.training.impulse_responses import UNTOLD, fitted
 from nlos.recon.training.shapes import Array
 
 NOISELESS_PEAK_COUNTS = 20_000.0
@@ -38,8 +39,18 @@ class DetectorSettings(Settings):
     """Share scanned at a part of the points."""
     uneven_dwell: Share = 0.15
     """Share with dwells that differ."""
+    sparsest_step: Annotated[int, Field(ge=2, le=32)] = 4
+    """Points a side of which the sparsest scans keep one: 2, 4 and, doubling, up to this."""
     jitter_fwhm_most_ps: NotBelow0 = 120.0
-    """Widest response."""
+    """Widest response of ordinary detectors."""
+    slow: Share = 0.0
+    """Share of slow detectors, whose response is drawn evenly over log from 20 ps to `slow_fwhm_most_ps`."""
+    slow_fwhm_most_ps: Annotated[float, Field(ge=20, le=5000)] = 800.0
+    """Widest response of slow detectors."""
+    told: Share = 0.0
+    """Share of samples whose response is told."""
+    told_wrong: Share = 0.5
+    """Of these, share told wrong: up to a fifth too wide or too narrow, half of them as a Gaussian without its tail."""
     dark_per_peak_most: NotBelow0 = 0.06
     """Most background a bin, dark and ambient, over the mean peak."""
     afterpulsing_most: Share = 0.03
@@ -62,6 +73,7 @@ class Measurement:
     noise_level: float  # root mean square of the noise map over measured points
     noise_map: Array  # (H, W) standard deviation of counts over exposure; inf where nothing was measured
     condition: str
+    response: Array  # (TAPS,) the response as it is told: shares a bin, the middle one on time; a lone 1: not told
 
 
 def measure(
@@ -77,7 +89,8 @@ def measure(
     them, the others a Gaussian with an exponential tail. Raises ValueError for a transient without light.
     """
     condition, sparse = _choose(settings, rng)
-    signal = respond(transient, _impulse_response(time, settings, rng, impulse_responses))
+    response, told = _responses(time, settings, rng, impulse_responses)
+    signal = respond(transient, response)
     peak = float(signal.max(axis=0).mean())
     if not peak > 0:
         raise ValueError("the transient holds no light: the scene lies outside the time axis")
@@ -120,6 +133,7 @@ def measure(
         noise_level=float(np.sqrt(np.mean(measured**2))),
         noise_map=noise_map,
         condition=condition + ("+sparse" if sparse else ""),
+        response=told,
     )
 
 
@@ -166,6 +180,31 @@ def _choose(settings: DetectorSettings, rng: np.random.Generator) -> tuple[str, 
     return ("uniform" if draw < settings.noiseless + settings.uniform else "noisy"), sparse
 
 
+def _responses(
+    time: TimeAxis,
+    settings: DetectorSettings,
+    rng: np.random.Generator,
+    measured: Sequence[npt.NDArray[np.floating]],
+) -> tuple[npt.NDArray[np.float64], Array]:
+    """The detector's response (K,), and what is told of it (TAPS,)."""
+    if not (settings.slow or settings.told):
+        return _impulse_response(time, settings, rng, measured), UNTOLD
+    fwhm_ps, share, decay_ps = rng.uniform(0, settings.jitter_fwhm_most_ps), 0.0, 150.0
+    if rng.random() < settings.slow:
+        fwhm_ps = float(np.exp(rng.uniform(np.log(20), np.log(settings.slow_fwhm_most_ps))))
+    if rng.random() < 0.5:
+        share, decay_ps = rng.uniform(0, 0.3), float(rng.uniform(0.5, 1.5) * max(fwhm_ps, 100.0))
+    response = pulse(time, fwhm_ps, share, decay_ps)
+    if rng.random() >= settings.told:
+        return response, UNTOLD
+    if rng.random() >= settings.told_wrong:
+        return response, fitted(response)
+    wrong = 1 + rng.uniform(-0.2, 0.2)
+    if rng.random() < 0.5:
+        share = 0.0
+    return response, fitted(pulse(time, wrong * fwhm_ps, share, wrong * decay_ps))
+
+
 def _impulse_response(
     time: TimeAxis,
     settings: DetectorSettings,
@@ -177,7 +216,11 @@ def _impulse_response(
         given = np.asarray(measured[int(choice[1] * len(measured))], dtype=np.float64)
         given = given[: given.size - 1 + given.size % 2]
         return np.asarray(given / given.sum(), dtype=np.float64)
-    share = rng.uniform(0, tail) * (rng.random() < 0.5)
+    return pulse(time, fwhm_ps, rng.uniform(0, tail) * (rng.random() < 0.5), decay_ps)
+
+
+def pulse(time: TimeAxis, fwhm_ps: float, share: float, decay_ps: float) -> npt.NDArray[np.float64]:
+    """Shares a bin (K,), K odd, time 0 in the middle: a Gaussian, and `share` of the light in an exponential tail."""
     bin_ps = time.bin_width_s * 1e12
     fine = 8
     reach = int(np.ceil((1.5 * fwhm_ps + 4 * decay_ps * (share > 0)) / bin_ps)) + 1
@@ -199,7 +242,10 @@ def _exposure(shape: tuple[int, ...], settings: DetectorSettings, sparse: bool, 
         ramp = trend[0] * np.linspace(-1, 1, rows)[:, None] + trend[1] * np.linspace(-1, 1, cols)[None]
         exposure = np.exp(ramp + rng.normal(0, rng.uniform(0, 0.5), shape)).astype(np.float32)
     if sparse:
-        step = int(rng.choice([2, 4]))
+        steps = [2, 4]
+        while 2 * steps[-1] <= settings.sparsest_step:
+            steps.append(2 * steps[-1])
+        step = int(rng.choice(steps))
         keep = np.zeros(shape, bool)
         if rng.random() < 0.6:
             keep[rng.integers(step) :: step, rng.integers(step) :: step] = True

@@ -56,7 +56,7 @@ def _measured(settings: DatasetSettings, scene: SceneOnDisk, path: Path, number:
     got = measure(scene.light, settings.time, settings.detector, rng, responses)
     return TrainingSample(
         got.counts, got.exposure, got.noise_map, got.noise_level, got.background, **_truth_of(scene), kind=path.name,
-        condition=got.condition,
+        condition=got.condition, response=got.response,
     )  # fmt: skip
 
 

@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 FLOOR = 0.01
+TAPS = 65
+"""Bins in which a response is told."""
 
 
 @lru_cache(maxsize=16)
@@ -36,3 +38,14 @@ def read_impulse_response(path: Path, bin_width_s: float) -> npt.NDArray[np.floa
     coarse = np.arange(-reach, reach + 2) - 0.5
     whole = np.interp(coarse, edges, np.concatenate(([0], np.cumsum(pulse))))
     return np.asarray(np.diff(whole) / pulse.sum(), dtype=np.float64)
+
+
+def fitted(response: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+    """A response (K,) as TAPS shares that add up to 1: zeros beside a shorter one, a longer one cut."""
+    spare = (TAPS - response.size) // 2
+    taps = np.pad(response, spare) if spare >= 0 else response[-spare : response.size + spare]
+    return np.asarray(taps / taps.sum(), dtype=np.float32)
+
+
+UNTOLD = fitted(np.ones(1))
+"""The response of a sample of which none is told."""

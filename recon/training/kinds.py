@@ -87,6 +87,23 @@ def wheel(canvas: Canvas, rng: Rng, centre: npt.NDArray[np.float64], radius: flo
         )
 
 
+def boards(canvas: Canvas, rng: Rng) -> None:
+    """Dark print on a bright board that fills a third to all of the view, slanted."""
+    font = LETTER_FONTS[rng.integers(len(LETTER_FONTS))]
+    wide, high = rng.uniform(0.55, 1.0, 2)
+    x0, y0 = rng.uniform(-1, 1) * (1 - wide), rng.uniform(-1, 1) * (1 - high)
+    count = int(rng.integers(1, 5))
+    half = min(0.7 * high, 0.85 * wide / count) * rng.uniform(0.7, 1.0)
+    ink = np.zeros((canvas.y.size, canvas.x.size), np.float32)
+    for k in range(count):
+        x, text = x0 + (k - (count - 1) / 2) * 2 * wide / count * 0.9, CHARACTERS[rng.integers(len(CHARACTERS))]
+        ink = np.maximum(ink, lettering(canvas, text, font, x, y0, half, rng.normal(0, 0.05)))
+    board = (np.abs(canvas.x[None] - x0) < wide) & (np.abs(canvas.y[:, None] - y0) < high)
+    paint = bright(rng) * (1 - rng.uniform(0.5, 1.0) * ink)
+    slope = (rng.normal(0, 0.25), rng.normal(0, 0.2))
+    panel(canvas, board.astype(np.float32), rng.uniform(0.6, 1.25), slope, np.maximum(paint, 0.02).astype(np.float32))
+
+
 def cycles(canvas: Canvas, rng: Rng) -> None:
     """A bicycle or motorcycle: two wheels, a frame of tubes, handlebar, saddle, sometimes engine and tank."""
     x, y, z, half = place(rng, (0.5, 0.9))
@@ -261,3 +278,6 @@ def animals(canvas: Canvas, rng: Rng) -> None:
 TRAINED: dict[str, Kind] = {
     kind.__name__: kind for kind in (letters, cycles, tubes, vessels, bodies, furniture, charts, wires, animals)
 }
+
+BY_NAME: dict[str, Kind] = {"boards": boards}
+"""Kinds that take part only where a training file names them, so that earlier files go on meaning the same scenes."""

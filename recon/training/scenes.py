@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.training.held_out_kinds import HELD_OUT
-from nlos.recon.training.kinds import TRAINED, Rng, smooth_noise
+from nlos.recon.training.kinds import BY_NAME, TRAINED, Rng, smooth_noise
 from nlos.recon.training.shapes import Array, Canvas, blank_canvas
 
 GENERATOR = 1
@@ -59,8 +59,8 @@ def make_scene(seed: int, index: int, grid: WallGrid, *, held_out: bool = False,
     `kinds` limits it to some of `kind_names(held_out)`. The raster has OVERSAMPLING cells per point of `grid`.
     Raises ValueError for a kind that is not in the family.
     """
-    family = HELD_OUT if held_out else TRAINED
-    names = kinds or tuple(family)
+    family = HELD_OUT if held_out else TRAINED | BY_NAME
+    names = kinds or kind_names(held_out)
     if unknown := sorted(set(names) - set(family)):
         raise ValueError(f"no such kind of scene: {', '.join(unknown)}. There are: {', '.join(family)}.")
     rng = np.random.default_rng((seed, index, int(held_out)))
@@ -89,7 +89,13 @@ def make_scene(seed: int, index: int, grid: WallGrid, *, held_out: bool = False,
 
 
 def kind_names(held_out: bool = False) -> tuple[str, ...]:
+    """The kinds that are drawn from unless some are named."""
     return tuple(HELD_OUT if held_out else TRAINED)
+
+
+def kinds_to_name(held_out: bool = False) -> tuple[str, ...]:
+    """The kinds that may be named."""
+    return kind_names(held_out) + (() if held_out else tuple(BY_NAME))
 
 
 def _paint(canvas: Canvas, rng: Rng) -> None:

@@ -49,6 +49,7 @@ from nlos.recon.training.run_folder import (
     save_weights,
 )
 from nlos.recon.training.schedule import learning_rate, validation_steps
+from nlos.recon.training.told import told
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.validation import validate
 from nlos.recon.weights.files import load_weights
@@ -268,7 +269,7 @@ def objective(
         own: Objective | None = getattr(network, "training_loss", None)
         if own is not None:
             return own(batch)
-        prediction = network(batch["counts"], batch["exposure"])
+        prediction = network(batch["counts"], batch["exposure"], *told(network, batch))
     return losses(prediction, batch, settings.loss)
 
 

@@ -1,11 +1,12 @@
 """One training sample - what was counted, how, and the truth that it should lead to - and several as a batch."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 import torch
 
+from nlos.recon.training.impulse_responses import UNTOLD
 from nlos.recon.training.shapes import Array
 
 TRUTH = ("intensity", "albedo", "depth_m", "coverage")
@@ -27,13 +28,16 @@ class TrainingSample:
     normal: Array  # (3, H, W)
     kind: str
     condition: str
+    response: Array = field(default_factory=UNTOLD.copy)
+    """(K,) the response as it is told: shares of light a bin, the middle one on time; a lone 1: not told."""
 
 
 def collate(samples: list[TrainingSample]) -> dict[str, torch.Tensor]:
-    """Batch: counts (B, 1, T, H, W) float32; truth, exposure, noise_map (B, H, W); normal (B, 3, H, W), levels (B,)."""
+    """Batch: counts (B, 1, T, H, W) float32; truth, exposure, noise_map (B, H, W); normal (B, 3, H, W), levels (B,),
+    response (B, K)."""
     batch = {
         name: torch.from_numpy(np.stack([getattr(s, name) for s in samples]))
-        for name in ("exposure", "noise_map", "normal", *TRUTH)
+        for name in ("exposure", "noise_map", "normal", "response", *TRUTH)
     }
     batch["counts"] = torch.from_numpy(np.stack([s.counts.astype(np.float32) for s in samples])[:, None])
     for name in ("noise_level", "background"):

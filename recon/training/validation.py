@@ -7,6 +7,7 @@ from torch import nn
 from nlos.recon.method import MethodResult
 from nlos.recon.training.dataset import sample
 from nlos.recon.training.losses import picture_of, psnr
+from nlos.recon.training.told import told
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.training_sample import collate
 from nlos.recon.transport.falloff import Falloff
@@ -28,7 +29,7 @@ def validate(model: nn.Module, settings: TrainSettings, device: str, against_lct
         batch = {name: x.to(device) for name, x in collate([sample(data, index, settings.cache_path)]).items()}
         truth = picture_of(batch)
         with torch.no_grad():
-            seen: MethodResult[torch.Tensor] = model(batch["counts"], batch["exposure"])
+            seen: MethodResult[torch.Tensor] = model(batch["counts"], batch["exposure"], *told(model, batch))
         pictures.append(float(psnr(seen.albedo.float(), truth)))
         mask = batch["depth_m"] > 0
         depths.append(float((seen.depth_m.float() - batch["depth_m"])[mask].abs().nanmean()))

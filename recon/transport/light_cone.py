@@ -17,6 +17,7 @@ from nlos.recon.transport.conventions import Conventions
 from nlos.recon.transport.fourier import array_of, tensor_of
 from nlos.recon.transport.light_cone_filter import Gain, LightConeFilter
 from nlos.recon.transport.linear import linear
+from nlos.recon.transport.response_bands import gain_of_both
 
 Snr = float | torch.Tensor
 
@@ -42,11 +43,14 @@ class LightConeConvolution(nn.Module):
         weight = None if gain is None else _plane_gain(gain.to(y.device, y.dtype))
         return linear(y, lambda x: self._filtered(x, True, weight), lambda x: self._filtered(x, False, weight))
 
-    def wiener(self, y: torch.Tensor, snr: Snr) -> torch.Tensor:
+    def wiener(self, y: torch.Tensor, snr: Snr, response: torch.Tensor | None = None) -> torch.Tensor:
         """The Wiener inverse conj(H) / (|H|^2 + 1 / snr) applied to `y`.
 
         `snr` is against a kernel of mean power 1: one number, or one a sample, (B,) or (B, C); differentiable in both.
+        With a `response` K (B, C, F), complex, along v (`response_bands.py`) it inverts H K; `snr` is then constant.
         """
+        if response is not None:
+            return self._wiener_of_both(y, snr, response)
         if isinstance(snr, torch.Tensor):
             level = _one_each(snr.to(y.device), y)
             result: torch.Tensor = _Wiener.apply(y, level, self)  # type: ignore[no-untyped-call]
@@ -56,11 +60,22 @@ class LightConeConvolution(nn.Module):
         gain = _wiener_gain(torch.full((y.shape[0] * y.shape[1],), snr, dtype=y.dtype, device=y.device))
         return linear(y, lambda x: self._filtered(x, True, gain), lambda x: self._filtered(x, False, gain))
 
-    def gram_inverse(self, y: torch.Tensor, snr: torch.Tensor, flatness: float) -> torch.Tensor:
+    def _wiener_of_both(self, y: torch.Tensor, snr: Snr, response: torch.Tensor) -> torch.Tensor:
+        """conj(H K) / (|H K|^2 + 1 / snr) applied to `y`."""
+        level = _one_each(torch.as_tensor(snr, dtype=y.dtype, device=y.device).detach(), y)
+        spread = response.to(y.device).expand(*y.shape[:2], -1).flatten(0, 1)
+        noise, k = array_of((1 / level)[:, None, None, None]), array_of(spread)
+        there, back = gain_of_both(noise, k), gain_of_both(noise, k, adjoint=True)
+        return linear(y, lambda x: self._filtered(x, True, there), lambda x: self._filtered(x, False, back))
+
+    def gram_inverse(
+        self, y: torch.Tensor, snr: torch.Tensor, flatness: float, response: torch.Tensor | None = None
+    ) -> torch.Tensor:
         """(H* H + (flatness + G) / snr)^-1 H* y: the Gram operator's inverse under a prior of small gradients.
 
-        G is the spectrum of the squared gradient, mean 1/2 a direction; `snr` (B,), (B, 1) or (B, C). Source: Ahn et
-        al., ICCV 2019, whose convolution H* H becomes exact on the light cone.
+        G is the spectrum of the squared gradient, mean 1/2 a direction; `snr` (B,), (B, 1) or (B, C). With a `response`
+        K (B, C, F), complex, along v it is that of H K. Source: Ahn et al., ICCV 2019, whose convolution H* H becomes
+        exact on the light cone.
         """
         sizes = (self.padded[0] // 2 + 1, self.padded[1] // 2 + 1, self.padded[2] // 2 + 1)
         along = [
@@ -70,11 +85,18 @@ class LightConeConvolution(nn.Module):
         lateral = flatness + along[1][:, None] + along[2]
         noise = (1 / _one_each(snr.to(y.device, y.dtype), y))[:, None, None, None]
 
-        def gain(power: Any, planes: slice) -> Any:
-            prior = _beside(power, lateral) + _beside(power, along[0])[planes][:, None, None]
-            return 1 / (power + prior * _beside(power, noise))
+        spread = None if response is None else array_of(response.to(y.device).expand(*y.shape[:2], -1).flatten(0, 1))
 
-        return linear(y, lambda x: self._filtered(x, True, gain), lambda x: self._filtered(x, False, gain))
+        def gain(power: Any, planes: slice, adjoint: bool = False) -> Any:
+            prior = _beside(power, lateral) + _beside(power, along[0])[planes][:, None, None]
+            weight = prior * _beside(power, noise)
+            return 1 / (power + weight) if spread is None else gain_of_both(weight, spread, adjoint)(power, planes)
+
+        return linear(
+            y,
+            lambda x: self._filtered(x, True, gain),
+            lambda x: self._filtered(x, False, lambda power, planes: gain(power, planes, adjoint=True)),
+        )
 
     def transfer(self, planes: slice = slice(None)) -> torch.Tensor:
         """See `LightConeFilter.transfer`."""

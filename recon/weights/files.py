@@ -106,8 +106,13 @@ def with_weights(module: AnyModule, name: str | None) -> AnyModule:
 
 
 def put_weights(module: nn.Module, tensors: Mapping[str, torch.Tensor], source: str) -> None:
-    """Copy `tensors` into the parameters of the same names; WeightsError says what does not fit."""
+    """Copy `tensors` into the parameters of the same names; WeightsError says what does not fit.
+
+    Parameters whose names begin with one of the module's `added_later` may be missing, and stay as they were built.
+    """
     own = dict(module.named_parameters())
+    later = tuple(getattr(module, "added_later", ()))
+    own = {name: parameter for name, parameter in own.items() if name in tensors or not name.startswith(later)}
     wrong = [f"{name} is missing" for name in own.keys() - tensors.keys()]
     wrong += [f"{name} is not of this network" for name in tensors.keys() - own.keys()]
     wrong += [

@@ -11,11 +11,13 @@ import numpy.typing as npt
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.loaded import LoadedScan, load_scan
 from nlos.recon.errors import InvalidSettings
+from nlos.response import AUTO, ResponseWanted, known_response, response_wanted, say_response, with_response
 
 if TYPE_CHECKING:
     from nlos.acquisition.transient import Transient
     from nlos.calibration.constants import BenchConstants
-    from nlos.calibration.correct import Report
+    from nlos.calibration.correct import CorrectedPoints, Report
+    from nlos.calibration.impulse_response import ImpulseResponse
     from nlos.recon.volume import Reconstruction
 
 
@@ -41,10 +43,19 @@ def constants_for(scan: LoadedScan, given: Path | None) -> "BenchConstants | Non
 def calibrate_scan(
     scan: LoadedScan, use_file_offsets: bool = False, constants: "BenchConstants | None" = None
 ) -> "Transient":
-    """The transient that the physics can use: time 0 at the direct arrival, direct light removed.
+    """The transient that the physics can use: time 0 at the direct arrival, direct light removed, and what is known of
+    the instrument's response.
 
     A rectified file that states its cut gets that cut; in one that states none, direct light is looked for.
     """
+    transient, own = _calibrated(scan, use_file_offsets, constants)
+    return replace(transient, response=known_response(scan, constants, own))
+
+
+def _calibrated(
+    scan: LoadedScan, use_file_offsets: bool, constants: "BenchConstants | None"
+) -> "tuple[Transient, ImpulseResponse | None]":
+    """And the response that the scan's own direct light showed, where it was looked for."""
     from nlos.calibration.correct import correct, correct_points
 
     transient = scan.transient
@@ -57,18 +68,25 @@ def calibrate_scan(
         done = correct_points(points, constants, rectified=scan.rectified, remove_direct=scan.direct_cut_bins is None)
         if not scan.rectified:
             _log_calibration(done.report())
-        return grid_samples(scan.points.x_m, scan.points.y_m, done.counts, done.exposure_s, transient.wall, done.time)
+        gridded = grid_samples(
+            scan.points.x_m, scan.points.y_m, done.counts, done.exposure_s, transient.wall, done.time
+        )
+        return gridded, _own(done)
     if scan.rectified and scan.direct_cut_bins is not None:
-        return cut_direct(transient, scan.direct_cut_bins)
+        return cut_direct(transient, scan.direct_cut_bins), None
     if scan.rectified:
-        return correct(transient, rectified=True).transient
+        return correct(transient, rectified=True).transient, None
     if use_file_offsets:
         if scan.offset_bins is None:
             raise InvalidSettings("offsets=file: the file has no time_offset_bins")
-        return correct(transient, offset_bins=scan.offset_bins).transient
+        return correct(transient, offset_bins=scan.offset_bins).transient, None
     corrected = correct(transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
     _log_calibration(corrected.report())
-    return corrected.transient
+    return corrected.transient, _own(corrected.points)
+
+
+def _own(points: "CorrectedPoints") -> "ImpulseResponse | None":
+    return None if points.offsets is None else points.offsets.response
 
 
 def _log_calibration(report: "Report") -> None:
@@ -112,6 +130,7 @@ def reconstruct_scan(
     *,
     use_file_offsets: bool = False,
     constants: Path | None = None,
+    response: ResponseWanted = AUTO,
     device: str = "cpu",
     stage: Callable[[str], None] = lambda name: None,
 ) -> "Reconstruction":
@@ -123,7 +142,8 @@ def reconstruct_scan(
     if scan.falloff is not None and "falloff" in find(method).Settings.model_fields:
         chosen.setdefault("falloff", scan.falloff)
     stage("calibrating")
-    transient = calibrate_scan(scan, use_file_offsets, constants_for(scan, constants))
+    transient = with_response(calibrate_scan(scan, use_file_offsets, constants_for(scan, constants)), response)
+    say_response(transient)
     stage(f"{method} on {transient.wall.rows} x {transient.wall.cols} x {transient.time.bins}")
     return replace(reconstruct(transient, method, chosen, device), left_aside=scan.left_aside)
 
@@ -135,6 +155,7 @@ def reconstruct_file(
     folder: Path,
     *,
     constants: Path | None = None,
+    response: ResponseWanted | str = AUTO,
     device: str = "cpu",
     html: bool = False,
     volume: bool = True,
@@ -152,6 +173,7 @@ def reconstruct_file(
     for name in (*NAMES, "view3d.html") if html else NAMES:
         if (folder / name).exists() and not overwrite:
             raise FileExistsError(f"{folder / name}: exists. Choose another folder with -o, or say --overwrite.")
+    wanted = response_wanted(response)
     stage(FIRST_STAGE)
     scan = load_scan(run, given)
     chosen = dict(settings)
@@ -159,8 +181,9 @@ def reconstruct_file(
     if offsets not in (None, "file"):
         raise InvalidSettings(f"offsets={offsets}: only `offsets=file` is known")
     result = reconstruct_scan(
-        scan, method, chosen, use_file_offsets=offsets == "file", constants=constants, device=device, stage=stage
-    )
+        scan, method, chosen, use_file_offsets=offsets == "file", constants=constants, response=wanted, device=device,
+        stage=stage,
+    )  # fmt: skip
     if depth_m is not None:
         result = within_depths(result, *depth_m)
     result = replace(result, scan=run.name)

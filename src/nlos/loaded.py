@@ -17,6 +17,7 @@ from nlos.acquisition.importers.magic import is_recording
 from nlos.acquisition.importers.to_recording import said_by_source
 from nlos.acquisition.recording.checked import open_checked
 from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.response import Response, from_json
 from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.calibration.raw_points import RawPoints, from_samples, from_transient
@@ -46,6 +47,8 @@ class LoadedScan:
     """Samples at free positions as they were taken; `transient` then has them in the pixels they lie in."""
     bench_json: str = "{}"
     """The bench file that it was taken with, where it is known."""
+    response: Response | None = None
+    """What the instrument makes of an instant of light, as the file states it."""
     left_aside: int = 0
     """Samples that were damaged or unreadable, and are not in it."""
 
@@ -88,6 +91,7 @@ def _as_loaded(scan: ImportedScan) -> LoadedScan:
         scan.time_offset_bins,
         scan.wall_known,
         points,
+        response=scan.response,
     )
 
 
@@ -170,7 +174,16 @@ def as_recorded(
         _offset_bins(recording, offsets, transient.exposure_s.shape) if isinstance(offsets, list) else None,
         bool(said.get("wall_known", True)),
         bench_json=recording.header.bench_json,
+        response=_response(recording, said.get("response")),
     )
+
+
+def _response(recording: Recording, stored: object) -> Response | None:
+    """The response that an imported file brought along. Raises `InvalidData` for anything else."""
+    try:
+        return from_json(stored)
+    except InvalidData as error:
+        raise InvalidData(f"{recording.path}: scan_json: {error}") from error
 
 
 def _offset_bins(recording: Recording, stored: list[Any], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from nlos.recon.pictures import summary_figure
 from nlos.recon.results import write_results
-from nlos.recon.volume import Reconstruction
+from nlos.recon.volume import Reconstruction, response_words
 
 if TYPE_CHECKING:
     import xarray
@@ -59,6 +59,11 @@ class Picture:
     def y_m(self) -> Floats:
         """Rows, metres above the wall's centre (H,)."""
         return self.reconstruction.wall.y_m()
+
+    @property
+    def response(self) -> str:
+        """The instrument's response that was taken, and where it is from."""
+        return response_words(self.reconstruction)
 
     @property
     def method(self) -> str:

@@ -9,7 +9,10 @@ from nlos.array_scan import Size, scan_from_arrays
 from nlos.chain import reconstruct_scan
 from nlos.picture import Picture
 from nlos.recon.errors import InvalidSettings
+from nlos.response import response_wanted
 from nlos.scan_data import Scan, load
+
+ResponseSaid = str | float | Path | tuple[npt.ArrayLike, float]
 
 
 def reconstruct(
@@ -24,6 +27,7 @@ def reconstruct(
     exposure: npt.ArrayLike | None = None,
     rectified: bool = True,
     constants: str | Path | None = None,
+    response: ResponseSaid = "auto",
     device: str = "cpu",
     **settings: object,
 ) -> Picture:
@@ -31,7 +35,9 @@ def reconstruct(
 
     For arrays: `wall` its side or (width, height) in metres, `bin_width` in seconds, `axes` the order of the axes where
     it is another ("TYX"), `exposure` in seconds per point (0 = not measured), `rectified` whether time 0 is the wall
-    and direct light is gone; if not, both are found in the histograms. `method` is `lct`, unless `weights` (a file, or
+    and direct light is gone; if not, both are found in the histograms. `response`: what the instrument makes of an
+    instant of light, as `--response`: "auto", "none", a FWHM in picoseconds, a file, or (curve, bin width in seconds);
+    `picture.response` says which was taken. `method` is `lct`, unless `weights` (a file, or
     a name of those that ship) say another: they bring method and architecture. Other keywords are settings of the
     method: `nlos.methods()[method].settings`. Raises `InvalidData`, `InvalidSettings` and `ReconstructionFailed` of
     `nlos.recon.errors`, and what `nlos.load` raises.
@@ -53,4 +59,5 @@ def reconstruct(
 
         name, chosen = use_weights(weights, method, settings)
     place = None if constants is None else Path(constants)
-    return Picture(reconstruct_scan(loaded, name, chosen, constants=place, device=device))
+    wanted = response_wanted(response)
+    return Picture(reconstruct_scan(loaded, name, chosen, constants=place, response=wanted, device=device))

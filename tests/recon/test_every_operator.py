@@ -20,6 +20,9 @@ from nlos.recon.transport.fk_migration import FkMigration
 from nlos.recon.transport.light_cone import LightConeConvolution
 from nlos.recon.transport.phasor_field import ConfocalRsd
 from nlos.recon.transport.resampling import LightConeResampling
+from nlos.recon.transport.resampling_matrix import resampling_matrix
+from nlos.recon.transport.response_bands import bands_of
+from nlos.recon.transport.response_on_cone import ResponseOnCone
 from nlos.recon.transport.virtual_wave import VirtualWave
 
 GEOMETRIES = {
@@ -29,6 +32,15 @@ GEOMETRIES = {
     "narrow window": (WallGrid(3.0, 3.0, 6, 6), TimeAxis(9, 100e-12)),
     "early start": (WallGrid(0.8, 0.5, 3, 4), TimeAxis(14, 200e-12, -330e-12)),
 }
+
+
+def recorded(time: TimeAxis, conventions: Conventions) -> ResponseOnCone:
+    """A lopsided response in three bands."""
+    matrix = resampling_matrix(time, conventions)
+    taps, cells = np.array([0.0, 0.2, 0.5, 0.2, 0.1]), matrix.shape[0]
+    return ResponseOnCone(bands_of(np.ones(time.bins), 3, taps, time, cells, 2 * cells), matrix, 2 * cells)
+
+
 OPERATORS: dict[str, Callable[[WallGrid, TimeAxis, Conventions], nn.Module]] = {
     "falloff": lambda wall, time, conventions: Falloff(time, 3.0, conventions),
     "resampling": lambda wall, time, conventions: LightConeResampling(time, conventions),
@@ -36,9 +48,11 @@ OPERATORS: dict[str, Callable[[WallGrid, TimeAxis, Conventions], nn.Module]] = {
     "f-k": FkMigration,
     "virtual wave": lambda wall, time, conventions: VirtualWave(time, 0.2, 3.0, conventions),
     "phasor field": lambda wall, time, conventions: ConfocalRsd(wall, time, np.array([0.11, 0.2, 0.34]), 0.2, 3.0),
+    "response": lambda wall, time, conventions: recorded(time, conventions),
     "back-projection": lambda wall, time, conventions: BackProjection(wall, time, 0.0, conventions),
     "filtered back-projection": lambda wall, time, conventions: BackProjection(wall, time, 1.3, conventions),
 }
+ON_CONE = {"light cone", "response"}
 COMPLEX = {"f-k", "virtual wave", "phasor field"}
 
 
@@ -71,7 +85,7 @@ def test_the_adjoint_is_the_adjoint(name: str, conventions: Conventions, geometr
     if conventions == "authors" and time.start_s != 0:
         pytest.skip("the published programs know only time axes that start at 0")
     operator = OPERATORS[name](wall, time, conventions)
-    length = operator.cells if name == "light cone" else time.bins
+    length = operator.cells if name in ON_CONE else time.bins
     x = random((2, 3, length, wall.rows, wall.cols), 1)
     ax = operator(x)
     y = random(tuple(ax.shape), 2, torch.complex128 if name in COMPLEX else torch.float64)

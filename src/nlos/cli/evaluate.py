@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from nlos.cli.file_words import Response
 from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
 
@@ -17,11 +18,12 @@ def evaluate(
         str | None,
         typer.Option(help="Names, files of methods, NAME=FILE for those or for weights; between commas. Default: all."),
     ] = None,
-    conditions: Annotated[str | None, typer.Option(help="Dataset names, optionally @RxC or @blue:N.")] = None,
+    conditions: Annotated[str | None, typer.Option(help="Dataset names, optionally ~300ps, @RxC or @blue:N.")] = None,
     settings: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
     fixed: Annotated[
         bool, typer.Option("--fixed", help="Run each method at its defaults instead of its best snr.")
     ] = False,
+    response: Response = "auto",
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
@@ -30,6 +32,7 @@ def evaluate(
     from nlos.recon import evaluate as evaluation
     from nlos.recon.evaluation_report import NAMES, write_evaluation
     from nlos.recon.methods import usable
+    from nlos.response import response_wanted, with_response
 
     scenes = [*data, *(more or [])]
     for path in scenes:
@@ -38,6 +41,7 @@ def evaluate(
     for name in NAMES:
         if (output / name).exists() and not overwrite:
             raise FileExistsError(f"{output / name}: exists. Choose another folder with -o, or say --overwrite.")
+    wanted = response_wanted(response)
     chosen = methods.split(",") if methods else usable()
     with Progress(1, what="evaluate", unit="pictures") as progress:
 
@@ -53,6 +57,7 @@ def evaluate(
             settings=parse_settings(settings or []),
             fixed=fixed,
             device=device,
+            response=lambda transient: with_response(transient, wanted),
             say=terminal.log,
             step=step,
         )

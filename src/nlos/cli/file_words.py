@@ -24,6 +24,14 @@ Rectified = Annotated[
         "--rectified/--raw", help="Whether time 0 is the wall and direct light has been removed.", show_default=False
     ),
 ]
+Response = Annotated[
+    str,
+    typer.Option(
+        "--response", metavar="auto|none|FWHM_PS|FILE",
+        help="What the instrument makes of an instant of light. auto: the bench's constants, else what the file says, "
+        "else the scan's own direct peak, else none.",
+    ),
+]  # fmt: skip
 Depths = Annotated[
     str | None, typer.Option("--depth-m", metavar="NEAR:FAR", help="Limit picture and volume to these depths.")
 ]

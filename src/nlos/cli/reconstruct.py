@@ -7,7 +7,7 @@ import typer
 
 from nlos.acquisition.importers.given import NOTHING
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
-from nlos.cli.file_words import Axes, BinWidth, Depths, Rectified, WallSize, depths, given
+from nlos.cli.file_words import Axes, BinWidth, Depths, Rectified, Response, WallSize, depths, given
 from nlos.cli.method_settings import Weights, chosen_method, parse_settings
 from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
@@ -41,6 +41,7 @@ def reconstruct(
     bin_width_ps: BinWidth = None,
     axes: Axes = None,
     rectified: Rectified = None,
+    response: Response = "auto",
     depth_m: Depths = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
     skip_existing: Annotated[
@@ -50,19 +51,21 @@ def reconstruct(
     """From a recording, or any file that an importer reads, to a picture."""
     from nlos.chain import FIRST_STAGE, STAGES, reconstruct_file
     from nlos.recon.results import NAMES, files_in
+    from nlos.recon.volume import response_words
 
     method, chosen = chosen_method(weights, method, parse_settings(settings or []))
-    _check(method, chosen, device)
+    _check(method, chosen, device, response)
     said, limits_m = given(wall_size_m, bin_width_ps, axes, rectified), depths(depth_m)
     if follow:
         if said != NOTHING or limits_m is not None:
             raise UsageError(
                 "--follow: a scan that is being recorded says itself what it is; limit its picture afterwards"
             )
-        _follow(runs, method, chosen, output, constants, device, volume, html, overwrite, scheduler)
+        _follow(runs, method, chosen, output, constants, response, device, volume, html, overwrite, scheduler)
         return
     options: dict[str, Any] = {
-        "constants": constants, "device": device, "html": html, "volume": volume, "given": said, "depth_m": limits_m,
+        "constants": constants, "response": response, "device": device, "html": html, "volume": volume, "given": said,
+        "depth_m": limits_m,
     }  # fmt: skip
     if len(runs) > 1 or runs[0].is_dir() or scheduler is not None:
         _reconstruct_archive(runs, method, chosen, output, options, scheduler, overwrite, skip_existing)
@@ -80,6 +83,7 @@ def reconstruct(
         done = reconstruct_file(runs[0], method, chosen, output, overwrite=overwrite, stage=stage, **options)
         progress.step()
     _say(method, [(str(runs[0]), output, done.seconds)])
+    terminal.result(f"response: {response_words(done)}", response=response_words(done))
 
 
 def _reconstruct_archive(
@@ -135,13 +139,15 @@ def _say(method: str, done: list[tuple[str, Path, float | None]]) -> None:
     ]  # fmt: skip
 
 
-def _check(method: str, settings: dict[str, object], device: str) -> None:
+def _check(method: str, settings: dict[str, object], device: str, response: str) -> None:
     """Refuses what no file can change, before any is read. Raises `InvalidSettings`."""
     from nlos.recon.device import check_device
     from nlos.recon.methods import parse_settings
+    from nlos.response import response_wanted
 
     parse_settings(method, {key: value for key, value in settings.items() if key != "offsets"})
     check_device(device)
+    response_wanted(response)
 
 
 def _follow(
@@ -150,6 +156,7 @@ def _follow(
     settings: dict[str, object],
     output: Path,
     constants: Path | None,
+    response: str,
     device: str,
     volume: bool,
     html: bool,
@@ -162,8 +169,8 @@ def _follow(
     if len(runs) != 1 or scheduler is not None:
         raise UsageError("--follow: follows one RUN, here")
     scan = follow_to_folder(
-        runs[0], method, settings, output, constants=constants, device=device, volume=volume, html=html,
-        overwrite=overwrite,
+        runs[0], method, settings, output, constants=constants, response=response, device=device, volume=volume,
+        html=html, overwrite=overwrite,
     )  # fmt: skip
     if scan.picture is None:
         raise Stopped(ExitCode.DATA, f"{runs[0]}: the scan ended without a picture. {scan.message}")

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from nlos.cli.exit_codes import UsageError
+from nlos.cli.file_words import Response
 from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.progress import Progress
 from nlos.cli.targets import recording_target
@@ -21,6 +22,7 @@ def replay(
         str | None, typer.Option(metavar="METHOD", help="Name (see `nlos methods`) or a file of your own, ./mine.py.")
     ] = None,
     weights: Weights = None,
+    response: Response = "auto",
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Plays the samples of a recording, into a new recording and a picture where asked for."""
@@ -70,7 +72,7 @@ def replay(
         from nlos.recon.results import files_in
 
         folder = (output or run).with_suffix("")
-        reconstruct_file(output or run, reconstruct, settings, folder, overwrite=overwrite)
+        reconstruct_file(output or run, reconstruct, settings, folder, response=response, overwrite=overwrite)
         names = files_in(folder)
         terminal.result(f"{folder}: {', '.join(names)}", folder=str(folder), files=names)
 

@@ -9,6 +9,7 @@ import typer
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.cli.benches import load_bench
 from nlos.cli.exit_codes import UsageError
+from nlos.cli.file_words import Response
 from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.taking import ScanOptions, require_shutter, take
 from nlos.configs.load import load
@@ -47,6 +48,7 @@ def scan(
         ),
     ] = None,
     weights: Weights = None,
+    response: Response = "auto",
     sample: Annotated[str | None, typer.Option(metavar="TEXT", help="What is behind the corner; kept with it.")] = None,
     operator: Annotated[str | None, typer.Option(metavar="NAME", help="Who measures.")] = None,
     note: Annotated[str | None, typer.Option(metavar="TEXT", help="Anything worth finding again.")] = None,
@@ -73,15 +75,17 @@ def scan(
         reconstruct, seeing = chosen_method(weights, reconstruct, {})
     if reconstruct is not None:
         from nlos.recon.methods import find
+        from nlos.response import response_wanted
 
         find(reconstruct)
+        response_wanted(response)
     level = None if until is None else parse_until(until)
     if live or level is not None:
         methods_for(reconstruct)
     target = output or dated_name(table.settings, wanted.path.stem, notes.sample, datetime.now())
     if output is None:
         target.parent.mkdir(parents=True, exist_ok=True)
-    options = ScanOptions(notes, reconstruct, seeing, resume, scene, constants, live, level, overwrite)
+    options = ScanOptions(notes, reconstruct, seeing, resume, scene, constants, live, level, overwrite, response)
     with told(hooks_for(table.settings), target, notes):
         take(wanted, table, target, options)
     return 0

@@ -47,6 +47,8 @@ class ScanOptions:
     level: float | None = None
     """The scan ends, or its second pass begins, once the picture changes by less."""
     overwrite: bool = False
+    response: str = "auto"
+    """Of the instrument, as `--response` says it."""
 
 
 def require_shutter(table: Loaded[BenchSettings], no_shutter: bool) -> None:
@@ -80,7 +82,7 @@ def take(wanted: Loaded[ScanSettings], table: Loaded[BenchSettings], target: Pat
         request = ScanRequest(plan, wanted.settings.alarms, header, target, resume, overwrite, options.constants)
         _acquire(request, open_bench, interrupts, watching)
     if options.method is not None:
-        _reconstruct(target, options.method, dict(options.seeing), overwrite)
+        _reconstruct(target, options.method, dict(options.seeing), options.response, overwrite)
 
 
 @dataclass(frozen=True)
@@ -182,18 +184,21 @@ def _ask(interrupts: Interrupts, progress: Progress, writer: "RecordingWriter", 
     return going
 
 
-def _reconstruct(run: Path, method: str, settings: dict[str, object], overwrite: bool) -> None:
+def _reconstruct(run: Path, method: str, settings: dict[str, object], response: str, overwrite: bool) -> None:
     """The picture of a scan that has just ended. Raises `Stopped`: whatever fails here, the scan is safe."""
     from nlos.chain import reconstruct_file
     from nlos.recon.explained import NOT_LOOKED_FOR
     from nlos.recon.results import files_in
+    from nlos.recon.volume import response_words
 
     folder = run.with_suffix("")
-    done = reconstruct_file(run, method, settings, folder, overwrite=overwrite)
+    done = reconstruct_file(run, method, settings, folder, response=response, overwrite=overwrite)
     terminal.result(f"{folder}: {', '.join(files_in(folder))} ({method}, {done.seconds:.2f} s)")
+    terminal.log(f"response: {response_words(done)}")
     explained = done.explained or NOT_LOOKED_FOR
     terminal.log(f"{folder}: {explained}", -1 if explained.nothing else 0)
     terminal.document["reconstruction"] = {
         "folder": str(folder), "method": method, "seconds": done.seconds, "files": files_in(folder),
         "explained": explained.share, "explained_error": explained.error,
+        "response": response_words(done),
     }  # fmt: skip

@@ -20,6 +20,7 @@ class SampleCalibration:
         """Raises `InvalidData` where the constants hold no arrivals, or are for other bins."""
         from nlos.acquisition.transient import TimeAxis
         from nlos.calibration.correct import common_bins
+        from nlos.response import response_of
 
         axis, wall = plan.axis, plan.wall
         time = TimeAxis(axis.bins, axis.bin_width_s, axis.offset_s)
@@ -28,6 +29,7 @@ class SampleCalibration:
         self._counts = np.zeros((wall.rows, wall.cols, self._bins), dtype=np.float32)
         self._exposure_s = np.zeros((wall.rows, wall.cols))
         self._time = TimeAxis(self._bins, axis.bin_width_s)
+        self._response = response_of(constants)
 
     def add(self, sample: "Sample") -> None:
         """Corrects one sample of the plan and adds it; a point off the record of the histogram stays unmeasured."""
@@ -51,4 +53,4 @@ class SampleCalibration:
         from nlos.acquisition.transient import Transient
 
         counts = np.ascontiguousarray(np.moveaxis(self._counts, 2, 0))
-        return Transient(counts, self._exposure_s.copy(), self._plan.wall, self._time)
+        return Transient(counts, self._exposure_s.copy(), self._plan.wall, self._time, self._response)

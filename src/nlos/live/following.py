@@ -22,6 +22,7 @@ def follow_to_folder(
     folder: Path,
     *,
     constants: Path | None = None,
+    response: str = "auto",
     device: str = "cpu",
     volume: bool = True,
     html: bool = False,
@@ -35,6 +36,7 @@ def follow_to_folder(
     from nlos.live.scan import LiveScan
     from nlos.recon.live import LiveReconstruction
     from nlos.recon.results import NAMES
+    from nlos.response import response_wanted
 
     live = LiveReconstruction(method, settings, device)
     for name in (*NAMES, "view3d.html") if html else NAMES:
@@ -55,7 +57,7 @@ def follow_to_folder(
         replace_pictures(folder, picture, volume)
 
     with local_copy(run, folder) as local:
-        scan = LiveScan(local, [live], constants, on_picture=keep)
+        scan = LiveScan(local, [live], constants, on_picture=keep, response=response_wanted(response))
         scan.start()
         scan.wait()
     if html and scan.picture is not None:

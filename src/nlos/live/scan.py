@@ -20,6 +20,7 @@ from nlos.cli.terminal import terminal
 from nlos.live.rehearsal import rehearse
 from nlos.live.schedule import Coming, Schedule
 from nlos.live.so_far import empty_scan, gathering_for, scan_of
+from nlos.response import AUTO, ResponseWanted, with_response
 
 if TYPE_CHECKING:
     from nlos.acquisition.planning.plan import ScanPlan
@@ -55,6 +56,7 @@ class LiveScan:
     lives: "Sequence[LiveReconstruction]"
     """The quickest method first: its picture comes first, and the others' replace it."""
     constants: Path | None = None
+    response: ResponseWanted = AUTO
     first_fraction: float = 0.05
     """Of which part of the plan's points the first picture is."""
     on_picture: Callable[["LivePicture"], None] | None = None
@@ -134,7 +136,7 @@ class LiveScan:
         """What `reconstruct` would work on. Raises what calibrating raises."""
         from nlos.chain import calibrate_scan
 
-        return calibrate_scan(scan, constants=self._constants)
+        return with_response(calibrate_scan(scan, constants=self._constants), self.response)
 
     @property
     def empty(self) -> "LoadedScan":
@@ -270,7 +272,7 @@ class LiveScan:
         whole = self.read
         with self.lock:
             count, scan = len(self.gathering), scan_of(self._empty, self.gathering)
-            corrected = None if self._each is None or whole else self._each.transient()
+            corrected = None if self._each is None or whole else with_response(self._each.transient(), self.response)
         return _Calibrated(count, whole, corrected or self.calibrated(scan), scan.falloff)
 
     def _say(self, message: str) -> None:

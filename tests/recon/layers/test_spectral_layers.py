@@ -78,7 +78,7 @@ def test_low_rank_frequency_encoding_is_a_small_fraction_of_the_full_one() -> No
 @pytest.mark.parametrize("sfe", [0, 8])
 def test_the_physical_unfolding_keeps_odd_sizes_and_every_scale_is_used(sfe: int) -> None:
     network = PhysicalUnfolding(5, channels=(4, 6, 8), sfe_bandwidth=sfe)
-    out = network(torch.randn(2, 5, 9, 7, 10), torch.randn(2, 3), (0.02, 0.03, 0.03))
+    out = network(torch.randn(2, 5, 9, 7, 10), torch.randn(2, 3), (0.02, 0.03, 0.03), torch.rand(2))
     assert out.shape == (2, 4, 9, 7, 10)
     out.square().mean().backward()
     assert all(p.grad is not None for p in network.parameters())
