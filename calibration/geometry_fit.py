@@ -5,8 +5,8 @@ spots tell gains, offsets and the scanner's place besides. Distance and gain pul
 so both kinds enter one fit.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,8 @@ Flags = npt.NDArray[np.bool_]
 METRES_PER_S = SPEED_OF_LIGHT_M_PER_S / 2
 """Distance to a point for the time there and back."""
 FEWEST_POINTS = 9
+_FINEST = (0.1, 0.1, 1e-6)
+"""Of each kind's stated error: spots that fit better than a tenth of it are still no better measured."""
 FROM_TIMES = ("wall_distance_m", "wall_pitch_rad", "wall_yaw_rad", "delay_s")
 FROM_SPOTS = ("x_gain", "y_gain", "x_offset_rad", "y_offset_rad", "scanner_x_m", "scanner_y_m")
 
@@ -57,6 +59,8 @@ class GeometryFit:
     height_m: Floats  # (times,): how far the wall stands out of the fitted plane towards the scanner
     accepted: Flags  # (times,)
     spot_residual_m: Floats  # (spots, 2): measured less fitted
+    undetermined: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """What was to be fitted and is kept as it was: what the fit would have said, and its error."""
 
 
 def fit_geometry(
@@ -94,6 +98,8 @@ def fit_geometry(
         raise InvalidData(f"these points do not determine all of {', '.join(names)}: fix some, or spread the points.")
     left = model.residuals(solution, keep, weight)
     variance = float((left**2).sum()) / max(len(left) - len(names), 1)
+    if model.finer_than_measured:
+        variance = max(variance, 1.0)
     errors = np.sqrt(np.diag(np.linalg.inv(information)) * variance)
     geometry, delay_m = model.unpack(solution)
     in_units = [1 / METRES_PER_S if name == "delay_s" else 1.0 for name in names]
@@ -115,6 +121,7 @@ class _Model:
     ) -> None:
         self._start, self._names, self._times, self._spots = start, names, times, spots
         self.timed = np.empty(0, bool)
+        self.finer_than_measured = False
         if times is not None:
             self.timed = np.isfinite(times.arrival_s) & np.isfinite(times.error_s)
         count = 0 if spots is None else len(spots.x_rad)
@@ -156,7 +163,8 @@ class _Model:
             1.4826 * float(np.median(np.abs(off[self.kinds == k]))) if (self.kinds == k).any() else 1.0
             for k in range(3)
         ]
-        return np.asarray(1 / np.maximum(scatter, 1e-6))
+        self.finer_than_measured = any(scatter[k] < _FINEST[k] for k in range(3) if (self.kinds == k).any())
+        return np.asarray(1 / np.maximum(scatter, _FINEST))
 
     def accepted_times(self, keep: Flags) -> Flags:
         accepted = self.timed.copy()

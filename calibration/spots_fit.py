@@ -1,15 +1,19 @@
 """Where the scanner stands, from spots alone: before any scan, for mirrors that turn by as much as they are told."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from nlos.calibration.errors import InvalidData
 from nlos.calibration.geometry import ScannerGeometry
-from nlos.calibration.geometry_fit import GeometryFit, Spots, fit_geometry
+from nlos.calibration.geometry_fit import DirectTimes, GeometryFit, Spots, fit_geometry
 
 PLACE = ("scanner_x_m", "scanner_y_m", "wall_distance_m", "wall_pitch_rad", "wall_yaw_rad")
+OFFSETS = ("y_offset_rad", "x_offset_rad")
+LEANS = ("wall_pitch_rad", "wall_yaw_rad")
+TURNS_AS_TOLD = {"x_gain": 1.0, "y_gain": 1.0, "x_offset_rad": 0.0, "y_offset_rad": 0.0}
 WORTH = {
     "scanner_x_m": 5e-3, "scanner_y_m": 5e-3, "wall_distance_m": 1e-2,
     "wall_pitch_rad": math.radians(0.5), "wall_yaw_rad": math.radians(0.5),
@@ -33,27 +37,36 @@ def place_from_spots(spots: Spots, drawn: ScannerGeometry) -> PlacedScanner:
     Raises `InvalidData` for fewer than nine spots, for axes that are swapped or reversed, and for spots on one line.
     """
     check_sense(spots)
-    free, undetermined = list(PLACE), {}
-    start = replace(drawn, x_gain=1.0, y_gain=1.0, x_offset_rad=0.0, y_offset_rad=0.0)
+    return fit_determined(replace(drawn, **TURNS_AS_TOLD), None, spots, PLACE)
+
+
+def fit_determined(
+    start: ScannerGeometry, times: DirectTimes | None, spots: Spots, free: Sequence[str]
+) -> PlacedScanner:
+    """`fit_geometry` of as many parameters of `free` as the data determine, the others as in `start`.
+
+    A mirror's offset is let go first: with the scanner's place and the wall's lean it makes a rotation that no spot on
+    a plane wall and no arrival tells from none. Raises `InvalidData` where nothing is left to fit.
+    """
+    left, undetermined = list(free), {}
     while True:
         try:
-            fit = fit_geometry(start, spots=spots, free=free)
+            fit = fit_geometry(start, times, spots, left)
         except InvalidData:
-            if not (leaning := [name for name in free if name.startswith(("wall_p", "wall_y"))]):
+            if not (loose := [name for name in (*OFFSETS, *LEANS) if name in left]):
                 raise
-            free.remove(leaning[0])
-            undetermined[leaning[0]] = (getattr(drawn, leaning[0]), math.inf)
-            continue
-        worst = max(free, key=lambda name: fit.errors[name] / WORTH[name])
-        if fit.errors[worst] <= WORTH[worst] or len(free) == 1:
-            return PlacedScanner(fit, undetermined)
-        free.remove(worst)
-        undetermined[worst] = (getattr(fit.geometry, worst), fit.errors[worst])
+            undetermined[loose[0]] = (getattr(start, loose[0]), math.inf)
+        else:
+            if not (loose := poorly_determined(fit)) or len(left) == 1:
+                return PlacedScanner(fit, undetermined)
+            undetermined[loose[0]] = (getattr(fit.geometry, loose[0]), fit.errors[loose[0]])
+        left.remove(loose[0])
 
 
 def poorly_determined(fit: GeometryFit) -> list[str]:
-    """Fitted parameters whose errors say that the data did not tell them."""
-    return [name for name, error in fit.errors.items() if name in WORTH and error > WORTH[name]]
+    """Fitted parameters whose errors say that the data did not tell them: offsets first, then the worst."""
+    loose = [name for name, error in fit.errors.items() if name in WORTH and error > WORTH[name]]
+    return sorted(loose, key=lambda name: (name not in OFFSETS, -fit.errors[name] / WORTH[name]))
 
 
 def check_sense(spots: Spots) -> None:

@@ -21,6 +21,10 @@ class Misalignment(Settings):
     """The scanner stands so far right of the wall's centre."""
     scanner_y_m: float | None = None
     """The scanner stands so far above the wall's centre."""
+    x_volts_per_degree: float | None = Field(default=None, ge=-10, le=10)
+    """What the x axis behind a TriggerScope really takes, negative where it is mounted the other way round."""
+    y_volts_per_degree: float | None = Field(default=None, ge=-10, le=10)
+    """The same of the y axis."""
     x_gain: float = Field(default=1.0, gt=0)
     """Real over nominal deflection of the x mirror."""
     y_gain: float = Field(default=1.0, gt=0)

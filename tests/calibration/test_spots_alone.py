@@ -107,3 +107,36 @@ def test_keys_are_set_where_they_are_and_their_comments_stay() -> None:
         "name: x\ngeometry:\n  wall_distance_m: 1.4200  # measured by tape\n  allowed: {left_m: -1}\n"
         "  scanner_x_m: 0.2500\n\nlaser:\n  a: 1\n"
     )
+
+
+def test_a_scan_with_spots_names_what_both_together_cannot_tell(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A mirror's offset turns the beam as a leaning wall does: in the middle nothing tells them apart."""
+    document = yaml.safe_load(find("bench", "simulated").read_text("utf-8"))
+    document["simulation"]["scene"].update(surfel_m=0.1)
+    document["simulation"]["misalignment"] = {"scanner_x_m": 0.1}
+    bench, scan, table = tmp_path / "bench.yaml", tmp_path / "scan.yaml", tmp_path / "spots.csv"
+    bench.write_text(yaml.safe_dump(document))
+    scan.write_text(
+        "wall: {width_m: 1.0, height_m: 1.0, rows: 12, cols: 12}\npattern: serpentine\ndwell_ms: 8\n"
+        "histogram: {bins: 1024, bin_width_ps: 16, offset_ns: 10}\n"
+    )
+    spots = spots_of(BeamPath(2.0, 0.0, Misalignment(scanner_x_m=0.1)), count=3, noise_m=0.0)
+    table.write_text(
+        "x_deg,y_deg,x_m,y_m\n"
+        + "".join(
+            f"{np.degrees(a)},{np.degrees(b)},{x:.3f},{y:.3f}\n"
+            for a, b, x, y in zip(spots.x_rad, spots.y_rad, spots.x_m, spots.y_m, strict=True)
+        )
+    )
+    assert run(["scan", str(scan), "--bench", str(bench), "-o", str(tmp_path / "run.h5")]) == 0
+    capsys.readouterr()
+    found = tmp_path / "found.h5"
+    assert run(["calibrate", str(tmp_path / "run.h5"), "--spots", str(table), "-o", str(found), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert "y_offset_rad" in said["undetermined"]
+    assert said["geometry"]["y_offset_rad"] == 0.0
+    assert said["geometry"]["scanner_x_m"] == pytest.approx(0.1, abs=2e-3)
+    assert said["geometry_errors"]["scanner_x_m"] < 5e-3
+    assert (tmp_path / "found" / "spots.png").exists()

@@ -12,7 +12,9 @@ from nlos.drivers.simulated.triggerscope.firmware import TriggerScopeFirmware
 TRIGGERSCOPE: DeviceModel[GalvoMirror] = DeviceModel(
     settings=TriggerScopeSettings,
     open=lambda settings, clock, backend, wire_log: TriggerScope.open(settings, clock, wire_log),
-    firmware=lambda settings, table: TriggerScopeFirmware.matching(table.bench, settings),
+    firmware=lambda settings, table: TriggerScopeFirmware.matching(
+        table.bench, settings, table.simulation.misalignment
+    ),
     faults=FAULTS,
     look_for=lambda settings: port_presence(settings.port, settings.udev_rule),
     shutters={"triggerscope_ttl": ShutterOutput(TtlShutter, needs="shutter_pin")},

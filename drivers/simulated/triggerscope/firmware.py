@@ -8,6 +8,7 @@ range zeroes every output, tables are written past their end, and nothing is for
 from collections.abc import Callable
 
 from nlos.drivers.galvo.triggerscope.settings import TriggerScopeSettings
+from nlos.drivers.simulated.beam import Misalignment
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.triggerscope.left_overs import HALF_LINES, LEFT_OVERS
 from nlos.drivers.simulated.triggerscope.lines import Line, integer
@@ -56,9 +57,11 @@ class TriggerScopeFirmware:
         self._trigger = TriggerInput(bench, self._follow)
 
     @classmethod
-    def matching(cls, bench: SimulatedBench, settings: TriggerScopeSettings) -> "TriggerScopeFirmware":
+    def matching(
+        cls, bench: SimulatedBench, settings: TriggerScopeSettings, out_of_place: Misalignment | None = None
+    ) -> "TriggerScopeFirmware":
         """The controller and head that these settings describe."""
-        return cls(bench, Wiring.matching(bench, settings))
+        return cls(bench, Wiring.matching(bench, settings, out_of_place))
 
     def opened(self) -> bytes:
         """The start-up text waits for the first host after power-up; later ones find everything as it was left."""

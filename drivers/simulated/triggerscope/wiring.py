@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.galvo.triggerscope.settings import TriggerScopeSettings
+from nlos.drivers.simulated.beam import Misalignment
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.servo import GalvoHead, ServoSettings
 
@@ -45,14 +46,17 @@ class Wiring:
         self._pins = dict.fromkeys(range(1, DACS + 1), False)
 
     @classmethod
-    def matching(cls, bench: SimulatedBench, settings: TriggerScopeSettings) -> "Wiring":
-        """The head, markers and shutter that these settings describe."""
+    def matching(
+        cls, bench: SimulatedBench, settings: TriggerScopeSettings, out_of_place: Misalignment | None = None
+    ) -> "Wiring":
+        """The head, markers and shutter that these settings describe, but for what is out of place."""
+        off = out_of_place or Misalignment()
         return cls(
             bench,
             x_dac=settings.x.dac,
             y_dac=settings.y.dac,
-            x_volts_per_degree=settings.x.volts_per_degree,
-            y_volts_per_degree=settings.y.volts_per_degree,
+            x_volts_per_degree=off.x_volts_per_degree or settings.x.volts_per_degree,
+            y_volts_per_degree=off.y_volts_per_degree or settings.y.volts_per_degree,
             servo=bench.servo,
             shutter_pin=settings.shutter_pin,
         )

@@ -78,8 +78,8 @@ class Jog:
         self._hand.try_to(lambda: self._hand.move_to(reach.angles_of(*place)))
 
     def _mark_question(self) -> str:
-        simulated, angles = self._hand.bench.simulated, self._hand.angles
-        ruler = None if simulated is None else simulated.spot_m(angles)
+        simulated = self._hand.bench.simulated
+        ruler = None if simulated is None else simulated.spot_m(simulated.beam)
         said = "Enter alone: later" if ruler is None else f"the simulated ruler says {ruler[0]:+.3f} {ruler[1]:+.3f}"
         return f"the spot measured on the wall, x y in metres ({said})"
 

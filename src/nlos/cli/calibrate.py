@@ -217,10 +217,10 @@ def _geometry_lines(found: "Measurement") -> "list[tuple[str, dict[str, object]]
     height_mm = fit.height_m[fit.accepted] * 1e3
     rms_mm = float(np.sqrt(np.mean(height_mm**2)))
     degrees = {name: np.rad2deg(getattr(fit.geometry, name)) for name in ("wall_pitch_rad", "wall_yaw_rad")}
-    errors = {name: np.rad2deg(fit.errors[name]) for name in degrees}
+    errors = {name: np.rad2deg(fit.errors.get(name, 0.0)) for name in degrees}
     lines: list[tuple[str, dict[str, object]]] = [
         (
-            f"wall at {fit.geometry.wall_distance_m:.4f} +- {fit.errors['wall_distance_m']:.4f} m, pitch "
+            f"wall at {fit.geometry.wall_distance_m:.4f} +- {fit.errors.get('wall_distance_m', 0.0):.4f} m, pitch "
             f"{degrees['wall_pitch_rad']:+.3f} +- {errors['wall_pitch_rad']:.3f} deg, yaw "
             f"{degrees['wall_yaw_rad']:+.3f} +- {errors['wall_yaw_rad']:.3f} deg; "
             f"{rms_mm:.3f} mm = {rms_mm / MM_PER_PS:.2f} ps RMS off the plane",
@@ -239,7 +239,9 @@ def _geometry_lines(found: "Measurement") -> "list[tuple[str, dict[str, object]]
         spots_mm = float(np.sqrt(np.mean(fit.spot_residual_m**2))) * 1e3
         lines += fitted_lines(fit)
         lines.append((f"spots {spots_mm:.2f} mm RMS off the model", {"spots_rms_mm": spots_mm}))
-    for name in poorly_determined(fit):
-        lines.append((f"warning: {undetermined_line(name, getattr(fit.geometry, name), fit.errors[name])}", {}))
-    lines[0][1]["undetermined"] = poorly_determined(fit)
+    loose = {name: (getattr(fit.geometry, name), fit.errors[name]) for name in poorly_determined(fit)}
+    for name, (value, error) in {**fit.undetermined, **loose}.items():
+        kept = "; kept as the scan was aimed" if name in fit.undetermined else ""
+        lines.append((f"warning: {undetermined_line(name, value, error)}{kept}", {}))
+    lines[0][1]["undetermined"] = sorted({**fit.undetermined, **loose})
     return lines

@@ -48,7 +48,7 @@ def place_scanner(spots: Path, bench: str | None, output: Path | None, overwrite
     spots_picture(picture, found.fit, measured, allowed=table.settings.geometry.allowed)
     terminal.result(f"{picture}: wall, spots, residuals", picture=str(picture))
     keys = {
-        key: f"{getattr(found.fit.geometry, name) * scale:.4f}"
+        key: f"{round(getattr(found.fit.geometry, name) * scale, 4) + 0.0:.4f}"
         for name, (_, scale, _, key) in NAMES.items()
         if key and name in found.fit.errors
     }
