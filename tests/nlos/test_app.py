@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -75,3 +76,17 @@ def test_what_cannot_be_reconstructed_is_refused_before_anything_is_written(
 
 def test_the_version_is_told_everywhere() -> None:
     assert nlos("scan", "--version").stdout.startswith("nlos ")
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [("nlos ru", "runs"), ("nlos scan dem", "demo"), ("nlos plan demo --bench mul", "multiharp"),
+     ("nlos scan demo --swe", "--sweep")],
+)  # fmt: skip
+def test_a_shell_completes_verbs_options_scans_and_benches(typed: str, offered: str) -> None:
+    asked = {"_NLOS_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(len(typed.split()) - 1)}
+    program = "import sys; sys.argv = ['nlos']; from nlos.__main__ import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=os.environ | asked, capture_output=True, text=True, timeout=60
+    )
+    assert done.stdout.split() == [offered]

@@ -2,12 +2,11 @@
 moves or shines."""
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from nlos.cli.benches import load_bench
 from nlos.cli.exit_codes import ExitCode
+from nlos.cli.named_files import BenchWord
 from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
@@ -28,7 +27,7 @@ class Expected:
 
 
 def devices(
-    bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
+    bench: BenchWord = None,
 ) -> int:
     """Lists ports, USB instruments and libraries; exits with 3 where something that the bench names is missing."""
     from nlos.drivers.link.serial_line import available_ports

@@ -12,6 +12,7 @@ import typer
 from nlos.cli.agreeing import agrees, somebody_is_there
 from nlos.cli.benches import load_bench
 from nlos.cli.exit_codes import ExitCode, UsageError
+from nlos.cli.named_files import BenchWord
 from nlos.cli.targets import page_target
 from nlos.cli.terminal import terminal
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def doctor(
-    bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
+    bench: BenchWord = None,
     light: Annotated[
         bool, typer.Option("--light", help="Agree that the shutter opens; on a terminal, --thorough asks for it.")
     ] = False,

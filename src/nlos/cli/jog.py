@@ -9,12 +9,13 @@ import typer
 
 from nlos.cli.benches import load_bench
 from nlos.cli.exit_codes import UsageError
+from nlos.cli.named_files import BenchWord
 from nlos.cli.point import ELSEWHERE, LIGHT
 from nlos.cli.terminal import terminal
 
 
 def jog(
-    bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
+    bench: BenchWord = None,
     light: Annotated[float | None, LIGHT] = None,
     marks: Annotated[
         Path | None,

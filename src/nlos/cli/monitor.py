@@ -13,6 +13,7 @@ import typer
 
 from nlos.cli.benches import load_bench
 from nlos.cli.exit_codes import UsageError
+from nlos.cli.named_files import BenchWord
 from nlos.cli.point import ELSEWHERE, LIGHT
 from nlos.cli.terminal import terminal
 
@@ -26,7 +27,7 @@ _LINE_S = 1.0
 
 
 def monitor(
-    bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
+    bench: BenchWord = None,
     light: Annotated[float | None, LIGHT] = None,
     at: Annotated[
         tuple[float, float] | None,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from nlos.cli.benches import load_bench, measured_constants, opened, twin
+from nlos.cli.named_files import BenchWord, ScanWord
 from nlos.cli.targets import picture_target
 from nlos.cli.terminal import terminal
 
@@ -19,8 +20,8 @@ if TYPE_CHECKING:
 
 
 def plan(
-    scan: Annotated[str, typer.Argument(metavar="SCAN", help="A YAML file, or the name of one in configs/scan.")],
-    bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
+    scan: ScanWord,
+    bench: BenchWord = None,
     like: Annotated[
         Path | None,
         typer.Option(metavar="RUN.h5", help="An earlier scan of this bench, to predict photons and pace from."),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from nlos.cli.benches import load_bench
+from nlos.cli.named_files import BenchWord
 from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ ELSEWHERE = typer.Option("--no-shutter", help="Something else keeps the light of
 def point(
     x: Annotated[float, typer.Argument(metavar="X_M", help="Right of the wall's centre, metres.")],
     y: Annotated[float, typer.Argument(metavar="Y_M", help="Above it.")],
-    bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
+    bench: BenchWord = None,
     deg: Annotated[bool, typer.Option("--deg", help="X and Y are optical mirror angles in degrees.")] = False,
     light: Annotated[float | None, LIGHT] = None,
     hold: Annotated[

@@ -11,6 +11,7 @@ from nlos.cli.benches import load_bench
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.file_words import Response
 from nlos.cli.method_settings import Weights, chosen_method
+from nlos.cli.named_files import BenchWord, ScanWord
 from nlos.cli.taking import ScanOptions, require_shutter, take
 from nlos.configs.load import load
 from nlos.live.good_enough import parse_until
@@ -21,11 +22,16 @@ from nlos.telling import told
 
 
 def scan(
-    scan: Annotated[str, typer.Argument(metavar="SCAN", help="A YAML file, or the name of one in configs/scan.")],
-    bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
+    scan: ScanWord,
+    bench: BenchWord = None,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="RUN.h5", help="With --sweep: the series' folder."),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="RUN.h5",
+            help="Default: day, time and sample, in the data folder. With --sweep: a folder.",
+        ),
     ] = None,
     reconstruct: Annotated[str | None, typer.Option(metavar="METHOD", help="Method name; see `nlos methods`.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Acquire only what is missing.")] = False,

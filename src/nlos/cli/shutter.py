@@ -6,12 +6,13 @@ import typer
 
 from nlos.cli.benches import load_bench
 from nlos.cli.exit_codes import UsageError
+from nlos.cli.named_files import BenchWord
 from nlos.cli.terminal import terminal
 
 
 def shutter(
     what: Annotated[str, typer.Argument(metavar="close")],
-    bench: Annotated[str | None, typer.Option(metavar="BENCH", help="Default: the simulated bench.")] = None,
+    bench: BenchWord = None,
 ) -> None:
     """Closes the laser shutter: only what drives it has to answer."""
     from nlos.drivers.dark import make_dark
