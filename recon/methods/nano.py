@@ -34,6 +34,7 @@ from nlos.recon.method import MethodResult
 
 POINTS = 32  # per wall width: the operator's own pitch, whatever the scan's
 CONDITIONS = 3
+TOLD = "unfolding.response."  # the parameters of networks that are told the instrument's response
 OWN_FEATURES = 2 * VOLUMES + 3  # volumes averaged and at their maximum, depth, confidence, the last pass
 MIDDLE_NOISE = -1.0
 FEWEST_SLICES = 80
@@ -99,8 +100,6 @@ class Nano(nn.Module):
     The parameters do not depend on wall or time axis; `noise` gives the predicted noise.
     """
 
-    takes_response = True
-
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis):
         super().__init__()
         self.settings, self.time = settings, time
@@ -127,7 +126,8 @@ class Nano(nn.Module):
         )
         for lift in (self.unfolding.lift_u, self.unfolding.lift_g):
             lift.weight.data[:, OWN_FEATURES - 1 :] = 0  # the last pass and the lifted features come in from zero
-        self.added_later = ("unfolding.response.",)
+        self.added_later = (TOLD,)
+        self.takes_response = True
         self.head = nn.Conv3d(settings.channels[0], 1 + settings.features, 1)
         nn.init.normal_(self.head.weight, std=0.05)
         nn.init.zeros_(cast(Tensor, self.head.bias))
@@ -287,10 +287,13 @@ def to_grid(field: Tensor, size: tuple[int, int, int], highest: bool = False) ->
 
 def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
     """The operator for this wall and time axis; raises WeightsError if the weights are not of this shape."""
-    from nlos.recon.weights.files import put_part, with_weights
+    from nlos.recon.weights.files import holds, put_part, with_weights
 
     assert isinstance(settings, Settings)
     network = Nano(settings, wall, time_axis)
     if settings.noise_weights is not None:
         put_part(network.noise_level, "noise_level.", settings.noise_weights)
-    return with_weights(network, settings.weights)
+    network = with_weights(network, settings.weights)
+    if settings.weights is not None:  # weights that were never told a response are better off without
+        network.takes_response = holds(settings.weights, TOLD)
+    return network

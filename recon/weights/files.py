@@ -86,6 +86,11 @@ def read_about(path: Path) -> dict[str, Any]:
     return about if isinstance(about, dict) else {}
 
 
+def holds(name: str, prefix: str) -> bool:
+    """Whether the weights `name` have parameters whose names begin with `prefix`. Raises WeightsError."""
+    return any(tensor.startswith(prefix) for tensor in read_weights(find_weights(name)).tensors)
+
+
 def load_weights(module: nn.Module, name: str) -> dict[str, Any]:
     """Put the weights `name` (see `find_weights`) into `module`; returns what is said about them.
 

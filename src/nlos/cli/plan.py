@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from nlos.cli.benches import load_bench, measured_constants, opened, twin
+from nlos.cli.file_words import Response
 from nlos.cli.named_files import BenchWord, ScanWord
 from nlos.cli.targets import picture_target
 from nlos.cli.terminal import terminal
@@ -16,7 +17,9 @@ if TYPE_CHECKING:
     from nlos.acquisition.planning.preflight import Expectation, ExpectedRates
     from nlos.acquisition.planning.schemes import Choice
     from nlos.acquisition.planning.timing import Links
+    from nlos.acquisition.response import Response as InstrumentResponse
     from nlos.drivers.bench import Bench
+    from nlos.drivers.bench_settings import BenchSettings
 
 
 def plan(
@@ -33,6 +36,7 @@ def plan(
     picture: Annotated[
         Path | None, typer.Option(metavar="F.png", help="Draw the mirror's path, coloured by time.")
     ] = None,
+    response: Response = "auto",
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Checks everything that `scan` would; duration with its parts, disk, photons to expect. Moves nothing: a real
@@ -51,9 +55,11 @@ def plan(
     from nlos.acquisition.planning.scan_settings import ScanSettings
     from nlos.acquisition.planning.schemes import choose
     from nlos.configs.load import load
+    from nlos.response import response_of, response_wanted
 
     if picture is not None and picture_target(picture).exists() and not overwrite:
         raise FileExistsError(f"{picture}: exists. Choose another name, or say --overwrite.")
+    told = response_wanted(response)
     wanted, table = load("scan", scan, ScanSettings), load_bench(bench)
     asked = wanted.settings.plan()
     with opened(twin(table), quiet=True) as open_bench:
@@ -71,8 +77,10 @@ def plan(
         choice = choose(planned, open_bench, angles, links)
         within_px = beam_within_px(planned, open_bench, angles)
         direct = expected_direct(planned, open_bench.settings, aim)
+        expected = told.response if not told.auto else response_of(known) or _simulated(table.settings)
     _tell(planned, choice, refitted(asked.axis, planned.axis))
     _tell_beam(within_px, planned, choice)
+    _tell_resolution(planned, expected)
     warnings = window_warnings(planned, direct)
     for warning in warnings:
         terminal.log(f"warning: {warning}")
@@ -124,6 +132,40 @@ def _tell_beam(settled_px: float, plan: "ScanPlan", choice: "Choice") -> None:
     else:
         within_px, how = settled_px, "when its gate opens, as the mirror's settling is stated"
     terminal.result(f"beam       within {within_px:.2g} pixel of each point {how}", beam_within_px=within_px)
+
+
+def _simulated(settings: "BenchSettings") -> "InstrumentResponse | None":
+    """Of the simulated detector, where the bench is drawn; a lab's is not known before it is measured."""
+    from nlos.acquisition.response import gaussian
+
+    if not settings.simulated or settings.simulation is None:
+        return None
+    return gaussian(settings.simulation.detector.jitter_fwhm_ps * 1e-12, "the simulated detector's")
+
+
+def _tell_resolution(plan: "ScanPlan", response: "InstrumentResponse | None") -> None:
+    """What the scan can tell apart, at depths of half the wall's width and of all of it."""
+    from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
+    from nlos.response import resolution_across_m
+
+    wall, bin_s = plan.wall, plan.axis.bin_width_s
+    pixel_m = max(wall.width_m / wall.cols, wall.height_m / wall.rows)
+    if response is None:
+        words = "the response is not known, see `nlos calibrate` or say --response"
+        terminal.result(f"resolution {pixel_m * 1e3:.1f} mm across at best, a pixel; {words}", pixel_m=pixel_m)
+        return
+    fwhm_s = response.fwhm_s
+    depths_m = (wall.width_m / 2, wall.width_m)
+    across_m = [max(pixel_m, resolution_across_m(fwhm_s, wall.width_m, depth_m)) for depth_m in depths_m]
+    along_m = SPEED_OF_LIGHT_M_PER_S / 2 * max(fwhm_s, bin_s)
+    terminal.result(
+        "resolution "
+        + ", ".join(f"{m * 1e3:.1f} mm across at {d:g} m" for m, d in zip(across_m, depths_m, strict=True))
+        + f", {along_m * 1e3:.1f} mm in depth: response {fwhm_s * 1e12:.0f} ps ({response.source}), "
+        f"pixels {pixel_m * 1e3:.1f} mm, bins {bin_s * 1e12:g} ps",
+        resolution_across_m=across_m, at_depths_m=list(depths_m), resolution_depth_m=along_m, pixel_m=pixel_m,
+        response_fwhm_s=fwhm_s,
+    )  # fmt: skip
 
 
 def _tell(plan: "ScanPlan", choice: "Choice", other_axis: str) -> None:
