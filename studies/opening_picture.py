@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 import nlos
 
@@ -34,6 +35,11 @@ def pictures(path: Path) -> list[nlos.Picture]:
     return [nlos.reconstruct(scan, "lct"), nlos.reconstruct(scan, "nano"), *few]
 
 
+def half_m(centres_m: NDArray[np.float64]) -> float:
+    """From the middle to the edge of evenly spaced pixels."""
+    return float(np.ptp(centres_m)) / 2 * len(centres_m) / max(len(centres_m) - 1, 1)
+
+
 def draw(data: Path, target: Path) -> None:
     """Writes the figure."""
     figure = Figure(figsize=(9.2, 7.2), layout="constrained")
@@ -43,10 +49,13 @@ def draw(data: Path, target: Path) -> None:
     for line, (name, label) in zip(panels, SCENES.items(), strict=True):
         for panel, picture in zip(line, pictures(data / "real" / f"{name}.h5"), strict=True):
             top = float(np.quantile(picture.albedo, 0.999)) or 1.0
-            panel.imshow(picture.albedo / top, cmap="gray", vmin=0, vmax=1)
-            panel.set_xticks([])
-            panel.set_yticks([])
-        line[0].set_ylabel(label)
+            x, y = (half_m(each) for each in (picture.x_m, picture.y_m))
+            panel.imshow(picture.albedo / top, cmap="gray", vmin=0, vmax=1, extent=(-x, x, -y, y))
+            panel.set_xticks([-x, 0, x], [f"{-x:.2g}", "0", f"{x:.2g}"], fontsize=8)
+            panel.set_yticks([-y, 0, y], [f"{-y:.2g}", "0", f"{y:.2g}"] if panel is line[0] else [], fontsize=8)
+        line[0].set_ylabel(f"{label}\ny (m)")
+    for panel in panels[-1]:
+        panel.set_xlabel("x (m)", fontsize=8)
     for panel, title in zip(panels[0], titles, strict=True):
         panel.set_title(title, fontsize=10)
     figure.savefig(target, dpi=80)

@@ -32,6 +32,21 @@ class Scheme(Enum):
     SWEPT = "S2, continuous lines"
     """The clock keeps the mirror moving along lines: for plans that allow it, with dwells below the settling time."""
 
+    @property
+    def words(self) -> str:
+        """What the letter and number stand for, after them."""
+        return f"{self.value} ({self._meaning})"
+
+    @property
+    def _meaning(self) -> str:
+        return {
+            Scheme.STEPPED: "the computer moves the mirror to each point",
+            Scheme.CLOCKED: "the counter's clock steps the mirror",
+            Scheme.LISTED: "the counter's clock steps the mirror; points sorted out of a stream of photons",
+            Scheme.PLAYED: "it plays the points, and the counter follows",
+            Scheme.SWEPT: "the mirror never rests on a line",
+        }[self]
+
 
 @dataclass(frozen=True)
 class Choice:

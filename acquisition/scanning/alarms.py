@@ -38,6 +38,19 @@ class Action(Enum):
     """The scan ends; what was taken is safe."""
 
 
+DONE = {
+    Action.PAUSE: "The light is off and the scan is paused.",
+    Action.SKIP: "The point is left for the end of the scan.",
+    Action.ABORT: "The light is off and the scan ends.",
+}
+"""What a person is told of each."""
+
+
+def sentence(text: str) -> str:
+    """With a full stop, where it does not end in a question."""
+    return text if text.endswith((".", "?", "!")) else f"{text}."
+
+
 class AlarmSettings(Settings):
     """The alarms block of a scan file: limits, and what to do at each."""
 

@@ -15,7 +15,7 @@ from nlos.acquisition.planning.preflight import aim_of, checked_angles
 from nlos.acquisition.planning.schemes import Choice, Scheme, choose, forecast, sequencer
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.scanning import clocked, lag_trial, stepped
-from nlos.acquisition.scanning.alarms import Action, AlarmRaised, Alarms, Trouble
+from nlos.acquisition.scanning.alarms import DONE, Action, AlarmRaised, Alarms, Trouble, sentence
 from nlos.acquisition.scanning.control import ScanControl, ScanState, undeterred, until_interrupted
 from nlos.acquisition.scanning.lag import Lag
 from nlos.acquisition.scanning.left_to_take import LeftToTake
@@ -100,7 +100,10 @@ class _Run:
         if not control.wanted:
             bench.shutter.release()
         most = "" if choice.forecast.certain == 1.0 else "at most "
-        bench.report("scheme", f"{choice.scheme.value}, {most}{choice.forecast.total_s:.1f} s expected; {choice.why}")
+        bench.report(
+            "scheme",
+            f"{choice.scheme.words}, {most}{choice.forecast.total_s:.1f} s expected; {choice.why}",
+        )
         control.enter(ScanState.RUNNING)
         try:
             undeterred(self._look_around)
@@ -194,12 +197,12 @@ class _Run:
 
     def _meet(self, trouble: Trouble, number: int | None) -> None:
         """Does what the alarm says. Raises `AlarmRaised` where that ends the scan."""
-        self._bench.report("alarm", f"{trouble.name}: {trouble.text}; {trouble.action.value}")
+        self._bench.report("alarm", f"{trouble.name}: {sentence(trouble.text)} {DONE[trouble.action]}")
         if trouble.action is Action.PAUSE:
             self._alarm = trouble.text
             self._control.interrupt(f"alarm: {trouble.text}")
         elif not (trouble.action is Action.SKIP and number is not None and self._left.postpone(number)):
-            raise AlarmRaised("alarm", f"{trouble.text}.", "Fix it, then resume with --resume.")
+            raise AlarmRaised("alarm", sentence(trouble.text), "Fix it, then resume with --resume.")
 
     def _pause(self) -> None:
         """Light off, gate closed, then somebody decides. Raises `AlarmRaised` where an alarm's pause ends the scan."""
@@ -212,7 +215,7 @@ class _Run:
             self._bench.shutter.release()
             undeterred(self._look_around)
         elif alarm:
-            raise AlarmRaised("alarm", f"{alarm}.", "Fix it, then resume with --resume.")
+            raise AlarmRaised("alarm", sentence(alarm), "Fix it, then resume with --resume.")
 
     def _dark(self, why: str) -> None:
         """Shutter first, then the gate, then the mirror's stepping."""

@@ -87,7 +87,7 @@ def test_a_finished_scan_is_shown_whole_and_along_its_time(viewer: str, browser:
     page, complaints = opened(browser, viewer)
     page.wait_for_selector('body[data-picture="256"]')
     assert page.locator("#points").inner_text() == "256 of 256"
-    assert page.locator("#rate").inner_text().endswith("kcps")
+    assert page.locator("#rate").inner_text().endswith("counts/s")
     shows(page, "banner", r"Scan complete")
     for canvas in ("map", "albedo", "depth", "histo"):
         assert colours(page, canvas) > 2, canvas

@@ -7,17 +7,17 @@ import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
-from nlos.drivers.simulated.timetagger import measurements, package
+from nlos.drivers.simulated.timetagger import flim, measurements, package
 
 HERE = Path(__file__).parent
 DRIVER = Path(inspect.getfile(package)).parents[2] / "tcspc" / "timetagger"
 CLASSES = {
     "TimeTagger": package.Instrument,
     **{
-        name: getattr(measurements, name)
+        name: getattr(flim if name == "Flim" else measurements, name)
         for name in ("Histogram", "Flim", "TimeTagStream", "Countrate", "Combiner", "DelayedChannel")
     },
-    "FlimFrameInfo": measurements.FrameInfo,
+    "FlimFrameInfo": flim.FrameInfo,
     "TimeTagStreamBuffer": measurements.TagBuffer,
 }
 FUNCTIONS = ("scanTimeTagger", "createTimeTagger", "freeTimeTagger")

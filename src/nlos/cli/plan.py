@@ -184,7 +184,11 @@ def _tell(plan: "ScanPlan", choice: "Choice", other_axis: str) -> None:
         + (f": {other_axis}" if other_axis else ""),
         bins=axis.bins, bin_width_s=axis.bin_width_s, offset_s=axis.offset_s,
     )  # fmt: skip
-    terminal.result(f"scheme     {choice.scheme.value}: {choice.why}", scheme=choice.scheme.value, why=choice.why)
+    terminal.result(
+        f"scheme     {choice.scheme.words}: {choice.why}",
+        scheme=choice.scheme.value,
+        why=choice.why,
+    )
     terminal.result(
         f"duration   {forecast.total_s:.1f} s ({low_s:.1f} to {high_s:.1f} s): "
         + ", ".join(f"{name.removesuffix('_s')} {seconds:.1f} s" for name, seconds in parts.items()),

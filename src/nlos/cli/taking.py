@@ -128,7 +128,7 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
         terminal.log(prepared.constants.said(aim_of(bench)))
         if prepared.constants.warning:
             terminal.log(f"warning: {prepared.constants.warning}")
-    terminal.log(f"scheme {prepared.choice.scheme.value}, {forecast_s:.1f} s expected; {prepared.choice.why}")
+    terminal.log(f"scheme {prepared.choice.scheme.words}, {forecast_s:.1f} s expected; {prepared.choice.why}")
     prepared.alarms.wait_for_rates(bench)
     enough = watching.enough(prepared)
     safe = ""

@@ -86,8 +86,8 @@ def _scan(recording: "Recording") -> str:
     left, right = figure.subplots(1, 2)
     rate = records["total_count"] / np.maximum(records["live_time_s"], 1e-12)
     dots = left.scatter(plan.positions.x_m[numbers], plan.positions.y_m[numbers], c=rate / 1e3, s=6, marker="s")
-    left.set(title="Count rate (kcps)", xlabel="x (m)", ylabel="y (m)", aspect="equal")
-    figure.colorbar(dots, ax=left)
+    left.set(title="Count rate at the wall", xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    figure.colorbar(dots, ax=left, label="thousand counts/s")
     total = np.zeros(plan.axis.bins)
     for _, counts, intact in recording.blocks():
         total += counts[intact].sum(axis=0, dtype=np.float64)

@@ -34,7 +34,7 @@ function ticks(low, high, most) {
 const fixed = (x, digits) => (Math.abs(x) < .5 * 10 ** -digits ? 0 : x).toFixed(digits);
 const count = n => Math.round(n).toLocaleString("en");
 const seconds = s => s === null || s === undefined ? "–" : s < 9.95 ? s.toFixed(1) + " s" : s < 99.5 ? s.toFixed(0) + " s" : s < 5940 ? (s / 60).toFixed(1) + " min" : (s / 3600).toFixed(1) + " h";
-const rate = hz => hz >= 1e6 ? (hz / 1e6).toFixed(2) + " Mcps" : hz >= 1e3 ? (hz / 1e3).toFixed(1) + " kcps" : hz.toFixed(0) + " cps";
+const rate = hz => (hz >= 1e6 ? (hz / 1e6).toFixed(2) + " million" : Number(hz.toPrecision(3)).toLocaleString("en")) + " counts/s";
 function quantiles(values, ...q) {
   const v = Array.from(values).filter(Number.isFinite).sort((a, b) => a - b);
   return v.length ? q.map(x => v[Math.round(x * (v.length - 1))]) : q.map((x, i) => i);

@@ -12,13 +12,13 @@ const histogram = {
   },
   draw() {
     const [g, w, h] = pen($("histo")), known = scans[chosen]; if (!this.counts || !known.plan) return;
-    const {start, bin, x, y, window: gate} = known.plan, n = this.counts.length, [left, right, bottom, top] = [44, 6, 34, 8], wide = w - left - right, high = h - bottom - top;
+    const {start, bin, x, y, window: gate} = known.plan, n = this.counts.length, [left, right, bottom, top] = [58, 6, 34, 8], wide = w - left - right, high = h - bottom - top;
     let peak = 0, sum = 0, where = 0; this.counts.forEach((c, i) => { sum += c; if (c > peak) { peak = c; where = i; } });
     const lift = this.log ? v => Math.log10(1 + v) : v => v, most = lift(Math.max(peak, 1)), px = ns => left + wide * (ns - start) / (n * bin), py = v => top + high * (1 - lift(v) / most);
     if (gate) { g.fillStyle = inks.line; g.fillRect(px(start + gate[0] * bin), top, wide * (gate[1] - gate[0]) / n, high); }
     g.fillStyle = inks.dim; g.textAlign = "center"; g.textBaseline = "top"; g.beginPath();
     const [xs, dx] = ticks(start, start + n * bin, Math.max(3, wide / 60)); for (const v of xs) { g.moveTo(px(v), top + high); g.lineTo(px(v), top + high + 4); g.fillText(fixed(v, dx), px(v), top + high + 6); }
-    g.fillText("time after the laser pulse (ns)", left + wide / 2, top + high + 20); g.textAlign = "right"; g.textBaseline = "middle";
+    g.fillText("time after the laser pulse (ns)", left + wide / 2, top + high + 20); g.save(); g.translate(9, top + high / 2); g.rotate(-Math.PI / 2); g.textBaseline = "middle"; g.fillText(`counts in ${(1e3 * bin).toFixed(0)} ps`, 0, 0); g.restore(); g.textAlign = "right"; g.textBaseline = "middle";
     const ys = this.log ? [0, 1, 10, 100, 1e3, 1e4, 1e5, 1e6].filter(v => v <= peak) : ticks(0, peak || 1, 4)[0];
     for (const v of ys) { g.moveTo(left - 4, py(v)); g.lineTo(left + wide, py(v)); g.fillText(v >= 1e4 ? v.toExponential(0) : count(v), left - 7, py(v)); }
     g.strokeStyle = inks.grid; g.stroke(); g.fillStyle = inks.bar; const step = wide / n;

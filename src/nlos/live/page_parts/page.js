@@ -1,5 +1,5 @@
 // What the page knows of each scan, how it asks for more, and what it says about it.
-const WORDS = {waiting: "Waiting for the scan's file", running: "Scanning", paused: "Paused", complete: "Scan complete", interrupted: "Ended early by a person", stopped: "Stopped by an alarm", failed: "Failed", lost: "The scan's process is gone"};
+const WORDS = {waiting: "Waiting for the scan's file", running: "Scanning", paused: "Paused", complete: "Scan complete", interrupted: "Ended early by a person", stopped: "Stopped by an alarm", failed: "Failed", lost: "The scan was killed"};
 let scans = [], panels = [], chosen = 0, overlaid = false, compared = false, method = null, frame = null, gone = false, playing = null, shape = "";
 const panelName = (kind, scan) => (kind === "front" ? "albedo" : kind === "turn" ? "volume" : kind) + (scan ? scan : "");
 function opened(p) { return p && p.albedo ? {...p, albedo: unpacked(p.albedo), depth_m: unpacked(p.depth_m), points: unpacked(p.points)} : null; }
@@ -33,7 +33,7 @@ function draw() {
   for (const panel of panels) {
     const p = pictures[panel.scan], name = {front: "Front view", depth: "Depth", turn: "3D", difference: "Difference"}[panel.kind], state = scans[panel.scan].state;
     panel.title.textContent = scans.length > 1 ? (panel.kind === "difference" ? `Difference: ${scans[0].state.run} less ${scans[1].state.run}` : `${state.run}: ${name.toLowerCase()}`) : name + (panel.kind === "turn" ? "" : ", seen from the wall");
-    panel.empty.textContent = p ? "" : waitingFor(state); panel.draw(panel.kind === "difference" && !samePlace ? null : p, panel.kind === "front" ? [0, 1] : draw.span, pictures[1]);
+    panel.empty.textContent = p ? "" : waitingFor(state); panel.box.classList.toggle("old", !!panel.isOld && panel.isOld(p)); panel.draw(panel.kind === "difference" && !samePlace ? null : p, panel.kind === "front" ? [0, 1] : draw.span, pictures[1]);
   }
   for (const known of scans) if (frame !== null && known.frameRates[frame]) { known.rates = known.frameRates[frame]; known.back = true; }
   map.draw(); histogram.draw(); const newest = pictures[0]; if (newest) document.body.dataset.picture = newest.samples, document.body.dataset.method = newest.method;
@@ -48,12 +48,12 @@ function next(state) {
   const c = state.coming; if (state.message) return state.message; if (!c || state.over) return ""; const what = Object.keys(state.pictures).length ? `${c.method.toUpperCase()} picture` : "first picture";
   return c.making ? `${what} of ${count(c.samples)} points is being made` : c.in_s === null ? "" : `${what} of ${count(c.samples)} points in about ${seconds(c.in_s)}`;
 }
-function words(state) { const light = state.light === true ? ", light on" : state.light === false && state.status !== "complete" ? ", light off" : ""; return WORDS[state.status] + (state.status === "running" || state.status === "paused" ? light : ""); }
+function words(state) { const light = state.light === true ? ", laser light on" : state.light === false && state.status !== "complete" ? ", laser light off" : ""; return WORDS[state.status] + (state.status === "running" || state.status === "paused" ? light : ""); }
 function banner(state) {
   const last = kind => (state.events.filter(e => e[1] === kind).pop() || [0, "", ""])[2], box = $("banner"), alarm = state.events.filter(e => e[1] === "alarm" || e[1] === "trip").pop(); let big = "", small = "", kind = "";
-  if (gone) [big, small, kind] = ["The viewer has ended", "This page no longer changes. The scan and its light are not affected by this; see the terminal of the scan. Start nlos live again to watch it.", "bad"];
+  if (gone) [big, small, kind] = ["The viewer has ended", `This page no longer changes. When last seen: ${words(state).toLowerCase()}, ${count(state.samples)} of ${count(state.planned)} points. The scan itself goes on without the viewer; see its terminal, or start nlos live again.`, state.light === true ? "bad" : ""];
   else if (state.status === "paused") [big, small] = ["Paused", last("scan").replace(/^paused: /, "") + (state.light === false ? ". The light is off." : "")];
-  else if (state.status === "lost") [big, small, kind] = ["The scan's process is gone", `${count(state.samples)} samples are safe. \`nlos scan --resume\` takes the others.`, "bad"];
+  else if (state.status === "lost") [big, small, kind] = [state.light === false ? "The scan was killed; its light was off" : "The scan was killed: the light may be on", `Nobody commands the shutter now: look at the laser, then say \`nlos shutter close\`. ${count(state.samples)} samples are safe; \`nlos scan --resume\` takes the others.`, "bad"];
   else if (state.status === "stopped" || state.status === "failed") [big, small, kind] = [WORDS[state.status], last("trip") || last("alarm") || last("device"), "bad"];
   else if (state.status === "interrupted") [big, small] = ["Ended early", `${count(state.samples)} of ${count(state.planned)} points; --resume takes the others.`];
   else if (state.status === "complete") [big, small, kind] = ["Scan complete", `${count(state.samples)} points in ${seconds(state.elapsed_s)}` + (state.alarms ? `; ${state.alarms === 1 ? "one alarm" : count(state.alarms) + " alarms"}, see the events` : "") + (state.over ? "" : "; the last picture is being made"), "good"];

@@ -16,12 +16,13 @@ class TurnPanel {
 const map = {
   draw() {
     const known = scans[chosen], [g, w, h] = pen($("map")); this.frame = null; if (!known || !known.plan) return;
-    const {x, y, grid, wall} = known.plan, rates = known.rates; this.frame = wallFrame(g, w, h, wall, [52, 6, 8, 36]); if (!rates) { axes(g, this.frame, wall); return; }
+    const {x, y, grid, wall} = known.plan, rates = known.rates; this.frame = wallFrame(g, w, h, wall, [52, 6, 84, 36]); if (!rates) { axes(g, this.frame, wall); return; }
     const [, high] = quantiles(rates, .02, .98), top = high || 1, colour = v => Number.isFinite(v) ? viridis(v / top) : inks.emptyRgb;
     if (grid) image(g, rates, grid[0], grid[1], this.frame.box, colour);
     else { g.fillStyle = inks.empty; g.fillRect(...this.frame.box); const size = Math.max(3, this.frame.scale * known.pitch * .8);
       for (let i = 0; i < x.length; i++) if (Number.isFinite(rates[i])) { const [px, py] = this.frame.at(x[i], y[i]); g.fillStyle = `rgb(${colour(rates[i]).map(Math.round)})`; g.fillRect(px - size / 2, py - size / 2, size, size); } }
-    axes(g, this.frame, wall); const at = histogram.place(); $("maprange").textContent = `${scans.length > 1 ? known.state.run + ", " : ""}0 (dark) to ${rate(top)} (yellow)`;
+    axes(g, this.frame, wall); const at = histogram.place(), [bx, by, bw, bh] = this.frame.box, [unit, word] = top >= 2e6 ? [1e6, "million"] : top >= 2e3 ? [1e3, "thousand"] : [1, ""]; $("maprange").textContent = scans.length > 1 ? known.state.run : "";
+    colourBar(g, bx + bw + 10, by, bh, 0, top / unit, viridis, word + " counts/s");
     if (at !== null) { const [px, py] = this.frame.at(x[at], y[at]); g.strokeStyle = "#000"; g.lineWidth = 3.5; g.beginPath(); g.arc(px, py, 6, 0, 7); g.stroke(); g.strokeStyle = "#fff"; g.lineWidth = 1.8; g.stroke(); }
   },
 };

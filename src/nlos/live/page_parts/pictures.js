@@ -25,7 +25,7 @@ class PicturePanel {
       const k = Number.isFinite(v) ? fade(picture.albedo[i]) : 0, c = k ? viridis(1 - (v - low) / (high - low || 1)) : e; return c.map((x, j) => e[j] + (x - e[j]) * k); });
     else image(g, picture.albedo, rows, cols, this.frame.box, (v, i) => redBlue(.5 + .5 * (v - other.albedo[i])));
     g.restore(); axes(g, this.frame, wall);
-    if (this.kind === "depth") colourBar(g, bx + bw + 12, by, bh, high, low, v => viridis(v), "depth from the wall (m)");
+    if (this.kind === "depth") colourBar(g, bx + bw + 12, by, bh, low, high, v => viridis(1 - v), "depth from the wall (m)");
     else if (this.kind === "front") colourBar(g, bx + bw + 12, by, bh, 0, 1, gray, "brightness (relative)");
     else colourBar(g, bx + bw + 12, by, bh, -1, 1, redBlue, "first less second");
     if (overlaid) this.points(g); this.other = other; this.readOut();
@@ -45,9 +45,10 @@ class PicturePanel {
     const d = p.depth_m[i], value = this.kind === "difference" ? `difference ${(p.albedo[i] - this.other.albedo[i]).toFixed(3)}` : `brightness ${p.albedo[i].toFixed(3)}, ` + (Number.isFinite(d) ? `depth ${d.toFixed(3)} m` : "no depth");
     this.say.textContent = `x ${x.toFixed(3)} m, y ${y.toFixed(3)} m: ${value}`;
   }
+  isOld(p) { const state = scans[this.scan].state; return !!p && !!state && frame === null && state.samples - p.samples > .02 * state.planned; }
   about() {
-    const p = this.picture, state = scans[this.scan].state, since = state.samples - p.samples, old = frame === null && since > .02 * state.planned, span = document.createElement("span");
-    span.className = old ? "stale" : ""; span.textContent = frame === null && old ? `of ${count(p.samples)} points; ${count(since)} more since` : `of ${count(p.samples)} points`;
+    const p = this.picture, state = scans[this.scan].state, since = state.samples - p.samples, old = this.isOld(p), span = document.createElement("span");
+    span.className = old ? "stale" : ""; span.textContent = frame === null && old ? `older picture, of ${count(p.samples)} points: ${count(since)} more were taken since` : `of ${count(p.samples)} points`;
     const rest = p.change < 1 && frame === null ? `, changed by ${(100 * p.change).toFixed(1)} % from the previous picture` : "";
     const said = document.createElement("span"); said.className = p.explains_nothing ? "nothing" : ""; said.textContent = p.explained ? `, ${p.explained}` : "";
     return [document.createTextNode(`${p.method.toUpperCase()} `), span, document.createTextNode(rest), said];
