@@ -155,6 +155,19 @@ class Alarms:
             trouble = self._disk()
         return trouble
 
+    def judge_trial(self, sample: Sample) -> Trouble | None:
+        """Looks at a sample of a trial, which no recording keeps: the beam need not be on its point, but laser and
+        detector have to be as in the scan."""
+        histogram = sample.histogram
+        if histogram.live_time_s <= 0:
+            return None
+        self._samples += 1
+        return (
+            self._sync(histogram.sync_count / histogram.live_time_s, histogram.live_time_s)
+            or self._count_rate(histogram.total_count, histogram.live_time_s)
+            or self._blank(histogram.total_count, histogram.live_time_s)
+        )
+
     def judge_rates(self, rates: CountRates) -> Trouble | None:
         """Looks at the counter's rate meter in the middle of a long dwell."""
         return self._sync(rates.sync_hz) or self._pile_up(rates.detector_hz)

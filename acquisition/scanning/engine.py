@@ -142,7 +142,12 @@ class _Run:
     def _lag_s(self) -> float:
         """By how much the mirror trails continuous lines: as known, or measured now; paused and ended as ever."""
         while self._lag is None and self._control.state is ScanState.RUNNING:
-            self._lag = lag_trial.measure(self._plan, self._bench, self._angles, self._control, self._start_s)
+            try:
+                self._lag = lag_trial.measure(
+                    self._plan, self._bench, self._angles, self._control, self._start_s, self._alarms
+                )
+            except lag_trial.TrialEnded as ended:
+                self._meet(ended.trouble, None)
             if self._lag is None:
                 self._pause()
         if self._lag is not None:

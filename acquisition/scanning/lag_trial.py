@@ -14,6 +14,7 @@ import numpy.typing as npt
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.scanning import clocked
+from nlos.acquisition.scanning.alarms import Alarms, Trouble
 from nlos.acquisition.scanning.clocked import Settle, Stepping
 from nlos.acquisition.scanning.control import ScanControl, until_interrupted
 from nlos.acquisition.scanning.lag import SIGMAS, Lag, Shift, combined, shift
@@ -89,12 +90,26 @@ def trial(plan: ScanPlan, lines: Lines, settle: Settle, most: int, list_mode: bo
     return Trial(replace(made, numbers=numbers, count=len(points)), points, ways)
 
 
+class TrialEnded(Exception):
+    """An alarm stands; the shutter is closed."""
+
+    def __init__(self, trouble: Trouble) -> None:
+        super().__init__(trouble.text)
+        self.trouble = trouble
+
+
 def measure(
-    plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], control: ScanControl, start_s: float
+    plan: ScanPlan,
+    bench: Bench,
+    angles: Sequence[MirrorAngles],
+    control: ScanControl,
+    start_s: float,
+    alarms: Alarms | None = None,
 ) -> Lag | None:
     """The lag on this bench, with a bound in steps of a line of at most `plan.within_px`; None where `control` wants a
-    pause. The counter must be configured; the shutter is left to the caller to close. Raises `LimitError` where the
-    mirror does not follow the plan's lines as closely as that, or there is too little light to tell."""
+    pause. The counter must be configured; the shutter is left to the caller to close. Raises `TrialEnded` where one of
+    the scan's alarms stands, `LimitError` where the mirror does not follow the plan's lines as closely as that, or
+    there is too little light to tell."""
     within_px = plan.within_px
     if within_px is None:
         raise ValueError("the plan does not allow continuous lines")
@@ -106,7 +121,7 @@ def measure(
     whole, half = list[Shift](), list[Shift]()
     bound = math.inf
     for turn in range(MOST):
-        samples = _swept_there_and_back(plan, bench, lines, control, start_s, turn)
+        samples = _swept_there_and_back(plan, bench, lines, control, start_s, turn, alarms)
         if samples is None:
             return None
         ahead, young = samples
@@ -145,14 +160,20 @@ def _slower_than_its_table(lag_s: float, settled_s: float) -> LimitError:
 
 
 def _swept_there_and_back(
-    plan: ScanPlan, bench: Bench, lines: Lines, control: ScanControl, start_s: float, turn: int
+    plan: ScanPlan,
+    bench: Bench,
+    lines: Lines,
+    control: ScanControl,
+    start_s: float,
+    turn: int,
+    alarms: Alarms | None,
 ) -> tuple[list[Shift], list[Shift]] | None:
     """(of whole lines, of halves), or None where a pause is wanted. Raises `DeviceFault` where steps and points do not
     agree, `SafetyTrip` where there is too much light."""
     most = min(bench.mirror.max_sequence, bench.counter.max_points)
     wanted = trial(plan, lines, bench.mirror.settle_s, most, bench.counter.list_mode, turn)
     for _ in range(ATTEMPTS):
-        samples = _unkept(bench, wanted, control, start_s)
+        samples = _unkept(bench, wanted, control, start_s, alarms)
         if control.wanted:
             return None
         spoilt = any(sample.histogram.flags & ~HistogramFlag.STOPPED_EARLY for sample in samples)
@@ -170,9 +191,9 @@ def _swept_there_and_back(
     return found[::2], found[1::2]
 
 
-def _unkept(bench: Bench, wanted: Trial, control: ScanControl, start_s: float) -> list[Sample]:
+def _unkept(bench: Bench, wanted: Trial, control: ScanControl, start_s: float, alarms: Alarms | None) -> list[Sample]:
     """Samples that no recording keeps, taken under the same watch as any others; fewer where something came between."""
-    watch = LightWatch(bench, None, lambda sample: False)
+    watch = LightWatch(bench, alarms, lambda sample: False, trial=True)
     bench.while_waiting = watch.look
     try:
         angles = wanted.made.angles[: len(wanted.points)]
@@ -182,6 +203,8 @@ def _unkept(bench: Bench, wanted: Trial, control: ScanControl, start_s: float) -
         bench.while_waiting = lambda: None
     if watch.trip is not None:
         raise watch.trip
+    if watch.trouble is not None:
+        raise TrialEnded(watch.trouble)
     return samples
 
 

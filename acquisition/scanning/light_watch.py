@@ -21,8 +21,11 @@ class LightOff(Exception):
 class LightWatch:
     """`trip`, or `trouble` at point `number`, says why the light was shut off; the engine decides what follows."""
 
-    def __init__(self, bench: Bench, alarms: Alarms | None, is_spoilt: Callable[[Sample], bool]) -> None:
+    def __init__(
+        self, bench: Bench, alarms: Alarms | None, is_spoilt: Callable[[Sample], bool], trial: bool = False
+    ) -> None:
         self._bench, self._alarms, self._is_spoilt = bench, alarms, is_spoilt
+        self._judge = None if alarms is None else alarms.judge_trial if trial else alarms.judge
         self._looked_s = bench.clock.now()
         self._asking = False
         self.trip: SafetyTrip | None = None
@@ -36,8 +39,8 @@ class LightWatch:
         for sample in samples:
             self.number = sample.point.number
             self._guarded(lambda: self._bench.shutter.watch(sample.histogram))  # noqa: B023 - called at once
-            if self._alarms is not None and not self._is_spoilt(sample):
-                self._shut_for(self._alarms.judge(sample))
+            if self._judge is not None and not self._is_spoilt(sample):
+                self._shut_for(self._judge(sample))
 
     def look(self) -> None:
         """Called every 10 ms while points are waited for. Raises `LightOff` with the shutter closed."""

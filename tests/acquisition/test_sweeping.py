@@ -16,6 +16,7 @@ from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.sample import Sample
+from nlos.acquisition.scanning.alarms import Action, AlarmRaised, Alarms, AlarmSettings
 from nlos.acquisition.scanning.control import ScanControl, ScanState
 from nlos.acquisition.scanning.engine import scan
 from nlos.acquisition.scanning.lag import Lag
@@ -254,3 +255,18 @@ def test_lines_end_where_steps_or_dwells_change() -> None:
     assert line_length(place[:1], dwells[:1]) == 1
     assert line_length(place, np.array([1.0, 1.0, 2.0, 1.0, 1.0, 1.0, 1.0])) == 2
     assert line_length(place, np.array([1.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0])) == 1
+
+
+@pytest.mark.parametrize("action", ["abort", "pause"])
+def test_the_scans_alarms_stand_while_the_lag_is_measured_too(bright: Benches, small_plan: Plans, action: str) -> None:
+    asked: list[str] = []
+    control = ScanControl(lambda why: bool(asked.append(why)))
+    chosen = bright()
+    watch = Alarms(AlarmSettings(pile_up=1e-4, on_count_rate=Action(action)), chosen.laser.repetition_hz)
+    with open_bench(chosen) as bench:
+        with pytest.raises(AlarmRaised, match="pile-up"):
+            list(scan(fast_plan(small_plan), bench, scheme=Scheme.SWEPT, control=control, alarms=watch))
+        assert bench.simulated is not None
+        assert not bench.simulated.shutter_open
+    assert len(asked) == (action == "pause")
+    assert control.state is ScanState.STOPPED
