@@ -24,6 +24,7 @@ from nlos.recon.conditions import NOISELESS, parsed, slowed
 from nlos.recon.entrants import Entrant, check_known, choices, entrant, learned_from
 from nlos.recon.errors import InvalidData, InvalidSettings, ReconError
 from nlos.recon.fingerprint import fingerprint_of
+from nlos.recon.interval_scores import interval_scores
 from nlos.recon.methods import find
 from nlos.recon.metrics import depth_scores, image_scores
 from nlos.recon.reconstruct import reconstruct
@@ -70,6 +71,14 @@ class Row:
     explained: float = float("nan")
     """The share of light that the picture accounts for, and its standard error; NaN where that could not be found."""
     explained_error: float = float("nan")
+    albedo_coverage: float = float("nan")
+    """From here on see `interval_scores.interval_scores`; NaN of methods that do not know how sure they are."""
+    albedo_width: float = float("nan")
+    albedo_ause: float = float("nan")
+    depth_coverage: float = float("nan")
+    depth_width_m: float = float("nan")
+    depth_ause: float = float("nan")
+    seen_ece: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -243,6 +252,7 @@ def _run(
         **depth_scores(done.depth_m, scene.depth_m, scene.mask),
         explained=nan if told is None or told.share is None else told.share,
         explained_error=nan if told is None or told.error is None else told.error,
+        **interval_scores(done.albedo, done.depth_m, done.intervals, scene.intensity, scene.depth_m, scene.mask),
         seconds=done.seconds,
         peak_rss_mb=_peak_rss_mb(),
     )

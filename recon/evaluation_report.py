@@ -34,6 +34,15 @@ COLUMNS: tuple[tuple[str, str, float, str], ...] = (
     ("seconds", "s", 1, "{:.2f}"),
     ("peak_rss_mb", "peak MB", 1, "{:.0f}"),
 )
+SURE: tuple[tuple[str, str, float, str], ...] = (
+    ("albedo_coverage", "albedo holds, %", 100, "{:.1f}"),
+    ("albedo_width", "width", 1, "{:.3f}"),
+    ("albedo_ause", "AUSE", 1, "{:.3f}"),
+    ("depth_coverage", "depth holds, %", 100, "{:.1f}"),
+    ("depth_width_m", "width, mm", 1e3, "{:.1f}"),
+    ("depth_ause", "AUSE", 1, "{:.3f}"),
+    ("seen_ece", "ECE of seen", 1, "{:.3f}"),
+)
 
 
 def write_evaluation(folder: Path, evaluation: Evaluation, overwrite: bool = False) -> list[Path]:
@@ -79,10 +88,32 @@ def table(evaluation: Evaluation) -> str:
             if chosen:
                 lines.append(_line([method, _settings(chosen[0])], chosen))
         lines.append("")
+    lines += sure_table(rows)
     lines += ["## Every scene", "", _header("condition", "scene", "method")]
     for row in rows:
         lines.append(_line([row.condition, row.scene, row.method], [row]))
     return "\n".join(lines) + "\n"
+
+
+def sure_table(rows: list[Row]) -> list[str]:
+    """How good the intervals are, of the methods that have them; empty where none has."""
+    knowing = [row for row in rows if np.isfinite(row.seen_ece)]
+    if not knowing:
+        return []
+    titles = ("condition", "method", *(title for _, title, _, _ in SURE))
+    lines = [
+        "## How sure",
+        "",
+        "90 % intervals over the truth's mask: how often they hold, how wide they are, and the area between the",
+        "sparsification curves by width and by error, over the error's range; the calibration error of `seen`.",
+        "",
+        "| " + " | ".join(titles) + " |\n|" + "---|" * len(titles),
+    ]
+    for condition, method in _unique((row.condition, row.method) for row in knowing):
+        of = [row for row in knowing if (row.condition, row.method) == (condition, method)]
+        figures = [form.format(_mean(of, key) * factor) for key, _, factor, form in SURE]
+        lines.append("| " + " | ".join([condition, method, *figures]) + " |")
+    return [*lines, ""]
 
 
 def gallery(evaluation: Evaluation, path: Path) -> None:

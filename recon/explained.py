@@ -1,9 +1,10 @@
 """How much of the light a picture explains: of light that it was not made from, by what its surface would send.
 
 The scan is thinned into two parts with independent noise. The same method sees one of them, on half the grid; the
-surface that it finds is rendered, its gain, a flat background and a width of the response are fitted to that part,
-and the other part judges: 1 - |light - rendered|^2 / |light - background|^2, each over its variance, with what photon
-noise adds to either taken off. 1 is all there is to explain, 0 no better than an empty scene.
+surface that it finds is rendered, with the response where one is known; its gain, a flat background and what the
+response is wider are fitted to that part, and the other part judges: 1 - |light - rendered|^2 / |light - background|^2,
+each over its variance, with what photon noise adds to either taken off. 1 is all there is to explain, 0 no better than
+an empty scene.
 """
 
 import time as clock
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+from scipy.ndimage import convolve1d, gaussian_filter1d, uniform_filter1d
 
 from nlos.acquisition.transient import Transient
 from nlos.recon.errors import ReconError
@@ -107,9 +108,11 @@ def _judge(
     weight = 1 / (floor * dwell + 0.5 * profile[:, None] * dwell + 0.5 * near)
     best: tuple[float, Floats] | None = None
     for falloff in falloffs:
-        light = surface_light(albedo, depth_m, seen.wall, points, seen.time, falloff) * dwell
+        light = stretches(surface_light(albedo, depth_m, seen.wall, points, seen.time, falloff) * dwell)
+        if seen.response is not None:
+            light = convolve1d(light, seen.response.taps(joined * seen.time.bin_width_s), axis=0, mode="constant")
         for width in WIDTHS:
-            rendered = stretches(light)
+            rendered = light
             if width:
                 rendered = gaussian_filter1d(rendered, width, axis=0, mode="constant")
             model = _fitted(had, rendered, flat, weight)

@@ -19,6 +19,7 @@ for. A package offers its own by an entry point of the group `nlos.methods`: a w
 `docs/howto/methods.md` shows one of thirty lines.
 """
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Generic, NamedTuple, Protocol, TypeVar
 
 from nlos.acquisition.transient import TimeAxis
@@ -40,6 +41,9 @@ class MethodResult(NamedTuple, Generic[Array]):
     """(B, H, W) depth from the wall, NaN where nothing is seen."""
     volume: Array | None = None
     """(B, D, H, W) albedo at the method's `depths_m`; None where it makes none."""
+    intervals: "Mapping[str, Array] | None" = None
+    """90 % intervals `albedo_low`, `albedo_high`, `depth_low_m`, `depth_high_m`, and `seen`, the probability that there
+    is a surface, (B, H, W) each; None where the method does not know."""
 
 
 class Method(Protocol):

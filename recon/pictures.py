@@ -12,11 +12,13 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from nlos.recon.errors import InvalidData
-from nlos.recon.seen import brightest, depth_limits, depth_opacity, visible_depth
+from nlos.recon.seen import FAINT, brightest, depth_limits, depth_opacity, visible_depth
 from nlos.recon.volume import Reconstruction
 
 DOTS_PER_INCH = 150
 BACKGROUND = 0.88
+DOUBTFUL = 0.5
+"""Less likely a surface than this: hatched in the front view."""
 NOTHING = "This picture explains nothing of the light"
 
 
@@ -29,9 +31,10 @@ def draw_albedo(reconstruction: Reconstruction, figure: Figure, axes: Axes) -> N
     """The front view with its colour bar."""
     drawn = axes.imshow(
         reconstruction.albedo / brightest(reconstruction), cmap="gray", vmin=0, vmax=1,
-        extent=_extent(reconstruction), interpolation="nearest",
+        extent=extent(reconstruction), interpolation="nearest",
     )  # fmt: skip
     figure.colorbar(drawn, ax=axes, label="brightness (relative)", shrink=0.85)
+    _hatched(axes, reconstruction)
     _label(axes, f"{reconstruction.method.upper()}: front view")
     _scale_bar(axes, reconstruction, "white")
 
@@ -51,7 +54,7 @@ def draw_depth(
     scale = Normalize(low, high, clip=True)
     ink = depth_opacity(reconstruction)[..., None]
     colour = colours(scale(np.nan_to_num(shown, nan=low)))[..., :3]
-    axes.imshow(ink * colour + (1 - ink) * BACKGROUND, extent=_extent(reconstruction), interpolation="nearest")
+    axes.imshow(ink * colour + (1 - ink) * BACKGROUND, extent=extent(reconstruction), interpolation="nearest")
     ends = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}
     seen = shown[np.isfinite(shown)]
     beyond = ends[bool((seen < low).any()), bool((seen > high).any())]
@@ -82,11 +85,11 @@ def confidence_picture(reconstruction: Reconstruction, path: Path) -> None:
     figure = Figure(figsize=(5.2, 4.6), layout="constrained")
     axes = figure.add_subplot()
     drawn = axes.imshow(
-        reconstruction.confidence, cmap="gray", vmin=0, vmax=1, extent=_extent(reconstruction), interpolation="nearest"
+        reconstruction.confidence, cmap="gray", vmin=0, vmax=1, extent=extent(reconstruction), interpolation="nearest"
     )
     figure.colorbar(drawn, ax=axes, label="confidence (0 to 1)", shrink=0.85)
     _label(axes, "where the wall was measured")
-    _save(figure, path)
+    save_picture(figure, path)
 
 
 def slices_picture(reconstruction: Reconstruction, path: Path) -> None:
@@ -98,7 +101,7 @@ def slices_picture(reconstruction: Reconstruction, path: Path) -> None:
     if volume is None:
         raise InvalidData(f"this {reconstruction.method} reconstruction holds no volume. Make it without --no-volume.")
     plane, row, col = (int(i) for i in np.unravel_index(int(volume.albedo.argmax()), volume.albedo.shape))
-    left, right, bottom, top = _extent(reconstruction)
+    left, right, bottom, top = extent(reconstruction)
     near, far = float(volume.depths_m[0]), float(volume.depths_m[-1])
     x_m, y_m, z_m = volume.wall.x_m()[col], volume.wall.y_m()[row], volume.depths_m[plane]
     brightest = float(volume.albedo.max()) or 1.0
@@ -108,10 +111,10 @@ def slices_picture(reconstruction: Reconstruction, path: Path) -> None:
         (volume.albedo[:, row], (left, right, far, near), f"from above, y = {y_m:.3f} m", "x (m)", "z (m)"),
         (volume.albedo[:, :, col].T, (near, far, bottom, top), f"from the side, x = {x_m:.3f} m", "z (m)", "y (m)"),
     )
-    for axes, (image, extent, title, across, up) in zip(figure.subplots(1, 3), views, strict=True):
-        axes.imshow(image / brightest, cmap="gray", vmin=0, vmax=1, extent=extent, interpolation="nearest")
+    for axes, (image, sides, title, across, up) in zip(figure.subplots(1, 3), views, strict=True):
+        axes.imshow(image / brightest, cmap="gray", vmin=0, vmax=1, extent=sides, interpolation="nearest")
         axes.set(title=title, xlabel=across, ylabel=up)
-    _save(figure, path)
+    save_picture(figure, path)
 
 
 def small_print(reconstruction: Reconstruction) -> str:
@@ -144,7 +147,18 @@ def _single(reconstruction: Reconstruction, path: Path, draw: Callable[[Reconstr
     draw(reconstruction, figure, figure.add_subplot())
     figure.supxlabel(small_print(reconstruction), fontsize=6.5, color="0.35")
     warned(reconstruction, figure)
-    _save(figure, path)
+    save_picture(figure, path)
+
+
+def _hatched(axes: Axes, reconstruction: Reconstruction) -> None:
+    """Hatches over what is drawn though there is more likely no surface than one."""
+    sure = reconstruction.intervals
+    if sure is None:
+        return
+    doubtful = (sure.seen < DOUBTFUL) & (reconstruction.albedo > FAINT * brightest(reconstruction))
+    if doubtful.any():
+        y_m, x_m = reconstruction.wall.y_m(), reconstruction.wall.x_m()
+        axes.contourf(x_m, y_m, doubtful.astype(float), levels=[0.5, 1.5], colors="none", hatches=["////"])
 
 
 def _scale_bar(axes: Axes, reconstruction: Reconstruction, colour: str) -> None:
@@ -159,7 +173,8 @@ def _scale_bar(axes: Axes, reconstruction: Reconstruction, colour: str) -> None:
               va="bottom")  # fmt: skip
 
 
-def _extent(reconstruction: Reconstruction) -> tuple[float, float, float, float]:
+def extent(reconstruction: Reconstruction) -> tuple[float, float, float, float]:
+    """Left, right, bottom and top of the wall in metres."""
     half_width, half_height = reconstruction.wall.width_m / 2, reconstruction.wall.height_m / 2
     return -half_width, half_width, -half_height, half_height
 
@@ -168,6 +183,7 @@ def _label(axes: Axes, title: str) -> None:
     axes.set(title=title, xlabel="x (m)", ylabel="y (m)")
 
 
-def _save(figure: Figure, path: Path) -> None:
+def save_picture(figure: Figure, path: Path) -> None:
+    """Writes a figure as PNG."""
     FigureCanvasAgg(figure)
     figure.savefig(path, dpi=DOTS_PER_INCH, metadata={"Software": "nlos"})

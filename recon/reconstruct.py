@@ -19,7 +19,7 @@ from nlos.recon.method import MethodResult, takes_response
 from nlos.recon.methods import find, parse_settings, torch_is_installed
 from nlos.recon.own_methods import name_of
 from nlos.recon.physics_settings import PhysicsSettings
-from nlos.recon.volume import Reconstruction, Volume, refuse_not_finite
+from nlos.recon.volume import Intervals, Reconstruction, Volume, refuse_not_finite
 
 Image = npt.NDArray[np.float32]
 PUBLISHED_BIN_WIDTH_S = 16e-12  # two halvings of 4 ps: O'Toole et al. 2018, Lindell et al. 2019
@@ -60,6 +60,7 @@ def reconstruct(
         settings=chosen.model_dump(mode="json"),
         volume=None if made.volume is None else Volume(made.volume, depths_m, rebinned.wall),
         weights_sha256=_weights_sha256(chosen),
+        intervals=None if made.intervals is None else Intervals(**made.intervals),
         confidence=confidence(rebinned.exposure_s),
         points=int(np.count_nonzero(rebinned.exposure_s > 0)),
         photons=max(float(rebinned.counts.sum(dtype=np.float64)), 0.0),

@@ -1,15 +1,17 @@
 """reconstruction.h5 and its pictures: what `nlos reconstruct` leaves behind.
 
 Layout: `albedo` (H, W), `depth_m` (H, W, NaN where nothing is seen), `confidence` (H, W, 0 to 1: how well the wall was
-measured there), `x_m` (W,), `y_m` (H,), and where the method has them `volume` (D, H, W) and `depths_m` (D,);
-attributes `method`, `settings` (JSON), `seconds`, `weights_sha256`, `software`, `response` (which response of the
-instrument was taken, in words), where one is known `response_fwhm_ps`, `samples_left_aside`
-(damaged or unreadable, not used), `explained` and `explained_error` (the share of light that the picture accounts for,
-NaN where that could not be found) and `explained_note`. Row 0 is the top, column 0 the left,
-seen from the wall.
+measured there), `x_m` (W,), `y_m` (H,); where the method knows how sure it is `albedo_low`, `albedo_high`,
+`depth_low_m`, `depth_high_m` (90 % intervals) and `seen` (probability of a surface), all (H, W); and where it has them
+`volume` (D, H, W) and `depths_m` (D,); attributes `method`, `settings` (JSON), `seconds`, `weights_sha256`, `software`,
+`response` (which response of the instrument was taken, in words), where one is known `response_fwhm_ps`,
+`samples_left_aside` (damaged or unreadable, not used), `explained` and `explained_error` (the share of light that the
+picture accounts for, NaN where that could not be found) and `explained_note`. Row 0 is the top, column 0 the left, seen
+from the wall.
 """
 
 import json
+from dataclasses import fields
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -22,7 +24,7 @@ from nlos.acquisition.recording.plausible import json_object
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData
 from nlos.recon.explained import NOT_LOOKED_FOR, Explained
-from nlos.recon.volume import Reconstruction, Volume, refuse_not_finite, response_words
+from nlos.recon.volume import Intervals, Reconstruction, Volume, refuse_not_finite, response_words
 
 NAMES = ("reconstruction.h5", "albedo.png", "depth.png")
 EVEN = 0.5  # where no point's confidence is lower there is no picture of it
@@ -44,19 +46,22 @@ def write_results(
     html: bool = False,
 ) -> list[Path]:
     """Writes the files into `folder` and returns their paths: three, and where there is something to show
-    confidence.png (not every point measured alike), slices.png (a volume), and view3d.html if asked for.
+    confidence.png (not every point measured alike), uncertainty.png (a method that knows), slices.png (a volume), and
+    view3d.html if asked for.
 
     Raises FileExistsError unless `overwrite`, and ReconstructionFailed for a result that is not finite, before
     anything is written.
     """
     from nlos.recon.pictures import albedo_picture, confidence_picture, depth_picture, slices_picture
+    from nlos.recon.uncertainty_picture import uncertainty_picture
     from nlos.recon.view3d import write_view3d
 
     refuse_not_finite(reconstruction)
     paths = [folder / name for name in NAMES]
     with_slices = keep_volume and reconstruction.volume is not None
+    sure = reconstruction.intervals is not None
     uneven = reconstruction.confidence is not None and float(reconstruction.confidence.min()) < EVEN
-    optional = {"confidence.png": uneven, "slices.png": with_slices, "view3d.html": html}
+    optional = {"confidence.png": uneven, "uncertainty.png": sure, "slices.png": with_slices, "view3d.html": html}
     more = [folder / name for name, wanted in optional.items() if wanted]
     present = [path for path in (*paths, *more) if path.exists()]
     if present and not overwrite:
@@ -74,6 +79,8 @@ def write_results(
     depth_picture(reconstruction, paths[2])
     if uneven:
         confidence_picture(reconstruction, folder / "confidence.png")
+    if sure:
+        uncertainty_picture(reconstruction, folder / "uncertainty.png")
     if with_slices:
         slices_picture(reconstruction, folder / "slices.png")
     if html:
@@ -103,6 +110,9 @@ def write_reconstruction(path: Path, reconstruction: Reconstruction, keep_volume
         file["depth_m"] = reconstruction.depth_m
         if reconstruction.confidence is not None:
             file["confidence"] = reconstruction.confidence
+        if reconstruction.intervals is not None:
+            for name, values in vars(reconstruction.intervals).items():
+                file[name] = values
         file["x_m"], file["y_m"] = wall.x_m(), wall.y_m()
         if keep_volume and reconstruction.volume is not None:
             file.create_dataset("volume", data=reconstruction.volume.albedo, compression="gzip", compression_opts=1)
@@ -138,12 +148,24 @@ def read_reconstruction(path: Path) -> Reconstruction:
                 weights_sha256=str(file.attrs["weights_sha256"]) or None,
                 left_aside=int(file.attrs.get("samples_left_aside", 0)),
                 confidence=needed_array(file, "confidence", (rows, cols)) if known else None,
+                intervals=_intervals(file, rows, cols),
                 explained=_explained(file.attrs),
             )
     except (InvalidData, LookupError, OSError, ValueError, TypeError, RuntimeError, AttributeError) as error:
         if isinstance(error, FileNotFoundError):
             raise
         raise InvalidData(f"{path} is not a reconstruction: {error}. Make one with `nlos reconstruct`.") from error
+
+
+def _intervals(file: h5py.File, rows: int, cols: int) -> Intervals | None:
+    """None where the method did not know."""
+    names = [field.name for field in fields(Intervals)]
+    if any(find_dataset(file, name) is None for name in names):
+        return None
+    held = {name: needed_array(file, name, (rows, cols)) for name in names}
+    if not all(np.isfinite(values).all() for values in held.values()):
+        raise InvalidData("intervals that are not finite")
+    return Intervals(**held)
 
 
 def _explained(held: h5py.AttributeManager) -> Explained | None:

@@ -35,11 +35,13 @@ def depth_limits(reconstructions: Sequence[Reconstruction]) -> tuple[float, floa
 
 
 def depth_opacity(reconstruction: Reconstruction) -> npt.NDArray[np.float32]:
-    """How much colour a depth has, (H, W), 0 to 1: none where nothing is seen, a tenth just above `FAINT`."""
+    """How much colour a depth has, (H, W), 0 to 1: none where nothing is seen, a tenth just above `FAINT`; less where
+    the method doubts that there is a surface."""
     shade = reconstruction.albedo / brightest(reconstruction)
     seen = np.isfinite(visible_depth(reconstruction))
     opacity = np.where(seen, np.clip(0.1 + 0.9 * (shade - FAINT) / (FULL - FAINT), 0, 1), 0)
-    return np.asarray(opacity, dtype=np.float32)
+    sure = reconstruction.intervals
+    return np.asarray(opacity if sure is None else opacity * sure.seen, dtype=np.float32)
 
 
 def brightest(reconstruction: Reconstruction) -> float:

@@ -22,6 +22,19 @@ class Volume:
 
 
 @dataclass(frozen=True)
+class Intervals:
+    """Where the truth of each pixel lies in nine cases of ten, (H, W) each: of the brightness in the picture's own
+    units (its scale being the best one), of the depth where there is a surface."""
+
+    albedo_low: npt.NDArray[np.float32]
+    albedo_high: npt.NDArray[np.float32]
+    depth_low_m: npt.NDArray[np.float32]
+    depth_high_m: npt.NDArray[np.float32]
+    seen: npt.NDArray[np.float32]
+    """The probability that there is a surface."""
+
+
+@dataclass(frozen=True)
 class Reconstruction:
     """Front view and depth map, NaN where nothing is seen; the volume where the method has one."""
 
@@ -48,6 +61,8 @@ class Reconstruction:
     """Whether the method took it into account."""
     left_aside: int = 0
     """Samples of the scan that were damaged or unreadable, and not used."""
+    intervals: Intervals | None = None
+    """How sure the method is of every pixel, where it knows."""
     explained: Explained | None = None
     """How much of light that it was not made from the picture accounts for."""
 

@@ -57,7 +57,8 @@ def see(
     if wrong:
         raise ReconstructionFailed(f"{own_at}{wrong} (nlos.recon.method is the contract)")
     volume = None if made.volume is None else made.volume[0].cpu().numpy()
-    return MethodResult(made.albedo[0].cpu().numpy(), made.depth_m[0].cpu().numpy(), volume), depths_m
+    sure = None if made.intervals is None else {name: x[0].cpu().numpy() for name, x in made.intervals.items()}
+    return MethodResult(made.albedo[0].cpu().numpy(), made.depth_m[0].cpu().numpy(), volume, sure), depths_m
 
 
 def _wrong(made: object, planes: int, wall: WallGrid) -> str:

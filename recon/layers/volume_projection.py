@@ -17,6 +17,7 @@ class Projection:
     albedo: Tensor  # (B, H, W)
     depth: Tensor  # (B, H, W), in the unit of the depths given
     volume: Tensor  # (B, D, H, W)
+    spreads: tuple[Tensor, Tensor] | None = None  # of picture and depth over mirror images of the wall, (B, H, W) each
 
 
 class MaximumProjection(nn.Module):

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
+from nlos.recon.intervals import CalibratedHead, head_for, intervals_of
 from nlos.recon.layers.lifted_volumes import LiftedVolumes
 from nlos.recon.layers.measurement import (
     SLICE,
@@ -26,6 +27,7 @@ from nlos.recon.layers.measurement import (
 from nlos.recon.layers.noise_level import NoiseLevel
 from nlos.recon.layers.physical_unfolding import PhysicalUnfolding
 from nlos.recon.layers.symmetries import Fields, mean_over_symmetries
+from nlos.recon.layers.told_conditions import conditions, confidence
 from nlos.recon.layers.told_response import Told
 from nlos.recon.layers.transient_lifting import LiftingName
 from nlos.recon.layers.volume_projection import AttentionProjection, MaximumProjection, Projection
@@ -110,6 +112,7 @@ class Nano(nn.Module):
         self.points = (rows, cols)
         self.pitch = (2 * pitch[0], wall.rows * pitch[1] / rows, wall.cols * pitch[2] / cols)
 
+        self.head_of_intervals: CalibratedHead | None = None
         self.noise_level = NoiseLevel()
         self.lifted = None
         if settings.lifting != "none":
@@ -154,8 +157,12 @@ class Nano(nn.Module):
             albedo = albedo.clamp(0, 1)
             dark = albedo < DIMMEST * albedo.amax(dim=(1, 2), keepdim=True).clamp(min=1e-12)
             depth_m = torch.where(dark, torch.nan, depth_m)
+        sure = None
+        if self.head_of_intervals is not None and seen.spreads is not None:
+            sure = intervals_of(self.head_of_intervals, seen, volumes, eta, maps, presence, self.physics)
         behind = self.physics.slices - seen.volume.shape[1]  # too far for any light
-        return MethodResult(albedo, depth_m, F.pad(seen.volume * present[..., None], (0, 0, 0, 0, 0, behind)))
+        volume = F.pad(seen.volume * present[..., None], (0, 0, 0, 0, 0, behind))
+        return MethodResult(albedo, depth_m, volume, sure)
 
     def prepared(
         self, counts: Tensor, exposure: Tensor | None, response: Tensor | None = None
@@ -222,11 +229,14 @@ class Nano(nn.Module):
         square = volumes.shape[3] == volumes.shape[4] and pitch[1] == pitch[2]
         both = torch.cat((eta, eta))
 
-        def see(images: Fields) -> tuple[Tensor, Tensor, Tensor]:
+        def see(images: Fields) -> tuple[Tensor, ...]:
             seen = self.iterate(cast(Tensor, images[0]), both, cast(Tensor, images[1]), images[2])
-            return seen.albedo, seen.depth, seen.volume
+            return seen.albedo, seen.depth, seen.volume, seen.albedo.square(), seen.depth.square()
 
-        return Projection(*mean_over_symmetries(see, (volumes, maps, lifted), square))
+        albedo, depth, volume, *squares = mean_over_symmetries(see, (volumes, maps, lifted), square)
+        means = zip(squares, (albedo, depth), strict=True)
+        of_albedo, of_depth = ((mean - whole.square()).clamp(min=0).sqrt() for mean, whole in means)
+        return Projection(albedo, depth, volume, (of_albedo, of_depth))
 
     def features(self, volumes: Tensor, maps: Tensor, lifted: Tensor | None) -> Tensor:
         """B_l: what is lifted to u^0, u_g and F_st, on the operator's own metric grid, (B, F, d, h, w)."""
@@ -266,18 +276,6 @@ class Nano(nn.Module):
         return {"level": scalar, "map": beta * distance, "loss": scalar + beta * distance}
 
 
-def conditions(log_noise: Tensor, rates: Rates) -> Tensor:
-    """eta as the multipliers see it, (B, 3): noise level, background share, kept share, each of order 1."""
-    background = rates.background.clamp(min=1e-3).log10().clamp(-2.5, 1.5)
-    return torch.stack((log_noise.clamp(-2.2, 0.2) + 1, background + 1, rates.kept.log2() / 2), dim=1)
-
-
-def confidence(log_noise: Tensor, noise_map: Tensor, exposure: Tensor) -> Tensor:
-    """(B, 2, H, W): exposure, and the mean noise over that of each wall point; both 0 where nothing was measured."""
-    sure = 10 ** (log_noise[:, None, None] - noise_map)
-    return torch.stack((exposure.clamp(max=4), sure.clamp(max=3)), dim=1)
-
-
 def to_grid(field: Tensor, size: tuple[int, int, int], highest: bool = False) -> Tensor:
     """(B, C, D, H, W) averaged (or its maximum) over the cells of a coarser grid; interpolated to a finer one."""
     if all(new <= old for new, old in zip(size, field.shape[2:], strict=True)):
@@ -296,4 +294,5 @@ def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
     network = with_weights(network, settings.weights)
     if settings.weights is not None:  # weights that were never told a response are better off without
         network.takes_response = holds(settings.weights, TOLD)
+    network.head_of_intervals = head_for(settings.weights)
     return network

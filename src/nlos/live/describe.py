@@ -43,5 +43,6 @@ def described(picture: "LivePicture") -> dict[str, Any]:
         "albedo": packed(result.albedo / brightest(result)),
         "depth_m": packed(visible_depth(result)),
         "confidence": packed(picture.confidence),
+        "seen": None if result.intervals is None else packed(result.intervals.seen),
         "points": packed(np.concatenate([where_m[keep], value[keep, None]], axis=1)),
     }

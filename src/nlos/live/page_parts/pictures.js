@@ -22,7 +22,7 @@ class PicturePanel {
     const [bx, by, bw, bh] = this.frame.box, [low, high] = limits, e = PAPER; g.save();
     if (this.kind === "front") image(g, picture.albedo, rows, cols, this.frame.box, gray);
     else if (this.kind === "depth") image(g, picture.depth_m, rows, cols, this.frame.box, (v, i) => {
-      const k = Number.isFinite(v) ? fade(picture.albedo[i]) : 0, c = k ? viridis(1 - (v - low) / (high - low || 1)) : e; return c.map((x, j) => e[j] + (x - e[j]) * k); });
+      const k = Number.isFinite(v) ? fade(picture.albedo[i]) * (picture.seen ? picture.seen[i] : 1) : 0, c = k ? viridis(1 - (v - low) / (high - low || 1)) : e; return c.map((x, j) => e[j] + (x - e[j]) * k); });
     else image(g, picture.albedo, rows, cols, this.frame.box, (v, i) => redBlue(.5 + .5 * (v - other.albedo[i])));
     g.restore(); axes(g, this.frame, wall);
     if (this.kind === "depth") colourBar(g, bx + bw + 12, by, bh, low, high, v => viridis(1 - v), "depth from the wall (m)");
@@ -42,7 +42,7 @@ class PicturePanel {
     const [rows, cols] = p.albedo.shape, [x, y] = this.cursor ? this.frame.metres(...this.cursor) : [NaN, NaN];
     const col = Math.floor((x / p.wall[0] + .5) * cols), row = Math.floor((.5 - y / p.wall[1]) * rows), i = row * cols + col;
     if (!(row >= 0 && row < rows && col >= 0 && col < cols)) { this.say.replaceChildren(...this.about()); return; }
-    const d = p.depth_m[i], value = this.kind === "difference" ? `difference ${(p.albedo[i] - this.other.albedo[i]).toFixed(3)}` : `brightness ${p.albedo[i].toFixed(3)}, ` + (Number.isFinite(d) ? `depth ${d.toFixed(3)} m` : "no depth");
+    const d = p.depth_m[i], value = this.kind === "difference" ? `difference ${(p.albedo[i] - this.other.albedo[i]).toFixed(3)}` : `brightness ${p.albedo[i].toFixed(3)}, ` + (Number.isFinite(d) ? `depth ${d.toFixed(3)} m` : "no depth") + (p.seen ? `, a surface at ${(100 * p.seen[i]).toFixed(0)} %` : "");
     this.say.textContent = `x ${x.toFixed(3)} m, y ${y.toFixed(3)} m: ${value}`;
   }
   isOld(p) { const state = scans[this.scan].state; return !!p && !!state && frame === null && state.samples - p.samples > .02 * state.planned; }

@@ -1,0 +1,120 @@
+"""Intervals of a picture that hold as often as they say: NANO's head, calibrated, in metres and the picture's units."""
+
+import hashlib
+import math
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from nlos.recon.layers.evidence import evidence
+from nlos.recon.layers.interval_head import KEPT, NOISE, IntervalHead, RawIntervals
+from nlos.recon.layers.measurement import WienerVolumes
+from nlos.recon.layers.volume_projection import Projection
+from nlos.recon.weights.files import OWN_FOLDER, find_weights, put_weights, read_about, read_weights
+
+CALIBRATED = "nano.intervals"  # safetensors; by another name, for it is no weights of a method
+NOISE_EDGES = (-0.25, 0.25)  # of the evidence `noise`, log10 of the noise level + 1
+POINTS_EDGES = (5.0, 7.0, 9.0)  # log2 of the number of points that were measured
+NOISES, GROUPS = len(NOISE_EDGES) + 1, (len(NOISE_EDGES) + 1) * (len(POINTS_EDGES) + 1)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What intervals are widened by, in local scales, one number a group of scans; and the line of `seen`'s logit."""
+
+    albedo: tuple[float, ...]
+    depth: tuple[float, ...]
+    slope: float
+    offset: float
+
+    def as_json(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """90 % intervals and the probability of a surface, (B, H, W) each; depth in the unit that the head was given."""
+
+    albedo_low: Tensor
+    albedo_high: Tensor
+    depth_low: Tensor
+    depth_high: Tensor
+    seen: Tensor
+
+
+def group_of(evidence: Tensor) -> Tensor:
+    """The group of each scan, (B,): by number of measured points, then by noise level."""
+    noise = evidence[:, NOISE, 0, 0].contiguous()
+    points = 2 * evidence[:, KEPT, 0, 0] + math.log2(evidence.shape[2] * evidence.shape[3])
+    of_noise = torch.bucketize(noise, torch.tensor(NOISE_EDGES, device=noise.device))
+    return torch.bucketize(points, torch.tensor(POINTS_EDGES, device=noise.device)) * NOISES + of_noise
+
+
+def adjusted(raw: RawIntervals, calibration: Calibration, group: Tensor) -> Intervals:
+    """The head's intervals as wide as the calibration on scenes that it never saw asks for."""
+    wider = torch.tensor(calibration.albedo, device=group.device)[group][:, None, None] * raw.albedo_scale
+    deeper = torch.tensor(calibration.depth, device=group.device)[group][:, None, None] * raw.depth_scale
+    low, high = raw.albedo_low - wider, raw.albedo_high + wider
+    near, far = raw.depth_low - deeper, raw.depth_high + deeper
+    middle, centre = (low + high) / 2, (near + far) / 2
+    return Intervals(
+        torch.minimum(low, middle).clamp(min=0),
+        torch.maximum(high, middle).clamp(min=0),
+        torch.minimum(near, centre).clamp(min=0),
+        torch.maximum(far, centre),
+        torch.sigmoid(calibration.slope * raw.seen + calibration.offset),
+    )
+
+
+@dataclass(frozen=True)
+class CalibratedHead:
+    """The head that ships and its calibration."""
+
+    network: IntervalHead
+    calibration: Calibration
+
+
+@lru_cache(maxsize=4)
+def head_for(weights: str | None) -> CalibratedHead | None:
+    """The head calibrated for these weights of NANO; None for others. Raises WeightsError."""
+    path = OWN_FOLDER / CALIBRATED
+    if weights is None or not path.is_file():
+        return None
+    if read_about(path)["of"] != hashlib.sha256(find_weights(weights).read_bytes()).hexdigest():
+        return None
+    return head_in(path)
+
+
+def head_in(path: Path) -> CalibratedHead:
+    """The head in a file, whatever weights it was calibrated for. Raises WeightsError."""
+    held = read_weights(path)
+    head = IntervalHead()
+    put_weights(head, {name: x.float() for name, x in held.tensors.items()}, str(path))
+    told = held.about["calibration"]
+    calibration = Calibration(tuple(told["albedo"]), tuple(told["depth"]), told["slope"], told["offset"])
+    return CalibratedHead(head.eval(), calibration)
+
+
+def intervals_of(
+    head: CalibratedHead,
+    seen: Projection,
+    volumes: Tensor,
+    conditions: Tensor,
+    maps: Tensor,
+    presence: Tensor,
+    physics: WienerVolumes,
+) -> dict[str, Tensor]:
+    """The fields of `MethodResult.intervals`, (B, H, W) each, from what NANO knows beside its picture."""
+    found = evidence(seen, volumes, conditions, maps, presence, physics.depths)
+    made = adjusted(head.network.to(found.device)(found), head.calibration, group_of(found))
+    return {
+        "albedo_low": made.albedo_low,
+        "albedo_high": made.albedo_high,
+        "depth_low_m": made.depth_low * physics.unit_m,
+        "depth_high_m": made.depth_high * physics.unit_m,
+        "seen": made.seen * presence[:, None, None],
+    }

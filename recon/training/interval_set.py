@@ -1,0 +1,140 @@
+"""What NANO makes of simulated scans, kept with the truth: what its intervals are learned from and calibrated on.
+
+Sample i is the same whoever asks. Scans of both grids, whole and at a part of the points, with quick and slow
+responses, some of retroreflective surfaces, and a few that hold nothing but noise.
+"""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from safetensors import safe_open
+from safetensors.numpy import save_file
+
+from nlos.recon.layers.evidence import evidence
+from nlos.recon.methods.nano import Nano, Settings, build
+from nlos.recon.subsets import measured_points
+from nlos.recon.training.dataset import sample
+from nlos.recon.training.dataset_settings import DatasetSettings
+from nlos.recon.training.detector import DetectorSettings
+from nlos.recon.training.training_sample import TrainingSample, collate
+
+TRAINING, CALIBRATION, TEST = "training", "calibration", "test"
+SEEDS = {TRAINING: 7100, CALIBRATION: 7200, TEST: 7300}
+QUICK = DetectorSettings(sparse=0.0)
+SLOW = DetectorSettings(sparse=0.0, jitter_fwhm_most_ps=420.0)
+VARIANTS: tuple[tuple[int, DetectorSettings, bool], ...] = (
+    (32, QUICK, False), (64, QUICK, False), (32, SLOW, False), (64, QUICK, False), (32, QUICK, False),
+    (64, SLOW, False), (32, QUICK, False), (32, QUICK, True), (64, QUICK, False), (32, QUICK, False),
+)  # fmt: skip
+"""Points a side, detector, retroreflective: in turn."""
+SUBSETS = (2, 4, 8)  # of the points, one in so many in each direction
+SPARSE, EMPTY = 0.35, 0.04
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What NANO made of one scan, and the truth; (H, W) each."""
+
+    evidence: npt.NDArray[np.float32]  # (C, H, W)
+    intensity: npt.NDArray[np.float32]  # in units of the picture at its best scale; 0 where there is nothing
+    depth: npt.NDArray[np.float32]  # wall widths, 0 = none
+    coverage: npt.NDArray[np.float32]
+    about: dict[str, Any]
+
+
+def judged(part: str, index: int, folder: Path, weights: str = "nano") -> Judged:
+    """Sample `index` of a part (`SEEDS`) from `folder`, made and put there where it is not yet."""
+    path = folder / part / f"{index:06d}.safetensors"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_suffix(".partial")
+        arrays, about = _make(part, index, weights)
+        save_file(arrays, partial, metadata={"about": json.dumps(about)})
+        partial.replace(path)
+    with safe_open(path, framework="numpy") as file:
+        held = {
+            name: file.get_tensor(name).astype(np.float32) for name in ("evidence", "intensity", "depth", "coverage")
+        }
+        return Judged(**held, about=json.loads(file.metadata()["about"]))
+
+
+def all_judged(part: str, folder: Path) -> Iterator[Judged]:
+    """Those of a part that are in `folder`, in their order."""
+    for path in sorted((folder / part).glob("*.safetensors")):
+        yield judged(part, int(path.stem), folder)
+
+
+def scan(part: str, index: int) -> tuple[TrainingSample, DatasetSettings, str]:
+    """A simulated scan, the settings it was made by, and which points were kept or that it is empty."""
+    points, detector, retroreflective = VARIANTS[index % len(VARIANTS)]
+    data = DatasetSettings(
+        seed=SEEDS[part] + index % len(VARIANTS), rows=points, cols=points, degradations=1, scenes=10**6,
+        held_out=part != TRAINING, detector=detector, retroreflective=retroreflective,
+    )  # fmt: skip
+    rng = np.random.default_rng((SEEDS[part], index))
+    made = sample(data, index // len(VARIANTS))
+    word = "whole"
+    if rng.random() < SPARSE:
+        step = int(rng.choice(SUBSETS))
+        many = points // step
+        if rng.random() < 0.6:
+            kept, word = measured_points(f"{many}x{many}", points, points), f"grid/{step}"
+        else:
+            kept = np.zeros((points, points), bool)
+            kept.ravel()[rng.choice(points**2, many**2, replace=False)] = True
+            word = f"scattered/{step}"
+        exposure = made.exposure * kept
+        made = replace(made, counts=made.counts * kept, exposure=exposure / exposure[kept].mean())
+    if rng.random() < EMPTY:
+        word = "empty"
+        level = np.exp(rng.uniform(np.log(0.02), np.log(5))) * np.linspace(1 + rng.uniform(-0.2, 0.2), 1, data.bins)
+        counts = rng.poisson(level[:, None, None] * made.exposure)
+        nothing = np.zeros_like(made.intensity)
+        made = replace(made, counts=counts.astype(np.uint16), intensity=nothing, depth_m=nothing, coverage=nothing)
+    return made, data, word
+
+
+def seen_by(network: Nano, made: TrainingSample) -> tuple[torch.Tensor, torch.Tensor]:
+    """The picture (H, W), and the evidence (C, H, W), of one scan."""
+    batch = collate([made])
+    with torch.inference_mode():
+        volumes, told, maps, lifted, presence = network.prepared(batch["counts"], batch["exposure"])
+        seen = network.over_symmetries(volumes, told, maps, lifted)
+        found = evidence(seen, volumes, told, maps, presence, network.physics.depths)
+    return (seen.albedo * presence[:, None, None]).clamp(0, 1)[0], found[0]
+
+
+@lru_cache(maxsize=4)
+def _network(rows: int, retroreflective: bool, weights: str) -> Nano:
+    data = DatasetSettings(rows=rows, cols=rows)
+    made = build(Settings(weights=weights, falloff=2 if retroreflective else 4), data.wall, data.time)
+    assert isinstance(made, Nano)
+    return made
+
+
+def _make(part: str, index: int, weights: str) -> tuple[dict[str, npt.NDArray[np.float16]], dict[str, Any]]:
+    made, data, word = scan(part, index)
+    picture, found = seen_by(_network(data.rows, data.retroreflective, weights), made)
+    albedo = picture.numpy().astype(np.float64)
+    power = float(np.vdot(made.intensity, made.intensity))
+    scale = float(np.vdot(albedo, made.intensity)) / max(float(np.vdot(albedo, albedo)), 1e-12)
+    truth = made.intensity / scale if power > 0 and scale > 1e-9 else made.intensity / max(made.intensity.max(), 1e-9)
+    arrays = {
+        "evidence": found.numpy(), "intensity": np.minimum(truth, 1e3),
+        "depth": made.depth_m / data.wall_width_m, "coverage": made.coverage,
+    }  # fmt: skip
+    about = {
+        "kind": made.kind,
+        "condition": made.condition,
+        "points": word,
+        "rows": data.rows,
+        "noise": made.noise_level,
+    }
+    return {name: np.ascontiguousarray(x, dtype=np.float16) for name, x in arrays.items()}, about

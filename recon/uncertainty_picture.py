@@ -1,0 +1,55 @@
+"""uncertainty.png: whether there is a surface, and how wide the 90 % intervals of brightness and depth are."""
+
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+
+from nlos.recon.errors import InvalidData
+from nlos.recon.pictures import BACKGROUND, extent, save_picture, small_print
+from nlos.recon.seen import brightest
+from nlos.recon.volume import Reconstruction
+
+NARROWEST_M, WIDEST_M = 0.002, 0.5
+
+
+def uncertainty_picture(reconstruction: Reconstruction, path: Path) -> None:
+    """Writes the PNG. Raises `InvalidData` where the method does not know how sure it is."""
+    if reconstruction.intervals is None:
+        raise InvalidData(f"this {reconstruction.method} reconstruction does not say how sure it is.")
+    figure = Figure(figsize=(12.4, 4.2), layout="constrained")
+    draw_uncertainty(reconstruction, figure)
+    figure.supxlabel(small_print(reconstruction), fontsize=6.5, color="0.35")
+    save_picture(figure, path)
+
+
+def draw_uncertainty(reconstruction: Reconstruction, figure: Figure) -> None:
+    """Three panels; widths fade where there is hardly a surface."""
+    sure = reconstruction.intervals
+    assert sure is not None
+    left, middle, right = figure.subplots(1, 3)
+    shown = left.imshow(sure.seen, cmap="gray", vmin=0, vmax=1, extent=extent(reconstruction), interpolation="nearest")
+    figure.colorbar(shown, ax=left, label="probability of a surface", shrink=0.85)
+    left.set(title="is there a surface?", xlabel="x (m)", ylabel="y (m)")
+    wide = (sure.albedo_high - sure.albedo_low) / brightest(reconstruction)
+    _faded(middle, figure, reconstruction, wide, Normalize(0, 1, clip=True), "width over the brightest point")
+    middle.set(title="brightness: 90 % interval")
+    deep = np.clip(sure.depth_high_m - sure.depth_low_m, NARROWEST_M, WIDEST_M) * 100
+    _faded(right, figure, reconstruction, deep, LogNorm(NARROWEST_M * 100, WIDEST_M * 100, clip=True), "width (cm)")
+    right.set(title="depth: 90 % interval")
+
+
+def _faded(
+    axes: Axes, figure: Figure, reconstruction: Reconstruction, values: np.ndarray, scale: Normalize, name: str
+) -> None:
+    assert reconstruction.intervals is not None
+    colours = matplotlib.colormaps["magma_r"]
+    ink = reconstruction.intervals.seen[..., None]
+    colour = colours(scale(values))[..., :3]
+    axes.imshow(ink * colour + (1 - ink) * BACKGROUND, extent=extent(reconstruction), interpolation="nearest")
+    axes.set(xlabel="x (m)")
+    figure.colorbar(ScalarMappable(scale, colours), ax=axes, label=name, shrink=0.85)
