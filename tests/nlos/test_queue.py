@@ -58,6 +58,7 @@ def held(path: Path) -> dict[int, bytes]:
         return {s.point.number: s.histogram.counts.tobytes() for s in recording.samples()}
 
 
+@pytest.mark.soak
 def test_an_alarm_a_kill_and_a_full_disk_leave_an_outcome_for_every_scan(nlos: Run, tmp_path: Path) -> None:
     queue = queue_file(tmp_path, reconstruct="lct" if SOAK else None)
     killed, full = (f"{number:0{len(str(SCANS))}d}-scan" for number in (KILLED, FULL))
