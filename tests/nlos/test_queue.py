@@ -138,6 +138,11 @@ def test_an_alarm_ends_a_series_unless_it_is_to_be_skipped(tmp_path: Path, capsy
     assert len(Journal(series.folder).lines) == lines  # nothing is taken again
     assert run(["queue", str(queue), "--retry"]) == 5
     assert len(Journal(series.folder).lines) == lines + 2
+    # Another limit for the alarm is no other measurement: the same run resumes with it.
+    queue.write_text(queue.read_text().replace("alarms.pile_up: 1.0e-06", "alarms.pile_up: 0.05"))
+    assert run(["queue", str(queue), "--retry"]) == 0
+    journal = Journal(series.folder)
+    assert [journal.outcome(each.name) for each in series.runs] == ["done", "done"]
 
 
 def test_recordings_have_the_last_word(tmp_path: Path) -> None:

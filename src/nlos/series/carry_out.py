@@ -121,9 +121,9 @@ def _one(series: Series, journal: Journal, run: Run) -> None:
     try:
         take(run.scan, run.bench, path, ScanOptions(run.notes, resume=True, constants=series.constants))
     except BaseException as error:
-        code = exit_code(error) if not isinstance(error, SystemExit) else ExitCode(int(error.code or 0))
+        code = ExitCode.TERMINATED if isinstance(error, SystemExit) else exit_code(error)
         journal.add(run.name, ENDS_BY.get(code, outcomes.FAILED), run.digest, str(error), int(code))
-        if code is not ExitCode.INTERRUPTED and not isinstance(error, SystemExit):
+        if code not in (ExitCode.INTERRUPTED, ExitCode.TERMINATED):
             _announce(series, run, ALARM, str(error), code)
         if not _may_go_on(series, error):
             again = f"`nlos queue {series.queue.path}` resumes it."
@@ -150,7 +150,7 @@ def _pictures(series: Series, journal: Journal) -> int:
         if journal.outcome(run.name) != outcomes.DONE or (folder / "reconstruction.h5").exists():
             continue
         try:
-            done = reconstruct_file(path, method, {}, folder, overwrite=True)
+            done = reconstruct_file(path, method, {}, folder, constants=series.constants, overwrite=True)
         except (ValueError, OSError, RuntimeError) as error:
             journal.add(run.name, outcomes.NO_PICTURE, run.digest, str(error), int(exit_code(error)))
             terminal.log(f"warning: {path}: no picture: {error}")

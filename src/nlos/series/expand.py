@@ -4,6 +4,7 @@ import hashlib
 import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +29,11 @@ class Run:
     bench: Loaded[BenchSettings]
     notes: RunNotes
 
-    @property
+    @cached_property
     def digest(self) -> str:
-        """Of what is measured: two runs of one name and digest are the same run."""
-        return hashlib.sha256(f"{self.scan.settings!r}\n{self.bench.settings.name}".encode()).hexdigest()[:16]
+        """Of what is measured and on which bench, alarms aside: two runs of one name and digest are the same run."""
+        words = f"{self.scan.settings.plan().digest()}\n{self.bench.settings.name}"
+        return hashlib.sha256(words.encode()).hexdigest()[:16]
 
 
 def expand(queue: Loaded[QueueSettings]) -> list[Run]:

@@ -44,7 +44,7 @@ class QueuedScan(Settings):
 
 
 class QueueSettings(Settings):
-    """A queue file."""
+    """Scans in their order, and what holds for all of them."""
 
     runs: tuple[QueuedScan, ...] = Field(min_length=1)
     """In this order."""
