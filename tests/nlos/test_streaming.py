@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -91,6 +92,9 @@ def test_pictures_that_break_off_say_so(run: Path, monkeypatch: pytest.MonkeyPat
     watched.start()
     with pytest.raises(ReconstructionFailed, match=r"run.h5: the pictures broke off"):
         watched.wait()
+    deadline_s = time.monotonic() + 60
+    while not watched.read and time.monotonic() < deadline_s:  # the scan is read on, in a thread of its own
+        time.sleep(0.02)
     state = ScanAnswers(watched).state()
     assert (state["over"], state["lost"], state["samples"]) == (False, True, 256)
     assert "the pictures broke off" in state["message"]
