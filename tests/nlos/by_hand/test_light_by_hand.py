@@ -1,6 +1,7 @@
 """Light by hand, by the simulated table's own account: only while it is asked for, for no longer than was said, nowhere
 beyond the limits, whatever ends the command."""
 
+import json
 import math
 import os
 import random
@@ -97,6 +98,11 @@ def test_light_only_while_asked_for_and_never_beyond_the_limits(tmp_path: Path, 
             assert child.ends() == 0
         code = ended(child, how)
     seen = account(tmp_path)
+    figures = {
+        "verb": verb, "end": how, "asked_s": (said_s or 0.0) + held_s, "lit_s": seen.lit_s, "openings": len(seen.lit),
+        "ends_dark": seen.ends_dark,
+    }  # fmt: skip
+    print(json.dumps(figures))
     if code is not None and verb != "point":  # which may be ending by itself at just that moment
         assert code == {"kill": -9, "Ctrl-C": 130, "TERM": 143}.get(how, code)
     assert seen.lit_s <= (said_s or 0.0) + held_s, (how, seen.lit)
