@@ -14,7 +14,7 @@ _ZOOM_S = 2e-9
 _WAYS = {"up": (0, 1), "down": (0, -1), "right": (1, 0), "left": (-1, 0)}
 _HELP = (
     "arrows move   + - step size   g go to a place   0 centre   SPACE held: light",
-    "m mark a spot   z zoom on the peak, again: whole period   l log or linear   q ends",
+    "m mark a spot   z zoom on the peak and back   l log or linear   q ends",
 )
 
 
@@ -63,7 +63,7 @@ class Jog:
             lines.light(hand),
             *lines.counts(hand),
         ]  # fmt: skip
-        below = [*hand.notes, f"{self._question}: {self._typed}_" if self._question else "", *_HELP]
+        below = [*lines.notes(hand, columns), f"{self._question}: {self._typed}_" if self._question else "", *_HELP]
         room = rows - len(shown) - len(below) - 4
         return [*shown, *lines.histogram(hand, columns - 1, min(room, 12), self._logarithmic), *below]
 

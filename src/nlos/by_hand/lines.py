@@ -2,9 +2,12 @@
 
 import math
 import sys
+import textwrap
 
 from nlos.by_hand.chart import chart, ruler
 from nlos.by_hand.hand import Hand
+
+_NOTE_LINES = 4
 
 
 def heading(hand: Hand) -> list[str]:
@@ -72,6 +75,11 @@ def histogram(hand: Hand, columns: int, rows: int, logarithmic: bool) -> list[st
         *chart(summed, columns, rows, logarithmic, plain),
         ruler(axis.offset_s * 1e9, end_s * 1e9, columns),
     ]
+
+
+def notes(hand: Hand, columns: int) -> list[str]:
+    """What was said lately, whole: the newest lines of it."""
+    return [line for note in hand.notes for line in textwrap.wrap(note, max(columns - 1, 20))][-_NOTE_LINES:]
 
 
 def rate(value: float, unit: str) -> str:

@@ -100,7 +100,12 @@ def _lines(hand: "Hand", columns: int, rows: int) -> list[str]:
     from nlos.by_hand import lines
 
     shown = [*lines.heading(hand), "", *lines.beam(hand), lines.light(hand), *lines.counts(hand), ""]
-    return [*shown, *lines.histogram(hand, columns - 1, rows - len(shown) - 5, True), *hand.notes, "q ends"]
+    return [
+        *shown,
+        *lines.histogram(hand, columns - 1, rows - len(shown) - 5, True),
+        *lines.notes(hand, columns),
+        "q ends",
+    ]
 
 
 def _row(hand: "Hand") -> dict[str, Any]:
