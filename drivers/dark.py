@@ -2,29 +2,32 @@
 
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.clock import Clock, SystemClock
+from nlos.drivers.device_model import WireLog
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.models import open_mirror
 from nlos.drivers.tcspc.models import COUNTERS, open_counter
 
 
-def make_dark(settings: BenchSettings) -> None:
+def make_dark(settings: BenchSettings, wire_log: WireLog | None = None) -> None:
     """Raises `DeviceError` where the light is not confirmed off, `LimitError` where the bench has no shutter."""
     if settings.shutter_on == "nothing":
         raise LimitError("shutter", f"bench {settings.name} has none.", "Switch the laser off by hand.")
     if not settings.simulated:
-        _close(settings, SystemClock(), None, None)
+        _close(settings, SystemClock(), None, None, wire_log)
         return
     from nlos.drivers.simulated.instruments import plug_in
 
     with plug_in(settings) as plugged:
-        _close(settings, plugged.bench.clock, plugged.counter, plugged.mirror)
+        _close(settings, plugged.bench.clock, plugged.counter, plugged.mirror, wire_log)
 
 
-def _close(settings: BenchSettings, clock: Clock, counter_end: object, mirror_end: object) -> None:
+def _close(
+    settings: BenchSettings, clock: Clock, counter_end: object, mirror_end: object, wire_log: WireLog | None
+) -> None:
     if settings.shutter_on == "mirror":
-        open_mirror(settings.mirror, clock, backend=mirror_end).close()  # closes the shutter before anything else
+        open_mirror(settings.mirror, clock, wire_log, mirror_end).close()  # closes the shutter before anything else
         return
-    counter = open_counter(settings.counter, clock, counter_end)
+    counter = open_counter(settings.counter, clock, counter_end, wire_log)
     try:
         COUNTERS[settings.counter.model].shutters[settings.shutter.model].of(counter).close()
     finally:

@@ -7,11 +7,16 @@ if __name__ == "__main__" and not sys.flags.safe_path:
     del sys.path[0]  # `python -m` puts the current folder first: a numpy.py in it is no part of this program
 
 import traceback
+from collections.abc import Sequence
+from os.path import basename, isfile
 
 from nlos.cli.escaped import escape_what_is_printed
 from nlos.cli.interrupts import ignore_interrupts, never_lose_an_interrupt
 from nlos.cli.outliving import outlive_terminal
 from nlos.cli.terminal import show_library_log, take_global_options, terminal
+
+_OUTPUTS = ("-o", "--output")
+_MOST_NAMED = 3
 
 
 def main() -> None:
@@ -60,11 +65,12 @@ def run(arguments: list[str]) -> int:
         return int(stop.code or 0) if isinstance(stop.code, int | None) else 1
     except BaseException as error:
         ignore_interrupts()  # it ends: a second Ctrl-C has nothing to add
-        return report(error)
+        return report(error, rest)
 
 
-def report(error: BaseException) -> int:
-    """Says what went wrong on stderr (and in the JSON document); returns the exit code."""
+def report(error: BaseException, words: Sequence[str] = ()) -> int:
+    """Says what went wrong on stderr (and in the JSON document), of which of the files that the command names; returns
+    the exit code."""
     from nlos.cli.exit_codes import ExitCode, exit_code, missing_extra
 
     shown = getattr(error, "show", None)
@@ -75,6 +81,8 @@ def report(error: BaseException) -> int:
         return int(error.exit_code)
     code = ExitCode.INTERRUPTED if type(error).__name__ == "Abort" else exit_code(error)
     message = missing_extra(error) or str(error)
+    if code == ExitCode.DATA:
+        message = with_its_file(message, words)
     if code == ExitCode.BUG:
         traceback.print_exception(error)
         terminal.log("nlos: this is a bug; please report it with the lines above.", -9)
@@ -85,6 +93,15 @@ def report(error: BaseException) -> int:
         if terminal.verbosity > 0:
             traceback.print_exception(error)
     return ended(message, error, int(code))
+
+
+def with_its_file(message: str, words: Sequence[str]) -> str:
+    """What is wrong with data, said of the files that a command was given where it names none of them."""
+    files = [word for word, before in zip(words, ["", *words], strict=False) if before not in _OUTPUTS and isfile(word)]
+    if not files or any(basename(each) in message for each in files):
+        return message
+    more = f" and {len(files) - _MOST_NAMED} more" if len(files) > _MOST_NAMED else ""
+    return f"{', '.join(files[:_MOST_NAMED])}{more}: {message}"
 
 
 def ended(message: str, error: BaseException, code: int) -> int:

@@ -27,6 +27,8 @@ from nlos.acquisition.sample import Sample
 from nlos.acquisition.scanning.control import ScanControl, ScanState
 from nlos.acquisition.scanning.engine import record, scan
 from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.drivers.clock import RealTimeClock
+from nlos.drivers.simulated import bench as simulated_bench
 
 FORK = multiprocessing.get_context("fork")
 SOAK = os.environ.get("NLOS_SOAK") == "1"
@@ -246,3 +248,36 @@ def test_a_disk_without_room_for_the_whole_scan_is_refused_before_anything_is_wr
     assert not run_path.exists()
     assert not run_path.with_name("run.h5.lock").exists()
     assert not run_path.with_name("run.h5.new").exists()
+
+
+def test_a_list_mode_scan_killed_after_three_seconds_keeps_what_was_flushed(
+    run_path: Path, tmp_path: Path, small_plan: Callable[..., ScanPlan], bench_settings: Any
+) -> None:
+    """In real time: a sequence of such a scan lasts longer than that, and is flushed while it runs."""
+    settings = bench_settings(name="multiharp")
+    plan = small_plan(32, 32, histogram={"bins": 64, "bin_width_ps": 320, "offset_ns": 9.6})
+
+    def in_real_time() -> None:
+        simulated_bench.VirtualClock = RealTimeClock  # type: ignore[misc]
+        go_on(run_path, plan, settings)
+
+    child = FORK.Process(target=in_real_time)
+    child.start()
+    deadline_s = time.monotonic() + 60.0
+    while not run_path.exists() and time.monotonic() < deadline_s:
+        time.sleep(0.01)
+    child.join(3.0)
+    assert child.is_alive()
+    child.kill()
+    child.join()
+    with Recording.open(run_path) as recording:
+        kept = recording.acknowledged
+    assert kept > 0
+    before = facts(run_path)
+    assert len(before) >= kept
+    go_on(tmp_path / "whole.h5", plan, settings)
+    whole = facts(tmp_path / "whole.h5")
+    assert before == whole[: len(before)]
+    go_on(run_path, plan, settings)
+    assert facts(run_path) == whole
+    assert verify(run_path).complete

@@ -64,3 +64,26 @@ def test_shutter_close_needs_only_what_drives_the_shutter(nlos: Nlos, tmp_path: 
     (tmp_path / "none.yaml").write_text(text)
     assert nlos("shutter", "close", "--bench", "none.yaml").returncode == 4
     assert nlos("shutter", "open").returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("driven_by", "closes", "missing", "role"),
+    [("tcspc488", "OUTP:SHUT CLOS", "G10", "mirror"), ("triggerscope_ttl", "SDO1-0", "U17", "counter")],
+)
+def test_the_light_goes_off_although_the_other_instrument_is_missing(
+    nlos: Nlos, tmp_path: Path, driven_by: str, closes: str, missing: str, role: str
+) -> None:
+    """By what is said to the instrument that drives the shutter, and by the simulated table's own account."""
+    bench = find("bench", "simulated").read_text()
+    bench = bench.replace("shutter:\n  model: tcspc488", f"shutter:\n  model: {driven_by}")
+    bench = bench.replace("mirror:\n  model: triggerscope\n", "mirror:\n  model: triggerscope\n  shutter_pin: 9\n")
+    faults = f"faults: [{{name: {missing}, times: 999}}]\n  witness: table.log\n"
+    (tmp_path / "bench.yaml").write_text(bench.replace("simulation:\n", f"simulation:\n  {faults}"))
+    done = nlos("shutter", "close", "--bench", "bench.yaml", "--wire-log", "wire.log")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert closes in (tmp_path / "wire.log").read_text()
+    done = nlos("doctor", "--bench", "bench.yaml")
+    assert done.returncode == 3, done.stdout + done.stderr
+    assert any(line.split()[:2] in (["PASS", "shutter"], ["WARN", "shutter"]) for line in done.stdout.splitlines())
+    assert "shutter open" not in (tmp_path / "table.log").read_text()
+    assert any(line.startswith("FAIL") and role in line for line in done.stdout.splitlines()), done.stdout

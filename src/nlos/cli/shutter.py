@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from nlos.cli.benches import load_bench
+from nlos.cli.benches import load_bench, wire_logged
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.named_files import BenchWord
 from nlos.cli.terminal import terminal
@@ -20,5 +20,6 @@ def shutter(
     if what != "close":
         raise UsageError(f"shutter {what}: only `nlos shutter close` is known; scans open it by themselves.")
     table = load_bench(bench)
-    make_dark(table.settings)
+    with wire_logged() as log:
+        make_dark(table.settings, log)
     terminal.result("the shutter is closed", shutter="closed")
