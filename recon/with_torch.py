@@ -12,6 +12,7 @@ from torch import nn
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings
+from nlos.recon import parts
 from nlos.recon.errors import ReconstructionFailed
 from nlos.recon.method import Method, MethodResult, takes_response
 from nlos.recon.methods import find
@@ -50,7 +51,8 @@ def see(
         if transient.response is not None and takes_response(module):
             taps = transient.response.taps(transient.time.bin_width_s)
             told = (torch.from_numpy(taps)[None].float().to(device),) if len(taps) > 1 else ()
-        made: MethodResult[torch.Tensor] = module(counts, exposure_s, *told)
+        with parts.told(module):
+            made: MethodResult[torch.Tensor] = module(counts, exposure_s, *told)
     planes = getattr(module, "depths_m", ())
     depths_m = np.asarray(planes.cpu() if isinstance(planes, torch.Tensor) else planes, dtype=np.float64)
     wrong = _wrong(made, len(depths_m), transient.wall) or (_wrong_numbers(made) if own_at else "")

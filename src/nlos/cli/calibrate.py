@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
+from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
@@ -101,7 +102,12 @@ def _from_runs(
 
     if output is not None:
         _refuse_to_replace(output, overwrite)
-    loaded = [load_run(run, wall_size_m) for run in runs]
+    loaded = []
+    with Progress(len(runs), what="calibrate", unit="runs") as progress:
+        for run in runs:
+            progress.at(f"reading {run.name}")
+            loaded.append(load_run(run, wall_size_m))
+            progress.step()
     devices = common_devices(runs, [one.devices for one in loaded])
     bench, facts = common_bench(runs, [one.bench_json for one in loaded])
     target = output or (folder_of(bench) if bench else Path("constants")) / f"{runs[0].stem}.h5"

@@ -50,6 +50,7 @@ def reconstruct(
 ) -> None:
     """From a recording, or any file that an importer reads, to a picture."""
     from nlos.chain import FIRST_STAGE, STAGES, reconstruct_file
+    from nlos.recon.parts import heard_by
     from nlos.recon.results import NAMES, files_in
     from nlos.recon.volume import response_words
 
@@ -75,12 +76,22 @@ def reconstruct(
         return
     terminal.log(f"{runs[0]}: {method}")
     with Progress(STAGES, what="reconstruct", unit="stages") as progress:
+        total = STAGES
 
         def stage(name: str) -> None:
             progress.at(name)
             progress.step(0 if name == FIRST_STAGE else 1)
 
-        done = reconstruct_file(runs[0], method, chosen, output, overwrite=overwrite, stage=stage, **options)
+        def part(finished: int, parts: int, name: str) -> None:
+            """A method may look several times: each time as many parts are still to come."""
+            nonlocal total
+            if finished == 1:
+                total += parts
+                progress.going_to(total)
+            progress.step()
+
+        with heard_by(part):
+            done = reconstruct_file(runs[0], method, chosen, output, overwrite=overwrite, stage=stage, **options)
         progress.step()
     _say(method, [(str(runs[0]), output, done.seconds)])
     terminal.result(f"response: {response_words(done)}", response=response_words(done))
