@@ -182,3 +182,14 @@ def test_the_command_line_tells_it(tmp_path: Path, capsys: pytest.CaptureFixture
         else:
             assert Explained(said["explained"], said["explained_error"]).nothing
             assert "EXPLAINS NOTHING" in told.err
+
+
+def test_the_report_warns_above_a_picture_that_explains_nothing() -> None:
+    from nlos.report.page import _label
+
+    _, scan = drawn(20.0)
+    good = reconstruct(scan, "lct")
+    assert _label(good) == ""
+    bad = replace(good, explained=Explained(0.01, 0.002, "<b>"))
+    assert "explains nothing" in _label(bad)
+    assert "<b>" not in _label(bad)
