@@ -66,6 +66,11 @@ class GuardedShutter:
         if self._arming is not None and not self._settings.dry_run:
             self._arming.arm()
 
+    @property
+    def armed(self) -> bool:
+        """Whether nothing has to happen any more before light."""
+        return self._arming is None or self._arming.armed or self._settings.dry_run
+
     def open(self) -> None:
         """Raises `SafetyTrip` after a trip, until `clear_trip`, and where the interlock is open, `ShutterHeld` after
         `hold`, until `release`, `LimitError` where this terminal may have no light. In a dry run nothing opens."""

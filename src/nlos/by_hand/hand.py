@@ -114,6 +114,12 @@ class Hand:
         now_s = self.bench.clock.now()
         repeats = now_s - self._held_s < FIRST_HOLD_S
         self._held_s = now_s
+        shutter = self.bench.shutter
+        if shutter is not None and not shutter.armed:  # who pressed may have let go while the warning time passed
+            if self.try_to(shutter.arm):
+                self.keys.pressed()
+                self.note("armed: SPACE gives light from now on")
+            return
         self.try_to(lambda: self.ask_for_light(HOLD_S if repeats else FIRST_HOLD_S))
 
     def _look_at_keys(self) -> None:

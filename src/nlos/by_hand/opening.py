@@ -11,7 +11,7 @@ from nlos.by_hand.trust import watch_first_moves
 from nlos.cli.agreeing import agrees, somebody_is_there
 from nlos.cli.benches import wire_logged
 from nlos.cli.terminal import terminal
-from nlos.drivers.errors import LimitError
+from nlos.drivers.errors import LimitError, SafetyTrip
 from nlos.drivers.partial_bench import PartialBench, open_partial_bench
 from nlos.drivers.trip_latch import TripLatch
 
@@ -88,7 +88,7 @@ def why_no_light(bench: PartialBench) -> str:
         bench.shutter.check_trip()
         if arming is not None and (arming.confirm or arming.delay_s == 0):
             bench.shutter.arm()
-    except LimitError as error:
+    except (LimitError, SafetyTrip) as error:
         return error.what.removeprefix("stays closed: ")
     if power_mw is not None and not bench.settings.simulated:
         if not somebody_is_there():

@@ -1,5 +1,6 @@
 """What the simulated table itself says of light and beam: the account that a use by hand is held against."""
 
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,6 +19,10 @@ def bench_file(folder: Path, changes: dict[str, dict[str, object]] | None = None
     path = folder / "bench.yaml"
     path.write_text(yaml.safe_dump(document), "utf-8")
     return path
+
+
+STARVED_S = 0.0 if os.environ.get("NLOS_SOAK") == "1" else 0.5
+"""How late the light may be shut on a machine that is busy with other tests; a campaign has it to itself."""
 
 
 @dataclass
