@@ -14,13 +14,13 @@ class AllowedAngles(Settings):
     """Optical degrees, +x right and +y up as the scanner sees it; the centre, where mirrors park, is always inside."""
 
     left_deg: float = Field(default=-90.0, gt=-91, le=0)
-    """Least x."""
+    """Least x, optical."""
     right_deg: float = Field(default=90.0, ge=0, lt=91)
-    """Greatest x."""
+    """Greatest x, optical."""
     bottom_deg: float = Field(default=-90.0, gt=-91, le=0)
-    """Least y."""
+    """Least y, optical."""
     top_deg: float = Field(default=90.0, ge=0, lt=91)
-    """Greatest y."""
+    """Greatest y, optical."""
 
     @model_validator(mode="after")
     def _has_an_inside(self) -> Self:

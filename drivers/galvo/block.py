@@ -24,7 +24,8 @@ class MirrorBlock(DeviceSettings):
     settle: SettleModel = SettleModel()
     """How long the beam takes to be still after a step of one axis."""
     allowed_deg: AllowedAngles | None = None
-    """How far each axis may be sent to each side, whatever the geometry says; the head's reach alone unless given."""
+    """How far each axis may be sent to each side, in optical degrees, whatever the geometry says; the head's reach
+    alone unless given."""
 
     def check_allowed(self, angles: MirrorAngles) -> None:
         """Raises `LimitError` outside `allowed_deg`. A driver asks before it sends."""

@@ -40,7 +40,7 @@ def test_every_pair_of_instruments_makes_a_file_that_loads(
 ) -> None:
     for pulse in ("nim", "ttl"):
         given = {"mirror": mirror, "counter": counter, "device": device, "detector_pulse": pulse,
-                 "wall_distance_m": "1.42", "repetition_hz": "20e6"}  # fmt: skip
+                 "wall_distance_m": "1.42", "scanner_x_m": "-0.25", "repetition_hz": "20e6"}  # fmt: skip
         try:
             said = answered(simulated, **given)
         except AssertionError:  # a pulse that this counter does not take is not among the choices
@@ -51,6 +51,7 @@ def test_every_pair_of_instruments_makes_a_file_that_loads(
         assert settings.simulated == simulated
         assert settings.geometry.wall_distance_m == 1.42
         assert settings.laser.repetition_hz == 20e6
+        assert settings.geometry.scanner_x_m == -0.25
         lines = text.splitlines()
         for number, line in enumerate(lines):
             own = line.strip()

@@ -1,5 +1,6 @@
 """What is plugged in that could be a bench's mirror controller or counter: the answers that questions begin with."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,7 +25,7 @@ class Detected:
 
 def detect() -> Detected:
     """Looks without opening anything: a serial port says that it is there, not who is behind it."""
-    ports = tuple(_lasting(each.port) for each in available_ports())
+    ports = tuple(sorted((_lasting(each.port) for each in available_ports()), key=_built_in))
     mirrors = [word for word, model in MIRRORS.items() if model.settings.cable != "serial" and _there(model.settings)]
     counters = [word for word, model in COUNTERS.items() if _there(model.settings)]
     return Detected(tuple(mirrors), tuple(counters), ports)
@@ -37,6 +38,11 @@ def _lasting(port: str) -> str:
             if link.resolve() == Path(port).resolve():
                 return str(link)
     return port
+
+
+def _built_in(port: str) -> bool:
+    """Whether it is one of the computer's own serial ports, which are always there: a controller comes by USB."""
+    return re.fullmatch(r"/dev/ttyS\d+|COM[12]", port) is not None
 
 
 def _there(settings: type[DeviceSettings]) -> bool:

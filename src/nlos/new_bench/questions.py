@@ -125,13 +125,17 @@ def questions(found: Detected, simulated: bool) -> "list[Asking]":
 
     def half_width(said: Answers) -> Question | None:
         reach_m = float(said["wall_distance_m"]) * tan(radians(min(2 * float(said["max_mechanical_deg"]), 60.0)))
+        aside_m = max(abs(float(said["scanner_x_m"])), abs(float(said["scanner_y_m"])))
         text = "how far from the wall's centre the beam may be sent, each way, in metres"
-        return Question("half_m", text, f"{min(1.0, 0.7 * reach_m):.2g}", number=(0.001, 50))
+        return Question("half_m", text, f"{max(0.05, min(1.0, 0.7 * reach_m - aside_m)):.2g}", number=(0.001, 50))
 
     wall = Question("wall_distance_m", "metres from the second mirror to the wall, straight ahead",
                     "2.0" if simulated else None, number=(0.05, 100))  # fmt: skip
     lever = Question("mirror_separation_m", "metres between the two mirrors (0 for one that turns both ways)",
                      "0.0", number=(0, 1))  # fmt: skip
+    right = Question("scanner_x_m", "metres that the mirrors stand right of the wall's centre (left: negative)", "0.0",
+                     number=(-50, 50))  # fmt: skip
+    above = Question("scanner_y_m", "metres that they stand above it (below: negative)", "0.0", number=(-50, 50))
     laser = Question("repetition_hz", "laser pulses a second", "10e6" if simulated else None, number=(1e3, 1e9))
     return [
         lambda said: Question("mirror", "mirror controller", first_mirror, mirrors), port, volts, reach,
@@ -139,7 +143,8 @@ def questions(found: Detected, simulated: bool) -> "list[Asking]":
         sync_input, inputs,
         pulse("sync_pulse", "the laser's sync pulse"), pulse("detector_pulse", "the detector's pulse"),
         markers, pixel_clock,
-        shutter, shutter_pin, lambda said: wall, lambda said: lever, half_width, lambda said: laser,
+        shutter, shutter_pin, lambda said: wall, lambda said: lever, lambda said: right, lambda said: above, half_width,
+        lambda said: laser,
     ]  # fmt: skip
 
 

@@ -40,6 +40,8 @@ def blocks_of(name: str, said: Mapping[str, str], simulated: bool) -> dict[str, 
         "geometry": {
             "wall_distance_m": float(said["wall_distance_m"]),
             "mirror_separation_m": float(said["mirror_separation_m"]),
+            "scanner_x_m": float(said["scanner_x_m"]),
+            "scanner_y_m": float(said["scanner_y_m"]),
             "allowed": {"left_m": -half_m, "right_m": half_m, "bottom_m": -half_m, "top_m": half_m},
         },
         "laser": {"repetition_hz": float(said["repetition_hz"])},
