@@ -117,7 +117,11 @@ def summary(name: str) -> dict[str, Any]:
         found["architecture"] = {
             key: value for key, value in _architecture(path, found["method"], about).items() if key not in OF_TRAINING
         }
+    if isinstance(data, dict) and not data.get("files"):
+        data = {key: value for key, value in data.items() if key not in ("files", "share")}
     found["trained on"] = data
+    if about.get("learned_from"):
+        found["scenes on disk"] = len(about["learned_from"])
     found["for how long"] = how_long(about)
     found["validation"] = about.get("validation", "not stated")
     found["range"] = about.get("range") or (range_of(data) if isinstance(data, dict) else "not stated")

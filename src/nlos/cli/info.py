@@ -103,4 +103,12 @@ def _of_import(run: Path) -> dict[str, Any]:
 
 
 def _shown(value: object) -> str:
+    """A value for people: a block as `key value; key value`, without what is empty."""
+    if isinstance(value, dict):
+        said = ((key, one) for key, one in value.items() if one not in (None, "", [], (), {}))
+        return "; ".join(
+            f"{key} ({_shown(one)})" if isinstance(one, dict) else f"{key} {_shown(one)}" for key, one in said
+        )
+    if isinstance(value, float):
+        return f"{value:.6g}"
     return value if isinstance(value, str) else json.dumps(value, default=str)
