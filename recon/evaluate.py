@@ -8,7 +8,7 @@ attributes as in `acquisition/importers/plain.py`, and the truth on the same gri
 import resource
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +88,8 @@ class Evaluation:
     rows: list[Row]
     scenes: list[Scene]
     pictures: dict[tuple[str, str, str], Reconstruction]  # (scene, method, condition), without volumes
+    notes: list[str] = field(default_factory=list)
+    """What to know before believing a figure."""
 
 
 def evaluate(
@@ -120,9 +122,13 @@ def evaluate(
         raise InvalidData(
             f"no scene with ground truth (gt_intensity, gt_depth, gt_mask) in {', '.join(map(str, paths))}."
         )
-    for one in entrants:
-        for scene in scenes_learned_from(one, scenes):
-            say(f"{one.name} has learned from {scene.name}: its figures there say nothing about other scenes")
+    notes = [
+        f"{one.name} has learned from {scene.name}: its figures there say nothing about other scenes"
+        for one in entrants
+        for scene in scenes_learned_from(one, scenes)
+    ]
+    for note in notes:
+        say(note)
     rows, pictures = [], {}
     each = sum(len(choices(one.method, settings or {}, fixed, one.settings)) for one in entrants)
     done, total = 0, len(conditions) * len(scenes) * each
@@ -149,7 +155,7 @@ def evaluate(
             for row, picture in best:
                 rows.append(row)
                 pictures[row.scene, row.method, row.condition] = picture
-    return Evaluation(rows, scenes, pictures)
+    return Evaluation(rows, scenes, pictures, notes)
 
 
 def scenes_learned_from(one: Entrant, scenes: Sequence[Scene]) -> list[Scene]:

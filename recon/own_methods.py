@@ -171,9 +171,9 @@ def _takes_three(build: Callable[..., object]) -> bool:
 
 
 def _place(error: BaseException, file: str) -> str:
-    """`file:line` of the last line of `file` that took part in an error; of any file where it is not known."""
+    """`file:line` of the last line of `file` that took part in an error; of any file where it took none."""
     frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if frame.filename == file] or ([] if file else frames[-1:])
+    own = [frame for frame in frames if frame.filename == file] or frames[-1:]
     return f"{own[-1].filename}:{own[-1].lineno}" if own else ""
 
 

@@ -161,12 +161,18 @@ def one_reader() -> Iterator[IsolatedReader]:
     if (outer := _shared.get()) is not None:
         yield outer
         return
-    with IsolatedReader() as reader:
-        token = _shared.set(reader)
-        try:
-            yield reader
-        finally:
-            _shared.reset(token)
+    with IsolatedReader() as reader, reading_by(reader):
+        yield reader
+
+
+@contextmanager
+def reading_by(reader: IsolatedReader) -> Iterator[None]:
+    """Inside, all files are read by this reader, which lives on: for whoever comes back with the next file."""
+    token = _shared.set(reader)
+    try:
+        yield
+    finally:
+        _shared.reset(token)
 
 
 _sound: set[tuple[str, int, int, int, int]] = set()

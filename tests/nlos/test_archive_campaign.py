@@ -17,7 +17,7 @@ SOAK = bool(os.environ.get("NLOS_SOAK"))
 @pytest.mark.soak
 @pytest.mark.skipif(not SOAK, reason="a campaign of minutes: make soak")
 def test_ninety_five_results_and_five_reasons_whatever_dies(tmp_path: Path) -> None:
-    archive(tmp_path / "in", 95, points=32, bins=256)
+    archive(tmp_path / "in", 95, points=16, bins=128)
     out = tmp_path / "out"
 
     def when(count: int, done: threading.Event) -> None:
@@ -35,7 +35,9 @@ def test_ninety_five_results_and_five_reasons_whatever_dies(tmp_path: Path) -> N
 
         killer = threading.Thread(target=kill, daemon=True)
         killer.start()
-        first = nlos(tmp_path, "reconstruct", "in", "-o", "out", "--scheduler", f"tcp://127.0.0.1:{port}")
+        first = nlos(
+            tmp_path, "reconstruct", "in", "-o", "out", "--no-volume", "--scheduler", f"tcp://127.0.0.1:{port}"
+        )
         over.set()
         killer.join(10)
     assert first.returncode == 9, first.stderr
@@ -46,7 +48,7 @@ def test_ninety_five_results_and_five_reasons_whatever_dies(tmp_path: Path) -> N
     known = {name for name, row in rows.items() if row["outcome"] == "done"}
     with dask(tmp_path, port := free_port(), 2):
         again = ("--skip-existing", "--scheduler", f"tcp://127.0.0.1:{port}")
-        second = nlos(tmp_path, "reconstruct", "in", "-o", "out", *again)
+        second = nlos(tmp_path, "reconstruct", "in", "-o", "out", "--no-volume", *again)
     assert second.returncode == 7, second.stderr
     rows, after = record(out), times(out)
     twice = [name for name, at in before.items() if after[name] != at]

@@ -6,6 +6,7 @@ that port belongs on loopback or a private network.
 
 import logging
 import os
+import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
@@ -21,6 +22,7 @@ from nlos.recon.own_methods import in_a_file
 if TYPE_CHECKING:
     from distributed import Client, Future
 
+_of_thread = threading.local()
 ANSWERS_S = 10
 """A scheduler that does not answer so long is not there, or no more."""
 
@@ -32,10 +34,20 @@ def on_workers(tasks: Sequence[Task], address: str) -> Iterator[Outcome]:
     from distributed import as_completed
 
     with connected(address) as client:
-        futures = {client.submit(attempt, _absolute(task), pure=False): task for task in tasks}
+        futures = {client.submit(attempt_on_worker, _absolute(task), pure=False): task for task in tasks}
         waiting = as_completed(futures)
         for future in waiting:
             yield _outcome(future, futures[future], address)
+
+
+def attempt_on_worker(task: Task) -> Outcome:
+    """`attempt`, all files of one thread read by one child: starting it takes as long as a small reconstruction."""
+    from nlos.acquisition.importers.isolated import IsolatedReader, reading_by
+
+    if not hasattr(_of_thread, "reader"):
+        _of_thread.reader = IsolatedReader()  # ends with this process: its input ends then
+    with reading_by(_of_thread.reader):
+        return attempt(task)
 
 
 def cores() -> int:

@@ -14,6 +14,7 @@ from nlos.acquisition.wall import WallGrid
 from nlos.configs.load import load
 from nlos.recon.errors import InvalidSettings
 from nlos.recon.evaluate import evaluate
+from nlos.recon.evaluation_report import table
 from nlos.recon.fingerprint import fingerprint_of
 from nlos.recon.training.checks import problems
 from nlos.recon.training.dataset import sample
@@ -199,7 +200,8 @@ def test_it_trains_and_fine_tunes_and_says_what_it_learned_from(scenes: Path, tm
 
     said: list[str] = []
     weights = f"mine={tmp_path / 'a' / WEIGHTS}"
-    evaluate([scenes], [weights, "lct"], ["transient"], fixed=True, say=said.append)
+    done = evaluate([scenes], [weights, "lct"], ["transient"], fixed=True, say=said.append)
+    assert "**mine has learned from 1: " in table(done)
     assert [line for line in said if "learned from" in line] == [
         f"mine has learned from {k}: its figures there say nothing about other scenes" for k in (0, 1)
     ]
