@@ -14,12 +14,16 @@ from nlos.acquisition.sample import ScanPoint
 from nlos.acquisition.wall import WallGrid
 from nlos.drivers.tcspc.counter import HistogramAxis, StopAtCounts
 
+MOST_PARTS = 64
+"""Of interleaved frames: after so many the same points come again, if ever."""
+
 
 @dataclass(frozen=True, eq=False)
 class ScanPlan:
     """What to measure, in which order, for how long. A point's number is its place in this order, from 0.
 
-    With `revisit_below`, every later pass visits the first one's points in the same order, but takes only those whose
+    Passes are frames: the same or other points of the wall at another time, each pass on its own. But with
+    `revisit_below`, every later pass visits the first one's points in the same order, but takes only those whose
     histograms of the passes before hold fewer photons; the plan lists them all, so that numbers and seeds do not
     depend on what was measured.
     """
@@ -86,6 +90,24 @@ class ScanPlan:
     def first_pass(self) -> int:
         """How many points pass 0 has."""
         return int(np.count_nonzero(self.pass_ == 0))
+
+    @property
+    def frames(self) -> int:
+        """How many times the pattern is scanned, each a frame of its own: passes that do not depend on one another."""
+        return 1 if self.revisit_below is not None else int(self.pass_.max()) + 1
+
+    @property
+    def cycle(self) -> int:
+        """After how many frames the same points come again."""
+        first = set(zip(*(each[self.pass_ == 0].tolist() for each in self._places), strict=True))
+        for frame in range(1, min(self.frames, MOST_PARTS + 1)):
+            if set(zip(*(each[self.pass_ == frame].tolist() for each in self._places), strict=True)) == first:
+                return frame
+        return self.frames
+
+    @property
+    def _places(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        return self.positions.x_m, self.positions.y_m
 
     def pending(self, photons: Mapping[int, int]) -> list[int]:
         """The numbers still to take, in order; `photons` is what was taken: point number -> counts in its histogram.

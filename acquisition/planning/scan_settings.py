@@ -6,7 +6,8 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from nlos.acquisition.errors import PlanRefused
-from nlos.acquisition.planning.exposure import Exposure, Uniform
+from nlos.acquisition.planning.exposure import Exposure, TwoPass, Uniform
+from nlos.acquisition.planning.frames import MOST_FRAMES, Parts, in_frames
 from nlos.acquisition.planning.ordering import strips, two_opt
 from nlos.acquisition.planning.patterns import SCATTERED, Pattern
 from nlos.acquisition.planning.plan import ScanPlan
@@ -84,17 +85,17 @@ class ScanSettings(Settings):
     """Sweep lines without settling."""
     order: Literal["pattern", "strips", "two_opt"] | None = None
     """The order of the points: as the pattern lists them, in strips, or by a shorter path."""
+    frames: int = Field(default=1, ge=1, le=MOST_FRAMES)
+    """How many times the points are scanned: frames of one recording, for scenes that move. Exposure is each one's."""
+    interleave: Parts = 1
+    """Each frame takes one of so many parts of the points, evenly spread, the next frame the next part."""
 
     def plan(self) -> ScanPlan:
         """The plan. Raises `PlanRefused` where pattern, exposure and wall do not fit together."""
         wall = WallGrid(self.wall.width_m, self.wall.height_m, self.wall.rows, self.wall.cols)
         axis = HistogramAxis(self.histogram.bins, self.histogram.bin_width_ps * 1e-12, self.histogram.offset_ns * 1e-9)
         listed = self.pattern.points(wall)
-        if (size := 4 * len(listed) * axis.bins) > LARGEST_BYTES:
-            raise PlanRefused(
-                f"{len(listed)} points of {axis.bins} bins are {size / 1e9:.1f} GB of counts; a recording of more than "
-                f"{LARGEST_BYTES / 1e9:.1f} GB is not read back. Plan fewer points or bins, or several scans."
-            )
+        self._check_size(len(listed), axis.bins)
         positions = self._ordered(listed)
         beyond = np.maximum(np.abs(positions.x_m) / wall.width_m, np.abs(positions.y_m) / wall.height_m)
         if beyond.max() > 0.5 + EDGE_M:
@@ -107,6 +108,10 @@ class ScanSettings(Settings):
         if stop is not None and self.continuous is not None:
             raise PlanRefused("points that stop at N counts make an uneven pace; take out `continuous` or the exposure")
         visits = self.exposure.visits(positions, wall, self.dwell_ms * 1e-3)
+        if self.frames > 1 or self.interleave > 1:
+            if isinstance(self.exposure, TwoPass):
+                raise PlanRefused("a frame has no second pass: take out exposure two_pass, or frames and interleave")
+            visits = in_frames(positions, visits, self.frames, self.interleave)
         return ScanPlan(
             wall,
             axis,
@@ -117,6 +122,16 @@ class ScanSettings(Settings):
             self.exposure.revisit_below,
             self.continuous.within_pixels if self.continuous else None,
         )
+
+    def _check_size(self, points: int, bins: int) -> None:
+        """Raises `PlanRefused` for more counts than are read back into one piece."""
+        visits = -(-points * self.frames // self.interleave)
+        if (size := 4 * visits * bins) > LARGEST_BYTES:
+            fewer = "fewer frames, points or bins" if self.frames > 1 else "fewer points or bins"
+            raise PlanRefused(
+                f"{visits} points of {bins} bins are {size / 1e9:.1f} GB of counts; a recording of more than "
+                f"{LARGEST_BYTES / 1e9:.1f} GB is not read back. Plan {fewer}, or several scans."
+            )
 
     def _ordered(self, positions: Positions) -> Positions:
         order = self.order or ("strips" if isinstance(self.pattern, SCATTERED) else "pattern")

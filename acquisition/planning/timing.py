@@ -152,7 +152,7 @@ def clocked_forecast(
     left = list(before)
     while first < len(plan):
         points = [plan[number] for number in range(first, min(first + bench.counter.max_points, len(plan)))]
-        part = next_sequence(bench, points, angles[first:], sequencer)
+        part = next_sequence(bench, points, angles[first : first + len(points)], sequencer)
         if left:
             part = replace(left.pop(), count=0)
         for each in part.angles:

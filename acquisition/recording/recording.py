@@ -31,6 +31,7 @@ import numpy.typing as npt
 from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.planning.exposure import unbiased_live_s
 from nlos.acquisition.recording.condition import Condition, RowState
+from nlos.acquisition.recording.frames import rows_of
 from nlos.acquisition.recording.layout import EVENT, EVENT_ROWS, RECORD, Event, Status, sample_crc
 from nlos.acquisition.recording.open_file import ScanFile, open_scan_file
 from nlos.acquisition.recording.plausible import check_status, plausible_rows
@@ -164,17 +165,22 @@ class Recording:
             raise StorageError(f"{self.path}: row {first + int(np.argmin(given))} cannot be read from the disk")
         return counts
 
-    def examined(self, first: int = 0) -> Iterator[tuple[int, npt.NDArray[np.uint32], npt.NDArray[np.uint8]]]:
-        """(first row, counts (n, T), `RowState` of each), block after block, from row `first` to the last."""
-        for start in range(first, len(self._records), BLOCK_ROWS):
-            end = min(start + BLOCK_ROWS, len(self._records))
+    def examined(
+        self, first: int = 0, until: int | None = None
+    ) -> Iterator[tuple[int, npt.NDArray[np.uint32], npt.NDArray[np.uint8]]]:
+        """(first row, counts (n, T), `RowState` of each), block after block, from row `first` up to `until`."""
+        until = len(self._records) if until is None else until
+        for start in range(first, until, BLOCK_ROWS):
+            end = min(start + BLOCK_ROWS, until)
             counts, given = self._file.counts.read(start, end)
             states = self._states[start:end] = self._judged(start, counts, given & self._given[start:end])
             yield start, counts, states
 
-    def blocks(self, first: int = 0) -> Iterator[tuple[int, npt.NDArray[np.uint32], npt.NDArray[np.bool_]]]:
-        """(first row, counts (n, T), which of them are intact), block after block, from row `first` to the last."""
-        for start, counts, states in self.examined(first):
+    def blocks(
+        self, first: int = 0, until: int | None = None
+    ) -> Iterator[tuple[int, npt.NDArray[np.uint32], npt.NDArray[np.bool_]]]:
+        """(first row, counts (n, T), which of them are intact), block after block, from row `first` up to `until`."""
+        for start, counts, states in self.examined(first, until):
             yield start, counts, states == RowState.INTACT
 
     def _judged(
@@ -260,10 +266,10 @@ class Recording:
         """Plan numbers without an intact sample that are still to be taken, in order."""
         return self.plan.pending(self.photons())
 
-    def transient(self) -> Transient:
-        """Raw counts on the wall grid, passes added up; time starts at the sync pulse. The exposure of points that were
-        stopped at N counts is such that counts / exposure is (N - 1)/T. Raises `InvalidData` for free
-        positions, which belong on a grid only after gridding, and for cubes above 8 GiB."""
+    def transient(self, frames: range | None = None) -> Transient:
+        """Raw counts on the wall grid, passes or these `frames` added up; time starts at the sync pulse. The exposure
+        of points that were stopped at N counts is such that counts / exposure is (N - 1)/T. Raises `InvalidData` for
+        free positions, which belong on a grid only after gridding, and for cubes above 8 GiB."""
         wall, axis = self.plan.wall, self.plan.axis
         if not self.on_grid:
             raise InvalidData(f"{self.path}: its points are off the grid; grid `samples()` first")
@@ -271,8 +277,10 @@ class Recording:
             raise InvalidData(f"{self.path}: {wall.rows} x {wall.cols} x {axis.bins} counts need more than 8 GiB")
         cube = np.zeros((axis.bins, wall.rows, wall.cols), dtype=np.float32)
         exposure_s = np.zeros((wall.rows, wall.cols))
-        for start, counts, intact in self.blocks():
-            good = np.flatnonzero(intact)
+        rows = range(len(self._records)) if frames is None else rows_of(self.plan, self._records, frames)
+        for start, counts, intact in self.blocks(rows.start, rows.stop):
+            of = self.plan.pass_[np.minimum(self._records["number"][start : start + len(counts)], len(self.plan) - 1)]
+            good = np.flatnonzero(intact if frames is None else intact & (of >= frames.start) & (of < frames.stop))
             records = self._records[start : start + len(counts)][good]
             row, col = self.plan.positions.row[records["number"]], self.plan.positions.col[records["number"]]
             live_s = unbiased_live_s(records["live_time_s"], records["flags"], self.plan.stop)

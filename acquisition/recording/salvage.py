@@ -11,6 +11,7 @@ from nlos.acquisition.importers.isolated import ReaderDied
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.checked import check_recording, open_checked
 from nlos.acquisition.recording.condition import Condition, listed
+from nlos.acquisition.recording.frames import frame_table
 from nlos.acquisition.recording.lay_out import keep_as, put_in_place
 from nlos.acquisition.recording.layout import Status
 from nlos.acquisition.recording.provenance import Header
@@ -35,6 +36,8 @@ class Verification:
     rows: Condition
     repeated: tuple[int, ...]
     missing: tuple[int, ...]
+    frames: int = 1
+    complete_frames: int = 0
 
     @property
     def written(self) -> int:
@@ -66,7 +69,9 @@ def verify(path: Path) -> Verification:
         aside = [*condition.damaged, *condition.unread, *condition.unacknowledged]
         numbers, times = np.unique(np.delete(recording.records["number"], aside), return_counts=True)
         repeated = tuple(numbers[times > 1].tolist())
-        return Verification(recording.status, len(recording.plan), condition, repeated, missing)
+        frames, table = recording.plan.frames, frame_table(recording.plan, recording.intact_records())
+        planned = len(recording.plan)
+        return Verification(recording.status, planned, condition, repeated, missing, frames, table.complete)
 
 
 def recover(path: Path, target: Path, *, overwrite: bool = False) -> int:

@@ -113,10 +113,10 @@ class _Run:
                 if control.state is not ScanState.RUNNING:
                     return
                 self._take = partial(clocked.take, sequencer=sequencer(choice.scheme, self._plan, self._angles, lag_s))
-            while todo := self._left.numbers():
+            while todo := self._left.numbers(bench.counter.max_points):
                 if not control.wanted:
                     self._left.check_progress(todo[0])
-                    yield from self._segment(todo[: bench.counter.max_points])
+                    yield from self._segment(todo)
                 if control.wanted:
                     self._left.forget_first()  # a pause is no lack of progress
                     if control.state is ScanState.RUNNING:

@@ -26,7 +26,8 @@ class Gathering:
             raise InvalidData(f"{wall.rows} x {wall.cols} x {bins} counts need more than 8 GiB")
         self.plan = plan
         self._counts = np.zeros((wall.rows, wall.cols, bins), dtype=np.float32)
-        self._live_s = np.zeros((int(plan.pass_.max()) + 1, wall.rows, wall.cols))
+        self._layers = int(plan.pass_.max()) + 1 if plan.frames == 1 else 1
+        self._live_s = np.zeros((self._layers, wall.rows, wall.cols))
         self.sync_count = np.zeros((wall.rows, wall.cols))
         """Laser pulses while a point was exposed, (H, W)."""
         self.total_count = np.zeros((wall.rows, wall.cols))
@@ -47,7 +48,7 @@ class Gathering:
             np.array([histogram.live_time_s]), np.array([histogram.flags], dtype=np.uint16), self.plan.stop
         )
         self._counts[point.row, point.col] += histogram.counts
-        self._live_s[point.pass_, point.row, point.col] += live_s[0]
+        self._live_s[point.pass_ % self._layers, point.row, point.col] += live_s[0]
         self.sync_count[point.row, point.col] += histogram.sync_count
         self.total_count[point.row, point.col] += histogram.total_count
         return True

@@ -1,5 +1,7 @@
 """Which points of a scan are still to be taken: those without a sample, those that failed, those put off until last."""
 
+from itertools import islice
+
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.sample import Sample
 from nlos.drivers.bench import Bench
@@ -26,6 +28,8 @@ class LeftToTake:
         self._attempts: dict[int, int] = {}
         self._skipped: dict[int, int] = {}
         self._first, self._stuck = -1, 0
+        self._done = 0
+        """Every point before this one is taken."""
         self.first_pass_cut = False
         """Whether the first pass was ended early, in favour of the second."""
 
@@ -72,9 +76,15 @@ class LeftToTake:
         self._bench.report("sample", f"point {number} {verdict}: {flags.name}")
         return again
 
-    def numbers(self) -> list[int]:
-        """What is still to take, in order; points that an alarm skipped come last."""
+    def numbers(self, most: int) -> list[int]:
+        """What is still to take, in order, `most` of it; points that an alarm skipped come last."""
         photons = self._photons
+        if self._plan.revisit_below is None and not self._skipped:
+            # Of many frames only what comes next is looked at: the others cost no time between two sequences.
+            while self._done < len(self._plan) and self._done in photons:
+                self._done += 1
+            open_ = (number for number in range(self._done, len(self._plan)) if number not in photons)
+            return list(islice(open_, most))
         if self.first_pass_cut and self._plan.revisit_below is not None:
             # Points that the first pass did not come to are no business of the second.
             left_out = range(self._plan.first_pass)
@@ -82,4 +92,4 @@ class LeftToTake:
         todo = self._plan.pending(photons)
         if self._skipped:
             todo.sort(key=lambda number: self._skipped.get(number, 0))
-        return todo
+        return todo[:most]

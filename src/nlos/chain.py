@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from nlos.calibration.constants import BenchConstants
     from nlos.calibration.correct import CorrectedPoints, Report
     from nlos.calibration.impulse_response import ImpulseResponse
+    from nlos.calibration.time_offset import TimeOffsets
     from nlos.recon.volume import Reconstruction
 
 
@@ -40,20 +41,35 @@ def constants_for(scan: LoadedScan, given: Path | None) -> "BenchConstants | Non
     return known.constants
 
 
+def arrivals_of(scan: LoadedScan, constants: "BenchConstants | None" = None) -> "TimeOffsets | None":
+    """When direct light arrives at each point of a grid, by a whole scan: what its single frames, of far fewer photons,
+    are aligned by. None where the file says it or only constants know, and at free positions."""
+    from nlos.calibration.correct import correct
+
+    if scan.rectified or scan.points is not None:
+        return None
+    done = correct(scan.transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
+    _log_calibration(done.report())
+    return done.points.offsets
+
+
 def calibrate_scan(
-    scan: LoadedScan, use_file_offsets: bool = False, constants: "BenchConstants | None" = None
+    scan: LoadedScan,
+    use_file_offsets: bool = False,
+    constants: "BenchConstants | None" = None,
+    arrivals: "TimeOffsets | None" = None,
 ) -> "Transient":
     """The transient that the physics can use: time 0 at the direct arrival, direct light removed, and what is known of
-    the instrument's response.
+    the instrument's response. `arrivals`: of the direct light, where they are known.
 
     A rectified file that states its cut gets that cut; in one that states none, direct light is looked for.
     """
-    transient, own = _calibrated(scan, use_file_offsets, constants)
+    transient, own = _calibrated(scan, use_file_offsets, constants, arrivals)
     return replace(transient, response=known_response(scan, constants, own))
 
 
 def _calibrated(
-    scan: LoadedScan, use_file_offsets: bool, constants: "BenchConstants | None"
+    scan: LoadedScan, use_file_offsets: bool, constants: "BenchConstants | None", arrivals: "TimeOffsets | None"
 ) -> "tuple[Transient, ImpulseResponse | None]":
     """And the response that the scan's own direct light showed, where it was looked for."""
     from nlos.calibration.correct import correct, correct_points
@@ -80,6 +96,12 @@ def _calibrated(
         if scan.offset_bins is None:
             raise InvalidSettings("offsets=file: the file has no time_offset_bins")
         return correct(transient, offset_bins=scan.offset_bins).transient, None
+    if arrivals is not None:
+        known = correct(
+            transient, constants, offset_bins=arrivals.offset_bins, response=arrivals.response,
+            sync_count=scan.sync_count, total_count=scan.total_count,
+        )  # fmt: skip
+        return known.transient, arrivals.response
     corrected = correct(transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
     _log_calibration(corrected.report())
     return corrected.transient, _own(corrected.points)
@@ -133,6 +155,7 @@ def reconstruct_scan(
     response: ResponseWanted = AUTO,
     device: str = "cpu",
     stage: Callable[[str], None] = lambda name: None,
+    arrivals: "TimeOffsets | None" = None,
 ) -> "Reconstruction":
     """A scan calibrated and reconstructed; the falloff that its file states is used unless the settings say another."""
     from nlos.recon.methods import find
@@ -142,7 +165,8 @@ def reconstruct_scan(
     if scan.falloff is not None and "falloff" in find(method).Settings.model_fields:
         chosen.setdefault("falloff", scan.falloff)
     stage("calibrating")
-    transient = with_response(calibrate_scan(scan, use_file_offsets, constants_for(scan, constants)), response)
+    known = constants_for(scan, constants)
+    transient = with_response(calibrate_scan(scan, use_file_offsets, known, arrivals), response)
     say_response(transient)
     stage(f"{method} on {transient.wall.rows} x {transient.wall.cols} x {transient.time.bins}")
     return replace(reconstruct(transient, method, chosen, device), left_aside=scan.left_aside)
@@ -162,11 +186,12 @@ def reconstruct_file(
     overwrite: bool = False,
     given: Given = NOTHING,
     depth_m: tuple[float, float] | None = None,
+    frame: int | None = None,
     stage: Callable[[str], None] = lambda name: None,
 ) -> "Reconstruction":
     """One file to one folder of results. `settings` are the method's, except `offsets=file`; what is `given` goes
-    before what the file says, and `depth_m` (nearest, farthest) limits the result. `stage` is told what begins,
-    `STAGES` times."""
+    before what the file says, and `depth_m` (nearest, farthest) limits the result. Of several frames all are added up,
+    or `frame` is taken alone. `stage` is told what begins, `STAGES` times."""
     from nlos.recon.depth_range import within_depths
     from nlos.recon.results import NAMES, write_results
 
@@ -175,14 +200,17 @@ def reconstruct_file(
             raise FileExistsError(f"{folder / name}: exists. Choose another folder with -o, or say --overwrite.")
     wanted = response_wanted(response)
     stage(FIRST_STAGE)
-    scan = load_scan(run, given)
+    scan, arrivals = load_scan(run, given), None
+    if frame is not None:
+        whole, scan = scan, load_scan(run, given, range(frame, frame + 1))
+        arrivals = arrivals_of(whole, constants_for(whole, constants))
     chosen = dict(settings)
     offsets = chosen.pop("offsets", None)
     if offsets not in (None, "file"):
         raise InvalidSettings(f"offsets={offsets}: only `offsets=file` is known")
     result = reconstruct_scan(
         scan, method, chosen, use_file_offsets=offsets == "file", constants=constants, response=wanted, device=device,
-        stage=stage,
+        stage=stage, arrivals=arrivals,
     )  # fmt: skip
     if depth_m is not None:
         result = within_depths(result, *depth_m)

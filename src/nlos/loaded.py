@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from nlos.acquisition.importers.isolated import read_isolated
 from nlos.acquisition.importers.magic import is_recording
 from nlos.acquisition.importers.to_recording import said_by_source
 from nlos.acquisition.recording.checked import open_checked
+from nlos.acquisition.recording.frames import rows_of
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.response import Response, from_json
 from nlos.acquisition.transient import Transient
@@ -53,14 +55,16 @@ class LoadedScan:
     """Samples that were damaged or unreadable, and are not in it."""
 
 
-def load_scan(path: Path, given: Given = NOTHING) -> LoadedScan:
-    """Reads our own recordings and every format that an importer knows; what is `given` goes before what the file says.
-    A wall of unknown size is the one that the direct times tell. What was assumed is logged. Raises `InvalidData`."""
+def load_scan(path: Path, given: Given = NOTHING, frames: range | None = None) -> LoadedScan:
+    """Reads our own recordings, these `frames` of them or all added up, and every format that an importer knows; what
+    is `given` goes before what the file says. A wall of unknown size is the one that the direct times tell. What was
+    assumed is logged. Raises `InvalidData`."""
     if is_recording(path):
         with open_checked(path) as recording:
-            scan = _load_recording(recording) if recording.on_grid else _load_free(recording)
-            scan = replace(scan, left_aside=recording.left_aside())
+            scan = loaded_frames(recording, frames)
         scan = _as_given(path, scan, given)
+    elif frames is not None:
+        raise InvalidData(f"{path}: is no recording of `nlos scan`; it has no frames")
     else:
         read = read_isolated(path, given)
         for note in read.notes:
@@ -133,21 +137,46 @@ def _gridded(points: RawPoints, wall: WallGrid) -> Transient:
     return grid_samples(points.x_m, points.y_m, points.counts, points.exposure_s, wall, points.time)
 
 
-def _load_recording(recording: Recording) -> LoadedScan:
-    """A whole recording."""
-    transient = recording.transient()
+def loaded_frames(recording: Recording, frames: range | None) -> LoadedScan:
+    """Some frames of an open recording, added up, or all. Raises `InvalidData` for frames that it has not, or of which
+    no point was taken."""
+    scan = _load_recording(recording, frames) if recording.on_grid else _load_free(recording, frames)
+    return replace(scan, left_aside=recording.left_aside())
+
+
+def _rows(recording: Recording, frames: range | None) -> range:
+    if frames is None:
+        return range(len(recording))
+    rows = rows_of(recording.plan, recording.records, frames)
+    if not rows:
+        what = f"frame {frames.start}" if len(frames) == 1 else f"frames {frames.start} to {frames.stop - 1}"
+        raise InvalidData(f"{recording.path}: {what}: no point of it was taken. `nlos scan ... --resume` takes it.")
+    return rows
+
+
+def _load_recording(recording: Recording, frames: range | None) -> LoadedScan:
+    """A recording on a grid."""
+    rows = _rows(recording, frames)
+    transient = recording.transient(frames)
     sync_count, total_count = np.zeros_like(transient.exposure_s), np.zeros_like(transient.exposure_s)
-    for start, counts, intact in recording.blocks():
+    for start, counts, intact in recording.blocks(rows.start, rows.stop):
         records = recording.records[start : start + len(counts)][intact]
+        if frames is not None:
+            frame = recording.plan.pass_[records["number"]]
+            records = records[(frame >= frames.start) & (frame < frames.stop)]
         place = recording.plan.positions.row[records["number"]], recording.plan.positions.col[records["number"]]
         np.add.at(sync_count, place, records["sync_count"])
         np.add.at(total_count, place, records["total_count"])
     return as_recorded(recording, transient, sync_count, total_count)
 
 
-def _load_free(recording: Recording) -> LoadedScan:
-    """A whole recording of points off the grid: what was drawn along a spiral, a circle, a line."""
-    points = from_samples(recording.samples())
+def _load_free(recording: Recording, frames: range | None) -> LoadedScan:
+    """A recording of points off the grid: what was drawn along a spiral, a circle, a line."""
+    rows = _rows(recording, frames)
+    samples = islice(recording.rows(rows.start), len(rows))
+    points = from_samples(
+        each for each in samples if each is not None and (frames is None or each.point.pass_ in frames)
+    )
     transient = _gridded(points, recording.plan.wall)
     nothing = np.zeros_like(transient.exposure_s)
     return replace(as_recorded(recording, transient, nothing, nothing), points=points)

@@ -97,9 +97,10 @@ class Scan:
         return png(scan_figure(self.loaded.transient))
 
 
-def load(path: str | Path) -> Scan:
-    """A scan from one of our recordings or any format of `nlos import`.
+def load(path: str | Path, frame: int | None = None) -> Scan:
+    """A scan from one of our recordings or any format of `nlos import`; of several frames all added up, or `frame`.
 
     Raises `FileNotFoundError`, and `InvalidData` naming file, place and reason.
     """
-    return Scan(load_scan(Path(path)), Path(path).name)
+    frames = None if frame is None else range(frame, frame + 1)
+    return Scan(load_scan(Path(path), frames=frames), Path(path).name)

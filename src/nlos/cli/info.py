@@ -1,6 +1,8 @@
 """`nlos info`: what is in a file: a recording, a scan of another program, weights, constants, a result."""
 
 import json
+import math
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,7 +19,7 @@ def info(run: Annotated[Path, typer.Argument(metavar="RUN")]) -> None:
     found = _found(run)
     width = max(len(key) for key in found) + 2
     for key, value in found.items():
-        if key != "events":
+        if key not in ("events", "frame table"):
             terminal.result(f"{key:<{width}}{_shown(value)}")
     for event in found.get("events", []):
         terminal.result(f"{event['bench_s']:>10.3f} s  {event['kind']}: {event['text']}")
@@ -55,6 +57,7 @@ def _of_recording(recording: "Recording") -> dict[str, Any]:
         "left aside": left_aside,
         "identity": header.identity,
         "wall": f"{plan.wall.width_m:g} x {plan.wall.height_m:g} m, {plan.wall.rows} x {plan.wall.cols}",
+        **_of_frames(recording, records),
         "time axis": f"{plan.axis.bins} bins of {plan.axis.bin_width_s * 1e12:g} ps, "
         f"from {plan.axis.offset_s * 1e9:g} ns",
         "live time": f"{live_s:.3f} s of {plan.dwell_total_s:.3f} s planned",
@@ -72,6 +75,25 @@ def _of_recording(recording: "Recording") -> dict[str, Any]:
             for event in recording.events()
         ],
     }
+
+
+def _of_frames(recording: "Recording", records: Any) -> dict[str, Any]:
+    """Of a recording of several frames: how many, how fast, and each one's time, laser and light."""
+    from nlos.acquisition.recording.frames import frame_table
+
+    plan = recording.plan
+    if plan.frames == 1:
+        return {}
+    table = frame_table(plan, records)
+    columns = {field.name: getattr(table, field.name) for field in fields(table)}
+    rows = [
+        {name: None if math.isnan(value) else value for name, value in zip(columns, row, strict=True)}
+        for row in zip(*(column.tolist() for column in columns.values()), strict=True)
+    ]
+    taken = table.points > 0
+    took_s = float(table.end_s[taken].max() - table.start_s[taken].min()) if taken.any() else 0.0
+    pace = f", {int(taken.sum()) / took_s:.3g} a second" if took_s else ""
+    return {"frames": f"{table.complete} of {plan.frames} complete{pace}", "frame table": rows}
 
 
 def _imported(recording: "Recording") -> dict[str, object]:

@@ -179,6 +179,15 @@ def _tell(plan: "ScanPlan", choice: "Choice", other_axis: str) -> None:
              "upload_s": forecast.upload_s}  # fmt: skip
     wall, axis = plan.wall, plan.axis
     terminal.result(f"points     {len(plan)} on {wall.width_m:g} x {wall.height_m:g} m", points=len(plan))
+    if plan.frames > 1:
+        each = len(plan) / plan.frames
+        again = f", the same again after {plan.cycle}" if plan.cycle > 1 else ""
+        terminal.result(
+            f"frames     {plan.frames} of {each:g} points{again}; {plan.frames / forecast.total_s:.3g} a second, "
+            f"light measured {forecast.dwell_s / forecast.total_s:.0%} of the time",
+            frames=plan.frames, cycle=plan.cycle, frames_per_s=plan.frames / forecast.total_s,
+            duty=forecast.dwell_s / forecast.total_s,
+        )  # fmt: skip
     terminal.result(
         f"histogram  {axis.bins} bins of {axis.bin_width_s * 1e12:g} ps from {axis.offset_s * 1e9:g} ns"
         + (f": {other_axis}" if other_axis else ""),

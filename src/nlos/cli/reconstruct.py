@@ -43,6 +43,9 @@ def reconstruct(
     rectified: Rectified = None,
     response: Response = "auto",
     depth_m: Depths = None,
+    frame: Annotated[
+        int | None, typer.Option(metavar="K", min=0, help="Of a scan of several frames this one. Default: all, summed.")
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
     skip_existing: Annotated[
         bool, typer.Option("--skip-existing", help="Of several files, only those without results.")
@@ -58,7 +61,7 @@ def reconstruct(
     _check(method, chosen, device, response)
     said, limits_m = given(wall_size_m, bin_width_ps, axes, rectified), depths(depth_m)
     if follow:
-        if said != NOTHING or limits_m is not None:
+        if said != NOTHING or limits_m is not None or frame is not None:
             raise UsageError(
                 "--follow: a scan that is being recorded says itself what it is; limit its picture afterwards"
             )
@@ -66,7 +69,7 @@ def reconstruct(
         return
     options: dict[str, Any] = {
         "constants": constants, "response": response, "device": device, "html": html, "volume": volume, "given": said,
-        "depth_m": limits_m,
+        "depth_m": limits_m, "frame": frame,
     }  # fmt: skip
     if len(runs) > 1 or runs[0].is_dir() or scheduler is not None:
         _reconstruct_archive(runs, method, chosen, output, options, scheduler, overwrite, skip_existing)

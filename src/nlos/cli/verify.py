@@ -26,6 +26,11 @@ def verify(run: Annotated[Path, typer.Argument(metavar="RUN")]) -> None:
         corrupt=rows.damaged, unread=rows.unread, unacknowledged=rows.unacknowledged, repeated=found.repeated,
         missing=found.missing, intact=found.intact, complete=found.complete,
     )  # fmt: skip
+    if found.frames > 1:
+        terminal.result(
+            f"  frames: {found.complete_frames} of {found.frames} are complete",
+            frames=found.frames, complete_frames=found.complete_frames,
+        )  # fmt: skip
     named = {
         "rows that are not what was measured": rows.damaged,
         "rows that the disk cannot read": rows.unread,
