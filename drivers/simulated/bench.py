@@ -12,7 +12,7 @@ from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.simulated.faults import FaultPlan
 from nlos.drivers.simulated.servo import ServoSettings
 from nlos.drivers.simulated.swing import Swing
-from nlos.drivers.tcspc.counter import HistogramAxis
+from nlos.drivers.tcspc.counter import WAITING_NUMBERS, HistogramAxis
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,8 @@ class Gate:
     """False for a look at the rate meter and for photons of a beam in flight: no measurement holds them."""
     track: tuple[MirrorAngles, ...] = ()
     """Where a beam that never rests is while the gate is open, evenly in time; empty where it rests."""
+    since_lit_s: float = 0.0
+    """When it opens, in seconds since the first point of a measurement was lit on this bench: a scene's own time."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,7 @@ class SimulatedBench:
         self._going_on: list[Callable[[float], None]] = []
         self._clocks: list[Callable[[float], None]] = []
         self._passing = False
+        self._lit_s: float | None = None
         self.witness: Callable[[float, str], None] = lambda when_s, what: None
         """Told of every change of shutter and beam as it happens on this bench, whoever caused it."""
 
@@ -207,6 +210,10 @@ class SimulatedBench:
     def expose(self, gate: Gate) -> Exposure:
         """What the detector counts in `gate`: shutter as it is now, beam where it is, or on its way, until then."""
         beam = self.beam_at(gate.opened_s)
+        if self._lit_s is None and gate.kept and self._shutter_open and gate.number not in WAITING_NUMBERS:
+            self._lit_s = gate.opened_s
+        if self._lit_s is not None:
+            gate = replace(gate, since_lit_s=gate.opened_s - self._lit_s)
         if gate.kept:
             gate, beam = self._along_the_way(gate, beam)
             if self.on_gate is not None:

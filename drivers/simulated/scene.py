@@ -3,6 +3,9 @@
 Shares no code with the reconstruction: what it makes is evidence about it.
 """
 
+from dataclasses import dataclass
+from functools import lru_cache
+
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
@@ -12,8 +15,9 @@ from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.simulated import spad
 from nlos.drivers.simulated.beam import SPEED_OF_LIGHT_M_PER_S, BeamPath, Spot
 from nlos.drivers.simulated.bench import Exposure, Gate
+from nlos.drivers.simulated.moving import Scenery
 from nlos.drivers.simulated.spad import DetectorSettings, Response
-from nlos.drivers.simulated.surfaces import Surface, surfels
+from nlos.drivers.simulated.surfaces import Surface, Surfels
 
 Array = npt.NDArray[np.float64]
 
@@ -50,18 +54,20 @@ class SceneLight:
         self._repetition_hz, self._seed = repetition_hz, seed
         self._response = Response(detector)
         self._undeflected = _collected(path.spot(MirrorAngles(0.0, 0.0)))
-        pieces = surfels(scene.objects, scene.surfel_m)
-        self._x, self._y, self._z = (np.ascontiguousarray(axis) for axis in pieces.positions_m.T)
-        self._z2 = self._z**2
-        self._normal_x, self._normal_y = (np.ascontiguousarray(axis) for axis in pieces.normals.T[:2])
-        self._facing = -(pieces.positions_m * pieces.normals).sum(axis=1)
-        self._weight = pieces.reflectance_m2
-        self._retro = pieces.retroreflective if pieces.retroreflective.any() else None
+        self._scenery = Scenery(scene.objects, scene.surfel_m)
+        self._pieces_at = lru_cache(maxsize=4)(lambda time_s: _pieces(self._scenery.at(time_s)))
 
     def __call__(self, gate: Gate, beam: MirrorAngles, shutter_open: bool) -> Exposure:
-        ways = gate.track or (beam,)
+        ways, start_s = gate.track or (beam,), gate.since_lit_s
+        if shutter_open and self._scenery.moves and not gate.track:
+            ways = (beam,) * self._scenery.moments(start_s, gate.dwell_s)
         spots = [self._path.spot(each) for each in ways] if shutter_open else [None]
-        rates = [self.photons_per_pulse(spot, gate.bin_width_s, gate.offset_s) for spot in spots]
+        rates = [
+            self.photons_per_pulse(
+                spot, gate.bin_width_s, gate.offset_s, start_s + (k + 0.5) / len(spots) * gate.dwell_s
+            )
+            for k, spot in enumerate(spots)
+        ]
         per_pulse = rates[0] if len(rates) == 1 else np.mean(rates, axis=0)
         detected = spad.distort(per_pulse, gate.bin_width_s, self._detector)
         return spad.draw(detected, gate, self._repetition_hz, spad.generator(self._seed, gate, beam))
@@ -71,8 +77,9 @@ class SceneLight:
         spot = self._path.spot(beam)
         return None if spot is None else (spot.x_m, spot.y_m)
 
-    def photons_per_pulse(self, spot: Spot | None, bin_width_s: float, offset_s: float) -> Array:
-        """Expected photons per laser pulse in each bin of one period, shape (P,), starting `offset_s` after sync."""
+    def photons_per_pulse(self, spot: Spot | None, bin_width_s: float, offset_s: float, time_s: float = 0.0) -> Array:
+        """Expected photons per laser pulse in each bin of one period, shape (P,), starting `offset_s` after sync, of
+        the scene as it is `time_s` after the first point was lit."""
         bins = max(1, round(1 / (self._repetition_hz * bin_width_s)))
         background_cps = self._detector.dark_cps + self._scene.ambient_cps
         rate = np.full(bins, background_cps / self._repetition_hz / bins)
@@ -82,19 +89,20 @@ class SceneLight:
         delay_s = 2 * spot.range_m / SPEED_OF_LIGHT_M_PER_S + self._scene.delay_ns * 1e-9 - offset_s
         first, fractions = self._response.pulse(delay_s / bin_width_s, bin_width_s)
         _add_cyclic(rate, first, fractions * (collected * self._scene.direct_cps))
-        if len(self._weight):
-            first, hidden = self._hidden(spot, delay_s / bin_width_s, bin_width_s)
+        pieces = self._pieces_at(time_s if self._scenery.moves else 0.0)
+        if len(pieces.weight):
+            first, hidden = self._hidden(pieces, spot, delay_s / bin_width_s, bin_width_s)
             _add_cyclic(rate, first, hidden * (collected * self._scene.hidden_cps))
         return rate
 
-    def _hidden(self, spot: Spot, delay: float, bin_width_s: float) -> tuple[int, Array]:
+    def _hidden(self, pieces: "_Pieces", spot: Spot, delay: float, bin_width_s: float) -> tuple[int, Array]:
         """First bin, and the surfels' light in each from there on, jitter included."""
-        dx = self._x - spot.x_m
-        dy = self._y - spot.y_m
-        squared = dx * dx + dy * dy + self._z2
-        toward = self._facing + self._normal_x * spot.x_m + self._normal_y * spot.y_m
-        light = np.maximum(toward, 0.0) * self._z / (squared * squared)
-        light *= self._weight * light if self._retro is None else np.where(self._retro, 1.0, light) * self._weight
+        dx = pieces.x - spot.x_m
+        dy = pieces.y - spot.y_m
+        squared = dx * dx + dy * dy + pieces.z2
+        toward = pieces.facing + pieces.normal_x * spot.x_m + pieces.normal_y * spot.y_m
+        light = np.maximum(toward, 0.0) * pieces.z / (squared * squared)
+        light *= pieces.weight * light if pieces.retro is None else np.where(pieces.retro, 1.0, light) * pieces.weight
         arrival = np.sqrt(squared) * (2 / SPEED_OF_LIGHT_M_PER_S / bin_width_s) + (delay - 0.5)
         # Shared between the two bins whose centres enclose the arrival, so that its mean is exact.
         first = int(np.floor(arrival.min()))
@@ -106,6 +114,30 @@ class SceneLight:
         sampled[1:] += np.bincount(index, late, minlength=length)[:-1]
         lead, kernel = self._response.kernel(bin_width_s)
         return first + lead, np.convolve(sampled, kernel)
+
+
+@dataclass(frozen=True)
+class _Pieces:
+    """What of the surfels every point of a scan asks for, each (N,); `facing` is -position . normal."""
+
+    x: Array
+    y: Array
+    z: Array
+    z2: Array
+    normal_x: Array
+    normal_y: Array
+    facing: Array
+    weight: Array
+    retro: npt.NDArray[np.bool_] | None
+    """None where nothing is retroreflective."""
+
+
+def _pieces(found: Surfels) -> _Pieces:
+    x, y, z = (np.ascontiguousarray(axis) for axis in found.positions_m.T)
+    normal_x, normal_y = (np.ascontiguousarray(axis) for axis in found.normals.T[:2])
+    facing = -(found.positions_m * found.normals).sum(axis=1)
+    retro = found.retroreflective if found.retroreflective.any() else None
+    return _Pieces(x, y, z, z**2, normal_x, normal_y, facing, found.reflectance_m2, retro)
 
 
 def _collected(spot: Spot | None) -> float:

@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import cos, pi, radians, sin, sqrt
+from itertools import pairwise
+from math import pi, sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -10,8 +11,8 @@ from pydantic import Field, model_validator
 
 from nlos.configs.settings import Settings
 from nlos.drivers.simulated import font
+from nlos.drivers.simulated.motion import Pose, Vector, Waypoint, poses
 
-Vector = tuple[float, float, float]
 Array = npt.NDArray[np.float64]
 
 
@@ -41,8 +42,16 @@ class Surface(Settings):
     """Its top edge tips away from the wall."""
     yaw_deg: float = Field(default=0.0, ge=-90, le=90)
     """Its right edge swings away from the wall."""
+    roll_deg: float = 0.0
+    """It is turned in its own plane, its right edge upwards."""
     retroreflective: bool = False
     """Sends light back where it came from."""
+    path: tuple[Waypoint, ...] = ()
+    """Where it moves and turns to, from its place at 0 s; it rests at the last one."""
+    appears_s: float = Field(default=0.0, ge=0)
+    """When it appears, in seconds since the first point was lit."""
+    vanishes_s: float | None = Field(default=None, gt=0)
+    """When it vanishes; never unless given."""
 
     @model_validator(mode="after")
     def _is_one_shape(self) -> "Surface":
@@ -61,7 +70,34 @@ class Surface(Settings):
             raise ValueError(f"panel_m must be above 0 (given {self.panel_m})")
         if self.centre_m[2] <= (self.sphere_m or 0.0):
             raise ValueError(f"centre_m[2] = {self.centre_m[2]:g} m does not lie in front of the wall")
+        self._check_path()
         return self
+
+    def _check_path(self) -> None:
+        times_s = [0.0, *(point.at_s for point in self.path)]
+        if any(later <= earlier for earlier, later in pairwise(times_s)):
+            raise ValueError(f"the path's at_s must grow from one waypoint to the next (given {times_s[1:]})")
+        for point, pose in zip(self.path, poses(self.pose, self.path)[1:], strict=True):
+            if pose.centre_m[2] <= (self.sphere_m or 0.0):
+                raise ValueError(f"at {point.at_s:g} s, z = {pose.centre_m[2]:g} m does not lie in front of the wall")
+            if max(abs(pose.pitch_deg), abs(pose.yaw_deg)) > 90:
+                raise ValueError(f"at {point.at_s:g} s, it is turned by more than 90 degrees: it faces away")
+        if self.vanishes_s is not None and self.vanishes_s <= self.appears_s:
+            raise ValueError(f"vanishes_s = {self.vanishes_s:g} is not after appears_s = {self.appears_s:g}")
+
+    @property
+    def pose(self) -> Pose:
+        """Its place and turn at 0 s."""
+        return Pose(self.centre_m, self.pitch_deg, self.yaw_deg, self.roll_deg)
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is not always there in the same place."""
+        return bool(self.path) or self.appears_s > 0 or self.vanishes_s is not None
+
+    def is_there(self, time_s: float) -> bool:
+        """Whether there is anything of it at this moment."""
+        return self.appears_s <= time_s and (self.vanishes_s is None or time_s < self.vanishes_s)
 
 
 @dataclass(frozen=True)
@@ -112,10 +148,8 @@ def _cut_flat(
     row, column = np.nonzero(fine)
     u = ((column + 0.5) / fine.shape[1] - 0.5) * width_m
     v = (0.5 - (row + 0.5) / fine.shape[0]) * height_m
-    pitch, yaw = radians(surface.pitch_deg), radians(surface.yaw_deg)
-    right = np.array([cos(yaw), 0.0, sin(yaw)])
-    up = np.array([-sin(pitch) * sin(yaw), cos(pitch), sin(pitch) * cos(yaw)])
-    normal = np.array([cos(pitch) * sin(yaw), sin(pitch), -cos(pitch) * cos(yaw)])
+    right, up, away = surface.pose.rotation.T
+    normal = -away
     positions = np.array(surface.centre_m) + u[:, None] * right + v[:, None] * up
     area_m2 = width_m * height_m / fine.size
     return positions, np.broadcast_to(normal, positions.shape), fine[row, column] * surface.albedo * area_m2
