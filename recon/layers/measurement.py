@@ -32,6 +32,7 @@ ALIASING = (
     0.5  # noise power of leaving gaps empty, over that of the signal, for each point not measured per point measured
 )
 SPECTRUM_BYTES = 1 << 29  # held of the light cone's spectrum at a time
+SHARPENED = 0.5  # of a response's width is inverted: the network does the rest better (docs/decisions/185)
 TREND = 3
 STEEPEST = 0.3
 
@@ -266,10 +267,10 @@ class WienerVolumes(nn.Module):
         return torch.cat((self.slices_of(blurred), sharp, empty), dim=1)
 
     def told(self, taps: Tensor, bin_width_s: float, net: Tensor) -> Told:
-        """A response (B, K), and BANDS times from the first light of `net` rates to the end of the axis, evenly over
-        log t."""
+        """A response (B, K), narrowed to SHARPENED of its width, and BANDS times from the first light of `net` rates to
+        the end of the axis, evenly over log t."""
         profiles = net.detach().mean(dim=(1, 3, 4)).cpu().numpy()
-        return Told(taps.to(net), bin_width_s, [knots(profile, self.time, BANDS) for profile in profiles])
+        return Told(taps.to(net), SHARPENED * bin_width_s, [knots(profile, self.time, BANDS) for profile in profiles])
 
     def slices_of(self, solved: Tensor) -> Tensor:
         """(B, V, cells, H, W) on the light cone -> (B, V, slices, H, W)."""

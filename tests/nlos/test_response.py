@@ -21,6 +21,7 @@ from nlos.calibration.impulse_response import from_histogram
 from nlos.chain import calibrate_scan, reconstruct_file
 from nlos.loaded import load_scan
 from nlos.recon.errors import InvalidSettings
+from nlos.recon.evaluate import read_scene, transient_of
 from nlos.recon.metrics import image_scores
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.training.dataset import DatasetSettings
@@ -294,3 +295,21 @@ def test_weights_that_were_never_told_a_response_are_not_told_one(tmp_path: Path
     wall, time = WallGrid(1.0, 1.0, 16, 16), TimeAxis(64, 64e-12)
     assert not nano.build(nano.Settings(weights=str(tmp_path / "older.safetensors")), wall, time).takes_response
     assert nano.build(nano.Settings(weights=None), wall, time).takes_response
+
+
+SCENE = Path(__file__).parents[2].parent / "shared" / "data" / "synthetic" / "bear_letter.h5"
+
+
+@pytest.mark.skipif(not SCENE.is_file(), reason="../shared/data is absent")
+def test_nano_told_beats_untold_at_600_ps() -> None:
+    scene = read_scene(SCENE)
+    assert scene is not None
+    slow = transient_of(scene, "counts_p20~600ps")
+    assert slow.response is not None
+    pictures = [
+        reconstruct(scan, "nano", {"symmetries": False}, explain=False).albedo
+        for scan in (replace(slow, response=None), slow, replace(slow, response=gaussian(480e-12, "a fifth off")))
+    ]
+    untold_db, told_db, wrong_db = (image_scores(picture, scene.intensity)["psnr"] for picture in pictures)
+    assert told_db > untold_db + 0.5
+    assert wrong_db > told_db - 0.5

@@ -46,7 +46,7 @@ def test_any_shape_is_taken_and_comes_back(name: str, rows: int, cols: int, bins
     time = TimeAxis(bins, 16.4e-9 / bins)
     model = network(name, WallGrid(2.0, 2.0 * rows / cols, rows, cols), time)
     with torch.no_grad():
-        albedo, depth_m, volume = model(counts(rows, cols, bins), None)
+        albedo, depth_m, volume, *_ = model(counts(rows, cols, bins), None)
     assert albedo.shape == depth_m.shape == (1, rows, cols)
     assert volume.shape == (1, len(model.depths_m), rows, cols)
     assert torch.isfinite(albedo).all()
@@ -83,7 +83,7 @@ def test_the_published_quirks_run(name: str) -> None:
     wall, time = WallGrid(2.0, 2.0, 16, 16), TimeAxis(128, 128e-12)
     quirks = network(name, wall, time, paper=True, lateral_stride=2)
     with torch.no_grad():
-        albedo, _, volume = quirks(counts(16, 16, 128), None)
+        albedo, _, volume, *_ = quirks(counts(16, 16, 128), None)
     assert albedo.shape == (1, 16, 16)
     assert volume.shape[2:] == (16, 16)
 
@@ -103,7 +103,7 @@ def test_every_parameter_gets_a_gradient(name: str) -> None:
                 torch.nn.init.ones_(part.norm.weight)  # its gain begins at 0 and shuts the gradient off
         for up in (model.local_up, model.global_up):
             torch.nn.init.normal_(up.last.weight, std=0.1)
-    albedo, depth_m, _ = model(counts(16, 16, 128), None)
+    albedo, depth_m, *_ = model(counts(16, 16, 128), None)
     (albedo.square().mean() + depth_m.mean()).backward()
     silent = [key for key, p in model.named_parameters() if p.grad is None or not p.grad.abs().sum() > 0]
     zeroed = {"unet": ("projection.",), "nlost": (), "lfe": ()}[name]  # a last layer of zeros stops what is before it

@@ -43,7 +43,7 @@ def test_the_picture_does_not_depend_on_the_count_unit(unit: int) -> None:
     counts = shell(WALL, TIME)
     with torch.no_grad():
         one, other = method(counts), method(unit * counts)
-    for a, b in zip(one, other, strict=True):
+    for a, b in zip(one[:3], other[:3], strict=True):
         torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-3, equal_nan=True)
 
 
@@ -51,7 +51,7 @@ def test_the_picture_does_not_depend_on_the_count_unit(unit: int) -> None:
 def test_nothing_and_noise_give_an_empty_picture(rate: float) -> None:
     counts = torch.poisson(torch.full((1, 1, 64, 16, 16), rate), generator=torch.Generator().manual_seed(2))
     with torch.no_grad():
-        albedo, depth_m, volume = network()(counts)
+        albedo, depth_m, volume, *_ = network()(counts)
     assert albedo.abs().max() == 0
     assert torch.isnan(depth_m).all()
     assert volume.abs().max() == 0
@@ -83,7 +83,7 @@ def test_one_set_of_weights_serves_every_geometry(wall: WallGrid, time: TimeAxis
     method, other = build(settings, WALL, TIME), build(settings, wall, time)
     other.load_state_dict(method.state_dict())
     with torch.no_grad():
-        albedo, depth_m, volume = other.eval()(shell(wall, time))
+        albedo, depth_m, volume, *_ = other.eval()(shell(wall, time))
     assert albedo.shape == depth_m.shape == (1, wall.rows, wall.cols)
     assert volume.shape == (1, len(other.depths_m), wall.rows, wall.cols)
     assert torch.isfinite(albedo).all()
@@ -93,7 +93,7 @@ def test_one_set_of_weights_serves_every_geometry(wall: WallGrid, time: TimeAxis
 def test_a_mirrored_scan_gives_the_mirrored_picture(dim: int) -> None:
     method, counts = network(), shell(WALL, TIME)
     with torch.no_grad():
-        albedo, depth_m, volume = method(counts)
+        albedo, depth_m, volume, *_ = method(counts)
         mirror = method(counts.flip(dim))
         turned = method(counts.transpose(-1, -2))
     torch.testing.assert_close(mirror[0], albedo.flip(dim), rtol=1e-3, atol=1e-3)
@@ -104,7 +104,7 @@ def test_a_mirrored_scan_gives_the_mirrored_picture(dim: int) -> None:
 def test_depths_lie_where_the_light_says() -> None:
     method = network()
     with torch.no_grad():
-        albedo, depth_m, _ = method(shell(WALL, TIME))
+        albedo, depth_m, *_ = method(shell(WALL, TIME))
     brightest = int(albedo.argmax())
     assert abs(float(depth_m.flatten()[brightest]) - 1.0) < 0.1
 
@@ -127,7 +127,7 @@ def test_points_that_were_not_measured_are_not_looked_at() -> None:
 def test_every_switch_trains(switches: dict[str, object]) -> None:
     torch.manual_seed(0)
     method = build(Settings.model_validate(SMALL | switches), WALL, TIME).train()
-    albedo, depth_m, volume = method(shell(WALL, TIME))
+    albedo, depth_m, volume, *_ = method(shell(WALL, TIME))
     (albedo.square().mean() + depth_m.mean() + volume.mean()).backward()
     gradients = [p.grad for name, p in method.named_parameters() if name.startswith("unfolding.")]
     assert all(g is None or torch.isfinite(g).all() for g in gradients)
@@ -165,7 +165,7 @@ def test_depths_behind_the_last_light_are_left_out() -> None:
     volumes = method.prepared(near, None)[0]
     assert 80 <= volumes.shape[2] < len(method.depths_m)
     with torch.no_grad():
-        _, _, volume = method(near)
+        _, _, volume, *_ = method(near)
     assert volume.shape[1] == len(method.depths_m)
     assert volume[:, volumes.shape[2] :].abs().max() == 0
 
