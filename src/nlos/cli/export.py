@@ -9,20 +9,23 @@ from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
 
 SCAN_FORMATS = {"npz": ".npz", "mat": ".mat", "ytal": ".hdf5", "ptu": ".ptu"}
+HELD = "Of scans mat, npz, ytal, ptu; of pictures ply, obj, glb, vti; of films gif, mp4."
+FILM_FORMATS = {"gif": ".gif", "mp4": ".mp4"}
 PICTURE_FORMATS = {"ply": ".ply", "obj": ".obj", "glb": ".glb", "vti": ".vti"}
 
 
 def export(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A recording, or a reconstruction.h5 for pictures.")],
-    to: Annotated[str, typer.Option("--to", metavar="FORMAT,...", help="mat, npz, ytal, ptu, ply, obj, glb, vti")],
+    to: Annotated[str, typer.Option("--to", metavar="FORMAT,...", help=HELD)],
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Output file, for a single format.")
     ] = None,
+    method: Annotated[str, typer.Option(help="Of a film: by which method its frames are seen.")] = "lct",
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Writes other people's formats; says what each cannot hold."""
     words = [word.strip() for word in to.split(",") if word.strip()]
-    known = SCAN_FORMATS | PICTURE_FORMATS
+    known = SCAN_FORMATS | PICTURE_FORMATS | FILM_FORMATS
     unknown = [word for word in words if word not in known]
     if unknown or not words:
         raise UsageError(f"--to {to}: {', '.join(unknown) or 'nothing'} is not known; known: {', '.join(known)}")
@@ -36,7 +39,10 @@ def export(
             raise FileExistsError(f"{target}: exists. Choose another name with -o, or say --overwrite.")
     written = []
     for word, target in targets.items():
-        left_behind = _write_scan(run, word, target) if word in SCAN_FORMATS else _write_picture(run, word, target)
+        if word in FILM_FORMATS:
+            left_behind = _write_film(run, word, target, method)
+        else:
+            left_behind = _write_scan(run, word, target) if word in SCAN_FORMATS else _write_picture(run, word, target)
         terminal.result(f"{target}: written as {word}")
         for note in left_behind:
             terminal.log(f"  {note}")
@@ -74,6 +80,20 @@ def _write_scan(run: Path, word: str, target: Path) -> list[str]:
     if arrays.left_aside:
         left_behind = [*left_behind, f"{arrays.left_aside} samples that are damaged or unreadable"]
     return left_behind
+
+
+def _write_film(run: Path, word: str, target: Path, method: str) -> list[str]:
+    from nlos.cli.film import film_with_progress
+    from nlos.film import write_gif, write_mp4
+
+    film = film_with_progress(run, method, {})
+    partial = target.with_name(f".{target.name}.part")
+    try:
+        {"gif": write_gif, "mp4": write_mp4}[word](partial, film)
+        partial.replace(target)
+    finally:
+        partial.unlink(missing_ok=True)
+    return ["brightness only, on one scale: `nlos reconstruct --film` keeps depths and the table of places and speeds"]
 
 
 def _write_picture(run: Path, word: str, target: Path) -> list[str]:

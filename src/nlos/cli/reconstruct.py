@@ -46,6 +46,13 @@ def reconstruct(
     frame: Annotated[
         int | None, typer.Option(metavar="K", min=0, help="Of a scan of several frames this one. Default: all, summed.")
     ] = None,
+    film: Annotated[
+        bool,
+        typer.Option("--film", help="Every frame of RUN: film.npz, film.gif, and its track as a table."),
+    ] = False,
+    window: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Of a film: frames to a picture. Default: all points once.")
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
     skip_existing: Annotated[
         bool, typer.Option("--skip-existing", help="Of several files, only those without results.")
@@ -66,6 +73,18 @@ def reconstruct(
                 "--follow: a scan that is being recorded says itself what it is; limit its picture afterwards"
             )
         _follow(runs, method, chosen, output, constants, response, device, volume, html, overwrite, scheduler)
+        return
+    if film or window is not None:
+        from nlos.cli.film import reconstruct_film
+
+        if (
+            not film
+            or len(runs) != 1
+            or runs[0].is_dir()
+            or (said, limits_m, frame, scheduler) != (NOTHING, None, None, None)
+        ):
+            raise UsageError("--film [--window N]: makes a film of one RUN of `nlos scan`, as it is")
+        reconstruct_film(runs[0], method, chosen, output, window, constants, device, overwrite)
         return
     options: dict[str, Any] = {
         "constants": constants, "response": response, "device": device, "html": html, "volume": volume, "given": said,

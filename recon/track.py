@@ -1,0 +1,69 @@
+"""Where what a film shows is, how large, and how fast it moves: a table with a row a frame, errors included."""
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+
+SEEN = 0.25
+"""Of a frame's brightest pixel: what is dimmer is not taken for the object."""
+FITTED = 5
+"""Frames around each one through which a straight line gives its velocity."""
+COLUMNS = (
+    "frame", "time_s", "x_m", "y_m", "z_m", "x_error_m", "y_error_m", "z_error_m",
+    "width_m", "height_m", "depth_m",
+    "vx_m_per_s", "vy_m_per_s", "vz_m_per_s", "vx_error_m_per_s", "vy_error_m_per_s", "vz_error_m_per_s",
+)  # fmt: skip
+
+
+def track(
+    albedo: npt.NDArray[np.floating],  # (F, H, W)
+    depth_m: npt.NDArray[np.floating],  # (F, H, W), NaN where nothing is seen
+    x_m: Floats,
+    y_m: Floats,
+    time_s: Floats,
+    window: int = 1,
+) -> dict[str, Floats]:
+    """`COLUMNS`, each (F,); NaN where nothing is seen, or too few frames are around.
+
+    Centroids are weighted by brightness. Extents are those of an even bar with the same variance. Velocity is the slope
+    of a straight line through the nearest `FITTED` frames; errors are standard errors from how all frames scatter about
+    their lines, so what does not move evenly has larger ones. `window`: of how many frames each picture is the sum;
+    neighbours share photons then, and errors are larger by its root.
+    """
+    places, extents = np.full((2, 3, len(albedo)), np.nan)
+    for frame, (light, depth) in enumerate(zip(albedo, depth_m, strict=True)):
+        weight = np.where(np.isfinite(depth) & (light > SEEN * light.max()), light, 0.0).astype(np.float64)
+        if not weight.sum() > 0:
+            continue
+        weight /= weight.sum()
+        across, down = np.meshgrid(x_m, y_m)
+        for axis, each in enumerate((across, down, np.nan_to_num(depth))):
+            places[axis, frame] = mean = float((weight * each).sum())
+            extents[axis, frame] = np.sqrt(12 * float((weight * (each - mean) ** 2).sum()))
+    slopes, scatter, span = _lines(places, time_s)
+    error = scatter * np.sqrt(window)
+    seen = np.where(np.isfinite(places), 1.0, np.nan)
+    columns = [np.arange(len(albedo), dtype=np.float64), time_s, *places, *(error[:, None] * seen), *extents]
+    columns += [*slopes, *(error[:, None] / span)]
+    return dict(zip(COLUMNS, columns, strict=True))
+
+
+def _lines(places: Floats, time_s: Floats) -> tuple[Floats, Floats, Floats]:
+    """Slopes (3, F), the scatter of single places about the lines (3,), and the lines' lever (3, F): the root of the
+    sum of squared times about their mean."""
+    slopes, span = np.full((2, 3, len(time_s)), np.nan)
+    squares, freedom = np.zeros(3), 0.0
+    seen = np.flatnonzero(np.isfinite(places[0]))
+    for frame in seen:
+        near = seen[np.argsort(np.abs(seen - frame), kind="stable")[:FITTED]]
+        if len(near) < 3:
+            continue
+        times = time_s[near] - time_s[near].mean()
+        lever = float((times**2).sum())
+        slope = places[:, near] @ times / lever
+        left = places[:, near] - places[:, near].mean(axis=1)[:, None] - slope[:, None] * times
+        slopes[:, frame], span[:, frame] = slope, np.sqrt(lever)
+        squares += (left**2).sum(axis=1)
+        freedom += len(near) - 2
+    return slopes, np.sqrt(squares / freedom) if freedom else np.full(3, np.nan), span

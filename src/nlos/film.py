@@ -1,0 +1,142 @@
+"""A recording of several frames as a film: a picture of each, and where what it shows is and how fast."""
+
+import csv
+import json
+import math
+import shutil
+import subprocess
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib import colormaps
+from PIL import Image
+
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.recording.checked import open_checked
+from nlos.acquisition.recording.frames import frame_table
+from nlos.chain import arrivals_of, calibrate_scan, constants_for
+from nlos.loaded import loaded_frames
+from nlos.recon.reconstruct import reconstruct
+from nlos.recon.track import track
+
+LONGEST_SIDE_PX = 384
+NAMES = ("film.npz", "film.gif", "track.csv", "track.json")
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """Pictures in the order of time, all on one scale; `frame` is the last that each is made from."""
+
+    albedo: npt.NDArray[np.float32]  # (F, H, W)
+    depth_m: npt.NDArray[np.float32]  # (F, H, W), NaN where nothing is seen
+    frame: npt.NDArray[np.int64]  # (F,)
+    time_s: npt.NDArray[np.float64]  # (F,), the mean moment of exposure since the scan's start
+    x_m: npt.NDArray[np.float64]
+    y_m: npt.NDArray[np.float64]
+    window: int
+
+    def track(self) -> dict[str, npt.NDArray[Any]]:
+        """Centroid, extent and velocity of what is seen, a row a picture; see `recon.track`."""
+        found = track(self.albedo, self.depth_m, self.x_m, self.y_m, self.time_s, self.window)
+        return {"frame": self.frame, **{name: column for name, column in found.items() if name != "frame"}}
+
+
+def film_of(
+    run: Path,
+    method: str,
+    settings: Mapping[str, object],
+    window: int | None = None,
+    constants: Path | None = None,
+    device: str = "cpu",
+    step: Callable[[int], None] = lambda frames: None,
+) -> Film:
+    """Every frame of a recording by `method`, each from `window` successive ones: by default as many as it takes for
+    all points. Aligned by the direct light of all. `step` is told how many there will be, after each. Raises
+    `InvalidData`."""
+    with open_checked(run) as recording:
+        plan = recording.plan
+        if plan.frames == 1:
+            raise InvalidData(f"{run}: is a scan of one frame; `frames` in a scan file makes more (docs/howto)")
+        each = plan.cycle if window is None else window
+        if each > plan.frames:
+            raise InvalidData(f"{run}: {each} frames to a picture, but it has {plan.frames}")
+        table = frame_table(plan, recording.intact_records())
+        whole = loaded_frames(recording, None)
+        known = constants_for(whole, constants)
+        arrivals = arrivals_of(whole, known)
+        pictures, frames, times_s = [], [], []
+        for last in range(each - 1, plan.frames):
+            some = slice(last - each + 1, last + 1)
+            if (table.points[some] > 0).all():
+                scan = loaded_frames(recording, range(some.start, some.stop))
+                pictures.append(reconstruct(calibrate_scan(scan, False, known, arrivals), method, settings, device))
+                frames.append(last)
+                times_s.append(float(np.average(table.mean_s[some], weights=table.live_s[some])))
+            step(plan.frames - each + 1)
+    if not pictures:
+        raise InvalidData(f"{run}: no {each} successive frames of it were taken")
+    wall = pictures[0].wall
+    return Film(
+        np.stack([one.albedo for one in pictures]), np.stack([one.depth_m for one in pictures]), np.array(frames),
+        np.array(times_s), wall.x_m(), wall.y_m(), each,
+    )  # fmt: skip
+
+
+def write_film(folder: Path, film: Film) -> list[Path]:
+    """film.npz (`albedo`, `depth_m`, `frame`, `time_s`, `x_m`, `y_m`), film.gif, track.csv and track.json."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / name for name in NAMES]
+    arrays: dict[str, Any] = {
+        name: getattr(film, name) for name in ("albedo", "depth_m", "frame", "time_s", "x_m", "y_m")
+    }
+    np.savez_compressed(paths[0], **arrays)
+    write_gif(paths[1], film)
+    columns = film.track()
+    rows = list(zip(*(column.tolist() for column in columns.values()), strict=True))
+    known = [{key: value for key, value in zip(columns, row, strict=True) if not math.isnan(value)} for row in rows]
+    with paths[2].open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(columns))
+        writer.writeheader()
+        writer.writerows(known)
+    whole = [dict.fromkeys(columns) | row for row in known]
+    paths[3].write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
+    return paths
+
+
+def write_gif(path: Path, film: Film) -> None:
+    """The pictures at the pace at which they were taken, in hundredths of a second as GIF has them, 2 at least."""
+    images = [Image.fromarray(each).convert("P", palette=Image.Palette.ADAPTIVE) for each in _drawn(film)]
+    pace_ms = max(round(_pace_s(film) * 100), 2) * 10
+    images[0].save(path, "GIF", save_all=True, append_images=images[1:], duration=pace_ms, loop=0)
+
+
+def write_mp4(path: Path, film: Film) -> None:
+    """The same by the computer's ffmpeg. Raises `InvalidData` where there is none, or it fails."""
+    if (encoder := shutil.which("ffmpeg")) is None:
+        raise InvalidData("mp4: there is no ffmpeg on this computer. Install it, or export gif.")
+    drawn = _drawn(film)
+    rows, cols = drawn.shape[1:3]
+    command = [
+        encoder, "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{cols}x{rows}",
+        "-r", f"{1 / _pace_s(film):.6f}", "-i", "-", "-pix_fmt", "yuv420p", "-f", "mp4", str(path),
+    ]  # fmt: skip
+    done = subprocess.run(command, input=drawn.tobytes(), capture_output=True, timeout=600, check=False)
+    if done.returncode:
+        raise InvalidData(f"{path}: ffmpeg failed: {done.stderr.decode(errors='replace')[-200:]}")
+
+
+def _pace_s(film: Film) -> float:
+    return float(np.median(np.diff(film.time_s))) if len(film.time_s) > 1 else 1.0
+
+
+def _drawn(film: Film) -> npt.NDArray[np.uint8]:
+    """RGB pictures (F, R, C, 3), pixels enlarged by a whole number, sides even; the brightest of the film is white."""
+    scaled = np.clip(film.albedo / max(float(film.albedo.max()), 1e-30), 0.0, 1.0)
+    times = max(LONGEST_SIDE_PX // max(scaled.shape[1:]), 1)
+    times += times % 2
+    large = scaled.repeat(times, axis=1).repeat(times, axis=2)
+    return np.asarray(colormaps["inferno"](large)[..., :3] * 255).astype(np.uint8)

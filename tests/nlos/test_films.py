@@ -1,0 +1,73 @@
+"""A film of something that moves: pictures, a GIF and a table, held against the path that photons were drawn from."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.scanning.engine import record, scan
+from nlos.configs.load import load
+from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.drivers.simulated.motion import pose_at
+from nlos.drivers.simulated.surfaces import Surface
+from nlos.film import film_of, write_film, write_mp4
+
+PANEL = {"panel_m": (0.2, 0.2), "centre_m": (-0.2, 0.1, 0.7), "path": [{"at_s": 2.0, "centre_m": (0.3, 0.0, 0.8)}]}
+
+
+@pytest.fixture(scope="module", params=[1, 4])
+def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Eight frames of 12 x 12 points, whole and in fourths, of a panel of 20 cm at 26 cm/s."""
+    path = tmp_path_factory.mktemp("film") / "run.h5"
+    settings = load("bench", "simulated", BenchSettings).settings
+    assert settings.simulation is not None
+    scene = settings.simulation.scene.model_copy(update={"objects": (Surface.model_validate_json(json.dumps(PANEL)),)})
+    simulation = settings.simulation.model_copy(update={"scene": scene})
+    words = {
+        "wall": {"width_m": 1.0, "height_m": 1.0, "rows": 12, "cols": 12},
+        "pattern": "serpentine",
+        "dwell_ms": 1,
+        "histogram": {"bins": 512, "bin_width_ps": 32, "offset_ns": 10},
+        "frames": 8,
+        "interleave": request.param,
+    }
+    plan = ScanSettings.model_validate(words).plan()
+    moving = settings.model_copy(update={"simulation": simulation})
+    with open_bench(moving) as bench, RecordingWriter.create(path, plan, Header(), clock=bench.clock) as writer:
+        record(scan(plan, bench), writer)
+    return path
+
+
+def test_a_film_tells_where_a_panel_was_and_how_fast(run: Path, tmp_path: Path) -> None:
+    film = film_of(run, "lct", {}, constants=Path("none"))
+    assert len(film.frame) == 9 - film.window
+    assert film.frame.tolist() == list(range(film.window - 1, 8))
+    found, panel = film.track(), Surface.model_validate_json(json.dumps(PANEL))
+    # The scan's clock starts some milliseconds before the first point is lit: less than a millimetre of way.
+    true = np.array([pose_at(time_s, panel.pose, panel.path).centre_m for time_s in film.time_s])
+    for axis, column in enumerate(("x_m", "y_m", "z_m")):
+        assert np.median(np.abs(found[column] - true[:, axis])) < 0.03
+    assert np.median(found["vx_m_per_s"]) == pytest.approx(0.25, rel=0.2)
+    paths = write_film(tmp_path / "out", film)
+    with Image.open(paths[1]) as picture:
+        assert picture.n_frames == len(film.frame)
+        assert picture.info["duration"] == pytest.approx(np.median(np.diff(film.time_s)) * 1e3, abs=10)
+    rows = list(csv.DictReader(paths[2].read_text().splitlines()))
+    assert [float(row["x_m"]) for row in rows] == pytest.approx(found["x_m"].tolist())
+    assert [row["frame"] for row in json.loads(paths[3].read_text())] == film.frame.tolist()
+
+
+def test_a_film_that_cannot_be_is_refused(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InvalidData, match="9 frames to a picture, but it has 8"):
+        film_of(run, "lct", {}, 9)
+    film = film_of(run, "lct", {}, 8, constants=Path("none"))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(InvalidData, match="no ffmpeg"):
+        write_mp4(tmp_path / "film.mp4", film)

@@ -1,0 +1,65 @@
+"""A track is where something drawn was, how large, and how fast, with errors that say how far off."""
+
+import numpy as np
+import pytest
+
+from nlos.recon.track import COLUMNS, track
+
+X_M, Y_M = np.linspace(-0.5, 0.5, 41), np.linspace(0.5, -0.5, 41)
+
+
+def _covered(pixels: np.ndarray, centre: float, width: float) -> np.ndarray:
+    """How much of each pixel a bar covers, so that it moves by less than one."""
+    half = 0.0125
+    upper, lower = np.minimum(pixels + half, centre + width / 2), np.maximum(pixels - half, centre - width / 2)
+    covered: np.ndarray = np.clip((upper - lower) / (2 * half), 0, 1)
+    return covered
+
+
+def bars(time_s: np.ndarray, noise_m: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """A bar of 0.2 x 0.1 m at (-0.2 + 0.3 t, 0.1 - 0.1 t, 0.8 + 0.2 t) m, off its path by chance."""
+    rng = np.random.default_rng(3)
+    albedo, depth = np.zeros((len(time_s), 41, 41)), np.full((len(time_s), 41, 41), np.nan)
+    for frame, t in enumerate(time_s):
+        x, y = np.array([-0.2 + 0.3 * t, 0.1 - 0.1 * t]) + rng.normal(0.0, 1.0, 2) * noise_m
+        part = np.outer(_covered(Y_M, y, 0.1), _covered(X_M, x, 0.2))
+        albedo[frame], depth[frame] = part, np.where(part > 0, 0.8 + 0.2 * t, np.nan)
+    return albedo, depth
+
+
+def test_a_bar_is_found_where_it_was_and_as_fast_as_it_moved() -> None:
+    time_s = np.arange(8) * 0.1
+    found = track(*bars(time_s), X_M, Y_M, time_s)
+    assert tuple(found) == COLUMNS
+    assert found["x_m"] == pytest.approx(-0.2 + 0.3 * time_s, abs=0.004)
+    assert found["y_m"] == pytest.approx(0.1 - 0.1 * time_s, abs=0.004)
+    assert found["z_m"] == pytest.approx(0.8 + 0.2 * time_s, abs=1e-6)
+    assert found["width_m"] == pytest.approx(0.2, abs=0.02)
+    assert found["height_m"] == pytest.approx(0.1, abs=0.02)
+    for axis, true in (("vx", 0.3), ("vy", -0.1), ("vz", 0.2)):
+        assert found[f"{axis}_m_per_s"] == pytest.approx(true, abs=0.03)
+
+
+def test_errors_are_as_large_as_what_is_off() -> None:
+    time_s = np.arange(60) * 0.01
+    found = track(*bars(time_s, 0.02), X_M, Y_M, time_s)
+    for axis, true in (("x", -0.2 + 0.3 * time_s), ("y", 0.1 - 0.1 * time_s)):
+        assert found[f"{axis}_error_m"] == pytest.approx(0.02, rel=0.3)
+        off = (found[f"{axis}_m"] - true) / found[f"{axis}_error_m"]
+        assert float(np.sqrt((off**2).mean())) == pytest.approx(1.0, abs=0.3)
+    off = (found["vx_m_per_s"] - 0.3) / found["vx_error_m_per_s"]
+    assert 0.6 < float(np.sqrt((off**2).mean())) < 1.5
+    wider = track(*bars(time_s, 0.02), X_M, Y_M, time_s, window=4)
+    assert wider["x_error_m"] == pytest.approx(2 * found["x_error_m"])
+
+
+def test_what_is_not_there_has_no_place_and_no_speed() -> None:
+    time_s = np.arange(9) * 0.1
+    albedo, depth = bars(time_s)
+    albedo[:3], depth[:3] = 0.0, np.nan
+    found = track(albedo, depth, X_M, Y_M, time_s)
+    for column in ("x_m", "x_error_m", "width_m", "vx_m_per_s", "vx_error_m_per_s"):
+        assert np.isnan(found[column]).tolist() == [True] * 3 + [False] * 6
+    alone = track(albedo[:4], depth[:4], X_M, Y_M, time_s[:4])
+    assert np.isfinite(alone["x_m"]).tolist() == [False, False, False, True]
+    assert np.isnan(alone["vx_m_per_s"]).all()
