@@ -158,6 +158,10 @@ def test_recordings_have_the_last_word(tmp_path: Path) -> None:
     assert run(["queue", str(queue)]) == 5
     assert Journal(series.folder).outcome(second.name) == "done"
     assert series.recording(second).stat().st_mtime_ns == taken
+    Journal(series.folder).path.unlink()  # nor does a journal that is lost cost a scan
+    assert run(["queue", str(queue)]) == 5
+    assert Journal(series.folder).outcome(second.name) == "done"
+    assert series.recording(second).stat().st_mtime_ns == taken
     series.recording(second).unlink()  # a recording that is gone is taken again, whatever the journal says
     assert run(["queue", str(queue)]) == 5
     assert series.recording(second).exists()

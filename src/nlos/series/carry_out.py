@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 
-from nlos.acquisition.errors import StorageError
+from nlos.acquisition.errors import InvalidData, StorageError
+from nlos.acquisition.recording.checked import open_checked
 from nlos.acquisition.recording.salvage import settle
 from nlos.acquisition.recording.writer_lock import WriterLock
 from nlos.acquisition.scanning.alarms import AlarmRaised
@@ -96,21 +97,30 @@ def _is_over(series: Series, journal: Journal, run: Run) -> bool:
             f"{series.folder}: {run.name} was begun with other settings. Undo the change in {series.queue.path}, or "
             "give this series a folder of its own."
         )
-    if path.exists() and last is None:
+    if path.exists() and last is None and not _holds(path, run):
         raise FileExistsError(f"{path}: exists and is none of this series'. Give the series a folder of its own.")
     if last is not None and last.what == outcomes.ALARM and series.queue.settings.on_alarm == "skip":
         return not series.retry
-    if last is None or not path.exists():
+    if not path.exists():
         return False
-    if last.what == outcomes.DONE:
+    if last is not None and last.what == outcomes.DONE:
         return True
     try:
-        complete = settle(path, series.runs[series.runs.index(run)].scan.settings.plan())
+        complete = settle(path, run.scan.settings.plan())
     except (ValueError, StorageError):  # resuming says what is wrong with it, or begins anew
         return False
     if complete:  # it was killed between its last sample and its line
         journal.add(run.name, outcomes.DONE, run.digest, "complete when the series was resumed")
     return complete
+
+
+def _holds(path: Path, run: Run) -> bool:
+    """Whether a recording that no journal knows is this run all the same: the journal was lost."""
+    try:
+        with open_checked(path) as recording:
+            return recording.plan == run.scan.settings.plan()
+    except (InvalidData, StorageError):
+        return False
 
 
 def _one(series: Series, journal: Journal, run: Run) -> None:
