@@ -41,9 +41,21 @@ class MethodResult(NamedTuple, Generic[Array]):
     """(B, H, W) depth from the wall, NaN where nothing is seen."""
     volume: Array | None = None
     """(B, D, H, W) albedo at the method's `depths_m`; None where it makes none."""
-    intervals: "Mapping[str, Array] | None" = None
+
+
+class SureResult(MethodResult[Array]):
+    """A result whose method knows how sure it is; still three fields to whoever unpacks it."""
+
+    intervals: Mapping[str, Array] | None = None
     """90 % intervals `albedo_low`, `albedo_high`, `depth_low_m`, `depth_high_m`, and `seen`, the probability that there
-    is a surface, (B, H, W) each; None where the method does not know."""
+    is a surface, (B, H, W) each; None where it does not know."""
+
+
+def sure(made: MethodResult[Array], intervals: Mapping[str, Array] | None) -> MethodResult[Array]:
+    """The same result with its intervals."""
+    result = SureResult(*made)
+    result.intervals = intervals
+    return result
 
 
 class Method(Protocol):

@@ -51,6 +51,7 @@ def reconstruct(
     began = clock.perf_counter()
     made, depths_m, takes = _see(rebinned, method, chosen, device)
     seconds = clock.perf_counter() - began
+    known = getattr(made, "intervals", None)
     result = Reconstruction(
         albedo=made.albedo.astype(np.float32),
         depth_m=made.depth_m.astype(np.float32),
@@ -60,7 +61,7 @@ def reconstruct(
         settings=chosen.model_dump(mode="json"),
         volume=None if made.volume is None else Volume(made.volume, depths_m, rebinned.wall),
         weights_sha256=_weights_sha256(chosen),
-        intervals=None if made.intervals is None else Intervals(**made.intervals),
+        intervals=None if known is None else Intervals(**known),
         confidence=confidence(rebinned.exposure_s),
         points=int(np.count_nonzero(rebinned.exposure_s > 0)),
         photons=max(float(rebinned.counts.sum(dtype=np.float64)), 0.0),

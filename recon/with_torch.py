@@ -14,7 +14,7 @@ from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings
 from nlos.recon import parts
 from nlos.recon.errors import ReconstructionFailed
-from nlos.recon.method import Method, MethodResult, takes_response
+from nlos.recon.method import Method, MethodResult, sure, takes_response
 from nlos.recon.methods import find
 from nlos.recon.own_methods import defined_at, with_its_line
 
@@ -59,8 +59,9 @@ def see(
     if wrong:
         raise ReconstructionFailed(f"{own_at}{wrong} (nlos.recon.method is the contract)")
     volume = None if made.volume is None else made.volume[0].cpu().numpy()
-    sure = None if made.intervals is None else {name: x[0].cpu().numpy() for name, x in made.intervals.items()}
-    return MethodResult(made.albedo[0].cpu().numpy(), made.depth_m[0].cpu().numpy(), volume, sure), depths_m
+    of_each = getattr(made, "intervals", None)
+    known = None if of_each is None else {name: x[0].cpu().numpy() for name, x in of_each.items()}
+    return sure(MethodResult(made.albedo[0].cpu().numpy(), made.depth_m[0].cpu().numpy(), volume), known), depths_m
 
 
 def _wrong(made: object, planes: int, wall: WallGrid) -> str:

@@ -33,6 +33,7 @@ from nlos.recon.layers.transient_lifting import LiftingName
 from nlos.recon.layers.volume_projection import AttentionProjection, MaximumProjection, Projection
 from nlos.recon.memory import cube_bytes
 from nlos.recon.method import MethodResult
+from nlos.recon.method import sure as with_intervals
 
 POINTS = 32  # per wall width: the operator's own pitch, whatever the scan's
 CONDITIONS = 3
@@ -162,7 +163,7 @@ class Nano(nn.Module):
             sure = intervals_of(self.head_of_intervals, seen, volumes, eta, maps, presence, self.physics)
         behind = self.physics.slices - seen.volume.shape[1]  # too far for any light
         volume = F.pad(seen.volume * present[..., None], (0, 0, 0, 0, 0, behind))
-        return MethodResult(albedo, depth_m, volume, sure)
+        return with_intervals(MethodResult(albedo, depth_m, volume), sure)
 
     def prepared(
         self, counts: Tensor, exposure: Tensor | None, response: Tensor | None = None

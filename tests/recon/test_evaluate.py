@@ -22,6 +22,7 @@ SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "synthetic"
 FIELDS = {
     "scene", "method", "settings", "condition", "psnr", "ssim", "psnr_max", "ssim_max", "corr", "depth_rmse_m",
     "depth_mad_m", "depth_median_abs_m", "depth_missing", "explained", "explained_error", "seconds", "peak_rss_mb",
+    "albedo_coverage", "albedo_width", "albedo_ause", "depth_coverage", "depth_width_m", "depth_ause", "seen_ece",
 }  # fmt: skip
 
 
