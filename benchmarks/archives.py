@@ -36,11 +36,12 @@ def rate(folder: Path, workers: int) -> float:
     started = [subprocess.Popen([*base, "distributed.cli.dask_scheduler", *host], **quiet)]  # type: ignore[call-overload]
     words = [*base, "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-dashboard", "--no-nanny"]
     started += [subprocess.Popen([*words, "--death-timeout", "60"], **quiet) for _ in range(workers)]  # type: ignore[call-overload]
+    silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     out = folder / f"out{workers}"
     try:
         words = [*base, "nlos", "reconstruct", str(folder / "in"), "-o", str(out), "--method", "lct", "--no-volume"]
         for _ in range(20):
-            if subprocess.run([*words, "--scheduler", address, "-q"], check=False).returncode == 0:
+            if subprocess.run([*words, "--scheduler", address, "-q"], **silent, check=False).returncode == 0:
                 break
         at = sorted(path.stat().st_mtime for path in out.glob("*/depth.png"))
     finally:
