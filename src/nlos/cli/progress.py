@@ -62,7 +62,8 @@ class Progress:
     def at(self, stage: str) -> None:
         """What is being done now, named in the bar; off a terminal the lines' own business."""
         if self._bar is not None:
-            self._bar.update(self._task, description=f"{self._what}: {stage}", completed=self._done)
+            # At once: a stage that is over before the next tick of the bar is seen, too.
+            self._bar.update(self._task, description=f"{self._what}: {stage}", completed=self._done, refresh=True)
 
     def going_to(self, total: int) -> None:
         """How many there will be, once that is known."""

@@ -19,6 +19,10 @@ class Terminal:
     wire_log: Path | None = None
     document: dict[str, Any] = field(default_factory=dict)
 
+    def begin(self) -> None:
+        """A command of its own: nothing that an earlier one of this process was told, or said, is in it."""
+        self.as_json, self.verbosity, self.wire_log, self.document = False, 0, None, {}
+
     def result(self, text: str, **values: Any) -> None:
         """A line of the result. Its values go into the JSON document instead with --json."""
         self.document.update(values)
@@ -65,6 +69,7 @@ def take_global_options(arguments: list[str]) -> tuple[list[str], bool]:
     Returns the other arguments and whether --version was asked for. Raises `ValueError` for a --wire-log without a
     file. Everything after `--` is left alone.
     """
+    terminal.begin()
     rest: list[str] = []
     version = False
     pending = list(arguments)
