@@ -16,10 +16,13 @@ from nlos.schemas import blocks, model_of
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = sorted(path.relative_to(DOCS).as_posix() for path in DOCS.glob("howto/*.md"))
 SOAK = bool(os.environ.get("NLOS_SOAK"))
+LONG = ("howto/archives.md", "howto/judging.md", "howto/runs.md", "howto/training.md")
+"""A third to half a minute each; whole in `make soak`."""
 BLOCK = re.compile(r"^(<!-- not run: [^\n]* -->\n)?```(sh|python)\n(.*?)^```", re.S | re.M)
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.soak
+@pytest.mark.parametrize("page", PAGES if SOAK else [page for page in PAGES if page not in LONG])
 def test_every_block_of_a_page_runs(page: str, tmp_path: Path) -> None:
     run_page(page, tmp_path, long=False)
 

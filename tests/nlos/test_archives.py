@@ -129,6 +129,8 @@ def test_the_broken_are_named_with_their_reasons_and_the_others_are_done(tmp_pat
         assert np.array_equal(albedo(alone), albedo(tmp_path / "out" / f"good_{number:03d}"))
 
 
+@pytest.mark.soak
+@pytest.mark.skipif(not SOAK, reason="half a minute: make soak")
 def test_skip_existing_does_what_is_missing_and_nothing_twice(tmp_path: Path) -> None:
     archive(tmp_path / "in", 3)
     first = [f"in/good_00{number}.h5" for number in (0, 1)]
@@ -200,6 +202,8 @@ def test_a_cluster_gives_each_file_its_outcome_though_a_worker_dies(tmp_path: Pa
         assert np.array_equal(albedo(tmp_path / "out" / name), albedo(tmp_path / "here" / name))
 
 
+@pytest.mark.soak
+@pytest.mark.skipif(not SOAK, reason="half a minute: make soak")
 def test_a_scheduler_that_dies_is_said_so_and_nothing_is_lost(tmp_path: Path) -> None:
     count = 20 if SOAK else 6
     archive(tmp_path / "in", count, points=32, bins=256)
