@@ -37,7 +37,7 @@ from nlos.drivers.simulated.surfaces import Surface
 REAL = Path(__file__).parents[2] / "shared" / "data" / "real"
 REPETITION_HZ = 10e6
 SHARES = (0.05, 0.2)
-"""Direct photons a laser pulse."""
+"""Direct photons per laser pulse."""
 DATE = "2026-01-01T00:00:00+00:00"
 DETECTORS = {
     "thin SPAD": DetectorSettings(jitter_fwhm_ps=70, dark_cps=100, dead_time_ns=77),
@@ -111,7 +111,7 @@ def clicks_per_pulse(photons: np.ndarray, bin_width_s: float, detector: Detector
 
 
 def recovered(name: str, detector: DetectorSettings, share: float, seed: int = 5) -> list[dict[str, object]]:
-    """Rows of the table for one detector at direct light of `share` photons a laser pulse."""
+    """Rows of the table for one detector at direct light of `share` photons per laser pulse."""
     off = Misalignment(wall_pitch_deg=3.0, wall_yaw_deg=-4.0)
     aim = Aim(2.0)
     scene = SceneSettings(

@@ -2,7 +2,7 @@
 
 A histogram's bin can only hold photons of those laser pulses in which the detector was live at that bin. Dividing by
 the number of live pulses instead of all pulses gives the photon rate back; a bin that was live L times and clicked
-N times saw -ln(1 - N / L) photons a pulse (Coates, J. Phys. E 1, 878, 1968, eq. 4).
+N times saw -ln(1 - N / L) photons per pulse (Coates, J. Phys. E 1, 878, 1968, eq. 4).
 """
 
 from functools import lru_cache

@@ -14,7 +14,7 @@ ROOMS = {
 }
 TOP = """# Design
 
-Data flows from left to right and never back; a test reads the imports and enforces it.
+Data moves through the rooms from left to right. A room imports only those to its left, which a test enforces.
 
 ```
 configs/      drivers/        acquisition/           calibration/            recon/

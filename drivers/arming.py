@@ -37,7 +37,7 @@ class Arming:
                 "that nobody in it asked for.",
             )
         if self._settings.confirm and not (self._agree and self._agree("The laser's light comes on.")):
-            raise LimitError("shutter", "stays closed: nobody agreed to light.", "Say so at a terminal when asked.")
+            raise LimitError("shutter", "stays closed: no one agreed to light.", "Say so at a terminal when asked.")
         if self._settings.delay_s:
             _log.warning("light in %g s", self._settings.delay_s)
             self._events.report("shutter", f"light in {self._settings.delay_s:g} s")

@@ -72,13 +72,13 @@ class GeometrySettings(Settings):
     mirror_separation_m: float = Field(default=0.0, ge=0, le=1)
     """Between the two galvo mirrors."""
     scanner_x_m: float = Field(default=0.0, ge=-100, le=100)
-    """The scanner stands so far right of the wall's centre, where wall coordinates begin."""
+    """How far the scanner is to the right of the wall's centre, where wall coordinates begin."""
     scanner_y_m: float = Field(default=0.0, ge=-100, le=100)
-    """The scanner stands so far above the wall's centre."""
+    """How far the scanner is above the wall's centre."""
     wall_pitch_deg: float = Field(default=0.0, gt=-60, lt=60)
-    """The wall's top edge leans away from the scanner by so much."""
+    """The wall's top edge leans away from the scanner by this angle."""
     wall_yaw_deg: float = Field(default=0.0, gt=-60, lt=60)
-    """The wall's right edge swings away from the scanner by so much."""
+    """The wall's right edge swings away from the scanner by this angle."""
     allowed: AllowedArea | None = None
     """The part of the wall's plane that the beam may be sent to; the mirror's limits alone unless given."""
 

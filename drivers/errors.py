@@ -85,10 +85,6 @@ class LimitError(DeviceError):
     usual_remedy = "Correct the scan or bench file."
 
 
-class DataLoss(DeviceError):
-    """Photons were lost in the device (FIFO full, slot overrun). What arrived is kept and flagged."""
-
-
 class BenchClosed(DeviceError):
     """The bench was closed meanwhile: nothing on it can be asked for any more."""
 
@@ -96,7 +92,7 @@ class BenchClosed(DeviceError):
 
 
 class ShutterHeld(DeviceError):
-    """A signal shut the light off: it stays off until a scan is begun or goes on."""
+    """A signal shut the light off: it stays off until a scan is begun or resumed."""
 
     usual_remedy = "Start a new scan, or continue the paused one."
 

@@ -90,7 +90,7 @@ def _light_unknown(why: str) -> LimitError:
     return LimitError(
         "shutter",
         f"{why}, so nobody knows whether there is light while the mirror moves.",
-        "Say --no-shutter if something else keeps it off, or safe.",
+        "Use --no-shutter if something else keeps it off, or safe.",
     )
 
 

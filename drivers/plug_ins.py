@@ -48,7 +48,7 @@ def with_plug_ins(
 def _loaded(point: EntryPoint, block: type[DeviceSettings]) -> DeviceModel[Any]:
     model = point.load()
     if not isinstance(model, DeviceModel):
-        raise TypeError(f"{point.value} is no nlos.drivers.device_model.DeviceModel")
+        raise TypeError(f"{point.value} is not an nlos.drivers.device_model.DeviceModel")
     if not issubclass(model.settings, block):
         raise TypeError(f"{model.settings.__name__} does not derive from {block.__module__}.{block.__name__}")
     _ = model.name, model.settings.cable  # a block that narrows no word or names no cable is refused here

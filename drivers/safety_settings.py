@@ -6,10 +6,10 @@ from nlos.configs.settings import Settings
 
 
 class SafetySettings(Settings):
-    """When the light is shut off without anybody asking. `dry_run`: it never goes on, everything else happens."""
+    """When the light is shut off without anybody asking. `dry_run`: it never comes on, everything else happens."""
 
     dry_run: bool = False
-    """The light never goes on; everything else happens."""
+    """The light never comes on; everything else happens."""
     watchdog_s: float = Field(default=2.0, ge=0, le=60)
     """The instrument closes the shutter when the host has been silent for so long; 0: never."""
     trip_cps: float = Field(default=5e6, gt=0)

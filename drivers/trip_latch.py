@@ -1,4 +1,4 @@
-"""Trips outlast the program: each bench's stand in a file that only grows, until a person clears them by name."""
+"""Trips outlast the program: each bench keeps its own in an append-only file until a person clears them by name."""
 
 import hashlib
 import os

@@ -219,7 +219,7 @@ def has_condition(scene: Scene, condition: str) -> bool:
 
 
 def transient_of(scene: Scene, condition: str) -> Transient:
-    """The scene's histograms under a condition; points that it leaves out have exposure 0 and no counts."""
+    """The scene's histograms under a condition; points outside it have exposure 0 and no counts."""
     wanted = parsed(condition)
     scan = read_plain(scene.path, wanted.dataset)
     whole = replace(scan.transient, response=scan.response)

@@ -50,7 +50,7 @@ def write_evaluation(folder: Path, evaluation: Evaluation, overwrite: bool = Fal
     paths = [folder / name for name in NAMES]
     for path in paths:
         if path.exists() and not overwrite:
-            raise FileExistsError(f"{path} is there already. Choose another folder, or allow it with --overwrite.")
+            raise FileExistsError(f"{path} exists. Choose another folder, or use --overwrite.")
     folder.mkdir(parents=True, exist_ok=True)
     paths[0].write_text(json.dumps(as_json(evaluation.rows), indent=1) + "\n", encoding="utf-8")
     with paths[1].open("w", newline="", encoding="utf-8") as file:

@@ -30,7 +30,7 @@ LOG_SNR = (-1.5, -1.1, -0.9, 0.0, 0.3)
 class Noise:
     """What was found in a batch, one value a sample."""
 
-    background: "torch.Tensor"  # (B,) counts a bin, ambient light and dark counts
+    background: "torch.Tensor"  # (B,) counts per bin, ambient light and dark counts
     quality: "torch.Tensor"
     """(B,) log10 of signal over noise energy up to `end`, as if in 32 ps bins on 64 x 64 points."""
     end: "torch.Tensor"
@@ -74,7 +74,7 @@ def _estimate(sample: "torch.Tensor", measured: "torch.Tensor | None", time: Tim
 def background_and_quality(
     sample: npt.NDArray[np.floating[Any]], measured: npt.NDArray[np.bool_] | None, time: TimeAxis
 ) -> tuple[float, float, int]:
-    """`estimate` for one sample (C, T, H, W): counts a bin, log10 of signal over noise energy, and where light ends."""
+    """`estimate` for one sample (C, T, H, W): counts per bin, log10 of signal over noise energy, where light ends."""
     if measured is None or measured.all():
         rows, cols = (_spread(size) for size in sample.shape[-2:])
         chosen = sample[..., rows[:, None], cols].reshape(*sample.shape[:2], -1)

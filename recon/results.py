@@ -65,7 +65,7 @@ def write_results(
     more = [folder / name for name, wanted in optional.items() if wanted]
     present = [path for path in (*paths, *more) if path.exists()]
     if present and not overwrite:
-        raise FileExistsError(f"{present[0]} is there already. Choose another folder, or allow it with --overwrite.")
+        raise FileExistsError(f"{present[0]} exists. Choose another folder, or use --overwrite.")
     folder.mkdir(parents=True, exist_ok=True)
     partial = paths[0].with_suffix(".h5.partial")
     try:

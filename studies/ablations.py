@@ -1,6 +1,6 @@
 """The ablation tables: every row trained on the same samples with every seed, judged on scenes of kinds never seen.
 
-`python -m studies.ablations [SAMPLES]` goes on where it was stopped: trains what is not trained, writes
+`python -m studies.ablations [SAMPLES]` resumes where it was stopped: trains what is not trained, writes
 docs/ablations.md after each training. Two processes may share the work, one core each.
 """
 
@@ -92,7 +92,7 @@ def written(found: Known, samples: int, seeds: Sequence[int]) -> str:
         "difference is told from nothing where it is above two of its errors and has more than one seed, and marked * "
         "then. The paper's differences are its own, from longer training on another set: compare sign and order.",
         "",
-        f"{len(found)} of {len(all_rows)} trainings are done. Made by `make studies`, which goes on from what is "
+        f"{len(found)} of {len(all_rows)} trainings are done. Made by `make studies`, which resumes from what is "
         "finished. Networks of form " + FORM + ".",
     ]
     for title, rows in TABLES.items():

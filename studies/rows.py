@@ -11,7 +11,7 @@ from nlos.recon.training.losses import LossSettings
 from nlos.recon.training.train_settings import TrainSettings
 
 FOLDER = Path("runs/studies")
-FORM = "b"  # another letter once the networks or their training change: what was trained before is then trained anew
+FORM = "b"  # another letter once the networks or their training change: what was trained before is then trained again
 SAMPLES = 4000
 SEEDS = (1, 2, 3)
 SMALL: dict[str, Any] = {"rows": 32, "cols": 32, "bins": 128, "bin_width_ps": 128.0}

@@ -11,7 +11,7 @@ _MAX_BYTES = (1 << 31) - 1
 
 
 def write_matlab(scan: ScanArrays, path: Path) -> list[str]:
-    """Writes the arrays that `write_npz` writes, and `wall_size_m`. Returns what was left behind.
+    """Writes the arrays that `write_npz` writes, and `wall_size_m`. Returns what the format cannot hold.
 
     Raises `InvalidData` above 2 GiB, which the format cannot hold.
     """

@@ -10,7 +10,7 @@ from nlos.acquisition.exporters.scan_arrays import ScanArrays
 def write_npz(scan: ScanArrays, path: Path) -> list[str]:
     """Writes `histograms`, `exposure_s`, `x_m`, `y_m`, `bin_width_s`, `offset_s` and `samples_left_aside`.
 
-    Returns what was left behind."""
+    Returns what the format cannot hold."""
     with path.open("wb") as file:
         np.savez_compressed(
             file,

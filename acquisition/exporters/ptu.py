@@ -14,7 +14,7 @@ _SYNC_PERIOD_S = 100e-9
 
 
 def write_ptu(scan: ScanArrays, path: Path) -> list[str]:
-    """Writes every photon as a T3 record. Returns what was left behind.
+    """Writes every photon as a T3 record. Returns what the format cannot hold.
 
     Raises `InvalidData` for free positions, and for more bins than a record can tell apart.
     """
@@ -37,7 +37,7 @@ def write_ptu(scan: ScanArrays, path: Path) -> list[str]:
     pixel_time: float | None = float(dwells[0])
     if len(dwells) > 1 or dwells[0] < 2 * photons * period_s:
         pixel_time = None
-        notes.append("exposures differ between points, or hold more photons than laser pulses: they are left behind")
+        notes.append("exposures differ between points, or hold more photons than laser pulses: they are not exported")
     ptufile.imwrite(
         path,
         narrow.reshape(1, rows, cols, 1, bins),

@@ -52,11 +52,11 @@ def arrays_of_recording(recording: Recording) -> ScanArrays:
 
 
 def arrays_of_import(scan: ImportedScan, path: Path) -> ScanArrays:
-    """The arrays of another program's scan. Raises `InvalidData` where its counts are no whole numbers."""
+    """The arrays of another program's scan. Raises `InvalidData` where its counts are not whole numbers."""
     held = scan.held
     counts = held.counts if isinstance(held, FreePoints) else np.moveaxis(held.counts, 0, 2)
     whole = counts.astype(np.uint32)
     if not np.array_equal(whole, counts):
-        raise InvalidData(f"{path}: its counts are no whole numbers; only photon counts are exported")
+        raise InvalidData(f"{path}: its counts are not whole numbers; only photon counts are exported")
     places = (held.x_m, held.y_m) if isinstance(held, FreePoints) else (held.wall.x_m(), held.wall.y_m())
     return ScanArrays(np.ascontiguousarray(whole), held.exposure_s, *places, held.wall, held.time)

@@ -15,7 +15,7 @@ _VOLUME_FORMATS = {"UNKNOWN": 0, "N_3": 1, "X_Y_Z_3": 2, "X_Y_3": 3}
 
 
 def write_ytal(scan: ScanArrays, path: Path) -> list[str]:
-    """Writes a scan on a grid, indexed [x, y] with x and y rising. Returns what was left behind.
+    """Writes a scan on a grid, indexed [x, y] with x and y rising. Returns what the format cannot hold.
 
     Raises `InvalidData` for free positions, which y-tal's confocal format does not hold.
     """

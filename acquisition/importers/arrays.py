@@ -29,7 +29,7 @@ def held_scan(
     exposure_s, x_m, y_m; `sides_m`: None for a wall around free positions. Raises `InvalidData` naming file, place and
     reason."""
     if not 1e-13 <= bin_width_s <= 1e-6:
-        raise InvalidData(f"{name}: bin_width_s is {bin_width_s:g} s; 1e-13 to 1e-6 s make sense")
+        raise InvalidData(f"{name}: bin_width_s is {bin_width_s:g} s; expected 1e-13 to 1e-6 s")
     exposure = beside.get("exposure_s")
     told = exposure is not None and counts.shape[:-1] == exposure.shape
     counts = given.ordered(counts, f"{name}: {place}", told)

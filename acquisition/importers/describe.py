@@ -1,4 +1,4 @@
-"""What is in a file that is no scan: names and shapes of an HDF5 file, the header of a PTU file."""
+"""What is in a file that is not a scan: names and shapes of an HDF5 file, the header of a PTU file."""
 
 from pathlib import Path
 

@@ -51,7 +51,7 @@ class ImportedScan:
     response: Response | None = None
     """What the instrument makes of an instant of light, where the file says so."""
     notes: tuple[str, ...] = field(default=())
-    """What the file does not hold and was assumed, or holds and was left behind."""
+    """What the file does not hold and was assumed, or holds and was not imported."""
 
     @property
     def transient(self) -> Transient:
@@ -77,11 +77,11 @@ class ImportedScan:
         """Raises `InvalidData`, naming file `name` and place, for what nobody can have measured."""
         held, time, wall = self.held, self.held.time, self.held.wall
         if not (0 < wall.width_m <= LARGEST_WALL_M and 0 < wall.height_m <= LARGEST_WALL_M):
-            raise InvalidData(f"{name}: the wall is {wall.width_m:g} x {wall.height_m:g} m; up to 100 m make sense")
+            raise InvalidData(f"{name}: the wall is {wall.width_m:g} x {wall.height_m:g} m; expected at most 100 m")
         if not NARROWEST_BIN_S <= time.bin_width_s <= WIDEST_BIN_S:
-            raise InvalidData(f"{name}: the bin width is {time.bin_width_s:g} s; 1e-13 to 1e-6 s make sense")
+            raise InvalidData(f"{name}: the bin width is {time.bin_width_s:g} s; expected 1e-13 to 1e-6 s")
         if not 0 <= time.start_s <= 1:
-            raise InvalidData(f"{name}: its time axis begins at {time.start_s:g} s; 0 to 1 s make sense")
+            raise InvalidData(f"{name}: its time axis begins at {time.start_s:g} s; expected 0 to 1 s")
         if held.exposure_s.size > MOST_POINTS or not 0 <= self.direct_cut_bins < time.bins:
             raise InvalidData(f"{name}: {held.exposure_s.size} points, {self.direct_cut_bins} bins of direct light")
         for place, values in (("exposure_s", held.exposure_s), ("time_offset_bins", self.time_offset_bins)):

@@ -48,7 +48,7 @@ class ReaderDied(InvalidData):
 
 
 class IsolatedReader:
-    """A child process that reads one file after another; it is started anew after a crash.
+    """A child process that reads one file after another; it is restarted after a crash.
 
     `memory_bytes` limits the child's address space where the operating system can (not on Windows); `deadline_s` the
     time for one file, `DEADLINE_S` and what its size takes unless given.

@@ -71,7 +71,7 @@ def _answer(request: dict[str, Any]) -> dict[str, object]:
 
 
 def _contents(path: Path, request: dict[str, Any]) -> dict[str, object]:
-    """What is in a file that is no scan, where that was asked for and can be told."""
+    """What is in a file that is not a scan, where that was asked for and can be told."""
     if not request["describe"]:
         return {}
     try:

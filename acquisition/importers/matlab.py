@@ -105,7 +105,7 @@ def _read_own(path: Path, shapes: dict[str, tuple[int, ...]], given: Given) -> I
         if key in shapes
     }
     if any(values.size == 0 or not np.isfinite(values).all() for values in single.values()):
-        raise InvalidData(f"{path}: {', '.join(single)}: are no finite numbers")
+        raise InvalidData(f"{path}: {', '.join(single)}: are not finite numbers")
     for key, option, said in (
         ("bin_width_s", "--bin-width-ps PS", given.bin_width_s),
         ("wall_size_m", "--wall-size-m W or WxH", given.wall_m),

@@ -24,7 +24,7 @@ def read_npz(path: Path, given: Given = NOTHING) -> ImportedScan:
     if counts.ndim not in (2, 3):
         raise InvalidData(f"{path}: histograms: has shape {counts.shape}; [H, W, T] or [N, T] is expected")
     if given.bin_width_s is None and "bin_width_s" not in arrays:
-        raise InvalidData(f"{path}: no array 'bin_width_s'. Say --bin-width-ps PS; the file holds {_listed(arrays)}")
+        raise InvalidData(f"{path}: no array 'bin_width_s'. Use --bin-width-ps PS; the file holds {_listed(arrays)}")
     width_s = given.bin_width_s or _number(path, arrays, "bin_width_s")
     start_s = _number(path, arrays, "offset_s") if "offset_s" in arrays else 0.0
     beside = {

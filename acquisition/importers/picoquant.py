@@ -78,7 +78,7 @@ def _read_ptu(path: Path) -> ImportedScan:
             raise
         raise InvalidData(f"{path}: not a readable PTU file ({type(error).__name__}: {error})") from error
     counts = image.reshape(rows, cols, bins)
-    notes = [_NO_WALL, "photons between lines and outside frames are no points of the scan and are left behind"]
+    notes = [_NO_WALL, "photons between lines and outside frames are not points of the scan and are not imported"]
     if not dwell_s > 0:
         notes.append("the dwell is not stored; assuming 1 s per point")
     exposure = np.full((rows, cols), dwell_s * frames if dwell_s > 0 else 1.0)
@@ -101,7 +101,7 @@ def _one_point(path: Path, name: str, head: RecordFile, data: bytes) -> Imported
     if delays.size == 0:
         raise InvalidData(f"{path}: holds no photons")
     counts = np.bincount(delays, minlength=1).astype(np.uint32)[None, None]
-    notes = [_NO_WALL, "arrival times since the start and marker signals are left behind"]
+    notes = [_NO_WALL, "arrival times since the start and marker signals are not imported"]
     if head.instrument == "TimeHarp 200":
         notes.append("delays are as recorded: this instrument runs in reversed start-stop mode")
     exposure = np.full((1, 1), head.acquisition_s if head.acquisition_s > 0 else 1.0)

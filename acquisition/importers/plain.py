@@ -85,7 +85,7 @@ def _wall_size(file: h5py.File, needed: bool) -> tuple[float, float] | None:
     if value is None or array.dtype.kind not in "uif" or array.size not in (1, 2):
         raise InvalidData(
             f"{file.filename}: attribute wall_size_m must be one number or width and height (found {value!r}). "
-            "Say --wall-size-m W or WxH"
+            "Use --wall-size-m W or WxH"
         )
     sizes = array.astype(np.float64).ravel()
     if not (np.isfinite(sizes).all() and (sizes > 0).all()):

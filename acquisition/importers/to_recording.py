@@ -26,11 +26,13 @@ def write_recording(
     step: Callable[[int], None] = lambda by: None,
 ) -> int:  # fmt: skip
     """Writes `target`, which appears once it is whole, and calls `step(1)` after each point; returns how many points it
-    holds. Raises `InvalidData` where counts are no whole numbers, `StorageError` where `target` exists."""
+    holds. Raises `InvalidData` where counts are not whole numbers, `StorageError` where `target` exists."""
     held = scan.held
     counts = held.counts.astype(np.uint32)
     if not np.array_equal(counts, held.counts):
-        raise InvalidData(f"{source}: its counts are no whole numbers, so no photon counts; reconstruct it as it is")
+        raise InvalidData(
+            f"{source}: its counts are not whole numbers, so they are not photon counts; reconstruct it as it is"
+        )
     exposed = np.nonzero(held.exposure_s > 0)
     if isinstance(held, FreePoints):
         positions, histograms = free(held.x_m[exposed], held.y_m[exposed]), counts[exposed]
@@ -42,7 +44,7 @@ def write_recording(
     header = Header(scan_json=json.dumps({_KEY: _said(scan, source)})).stamped()
     started_s = np.concatenate([[0.0], np.cumsum(dwell_s)])
     if target.exists() and not overwrite:
-        raise StorageError(f"{target}: exists. Choose another name, or say --overwrite.")
+        raise StorageError(f"{target}: exists. Choose another name, or use --overwrite.")
     partial = target.with_name(f".{target.name}.part")
     try:
         with RecordingWriter.create(partial, plan, header, overwrite=True) as writer:

@@ -74,7 +74,7 @@ def _upright(
     if not (np.isfinite(grid).all() and 1e-6 < delta_m < 100 and np.isfinite(start_m)):
         raise InvalidData(f"{path}: grid or time axis is not finite (delta_t {delta_m:g} m, t_start {start_m:g} m)")
     if min(counts.shape[1:]) < 2:
-        raise InvalidData(f"{path}: a grid of {counts.shape[1:]} points has no spacing; 2 x 2 are the least")
+        raise InvalidData(f"{path}: a grid of {counts.shape[1:]} points has no spacing; at least 2 x 2 are needed")
     if np.ptp(grid[:, 0, 0]) > np.ptp(grid[0, :, 0]):
         counts, grid = counts.swapaxes(1, 2), grid.swapaxes(0, 1)
     if grid[0, 0, 0] > grid[0, -1, 0]:
@@ -88,7 +88,7 @@ def _upright(
         np.abs(np.diff(grid[..., 0], axis=1) - pitch_x).max() + np.abs(np.diff(grid[..., 1], axis=0) + pitch_y).max()
     )
     if not (pitch_x > 0 and pitch_y > 0) or straight > 0.02 * (pitch_x + pitch_y) or np.ptp(grid[..., 2]) > 1e-3:
-        raise InvalidData(f"{path}: its points are no regular grid in a plane z = const")
+        raise InvalidData(f"{path}: its points are not a regular grid in a plane z = const")
     width_s = delta_m / SPEED_OF_LIGHT_M_PER_S
     offsets = np.full((rows, cols), -start_m / delta_m)
     if origins is not None:
@@ -100,7 +100,7 @@ def _upright(
         TimeAxis(int(counts.shape[0]), width_s),
     )
     rectified = bool((np.abs(offsets) < 1e-6).all())
-    notes = ("exposure is not stored; assuming 1 s per point", "scene description and normals are left behind")
+    notes = ("exposure is not stored; assuming 1 s per point", "scene description and normals are not imported")
     return ImportedScan(
         transient, name, falloff=4, rectified=rectified, time_offset_bins=None if rectified else offsets, notes=notes
     )

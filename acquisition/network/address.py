@@ -17,7 +17,7 @@ def listening_address(host: str) -> str:
     try:
         found = {str(info[4][0]) for info in socket.getaddrinfo(host.strip("[]") or "0", None, type=socket.SOCK_STREAM)}
     except (OSError, UnicodeError) as error:
-        raise ValueError(f"{host!r} is no address of this machine ({error})") from error
+        raise ValueError(f"{host!r} is not an address of this machine ({error})") from error
     if any(_means_all(one) for one in found):
         raise ValueError(f"{host!r} is every interface; name the one address by which the other machine reaches this")
     return sorted(found, key=lambda one: (":" in one, one))[0]
@@ -36,7 +36,7 @@ def check_endpoint(text: str) -> None:
     if not 0 < int(match["port"]) < 65536:
         raise ValueError(f"{text!r}: a port is 1 to 65535")
     if _means_all(match["v6"] or match["host"]):
-        raise ValueError(f"{text!r} is no address of one machine")
+        raise ValueError(f"{text!r} is not an address of one machine")
 
 
 def _means_all(host: str) -> bool:

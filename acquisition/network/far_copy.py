@@ -65,7 +65,7 @@ class FarCopy:
 
     def _broken_off(self) -> StorageError:
         return StorageError(
-            f"{self._ticket}: the copying process broke off ({_how(self._child.returncode)}). What it holds is safe; "
+            f"{self._ticket}: the copying process stopped ({_how(self._child.returncode)}). What it holds is safe; "
             "follow the ticket again into the same folder."
         )
 

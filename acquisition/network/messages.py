@@ -76,7 +76,7 @@ def decode_plan(frames: list[bytes]) -> tuple[ScanPlan, Header]:
             raise ValueError(f"{about['plan']['axis']['bins']} bins")
         plan = ScanPlan.from_parts(about["plan"], column)
         if plan.digest() != about["digest"]:
-            raise ValueError("the digest does not fit")
+            raise ValueError("the digest does not match")
         return plan, Header.from_texts(about["header"])
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InvalidData(
@@ -161,5 +161,5 @@ def _json(frames: list[bytes]) -> dict[str, Any]:
     except (IndexError, ValueError, RecursionError) as error:
         raise InvalidData("a reply that is not JSON") from error
     if not isinstance(about, dict):
-        raise InvalidData("a reply that is no object")
+        raise InvalidData("a reply that is not a JSON object")
     return about

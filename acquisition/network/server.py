@@ -154,7 +154,7 @@ class SampleServer:
             self._recording, self._inode = fresh, inode
             self._intact, self._looked_at = [], 0
             if fresh.header.identity != self._which:
-                raise StorageError(f"{self._run}: another recording has taken its place. Serve that one anew.")
+                raise StorageError(f"{self._run}: another recording has taken its place. Serve that one instead.")
         before = len(self._recording)
         alone = self._recording.refresh() == before and not is_locked(self._run)
         if not alone or self._recording.status is not Status.RUNNING:

@@ -49,7 +49,9 @@ class ScanPlan:
         if not (np.isfinite(self.dwell_s).all() and (self.dwell_s > 0).all()):
             raise ValueError("every dwell must be above 0")
         if self.revisit_below is not None and len(self) % self.first_pass:
-            raise ValueError(f"a plan that returns needs whole passes; {len(self)} is no multiple of {self.first_pass}")
+            raise ValueError(
+                f"a plan that returns needs whole passes; {len(self)} is not a multiple of {self.first_pass}"
+            )
         for array in self.columns().values():
             array.flags.writeable = False
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from nlos.acquisition.wall import WallGrid
 
 OFF_GRID = -1
-"""Stands in `row` and `col` for a place that is no pixel of the wall's grid."""
+"""The `row` and `col` of a place that is not a pixel of the wall's grid."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -84,7 +84,7 @@ def checked_angles(plan: ScanPlan, bench: Bench, aim: Aiming) -> list[MirrorAngl
         if holes := bench.simulated.holes(angles):
             raise InvalidData(
                 f"recorded scene: {len(holes)} of the plan's {len(plan)} points are damaged or were never measured "
-                f"there: points {listed(holes)} of the plan. Photons that nobody measured cannot be handed out: plan "
+                f"there: points {listed(holes)} of the plan. Photons that were never measured cannot be replayed: plan "
                 "the other points only, or complete the scene (`nlos recover`, then `nlos scan --resume`)."
             )
         bench.simulated.check(angles, plan.axis, plan.dwell_s.tolist())
@@ -149,7 +149,7 @@ class ExpectedRates:
         axis, counts = plan.axis, np.zeros(plan.axis.bins)
         chosen = np.unique(np.linspace(0, len(plan) - 1, LOOKS).astype(int))
         if bench.simulated is None:
-            raise ValueError(f"bench {bench.settings.name} is real: nobody knows its photons before a scan")
+            raise ValueError(f"bench {bench.settings.name} is real: its count rates are not known before a scan")
         for number in chosen.tolist():
             counts += bench.simulated.look(angles[number], axis, LOOK_S, number)
         return cls.of_histogram(counts, len(chosen) * LOOK_S, axis)

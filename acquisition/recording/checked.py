@@ -25,12 +25,12 @@ def open_checked(path: Path) -> Recording:
 
 
 def check_recording(path: Path) -> None:
-    """Has a child read the file to its end. Raises `FileNotFoundError`, and `InvalidData` where `path` is no recording,
-    or one that no process survives."""
+    """Has a child read the file to its end. Raises `FileNotFoundError`, and `InvalidData` where `path` is not a
+    recording, or one that no process survives."""
     if not is_recording(path):
         raise InvalidData(
-            f"{path}: is no recording, or its beginning is damaged. `nlos import {path.name} -o RUN.h5` makes one of "
-            "other formats."
+            f"{path}: is not a recording, or its beginning is damaged. `nlos import {path.name} -o RUN.h5` makes one "
+            "of other formats."
         )
     check_isolated(path, _READER)
 

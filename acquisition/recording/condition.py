@@ -68,7 +68,7 @@ class Condition:
             for word, rows in (("damaged: rows", self.damaged), ("cannot be read: rows", self.unread))
             if rows
         ]
-        return f"{self.left_aside} of {self.samples} samples are left aside ({'; '.join(found)})"
+        return f"{self.left_aside} of {self.samples} samples are skipped ({'; '.join(found)})"
 
 
 def listed(numbers: Sequence[int], most: int = 8) -> str:

@@ -57,7 +57,7 @@ class HdfBytes:
     """What h5py takes for a file: the bytes of `fd`. HDF5 itself never meets an error: reads that fail give zeros,
     writes after the first that failed go nowhere, and `failure` says so.
 
-    A mark that a writer has it open, left by a crash, and an end beyond the file's own, as a copy that broke off has
+    A mark that a writer has it open, left by a crash, and an end beyond the file's own, as an incomplete copy has
     it, are no obstacles.
     """
 

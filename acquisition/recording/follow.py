@@ -12,7 +12,7 @@ from nlos.drivers.clock import Clock, SystemClock
 
 POLL_S = 0.2
 LAST_LOOKS = 5
-"""How often a row that is not intact is looked at anew before it counts as damaged."""
+"""How often a row that is not intact is looked at again before it counts as damaged."""
 LEFT_ALONE_S = 5.0
 """A file that nobody holds any more gets so long to change before its writer is taken for dead."""
 
@@ -25,11 +25,11 @@ def follow(
 ) -> Iterator[Sample]:
     """The intact samples of `path`, those already there first, then each as it is acknowledged, until the scan ends.
 
-    `look` is shown the open recording before the first sample, whenever it was looked at anew, and once at the end:
+    `look` is shown the open recording before the first sample, whenever it was looked at again, and once at the end:
     whoever wants to know more than samples needs no second handle, which would upset this one.
 
     Waits at most `patience_s` for the file to appear (`TimeoutError`); then for as long as a writer holds it, pauses
-    included. Goes on through a crash and `--resume`. Raises `InvalidData` for a file that is no recording and that
+    included. Goes on through a crash and `--resume`. Raises `InvalidData` for a file that is not a recording and that
     nobody writes, `StorageError` where the writer is gone for good, the file was deleted, or another recording has
     taken its place.
     """
@@ -38,7 +38,7 @@ def follow(
     while True:
         with _opened(path, patience_s, clock, given) as recording:
             if identity and recording.header.identity != identity:
-                raise StorageError(f"{path}: another recording took its place after {given} samples. Follow it anew.")
+                raise StorageError(f"{path}: another recording took its place after {given} samples. Follow it again.")
             identity = recording.header.identity
             row, looks, alone_since_s, skip = 0, 0, clock.now(), given
             while True:

@@ -42,7 +42,7 @@ def lay_out(target: Path, plan: ScanPlan, header: Header) -> Path:
                 rows += [_announce(file, "samples/records", (points,), RECORD)]
                 rows += [_announce(file, "samples/counts", (points, bins), np.dtype("<u4"))]
                 # A dataset gets its place with its first value: by then everything that says what is where has its
-                # own, further in front, so that a copy that broke off still knows.
+                # own, further in front, so that an incomplete copy still knows.
                 file.flush()
                 for dataset in rows:
                     dataset[0] = np.zeros(dataset.shape[1:], dataset.dtype)

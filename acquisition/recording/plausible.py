@@ -45,13 +45,13 @@ def json_texts(place: str, text: str) -> list[str]:
 def check_geometry(name: str, wall: WallGrid, axis: HistogramAxis, points: int) -> None:
     """Raises `InvalidData` for a wall or time axis that no scan has, before anything is allocated for it."""
     if not (0 < wall.width_m <= LARGEST_WALL_M and 0 < wall.height_m <= LARGEST_WALL_M):
-        raise InvalidData(f"{name}: plan: the wall is {wall.width_m:g} x {wall.height_m:g} m; up to 100 m make sense")
+        raise InvalidData(f"{name}: plan: the wall is {wall.width_m:g} x {wall.height_m:g} m; expected at most 100 m")
     if wall.rows * wall.cols > MAX_POINTS or not 0 < points <= MAX_POINTS:
         raise InvalidData(f"{name}: plan: {points} points on a grid of {wall.rows} x {wall.cols}; 4096 x 4096 at most")
     if not (0 < axis.bins <= MAX_BINS and NARROWEST_BIN_S <= axis.bin_width_s <= WIDEST_BIN_S):
-        raise InvalidData(f"{name}: plan: {axis.bins} bins of {axis.bin_width_s:g} s are no time axis")
+        raise InvalidData(f"{name}: plan: {axis.bins} bins of {axis.bin_width_s:g} s are not a time axis")
     if not 0 <= axis.offset_s <= 1:
-        raise InvalidData(f"{name}: plan: the time axis begins at {axis.offset_s:g} s; 0 to 1 s make sense")
+        raise InvalidData(f"{name}: plan: the time axis begins at {axis.offset_s:g} s; expected 0 to 1 s")
 
 
 def check_plan(name: str, plan: ScanPlan) -> None:

@@ -78,7 +78,7 @@ def recover(path: Path, target: Path, *, overwrite: bool = False) -> int:
     """Copies header, plan, events and every intact sample of `path` into a new scan file `target`; returns how many
     samples. Raises `InvalidData` where `path` has no complete header, `StorageError` where `target` exists."""
     if target.exists() and not overwrite:
-        raise StorageError(f"{target}: exists. Choose another name, or say --overwrite.")
+        raise StorageError(f"{target}: exists. Choose another name, or use --overwrite.")
     lock = WriterLock(target)
     try:
         with Recording.open(path) as recording:
@@ -99,7 +99,7 @@ def _copied(recording: Recording, target: Path) -> tuple[Path, int]:
 
 @dataclass(frozen=True)
 class Resumed:
-    """Where a scan goes on: `writer` is None where nothing is left to take; `taken` and `elapsed_s` are for `scan`."""
+    """Where a scan resumes: `writer` is None where nothing is left to take; `taken` and `elapsed_s` are for `scan`."""
 
     writer: RecordingWriter | None
     taken: Mapping[int, int]

@@ -104,7 +104,7 @@ def _number(group: h5py.Group, name: str) -> float:
     attribute = h5py.h5a.open(group.id, name.encode())
     held = np.empty((), dtype=attribute.dtype)
     if attribute.shape != () or held.dtype.kind not in "iuf":
-        raise InvalidData(f"{group.file.filename}: plan: {name} is no number")
+        raise InvalidData(f"{group.file.filename}: plan: {name} is not a number")
     attribute.read(held)
     return float(held[()])
 

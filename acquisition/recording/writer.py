@@ -74,7 +74,7 @@ class RecordingWriter:
         lock = lock or WriterLock(path)
         try:
             if path.exists() and not overwrite:
-                raise StorageError(f"{path}: exists. Choose another name, or say --overwrite or --resume.")
+                raise StorageError(f"{path}: exists. Choose another name, or use --overwrite or --resume.")
             put_in_place(lay_out(path, plan, header), path)
         except BaseException:
             lock.release()

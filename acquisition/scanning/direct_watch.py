@@ -21,7 +21,7 @@ _PART = 0.02
 
 class DirectWatch:
     """Adds up the first points, each shifted by its own expected arrival, and judges until it can tell. Points whose
-    direct light the window leaves out, by what is known, are not asked."""
+    direct light lies outside the window, by what is known, are not asked."""
 
     def __init__(self, plan: ScanPlan, direct: DirectLight) -> None:
         self._plan, self._direct = plan, direct

@@ -175,7 +175,7 @@ class _Run:
             self._meet(watch.trouble, watch.number)
 
     def _kept(self, source: Iterator[Sample]) -> Iterator[Sample]:
-        """Samples as they are confirmed, until one has to be taken again or nothing is left to gain."""
+        """Samples as they are confirmed, until one has to be taken again or there is nothing left to gain."""
         for sample in until_interrupted(source, self._control):
             if self._left.is_spoilt(sample):
                 return
@@ -192,7 +192,7 @@ class _Run:
             self._bench.report("scan", "the first pass is ended early: the second begins")
             self._left.first_pass_cut = True
             return
-        self._bench.report("scan", "ended early: nothing is left to gain")
+        self._bench.report("scan", "ended early: there is nothing left to gain")
         self._control.enter(ScanState.ENDED)
 
     def _look_around(self) -> None:
@@ -215,7 +215,7 @@ class _Run:
         self._dark(why)
         self._bench.report("scan", f"paused: {why}")
         going = self._control.pause(ScanState.STOPPED if alarm else ScanState.ENDED)
-        self._bench.report("scan", "goes on" if going else "ended while paused")
+        self._bench.report("scan", "resumed" if going else "ended while paused")
         if going:
             self._bench.shutter.release()
             undeterred(self._look_around)

@@ -11,7 +11,7 @@ from nlos.acquisition.transient import TimeAxis
 
 
 class FreePoints:
-    """Sums over the samples of a plan, place by place; of a point that came twice the second is left out.
+    """Sums over the samples of a plan, place by place; of a point that was taken twice only the first counts.
 
     Raises `InvalidData` for more than 8 GiB of counts.
     """

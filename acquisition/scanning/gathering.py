@@ -13,7 +13,7 @@ from nlos.acquisition.transient import TimeAxis, Transient
 
 class Gathering:
     """Sums over the samples of a plan. Counts are whole numbers, so their order leaves no trace; of a point that came
-    twice the second is left out. `transient()` equals `Recording.transient()` of the same samples.
+    twice, only the first counts. `transient()` equals `Recording.transient()` of the same samples.
 
     Raises `InvalidData` for plans off the grid, and for more than 8 GiB of counts.
     """

@@ -155,7 +155,7 @@ def _slower_than_its_table(lag_s: float, settled_s: float) -> LimitError:
         "mirror",
         f"trails continuous lines by {lag_s * 1e3:.3g} ms, and its table says that it settles in {settled_s * 1e3:.3g} "
         "ms.",
-        "Measure `settle` anew for the bench file, or take `continuous` out of the scan file.",
+        "Measure `settle` again for the bench file, or take `continuous` out of the scan file.",
     )
 
 

@@ -72,7 +72,7 @@ class LeftToTake:
         number = sample.point.number
         again = self.is_taken_again(sample)
         attempt = self._attempts[number] = self._attempts.get(number, 0) + 1
-        verdict = "is taken again" if again else f"is kept so after {attempt} attempts"
+        verdict = "is taken again" if again else f"is kept as it is after {attempt} attempts"
         self._bench.report("sample", f"point {number} {verdict}: {flags.name}")
         return again
 

@@ -98,7 +98,7 @@ class OwnSteps:
 @runtime_checkable
 class OwnClock(Protocol):
     """A mirror that plays a sequence on a clock of its own, which no edge starts or steps, and marks every step: on
-    lines 1 and 2 in turn, on line 3 with the first, and on a fourth for counters that want one edge a point."""
+    lines 1 and 2 in turn, on line 3 with the first, and on a fourth for counters that want one edge per point."""
 
     @property
     def has_own_clock(self) -> bool:

@@ -63,7 +63,7 @@ def decode_block(answer: bytes, start: int = 0) -> tuple[memoryview, int]:
     """
     count = answer[start + 1 : start + 2]
     if answer[start : start + 1] != b"#" or not count.isdigit() or count == b"0":
-        raise ValueError(f"no definite block but {answer[start : start + 12]!r}")
+        raise ValueError(f"not a definite block: {answer[start : start + 12]!r}")
     first = start + 2 + int(count)
     digits = answer[start + 2 : first]
     if len(digits) != int(count) or not digits.isdigit():
@@ -78,7 +78,7 @@ def decode_error(answer: bytes) -> ScpiError:
     """One answer to `SYST:ERR?`. Raises ValueError for anything else."""
     match = _ERROR.match(answer)
     if match is None:
-        raise ValueError(f"no error report but {answer[:40]!r}")
+        raise ValueError(f"not an error report: {answer[:40]!r}")
     return ScpiError(int(match[1]), match[2].decode("ascii", "replace").replace('""', '"'))
 
 

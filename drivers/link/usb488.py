@@ -248,7 +248,7 @@ class Usb488:
         return view[HEADER_BYTES:whole].tobytes(), end
 
     def _read_slice(self, buffer: "array.array[int]", deadline_s: float) -> int:
-        """Waits in slices, so that a device that leaves out the zero-length packet costs one slice, not the timeout."""
+        """Waits in slices, so that a device that omits the zero-length packet costs one slice, not the timeout."""
         while True:
             left_s = self._left(deadline_s)
             try:

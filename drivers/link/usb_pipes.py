@@ -20,7 +20,7 @@ class UsbPipes:
         self.device, self._log, self.closed = device, wire_log, False
         self._usb = find_usb(device, *ids, serial, backend)
         try:
-            self._claim()
+            self._bulk, self._command, self._answer = self._claim()
         except usb.core.USBError as error:
             self.close()
             raise classify(device, "opening it", error) from error
@@ -28,7 +28,8 @@ class UsbPipes:
             self.close()
             raise
 
-    def _claim(self) -> None:
+    def _claim(self) -> tuple[int, int, int]:
+        """Addresses of bulk out, interrupt out and interrupt in."""
         self._usb.set_configuration()
         with contextlib.suppress(NotImplementedError):
             if self._usb.is_kernel_driver_active(0):
@@ -40,7 +41,7 @@ class UsbPipes:
             self._usb.set_interface_altsetting(0, interface.bAlternateSetting)
         pipes = {(each.bEndpointAddress & 0x80, each.bmAttributes & 3): each.bEndpointAddress for each in interface}
         try:
-            self._bulk, self._command, self._answer = pipes[0, 2], pipes[0, 3], pipes[0x80, 3]
+            return pipes[0, 2], pipes[0, 3], pipes[0x80, 3]
         except KeyError as error:
             raise ProtocolError(self.device, "its USB interface lacks a bulk or an interrupt endpoint.") from error
 

@@ -282,5 +282,5 @@ class UsbtmcInterface:
 
 
 def _milliseconds(seconds: float) -> int:
-    """libusb's timeout; 0 would mean for ever."""
+    """libusb's timeout; 0 would mean no timeout."""
     return max(1, math.ceil(seconds * 1000.0))

@@ -18,9 +18,9 @@ class Misalignment(Settings):
     wall_distance_m: float | None = Field(default=None, gt=0)
     """From the second mirror to the wall, straight ahead."""
     scanner_x_m: float | None = None
-    """The scanner stands so far right of the wall's centre."""
+    """How far the scanner is to the right of the wall's centre."""
     scanner_y_m: float | None = None
-    """The scanner stands so far above the wall's centre."""
+    """How far the scanner is above the wall's centre."""
     x_volts_per_degree: float | None = Field(default=None, ge=-10, le=10)
     """What the x axis behind a TriggerScope really takes, negative where it is mounted the other way round."""
     y_volts_per_degree: float | None = Field(default=None, ge=-10, le=10)

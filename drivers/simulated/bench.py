@@ -56,7 +56,7 @@ Light = Callable[[Gate, MirrorAngles, bool], Exposure]
 
 @runtime_checkable
 class LimitedLight(Protocol):
-    """A `Light` that does not shine everywhere, nor for ever."""
+    """A `Light` that does not shine everywhere, nor indefinitely."""
 
     def is_hole(self, beam: MirrorAngles) -> bool:
         """Whether it lacks just this place."""

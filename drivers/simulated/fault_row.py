@@ -16,9 +16,9 @@ class FaultRow:
 
 
 def words(names: Iterable[str]) -> str:
-    """As they stand in a bench file, side by side."""
+    """As a bench file writes them, side by side."""
     return ", ".join(f"`{name}`" for name in names)
 
 
 ALL = "everything acknowledged; the point under way is taken again by `--resume`"
-SAME = "everything: the scan goes on"
+SAME = "everything: the scan continues"

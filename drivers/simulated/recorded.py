@@ -97,7 +97,7 @@ class RecordedLight:
             raise LimitError(
                 "recorded scene",
                 f"a dwell of {dwell_s * 1e3:g} ms is longer than the {recorded_s * 1e3:g} ms recorded there.",
-                "Shorten dwell_ms in the plan; photons that were never measured cannot be handed out.",
+                "Shorten dwell_ms in the plan; photons that were never measured cannot be replayed.",
             )
         return min(1.0, dwell_s / recorded_s)
 

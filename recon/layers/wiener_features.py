@@ -27,7 +27,7 @@ NOISELESS_PEAK = 20_000.0  # counts that a transient in other units is then take
 class Counted:
     """Counts over exposure without background, and how good they are."""
 
-    rate: Tensor  # (B, 1, T, H, W) counts a bin at mean exposure, 0 where nothing was measured
+    rate: Tensor  # (B, 1, T, H, W) counts per bin at mean exposure, 0 where nothing was measured
     measured: Tensor  # (B, H, W) 1 or 0
     background: Tensor  # (B,) what was taken off
     net: Tensor  # (B,) counts per measured point, at least 1
@@ -85,7 +85,7 @@ def unit(counts: Tensor) -> Tensor:
 
 
 def background_rate(counts: Tensor, exposure: Tensor) -> Tensor:
-    """Background counts a bin at exposure 1, (B,): the low decile of the time axis' mean rates, empty bins aside."""
+    """Background counts per bin at exposure 1, (B,): the low decile of the time axis' mean rates, empty bins aside."""
     rate = counts[:, 0].sum(dim=(2, 3)) / exposure.sum(dim=(1, 2)).clamp(min=1e-6)[:, None]  # (B, T)
     size = max(1, rate.shape[1] // BLOCKS)
     blocks = rate[:, : rate.shape[1] // size * size].reshape(len(rate), -1, size).mean(dim=2)

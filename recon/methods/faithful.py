@@ -44,7 +44,7 @@ class Settings(AnySettings):
     outer_iterations: Annotated[int, Field(ge=1, le=6)] = 1
     """S of algorithm 1."""
     channels: tuple[int, ...] = (8, 16, 32, 48, 64)
-    """One entry a scale (J)."""
+    """One entry per scale (J)."""
     iterations: Annotated[int, Field(ge=1)] = 2
     """A scale (n_j)."""
     start: Literal["inverse", "zero"] = "inverse"

@@ -35,7 +35,7 @@ class Gram(nn.Module):
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
         super().__init__()
         if settings.conventions == "authors":
-            raise InvalidSettings("gram knows only the physical conventions; leave out conventions=authors")
+            raise InvalidSettings("gram knows only the physical conventions; remove conventions=authors")
         self.settings, self.time = settings, time
         self.depths_m = depths_m(time, "physical")
         self.falloff = Falloff(time, settings.falloff)

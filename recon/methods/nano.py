@@ -1,4 +1,4 @@
-"""NANO: the noise-adapted neural operator, trained; any scan grid (it sees 32 points a wall), few photons."""
+"""NANO: the noise-adapted neural operator, trained; any scan grid (it sees 32 points per wall), few photons."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -66,7 +66,7 @@ class Settings(AnySettings):
     outer_iterations: Annotated[int, Field(ge=1, le=6)] = 1
     """S of algorithm 1."""
     channels: tuple[int, ...] = (16, 32, 48)
-    """One entry a scale (J)."""
+    """One entry per scale (J)."""
     iterations: Annotated[int, Field(ge=1)] = 2
     """A scale (n_j)."""
     spectral_scales: int = 2

@@ -20,11 +20,11 @@ class Settings(BaseSettings):
     weights: str | None = "unet"
     """Weights file, or a name of those that ship; none for an untrained network."""
     widths: tuple[int, ...] = (16, 32, 48)
-    """Channels of the 3D network, one entry a scale."""
+    """Channels of the 3D network, one entry per scale."""
     features: int = 8
     """Feature channels handed to the 2D network."""
     finish_widths: tuple[int, ...] = (32, 64, 128)
-    """Channels of the 2D network, one entry a scale."""
+    """Channels of the 2D network, one entry per scale."""
     core_points: int = 32
     """Lateral size of the 3D network's grid, a fixed pitch on the wall whatever the scan's."""
     farthest: float = 2.0

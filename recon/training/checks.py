@@ -102,7 +102,7 @@ def _of_files(settings: TrainSettings) -> Iterator[Problem]:
     if cache is not None:
         existing = next((path for path in (cache, *cache.absolute().parents) if path.exists()), Path("/"))
         if not existing.is_dir() or not os.access(existing, os.W_OK):
-            yield ("cache",), f"{existing} is no folder that can be written to; name another, or null for none"
+            yield ("cache",), f"{existing} is not a writable folder; name another, or null for none"
 
 
 def _of_data(data: DatasetSettings, block: str) -> Iterator[Problem]:

@@ -52,13 +52,13 @@ class DetectorSettings(Settings):
     told_wrong: Share = 0.5
     """Of these, share told wrong: up to a fifth too wide or too narrow, half of them as a Gaussian without its tail."""
     dark_per_peak_most: NotBelow0 = 0.06
-    """Most background a bin, dark and ambient, over the mean peak."""
+    """Most background per bin, dark and ambient, over the mean peak."""
     afterpulsing_most: Share = 0.03
     """Greatest probability of an afterpulse."""
     pile_up: Share = 0.10
     """Share with pile-up and dead time."""
     detections_per_pulse_most: NotBelow0 = 0.15
-    """Most clicks a laser pulse where there is pile-up."""
+    """Most clicks per laser pulse where there is pile-up."""
     calibration_residue: Share = 0.20
     """Share with leftover offsets and a leftover direct tail."""
 
@@ -69,7 +69,7 @@ class Measurement:
 
     counts: npt.NDArray[np.uint16]  # (T, H, W)
     exposure: Array  # (H, W) relative dwell: mean 1 over measured points, 0 where nothing was measured
-    background: float  # expected background counts a bin at exposure 1
+    background: float  # expected background counts per bin at exposure 1
     noise_level: float  # root mean square of the noise map over measured points
     noise_map: Array  # (H, W) standard deviation of counts over exposure; inf where nothing was measured
     condition: str

@@ -29,7 +29,7 @@ def file_number(index: int, share: float) -> int | None:
 
 
 def sample_on_disk(settings: DatasetSettings, pattern: str, number: int, cache: Path | None) -> TrainingSample:
-    """Sample `number` of those from files: every file in turn, a scene without noise measured anew each time.
+    """Sample `number` of those from files: every file in turn, a scene without noise measured afresh each time.
 
     Raises what reading and measuring raise, with the file's name.
     """

@@ -41,7 +41,7 @@ class LfeScene:
         gray = read_radiance(path) @ LUMINANCE
         side = gray.shape[1]
         if gray.shape[0] % side or gray.shape[0] // side < bins:
-            raise ValueError(f"{path}: {gray.shape[0]} x {side} is no stack of {bins} square frames")
+            raise ValueError(f"{path}: {gray.shape[0]} x {side} is not a stack of {bins} square frames")
         counts = gray[: bins * side].reshape(bins, side, side)
         time = TimeAxis(bins, BIN_PATH_M / SPEED_OF_LIGHT_M_PER_S)
         return Transient(counts, np.ones((side, side)), WallGrid(WALL_WIDTH_M, WALL_WIDTH_M, side, side), time)

@@ -7,7 +7,7 @@ from typing import Any
 
 
 class Log:
-    """The JSONL log; lines written after the checkpoint that a run goes on from are dropped."""
+    """The JSONL log; lines written after the checkpoint that a run resumes from are dropped."""
 
     def __init__(self, path: Path, step: int, active: bool, tensorboard: bool = False):
         self.path, self.active = path, active
@@ -44,7 +44,7 @@ class Log:
 
 
 def _board(folder: Path, step: int) -> Any:
-    """A TensorBoard writer that goes on after `step`. Raises ValueError where TensorBoard is not installed."""
+    """A TensorBoard writer that continues after `step`. Raises ValueError where TensorBoard is not installed."""
     try:
         from torch.utils.tensorboard import SummaryWriter
     except ImportError as error:

@@ -112,7 +112,7 @@ def resume_run(
     if others:
         raise InvalidSettings(
             f"{folder} holds a run on other scenes: {len(others)} of what data.files finds were added, changed or "
-            "removed. Put them back, choose another folder with -o, or say --overwrite to begin again."
+            "removed. Put them back, choose another folder with -o, or use --overwrite to begin again."
         )
     if settings.steps < int(state.about["step"]):
         raise InvalidSettings(
@@ -134,7 +134,7 @@ def resume_run(
 
 HARMLESS = ("samples", "max_minutes", "checkpoint_minutes", "tensorboard", "cache", "licence", "workers")
 """What may change when a training is resumed. More samples stretch its schedule: a finished run
-goes on from its end."""
+resumes from its end."""
 
 
 def _refuse_changes(before: TrainSettings, now: TrainSettings, folder: Path) -> None:
@@ -145,7 +145,7 @@ def _refuse_changes(before: TrainSettings, now: TrainSettings, folder: Path) -> 
     if changed:
         raise InvalidSettings(
             f"{folder} holds a run with other settings: {'; '.join(changed)}. Choose another folder with -o, put them "
-            "back, or say --overwrite to begin again."
+            "back, or use --overwrite to begin again."
         )
 
 

@@ -5,7 +5,7 @@ exposure (B, H, W) it returns (albedo (B, H, W), depth in metres (B, H, W), volu
 picture's maximum. It may instead bring its own objective, `training_loss(batch) -> {"loss": ..., ...}`, batch as
 `dataset.collate` makes it. Its Settings have a field `weights`, which is None here: training begins afresh.
 
-Everything random follows from (seed, step), so a run that is killed goes on from its last checkpoint bit for bit.
+Everything random follows from (seed, step), so a run that is killed resumes from its last checkpoint bit for bit.
 """
 
 import math

@@ -55,7 +55,7 @@ class TrainSettings(Settings):
     flips: bool = True
     """Turn samples over at random."""
     uniform_noise_most: Annotated[float, Field(ge=0)] = 0.0
-    """The largest a of the uniform noise U(0, a) added anew every step, where a scan's brightest bin is 255."""
+    """The largest a of the uniform noise U(0, a) drawn afresh every step, where a scan's brightest bin is 255."""
     pooled_share: Share = 0.0
     """Part of the steps that see wall points added 2 x 2: a scan on half the grid."""
     precision: Literal["auto", "float32", "bf16"] = "auto"

@@ -20,7 +20,7 @@ class TrainingSample:
     exposure: Array  # (H, W) relative dwell, mean 1 over measured points, 0 = not measured
     noise_map: Array  # (H, W) standard deviation a bin over exposure and mean signal peak; inf = not measured
     noise_level: float  # its root mean square over measured points
-    background: float  # expected background counts a bin at exposure 1
+    background: float  # expected background counts per bin at exposure 1
     intensity: Array  # (H, W) albedo |cos| coverage: what the front view shows
     albedo: Array  # (H, W)
     depth_m: Array  # (H, W), 0 where less than half of the pixel is covered

@@ -62,7 +62,7 @@ def scan(
     """
     if bench.settings.shutter.model == "none" and not no_shutter:
         raise PlanRefused(
-            "this bench has no shutter, so nothing here can shut off the light. Say no_shutter=True if something else "
+            "this bench has no shutter, so nothing here can shut off the light. Pass no_shutter=True if something else "
             "does."
         )
     if isinstance(scan, ScanPlan):
@@ -89,7 +89,7 @@ def _checked_target(path: Path, resume: bool) -> Path:
     except UsageError as error:
         raise StorageError(str(error)) from None
     if path.exists() and not resume:
-        raise StorageError(f"{path}: exists. Choose another name, or say resume=True.")
+        raise StorageError(f"{path}: exists. Choose another name, or pass resume=True.")
     path.absolute().parent.mkdir(exist_ok=True)
     return path
 

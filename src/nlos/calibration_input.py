@@ -96,7 +96,7 @@ def _on_wall(run: Path, raw: "RawPoints", side_m: float, wall_size_m: float | No
     raw.check()
     found = found_side(raw, side_m)
     if found is None:
-        terminal.log(f"warning: {run}: the wall's size is not stored; assuming {side_m:g} m. Say --wall-size-m.")
+        terminal.log(f"warning: {run}: the wall's size is not stored; assuming {side_m:g} m. Use --wall-size-m.")
         return raw
     found_m, error_m = found
     terminal.result(
@@ -116,7 +116,7 @@ def refuse_unmeant_darkness(runs: list[Path], loaded: list[RunInput]) -> None:
             raise ShutterClosed(
                 f"{run}: no laser light reached the detector: all {len(one.raw.counts)} points, from {one.raw.name(0)} "
                 f"on, hold {each:.2f} counts on average, evenly over time. Was the shutter closed? If this run was "
-                "meant to be dark, say --dark, or give it together with a scan."
+                "meant to be dark, use --dark, or give it together with a scan."
             )
 
 
@@ -144,7 +144,7 @@ def read_spots(path: Path) -> "Spots":
             except (TypeError, ValueError):
                 raise InvalidData(f"{path}:{table.line_num}: {dict(row)} does not hold four numbers") from None
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InvalidData(f"{path}: is no table of comma-separated text ({error})") from error
+        raise InvalidData(f"{path}: is not a table of comma-separated values ({error})") from error
     x_deg, y_deg, x_m, y_m = np.array(rows, dtype=np.float64).reshape(-1, 4).T
     if not np.isfinite(rows).all():
         raise InvalidData(f"{path}: holds numbers that are not finite")

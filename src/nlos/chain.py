@@ -197,7 +197,7 @@ def reconstruct_file(
 
     for name in (*NAMES, "view3d.html") if html else NAMES:
         if (folder / name).exists() and not overwrite:
-            raise FileExistsError(f"{folder / name}: exists. Choose another folder with -o, or say --overwrite.")
+            raise FileExistsError(f"{folder / name}: exists. Choose another folder with -o, or use --overwrite.")
     wanted = response_wanted(response)
     stage(FIRST_STAGE)
     scan, arrivals = load_scan(run, given), None

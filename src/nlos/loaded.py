@@ -122,7 +122,7 @@ def _on_found_wall(path: Path, scan: LoadedScan) -> LoadedScan:
     if found is None:
         log.warning(
             "%s: the wall's size is not stored, and the times do not tell it; assuming %g x %g m. "
-            "Say --wall-size-m W or WxH.", path, wall.width_m, wall.height_m,
+            "Use --wall-size-m W or WxH.", path, wall.width_m, wall.height_m,
         )  # fmt: skip
         return scan
     log.info("%s: the wall's size is not stored: by the direct times it is %.3f +- %.3f m wide", path, *found)

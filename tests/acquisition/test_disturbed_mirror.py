@@ -1,4 +1,4 @@
-"""Another program changes a range in the middle of a scan: ranges are set anew in the dark, and the scan goes on."""
+"""Another program changes a range in the middle of a scan: ranges are set again in the dark, and the scan continues."""
 
 import json
 from typing import Any

@@ -23,7 +23,7 @@ SCANS = 100 if SOAK else 16
 
 
 def go_on(path: Path, name: str, fault: Fault | None = None) -> None:
-    """What `nlos scan --resume` does, on a bench that has been opened anew."""
+    """What `nlos scan --resume` does, on a bench that has been reopened."""
     faults = [] if fault is None else [fault]
     chosen = settings(name, *faults)
     table = None

@@ -38,7 +38,7 @@ def tells_settings(name: str) -> bool:
 
 
 def take(path: Path, name: str, faults: list[Fault], monkeypatch: pytest.MonkeyPatch) -> list[MirrorAngles]:
-    """What `nlos scan --resume` does, on a bench opened anew, with light that says where it comes from."""
+    """What `nlos scan --resume` does, on a bench reopened, with light that says where it comes from."""
     this, chosen = plan(name), settings(name, *faults)
     light = CodedLight(this.axis, chosen.laser.repetition_hz, tells_settings(name))
     monkeypatch.setattr(instruments, "light_of", lambda settings, scene=None: light)

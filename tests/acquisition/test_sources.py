@@ -117,7 +117,7 @@ def test_following_waits_for_the_file_no_longer_than_told(tmp_path: Path) -> Non
 def test_following_refuses_a_file_that_is_no_recording_and_that_nobody_writes(tmp_path: Path) -> None:
     (tmp_path / "plan.yaml").write_text("dwell_ms: 2")
     clock = VirtualClock()
-    with pytest.raises(InvalidData, match=r"plan\.yaml: is no recording"):
+    with pytest.raises(InvalidData, match=r"plan\.yaml: is not a recording"):
         next(follow(tmp_path / "plan.yaml", clock=clock))
     assert clock.now() < 10.0
 

@@ -7,7 +7,7 @@ from nlos.calibration.pile_up import correct_free_running
 
 
 def photons_per_pulse(bins: int, share: float) -> npt.NDArray[np.float64]:
-    """A bright pulse on a background; `share` photons a laser pulse in all."""
+    """A bright pulse on a background; `share` photons per laser pulse in all."""
     bin_ = np.arange(bins)
     rate = 0.02 / bins + np.exp(-0.5 * ((bin_ - 0.3 * bins) / 3) ** 2)
     return np.asarray(rate * share / rate.sum())

@@ -60,7 +60,7 @@ class NamedBench:
 
 @pytest.fixture
 def named_bench(request: pytest.FixtureRequest) -> Iterator[NamedBench | None]:
-    """None without `--bench`. Opened anew for every test; a simulated bench is taken for a real one."""
+    """None without `--bench`. Opened afresh for every test; a simulated bench is taken for a real one."""
     word = request.config.getoption("--bench", None)
     if word is None:
         yield None

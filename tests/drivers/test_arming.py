@@ -39,7 +39,7 @@ def test_light_waits_for_a_word_where_the_bench_file_wants_one(monkeypatch: pyte
         return len(asked) > 1
 
     with open_bench(armed(confirm=True, remote=True), agree=agree) as bench:
-        with pytest.raises(LimitError, match="nobody agreed"):
+        with pytest.raises(LimitError, match="no one agreed"):
             bench.shutter.open()
         for _ in range(3):
             bench.shutter.open()

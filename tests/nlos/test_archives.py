@@ -142,7 +142,7 @@ def test_skip_existing_does_what_is_missing_and_nothing_twice(tmp_path: Path) ->
     (tmp_path / "out" / "good_001" / "depth.png").unlink()  # half a result, of a process that was killed
     whole = nlos(tmp_path, "reconstruct", "in", "-o", "out", "--skip-existing")
     assert whole.returncode == 7
-    assert "1 of 8 files are there already, skipped" in whole.stderr
+    assert "1 of 8 files already exist, skipped" in whole.stderr
     after = times(tmp_path / "out")
     assert sorted(after) == ["good_000", "good_001", "good_002"]
     assert after["good_000"] == before["good_000"]

@@ -55,7 +55,7 @@ def test_what_is_damaged_is_left_aside_by_name(nlos: Nlos, scanned: Path, tmp_pa
     before = (tmp_path / "run.h5").read_bytes()
     done = nlos(*VERBS[verb])
     assert done.returncode == 0, done.stderr
-    assert "3 of 64 samples are left aside (damaged: rows 10-12)" in " ".join(done.stderr.split())
+    assert "3 of 64 samples are skipped (damaged: rows 10-12)" in " ".join(done.stderr.split())
     assert (tmp_path / "run.h5").read_bytes() == before
     if verb.startswith("reconstruct"):
         with h5py.File(tmp_path / "out" / "reconstruction.h5") as file:
@@ -71,7 +71,7 @@ def test_what_is_damaged_is_left_aside_by_name(nlos: Nlos, scanned: Path, tmp_pa
             assert arrays["samples_left_aside"] == DAMAGED
             assert (arrays["exposure_s"] == 0).sum() == DAMAGED
     if verb == "report":
-        assert "3 of 64 samples are left aside" in (tmp_path / "run.html").read_text()
+        assert "3 of 64 samples are skipped" in (tmp_path / "run.html").read_text()
 
 
 def test_a_damaged_scene_is_refused_before_anything_runs_and_its_sound_points_serve(
@@ -83,7 +83,7 @@ def test_a_damaged_scene_is_refused_before_anything_runs_and_its_sound_points_se
     done = nlos(*scan)
     said = " ".join(done.stderr.split())
     assert done.returncode == 7, said
-    assert "3 of 64 samples are left aside (damaged: rows 10-12)" in said
+    assert "3 of 64 samples are skipped (damaged: rows 10-12)" in said
     assert "3 of the plan's 64 points are damaged or were never measured there: points 10-12" in said
     assert not list(tmp_path.glob("other.h5*"))
     plan = (tmp_path / "scan.yaml").read_text()

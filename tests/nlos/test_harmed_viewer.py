@@ -94,7 +94,7 @@ def test_a_scan_loses_neither_samples_nor_time_when_its_page_is_harmed(nlos: Nlo
 @pytest.mark.soak
 @pytest.mark.parametrize("harm", ["killed", "stopped", "slow"] if SOAK else ["stopped"])
 def test_a_harmed_follower_has_every_sample_in_the_end(nlos: Nlos, tmp_path: Path, harm: str) -> None:
-    """The recording grows at a real bench's pace; a follower that was killed is started anew, as a person would."""
+    """The recording grows at a real bench's pace; a follower that was killed is restarted, as a person would."""
     (tmp_path / "scan.yaml").write_text(SCAN.format(side=16, dwell_ms=160 if SOAK else 10))
     assert nlos("scan", "scan.yaml", "-o", "run.h5").returncode == 0
     follow = [sys.executable, "-m", "nlos", "reconstruct", "grows.h5", "--follow", "-o", "live", "--json"]

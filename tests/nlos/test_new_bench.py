@@ -80,7 +80,11 @@ def test_off_a_terminal_defaults_are_taken_and_what_has_none_is_asked_for(tmp_pa
     assert load("bench", str(file), BenchSettings).settings.name == "b"
     with pytest.raises(FileExistsError, match="--overwrite"):
         new("bench", file, None, [], True, False, False)
-    for wrong, why in (("wall_distance_m=far", "no number"), ("mirror=acme", "none of"), ("colour=red", "nothing of")):
+    for wrong, why in (
+        ("wall_distance_m=far", "not a number"),
+        ("mirror=acme", "not one of"),
+        ("colour=red", "no such question"),
+    ):
         with pytest.raises(UsageError, match=why):
             new("bench", tmp_path / "c.yaml", None, [wrong], True, False, False)
 

@@ -22,7 +22,7 @@ def peers() -> Path:
         pytest.skip(f"NLOS_PEERS names no folder; {HOW}")
     path = Path(folder).expanduser().resolve()
     if not path.is_dir():
-        pytest.fail(f"NLOS_PEERS={folder} is no folder; {HOW}")
+        pytest.fail(f"NLOS_PEERS={folder} is not a folder; {HOW}")
     return path
 
 

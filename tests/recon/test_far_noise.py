@@ -1,4 +1,4 @@
-"""A time axis that goes on after the light has ended changes no picture: noise from far away is not made bright."""
+"""A time axis that continues after the light has ended changes no picture: noise from far away is not made bright."""
 
 from dataclasses import replace
 

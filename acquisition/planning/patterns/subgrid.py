@@ -23,7 +23,9 @@ class Subgrid(Settings):
     def points(self, wall: WallGrid) -> Positions:
         """Pixels floor((i + 0.5) H / R). Raises `PlanRefused` where the wall's grid has fewer."""
         if self.rows > wall.rows or self.cols > wall.cols:
-            raise PlanRefused(f"a sub-grid of {self.rows} x {self.cols} is no part of {wall.rows} x {wall.cols} pixels")
+            raise PlanRefused(
+                f"a sub-grid of {self.rows} x {self.cols} is not part of {wall.rows} x {wall.cols} pixels"
+            )
         row, along = np.divmod(np.arange(self.rows * self.cols), self.cols)
         col = np.where(row % 2 == 0, along, self.cols - 1 - along)
         return pixels(wall, (2 * row + 1) * wall.rows // (2 * self.rows), (2 * col + 1) * wall.cols // (2 * self.cols))

@@ -48,7 +48,7 @@ class Helios:
         self._drain()
         versions = [self._ask(wire.FIRMWARE)[1:5] for _ in range(2)]
         if versions[0] != versions[1] or len(versions[0]) < 4:
-            raise WrongDevice(DEVICE, "it does not say twice which firmware it has.", "Replug it.")
+            raise WrongDevice(DEVICE, "it gave two different answers for its firmware version.", "Replug it.")
         name = self._ask(wire.NAME)[1:].split(b"\0")[0].decode("ascii", "replace")
         firmware = str(int.from_bytes(versions[0], "little"))
         self.identity = DeviceIdentity(DEVICE, "Bitlasers", "Helios laser DAC", name, firmware)

@@ -97,7 +97,7 @@ class Controller:
         """The board's fault register."""
         payload = self._read(wire.BOARD_FAULTS)
         if len(payload) != 4:
-            raise ProtocolError(DEVICE, f"{payload!r} is no 32-bit register.", REOPEN)
+            raise ProtocolError(DEVICE, f"{payload!r} is not a 32-bit register.", REOPEN)
         return int.from_bytes(payload, "big")
 
     def look(self) -> None:
@@ -145,7 +145,7 @@ class Controller:
         self._line.resynchronise()
 
     def _ask(self, request: bytes) -> bytes:
-        """The payload of the reply to a request, whose command stands in its third byte."""
+        """The payload of the reply to a request, whose command is its third byte."""
         command, came = request[2], False
 
         def take(buffer: bytearray) -> bytes | None:

@@ -156,7 +156,7 @@ class TriggerScope:
 
     def park(self) -> None:
         """Centre, from any state, and still. After an error, another than `MirrorDisturbed`, this does not make the
-        mirror usable again. Ranges are set anew only where they are gone: setting one swings the other axis out.
+        mirror usable again. Ranges are set again only where they are gone: setting one swings the other axis out.
 
         Replies that are seconds late are waited for; where none comes, the commands are sent all the same before the
         error is raised.

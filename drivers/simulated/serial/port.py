@@ -86,7 +86,7 @@ class SimulatedSerial(SerialBase):
         while len(data) < size:
             when_s = cable.next_event_s()
             if when_s is None and deadline_s is None:
-                raise SerialException("a read without a timeout would wait for ever, nothing is on its way")
+                raise SerialException("a read without a timeout would never return: nothing is on its way")
             if when_s is None or (deadline_s is not None and when_s > deadline_s):
                 cable.clock.advance_to(deadline_s or 0.0)
                 break

@@ -24,7 +24,7 @@ FAULTS: tuple[FaultRow, ...] = (
              "nothing: markers and points disagree, the segment is taken again",
              SAME, "`kind`: `missed`, `extra`"),
     FaultRow("A7", "another program changes a range, which moves the mirror",
-             "a warning: the shutter is closed, ranges are set and the mirror is centred, then the scan goes on",
+             "a warning: the shutter is closed, ranges are set and the mirror is centred, then the scan continues",
              SAME, "`range`"),
     FaultRow("A8", "left-over state: another program left it armed, blanked, open or in other ranges",
              "nothing: it is made dark, still and centred before anything else",

@@ -13,7 +13,7 @@ from nlos.drivers.tcspc.picoquant.t3 import PicoquantT3
 def open_picoquant(
     settings: PicoquantSettings, clock: Clock, backend: Any = None, wire_log: WireLog | None = None
 ) -> Picoquant:
-    """Loads the library, finds the instrument and sets it up; `backend` stands in for the library.
+    """Loads the library, finds the instrument and sets it up; `backend` replaces the library.
 
     Raises `DeviceNotFound`, `DeviceBusy`, `WrongDevice`, or what the library reports.
     """

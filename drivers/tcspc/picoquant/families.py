@@ -116,14 +116,14 @@ class PicoquantSettings(CounterBlock):
     detector: PicoquantInput = PicoquantInput()
     """The single-photon detector's input."""
     sync_divider: Literal[1, 2, 4, 8, 16] = 1
-    """Every how many laser pulses the instrument takes notice of; t3 needs 1."""
+    """The instrument sees only every N-th laser pulse; t3 needs 1."""
     levels_converted: bool = False
-    """Somebody put divider and stretcher into the cables from and to the mirror controller (docs/instruments.md,
+    """Divider and stretcher are in the cables from and to the mirror controller (docs/instruments.md,
     "Levels")."""
     marker_holdoff_ns: int = Field(default=1000, ge=0)
     """Edges of one marker input closer together than this are taken for one."""
     marker_disorder_us: float = Field(default=50.0, ge=0, le=10_000)
-    """How much later than photons of the same time a marker may stand in the record stream."""
+    """How much later than photons of the same time a marker may appear in the record stream."""
 
     @classmethod
     def pulse_keys(cls, pulse: Pulse, device: str = "") -> Mapping[str, object] | None:

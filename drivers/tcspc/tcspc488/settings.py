@@ -18,7 +18,7 @@ class SyncInput(Settings):
     edge: Literal["rising", "falling"] = "falling"
     """On the way up or down."""
     divider: Literal[1, 2, 4, 8, 16] = 1
-    """Every how many laser pulses the instrument takes notice of."""
+    """The instrument sees only every N-th laser pulse."""
     delay_ps: int = Field(default=0, ge=-99999, le=99999)
     """Added to this input's times, as a cable would."""
 
@@ -62,7 +62,7 @@ class Tcspc488Settings(CounterBlock):
     mode: Literal["histogram", "t3"] = "histogram"
     """Histograms made by the instrument, or by this computer from a record of every photon."""
     marker_disorder_us: float = Field(default=50.0, ge=0, le=10_000)
-    """T3 mode: how much later than photons of the same time a marker may stand in the record stream."""
+    """T3 mode: how much later than photons of the same time a marker may appear in the record stream."""
     timeout_s: float = Field(default=1.0, ge=0.05, le=60.0)
     """How long an answer may take."""
     sync: SyncInput = SyncInput()
@@ -76,7 +76,7 @@ class Tcspc488Settings(CounterBlock):
     markers: bool = False
     """Whether the mirror controller's marker outputs 1 to 3 are wired to the counter's marker inputs."""
     mirror_steps: bool = False
-    """Whether the fourth mark of a mirror with a clock of its own (one edge a point) is wired to the trigger input."""
+    """Whether the fourth mark (one edge per point) of a mirror with a clock of its own is wired to the trigger in."""
 
     @classmethod
     def pulse_keys(cls, pulse: Pulse, device: str = "") -> Mapping[str, object] | None:

@@ -37,7 +37,7 @@ def in_hand(
         ) as bench,
     ):
         for role in sorted(wanted & bench.absent.keys()):
-            terminal.log(f"going on without the {role}: {bench.absent[role]}")
+            terminal.log(f"continuing without the {role}: {bench.absent[role]}")
         why = why_no_light(bench)
         if light_s is not None and why:
             raise LimitError("shutter", f"stays closed: {why}", "Without --light everything else is done.")
@@ -68,7 +68,7 @@ def _aim(bench: PartialBench) -> "Aiming":
     try:
         known = aiming_constants(None, bench.settings.model_dump_json(), names)
     except StaleConstants as error:
-        terminal.log(f"aimed as the bench file draws it: {error}")
+        terminal.log(f"aimed by the bench file's geometry: {error}")
         return drawn
     if known is None or known.constants.geometry is None:
         return drawn
@@ -92,7 +92,7 @@ def why_no_light(bench: PartialBench) -> str:
         return error.what.removeprefix("stays closed: ")
     if power_mw is not None and not bench.settings.simulated:
         if not somebody_is_there():
-            return f"nobody is at a terminal to say that the laser is down at {power_mw:g} mW (alignment.power_mw)."
+            return f"no one is at a terminal to confirm that the laser is at {power_mw:g} mW (alignment.power_mw)."
         if not agrees(f"Turn the laser down to {power_mw:g} mW, the bench file's alignment power.", "done"):
             return f"the laser was not turned down to {power_mw:g} mW."
     return ""

@@ -19,7 +19,7 @@ class Reach:
     def angles_of(self, x_m: float, y_m: float) -> MirrorAngles:
         """The angles that put the beam there. Raises `LimitError` outside the allowed area and the mirror's reach."""
         if not (math.isfinite(x_m) and math.isfinite(y_m)):
-            raise LimitError("wall", f"({x_m:g}, {y_m:g}) m is no place.", "Give x and y in metres.")
+            raise LimitError("wall", f"({x_m:g}, {y_m:g}) m is not a place.", "Give x and y in metres.")
         if self._allowed is not None:
             self._allowed.check(x_m, y_m)
         x_rad, y_rad = self._aim.angles_rad(np.array([x_m]), np.array([y_m]))

@@ -36,7 +36,7 @@ def watch_first_moves(bench: PartialBench) -> None:
         for axis, way, angles in _WAYS:
             terminal.log(
                 f"After Enter the {axis} mirror goes {SMALL_DEG:g} deg {way} and back, {_BLINKS} times, in the dark: "
-                "look at the mirrors themselves. Any word stops here.",
+                "look at the mirrors themselves. Type anything to stop here.",
                 -9,
             )
             if answer() != "":

@@ -51,6 +51,7 @@ class Watch:
         self._repetition_hz = bench.settings.laser.repetition_hz
         self._index, self._number, self._armed = 0, 0, 0
         self._kept: deque[Reading] = deque(maxlen=_SUMMED)
+        self.axis = axis
         self.set_axis(axis)
 
     @property

@@ -47,7 +47,7 @@ def reconstruct_archive(
     left = [replace(task, options={**task.options, "overwrite": True}) for task in tasks
             if not record.has(task, overwrite, skip_existing)]  # fmt: skip
     if len(left) < len(tasks):
-        terminal.log(f"{len(tasks) - len(left)} of {len(tasks)} files are there already, skipped")
+        terminal.log(f"{len(tasks) - len(left)} of {len(tasks)} files already exist, skipped")
     known = {task.file: task for task in left}
     with record, Progress(len(left), what="archive", unit="files") as progress:
         for outcome in _outcomes(left, scheduler):

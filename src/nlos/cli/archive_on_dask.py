@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _of_thread = threading.local()
 ANSWERS_S = 10
-"""A scheduler that does not answer so long is not there, or no more."""
+"""A scheduler that does not answer for this long does not exist, or has gone."""
 
 
 def on_workers(tasks: Sequence[Task], address: str) -> Iterator[Outcome]:
@@ -72,7 +72,7 @@ def _outcome(future: "Future[Outcome]", task: Task, address: str) -> Outcome:
 
 
 def _absolute(task: Task) -> Task:
-    """The same task for a process that stands in another folder."""
+    """The same task for a process with another working directory."""
     settings, options = dict(task.settings), dict(task.options)
     weights, constants = settings.get("weights"), options.get("constants")
     if isinstance(weights, str) and Path(weights).is_file():

@@ -46,7 +46,7 @@ class ArchiveRecord:
             return False
         if not skip_existing:
             raise FileExistsError(
-                f"{task.folder / there[0]}: exists. Choose another folder with -o, or say --skip-existing or "
+                f"{task.folder / there[0]}: exists. Choose another folder with -o, or use --skip-existing or "
                 "--overwrite."
             )
         row = self._rows.get(task.file)
@@ -57,7 +57,7 @@ class ArchiveRecord:
             if (row["method"], row["settings"]) != (task.method, _plain(task.settings)):
                 raise FileExistsError(
                     f"{task.folder}: holds a result of {row['method']} by other settings. Choose another folder with "
-                    "-o, or say --overwrite."
+                    "-o, or use --overwrite."
                 )
             return True
         return False
@@ -132,7 +132,7 @@ def _read(path: Path) -> list[Row]:
     except FileNotFoundError:
         return []
     except (OSError, ValueError) as error:
-        terminal.log(f"{path}: not readable ({error}); it is written anew")
+        terminal.log(f"{path}: not readable ({error}); it is written from scratch")
         return []
     if not isinstance(held, list):
         return []

@@ -72,7 +72,7 @@ def calibrate(
         place_scanner(spots, bench, output, overwrite)
         return
     if not runs:
-        raise UsageError("name a RUN to calibrate from, or say --first-light, or --spots FILE for the scanner's place")
+        raise UsageError("name a RUN to calibrate from, or use --first-light, or --spots FILE for the scanner's place")
     if bench is not None or light:
         raise UsageError("--bench and --light go with --first-light; a RUN names its bench itself")
     _from_runs(runs, output, dead_time_ns, response, spots, wall_size_m, dark, overwrite)
@@ -146,7 +146,7 @@ def _from_runs(
 
 def _refuse_to_replace(target: Path, overwrite: bool) -> None:
     if target.exists() and not overwrite:
-        raise FileExistsError(f"{target}: exists. Choose another name with -o, or say --overwrite.")
+        raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --overwrite.")
 
 
 def _refuse_poor(constants: "BenchConstants") -> None:

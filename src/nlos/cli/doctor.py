@@ -54,14 +54,14 @@ def doctor(
     from nlos.doctor.page import write_page
 
     if output is not None and not thorough:
-        raise UsageError("-o names the page of a thorough examination. Say --thorough as well.")
+        raise UsageError("-o names the page of a thorough examination. Use --thorough as well.")
     table = load_bench(bench)
     target = None
     if thorough:
         name = re.sub(r"[^A-Za-z0-9]+", "-", table.settings.name)[:60]
         target = page_target(output or Path(f"doctor-{name}-{datetime.now(UTC):%Y%m%d-%H%M%S}.html"))
         if target.exists() and not overwrite:
-            raise FileExistsError(f"{target}: exists. Choose another name with -o, or say --overwrite.")
+            raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --overwrite.")
     opened_it = False
 
     def agreed(bench: "Bench") -> bool:

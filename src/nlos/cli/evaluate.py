@@ -40,7 +40,7 @@ def evaluate(
             raise FileNotFoundError(f"{path}: no such file or folder")
     for name in NAMES:
         if (output / name).exists() and not overwrite:
-            raise FileExistsError(f"{output / name}: exists. Choose another folder with -o, or say --overwrite.")
+            raise FileExistsError(f"{output / name}: exists. Choose another folder with -o, or use --overwrite.")
     wanted = response_wanted(response)
     chosen = methods.split(",") if methods else usable()
     with Progress(1, what="evaluate", unit="pictures") as progress:

@@ -88,7 +88,7 @@ def exit_code(error: BaseException) -> ExitCode:
 
 
 def missing_extra(error: BaseException) -> str | None:
-    """What to install, where a command needs a package that a plain installation leaves out."""
+    """What to install, where a command needs a package that a plain installation does not include."""
     if not isinstance(error, ModuleNotFoundError) or error.name is None:
         return None
     package = error.name.partition(".")[0]

@@ -36,7 +36,7 @@ def export(
         if target.resolve() == run.resolve():
             raise UsageError(f"{target}: is the file that is exported; choose another name with -o")
         if target.exists() and not overwrite:
-            raise FileExistsError(f"{target}: exists. Choose another name with -o, or say --overwrite.")
+            raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --overwrite.")
     written = []
     for word, target in targets.items():
         if word in FILM_FORMATS:

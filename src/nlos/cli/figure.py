@@ -31,7 +31,7 @@ def figure(
     if output.suffix.lower() not in KINDS:
         raise UsageError(f"-o {output}: a figure is {', '.join(KINDS)}")
     if output.exists() and not overwrite:
-        raise FileExistsError(f"{output}: exists. Choose another name with -o, or say --overwrite.")
+        raise FileExistsError(f"{output}: exists. Choose another name with -o, or use --overwrite.")
     files = [place / "reconstruction.h5" if place.is_dir() else place for place in results]
     made = [read_reconstruction(file) for file in files]
     names = [f"{place.name}, {one.method.upper()}" for place, one in zip(results, made, strict=True)]

@@ -25,7 +25,7 @@ def first_light(bench: str | None, light: bool, output: Path | None, overwrite: 
     if output is not None and output.suffix.lower() not in (".yaml", ".yml"):
         raise UsageError(f"-o {output}: first light writes a bench file, .yaml")
     if output is not None and output.exists() and not overwrite:
-        raise FileExistsError(f"{output}: exists. Choose another name with -o, or say --overwrite.")
+        raise FileExistsError(f"{output}: exists. Choose another name with -o, or use --overwrite.")
     table = load_bench(bench)
     if table.settings.safety.dry_run:
         raise UsageError(f"{table.path}: safety.dry_run is set: no light, no first light")
@@ -59,7 +59,7 @@ def _agree(bench: "Bench", light: bool) -> None:
     if light or bench.simulated is not None:
         return
     if not (somebody_is_there() and light_is_agreed_to(str(area_of(bench)))):
-        raise LimitError("shutter", "stays closed: nobody agreed to light.", "Say --light when it is safe to.")
+        raise LimitError("shutter", "stays closed: no one agreed to light.", "Use --light when it is safe.")
 
 
 def _tell(found: "FirstLight") -> None:

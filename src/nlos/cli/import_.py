@@ -41,7 +41,7 @@ def import_(
             for note in scan.notes:
                 terminal.log(f"  {note}")
             if not scan.wall_known:
-                terminal.log("  `reconstruct` and `calibrate` find the wall by the direct times; or say --wall-size-m")
+                terminal.log("  `reconstruct` and `calibrate` find the wall by the direct times; or use --wall-size-m")
             written.append({"file": str(file), "recording": str(target), "points": points, "photons": photons,
                             "format": scan.source_format, "notes": list(scan.notes)})  # fmt: skip
     terminal.document["imported"] = written

@@ -64,7 +64,7 @@ class Interrupts:
         """Waits for Enter (True) or a second Ctrl-C (False); without a terminal the answer is False."""
         if not (sys.stdin.isatty() and sys.stderr.isatty()):
             return False
-        terminal.log(f"paused ({why}); the shutter is closed. Enter goes on, Ctrl-C ends the scan.", -9)
+        terminal.log(f"paused ({why}); the shutter is closed. Enter resumes, Ctrl-C ends the scan.", -9)
         self._asking = True
         try:
             input()

@@ -36,9 +36,7 @@ def monitor(
     gate: Annotated[
         str | None, typer.Option(metavar="START:END", help="Show this part of the period, ns; all of it by default.")
     ] = None,
-    seconds: Annotated[
-        float | None, typer.Option("--for", metavar="SECONDS", help="End by itself after so long.")
-    ] = None,
+    seconds: Annotated[float | None, typer.Option("--for", metavar="SECONDS", help="Stop after this long.")] = None,
     log: Annotated[Path | None, typer.Option(metavar="FILE.csv", help="Write every update there.")] = None,
     no_shutter: Annotated[bool, ELSEWHERE] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
@@ -50,7 +48,7 @@ def monitor(
 
     window = _window(gate)
     if log is not None and log.exists() and not overwrite:
-        raise FileExistsError(f"{log}: exists. Choose another name, or say --overwrite.")
+        raise FileExistsError(f"{log}: exists. Choose another name, or use --overwrite.")
     table = load_bench(bench)
     wanted = {"counter"} | (set() if at is None else {"mirror"})
     with in_hand(table, wanted, light, no_shutter) as hand, _logged(log) as write:

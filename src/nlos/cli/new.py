@@ -39,7 +39,7 @@ def new(
     if what != "bench":
         raise UsageError(f"new {what}: only `nlos new bench` is known")
     if output.exists() and not overwrite:
-        raise FileExistsError(f"{output}: exists. Choose another name with -o, or say --overwrite.")
+        raise FileExistsError(f"{output}: exists. Choose another name with -o, or use --overwrite.")
     given = dict(_split(each) for each in answer or [])
     said: dict[str, str] = {}
     for ask in questions(detect(), simulated):
@@ -47,12 +47,12 @@ def new(
         if question is not None:
             said[question.key] = _answer(question, given.pop(question.key, None))
     if given:
-        raise UsageError(f"--answer {', '.join(given)}: nothing of that name is asked here; asked: {', '.join(said)}")
+        raise UsageError(f"--answer {', '.join(given)}: no such question; the questions are: {', '.join(said)}")
     try:
         text = bench_text(blocks_of(name or output.stem, said, simulated))
     except ValidationError as error:
         why = "; ".join(each["msg"].removeprefix("Value error, ") for each in error.errors())
-        raise UsageError(f"these answers make no bench: {why}") from error
+        raise UsageError(f"these answers do not make a valid bench file: {why}") from error
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_text(text, encoding="utf-8")
     terminal.result(f"{output}: written; every line says what it means", bench_file=str(output), answers=said)
@@ -77,7 +77,7 @@ def _answer(question: "Question", given: str | None) -> str:
         return given
     if not sys.stdin.isatty():
         if question.default is None:
-            raise UsageError(f"nobody knows {question.text}: say --answer {question.key}=...")
+            raise UsageError(f"no answer to: {question.text}. Use --answer {question.key}=...")
         return question.default
     words = f" ({', '.join(question.choices)})" if question.choices else ""
     default = "" if question.default is None else f" [{question.default}]"

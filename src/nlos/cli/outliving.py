@@ -1,4 +1,4 @@
-"""A command outlives its terminal: what can no longer be printed is dropped, and the work goes on.
+"""A command outlives its terminal: what can no longer be printed is dropped, and the work continues.
 
 A pipe whose reader went, a full device, a terminal that hung up, a stream closed before the command began: none of
 these is a reason to end a scan in its middle.

@@ -13,7 +13,7 @@ from nlos.cli.terminal import terminal
 if TYPE_CHECKING:
     from nlos.by_hand.hand import Hand
 
-LIGHT = typer.Option(metavar="SECONDS", help="Light for so long, at the bench's alignment duty; none unless said.")
+LIGHT = typer.Option(metavar="SECONDS", help="Light for this long, at the bench's alignment duty. Default: none.")
 ELSEWHERE = typer.Option("--no-shutter", help="Something else keeps the light off, or the beam safe.")
 
 
@@ -24,7 +24,7 @@ def point(
     deg: Annotated[bool, typer.Option("--deg", help="X and Y are optical mirror angles in degrees.")] = False,
     light: Annotated[float | None, LIGHT] = None,
     hold: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Stay for so long; on a terminal until a key otherwise.")
+        float | None, typer.Option(metavar="SECONDS", help="Stay this long; without it, until a key is pressed.")
     ] = None,
     no_shutter: Annotated[bool, ELSEWHERE] = False,
 ) -> None:
@@ -39,7 +39,7 @@ def point(
         if hand.reach is None:
             raise hand.bench.absent["mirror"]
         if deg and not (math.isfinite(x) and math.isfinite(y)):
-            raise LimitError("mirror", f"({x:g}, {y:g}) deg are no angles.", "Give x and y in degrees.")
+            raise LimitError("mirror", f"({x:g}, {y:g}) deg are not angles.", "Give x and y in degrees.")
         angles = MirrorAngles(math.radians(x), math.radians(y)) if deg else hand.reach.angles_of(x, y)
         hand.move_to(angles)
         x_m, y_m = hand.reach.place_of(angles)

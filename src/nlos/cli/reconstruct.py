@@ -94,7 +94,7 @@ def reconstruct(
         _reconstruct_archive(runs, method, chosen, output, options, scheduler, overwrite, skip_existing)
         return
     if skip_existing and not overwrite and set(NAMES) <= set(files_in(output)):
-        terminal.result(f"{output}: is there already, skipped", reconstructions=[])
+        terminal.result(f"{output}: already exists, skipped", reconstructions=[])
         return
     terminal.log(f"{runs[0]}: {method}")
     with Progress(STAGES, what="reconstruct", unit="stages") as progress:

@@ -43,7 +43,7 @@ def replay(
         writer = None
         if output is not None:
             output.parent.mkdir(exist_ok=True)
-            said = f"replayed from {run.name}, measured {recording.header.started_utc}: nothing was measured anew"
+            said = f"replayed from {run.name}, measured {recording.header.started_utc}: no new measurement was made"
             warnings = (*recording.header.warnings, said)
             header = replace(recording.header, identity="", warnings=warnings)  # a recording of its own
             writer = RecordingWriter.create(output, recording.plan, header, overwrite=overwrite)

@@ -24,7 +24,7 @@ def report(
 
     target = output or runs[0].with_suffix(".html")
     if target.exists() and not overwrite:
-        raise FileExistsError(f"{target}: exists. Choose another name with -o, or say --overwrite.")
+        raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --overwrite.")
     if len({run.resolve() for run in runs}) < len(runs):
         raise UsageError("the same RUN is named twice")
     words = methods_for(None)[::-1] if methods is None else [word.strip() for word in methods.split(",")]

@@ -46,7 +46,7 @@ def runs(
     if sort not in SORTS:
         raise UsageError(f"--sort {sort}: choose one of {', '.join(SORTS)}")
     if page is not None and page_target(page).exists() and not overwrite:
-        raise FileExistsError(f"{page}: exists. Choose another name, or say --overwrite.")
+        raise FileExistsError(f"{page}: exists. Choose another name, or use --overwrite.")
     with RunsIndex(where) as index:
         changes = index.rebuild() if rebuild else index.update()
         found, every = index.search(words or [], sort, not ascending, limit), index.count()

@@ -65,7 +65,7 @@ def scan(
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> int:
-    """Acquires. Ctrl-C closes the shutter and pauses; Enter goes on, a second Ctrl-C ends the scan cleanly."""
+    """Acquires. Ctrl-C closes the shutter and pauses; Enter resumes, a second Ctrl-C ends the scan cleanly."""
 
     wanted, table = load("scan", scan, ScanSettings), load_bench(bench)
     require_shutter(table, no_shutter)

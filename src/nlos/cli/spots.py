@@ -40,7 +40,7 @@ def place_scanner(spots: Path, bench: str | None, output: Path | None, overwrite
     if output is not None and output.suffix.lower() not in (".yaml", ".yml"):
         raise UsageError(f"-o {output}: spots without a RUN write a bench file, .yaml")
     if output is not None and output.exists() and not overwrite:
-        raise FileExistsError(f"{output}: exists. Choose another name with -o, or say --overwrite.")
+        raise FileExistsError(f"{output}: exists. Choose another name with -o, or use --overwrite.")
     table, measured = load_bench(bench), read_spots(spots)
     found = place_from_spots(measured, ScannerGeometry(**vars(drawn_aim(table.settings.geometry))))
     _tell(found)

@@ -56,7 +56,7 @@ def require_shutter(table: Loaded[BenchSettings], no_shutter: bool) -> None:
     if table.settings.shutter.model == "none" and not no_shutter:
         raise UsageError(
             f"{table.path}: this bench has no shutter, so nothing here can shut off the light. "
-            "Say --no-shutter if something else does."
+            "Use --no-shutter if something else does."
         )
 
 
@@ -68,7 +68,7 @@ def take(wanted: Loaded[ScanSettings], table: Loaded[BenchSettings], target: Pat
         terminal.result(f"{target}: is complete, nothing was left to take", recording=str(target), taken=0)
         return
     if target.exists() and not (overwrite or resume):
-        raise FileExistsError(f"{target}: exists. Choose another name with -o, or say --resume or --overwrite.")
+        raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --resume or --overwrite.")
     header = Header(
         scan_text=wanted.text,
         scan_json=wanted.settings.model_dump_json(),

@@ -43,4 +43,4 @@ def _check_folder(path: Path) -> None:
     folder = path.absolute().parent
     if not folder.is_dir() and (folder.exists() or not folder.parent.is_dir()):
         missing = folder if folder.exists() else folder.parent
-        raise UsageError(f"{path}: {missing} is no folder. Make it first, or choose another place with -o.")
+        raise UsageError(f"{path}: {missing} is not a folder. Make it first, or choose another place with -o.")

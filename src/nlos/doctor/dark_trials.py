@@ -137,7 +137,7 @@ def linearity(bench: Bench) -> Iterator[Finding]:
     """Code density of light that knows nothing of the laser: every bin as wide as the others, and time as a whole."""
     hands = hands_for(bench)
     if not hands.lamp(True):
-        yield skipped("linearity", "it takes a lamp, and nobody is there to hold it")
+        yield skipped("linearity", "it needs a lamp, and no one is there to hold it")
         return
     try:
         yield _linearity(bench)
@@ -158,7 +158,7 @@ def _linearity(bench: Bench) -> Finding:
         if counts.mean() >= _ENOUGH_PER_BIN:
             break
     if counts.mean() < _TOO_FEW_PER_BIN:
-        return warned("linearity", f"{counts.mean():.1f} counts a bin from the lamp are too few", "Move it closer.")
+        return warned("linearity", f"{counts.mean():.1f} counts per bin from the lamp are too few", "Move it closer.")
     return judged(counts, axis)
 
 

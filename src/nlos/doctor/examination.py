@@ -130,7 +130,7 @@ def examine(table: "Loaded[BenchSettings]", visit: Visit) -> Iterator[Finding]:
                 yield from pulled_and_replugged(table, lit)
             return
     if unmoved:
-        missing["mirror"] = "it moves as it is opened, and nobody agreed to that: say --move when it is safe to"
+        missing["mirror"] = "it moves as it is opened, and nobody agreed to that: use --move when it is safe to"
     yield from apart(settings, missing, visit.may_move)
     everything = (*CHECKS, *(DARK if visit.thorough else ()), SMALL_SCAN, *(LIT if visit.thorough else ()))
     why = "the mirror was not to move" if unmoved else f"{' and '.join(sorted(missing))} missing or failed"
@@ -150,7 +150,7 @@ def _on_the_bench(bench: Bench, visit: Visit, condition: Condition) -> Generator
     if condition.lost:
         yield skipped("scan", next(iter(condition.lost.values())))
     else:
-        yield warned("scan", "not done: it opens the shutter", "Say --light when it is safe to.")
+        yield warned("scan", "skipped: it opens the shutter", "Use --light when it is safe.")
     if visit.thorough:
         yield from (skipped(check.name, "it needs light") for check in LIT)
     return False
@@ -222,7 +222,7 @@ def _failed(bench: Bench, check: Check, error: DeviceError, condition: Condition
     role = role_of(bench.settings, error)
     if isinstance(error, SafetyTrip):
         bench.shutter.latch(str(error))  # as in a scan: until a person clears it
-        condition.lost |= dict.fromkeys(("light", "counter"), f"a trip stands: {error.what}")
+        condition.lost |= dict.fromkeys(("light", "counter"), f"a trip is latched: {error.what}")
     elif not isinstance(error, LimitError):
         condition.lost[role] = f"the {role} failed before: {error.what}"
     ours = isinstance(error, SafetyTrip) or role not in NAMED or role in check.needs

@@ -49,6 +49,7 @@ class SimulatedHands:
 
     def __init__(self, bench: Bench, table: SimulatedBench) -> None:
         self._settings, self._table = bench.settings, table
+        self._before = table.light
 
     def lamp(self, on: bool) -> bool:
         return self._room_light(on, _LAMP_CPS)
@@ -156,5 +157,5 @@ def light_is_agreed_to(where: str) -> bool:
 
 
 def _asked(what: str) -> bool:
-    terminal.log(f"{what} Enter when that is done, any word to skip it.", -9)
+    terminal.log(f"{what} Press Enter when that is done; type anything to skip it.", -9)
     return answer() == ""

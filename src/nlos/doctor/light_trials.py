@@ -197,8 +197,8 @@ def _judged(
     )
     if last >= len(time_s):
         return failed(
-            "settling", f"the beam is not still after {time_s[-1] * 1e3:.0f} ms", "Check head and servo.", chart
+            "settling", f"the beam has not settled after {time_s[-1] * 1e3:.0f} ms", "Check head and servo.", chart
         )
     if settled_s > table_s + step_s:
-        return failed("settling", said, "Measure `settle` anew for the bench file: points would be blurred.", chart)
+        return failed("settling", said, "Measure `settle` again for the bench file: points would be blurred.", chart)
     return passed("settling", said, chart)

@@ -21,9 +21,9 @@ class Repeats(logging.Handler):
     def finding(self) -> Finding:
         """How many there were, and the first."""
         if not self.heard:
-            return passed("repeats", "nothing had to be asked for twice")
-        said = f"{len(self.heard)} answers had to be asked for again; the first: {self.heard[0]}"
-        return warned("repeats", said, "Check that cable, its screen and its length; go round hubs.")
+            return passed("repeats", "no answer had to be requested twice")
+        said = f"{len(self.heard)} answers had to be requested again; the first: {self.heard[0]}"
+        return warned("repeats", said, "Check that cable, its shielding and its length; avoid hubs.")
 
 
 @contextmanager

@@ -49,7 +49,7 @@ def watchdog(bench: Bench) -> Iterator[Finding]:
         still_open = light_is_on(bench)
     bench.counter.clear_trip()  # provoked here, by somebody who asked for it
     if bench.settings.safety.dry_run:
-        yield skipped("watchdog", "a dry run: the light never goes on")
+        yield skipped("watchdog", "a dry run: the light never comes on")
     elif not opened:
         yield failed("watchdog", "the shutter did not open", "Check its supply and its contact.")
     elif early:
@@ -100,7 +100,7 @@ def interlock(bench: Bench) -> Iterator[Finding]:
         return
     hands = hands_for(bench)
     if not hands.ready_to_open_interlock():
-        yield skipped("interlock", "it takes a hand, and nobody is there to lend one")
+        yield skipped("interlock", "it needs someone at the bench, and no one is there")
         return
     with lit(bench):
         hands.open_interlock()
@@ -129,7 +129,7 @@ def cable(bench: Bench) -> Iterator[Finding]:
         return
     hands = hands_for(bench)
     if not hands.pull_mirror_cable():
-        yield skipped("cable", "it takes a hand, and nobody is there to lend one")
+        yield skipped("cable", "it needs someone at the bench, and no one is there")
         return
     plan = small_plan(bench, _BY_HAND_S / 16)
     try:
@@ -145,7 +145,7 @@ def cable(bench: Bench) -> Iterator[Finding]:
 def dark_cable(bench: Bench) -> Iterator[Finding]:
     """The same in the dark: somebody notices, and says so."""
     if not hands_for(bench).pull_mirror_cable():
-        yield skipped("cable", "it takes a hand, and nobody is there to lend one")
+        yield skipped("cable", "it needs someone at the bench, and no one is there")
         return
     until_s = bench.clock.now() + _BY_HAND_S
     while bench.clock.now() < until_s:

@@ -41,7 +41,7 @@ def follow_to_folder(
     live = LiveReconstruction(method, settings, device)
     for name in (*NAMES, "view3d.html") if html else NAMES:
         if (folder / name).exists() and not overwrite:
-            raise FileExistsError(f"{folder / name}: exists. Choose another folder with -o, or say --overwrite.")
+            raise FileExistsError(f"{folder / name}: exists. Choose another folder with -o, or use --overwrite.")
     if run.suffix == ".ticket":
         from nlos.acquisition.network.ticket import Ticket
 

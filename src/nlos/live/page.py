@@ -94,5 +94,5 @@ def assembled() -> str:
 
 def _number(text: str, name: str) -> int:
     if not (text.isascii() and text.isdigit() and len(text) < 10):
-        raise KeyError(f"{name} is no number")
+        raise KeyError(f"{name} is not a number")
     return int(text)

@@ -1,4 +1,4 @@
-"""The live page of a running scan, in a process of its own: it can be killed, stopped or slow, the scan goes on."""
+"""The live page of a running scan, in a process of its own: it can be killed, stopped or slow, the scan continues."""
 
 import json
 import os

@@ -87,15 +87,18 @@ class LiveScan:
     error: Exception | None = None
     """Why the scan could not be followed to its end."""
 
-    def start(self) -> None:
-        """Follows and paints until the scan is over or `stop`."""
+    def __post_init__(self) -> None:
         self._stopped, self._news, self._ended = threading.Event(), threading.Event(), threading.Event()
         self._growing = True
+        self._empty: LoadedScan | None = None
         self._constants: BenchConstants | None = None
         self._each: SampleCalibration | None = None
         self._calibrated: _Calibrated | None = None
         self._schedule = Schedule([live.method for live in self.lives], self.first_fraction)
         self._threads = [threading.Thread(target=target, daemon=True) for target in (self._follow, self._paint)]
+
+    def start(self) -> None:
+        """Follows and paints until the scan is over or `stop`."""
         for thread in self._threads:
             thread.start()
 
@@ -130,7 +133,7 @@ class LiveScan:
         if not (self.over or self._stopped.is_set()):
             from nlos.recon.errors import ReconstructionFailed
 
-            raise ReconstructionFailed(f"{self.run}: the pictures broke off, see above. The samples are all there.")
+            raise ReconstructionFailed(f"{self.run}: the pictures stopped early, see above. The samples are complete.")
 
     def calibrated(self, scan: "LoadedScan") -> "Transient":
         """What `reconstruct` would work on. Raises what calibrating raises."""
@@ -141,6 +144,7 @@ class LiveScan:
     @property
     def empty(self) -> "LoadedScan":
         """The file as a scan without samples; once `seen`."""
+        assert self._empty is not None
         return self._empty
 
     def _follow(self) -> None:
@@ -192,9 +196,9 @@ class LiveScan:
 
         # Of a finished recording there is one picture, not one in passing.
         self._growing = recording.status is Status.RUNNING
-        self._empty = empty_scan(recording)
-        self._constants = constants_for(self._empty, self.constants)
-        if self._constants is not None and self._growing and recording.on_grid and not self._empty.rectified:
+        self._empty = empty = empty_scan(recording)
+        self._constants = constants_for(empty, self.constants)
+        if self._constants is not None and self._growing and recording.on_grid and not empty.rectified:
             try:
                 self._each = SampleCalibration(recording.plan, self._constants)
             except CalibrationError as error:
@@ -225,7 +229,9 @@ class LiveScan:
             self.coming = None
             if not (self.over or self._stopped.is_set()):
                 self.broke_off = True
-                self._say(f"{self.run.name}: the pictures broke off, by a bug. Scan and samples are not touched")
+                self._say(
+                    f"{self.run.name}: the pictures stopped because of a bug. The scan and its samples are not affected"
+                )
             self._ended.set()
 
     @property
@@ -271,7 +277,7 @@ class LiveScan:
         assert self.gathering is not None
         whole = self.read
         with self.lock:
-            count, scan = len(self.gathering), scan_of(self._empty, self.gathering)
+            count, scan = len(self.gathering), scan_of(self.empty, self.gathering)
             corrected = None if self._each is None or whole else with_response(self._each.transient(), self.response)
         return _Calibrated(count, whole, corrected or self.calibrated(scan), scan.falloff)
 

@@ -27,13 +27,13 @@ class Question:
     def refusal(self, answer: str) -> str:
         """Why this is no answer; empty where it is one."""
         if self.choices:
-            return "" if answer in self.choices else f"{answer!r} is none of {', '.join(self.choices)}"
+            return "" if answer in self.choices else f"{answer!r} is not one of {', '.join(self.choices)}"
         if self.number is not None:
             low, high = self.number
             try:
                 return "" if low <= float(answer) <= high else f"{answer} is not within {low:g} to {high:g}"
             except ValueError:
-                return f"{answer!r} is no number"
+                return f"{answer!r} is not a number"
         return "" if answer.strip() else "an answer is needed"
 
 

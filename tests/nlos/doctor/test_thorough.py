@@ -216,7 +216,7 @@ def test_without_anybody_there_what_takes_hands_is_skipped_by_name(monkeypatch: 
     found = thorough(simulated())
     for line in ("linearity", "interlock", "cable"):
         assert found[line].verdict == "SKIP", line
-        assert "nobody is there" in found[line].said
+        assert "no one is there" in found[line].said
     assert "replugged" not in found
     assert found["watchdog"].verdict == "PASS"
 

@@ -44,7 +44,7 @@ class Outcome:
 
 
 class CommandProcess:
-    """The process that runs them; it is started anew after a command that ended it."""
+    """The process that runs them; it is restarted after a command that ended it."""
 
     def __init__(self, folder: Path, deadline_s: float = 60.0) -> None:
         self._folder, self._deadline_s = folder, deadline_s

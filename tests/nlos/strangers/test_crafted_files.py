@@ -27,7 +27,7 @@ def text(file: h5py.File, name: str, value: str) -> None:
 
 
 def plan(file: h5py.File, **attributes: object) -> None:
-    """Plan attributes changed, and the digest made anew where such a plan has one."""
+    """Plan attributes changed, and the digest made again where such a plan has one."""
     for name, value in attributes.items():
         file["plan"].attrs[name] = value
     redigest(file)
@@ -58,7 +58,7 @@ def column(file: h5py.File, name: str, value: float) -> None:
 
 
 def record(file: h5py.File, **fields: float) -> None:
-    """The first record changed, its CRC made anew."""
+    """The first record changed, its CRC made again."""
     row = file["samples/records"][0]
     for name, value in fields.items():
         row[name] = value

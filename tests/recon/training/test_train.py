@@ -1,4 +1,4 @@
-"""Training: it learns, goes on bit for bit after a kill, and two processes follow the curve of one."""
+"""Training: it learns, resumes bit for bit after a kill, and two processes follow the curve of one."""
 
 import json
 import os

@@ -66,7 +66,7 @@ WRONG = {
     "a response that is none": ((DATA, DATA[:-1] + ", impulse_responses: [good.yaml]}"), ":3:", "cannot be used"),
     "shares above 1": ((DATA, DATA[:-1] + ", detector: {noiseless: 0.7, uniform: 0.7}}"), ":3:", "more than 1"),
     "counts upside down": ((DATA, DATA[:-1] + ", detector: {peak_counts_least: 900.0}}"), ":3:", "peak_counts_most"),
-    "a cache in a file": (("cache: null", "cache: good.yaml/scenes"), ":7:", "no folder that can be written"),
+    "a cache in a file": (("cache: null", "cache: good.yaml/scenes"), ":7:", "not a writable folder"),
     "a key given twice": (("samples: 4", "samples: 4\nsamples: 8"), ":6:", "given twice"),
     "no YAML": (("samples: 4", "samples: [4"), ":", "not valid YAML"),
 }  # fmt: skip
