@@ -58,7 +58,7 @@ def plan(
     from nlos.response import response_of, response_wanted
 
     if picture is not None and picture_target(picture).exists() and not overwrite:
-        raise FileExistsError(f"{picture}: exists. Choose another name, or say --overwrite.")
+        raise FileExistsError(f"{picture}: exists. Choose another name, or use --overwrite.")
     told = response_wanted(response)
     wanted, table = load("scan", scan, ScanSettings), load_bench(bench)
     asked = wanted.settings.plan()
@@ -151,7 +151,7 @@ def _tell_resolution(plan: "ScanPlan", response: "InstrumentResponse | None") ->
     wall, bin_s = plan.wall, plan.axis.bin_width_s
     pixel_m = max(wall.width_m / wall.cols, wall.height_m / wall.rows)
     if response is None:
-        words = "the response is not known, see `nlos calibrate` or say --response"
+        words = "the response is not known, see `nlos calibrate` or use --response"
         terminal.result(f"resolution {pixel_m * 1e3:.1f} mm across at best, a pixel; {words}", pixel_m=pixel_m)
         return
     fwhm_s = response.fwhm_s
