@@ -26,13 +26,8 @@ from nlos.drivers.link.serial_line import WireLog
 __all__ = ["TriggerScope", "TriggerScopeSettings"]
 
 _PARKINGS = 6  # replies that are seconds late come within so many attempts
-_LATE = (
-    DeviceTimeout,
-    ProtocolError,
-    DeviceReset,
-    CommandRejected,
-    MirrorDisturbed,
-)  # or what an old answer is taken for
+# Or what an old answer is taken for.
+_LATE = (DeviceTimeout, ProtocolError, DeviceReset, CommandRejected, MirrorDisturbed)
 
 
 class TriggerScope:
