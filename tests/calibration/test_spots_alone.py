@@ -92,7 +92,7 @@ def test_marked_spots_become_lines_of_the_bench_file(tmp_path: Path, capsys: pyt
     assert (tmp_path / "spots.png").stat().st_size > 10_000
     drawn = load("bench", str(target), BenchSettings).settings.geometry
     assert (drawn.scanner_x_m, drawn.wall_distance_m) == pytest.approx((0.25, 1.42), abs=2e-3)
-    assert run(["point", "0.3", "0.1", "--bench", str(target)]) == 0
+    assert run(["point", "0.3", "0.1", "--bench", str(target), "--json"]) == 0
     sent = capsys.readouterr().out
     assert json.loads(sent)["x_m"] == pytest.approx(0.3)
     assert json.loads(sent)["x_deg"] == pytest.approx(np.degrees(np.arctan(0.05 / 1.42)), abs=0.1)
