@@ -52,7 +52,7 @@ soak: .venv/test-ready
 peers: .venv/test-ready  # NLOS_PEERS=DIR holds other people's code; docs/peers.md
 	$(BIN)/python -m pytest tests/peers -rs
 
-results: .venv/run-ready  # docs/results.md; goes on from what is measured already
+results: .venv/run-ready  # docs/results.md; resumes from what is measured already
 	$(BIN)/python -m studies.results ../shared/data docs
 
 studies: .venv/run-ready  # docs/ablations.md; resumes; a second `make studies` beside it shares the work

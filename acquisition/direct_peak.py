@@ -31,7 +31,7 @@ def direct_peak(
     """The first high peak of a histogram (T,), or None where nothing stands out of the background's chance: a hidden
     surface may return more light than the wall, but later.
 
-    `cyclic`: the histogram is the laser's whole period, whose end goes on at its beginning; the first peak is then the
+    `cyclic`: the histogram is the laser's whole period, whose end continues at its start; the first peak is then the
     one after the longest quiet.
     """
     seen = np.asarray(counts, dtype=np.float64)

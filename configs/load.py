@@ -210,7 +210,7 @@ def _place_in_file(loc: Place, data: Any) -> Place:
 
 
 def _keys_beside(model: type[BaseModel], loc: Place) -> set[str]:
-    """Keys allowed where the unknown one (the last of `loc`) stands."""
+    """Keys allowed where the unknown one (the last of `loc`) is."""
     models: list[type[BaseModel]] = [model]
     for step in loc[:-1]:
         fields = [found.model_fields[step] for found in models if isinstance(step, str) and step in found.model_fields]

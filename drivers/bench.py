@@ -57,7 +57,7 @@ class Bench:
     def check_open(self) -> None:
         """Raises `BenchClosed`: a scan outlives the `with` block of its bench."""
         if self.closed:
-            raise BenchClosed("bench", f"{self.settings.name} was closed; this scan cannot go on.")
+            raise BenchClosed("bench", f"{self.settings.name} was closed; this scan cannot continue.")
 
     @property
     def identities(self) -> tuple[DeviceIdentity, ...]:

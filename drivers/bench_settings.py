@@ -157,7 +157,7 @@ class BenchSettings(Settings):
         if self.simulated and self.simulation is None:
             raise ValueError("a simulated bench needs a `simulation` block")
         if not self.simulated and self.simulation is not None:
-            raise ValueError("a `simulation` block stands beside real instruments; remove it")
+            raise ValueError("a `simulation` block beside real instruments; remove it")
         if self.shutter.model != "none":
             self._has_its_shutter()
         return self

@@ -26,7 +26,7 @@ def level_conflicts(mirror: Any, counter: Any) -> Iterator[LevelConflict]:
         yield LevelConflict(
             f"markers of the {mirror.model} are {sent_v:g} V, marker inputs of the {counter.model} take {most_v:g} V "
             "at most: is there a divider in each cable?",
-            "Put 1 kohm in series and 2 kohm to ground, or a buffer, into each before it is plugged in; then say "
+            "Put 1 kohm in series and 2 kohm to ground, or a buffer, into each before it is plugged in; then set "
             'levels_converted: true in the counter\'s block (docs/instruments.md, "Levels").',
         )
     clock, wanted = getattr(counter, "clock_output", ""), getattr(mirror, "trigger_input", "")
@@ -34,6 +34,6 @@ def level_conflicts(mirror: Any, counter: Any) -> Iterator[LevelConflict]:
         yield LevelConflict(
             f"the pixel clock of the {counter.model} is {clock}, the trigger input of the {mirror.model} wants "
             f"{wanted}: is there a stretcher in its cable?",
-            "Put a NIM-to-TTL converter with a pulse stretcher between them; then say levels_converted: true in the "
+            "Put a NIM-to-TTL converter with a pulse stretcher between them; then set levels_converted: true in the "
             "counter's block.",
         )

@@ -110,7 +110,7 @@ class GuardedShutter:
             raise SafetyTrip(
                 "shutter",
                 f"stays closed after a trip ({self._trip}).",
-                "Find the cause, then say `nlos doctor --clear-trip YOUR-NAME`.",
+                "Find the cause, then run `nlos doctor --clear-trip YOUR-NAME`.",
             )
 
     def hold(self, why: str) -> None:
@@ -119,7 +119,7 @@ class GuardedShutter:
         self.close(why)
 
     def release(self) -> None:
-        """A scan is begun, or goes on: it may open again."""
+        """A scan begins, or resumes: it may open again."""
         self._held = ""
 
     def close(self, why: str = "") -> None:
@@ -185,7 +185,7 @@ class GuardedShutter:
             self._events.report("trip", why)
 
     def clear_trip(self, who: str) -> None:
-        """A person's decision to go on after a trip, here and in the instrument; reported with that person's name."""
+        """A person's decision to continue after a trip, here and in the instrument; logged with that person's name."""
         if self._latch is not None:
             self._latch.clear(who)
         if self._counter is not None:

@@ -276,7 +276,7 @@ def as_json(rows: list[Row]) -> list[dict[str, Any]]:
 
 
 def _forget_peak() -> None:
-    """Linux: starts the peak of resident memory anew. Elsewhere the peak stays that of the whole process."""
+    """Linux: resets the peak of resident memory. Elsewhere the peak stays that of the whole process."""
     with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
 

@@ -48,5 +48,5 @@ def told(module: "nn.Module") -> Iterator[None]:
     finally:
         for each in hooks:
             each.remove()
-    for name in parts:  # what this settings' way through the network leaves out
+    for name in parts:  # what the network skips with these settings
         finished(name)

@@ -41,7 +41,7 @@ class Given:
         if counts.ndim == 3 and not told and _time_seems_first(counts.shape):
             raise InvalidData(
                 f"{place}: has shape {counts.shape}, where [H, W, T] is expected: is time the first axis? Say "
-                "--axes TYX if so, --axes YXT if it is [H, W, T] as it stands."
+                "--axes TYX if so, --axes YXT if it is [H, W, T] as it is."
             )
         return counts
 

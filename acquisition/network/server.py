@@ -78,7 +78,7 @@ class SampleServer:
         return self.left or self._recording.status is not Status.RUNNING
 
     def serve(self, go_on: Callable[[], bool]) -> None:
-        """Answers requests until `go_on` says no. Goes on through a crash and `--resume`; raises `StorageError` where
+        """Answers requests until `go_on` says no. Continues through a crash and `--resume`; raises `StorageError` where
         another recording takes the file's place."""
         while go_on():
             if self._socket.poll(_POLL_MS):

@@ -29,7 +29,7 @@ def follow(
     whoever wants to know more than samples needs no second handle, which would upset this one.
 
     Waits at most `patience_s` for the file to appear (`TimeoutError`); then for as long as a writer holds it, pauses
-    included. Goes on through a crash and `--resume`. Raises `InvalidData` for a file that is not a recording and that
+    included. Continues through a crash and `--resume`. Raises `InvalidData` for a file that is not a recording and that
     nobody writes, `StorageError` where the writer is gone for good, the file was deleted, or another recording has
     taken its place.
     """

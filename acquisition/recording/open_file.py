@@ -30,7 +30,7 @@ class ScanFile:
     records: StoredRows
     counts: StoredRows
     grows_in_place: bool
-    """Whether a scan may go on in this very file: not in one that an earlier version left without an identity."""
+    """Whether a scan may be resumed in this very file: not in one that an earlier version left without an identity."""
 
 
 def open_scan_file(path: Path, *, writable: bool = False) -> ScanFile:

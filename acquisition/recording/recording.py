@@ -110,7 +110,7 @@ class Recording:
 
     @property
     def grows_in_place(self) -> bool:
-        """Whether a scan can go on in this very file: in those of the first versions it cannot."""
+        """Whether a scan can be resumed in this very file: in those of the first versions it cannot."""
         return self._file.grows_in_place
 
     def has_its_name(self) -> bool:

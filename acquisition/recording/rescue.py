@@ -88,7 +88,7 @@ def _append(file: ScanFile, kept: dict[int, int], records: npt.NDArray[Any], cou
 
 
 def _prove(fresh: Path, kept: dict[int, int]) -> None:
-    """Raises `StorageError` unless the file holds these samples, read anew from the disk."""
+    """Raises `StorageError` unless the file holds these samples, read back from the disk."""
     with Recording.open(fresh) as copy:
         condition = copy.condition()
         found = dict(zip(copy.records["number"].tolist(), copy.records["crc"].tolist(), strict=True))

@@ -109,7 +109,7 @@ class Resumed:
 def resume(
     path: Path, plan: ScanPlan, header: Header, *, clock: Clock | None = None, same_run: bool = False
 ) -> Resumed:
-    """Goes on where the recording at `path` ends; on a complete one there is nothing to do but to say so in it.
+    """Continues where the recording at `path` ends; on a complete one there is nothing to do but to say so in it.
 
     Without a file, or on one without a complete header, a new recording is begun; what lay there is kept as
     `RUN.h5.unreadable`. One with damaged rows is copied without them, and kept as `RUN.h5.damaged`. Raises

@@ -213,7 +213,7 @@ class Alarms:
         return self._look("blank", expected / BLANK_PHOTONS, f"no photon where {expected:.0f} were expected")
 
     def _direct_light(self, sample: Sample) -> Trouble | None:
-        """Said once: whoever goes on after that has decided."""
+        """Said once: whoever continues after that has decided."""
         said = "" if self._direct is None else self._direct(sample)
         if not said:
             return None

@@ -91,7 +91,7 @@ def trial(plan: ScanPlan, lines: Lines, settle: Settle, most: int, list_mode: bo
 
 
 class TrialEnded(Exception):
-    """An alarm stands; the shutter is closed."""
+    """An alarm is raised; the shutter is closed."""
 
     def __init__(self, trouble: Trouble) -> None:
         super().__init__(trouble.text)

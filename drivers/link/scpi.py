@@ -57,7 +57,7 @@ def encode_block(payload: bytes) -> bytes:
 
 
 def decode_block(answer: bytes, start: int = 0) -> tuple[memoryview, int]:
-    """The payload of the definite block at `start`, and where the answer goes on after it.
+    """The payload of the definite block at `start`, and where the answer continues after it.
 
     Raises ValueError for anything else, the indefinite `#0` included.
     """

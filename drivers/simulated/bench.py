@@ -170,7 +170,7 @@ class SimulatedBench:
         self.witness(self.clock.now(), f"shutter {'open' if self._shutter_open else 'closed'}")
 
     def follow(self, catch_up: Callable[[float], None]) -> None:
-        """An instrument that goes on by itself: `catch_up(now)` is called before the shutter changes, so that what was
+        """An instrument that runs by itself: `catch_up(now)` is called before the shutter changes, so that what was
         due until then sees the light as it was."""
         self._going_on.append(catch_up)
 

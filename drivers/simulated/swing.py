@@ -23,7 +23,7 @@ class Swing:
         return self.start_rad + (self.end_rad - self.start_rad) * (1.0 - math.cos(math.pi * progress)) / 2.0
 
     def towards(self, end_rad: float, when_s: float, settle_s: float) -> "Swing":
-        """Sent elsewhere at `when_s`; sent to where it already goes, it just goes on."""
+        """Sent elsewhere at `when_s`; sent to where it already goes, it just continues."""
         if end_rad == self.end_rad:
             return self
         return Swing(self.at(when_s), end_rad, when_s, when_s + settle_s)

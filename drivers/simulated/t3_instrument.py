@@ -140,7 +140,7 @@ class T3Instrument:
         self._done_s = until_s
 
     def _moves_s(self, since_s: float, most_s: float) -> float:
-        """How much of the time after `since_s` the beam, which moves then, goes on to move."""
+        """How much of the time after `since_s` the beam, which moves then, is still moving."""
         at_rest = self._bench.beam_at(since_s + most_s)
         if self._bench.beam_at(since_s + most_s + _INSTANT_S) != at_rest:
             return most_s

@@ -64,7 +64,7 @@ class StepMarkers:
         pulses, bits = self._pulses, self._bits
         if not pulses:
             return 0, 0
-        end = pulses[0] + (len(self._dwells) - 0.5) * period  # the clock goes on for a moment after the last point
+        end = pulses[0] + (len(self._dwells) - 0.5) * period  # the clock runs for a moment after the last point
         seen = sum(pulse < end for pulse in pulses)
         due = 1 + sum(round((after - before) / period) for before, after in pairwise(pulses[:seen]))
         in_turn = bits[:seen] == [1 + index % 2 for index in range(seen)]

@@ -280,4 +280,4 @@ TRAINED: dict[str, Kind] = {
 }
 
 BY_NAME: dict[str, Kind] = {"boards": boards}
-"""Kinds that take part only where a training file names them, so that earlier files go on meaning the same scenes."""
+"""Kinds that take part only where a training file names them, so that earlier files keep meaning the same scenes."""

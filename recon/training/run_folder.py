@@ -158,12 +158,12 @@ def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
 
 
 def not_finite(what: str, folder: Path, step: int, steps: int) -> ReconstructionFailed:
-    """Why a training cannot go on, and what is left of it."""
+    """Why a training cannot continue, and what is left of it."""
     kept = (
         f"{folder / WEIGHTS} holds the last good weights" if (folder / WEIGHTS).exists() else "there are no weights yet"
     )
     return ReconstructionFailed(
-        f"{what} at step {step + 1} of {steps}; {kept}. Lower learning_rate or clip, or say precision: float32, and "
+        f"{what} at step {step + 1} of {steps}; {kept}. Lower learning_rate or clip, or set precision: float32, and "
         "train into another folder."
     )
 

@@ -77,7 +77,7 @@ def read_scene(path: Path) -> SceneOnDisk:
     if scan.time_offset_bins is not None and not scan.rectified:
         light = _earlier(light, scan.time_offset_bins)
     elif not scan.rectified:
-        raise ValueError(f"{path}: time 0 is not the wall; say `rectified` where it is, or store `time_offset_bins`")
+        raise ValueError(f"{path}: time 0 is not the wall; set `rectified` where it is, or store `time_offset_bins`")
     light[: scan.direct_cut_bins] = 0
     intensity, albedo, depth_m, coverage = _truth(path)
     if intensity.shape != light.shape[1:]:

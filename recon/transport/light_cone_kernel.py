@@ -43,7 +43,7 @@ def chirps(wall: WallGrid, time: TimeAxis, cells: int) -> tuple[tuple[int, int, 
     spectra, powers = [], []
     for count, pitch in zip((wall.rows, wall.cols), pitches, strict=True):
         padded = good_size(2 * count)
-        # Farther offsets than the wall's are never seen together, but the inverse needs the kernel to go on: one that
+        # Farther offsets than the wall's are never seen together, but the inverse needs the kernel there: one that
         # ends abruptly has nulls in its spectrum, which come back as a veil at small depths.
         offset = np.arange(padded // 2 + 1, dtype=np.float64) * pitch
         chirp = _fresnel_integral(offset - pitch / 2, offset + pitch / 2, 2 * np.pi * cycles[:, None]) / pitch

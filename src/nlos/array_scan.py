@@ -95,7 +95,7 @@ def _ordered(array: npt.NDArray[Any], axes: str | None, free: bool) -> npt.NDArr
     elif not free and array.shape[1] == array.shape[2] != array.shape[0]:
         raise InvalidData(
             f"histograms have shape {array.shape}: is time the first axis? Pass axes='TYX' if so, "
-            "axes='YXT' if this is [H, W, T] as it stands."
+            "axes='YXT' if this is [H, W, T] as it is."
         )
     return array
 

@@ -1,4 +1,4 @@
-"""A bench's constants: kept by its name, wherever one stands; the newest, unless the bench has changed since."""
+"""A bench's constants: kept by its name, not by folder; the newest, unless the bench has changed since."""
 
 import logging
 from collections.abc import Mapping

@@ -14,7 +14,7 @@ from nlos.drivers.exit_paths import undisturbed
 class ScanEnding(AbstractContextManager["ScanEnding"]):
     """Finishes `writer` when the block is left. Enter it before anything can end the block that made the writer.
 
-    Every device error that goes on says where the samples are; `resume` is the word that takes the others.
+    Every device error that is passed on says where the samples are; `resume` is the word that takes the others.
     """
 
     def __init__(self, bench: Bench, writer: RecordingWriter, control: ScanControl, resume: str) -> None:

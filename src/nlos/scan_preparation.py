@@ -109,7 +109,7 @@ def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
 
 
 def known_lag(target: Path) -> Lag | None:
-    """What a recording that is resumed was swept by; its lines go on by the same."""
+    """What a recording that is resumed was swept by; its further lines use the same."""
     if not target.exists():
         return None
     try:

@@ -137,7 +137,7 @@ def test_light_that_becomes_too_much_is_off_in_time_and_what_was_taken_is_kept(
         taken_s = sorted(sample.taken_s for sample in recording.samples())
     whole = undisturbed(chosen, points, scheme)
     assert kept == {number: whole[number] for number in kept}
-    # Nothing but the last blocks, which nobody could confirm, is left out.
+    # Nothing but the last blocks, which nobody could confirm, is missing.
     assert len(kept) >= (after_s - 2 * BLOCK_S) * 1e3 / (dwell_ms + 2) - 2
     assert taken_s == sorted(taken_s)
 

@@ -129,7 +129,7 @@ def test_without_the_package_its_word_is_unknown(lab: Path) -> None:
 
 
 def test_no_room_but_drivers_decides_by_the_name_of_a_model() -> None:
-    """The words of our own models stand in the driver's own folders and nowhere in code that decides anything."""
+    """The words of our own models are in the driver's own folders and nowhere in code that decides anything."""
     from nlos.drivers.galvo.models import MIRRORS
     from nlos.drivers.tcspc.models import COUNTERS
 

@@ -59,7 +59,7 @@ def state(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def kept(state: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """The file that is kept with the bench; one stands in another folder."""
+    """The file that is kept with the bench; the command runs in another folder."""
     monkeypatch.setenv("NLOS_STATE", str(state))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "small.yaml").write_text(SMALL)

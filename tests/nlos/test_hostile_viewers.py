@@ -1,4 +1,4 @@
-"""Whatever is sent to the page's port is refused or dropped, costs little, and the page goes on answering its user."""
+"""Whatever is sent to the page's port is refused or dropped, costs little, and the page keeps answering its user."""
 
 import contextlib
 import os

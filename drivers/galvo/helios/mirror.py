@@ -111,7 +111,7 @@ class Helios:
     def load_steps(self, sequence: Sequence[MirrorAngles], steps: OwnSteps) -> None:
         """Makes the frame; nothing is sent before `play`. Raises `LimitError`."""
         if not self.has_own_clock:
-            raise LimitError(DEVICE, "its colour outputs mark nothing.", "Wire them, then say markers: colours.")
+            raise LimitError(DEVICE, "its colour outputs mark nothing.", "Wire them, then set markers: colours.")
         most = self.most_steps(steps.dwell_s)
         if not 1 <= len(sequence) <= most:
             raise LimitError(DEVICE, f"a sequence of {len(sequence)} positions.", f"Load 1 to {most} at a time.")
@@ -179,7 +179,7 @@ class Helios:
         self.wait_settled()
 
     def close(self) -> None:
-        """The DAC goes on holding its last point: stopped, it centres itself."""
+        """The DAC keeps holding its last point: stopped, it centres itself."""
         if self._pipes.closed:
             return
         with contextlib.suppress(DeviceError):

@@ -47,7 +47,7 @@ def encode_frame(samples: Sequence[Codes], samples_per_s: int, flags: int) -> by
 
 
 def fills_packets(count: int) -> bool:
-    """Whether a frame of so many samples is whole USB packets: the DAC then goes on waiting for its end."""
+    """Whether a frame of so many samples is whole USB packets: the DAC then keeps waiting for its end."""
     return (count * 7 + 5) % _PACKET_BYTES == 0
 
 

@@ -64,7 +64,7 @@ class SerialCable:
         self.held = False
 
     def send(self, data: bytes) -> None:
-        """The host writes. The firmware gets to it when time goes on, with all that is written until then."""
+        """The host writes. The firmware gets to it when time advances, with all that is written until then."""
         for delay_s, piece in self.mangle(">", data) if self.mangle else ((0.0, data),):
             last_s = self._sent[-1][0] if self._sent else 0.0
             self._sent.append((max(last_s, self.clock.now() + delay_s), piece))

@@ -1,4 +1,4 @@
-"""What goes on inside a simulated `tcspc488` as bench time passes: gates, slots, pixel clock, trips and watchdog.
+"""What happens inside a simulated `tcspc488` as bench time passes: gates, slots, pixel clock, trips and watchdog.
 
 Nothing runs by itself: whoever asks brings the time along, and everything due until then happens in the order of its
 own times. A gate's photons are drawn as it opens.

@@ -101,7 +101,7 @@ class TimeTags:
         told = self._with_wraps(at[:cut], records[:cut], last)
         if self._waiting + len(told) > FIFO_RECORDS:
             self.lost += cut
-            told = told[told >= np.uint32(_OVERFLOW)]  # time goes on, photons are lost
+            told = told[told >= np.uint32(_OVERFLOW)]  # time advances, photons are lost
         self._fifo.append(told)
         self._waiting += len(told)
 

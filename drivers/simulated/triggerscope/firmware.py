@@ -194,7 +194,7 @@ class TriggerScopeFirmware:
         return self._fill(self._dacs[dac], dac, line.states(start), shorter)
 
     def _fill(self, output: Output, number: int, states: tuple[int, list[int]] | None, shorter: bool) -> bytes | None:
-        """Nothing stops it at the table's end: it confirms, and goes on with a memory that is another one."""
+        """Nothing stops it at the table's end: it confirms, and writes on into whatever memory comes next."""
         if states is None:
             return None
         first, values = states

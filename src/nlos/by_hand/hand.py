@@ -84,7 +84,7 @@ class Hand:
             self.watch.forget()
 
     def try_to(self, act: Callable[[], None]) -> bool:
-        """Does it, or notes what is in the way: a person goes on from there."""
+        """Does it, or notes what is in the way: the person decides what is next."""
         try:
             act()
         except LimitError as error:

@@ -59,7 +59,7 @@ class LightOnRequest:
         now_s = self._clock.now()
         if self._until_s <= now_s:
             self._began_s = now_s
-            self._shutter.release()  # somebody asks anew, after whatever shut the light
+            self._shutter.release()  # somebody asks again, after whatever shut the light
         self._until_s = max(self._until_s, now_s + seconds)
         self.tick()
 

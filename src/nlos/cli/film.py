@@ -44,7 +44,7 @@ def reconstruct_film(
 
     for name in NAMES:
         if (output / name).exists() and not overwrite:
-            raise FileExistsError(f"{output / name}: exists. Choose another folder with -o, or say --overwrite.")
+            raise FileExistsError(f"{output / name}: exists. Choose another folder with -o, or use --overwrite.")
     film = film_with_progress(run, method, settings, window, constants, device)
     paths = write_film(output, film)
     terminal.result(

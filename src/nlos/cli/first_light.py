@@ -40,7 +40,7 @@ def first_light(bench: str | None, light: bool, output: Path | None, overwrite: 
     terminal.result("\nthe bench file's lines:\n" + "\n".join(lines))
     terminal.result(f"\na scan file's line:\n{_histogram_line(found)}")
     if output is None:
-        terminal.log(f"not written: say -o {table.path.name} --overwrite for that file, or another name")
+        terminal.log(f"not written. Use -o {table.path.name} --overwrite for that file, or another name.")
         return
     partial = output.with_name(f".{output.name}.part")
     try:

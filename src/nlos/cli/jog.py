@@ -39,7 +39,7 @@ def jog(
     had = book.count
     with in_hand(table, {"mirror", "counter"}, light, no_shutter) as hand:
         if not hand.keys.there:
-            raise UsageError("nlos jog needs a terminal; scripts say `nlos point`.")
+            raise UsageError("nlos jog needs a terminal; scripts use `nlos point`.")
         if hand.reach is None:
             raise hand.bench.absent["mirror"]
         jogging = Jog(hand, book)

@@ -13,7 +13,7 @@ def queue(
     plan: Annotated[bool, typer.Option("--plan", help="Check and forecast all of it; take nothing.")] = False,
     retry: Annotated[bool, typer.Option("--retry", help="Take up again what an alarm ended.")] = False,
 ) -> int:
-    """Takes every scan of a queue file. Called again it goes on: after Ctrl-C, an alarm, a full disk, a power cut. What
+    """Takes every scan of a queue file. Called again it resumes: after Ctrl-C, an alarm, a full disk, a power cut. What
     is done stays; what was cut off is resumed; recordings, not the journal, have the last word."""
     from nlos.series.carry_out import Series, carry_out, forecast
     from nlos.series.sweep import load_queue

@@ -54,7 +54,7 @@ def place_scanner(spots: Path, bench: str | None, output: Path | None, overwrite
     }
     terminal.result("the bench file's lines, in geometry:\n" + "\n".join(f"  {key}: {v}" for key, v in keys.items()))
     if output is None:
-        terminal.log(f"not written: say -o {table.path.name} --overwrite for that file, or another name")
+        terminal.log(f"not written. Use -o {table.path.name} --overwrite for that file, or another name.")
         return
     text = with_keys(table.text, "geometry", keys)
     parse(text, str(output), BenchSettings)

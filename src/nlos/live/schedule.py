@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from nlos.live.pace import Pace
 
 QUICK_AFTER_S = 8.0
-"""The quicker method goes on making pictures in passing where the best one takes longer than this."""
+"""The quicker method keeps making pictures in passing where the best one takes longer than this."""
 EVERY_S = 2.0
 
 

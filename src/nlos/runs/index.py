@@ -1,7 +1,7 @@
 """The index of a folder of recordings: SQLite beside no data, made from the files alone and never believed over them.
 
 It lies in the state folder, one file a data folder; deleting it loses nothing. Files are told apart by size, time and
-inode: those that have changed are read again, by a child, and those that are gone are left out.
+inode: those that have changed are read again, by a child, and those that are gone are dropped.
 """
 
 import hashlib
@@ -113,7 +113,7 @@ class RunsIndex:
         return self.update()
 
     def update(self) -> Changes:
-        """Reads what is new or has changed, and leaves out what is gone. Raises `StorageError`."""
+        """Reads what is new or has changed, and drops what is gone. Raises `StorageError`."""
         try:
             return self._update()
         except sqlite3.Error as error:
@@ -196,7 +196,7 @@ def _may_be_one(path: Path) -> bool:
 
 
 def _recordings(folder: Path) -> Iterator[tuple[str, os.stat_result]]:
-    """Every file below `folder` that may be a recording, by its path relative to it; hidden ones are left out."""
+    """Every file below `folder` that may be a recording, by its path relative to it; hidden ones are skipped."""
     left = [""]
     while left:
         here = left.pop()

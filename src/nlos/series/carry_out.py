@@ -62,7 +62,7 @@ class Series:
 
 def carry_out(series: Series) -> int:
     """Everything that is still to do; returns the exit code: 5 where an alarm left a scan as it is. Raises what ends
-    the series: it goes on from there when it is carried out again."""
+    the series: it resumes from there when it is carried out again."""
     series.folder.mkdir(parents=True, exist_ok=True)
     lock = WriterLock(series.folder / outcomes.NAME)
     try:
@@ -107,7 +107,7 @@ def _is_over(series: Series, journal: Journal, run: Run) -> bool:
         return True
     try:
         complete = settle(path, run.scan.settings.plan())
-    except (ValueError, StorageError):  # resuming says what is wrong with it, or begins anew
+    except (ValueError, StorageError):  # resuming says what is wrong with it, or starts again
         return False
     if complete:  # it was killed between its last sample and its line
         journal.add(run.name, outcomes.DONE, run.digest, "complete when the series was resumed")
@@ -124,7 +124,7 @@ def _holds(path: Path, run: Run) -> bool:
 
 
 def _one(series: Series, journal: Journal, run: Run) -> None:
-    """One scan. An alarm that may be skipped is written down; whatever else ends it goes on to the caller."""
+    """One scan. An alarm that may be skipped is written down; whatever else ends it is passed on to the caller."""
     path = series.recording(run)
     terminal.log(f"run {run.name}")
     journal.add(run.name, outcomes.BEGUN, run.digest)

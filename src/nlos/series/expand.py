@@ -69,7 +69,7 @@ def _variants(entry: QueuedScan) -> Iterator[tuple[dict[str, Any], int]]:
 
 
 def changed(word: str, changes: Mapping[str, Any]) -> Loaded[ScanSettings]:
-    """A scan file with other values at dotted keys. Raises `ConfigError` as if they stood in it."""
+    """A scan file with other values at dotted keys. Raises `ConfigError` as if they were in it."""
     if not changes:
         return load("scan", word, ScanSettings)
     path = find("scan", word)

@@ -39,7 +39,7 @@ class QueuedScan(Settings):
             if not values:
                 raise ValueError(f"sweep.{key} has no values")
             if key in self.set:
-                raise ValueError(f"{key} stands in set and in sweep")
+                raise ValueError(f"{key} is in both set and sweep; remove one")
         return self
 
 

@@ -76,7 +76,7 @@ harms = st.one_of(
 
 
 class Cable:
-    """Harms the n-th message as planned, whichever way it goes; counts messages so that nothing goes on for ever."""
+    """Harms the n-th message as planned, whichever way it goes; counts messages so that nothing runs forever."""
 
     def __init__(self, plan: dict[int, tuple[str, Harm]]) -> None:
         self._plan = plan

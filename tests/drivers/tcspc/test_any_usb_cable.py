@@ -65,7 +65,7 @@ plans = st.dictionaries(st.integers(0, 60), harms, max_size=4)
 
 
 class Cable:
-    """Harms the n-th transfer as planned, and counts them so that nothing goes on for ever."""
+    """Harms the n-th transfer as planned, and counts them so that nothing runs forever."""
 
     def __init__(self, plan: dict[int, Harm]) -> None:
         self._plan = plan

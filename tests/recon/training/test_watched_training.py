@@ -1,4 +1,4 @@
-"""A training that one can trust: it ends when told, is alone in its folder, and does not go on with nonsense."""
+"""A training that one can trust: it ends when told, is alone in its folder, and does not continue with nonsense."""
 
 import csv
 import json
