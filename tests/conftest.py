@@ -14,6 +14,7 @@ from types import FrameType
 
 import pytest
 
+from tests import campaign_journal
 from tests.left_behind import MARK, Held, left_behind
 
 _STATE = tempfile.mkdtemp(prefix="nlos-state-")
@@ -48,6 +49,14 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
         timer.cancel()
         timer.join()
         signal.signal(signal.SIGUSR1, before)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    campaign_journal.deselect_what_has_passed(config, items)
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    campaign_journal.write(report)
 
 
 @pytest.fixture(autouse=True)

@@ -1,9 +1,11 @@
 """Benches, the faults that each of them can meet, and a plan that all of them scan."""
 
 import json
+import random
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -73,16 +75,36 @@ BENCHES = {
 }
 
 
-def settings(name: str, *faults: Fault) -> BenchSettings:
+@cache
+def _faultless(name: str) -> BenchSettings:
     file, changes, _ = BENCHES[name]
     text = load("bench", file, BenchSettings).settings.model_dump(mode="json")
     for block, values in changes.items():
         text[block] |= values
     text["simulation"]["scene"]["surfel_m"] = 0.05
-    text["simulation"]["faults"] = [fault.model_dump(mode="json") for fault in faults]
     return BenchSettings.model_validate_json(json.dumps(text))
 
 
+def settings(name: str, *faults: Fault) -> BenchSettings:
+    whole = _faultless(name)
+    assert whole.simulation is not None
+    return whole.model_copy(update={"simulation": whole.simulation.model_copy(update={"faults": faults})})
+
+
+def drawn(chance: random.Random) -> tuple[str, list[list[Fault]]]:
+    """A bench, and one to three faults at once on the first attempt, perhaps on the resumed one too."""
+    name = chance.choice(sorted(BENCHES))
+
+    def some() -> list[Fault]:
+        return [
+            Fault(name=word, skip=chance.choice((0, 1, 3, 10, 30, 60)), parameters=parameters)
+            for word, parameters in chance.choices(BENCHES[name][2], k=chance.choice((1, 2, 2, 3)))
+        ]
+
+    return name, [some() for _ in range(chance.choice((1, 1, 2)))]
+
+
+@cache
 def plan(name: str) -> ScanPlan:
     width_ps = 40.0 if name == "multiharp" else 32.0
     return ScanSettings.model_validate(

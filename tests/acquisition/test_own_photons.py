@@ -4,6 +4,7 @@ was acknowledged stays, the light goes off, and everything ends."""
 import os
 import random
 from dataclasses import replace
+from functools import cache
 from itertools import count
 from pathlib import Path
 
@@ -25,8 +26,9 @@ from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.t3_instrument import T3Instrument
 from nlos.drivers.tcspc.picoquant import t3
 from tests.acquisition.coded_light import CodedLight, Spelled, code, expected, read
-from tests.acquisition.fault_cases import BENCHES, acknowledged, cuts_off_the_shutter, patience, plan, settings
+from tests.acquisition.fault_cases import BENCHES, acknowledged, cuts_off_the_shutter, drawn, patience, plan, settings
 
+pytestmark = pytest.mark.usefixtures("one_child_reads")
 SOAK = os.environ.get("NLOS_SOAK") == "1"
 SCANS = 2000 if SOAK else 12
 TOLERANCE = {"optotune": 2, "played": 10, "played, listed": 10}  # told in six digits; 12 bits
@@ -37,7 +39,7 @@ def tells_settings(name: str) -> bool:
     return name not in ("multiharp", "timetagger", "timetagger list")  # list mode draws light in pieces
 
 
-def take(path: Path, name: str, faults: list[Fault], monkeypatch: pytest.MonkeyPatch) -> list[MirrorAngles]:
+def take(path: Path, name: str, faults: list[Fault], monkeypatch: pytest.MonkeyPatch) -> None:
     """What `nlos scan --resume` does, on a bench reopened, with light that says where it comes from."""
     this, chosen = plan(name), settings(name, *faults)
     light = CodedLight(this.axis, chosen.laser.repetition_hz, tells_settings(name))
@@ -45,7 +47,6 @@ def take(path: Path, name: str, faults: list[Fault], monkeypatch: pytest.MonkeyP
     bench = None
     try:
         with patience(), open_bench(chosen) as bench:
-            angles = checked_angles(this, bench, aim_of(bench))
             begun = resume(path, this, Header(bench_json=settings(name).model_dump_json()))
             if begun.writer is not None:
                 with begun.writer as writer:
@@ -54,14 +55,17 @@ def take(path: Path, name: str, faults: list[Fault], monkeypatch: pytest.MonkeyP
         if bench is not None and not cuts_off_the_shutter(name, *faults):
             assert bench.simulated is not None
             assert not bench.simulated.shutter_open
-    return angles
+
+
+@cache
+def planned_angles(name: str) -> list[MirrorAngles]:
+    with open_bench(settings(name)) as bench:
+        return checked_angles(plan(name), bench, aim_of(bench))
 
 
 def wrong_samples(path: Path, name: str) -> list[str]:
     """Samples that hold other photons than their own point's."""
-    this, wrong = plan(name), []
-    with open_bench(settings(name)) as bench:
-        angles = checked_angles(this, bench, aim_of(bench))
+    this, angles, wrong = plan(name), planned_angles(name), []
     with Recording.open(path) as recording:
         for sample in recording.samples():
             number = sample.point.number
@@ -164,26 +168,12 @@ def test_a_full_fifo_of_a_picoquant_counter_moves_no_later_photons_up(
     scan_to_the_end(tmp_path / "run.h5", "multiharp", [[]], monkeypatch)
 
 
-def draw(seed: int) -> tuple[str, list[list[Fault]]]:
-    """One to three faults at once, on the first attempt and perhaps on the resumed one too."""
-    chance = random.Random(seed)
-    name = chance.choice(sorted(BENCHES))
-
-    def some() -> list[Fault]:
-        return [
-            Fault(name=word, skip=chance.choice((0, 1, 3, 10, 30, 60)), parameters=parameters)
-            for word, parameters in chance.choices(BENCHES[name][2], k=chance.choice((1, 2, 2, 3)))
-        ]
-
-    return name, [some() for _ in range(chance.choice((1, 1, 2)))]
-
-
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", range(SCANS))
 def test_two_and_three_faults_at_once_put_no_sample_in_the_wrong_place(
     seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    name, rounds = draw(seed)
+    name, rounds = drawn(random.Random(seed))
     scan_to_the_end(tmp_path / "run.h5", name, rounds, monkeypatch)
 
 
