@@ -4,18 +4,13 @@ from typing import Annotated, ClassVar
 
 import torch
 from pydantic import Field
-from torch import nn
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
-from nlos.recon.method import MethodResult
-from nlos.recon.physics import prepare, seen_in
+from nlos.recon.light_cone_method import LightConeMethod
 from nlos.recon.physics_settings import LightConeSettings
-from nlos.recon.transport.conventions import depths_m
-from nlos.recon.transport.falloff import Falloff
-from nlos.recon.transport.light_cone import LightConeConvolution
-from nlos.recon.transport.resampling import LightConeResampling
+from nlos.recon.transport.light_cone import Snr
 from nlos.recon.transport.response_bands import BANDS, bands_of
 from nlos.recon.transport.response_on_cone import ResponseOnCone
 
@@ -36,38 +31,20 @@ class Settings(LightConeSettings):
     """Weight of total variation, relative to the Tikhonov term at the albedo's own level."""
 
 
-class GradientDescent(nn.Module):
+class GradientDescent(LightConeMethod):
     """(B, C, T, H, W) counts -> (B, C, D, H, W), not below 0.
 
     Minimises |H u - y|^2 / 2 + |u|^2 / (2 snr) + tv TV(u) on the light cone, from u = 0, with the exact step of the
     quadratic (that majorises TV where there is one). Source: the unfolded iteration u - dt (H*(H u - y) + u / snr).
     """
 
-    takes_response = True
+    settings: Settings
 
-    def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
-        super().__init__()
-        self.settings, self.time = settings, time
-        self.depths_m = depths_m(time, settings.conventions)
-        self.falloff = Falloff(time, settings.falloff, settings.conventions)
-        self.resample = LightConeResampling(time, settings.conventions)
-        self.cone = LightConeConvolution(wall, time, settings.conventions, settings.tile)
-
-    def forward(
-        self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None
-    ) -> MethodResult[torch.Tensor]:
-        """The volume, its front view and its depth map."""
-        return seen_in(self.volume(counts, exposure_s, response), self.depths_m)
-
-    def volume(
-        self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None
-    ) -> torch.Tensor:
+    def solved(self, signal: torch.Tensor, snr: Snr, response: torch.Tensor | None) -> torch.Tensor:
         """The albedo after all iterations; a `response` (1, K) is part of the forward model."""
-        signal, snr = prepare(counts, exposure_s, self.settings, self.time, self.falloff)
         y = self.resample(signal)
         ridge = (1 / torch.as_tensor(snr, dtype=y.dtype, device=y.device)).expand(len(y)).view(-1, 1, 1, 1, 1)
-        recorded = None if response is None else self._recorded(signal, response)
-        return self.resample.adjoint(self._descend(y, ridge, recorded)).clamp_(min=0)
+        return self._descend(y, ridge, None if response is None else self._recorded(signal, response))
 
     def _recorded(self, signal: torch.Tensor, response: torch.Tensor) -> ResponseOnCone:
         """What the instrument makes of light on the cone."""
