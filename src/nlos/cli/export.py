@@ -7,6 +7,7 @@ import typer
 
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
+from nlos.whole_file import whole_file
 
 SCAN_FORMATS = {"npz": ".npz", "mat": ".mat", "ytal": ".hdf5", "ptu": ".ptu"}
 HELD = "Of scans mat, npz, ytal, ptu; of pictures ply, obj, glb, vti; of films gif, mp4."
@@ -69,30 +70,24 @@ def _write_scan(run: Path, word: str, target: Path) -> list[str]:
     if not (arrays.exposure_s > 0).any():
         raise InvalidData(f"{run}: no point of it was measured; there is nothing to export")
     write = {"npz": write_npz, "mat": write_matlab, "ytal": write_ytal, "ptu": write_ptu}[word]
-    partial = target.with_name(f".{target.name}.part")
-    try:
-        left_behind = write(arrays, partial)
-        partial.replace(target)
-    except InvalidData as error:
-        raise InvalidData(str(error).replace(str(partial), str(target))) from error
-    finally:
-        partial.unlink(missing_ok=True)
+    with whole_file(target) as partial:
+        try:
+            left_behind = write(arrays, partial)
+        except InvalidData as error:
+            raise InvalidData(str(error).replace(str(partial), str(target))) from error
     if arrays.left_aside:
         left_behind = [*left_behind, f"{arrays.left_aside} samples that are damaged or unreadable"]
     return left_behind
 
 
 def _write_film(run: Path, word: str, target: Path, method: str) -> list[str]:
-    from nlos.cli.film import film_with_progress
-    from nlos.film import write_gif, write_mp4
+    from nlos.cli.film import frames_counted
+    from nlos.film import film_of, write_gif, write_mp4
 
-    film = film_with_progress(run, method, {})
-    partial = target.with_name(f".{target.name}.part")
-    try:
+    with frames_counted(run) as counted:
+        film = film_of(run, method, {}, step=counted)
+    with whole_file(target) as partial:
         {"gif": write_gif, "mp4": write_mp4}[word](partial, film)
-        partial.replace(target)
-    finally:
-        partial.unlink(missing_ok=True)
     return ["brightness only, on one scale: `nlos reconstruct --film` keeps depths and the table of places and speeds"]
 
 

@@ -7,6 +7,7 @@ import typer
 
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
+from nlos.whole_file import whole_file
 
 KINDS = (".pdf", ".svg", ".png")
 
@@ -39,10 +40,6 @@ def figure(
         names = titles.split(",")
     if len(names) != len(made):
         raise UsageError(f"--titles {titles}: {len(names)} titles for {len(made)} results")
-    partial = output.with_name(f".{output.stem}.part{output.suffix}")
-    try:
-        gallery(made, names, width_mm).savefig(partial, dpi=300)
-        partial.replace(output)
-    finally:
-        partial.unlink(missing_ok=True)
+    with whole_file(output) as partial:
+        gallery(made, names, width_mm).savefig(partial, dpi=300, format=output.suffix[1:].lower())
     terminal.result(f"{output}: {len(made)} results, {width_mm:g} mm wide", figure=str(output))

@@ -1,32 +1,22 @@
 """What `nlos reconstruct --film` and `nlos export --to gif,mp4` share: a recording's frames, one after the other."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
 
-if TYPE_CHECKING:
-    from nlos.film import Film
 
-
-def film_with_progress(
-    run: Path,
-    method: str,
-    settings: Mapping[str, object],
-    window: int | None = None,
-    constants: Path | None = None,
-    device: str = "cpu",
-) -> "Film":
-    """`film_of`, with the frames counted on the terminal."""
+@contextmanager
+def frames_counted(run: Path) -> Iterator[Callable[[int], None]]:
+    """What to tell of every frame that is done, as `film_of` does, to see them counted on the terminal."""
     from nlos.acquisition.recording.checked import open_checked
-    from nlos.film import film_of
 
     with open_checked(run) as recording:
         frames = recording.plan.frames
     with Progress(frames, what="film", unit="frames") as progress:
-        return film_of(run, method, settings, window, constants, device, lambda count: progress.step())
+        yield lambda count: progress.step()
 
 
 def reconstruct_film(
@@ -40,12 +30,13 @@ def reconstruct_film(
     overwrite: bool,
 ) -> None:
     """The film and its track into the folder `output`. Raises `FileExistsError`."""
-    from nlos.film import NAMES, write_film
+    from nlos.film import NAMES, film_of, write_film
 
     for name in NAMES:
         if (output / name).exists() and not overwrite:
             raise FileExistsError(f"{output / name}: exists. Choose another folder with -o, or use --overwrite.")
-    film = film_with_progress(run, method, settings, window, constants, device)
+    with frames_counted(run) as counted:
+        film = film_of(run, method, settings, window, constants, device, counted)
     paths = write_film(output, film)
     terminal.result(
         f"{output}: {', '.join(path.name for path in paths)} ({method}, {len(film.frame)} pictures)",

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlos.cli.agreeing import somebody_is_there
+from nlos.cli.bench_files import check_bench_output, write_bench_file
 from nlos.cli.benches import load_bench, opened
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
@@ -17,15 +18,10 @@ if TYPE_CHECKING:
 
 def first_light(bench: str | None, light: bool, output: Path | None, overwrite: bool) -> None:
     """Measures, says what was found, and writes the bench file with its `first_light` block to `output`."""
-    from nlos.configs.load import parse
-    from nlos.drivers.bench_settings import BenchSettings
     from nlos.first_light.bench_lines import with_block
     from nlos.first_light.measuring import in_the_dark, in_the_light
 
-    if output is not None and output.suffix.lower() not in (".yaml", ".yml"):
-        raise UsageError(f"-o {output}: first light writes a bench file, .yaml")
-    if output is not None and output.exists() and not overwrite:
-        raise FileExistsError(f"{output}: exists. Choose another name with -o, or use --overwrite.")
+    check_bench_output(output, overwrite, "first light writes")
     table = load_bench(bench)
     if table.settings.safety.dry_run:
         raise UsageError(f"{table.path}: safety.dry_run is set: no light, no first light")
@@ -35,20 +31,9 @@ def first_light(bench: str | None, light: bool, output: Path | None, overwrite: 
         found = in_the_light(open_bench, closed, dark)
     _tell(found)
     lines = _block(found)
-    text = with_block(table.text, "first_light", lines)
-    parse(text, str(output or table.path), BenchSettings)
     terminal.result("\nthe bench file's lines:\n" + "\n".join(lines))
     terminal.result(f"\na scan file's line:\n{_histogram_line(found)}")
-    if output is None:
-        terminal.log(f"not written. Use -o {table.path.name} --overwrite for that file, or another name.")
-        return
-    partial = output.with_name(f".{output.name}.part")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(output)
-    finally:
-        partial.unlink(missing_ok=True)
-    terminal.result(f"{output}: {table.path.name} with these lines", bench=str(output))
+    write_bench_file(with_block(table.text, "first_light", lines), table, output)
 
 
 def _agree(bench: "Bench", light: bool) -> None:

@@ -4,8 +4,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nlos.cli.bench_files import check_bench_output, write_bench_file
 from nlos.cli.benches import load_bench
-from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
@@ -32,15 +32,10 @@ def place_scanner(spots: Path, bench: str | None, output: Path | None, overwrite
     from nlos.calibration.geometry import ScannerGeometry
     from nlos.calibration.spots_fit import place_from_spots
     from nlos.calibration_input import read_spots
-    from nlos.configs.load import parse
-    from nlos.drivers.bench_settings import BenchSettings
     from nlos.first_light.bench_lines import with_keys
     from nlos.report.spots_picture import spots_picture
 
-    if output is not None and output.suffix.lower() not in (".yaml", ".yml"):
-        raise UsageError(f"-o {output}: spots without a RUN write a bench file, .yaml")
-    if output is not None and output.exists() and not overwrite:
-        raise FileExistsError(f"{output}: exists. Choose another name with -o, or use --overwrite.")
+    check_bench_output(output, overwrite, "spots without a RUN write")
     table, measured = load_bench(bench), read_spots(spots)
     found = place_from_spots(measured, ScannerGeometry(**vars(drawn_aim(table.settings.geometry))))
     _tell(found)
@@ -53,18 +48,7 @@ def place_scanner(spots: Path, bench: str | None, output: Path | None, overwrite
         if key and name in found.fit.errors
     }
     terminal.result("the bench file's lines, in geometry:\n" + "\n".join(f"  {key}: {v}" for key, v in keys.items()))
-    if output is None:
-        terminal.log(f"not written. Use -o {table.path.name} --overwrite for that file, or another name.")
-        return
-    text = with_keys(table.text, "geometry", keys)
-    parse(text, str(output), BenchSettings)
-    partial = output.with_name(f".{output.name}.part")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(output)
-    finally:
-        partial.unlink(missing_ok=True)
-    terminal.result(f"{output}: {table.path.name} with these lines", bench=str(output))
+    write_bench_file(with_keys(table.text, "geometry", keys), table, output)
 
 
 def fitted_lines(fit: "GeometryFit") -> list[tuple[str, dict[str, object]]]:

@@ -10,6 +10,7 @@ from nlos.acquisition.recording.provenance import software_versions
 from nlos.doctor.chart import drawn
 from nlos.doctor.findings import Finding
 from nlos.drivers.identity import DeviceIdentity
+from nlos.whole_file import whole_file
 
 if TYPE_CHECKING:
     from nlos.configs.load import Loaded
@@ -87,6 +88,5 @@ def write_page(
         f"<h2>Bench</h2><table>{about}</table><details><summary>The bench file</summary>"
         f"<pre>{escape(table.text)}</pre></details></body></html>"
     )
-    partial = target.with_name(f".{target.name}.part")
-    partial.write_text(page, encoding="utf-8")
-    partial.replace(target)
+    with whole_file(target) as partial:
+        partial.write_text(page, encoding="utf-8")

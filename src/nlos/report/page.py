@@ -15,6 +15,7 @@ from nlos.loaded import load_scan
 from nlos.report.calibration_part import calibrated
 from nlos.report.html import folded, picture
 from nlos.report.scan_part import ScanPart, scan_part
+from nlos.whole_file import whole_file
 
 if TYPE_CHECKING:
     from nlos.recon.volume import Reconstruction
@@ -39,12 +40,8 @@ def write_report(runs: Sequence[Path], target: Path, methods: Sequence[str]) -> 
         f'content="width=device-width"><title>{escape(name)}</title><style>{style}</style></head><body>'
         f"{_side_by_side(pictures) if len(runs) > 1 else ''}{''.join(sections)}</body></html>"
     )
-    partial = target.with_name(f".{target.name}.part")
-    try:
+    with whole_file(target) as partial:
         partial.write_text(page, encoding="utf-8")
-        partial.replace(target)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _one(

@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 from nlos.runs.grey_png import grey_png
 from nlos.runs.index import Run
+from nlos.whole_file import whole_file
 
 _LARGEST_PICTURE = 200_000
 """Bytes of a picture that is taken as it is; a larger one is too much for a card."""
@@ -18,12 +19,8 @@ _LARGEST_PICTURE = 200_000
 
 def write_page(target: Path, folder: Path, runs: Sequence[Run], words: str) -> None:
     """Raises `OSError` where it cannot be written; then an older page is as it was."""
-    partial = target.with_name(f".{target.name}.part")
-    try:
+    with whole_file(target) as partial:
         partial.write_text(page(folder, runs, words, target.absolute().parent), encoding="utf-8")
-        partial.replace(target)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def page(folder: Path, runs: Sequence[Run], words: str, from_folder: Path | None = None) -> str:

@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from nlos.cli.terminal import terminal
+from nlos.whole_file import whole_file
 
 NAME, PLAN = "journal.jsonl", "plan.json"
 BEGUN, DONE, ALARM, STORAGE, FAILED, INTERRUPTED, PICTURE, NO_PICTURE = (
@@ -56,10 +57,9 @@ class Journal:
 
     def plan(self, expected_s: Mapping[str, float]) -> None:
         """Writes which runs there are and how long each of those to come takes: what a status page counts by."""
-        fresh = self.path.with_name(f".{PLAN}.part")
         try:
-            fresh.write_text(json.dumps(dict(expected_s)), encoding="utf-8")
-            fresh.replace(self.path.with_name(PLAN))
+            with whole_file(self.path.with_name(PLAN)) as partial:
+                partial.write_text(json.dumps(dict(expected_s)), encoding="utf-8")
         except OSError as error:
             terminal.log(f"warning: {self.path.with_name(PLAN)}: cannot be written ({error.strerror})")
 
