@@ -1,4 +1,5 @@
-"""Rules of the house that no linter checks: attributes are born in `__init__`, and broad excepts have a reason."""
+"""Rules of the house that no linter checks: attributes are born in `__init__`, broad excepts have a reason, and nothing
+of our own is pickled."""
 
 import ast
 from collections.abc import Iterator
@@ -94,3 +95,14 @@ def test_everything_is_caught_only_where_that_has_a_reason() -> None:
         if node.type is None or (isinstance(node.type, ast.Name) and node.type.id == "Exception")
     }
     assert found == BROAD.keys()
+
+
+def test_only_weights_from_outside_are_unpickled() -> None:
+    found = {
+        file
+        for file, tree in files()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute)
+        if isinstance(node.value, ast.Name) and (node.value.id, node.attr) in {("torch", "save"), ("torch", "load")}
+    }
+    assert found == {"recon/weights/foreign.py"}

@@ -22,8 +22,9 @@ from nlos.recon.intervals import CALIBRATED, GROUPS, NOISES, Calibration, adjust
 from nlos.recon.layers.interval_head import IntervalHead, RawIntervals
 from nlos.recon.layers.symmetries import mirrored
 from nlos.recon.training.interval_set import CALIBRATION, TEST, TRAINING, Judged, all_judged, judged
-from nlos.recon.weights.files import OWN_FOLDER, find_weights, save
+from nlos.recon.weights.files import OWN_FOLDER, find_weights, put_weights, read_weights, save
 
+DRAFT = "head.safetensors"
 COVERED = 0.5  # of a pixel: from there on a surface is there
 LEVEL = 0.9
 AVERAGE = 0.995
@@ -167,6 +168,21 @@ def judge(head: IntervalHead, calibration: Calibration, folder: Path, part: str)
     return result | {"ece of seen": round(float(off), 4)}
 
 
+def save_draft(head: IntervalHead, folder: Path) -> None:
+    """A head that is trained and not yet calibrated, beside the scans that it was trained on."""
+    save(folder / DRAFT, head.state_dict(), {"method": "intervals of nano, not calibrated"})
+
+
+def head_to_calibrate(folder: Path) -> IntervalHead:
+    """The draft in `folder`; without one the head that ships, for NANO's new weights. Raises WeightsError."""
+    path = folder / DRAFT
+    if not path.exists():
+        return head_in(OWN_FOLDER / CALIBRATED).network
+    head = IntervalHead()
+    put_weights(head, read_weights(path).tensors, str(path))
+    return head.eval()
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("verb", choices=["collect", "train", "calibrate", "judge"])
@@ -175,21 +191,15 @@ def main() -> None:
     parser.add_argument("--scans", type=int, default=200)
     parser.add_argument("--steps", type=int, default=3000)
     said = parser.parse_args()
-    draft = said.folder / "head.pt"
     torch.set_num_threads(int(os.environ.get("OMP_NUM_THREADS", "1")))
     if said.verb == "collect":
         for index in range(said.scans):
             judged(said.part, index, said.folder)
         return
     if said.verb == "train":
-        torch.save(train(said.folder, said.steps).state_dict(), draft)
+        save_draft(train(said.folder, said.steps), said.folder)
         return
-    if draft.exists():
-        head = IntervalHead()
-        head.load_state_dict(torch.load(draft, weights_only=True))
-        head.eval()
-    else:  # calibrated anew, for NANO's new weights say
-        head = head_in(OWN_FOLDER / CALIBRATED).network
+    head = head_to_calibrate(said.folder)
     calibration = calibrate(head, said.folder)
     print(json.dumps(judge(head, calibration, said.folder, said.part), indent=1))
     if said.verb == "calibrate":

@@ -1,11 +1,12 @@
 """Intervals: the figures that judge them, their calibration, and those of NANO on scans that nobody trained on."""
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
 
 from nlos.acquisition.transient import Transient
 from nlos.recon.interval_scores import ause, calibration_error, interval_scores
@@ -18,6 +19,8 @@ from nlos.recon.seen import depth_opacity
 from nlos.recon.training.dataset import sample
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.detector import DetectorSettings
+from nlos.recon.training.intervals import head_to_calibrate as read_back
+from nlos.recon.training.intervals import save_draft
 from nlos.recon.volume import Intervals, Reconstruction
 
 CLEAN = DetectorSettings(sparse=0.0, noiseless=0.0, uniform=0.0, peak_counts_least=8, peak_counts_most=8.01)
@@ -77,6 +80,19 @@ def test_a_calibration_widens_and_never_turns_an_interval_over() -> None:
         assert (made.depth_low <= made.depth_high).all()
         assert (made.albedo_low >= 0).all()
         assert (made.albedo_low <= made.albedo_high).all()
+
+
+def test_a_head_that_was_trained_is_kept_as_safetensors_and_is_the_one_that_is_calibrated(tmp_path: Path) -> None:
+    torch.manual_seed(4)
+    trained = IntervalHead()
+    torch.nn.init.normal_(trained.network.head.weight)
+    save_draft(trained, tmp_path)
+    with safe_open(tmp_path / "head.safetensors", framework="pt") as file:
+        assert set(file.keys()) == set(trained.state_dict())
+    evidence = torch.rand(1, len(NAMES), 8, 8)
+    with torch.inference_mode():
+        for one, other in zip(astuple(trained.eval()(evidence)), astuple(read_back(tmp_path)(evidence)), strict=True):
+            assert torch.equal(one, other)
 
 
 def scans(count: int) -> list[tuple[np.ndarray, np.ndarray, Transient]]:
