@@ -51,7 +51,9 @@ class Explained:
     def __str__(self) -> str:
         if self.share is None:
             return f"explained light unknown: {self.note}"
-        figure = f"{100 * self.share:.0f} ± {100 * (self.error or 0):.0f} %"
+        error = self.error or 0.0
+        digits = 1 if error < 0.005 else 0
+        figure = f"{100 * self.share:.{digits}f} ± {100 * error:.{digits}f} %"
         return f"EXPLAINS NOTHING of the light ({figure})" if self.nothing else f"explains {figure} of the light"
 
 

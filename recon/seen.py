@@ -11,6 +11,8 @@ FAINT = 0.02
 """Of the brightest point: below this nothing counts as seen, in every picture and view (decision 135)."""
 FULL = 0.35
 """From this brightness on a depth has its full colour; between `FAINT` and this it fades."""
+SOLID = 0.15
+"""In 3D a point is there or is not: at first from where a depth has about half its colour, by hand down to `FAINT`."""
 SURE = 0.1
 """The depths of points as bright as this set the limits of the colours."""
 

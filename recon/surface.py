@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from nlos.recon.seen import brightest, visible_depth
 from nlos.recon.volume import Reconstruction
 
 STEP_LIMIT = 4.0  # neighbours farther apart in depth than this many pixels belong to different surfaces
@@ -12,7 +13,7 @@ STEP_LIMIT = 4.0  # neighbours farther apart in depth than this many pixels belo
 
 @dataclass(frozen=True)
 class Surface:
-    """Pixels that have a depth, and the quadrilaterals between neighbouring ones."""
+    """Pixels that are seen (`FAINT` in `seen.py`), and the quadrilaterals between neighbouring ones."""
 
     points_m: npt.NDArray[np.float32]  # (N, 3): x, y, z from the wall
     albedo: npt.NDArray[np.float32]  # (N,), 0 to 1
@@ -21,12 +22,11 @@ class Surface:
 
 def front_surface(reconstruction: Reconstruction) -> Surface:
     """What is seen from the wall; empty where nothing is."""
-    wall, depth_m = reconstruction.wall, reconstruction.depth_m
+    wall, depth_m = reconstruction.wall, visible_depth(reconstruction)
     seen = np.isfinite(depth_m)
     x, y = np.meshgrid(wall.x_m(), wall.y_m())
     points = np.stack([x[seen], y[seen], depth_m[seen]], axis=1).astype(np.float32)
-    top = float(np.quantile(reconstruction.albedo, 0.999)) or 1.0
-    albedo = np.clip(reconstruction.albedo[seen] / top, 0, 1).astype(np.float32)
+    albedo = np.clip(reconstruction.albedo[seen] / brightest(reconstruction), 0, 1).astype(np.float32)
     number = np.full(depth_m.shape, -1, dtype=np.int32)
     number[seen] = np.arange(int(seen.sum()), dtype=np.int32)
     corners = [number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]]

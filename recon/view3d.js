@@ -1,3 +1,12 @@
+// What Python packed: floats in base64, and the volume a byte a voxel.
+function unpackedScene(scene) {
+  const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0));
+  const floats = text => { const b = bytes(text), v = new DataView(b.buffer), out = new Float32Array(b.length / 4); for (let i = 0; i < out.length; i++) out[i] = v.getFloat32(4 * i, true); return out; };
+  const ready = {...scene, surface: floats(scene.surface), quads: scene.quads ? Uint32Array.from(floats(scene.quads)) : null};
+  if (scene.points) ready.points = floats(scene.points);
+  if (scene.volume) ready.volume = {shape: scene.volume.shape, bytes: bytes(scene.volume.u1)};
+  return ready;
+}
 // A scene that is turned by hand: bright voxels, surface or slices in front of the wall; orthographic, on a 2D canvas.
 function turnable(canvas, paper) {
   const stops = [[253,231,37],[180,222,44],[109,205,89],[53,183,121],[31,158,137],[38,130,142],[49,104,142],[62,74,137],[82,60,140]];
@@ -13,7 +22,7 @@ function turnable(canvas, paper) {
     if (canvas.width !== Math.round(w * ratio) || canvas.height !== Math.round(h * ratio)) { canvas.width = Math.round(w * ratio); canvas.height = Math.round(h * ratio); }
     const g = canvas.getContext("2d"); g.setTransform(ratio, 0, 0, ratio, 0, 0); g.fillStyle = ink.back; g.fillRect(0, 0, w, h); projected = [];
     if (!scene) return;
-    const {points, wall, near, far} = scene, [wide, high] = wall, middle = far / 2, scale = Math.min(w, h) / Math.hypot(wide, high, far) * zoom * .95;
+    const {points, wall, near} = scene, far = self.mode === "slices" && scene.volume ? Math.max(scene.far, scene.depths[1]) : scene.far, [wide, high] = wall, middle = far / 2, scale = Math.min(w, h) / Math.hypot(wide, high, far) * zoom * 1.15;
     const ct = Math.cos(turn), st = Math.sin(turn), cp = Math.cos(tilt), sp = Math.sin(tilt);
     // The viewer stands at the wall and looks towards +z; x goes right, y up. Bigger third coordinate: farther away.
     const project = (x, y, z) => { const dz = z - middle, x1 = ct * x + st * dz, z1 = -st * x + ct * dz; return [w / 2 + x1 * scale + shift[0], h / 2 - (cp * y + sp * z1) * scale + shift[1], -sp * y + cp * z1]; };
@@ -26,7 +35,7 @@ function turnable(canvas, paper) {
     g.fillStyle = ink.dim; g.font = "12px system-ui, sans-serif"; g.textAlign = "left"; g.textBaseline = "alphabetic";
     const label = (text, at) => { const p = project(...at); g.fillText(text, p[0] + 4, p[1] - 4); };
     label(`wall, ${wide.toFixed(2)} x ${high.toFixed(2)} m`, [-X, -Y, 0]); label("y+", [-X, Y, 0]); label("x+", [X, -Y, 0]); label("z, from the wall", [X, -Y, far]);
-    const step = far > 2 ? .5 : far > .8 ? .25 : .1; for (let z = 2 * step; z <= far + 1e-9; z += step) { line([X, -Y, z], [X, -Y - .02 * high, z], ink.dim); const p = project(X, -Y - .03 * high, z); g.fillText(`${z.toFixed(2)} m`, p[0] + 2, p[1] + 12); }
+    const step = far > 1.4 ? .5 : far > .8 ? .25 : .1; for (let z = 2 * step; z <= far + 1e-9; z += step) { line([X, -Y, z], [X, -Y - .02 * high, z], ink.dim); const p = project(X, -Y - .03 * high, z); g.fillText(`${z.toFixed(2)} m`, p[0] + 2, p[1] + 12); }
     readOut();
   }
   function drawPoints(g, project, shade, scale) {

@@ -10,46 +10,61 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nlos.recon.seen import FAINT
+from nlos.recon.seen import FAINT, SOLID, depth_limits
 from nlos.recon.surface import front_surface
 from nlos.recon.volume import Reconstruction, Volume
 
 MOST_POINTS = 60_000
 MOST_VOXELS = 400_000
-SHOWN_AT_FIRST = 0.15
 
 
 def write_view3d(path: Path, reconstruction: Reconstruction, title: str = "") -> None:
     """Writes bright voxels, front surface and volume with the page that turns them."""
-    surface = front_surface(reconstruction)
-    points, albedo = surface.points_m, surface.albedo
-    if reconstruction.volume is not None:
-        points, albedo = bright_voxels(reconstruction.volume)
+    points, albedo = solid_points(reconstruction)
     wall = reconstruction.wall
-    depths_m = points[:, 2][albedo >= SHOWN_AT_FIRST] if len(points) else points[:, 2]
-    near, far = (float(each) for each in (depths_m.min(), depths_m.max())) if len(depths_m) else (0.0, 1.0)
+    near, far = depth_limits([reconstruction])
     scene = {
         "points": _base64(np.concatenate([points, albedo[:, None]], axis=1)),
         "count": len(points),
-        "surface": _base64(np.concatenate([surface.points_m, surface.albedo[:, None]], axis=1)),
-        "quads": _base64(surface.quads) if len(surface.quads) else None,
         "near": near,
         "far": max(far, 0.1),
         "wall": [wall.width_m, wall.height_m],
         "pitch": max(wall.width_m / wall.cols, wall.height_m / wall.rows),
-        **(_volume(reconstruction.volume) if reconstruction.volume is not None else {}),
+        **solid_scene(reconstruction),
     }
     page = Template((Path(__file__).parent / "view3d.html").read_text(encoding="utf-8").replace("$$", "$$$$"))
     path.write_text(
         page.substitute(
             title=html.escape(title or reconstruction.scan or f"{reconstruction.method} reconstruction"),
             subtitle=html.escape(f"{len(points)} points, {reconstruction.method}, {reconstruction.seconds:.2f} s"),
-            threshold=f"{SHOWN_AT_FIRST:g}" if reconstruction.volume is not None else "0",
+            threshold=f"{SOLID:g}",
+            faint=f"{FAINT:g}",
             turnable=(Path(__file__).parent / "view3d.js").read_text(encoding="utf-8"),
             scene=json.dumps(scene).replace("</", "<\\/"),
         ),
         encoding="utf-8",
     )
+
+
+def solid_points(
+    reconstruction: Reconstruction,
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """The bright voxels, or the points of the front surface of a method that has no volume: (N, 3) in metres, and their
+    albedo (N,), 0 to 1."""
+    if reconstruction.volume is not None:
+        return bright_voxels(reconstruction.volume)
+    surface = front_surface(reconstruction)
+    return surface.points_m, surface.albedo
+
+
+def solid_scene(reconstruction: Reconstruction) -> dict[str, Any]:
+    """Front surface, and the volume where there is one, as the page's script reads them."""
+    surface = front_surface(reconstruction)
+    return {
+        "surface": _base64(np.concatenate([surface.points_m, surface.albedo[:, None]], axis=1)),
+        "quads": _base64(surface.quads) if len(surface.quads) else None,
+        **(_volume(reconstruction.volume) if reconstruction.volume is not None else {}),
+    }
 
 
 def bright_voxels(volume: Volume) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:

@@ -58,18 +58,24 @@ def calibrate_scan(
     use_file_offsets: bool = False,
     constants: "BenchConstants | None" = None,
     arrivals: "TimeOffsets | None" = None,
+    hear: "Callable[[CorrectedPoints], None]" = lambda done: None,
 ) -> "Transient":
     """The transient that the physics can use: time 0 at the direct arrival, direct light removed, and what is known of
-    the instrument's response. `arrivals`: of the direct light, where they are known.
+    the instrument's response. `arrivals`: of the direct light, where they are known. `hear` is told what was found of
+    a scan that had to be aligned.
 
     A rectified file that states its cut gets that cut; in one that states none, direct light is looked for.
     """
-    transient, own = _calibrated(scan, use_file_offsets, constants, arrivals)
+    transient, own = _calibrated(scan, use_file_offsets, constants, arrivals, hear)
     return replace(transient, response=known_response(scan, constants, own))
 
 
 def _calibrated(
-    scan: LoadedScan, use_file_offsets: bool, constants: "BenchConstants | None", arrivals: "TimeOffsets | None"
+    scan: LoadedScan,
+    use_file_offsets: bool,
+    constants: "BenchConstants | None",
+    arrivals: "TimeOffsets | None",
+    hear: "Callable[[CorrectedPoints], None]",
 ) -> "tuple[Transient, ImpulseResponse | None]":
     """And the response that the scan's own direct light showed, where it was looked for."""
     from nlos.calibration.correct import correct, correct_points
@@ -83,6 +89,7 @@ def _calibrated(
             points = replace(points, counts=without_first(points.counts.T, scan.direct_cut_bins).T)
         done = correct_points(points, constants, rectified=scan.rectified, remove_direct=scan.direct_cut_bins is None)
         if not scan.rectified:
+            hear(done)
             _log_calibration(done.report())
         gridded = grid_samples(
             scan.points.x_m, scan.points.y_m, done.counts, done.exposure_s, transient.wall, done.time
@@ -103,6 +110,7 @@ def _calibrated(
         )  # fmt: skip
         return known.transient, arrivals.response
     corrected = correct(transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
+    hear(corrected.points)
     _log_calibration(corrected.report())
     return corrected.transient, _own(corrected.points)
 

@@ -48,7 +48,15 @@ def test_the_page_is_read_only_and_sealed(nlos: Nlos, viewing: Viewing, tmp_path
         assert {method: p["samples"] for method, p in state["pictures"].items()} == {"lct": 256, "nano": 256}
         picture = viewer.ask("picture?method=nano")
         assert (picture["samples"], picture["method"], picture["albedo"]["shape"]) == (256, "nano", [16, 16])
-        assert viewer.array(viewer.ask("histogram?place=255")["counts"]).shape == (512,)
+        for place, x_m, y_m in ((0, -0.46875, 0.46875), (255, 0.46875, -0.46875), (119, -0.03125, 0.03125)):
+            said = viewer.ask(f"histogram?place={place}")
+            assert viewer.array(said["counts"]).shape == (512,)
+            # The simulated bench: 2 m before the wall, 0.35 ns of cables.
+            direct_ns = 0.35 + 2e9 * np.sqrt(4.0 + x_m**2 + y_m**2) / 299792458.0
+            assert said["zero_ns"] == pytest.approx(direct_ns, abs=0.02)
+            assert 0.0 < said["masked_ns"] < 0.5
+        solid = viewer.ask("solid?method=lct")
+        assert (solid["samples"], len(solid["volume"]["shape"])) == (256, 3)
         own = urlsplit(viewer.url).path
         for path in ("histogram?place=256", "histogram?place=x", "histogram", "picture?frame=20", "rates?frame=999",
                      "plan?scan=1", "nothing", "state/more", "histogram?place=99999999999999999999"):  # fmt: skip

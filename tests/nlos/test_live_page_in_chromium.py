@@ -7,10 +7,18 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import matplotlib
+import numpy as np
 import pytest
+from matplotlib.colors import Normalize
+
+from nlos.recon.pictures import BACKGROUND
+from nlos.recon.results import read_reconstruction
+from nlos.recon.seen import depth_limits, depth_opacity, visible_depth
 
 playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -50,17 +58,28 @@ def nlos(folder: Path, *arguments: str) -> str:
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True, timeout=120).stdout
 
 
+@contextmanager
+def viewed(folder: Path, *words: str) -> Iterator[str]:
+    """The address of the page of `nlos live WORDS`, ended by Ctrl-C."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "nlos", "live", *words],
+        cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+    )  # fmt: skip
+    try:
+        assert process.stdout is not None
+        yield process.stdout.readline().strip()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
+    finally:
+        process.kill()
+        process.wait()
+
+
 @pytest.fixture
 def viewer(folder: Path) -> Iterator[str]:
     """The address of the page of the finished scan."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "nlos", "live", "run.h5", "--method", "lct"],
-        cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-    )  # fmt: skip
-    assert process.stdout is not None
-    yield process.stdout.readline().strip()
-    process.send_signal(signal.SIGINT)
-    assert process.wait(20) == 0
+    with viewed(folder, "run.h5", "--method", "lct") as url:
+        yield url
 
 
 def opened(browser: Any, url: str) -> tuple[Any, list[str]]:
@@ -102,8 +121,8 @@ def test_a_finished_scan_is_shown_whole_and_along_its_time(viewer: str, browser:
     page.keyboard.press("Escape")
     shows(page, "histotitle", r"newest point")
 
-    box = page.locator("#albedo").bounding_box()
-    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    box, drawn = page.locator("#albedo").bounding_box(), page.evaluate("panels[0].frame.box")
+    page.mouse.move(box["x"] + drawn[0] + drawn[2] / 2, box["y"] + drawn[1] + drawn[3] / 2)
     playwright.expect(page.locator(".panel .say").first).to_have_text(
         re.compile(r"x -?0\.0\d\d m, y -?0\.0\d\d m: brightness")
     )
@@ -118,7 +137,17 @@ def test_a_finished_scan_is_shown_whole_and_along_its_time(viewer: str, browser:
     page.mouse.move(box["x"] + 120, box["y"] + 40, steps=4)
     page.mouse.up()
     page.wait_for_timeout(300)
-    assert page.evaluate(PIXELS, "volume") != still
+    turned = page.evaluate(PIXELS, "volume")
+    assert turned != still
+    assert page.evaluate("performance.getEntriesByType('resource').filter(e => e.name.includes('solid')).length") == 0
+    page.keyboard.press("v")  # surface, then slices: what they need is asked for now
+    playwright.expect(page.locator(".controls button[aria-pressed=true]")).to_have_text("surface")
+    page.wait_for_timeout(500)
+    surface = page.evaluate(PIXELS, "volume")
+    page.locator(".controls button", has_text="slices").click()
+    playwright.expect(page.locator(".controls output")).to_have_text([re.compile(r"^-?\d\.\d\d m$")] * 3)
+    page.wait_for_timeout(300)
+    assert len({still, turned, surface, page.evaluate(PIXELS, "volume")}) == 4
     page.keyboard.press("4")
 
     whole = colours(page, "map")
@@ -135,6 +164,28 @@ def test_a_finished_scan_is_shown_whole_and_along_its_time(viewer: str, browser:
     page.wait_for_selector('body[data-picture="77"]')
     assert complaints == []
     page.close()
+
+
+def test_nanos_depths_have_the_colours_of_the_picture_on_disk(folder: Path, browser: Any) -> None:
+    """What the page draws at every pixel is what `depth.png` has there: faded with brightness and doubt, on grey."""
+    nlos(folder, "reconstruct", "run.h5", "--method", "nano", "-o", "nano", "--no-volume")
+    made = read_reconstruction(folder / "nano" / "reconstruction.h5")
+    scale, ink = Normalize(*depth_limits([made]), clip=True), depth_opacity(made)[..., None]
+    colour = matplotlib.colormaps["viridis_r"](scale(np.nan_to_num(visible_depth(made))))[..., :3]
+    expected = 255 * (ink * colour + (1 - ink) * BACKGROUND)
+    with viewed(folder, "run.h5", "--method", "nano") as url:
+        page, complaints = opened(browser, url)
+        page.wait_for_selector('body[data-picture="256"][data-method="nano"]')
+        page.keyboard.press("2")
+        page.wait_for_selector("#depth")
+        seen = page.evaluate("""() => { const c = $("depth"), [x, y, w, h] = panels[0].frame.box, g = c.getContext("2d"), out = [];
+          for (let r = 0; r < 16; r++) for (let k = 0; k < 16; k++) out.push(...g.getImageData(x + (k + .5) * w / 16, y + (r + .5) * h / 16, 1, 1).data.slice(0, 3));
+          return out; }""")  # noqa: E501
+        assert complaints == []
+        page.close()
+    drawn = np.array(seen, dtype=float).reshape(16, 16, 3)
+    assert float(ink.max()) > 0.5  # there is something to compare
+    assert np.abs(drawn - expected).max() < 16  # the page interpolates ten colours, matplotlib has 256
 
 
 @pytest.mark.parametrize("width", [420, 1280, 1920])
@@ -180,27 +231,21 @@ def test_a_scan_under_way_shows_what_comes_next_and_its_end(folder: Path, browse
 
 def test_two_scans_are_set_side_by_side_with_their_difference(folder: Path, browser: Any) -> None:
     nlos(folder, "replay", "run.h5", "--speed", "max", "-o", "same.h5", "--overwrite")
-    process = subprocess.Popen(
-        [sys.executable, "-m", "nlos", "live", "run.h5", "same.h5", "--method", "lct"],
-        cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-    )  # fmt: skip
-    assert process.stdout is not None
-    page, complaints = opened(browser, process.stdout.readline().strip())
-    page.wait_for_selector("#slider", state="visible")
-    shows(page, "run", "^run.h5 and same.h5$")
-    page.keyboard.press("d")
-    page.wait_for_selector("#difference[aria-pressed=true]")
-    titles = page.locator(".panel h2").all_inner_texts()
-    assert titles == ["run.h5: front view", "same.h5: front view", "Difference: run.h5 less same.h5", "run.h5: depth",
-                      "same.h5: depth"]  # fmt: skip
-    assert page.evaluate(PIXELS, "albedo") == page.evaluate(PIXELS, "albedo1")
-    middle = page.evaluate("id => { const p = panels.find(p => p.kind === id); return [...p.picture.albedo].every("
-                           "(v, i) => v === p.other.albedo[i]); }", "difference")  # fmt: skip
-    assert middle is True
-    assert complaints == []
-    page.close()
-    process.send_signal(signal.SIGINT)
-    assert process.wait(20) == 0
+    with viewed(folder, "run.h5", "same.h5", "--method", "lct") as url:
+        page, complaints = opened(browser, url)
+        page.wait_for_selector("#slider", state="visible")
+        shows(page, "run", "^run.h5 and same.h5$")
+        page.keyboard.press("d")
+        page.wait_for_selector("#difference[aria-pressed=true]")
+        titles = page.locator(".panel h2").all_inner_texts()
+        assert titles == ["run.h5: front view", "same.h5: front view", "Difference: run.h5 less same.h5",
+                          "run.h5: depth", "same.h5: depth"]  # fmt: skip
+        assert page.evaluate(PIXELS, "albedo") == page.evaluate(PIXELS, "albedo1")
+        middle = page.evaluate("id => { const p = panels.find(p => p.kind === id); return [...p.picture.albedo].every("
+                               "(v, i) => v === p.other.albedo[i]); }", "difference")  # fmt: skip
+        assert middle is True
+        assert complaints == []
+        page.close()
 
 
 def test_a_report_needs_nothing_but_itself_and_prints(folder: Path, browser: Any) -> None:

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nlos.live.describe import described, packed
+from nlos.live.describe import described, packed, solid
 from nlos.live.frames import FRAMES, Frames
 from nlos.live.scan import LiveScan, Seen
 
@@ -104,12 +104,35 @@ class ScanAnswers:
         return known[1]
 
     def histogram(self, place: int) -> dict[str, Any]:
-        """Counts at one place so far. Raises `IndexError` where there is no such place."""
-        gathering = self._scan.gathering
+        """Counts at a place so far, when its direct light arrives and how long that hides the scene: None where nobody
+        knows yet. Raises `IndexError` where there is no such place."""
+        gathering, zero = self._scan.gathering, self._scan.zero
         if gathering is None:
             raise IndexError("no sample yet")
         with self._scan.lock:
-            return {"samples": len(gathering), "counts": packed(gathering.place_counts(place))}
+            samples, counts = len(gathering), gathering.place_counts(place)
+        arrival_s = None if zero is None else zero.at(*self._where_m(place))
+        return {
+            "samples": samples, "counts": packed(counts),
+            "zero_ns": None if arrival_s is None else arrival_s * 1e9,
+            "masked_ns": None if zero is None else zero.masked_s * 1e9,
+        }  # fmt: skip
+
+    def solid(self, method: str, frame: int | None) -> dict[str, Any]:
+        """Surface and volume of the picture that `picture` describes; empty where there is none yet."""
+        if frame is not None:
+            return self._frames.solids[_frame(frame)] or {}
+        newest = self._scan.latest.get(method)
+        return {} if newest is None else solid(newest)
+
+    def _where_m(self, place: int) -> tuple[float, float]:
+        """x and y of a place."""
+        assert self._scan.gathering is not None
+        plan = self._scan.gathering.plan
+        if plan.positions.on_grid:
+            row, col = divmod(place, plan.wall.cols)
+            return float(plan.wall.x_m()[col]), float(plan.wall.y_m()[row])
+        return float(plan.positions.x_m[place]), float(plan.positions.y_m[place])
 
 
 def _frame(number: int) -> int:

@@ -20,6 +20,7 @@ class SampleCalibration:
         """Raises `InvalidData` where the constants hold no arrivals, or are for other bins."""
         from nlos.acquisition.transient import TimeAxis
         from nlos.calibration.correct import common_bins
+        from nlos.live.time_zero import TimeZero
         from nlos.response import response_of
 
         axis, wall = plan.axis, plan.wall
@@ -30,6 +31,8 @@ class SampleCalibration:
         self._exposure_s = np.zeros((wall.rows, wall.cols))
         self._time = TimeAxis(self._bins, axis.bin_width_s)
         self._response = response_of(constants)
+        self.zero = TimeZero.known(constants, plan.positions.x_m, plan.positions.y_m)
+        """When direct light arrives."""
 
     def add(self, sample: "Sample") -> None:
         """Corrects one sample of the plan and adds it; a point off the record of the histogram stays unmeasured."""

@@ -17,19 +17,21 @@ def packed(values: npt.NDArray[Any]) -> dict[str, Any]:
     return {"shape": list(values.shape), "f4": base64.b64encode(values.astype("<f4").tobytes()).decode("ascii")}
 
 
+def solid(picture: "LivePicture") -> dict[str, Any]:
+    """Front surface and volume, as `view3d.html` has them, and of how many samples they are."""
+    from nlos.recon.view3d import solid_scene
+
+    return {"samples": picture.samples, "method": picture.reconstruction.method, **solid_scene(picture.reconstruction)}
+
+
 def described(picture: "LivePicture") -> dict[str, Any]:
     """Front view (1 = its 99.9th percentile), depth where something is seen, confidence, and the bright voxels as
     x, y, z in metres and brightness, (N, 4)."""
     from nlos.recon.seen import brightest, visible_depth
-    from nlos.recon.surface import front_surface
-    from nlos.recon.view3d import bright_voxels
+    from nlos.recon.view3d import solid_points
 
     result = picture.reconstruction
-    if result.volume is not None:
-        where_m, value = bright_voxels(result.volume)
-    else:
-        surface = front_surface(result)
-        where_m, value = surface.points_m, surface.albedo
+    where_m, value = solid_points(result)
     keep = np.argsort(value)[-MOST_POINTS:]
     return {
         "samples": picture.samples,

@@ -3,7 +3,7 @@
 import threading
 from typing import TYPE_CHECKING, Any
 
-from nlos.live.describe import described, packed
+from nlos.live.describe import described, packed, solid
 from nlos.live.so_far import gathering_for, scan_of
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ class Frames:
         self._starting = threading.Lock()
         self._stopped = threading.Event()
         self.pictures: list[dict[str, Any] | None] = [None] * FRAMES
+        self.solids: list[dict[str, Any] | None] = [None] * FRAMES
         self.rates: list[dict[str, Any] | None] = [None] * FRAMES
         self.samples: list[int] = [0] * FRAMES
         """How many each is of; 0 where it is not there yet."""
@@ -72,8 +73,8 @@ class Frames:
                         self._keep_rates(frame, gathering)
                         try:
                             scan = scan_of(self._scan.empty, gathering)
-                            picture = live.update(self._scan.calibrated(scan), len(gathering), scan.falloff)
-                            self.pictures[frame] = described(picture)
+                            picture = live.update(self._scan.calibrated(scan).transient, len(gathering), scan.falloff)
+                            self.pictures[frame], self.solids[frame] = described(picture), solid(picture)
                         except (InvalidData, ReconError) as error:
                             if self.pictures[frame] is None:
                                 self.pictures[frame] = {"samples": len(gathering), "message": str(error)}

@@ -16,7 +16,7 @@ from nlos.live.scan import LiveScan
 from nlos.live.web import Answer, Refused, Request
 
 STYLES = ("colours.css", "page.css")
-SCRIPTS = ("draw.js", "pictures.js", "histogram.js", "panels.js", "page.js")
+SCRIPTS = ("draw.js", "pictures.js", "turning.js", "histogram.js", "map.js", "page.js")
 """One page is made of these; each is short, and they share one scope in this order."""
 
 
@@ -62,6 +62,8 @@ class LivePage:
                 return scan.rates(frame)
             case "picture":
                 return scan.picture(query.get("method", ""), frame)
+            case "solid":
+                return scan.solid(query.get("method", ""), frame)
             case "histogram":
                 return scan.histogram(_number(query.get("place", ""), "place"))
         raise KeyError(f"nothing is called {what[:40]}")
@@ -78,7 +80,7 @@ class LivePage:
 
 def assembled() -> str:
     """The page with its styles and scripts inside."""
-    from nlos.recon.seen import FAINT, FULL
+    from nlos.recon.seen import FAINT, FULL, SOLID
 
     folder = files("nlos.live") / "page_parts"
     read = {name: (folder / name).read_text(encoding="utf-8") for name in ("page.html", *STYLES, *SCRIPTS)}
@@ -89,6 +91,7 @@ def assembled() -> str:
         .replace("SCRIPTS", "\n".join([turning, *(read[name] for name in SCRIPTS)]))
         .replace("FAINT_AT", f"{FAINT:g}")
         .replace("FULL_AT", f"{FULL:g}")
+        .replace("SOLID_AT", f"{SOLID:g}")
     )
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlos.cli.terminal import terminal
+from nlos.live.calibrated import Calibrated, calibrated
 from nlos.live.rehearsal import rehearse
 from nlos.live.schedule import Coming, Schedule
 from nlos.live.so_far import empty_scan, gathering_for, scan_of
@@ -27,9 +28,9 @@ if TYPE_CHECKING:
     from nlos.acquisition.recording.recording import Event, Recording, Status
     from nlos.acquisition.scanning.free_points import FreePoints
     from nlos.acquisition.scanning.gathering import Gathering
-    from nlos.acquisition.transient import Transient
     from nlos.calibration.constants import BenchConstants
     from nlos.live.calibration import SampleCalibration
+    from nlos.live.time_zero import TimeZero
     from nlos.loaded import LoadedScan
     from nlos.recon.live import LivePicture, LiveReconstruction
 
@@ -93,7 +94,7 @@ class LiveScan:
         self._empty: LoadedScan | None = None
         self._constants: BenchConstants | None = None
         self._each: SampleCalibration | None = None
-        self._calibrated: _Calibrated | None = None
+        self._calibrated: Calibrated | None = None
         self._schedule = Schedule([live.method for live in self.lives], self.first_fraction)
         self._threads = [threading.Thread(target=target, daemon=True) for target in (self._follow, self._paint)]
 
@@ -135,11 +136,15 @@ class LiveScan:
 
             raise ReconstructionFailed(f"{self.run}: the pictures stopped early, see above. The samples are complete.")
 
-    def calibrated(self, scan: "LoadedScan") -> "Transient":
-        """What `reconstruct` would work on. Raises what calibrating raises."""
-        from nlos.chain import calibrate_scan
+    @property
+    def zero(self) -> "TimeZero | None":
+        """When direct light arrives, as the newest picture has it."""
+        return self._calibrated.zero if self._calibrated is not None else None
 
-        return with_response(calibrate_scan(scan, constants=self._constants), self.response)
+    def calibrated(self, scan: "LoadedScan") -> "Calibrated":
+        """What `reconstruct` would work on. Raises what calibrating raises."""
+        assert self.gathering is not None
+        return calibrated(scan, len(self.gathering), self.read, self._constants, self.response)
 
     @property
     def empty(self) -> "LoadedScan":
@@ -273,24 +278,16 @@ class LiveScan:
                 self.on_picture(picture)
         return count
 
-    def _calibrate(self) -> "_Calibrated":
+    def _calibrate(self) -> "Calibrated":
         assert self.gathering is not None
         whole = self.read
         with self.lock:
             count, scan = len(self.gathering), scan_of(self.empty, self.gathering)
             corrected = None if self._each is None or whole else with_response(self._each.transient(), self.response)
-        return _Calibrated(count, whole, corrected or self.calibrated(scan), scan.falloff)
+        if corrected is None or self._each is None:
+            return calibrated(scan, count, whole, self._constants, self.response)
+        return Calibrated(count, whole, corrected, scan.falloff, self._each.zero)
 
     def _say(self, message: str) -> None:
         self.message = message
         terminal.log(message)
-
-
-@dataclass(frozen=True)
-class _Calibrated:
-    """What pictures are made of: so many samples, `whole` once the scan has been read to its end."""
-
-    samples: int
-    whole: bool
-    transient: "Transient"
-    falloff: int | None

@@ -2,8 +2,8 @@
 
 from matplotlib.figure import Figure
 
-from nlos.recon.surface import front_surface
-from nlos.recon.view3d import SHOWN_AT_FIRST, bright_voxels
+from nlos.recon.seen import SOLID
+from nlos.recon.view3d import solid_points
 from nlos.recon.volume import Reconstruction
 
 MOST_POINTS = 8000
@@ -11,12 +11,8 @@ MOST_POINTS = 8000
 
 def still_figure(reconstruction: Reconstruction) -> Figure:
     """The bright voxels, or the front surface, behind the wall; near is yellow, as in the depth picture."""
-    if reconstruction.volume is not None:
-        points, value = bright_voxels(reconstruction.volume)
-    else:
-        surface = front_surface(reconstruction)
-        points, value = surface.points_m, surface.albedo
-    keep = value >= SHOWN_AT_FIRST
+    points, value = solid_points(reconstruction)
+    keep = value >= SOLID
     points = points[keep][-MOST_POINTS:]
     figure = Figure(figsize=(6.4, 4.8), layout="constrained")
     axes = figure.add_subplot(projection="3d")

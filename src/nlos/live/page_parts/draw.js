@@ -63,6 +63,13 @@ function colourBar(g, x, y, h, low, high, colour, label) {
   for (const v of marks) { const py = y + h * (1 - (v - low) / (high - low || 1)); g.fillText(fixed(v, digits), x + 17, py); }
   g.save(); g.translate(x + 57, y + h / 2); g.rotate(-Math.PI / 2); g.textAlign = "center"; g.fillText(label, 0, 0); g.restore();
 }
+function flatBar(g, x, y, w, low, high, colour, label) {
+  for (let i = 0; i < w; i++) { g.fillStyle = `rgb(${colour(i / w).map(Math.round)})`; g.fillRect(x + i, y, 1.5, 12); }
+  g.strokeStyle = inks.dim; g.strokeRect(x - .5, y - .5, w + 1, 13); g.fillStyle = inks.dim; g.textAlign = "center"; g.textBaseline = "top";
+  const [marks, digits] = ticks(Math.min(low, high), Math.max(low, high), Math.max(2, w / 60));
+  for (const v of marks) g.fillText(fixed(v, digits), x + w * (v - low) / (high - low || 1), y + 17);
+  g.fillText(label, x + w / 2, y + 33);
+}
 function image(g, values, rows, cols, box, pixel) {
   const small = image.canvas || (image.canvas = document.createElement("canvas")); small.width = cols; small.height = rows;
   const pencil = small.getContext("2d"), data = pencil.createImageData(cols, rows);

@@ -1,6 +1,7 @@
-// The histogram of one point: the one clicked, else the newest; log or linear, with real ticks.
+// The histogram of one point: the one clicked, else the newest; log or linear, with real ticks, time zero and depth.
+const M_PER_NS = .299792458 / 2; // depth of a nanosecond there and back
 const histogram = {
-  pinned: null, log: true, counts: null, shown: null,
+  pinned: null, log: true, counts: null, shown: null, zero: null, masked: null,
   place() {
     const known = scans[chosen]; if (!known || !known.plan || !known.state.samples) return null;
     if (this.pinned !== null) return this.pinned;
@@ -8,27 +9,51 @@ const histogram = {
   },
   async ask() {
     const at = this.place(); if (at === null) return; const got = await ask(`histogram?scan=${chosen}&place=${at}`); if (!got.counts) return;
-    this.counts = unpacked(got.counts); this.shown = at; this.draw();
+    this.counts = unpacked(got.counts); this.shown = at; this.zero = got.zero_ns; this.masked = got.masked_ns; this.draw();
   },
   draw() {
     const [g, w, h] = pen($("histo")), known = scans[chosen]; if (!this.counts || !known.plan) return;
-    const {start, bin, x, y, window: gate} = known.plan, n = this.counts.length, [left, right, bottom, top] = [58, 6, 34, 8], wide = w - left - right, high = h - bottom - top;
+    const {start, bin, window: gate} = known.plan, n = this.counts.length, [left, right, bottom] = [58, 8, 34], top = this.zero === null ? 8 : 34, wide = w - left - right, high = h - bottom - top;
     let peak = 0, sum = 0, where = 0; this.counts.forEach((c, i) => { sum += c; if (c > peak) { peak = c; where = i; } });
     const lift = this.log ? v => Math.log10(1 + v) : v => v, most = lift(Math.max(peak, 1)), px = ns => left + wide * (ns - start) / (n * bin), py = v => top + high * (1 - lift(v) / most);
     if (gate) { g.fillStyle = inks.line; g.fillRect(px(start + gate[0] * bin), top, wide * (gate[1] - gate[0]) / n, high); }
-    g.fillStyle = inks.dim; g.textAlign = "center"; g.textBaseline = "top"; g.beginPath();
-    const [xs, dx] = ticks(start, start + n * bin, Math.max(3, wide / 60)); for (const v of xs) { g.moveTo(px(v), top + high); g.lineTo(px(v), top + high + 4); g.fillText(fixed(v, dx), px(v), top + high + 6); }
-    g.fillText("time after the laser pulse (ns)", left + wide / 2, top + high + 20); g.save(); g.translate(9, top + high / 2); g.rotate(-Math.PI / 2); g.textBaseline = "middle"; g.fillText(`counts in ${(1e3 * bin).toFixed(0)} ps`, 0, 0); g.restore(); g.textAlign = "right"; g.textBaseline = "middle";
-    const ys = this.log ? [0, 1, 10, 100, 1e3, 1e4, 1e5, 1e6].filter(v => v <= peak) : ticks(0, peak || 1, 4)[0];
-    for (const v of ys) { g.moveTo(left - 4, py(v)); g.lineTo(left + wide, py(v)); g.fillText(v >= 1e4 ? v.toExponential(0) : count(v), left - 7, py(v)); }
-    g.strokeStyle = inks.grid; g.stroke(); g.fillStyle = inks.bar; const step = wide / n;
+    this.axes(g, {left, top, wide, high, px, py, peak, end: start + n * bin, start, bin});
+    g.fillStyle = inks.bar; const step = wide / n;
     if (step >= 1) this.counts.forEach((c, i) => { const t = py(c); g.fillRect(left + i * step, t, Math.max(1, step), top + high - t); });
     else for (let p = 0; p < wide; p++) { let c = 0; for (let i = Math.floor(p / step); i < Math.min(n, Math.ceil((p + 1) / step)); i++) c = Math.max(c, this.counts[i]); const t = py(c); g.fillRect(left + p, t, 1, top + high - t); }
-    const direct = start + (where + .5) * bin;
-    if (peak > 4) { g.strokeStyle = inks.mark; g.setLineDash([3, 3]); g.beginPath(); g.moveTo(px(direct), top); g.lineTo(px(direct), top + high); g.stroke(); g.setLineDash([]);
-      g.fillStyle = inks.mark; g.textAlign = px(direct) > w * .6 ? "right" : "left"; g.textBaseline = "top"; g.fillText(` highest bin ${direct.toFixed(2)} ns `, px(direct), top); }
+    this.marks(g, {left, top, wide, high, px, end: start + n * bin, start, w, highest: peak > 4 ? start + (where + .5) * bin : null});
+    this.tell(sum, peak);
+  },
+  axes(g, {left, top, wide, high, px, py, peak, start, end, bin}) {
+    g.fillStyle = inks.dim; g.textAlign = "center"; g.textBaseline = "top"; g.beginPath();
+    const [xs, dx] = ticks(start, end, Math.max(3, wide / 60)); for (const v of xs) { g.moveTo(px(v), top + high); g.lineTo(px(v), top + high + 4); g.fillText(fixed(v, dx), px(v), top + high + 6); }
+    g.fillText("time after the laser pulse (ns)", left + wide / 2, top + high + 20);
+    g.save(); g.translate(9, top + high / 2); g.rotate(-Math.PI / 2); g.textBaseline = "middle"; g.fillText(`counts in ${(1e3 * bin).toFixed(0)} ps`, 0, 0); g.restore();
+    g.textAlign = "right"; g.textBaseline = "middle";
+    const ys = this.log ? [0, 1, 10, 100, 1e3, 1e4, 1e5, 1e6].filter(v => v <= peak) : ticks(0, peak || 1, 4)[0];
+    for (const v of ys) { g.moveTo(left - 4, py(v)); g.lineTo(left + wide, py(v)); g.fillText(v >= 1e4 ? v.toExponential(0) : count(v), left - 7, py(v)); }
+    g.strokeStyle = inks.grid; g.stroke();
+  },
+  // Above: depth, from the arrival of direct light on. Before a picture knows that, the highest bin alone is marked.
+  marks(g, {left, top, wide, high, px, start, end, w, highest}) {
+    const at = this.zero === null ? highest : this.zero; if (at === null) return;
+    g.textBaseline = "bottom"; g.fillStyle = inks.dim; g.strokeStyle = inks.dim;
+    if (this.zero !== null && at < end) {
+      const [depths, digits] = ticks(0, (end - at) * M_PER_NS, Math.max(2, (left + wide - px(at)) / 48)); let first = "depth "; g.beginPath(); g.moveTo(px(at), top); g.lineTo(left + wide, top); g.textAlign = "center";
+      for (const z of depths) { const x = px(at + z / M_PER_NS); g.moveTo(x, top); g.lineTo(x, top - 4); if (z) { g.fillText(`${first}${fixed(z, digits)} m`, x, top - 5); first = ""; } }
+      g.stroke();
+      g.fillStyle = inks.mark; g.globalAlpha = .25; g.fillRect(px(at), top, Math.max(1, px(at + this.masked) - px(at)), high); g.globalAlpha = 1;
+    }
+    if (at < start || at > end) return;
+    g.strokeStyle = g.fillStyle = inks.mark; g.setLineDash([3, 3]); g.beginPath(); g.moveTo(px(at), top - (this.zero === null ? 0 : 6)); g.lineTo(px(at), top + high); g.stroke(); g.setLineDash([]);
+    if (this.zero === null) { g.textAlign = px(at) > w * .6 ? "right" : "left"; g.textBaseline = "top"; g.fillText(` highest bin ${at.toFixed(2)} ns `, px(at), top); }
+    else { g.textAlign = px(at) > left + 70 ? "right" : "left"; g.fillText(`time zero ${at.toFixed(2)} ns`, Math.max(px(at) + (px(at) > left + 70 ? 24 : 0), left), top - 18); }
+  },
+  tell(sum, peak) {
+    const {x, y, window: gate} = scans[chosen].plan;
     $("histotitle").textContent = `Histogram at x ${x[this.shown].toFixed(3)}, y ${y[this.shown].toFixed(3)} m ${this.pinned === null ? "(newest point)" : "(kept; Esc lets go)"}`;
-    $("histosay").textContent = `${count(sum)} counts, ${count(peak)} in the highest bin` + (gate ? "; shaded: the window that ends a point" : ""); $("scale").lastElementChild.textContent = this.log ? "log" : "linear";
+    $("histosay").textContent = `${count(sum)} counts, ${count(peak)} in the highest bin` + (this.masked ? `; the first ${(1e3 * this.masked).toFixed(0)} ps make no picture` : "") + (gate ? "; grey: the window that ends a point" : "");
+    $("scale").lastElementChild.textContent = this.log ? "log" : "linear";
   },
 };
 $("scale").addEventListener("click", () => { histogram.log = !histogram.log; histogram.draw(); });

@@ -2,7 +2,7 @@
 const WORDS = {waiting: "Waiting for the scan's file", running: "Scanning", paused: "Paused", complete: "Scan complete", interrupted: "Ended early by a person", stopped: "Stopped by an alarm", failed: "Failed", lost: "The scan was killed"};
 let scans = [], panels = [], chosen = 0, overlaid = false, compared = false, method = null, frame = null, gone = false, playing = null, shape = "";
 const panelName = (kind, scan) => (kind === "front" ? "albedo" : kind === "turn" ? "volume" : kind) + (scan ? scan : "");
-function opened(p) { return p && p.albedo ? {...p, albedo: unpacked(p.albedo), depth_m: unpacked(p.depth_m), points: unpacked(p.points)} : null; }
+function opened(p) { return p && p.albedo ? {...p, albedo: unpacked(p.albedo), depth_m: unpacked(p.depth_m), points: unpacked(p.points), seen: p.seen && unpacked(p.seen)} : null; }
 function best(known) { // the newest picture of the best method that has one
   if (frame !== null) return known.frames[frame] || null;
   const names = known.state.methods, wanted = method && names.includes(method) ? [method] : names.slice().reverse(); return wanted.map(m => known.pictures[m]).find(p => p) || null;
@@ -16,11 +16,11 @@ async function refresh(number, state) {
   if (state.samples && frame === null && (state.samples !== before || !known.rates || known.back)) { const r = await ask(`rates?scan=${number}`); known.back = false; if (r.rates_hz) { known.rates = unpacked(r.rates_hz); known.ratesOf = r.samples; } }
   for (const m of state.methods) { const p = state.pictures[m]; if (p && (!known.pictures[m] || known.pictures[m].samples !== p.samples)) { const got = opened(await ask(`picture?scan=${number}&method=${m}`)); if (got) known.pictures[m] = got; } }
   if (state.over && known.frameVersion !== state.frames_version) for (let k = 0; k < state.frames.length; k++) if (state.frames[k] && (known.frameSeen[k] || "") !== state.frames[k] + "/" + (state.frames_version > k + state.frames.length)) {
-    known.frames[k] = opened(await ask(`picture?scan=${number}&frame=${k}`)) || known.frames[k]; const r = await ask(`rates?scan=${number}&frame=${k}`); if (r.rates_hz) known.frameRates[k] = unpacked(r.rates_hz); known.frameSeen[k] = state.frames[k] + "/" + (state.frames_version > k + state.frames.length); }
+    const p = opened(await ask(`picture?scan=${number}&frame=${k}`)); if (p) known.frames[k] = {...p, frame: k}; const r = await ask(`rates?scan=${number}&frame=${k}`); if (r.rates_hz) known.frameRates[k] = unpacked(r.rates_hz); known.frameSeen[k] = state.frames[k] + "/" + (state.frames_version > k + state.frames.length); }
   known.frameVersion = state.frames_version;
 }
 function arrange() {
-  const view = document.body.dataset.view, wide = innerWidth, kinds = view !== "both" ? [view] : scans.length > 1 ? ["front"] : wide >= 2300 ? ["front", "depth", "turn"] : wide >= 1100 || wide <= 900 ? ["front", "depth"] : ["front"];
+  const view = document.body.dataset.view, wide = innerWidth, kinds = view !== "both" ? [view] : scans.length > 1 ? ["front"] : wide >= 1700 ? ["front", "depth", "turn"] : wide >= 1100 || wide <= 900 ? ["front", "depth"] : ["front"];
   const of = kind => scans.map((_, i) => [kind, i]), two = scans.length > 1, wanted = two ? of(kinds[0]) : kinds.map(kind => [kind, 0]);
   if (two && compared && view !== "turn") wanted.push(["difference", 0]);
   const across = wanted.length; if (two && view === "both" && wide > 900) wanted.push(...of("depth")); $("views").style.setProperty("--across", across);
@@ -52,6 +52,7 @@ function words(state) { const light = state.light === true ? ", laser light on" 
 function banner(state) {
   const last = kind => (state.events.filter(e => e[1] === kind).pop() || [0, "", ""])[2], box = $("banner"), alarm = state.events.filter(e => e[1] === "alarm" || e[1] === "trip").pop(); let big = "", small = "", kind = "";
   if (gone) [big, small, kind] = ["The viewer has ended", `This page no longer changes. When last seen: ${words(state).toLowerCase()}, ${count(state.samples)} of ${count(state.planned)} points. The scan itself continues without the viewer; see its terminal, or start nlos live again.`, state.light === true ? "bad" : ""];
+  else if (state.status === "paused" && last("scan").startsWith("paused: alarm: ")) [big, small, kind] = ["Alarm: the scan is paused", last("scan").slice(15) + (state.light === false ? " The light is off." : ""), "bad"];
   else if (state.status === "paused") [big, small] = ["Paused", last("scan").replace(/^paused: /, "") + (state.light === false ? ". The light is off." : "")];
   else if (state.status === "lost") [big, small, kind] = [state.light === false ? "The scan was killed; its light was off" : "The scan was killed: the light may be on", `Nobody commands the shutter now: look at the laser, then run \`nlos shutter close\`. ${count(state.samples)} samples are safe; \`nlos scan --resume\` takes the others.`, "bad"];
   else if (state.status === "stopped" || state.status === "failed") [big, small, kind] = [WORDS[state.status], last("trip") || last("alarm") || last("device"), "bad"];
@@ -93,7 +94,7 @@ $("method").addEventListener("click", other); $("theme").addEventListener("click
 $("help").addEventListener("click", () => $("keys").showModal()); $("closekeys").addEventListener("click", () => $("keys").close());
 addEventListener("keydown", e => {
   if (e.ctrlKey || e.metaKey || e.altKey || $("keys").open) return; const views = {1: "front", 2: "depth", 3: "turn", 4: "both"}, over = !$("slider").hidden;
-  if (views[e.key]) look(views[e.key]); else if (e.key === "o") flip("overlay"); else if (e.key === "d" && scans.length > 1) flip("difference"); else if (e.key === "m") other(); else if (e.key === "t") theme();
+  if (views[e.key]) look(views[e.key]); else if (e.key === "o") flip("overlay"); else if (e.key === "d" && scans.length > 1) flip("difference"); else if (e.key === "m") other(); else if (e.key === "v") showNext(); else if (e.key === "t") theme();
   else if (e.key === "l") $("scale").click(); else if (e.key === "?") $("keys").showModal(); else if (e.key === "Escape") { histogram.pinned = null; histogram.ask(); map.draw(); }
   else if (over && e.key === " ") { e.preventDefault(); play(); } else if (over && e.target !== $("time") && e.key === "ArrowLeft") seek(Math.max(1, +$("time").value - 1)); else if (over && e.target !== $("time") && e.key === "ArrowRight") seek(Math.min(+$("time").max, +$("time").value + 1));
 });

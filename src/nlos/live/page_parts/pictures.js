@@ -18,16 +18,17 @@ class PicturePanel {
   }
   draw(picture, limits, other) {
     this.picture = picture; const [g, w, h] = pen(this.canvas); this.empty.hidden = !!picture; if (!picture) { this.frame = null; return; }
-    const wall = picture.wall, [rows, cols] = picture.albedo.shape, margin = [56, 8, 80, 38]; this.frame = wallFrame(g, w, h, wall, margin); this.limits = limits;
+    const wall = picture.wall, [rows, cols] = picture.albedo.shape, tall = h - w > 20, margin = tall ? [56, 8, 16, 96] : [56, 8, 80, 38]; this.frame = wallFrame(g, w, h, wall, margin); this.limits = limits;
     const [bx, by, bw, bh] = this.frame.box, [low, high] = limits, e = PAPER; g.save();
     if (this.kind === "front") image(g, picture.albedo, rows, cols, this.frame.box, gray);
     else if (this.kind === "depth") image(g, picture.depth_m, rows, cols, this.frame.box, (v, i) => {
       const k = Number.isFinite(v) ? fade(picture.albedo[i]) * (picture.seen ? picture.seen[i] : 1) : 0, c = k ? viridis(1 - (v - low) / (high - low || 1)) : e; return c.map((x, j) => e[j] + (x - e[j]) * k); });
     else image(g, picture.albedo, rows, cols, this.frame.box, (v, i) => redBlue(.5 + .5 * (v - other.albedo[i])));
     g.restore(); axes(g, this.frame, wall);
-    if (this.kind === "depth") colourBar(g, bx + bw + 12, by, bh, low, high, v => viridis(1 - v), "depth from the wall (m)");
-    else if (this.kind === "front") colourBar(g, bx + bw + 12, by, bh, 0, 1, gray, "brightness (relative)");
-    else colourBar(g, bx + bw + 12, by, bh, -1, 1, redBlue, "first less second");
+    const bar = tall ? (...what) => flatBar(g, bx, by + bh + 44, bw, ...what) : (...what) => colourBar(g, bx + bw + 12, by, bh, ...what);
+    if (this.kind === "depth") bar(low, high, v => viridis(1 - v), "depth from the wall (m)");
+    else if (this.kind === "front") bar(0, 1, gray, "brightness (relative)");
+    else bar(-1, 1, redBlue, "first less second");
     if (overlaid) this.points(g); this.other = other; this.readOut();
   }
   points(g) {

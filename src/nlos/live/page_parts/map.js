@@ -1,18 +1,4 @@
-// The third kind of panel, 3D, and the count map at the side.
-class TurnPanel {
-  constructor(scan) {
-    this.kind = "turn"; this.scan = scan; this.box = document.createElement("section"); this.box.className = "panel"; this.box.dataset.kind = "turn";
-    this.title = document.createElement("h2"); this.canvas = document.createElement("canvas"); this.canvas.id = panelName("turn", scan); this.say = document.createElement("p"); this.say.className = "say";
-    const label = document.createElement("label"), range = document.createElement("input"); label.className = "say"; label.append("shown from brightness ", range);
-    Object.assign(range, {type: "range", min: 0, max: 1, step: .01, value: .15}); this.empty = document.createElement("div"); this.empty.className = "empty";
-    this.box.append(this.title, this.canvas, this.say, label, this.empty); this.view = turnable(this.canvas, () => ({back: inks.card, dim: inks.dim, grid: inks.grid}));
-    range.addEventListener("input", () => { this.view.threshold = +range.value; this.view.redraw(); }); this.view.say = text => { this.say.textContent = text || "drag to turn, wheel to zoom"; };
-  }
-  draw(picture, limits) {
-    this.empty.hidden = !!picture; if (picture === this.picture && limits === this.limits) { this.view.redraw(); return; } this.picture = picture; this.limits = limits;
-    if (picture) this.view.show({points: picture.points, wall: picture.wall, near: limits[0], far: Math.max(limits[1], .1), pitch: picture.wall[0] / picture.albedo.shape[1]});
-  }
-}
+// The count map at the side: counts per second at every point taken, and the point whose histogram is shown.
 const map = {
   draw() {
     const known = scans[chosen], [g, w, h] = pen($("map")); this.frame = null; if (!known || !known.plan) return;

@@ -1,0 +1,165 @@
+"""Makes the screenshots of docs/live-page/ with Chromium: `python docs/make_live_page.py [FOLDER]`, two minutes.
+
+The demo's scan is written anew, at its own pace, into files that `nlos live` follows; every state is taken at three
+widths, light and dark. Look at each picture before it is kept.
+"""
+
+import contextlib
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.writer import RecordingWriter
+
+FOLDER = Path(__file__).parent / "live-page"
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+SIZES = {1280: 800, 1920: 1080, 420: 860}
+SCHEMES = ("dark", "light")
+PATIENCE_MS = 120_000.0
+ALARM = "blank: no photons for 2 s where there were 84 thousand a second: is the laser on? "
+
+
+class Bench:
+    """Hands out a recorded scan's samples at the pace at which they were taken, events with them."""
+
+    def __init__(self, recording: Recording, grows: Path) -> None:
+        self._samples = iter(recording.samples())
+        self._total = len(recording)
+        self._writer = RecordingWriter.create(grows, recording.plan, recording.header)
+        self._count, self._now_s = 0, 0.0
+        self.says("shutter", "opened")
+
+    def takes(self, part: float) -> None:
+        """Samples up to this part of the points."""
+        began_s, before_s = time.monotonic(), self._now_s
+        while self._count < part * self._total:
+            sample = next(self._samples)
+            self._writer.write(sample)
+            self._count, self._now_s = self._count + 1, sample.taken_s
+            time.sleep(max(0.0, began_s + (self._now_s - before_s) - time.monotonic()))
+        self._writer.flush()
+
+    def says(self, kind: str, text: str) -> None:
+        self._writer.log(kind, text, self._now_s)
+        self._writer.flush()
+
+    def ends(self, recording: Recording) -> None:
+        self.says("shutter", "closed: the scan is complete")
+        self.says("scan", "complete")
+        self._writer.finish(recording.status)
+
+
+def main(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as name, sync_playwright() as started:
+        there = Path(name)
+        subprocess.run([sys.executable, "-m", "nlos", "scan", "demo", "-o", "demo.h5", "-q"], cwd=there, check=True)
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        with Recording.open(there / "demo.h5") as recording:
+            with viewer(there / "scan.h5") as (_, url):
+                watched(recording, there / "scan.h5", pages(browser, url), folder)
+            with viewer(there / "killed.h5") as (process, url):
+                bench, shown = Bench(recording, there / "killed.h5"), pages(browser, url)
+                bench.takes(0.3)
+                seen(shown, 1)
+                process.kill()
+                time.sleep(4)
+                taken(shown, folder, "killed")
+        browser.close()
+
+
+def watched(recording: Recording, grows: Path, shown: dict[tuple[int, str], Page], folder: Path) -> None:
+    """One scan from its first points to its end."""
+    bench = Bench(recording, grows)
+    bench.takes(0.03)
+    taken(shown, folder, "before")
+    bench.takes(0.11)
+    seen(shown, 1)
+    taken(shown, folder, "tenth")
+    bench.takes(0.3)
+    bench.says("shutter", "closed: Ctrl-C")
+    bench.says("scan", "paused: Ctrl-C")
+    time.sleep(6)
+    taken(shown, folder, "paused")
+    bench.says("scan", "resumed")
+    bench.says("shutter", "opened")
+    bench.takes(0.5)
+    bench.says("alarm", f"{ALARM}The light is off and the scan is paused.")
+    bench.says("shutter", "closed: alarm")
+    bench.says("scan", f"paused: alarm: {ALARM.removeprefix('blank: ')}")
+    time.sleep(6)
+    taken(shown, folder, "alarm")
+    bench.says("scan", "resumed")
+    bench.says("shutter", "opened")
+    bench.takes(1.0)
+    bench.ends(recording)
+    seen(shown, len(recording))
+    for page in shown.values():
+        page.wait_for_selector("#slider", state="visible")
+        while "ready" in page.locator("#first").inner_text():
+            time.sleep(0.5)
+    taken(shown, folder, "end")
+    for key, name in (("3", "volume"), ("2", "depth")):
+        for page in shown.values():
+            page.keyboard.press(key)
+        taken({which: page for which, page in shown.items() if which == (1280, "dark")}, folder, name)
+
+
+@contextlib.contextmanager
+def viewer(run: Path) -> Iterator[tuple["subprocess.Popen[str]", str]]:
+    """`nlos live` on a recording that is still to come, and its page's address."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "nlos", "live", str(run)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    try:
+        assert process.stdout is not None
+        url = process.stdout.readline().strip()
+        time.sleep(8)  # its libraries are loaded
+        yield process, url
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(30)
+
+
+def pages(browser: Browser, url: str) -> dict[tuple[int, str], Page]:
+    """The page at every width in every scheme."""
+    shown = {}
+    for (width, height), scheme in product(SIZES.items(), SCHEMES):
+        page: Any = browser.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
+        page.set_default_timeout(PATIENCE_MS)
+        page.goto(url)
+        shown[width, scheme] = page
+    return shown
+
+
+def seen(shown: dict[tuple[int, str], Page], samples: int) -> None:
+    """Returns when every page shows a picture of so many samples."""
+    for page in shown.values():
+        page.wait_for_selector("body[data-picture]")
+        while int(page.evaluate("document.body.dataset.picture")) < samples:
+            time.sleep(0.1)
+
+
+def taken(shown: dict[tuple[int, str], Page], folder: Path, state: str) -> None:
+    """Screenshots of what every page shows now, in few colours."""
+    time.sleep(1)
+    for (width, scheme), page in shown.items():
+        path = folder / f"{state}-{width}-{scheme}.png"
+        page.screenshot(path=path, full_page=width < 900)
+        with Image.open(path) as image:
+            image.convert("RGB").quantize(128, dither=Image.Dither.NONE).save(path, optimize=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER)

@@ -1,0 +1,36 @@
+"""What pictures in passing are made of: the samples so far, calibrated as `reconstruct` would."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from nlos.live.time_zero import TimeZero
+from nlos.response import ResponseWanted, with_response
+
+if TYPE_CHECKING:
+    from nlos.acquisition.transient import Transient
+    from nlos.calibration.constants import BenchConstants
+    from nlos.calibration.correct import CorrectedPoints
+    from nlos.loaded import LoadedScan
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """So many samples, `whole` once the scan has been read to its end."""
+
+    samples: int
+    whole: bool
+    transient: "Transient"
+    falloff: int | None
+    zero: TimeZero
+
+
+def calibrated(
+    scan: "LoadedScan", samples: int, whole: bool, constants: "BenchConstants | None", response: ResponseWanted
+) -> Calibrated:
+    """Raises what calibrating raises."""
+    from nlos.chain import calibrate_scan
+
+    found: list[CorrectedPoints] = []
+    transient = with_response(calibrate_scan(scan, constants=constants, hear=found.append), response)
+    zero = TimeZero.of(scan, found[0] if found else None, constants)
+    return Calibrated(samples, whole, transient, scan.falloff, zero)
