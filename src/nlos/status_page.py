@@ -4,7 +4,6 @@ Read-only and without a script: the browser asks again by itself. Made from file
 that nothing a visitor does reaches the laser, the mirrors or a recording.
 """
 
-import secrets
 import threading
 import time
 from collections.abc import Sequence
@@ -15,6 +14,7 @@ from pathlib import Path
 
 from nlos.acquisition.errors import StorageError
 from nlos.acquisition.recording.writer_lock import is_locked
+from nlos.live.admission import admitted, page_answer
 from nlos.live.web import Answer, Refused, Request
 from nlos.runs.index import Run, RunsIndex
 from nlos.runs.page import card
@@ -36,25 +36,15 @@ class StatusPage:
 
     def __call__(self, request: Request) -> Answer:
         """Raises `Refused`."""
-        _, _, rest = request.path.partition("/")
-        token, slash, what = rest.partition("/")
-        allowed = secrets.compare_digest(token.encode("ascii", "replace"), self._token)
-        if request.host not in self._hosts or not allowed or not slash:
-            raise Refused(403)
-        if what:
+        if admitted(request, self._token, self._hosts):
             raise Refused(404)
-        nonce = secrets.token_urlsafe(16)
-        policy = (
-            f"default-src 'none'; style-src 'nonce-{nonce}'; img-src data:; base-uri 'none'; form-action 'none'; "
-            "frame-ancestors 'none'"
-        )
-        body = (
+        return page_answer(
             '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
             f'content="width=device-width, initial-scale=1"><meta http-equiv="refresh" content="{AGAIN_S}">'
-            f'<title>nlos status</title><style nonce="{nonce}">{self._style}</style></head><body>{self._current()}'
-            "</body></html>"
+            f'<title>nlos status</title><style nonce="NONCE">{self._style}</style></head><body>{self._current()}'
+            "</body></html>",
+            scripts=False,
         )
-        return Answer(body.encode(), kind="text/html; charset=utf-8", headers={"Content-Security-Policy": policy})
 
     def _current(self) -> str:
         """The page's body; visitors at the same time get the same one."""

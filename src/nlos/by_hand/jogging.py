@@ -21,8 +21,8 @@ _HELP = (
 class Jog:
     """State between two keys. `ended`: somebody wants to leave."""
 
-    def __init__(self, hand: Hand, marks: Marks) -> None:
-        self._hand, self._marks = hand, marks
+    def __init__(self, hand: Hand, marks: Marks, page_url: str = "") -> None:
+        self._hand, self._marks, self._page_url = hand, marks, page_url
         self._step = STEPS_DEG.index(0.1)
         self._logarithmic, self._zoomed = True, False
         self._question, self._typed = "", ""
@@ -57,7 +57,7 @@ class Jog:
         """The screen, top to bottom."""
         hand = self._hand
         shown = [
-            *lines.heading(hand), "",
+            *lines.heading(hand), *lines.address(self._page_url), "",
             *lines.beam(hand),
             f"step        {STEPS_DEG[self._step]:g} deg      marks {self._marks.count}",
             lines.light(hand),

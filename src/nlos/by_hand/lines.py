@@ -19,6 +19,11 @@ def heading(hand: Hand) -> list[str]:
     return lines + [f"without the {role}: {error.what}" for role, error in bench.absent.items()]
 
 
+def address(url: str) -> list[str]:
+    """Where the page is, for whoever has one."""
+    return [f"page        {url}"] if url else []
+
+
 def beam(hand: Hand) -> list[str]:
     """Where the beam was sent, as angles and as a place on the wall."""
     if hand.reach is None:

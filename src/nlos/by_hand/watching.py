@@ -13,12 +13,12 @@ from nlos.drivers.clock import Clock
 from nlos.drivers.partial_bench import PartialBench
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramCounter
 
-DWELL_S = 0.05
+DWELL_S = 0.04
 _DWELLS_S = tuple(DWELL_S + 1e-3 * k for k in range(7))
 """No two alike in a row: a simulated counter without point numbers draws alike gates alike."""
 _AT_ONCE = 63
 _GRACE_S = 2.0
-_SUMMED = 20
+_SUMMED = 25
 _WHOLE = 0.98
 
 
@@ -40,7 +40,7 @@ class Reading:
 
 
 class Watch:
-    """Gates of 50 ms on one time axis. `summed` holds those since `forget` or of the last second, of one kind of
+    """Gates of 40 ms on one time axis. `summed` holds those since `forget` or of the last second, of one kind of
     light."""
 
     def __init__(self, bench: PartialBench, light: LightOnRequest, axis: HistogramAxis) -> None:

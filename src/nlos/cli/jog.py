@@ -10,7 +10,7 @@ import typer
 from nlos.cli.benches import load_bench
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.named_files import BenchWord
-from nlos.cli.point import ELSEWHERE, LIGHT
+from nlos.cli.point import ELSEWHERE, LIGHT, LIVE, PORT
 from nlos.cli.terminal import terminal
 
 
@@ -24,6 +24,8 @@ def jog(
             help="Where marks go, for `nlos calibrate --spots`; added to where it exists. Default: spots-BENCH-DAY.csv",
         ),
     ] = None,
+    live: Annotated[bool, LIVE] = False,
+    port: Annotated[int, PORT] = 0,
     no_shutter: Annotated[bool, ELSEWHERE] = False,
 ) -> None:
     """Moves the beam by arrow keys. SPACE, held down, gives light; nothing else does but --light. `m` marks a spot: its
@@ -32,17 +34,21 @@ def jog(
     from nlos.by_hand.marks import Marks
     from nlos.by_hand.opening import in_hand
     from nlos.by_hand.screen import screen_of_terminal
+    from nlos.by_hand.viewer import viewer
 
     table = load_bench(bench)
     name = re.sub(r"[^A-Za-z0-9]+", "-", table.settings.name)[:60]
     book = Marks(marks or Path(f"spots-{name}-{datetime.now(UTC):%Y%m%d}.csv"))
     had = book.count
-    with in_hand(table, {"mirror", "counter"}, light, no_shutter) as hand:
+    with (
+        viewer(live, port) as page,
+        in_hand(table, {"mirror", "counter"}, light, no_shutter) as hand,
+    ):
         if not hand.keys.there:
             raise UsageError("nlos jog needs a terminal; scripts use `nlos point`.")
         if hand.reach is None:
             raise hand.bench.absent["mirror"]
-        jogging = Jog(hand, book)
+        jogging = Jog(hand, book, "" if page is None else page.url)
         if light is not None:
             hand.ask_for_light(light)
         with screen_of_terminal() as screen:
@@ -51,6 +57,8 @@ def jog(
                     jogging.press(key)
                 screen.draw(jogging.lines(screen.size.columns, screen.size.lines))
                 hand.update()
+                if page is not None:
+                    page.show(hand)
     if book.count > had:
         terminal.result(f"{book.path}: {book.count} spots", spots=str(book.path), marked=book.count - had)
         terminal.log(f"nine or more tell the mirror's place: nlos calibrate RUN --spots {book.path}")

@@ -5,7 +5,6 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,15 +13,13 @@ import typer
 from nlos.cli.benches import load_bench
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.named_files import BenchWord
-from nlos.cli.point import ELSEWHERE, LIGHT
+from nlos.cli.point import ELSEWHERE, LIGHT, LIVE, PORT
 from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
     from nlos.by_hand.hand import Hand
+    from nlos.by_hand.viewer import Viewer
 
-_COLUMNS = (
-    "utc", "light", "sync_hz", "detector_hz", "direct_ns", "direct_fwhm_ps", "direct_hz", "x_deg", "y_deg",
-)  # fmt: skip
 _LINE_S = 1.0
 
 
@@ -38,20 +35,28 @@ def monitor(
     ] = None,
     seconds: Annotated[float | None, typer.Option("--for", metavar="SECONDS", help="Stop after this long.")] = None,
     log: Annotated[Path | None, typer.Option(metavar="FILE.csv", help="Write every update there.")] = None,
+    live: Annotated[bool, LIVE] = False,
+    port: Annotated[int, PORT] = 0,
     no_shutter: Annotated[bool, ELSEWHERE] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Shows what the counter sees, more than ten times a second on a terminal and as a line a second elsewhere. Light
     only for --light seconds, or while SPACE is held. `q` ends."""
     from nlos.by_hand.opening import in_hand
+    from nlos.by_hand.row import row
     from nlos.by_hand.screen import screen_of_terminal
+    from nlos.by_hand.viewer import viewer
 
     window = _window(gate)
     if log is not None and log.exists() and not overwrite:
         raise FileExistsError(f"{log}: exists. Choose another name, or use --overwrite.")
     table = load_bench(bench)
     wanted = {"counter"} | (set() if at is None else {"mirror"})
-    with in_hand(table, wanted, light, no_shutter) as hand, _logged(log) as write:
+    with (
+        viewer(live, port) as page,
+        in_hand(table, wanted, light, no_shutter) as hand,
+        _logged(log) as write,
+    ):
         if hand.watch is None:
             raise hand.bench.absent["counter"]
         if window is not None:
@@ -65,39 +70,51 @@ def monitor(
         until_s = time.monotonic() + (math.inf if seconds is None else seconds)
         if hand.keys.there and not terminal.as_json:
             with screen_of_terminal() as screen:
-                for _ in _updates(hand, until_s, write):
-                    screen.draw(_lines(hand, screen.size.columns, screen.size.lines))
+                for _ in _updates(hand, until_s, write, page):
+                    screen.draw(_lines(hand, screen.size.columns, screen.size.lines, page))
         else:
-            _print_lines(hand, until_s, write)
-        terminal.document.update(_row(hand))
+            _print_lines(hand, until_s, write, page)
+        terminal.document.update(row(hand))
     if log is not None:
         terminal.result(f"{log}: every update", log=str(log))
 
 
-def _updates(hand: "Hand", until_s: float, write: "Writer") -> Iterator[None]:
+def _updates(hand: "Hand", until_s: float, write: "Writer", page: "Viewer | None") -> Iterator[None]:
+    from nlos.by_hand.row import row
+
     while time.monotonic() < until_s:
         hand.update()
-        write(_row(hand))
+        write(row(hand))
+        if page is not None:
+            page.show(hand)
         yield
         if "q" in hand.pressed():
             return
 
 
-def _print_lines(hand: "Hand", until_s: float, write: "Writer") -> None:
+def _print_lines(hand: "Hand", until_s: float, write: "Writer", page: "Viewer | None") -> None:
     from nlos.by_hand import lines
 
     said_s = -math.inf
-    for _ in _updates(hand, until_s, write):
+    for _ in _updates(hand, until_s, write, page):
         if time.monotonic() - said_s >= _LINE_S:
             said_s = time.monotonic()
             values = [" ".join(each.split()) for each in (*lines.counts(hand), lines.light(hand))]
             terminal.result("; ".join(values))
 
 
-def _lines(hand: "Hand", columns: int, rows: int) -> list[str]:
+def _lines(hand: "Hand", columns: int, rows: int, page: "Viewer | None") -> list[str]:
     from nlos.by_hand import lines
 
-    shown = [*lines.heading(hand), "", *lines.beam(hand), lines.light(hand), *lines.counts(hand), ""]
+    shown = [
+        *lines.heading(hand),
+        *lines.address("" if page is None else page.url),
+        "",
+        *lines.beam(hand),
+        lines.light(hand),
+        *lines.counts(hand),
+        "",
+    ]
     return [
         *shown,
         *lines.histogram(hand, columns - 1, rows - len(shown) - 5, True),
@@ -106,29 +123,14 @@ def _lines(hand: "Hand", columns: int, rows: int) -> list[str]:
     ]
 
 
-def _row(hand: "Hand") -> dict[str, Any]:
-    reading, peak, watch = hand.reading, hand.peak, hand.watch
-    if reading is None or watch is None:
-        return {}
-    return {
-        "utc": datetime.now(UTC).isoformat(timespec="milliseconds"),
-        "light": "mixed" if reading.lit is None else int(reading.lit),
-        "sync_hz": round(reading.sync_hz, 1),
-        "detector_hz": round(reading.detector_hz, 1),
-        "direct_ns": None if peak is None else round(peak.time_s * 1e9, 4),
-        "direct_fwhm_ps": None if peak is None or peak.fwhm_s is None else round(peak.fwhm_s * 1e12, 1),
-        "direct_hz": None if peak is None else round(peak.counts / max(watch.summed_s, 1e-9), 1),
-        "x_deg": math.degrees(hand.angles.x_rad) if hand.reach is not None else None,
-        "y_deg": math.degrees(hand.angles.y_rad) if hand.reach is not None else None,
-    }
-
-
 class Writer:
     """Rows of the log, each on its way to the disk as it is written; nowhere without a file."""
 
     def __init__(self, file: Any = None) -> None:
         self._file = file
-        self._table = None if file is None else csv.DictWriter(file, _COLUMNS, lineterminator="\n")
+        from nlos.by_hand.row import COLUMNS
+
+        self._table = None if file is None else csv.DictWriter(file, COLUMNS, lineterminator="\n")
         if self._table is not None:
             self._table.writeheader()
 

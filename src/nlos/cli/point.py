@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from nlos.by_hand.hand import Hand
 
 LIGHT = typer.Option(metavar="SECONDS", help="Light for this long, at the bench's alignment duty. Default: none.")
+LIVE = typer.Option("--live", help="Show it on a read-only page in the browser as well; its address is printed.")
+PORT = typer.Option(min=0, max=65535, help="The page's port; 0 picks a free one.")
 ELSEWHERE = typer.Option("--no-shutter", help="Something else keeps the light off, or the beam safe.")
 
 

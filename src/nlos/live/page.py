@@ -1,19 +1,18 @@
 """The read-only page of one scan or several: JSON for one HTML file, to whoever has the token in the address.
 
-GET only; nothing here can reach the laser, the mirrors or the recording. Requests with another Host are refused, so
-that no foreign page can ask through a browser's back (DNS rebinding); the token is compared in constant time.
+GET only; nothing here can reach the laser, the mirrors or the recording.
 """
 
 import json
-import secrets
 import time
 from collections.abc import Sequence
 from importlib.resources import files
 from typing import Any
 
+from nlos.live.admission import admitted, page_answer
 from nlos.live.answers import ScanAnswers
 from nlos.live.scan import LiveScan
-from nlos.live.web import Answer, Refused, Request
+from nlos.live.web import Answer, Request
 
 STYLES = ("colours.css", "page.css")
 SCRIPTS = ("draw.js", "pictures.js", "turning.js", "histogram.js", "map.js", "page.js")
@@ -36,14 +35,10 @@ class LivePage:
 
     def __call__(self, request: Request) -> Answer:
         """Raises `Refused`."""
-        _, _, rest = request.path.partition("/")
-        token, slash, what = rest.partition("/")
-        allowed = secrets.compare_digest(token.encode("ascii", "replace"), self._token)
-        if request.host not in self._hosts or not allowed or not slash:
-            raise Refused(403)
+        what = admitted(request, self._token, self._hosts)
         self.asked_s = time.monotonic()
         if what == "":
-            return self._index()
+            return page_answer(self._html)
         try:
             return Answer(json.dumps(self._asked(what, request)).encode())
         except (KeyError, IndexError) as error:
@@ -67,15 +62,6 @@ class LivePage:
             case "histogram":
                 return scan.histogram(_number(query.get("place", ""), "place"))
         raise KeyError(f"nothing is called {what[:40]}")
-
-    def _index(self) -> Answer:
-        nonce = secrets.token_urlsafe(16)
-        policy = (
-            f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src 'self'; "
-            "img-src data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-        )
-        body = self._html.replace("NONCE", nonce).encode()
-        return Answer(body, kind="text/html; charset=utf-8", headers={"Content-Security-Policy": policy})
 
 
 def assembled() -> str:
