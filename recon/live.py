@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import distance_transform_edt
 
 from nlos.acquisition.transient import Transient
 from nlos.recon.methods import find, parse_settings
@@ -95,8 +96,6 @@ def _stillness(before: Picture, now: Picture) -> npt.NDArray[np.float64]:
 
 def _nearness(measured: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
     """1 at measured points, falling with the distance in pixels to the nearest one."""
-    from scipy.ndimage import distance_transform_edt
-
     if not measured.any():
         return np.zeros(measured.shape)
     return np.exp(-0.25 * np.asarray(distance_transform_edt(~measured)))

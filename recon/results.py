@@ -24,6 +24,7 @@ from nlos.acquisition.recording.plausible import json_object
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData
 from nlos.recon.explained import NOT_LOOKED_FOR, Explained
+from nlos.recon.view3d import write_view3d
 from nlos.recon.volume import Intervals, Reconstruction, Volume, refuse_not_finite, response_words
 
 NAMES = ("reconstruction.h5", "albedo.png", "depth.png")
@@ -54,7 +55,6 @@ def write_results(
     """
     from nlos.recon.pictures import albedo_picture, confidence_picture, depth_picture, slices_picture
     from nlos.recon.uncertainty_picture import uncertainty_picture
-    from nlos.recon.view3d import write_view3d
 
     refuse_not_finite(reconstruction)
     paths = [folder / name for name in NAMES]

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import KDTree
 
 NEIGHBOURS = 10
 """How many nearest points 2-opt tries to put next to each point."""
@@ -36,8 +37,6 @@ def _in_strips(across: npt.NDArray[np.float64], along: npt.NDArray[np.float64], 
 def two_opt(x_m: npt.NDArray[np.float64], y_m: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
     """`strips`, then improved by reversing parts of the path while that shortens it (2-opt with neighbour lists and
     don't-look bits, Bentley 1992). Seconds for some thousand points."""
-    from scipy.spatial import KDTree
-
     order = strips(x_m, y_m)
     count = len(order)
     if count < 4:

@@ -1,20 +1,31 @@
 """What `nlos calibrate` starts from: runs with their devices and aim, and tables of spots."""
 
+import csv
 import io
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from nlos.acquisition.importers.isolated import read_isolated
+from nlos.acquisition.importers.magic import is_recording
+from nlos.acquisition.importers.to_recording import said_by_source
+from nlos.acquisition.planning.aim import Aim
+from nlos.acquisition.recording.checked import open_checked
+from nlos.calibration.bench_facts import Facts, changes, facts_of
+from nlos.calibration.constants import geometry_of
+from nlos.calibration.errors import ForeignConstants, InvalidData, ShutterClosed
+from nlos.calibration.geometry_fit import Spots
+from nlos.calibration.raw_points import RawPoints, from_samples, from_transient
+from nlos.calibration.wall_size import found_side
 from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
-    from nlos.acquisition.planning.aim import Aim
-    from nlos.calibration.bench_facts import Facts
     from nlos.calibration.geometry import ScannerGeometry
-    from nlos.calibration.geometry_fit import Spots
-    from nlos.calibration.raw_points import RawPoints
 
 
 LARGEST_TABLE_BYTES = 8 << 20
@@ -40,15 +51,6 @@ def load_run(run: Path, wall_size_m: float | None = None) -> RunInput:
 
     `wall_size_m`: the wall's side, where the file does not store it; without, the direct times are asked.
     """
-    import numpy as np
-
-    from nlos.acquisition.importers.isolated import read_isolated
-    from nlos.acquisition.importers.magic import is_recording
-    from nlos.acquisition.importers.to_recording import said_by_source
-    from nlos.acquisition.recording.checked import open_checked
-    from nlos.calibration.errors import InvalidData
-    from nlos.calibration.raw_points import RawPoints, from_samples, from_transient
-
     if not is_recording(run):
         scan = read_isolated(run)
         _refuse_rectified(run, scan.rectified)
@@ -80,8 +82,6 @@ def load_run(run: Path, wall_size_m: float | None = None) -> RunInput:
 
 
 def _refuse_rectified(run: Path, rectified: bool) -> None:
-    from nlos.calibration.errors import InvalidData
-
     if rectified:
         raise InvalidData(f"{run}: is rectified already (time 0 is the direct arrival); there is nothing to measure.")
 
@@ -89,8 +89,6 @@ def _refuse_rectified(run: Path, rectified: bool) -> None:
 def _on_wall(run: Path, raw: "RawPoints", side_m: float, wall_size_m: float | None) -> "RawPoints":
     """The points of a file without a wall size, for which `side_m` was assumed: on the wall that was named, else on
     the one that the direct times tell."""
-    from nlos.calibration.wall_size import found_side
-
     if wall_size_m is not None:
         return raw.scaled(wall_size_m / side_m)
     raw.check()
@@ -108,8 +106,6 @@ def _on_wall(run: Path, raw: "RawPoints", side_m: float, wall_size_m: float | No
 
 def refuse_unmeant_darkness(runs: list[Path], loaded: list[RunInput]) -> None:
     """Raises `ShutterClosed` for a scan without light: a dark rate is no answer to a shutter that did not open."""
-    from nlos.calibration.errors import ShutterClosed
-
     for run, one in zip(runs, loaded, strict=True):
         if not one.meant_dark:
             each = float(one.raw.counts.sum(axis=1, dtype=float).mean())
@@ -122,13 +118,6 @@ def refuse_unmeant_darkness(runs: list[Path], loaded: list[RunInput]) -> None:
 
 def read_spots(path: Path) -> "Spots":
     """Spots from a table with a header line. Raises `InvalidData` naming file, line and column."""
-    import csv
-
-    import numpy as np
-
-    from nlos.calibration.errors import InvalidData
-    from nlos.calibration.geometry_fit import Spots
-
     columns = ("x_deg", "y_deg", "x_m", "y_m")
     if path.stat().st_size > LARGEST_TABLE_BYTES:
         raise InvalidData(f"{path}: is larger than any table of spots ({LARGEST_TABLE_BYTES >> 20} MiB)")
@@ -153,9 +142,6 @@ def read_spots(path: Path) -> "Spots":
 
 def _aimed_by(constants_json: str, bench_json: str) -> "Aim | ScannerGeometry | None":
     """The earlier constants' geometry where they took part in the scan, else the bench file's; None without either."""
-    from nlos.calibration.constants import geometry_of
-    from nlos.calibration.errors import InvalidData
-
     try:
         fitted, drawn = (json.loads(text).get("geometry") for text in (constants_json, bench_json))
         if fitted:
@@ -167,10 +153,6 @@ def _aimed_by(constants_json: str, bench_json: str) -> "Aim | ScannerGeometry | 
 
 def _drawn(geometry: Mapping[str, float]) -> "Aim":
     """As the bench file of a recording drew it."""
-    from math import radians
-
-    from nlos.acquisition.planning.aim import Aim
-
     lengths = ("wall_distance_m", "mirror_separation_m", "scanner_x_m", "scanner_y_m")
     angles = ("wall_pitch_deg", "wall_yaw_deg")
     return Aim(
@@ -182,8 +164,6 @@ def _drawn(geometry: Mapping[str, float]) -> "Aim":
 
 def common_devices(runs: list[Path], each: list[Mapping[str, str]]) -> Mapping[str, str]:
     """The devices that all runs name. Raises `ForeignConstants` where two runs come from different ones."""
-    from nlos.calibration.errors import ForeignConstants
-
     common: dict[str, str] = {}
     for run, names in zip(runs, each, strict=True):
         for role, name in names.items():
@@ -197,9 +177,6 @@ def common_devices(runs: list[Path], each: list[Mapping[str, str]]) -> Mapping[s
 def common_bench(runs: list[Path], each: list[str]) -> "tuple[str, Facts]":
     """The name of the bench that all runs are of, and what constants depend on of it; empty where no run says. Raises
     `ForeignConstants` where the bench was changed between two of them."""
-    from nlos.calibration.bench_facts import changes, facts_of
-    from nlos.calibration.errors import ForeignConstants
-
     known = [(run, *facts_of(text)) for run, text in zip(runs, each, strict=True)]
     known = [(run, name, facts) for run, name, facts in known if name]
     if not known:

@@ -9,14 +9,20 @@ from typing import TYPE_CHECKING, Any
 import numpy.typing as npt
 
 from nlos.acquisition.importers.given import NOTHING, Given
+from nlos.bench_constants import correcting_constants
+from nlos.calibration.correct import CorrectedPoints, Report, correct, correct_points
 from nlos.loaded import LoadedScan, load_scan
+from nlos.recon.depth_range import within_depths
 from nlos.recon.errors import InvalidSettings
+from nlos.recon.gridding import grid_samples
+from nlos.recon.methods import find
+from nlos.recon.reconstruct import reconstruct
+from nlos.recon.results import NAMES, write_results
 from nlos.response import AUTO, ResponseWanted, known_response, response_wanted, say_response, with_response
 
 if TYPE_CHECKING:
     from nlos.acquisition.transient import Transient
     from nlos.calibration.constants import BenchConstants
-    from nlos.calibration.correct import CorrectedPoints, Report
     from nlos.calibration.impulse_response import ImpulseResponse
     from nlos.calibration.time_offset import TimeOffsets
     from nlos.recon.volume import Reconstruction
@@ -30,8 +36,6 @@ FIRST_STAGE, STAGES = "reading", 4
 
 def constants_for(scan: LoadedScan, given: Path | None) -> "BenchConstants | None":
     """The constants named, or the newest of this scan's bench that hold for it. Raises `ForeignConstants`."""
-    from nlos.bench_constants import correcting_constants
-
     known = correcting_constants(given, scan.bench_json, scan.devices, scan.transient.time.bin_width_s)
     if known is None:
         return None
@@ -44,8 +48,6 @@ def constants_for(scan: LoadedScan, given: Path | None) -> "BenchConstants | Non
 def arrivals_of(scan: LoadedScan, constants: "BenchConstants | None" = None) -> "TimeOffsets | None":
     """When direct light arrives at each point of a grid, by a whole scan: what its single frames, of far fewer photons,
     are aligned by. None where the file says it or only constants know, and at free positions."""
-    from nlos.calibration.correct import correct
-
     if scan.rectified or scan.points is not None:
         return None
     done = correct(scan.transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
@@ -78,12 +80,8 @@ def _calibrated(
     hear: "Callable[[CorrectedPoints], None]",
 ) -> "tuple[Transient, ImpulseResponse | None]":
     """And the response that the scan's own direct light showed, where it was looked for."""
-    from nlos.calibration.correct import correct, correct_points
-
     transient = scan.transient
     if scan.points is not None:
-        from nlos.recon.gridding import grid_samples
-
         points = scan.points
         if scan.rectified and scan.direct_cut_bins is not None:
             points = replace(points, counts=without_first(points.counts.T, scan.direct_cut_bins).T)
@@ -166,9 +164,6 @@ def reconstruct_scan(
     arrivals: "TimeOffsets | None" = None,
 ) -> "Reconstruction":
     """A scan calibrated and reconstructed; the falloff that its file states is used unless the settings say another."""
-    from nlos.recon.methods import find
-    from nlos.recon.reconstruct import reconstruct
-
     chosen = dict(settings)
     if scan.falloff is not None and "falloff" in find(method).Settings.model_fields:
         chosen.setdefault("falloff", scan.falloff)
@@ -200,9 +195,6 @@ def reconstruct_file(
     """One file to one folder of results. `settings` are the method's, except `offsets=file`; what is `given` goes
     before what the file says, and `depth_m` (nearest, farthest) limits the result. Of several frames all are added up,
     or `frame` is taken alone. `stage` is told what begins, `STAGES` times."""
-    from nlos.recon.depth_range import within_depths
-    from nlos.recon.results import NAMES, write_results
-
     for name in (*NAMES, "view3d.html") if html else NAMES:
         if (folder / name).exists() and not overwrite:
             raise FileExistsError(f"{folder / name}: exists. Choose another folder with -o, or use --overwrite.")

@@ -24,6 +24,7 @@ from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.calibration.raw_points import RawPoints, from_samples, from_transient
 from nlos.calibration.wall_size import found_side
+from nlos.recon.gridding import grid_samples
 
 log = logging.getLogger(__name__)
 
@@ -132,8 +133,6 @@ def _on_found_wall(path: Path, scan: LoadedScan) -> LoadedScan:
 
 
 def _gridded(points: RawPoints, wall: WallGrid) -> Transient:
-    from nlos.recon.gridding import grid_samples
-
     return grid_samples(points.x_m, points.y_m, points.counts, points.exposure_s, wall, points.time)
 
 

@@ -9,6 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from nlos.recon.results import read_reconstruction
+from nlos.recon.seen import visible_depth
+
 Layer = tuple[Any, dict[str, Any], str]
 """(array, properties of the layer, kind)"""
 
@@ -25,9 +28,6 @@ def layers(path: str) -> list[Layer]:
 
     Raises `InvalidData` for a file that is none.
     """
-    from nlos.recon.results import read_reconstruction
-    from nlos.recon.seen import visible_depth
-
     made = read_reconstruction(Path(path))
     wall, name = made.wall, made.method.upper()
     pitch_m = (wall.height_m / wall.rows, wall.width_m / wall.cols)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.response import Response, gaussian, measured
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, Transient
+from nlos.calibration.checked import response_checked
 from nlos.recon.errors import InvalidSettings
 
 if TYPE_CHECKING:
@@ -73,8 +74,6 @@ def response_wanted(said: object) -> ResponseWanted:
 
 def _of_file(path: Path) -> Response:
     """Of a constants file, or of a histogram of a sharp reflection."""
-    from nlos.calibration.checked import response_checked
-
     if not path.is_file():
         raise FileNotFoundError(
             f"{path}: no such file. A response is auto, none, a FWHM in picoseconds, or a file of one."

@@ -4,7 +4,11 @@ from typing import Any, Literal
 
 from pydantic import BaseModel
 
+from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.configs.describe import describe
+from nlos.drivers.bench_settings import BenchSettings
+from nlos.drivers.run_defaults import RunDefaults
+from nlos.series.settings import QueueSettings
 
 Kind = Literal["scan", "bench", "queue", "defaults", "train"]
 
@@ -21,20 +25,12 @@ def schema_of(kind: Kind) -> dict[str, Any]:
 
 def model_of(kind: str) -> type[BaseModel]:
     if kind == "scan":
-        from nlos.acquisition.planning.scan_settings import ScanSettings
-
         return ScanSettings
     if kind == "bench":
-        from nlos.drivers.bench_settings import BenchSettings
-
         return BenchSettings
     if kind == "queue":
-        from nlos.series.settings import QueueSettings
-
         return QueueSettings
     if kind == "defaults":
-        from nlos.drivers.run_defaults import RunDefaults
-
         return RunDefaults
     from nlos.recon.training.train_settings import TrainSettings
 

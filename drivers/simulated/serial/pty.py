@@ -12,8 +12,13 @@ import threading
 import time
 from collections.abc import Iterator
 
-from nlos.drivers.simulated.bench import SimulatedBench
+import numpy as np
+
+from nlos.drivers.galvo.models import MIRRORS
+from nlos.drivers.simulated.bench import Exposure, SimulatedBench
 from nlos.drivers.simulated.serial.cable import SerialCable, SerialFirmware
+from nlos.drivers.simulated.simulation_settings import SimulationSettings
+from nlos.drivers.simulated.table import SimulatedTable
 
 _LOOK_S = 0.01  # how often a closed port is looked at
 _SETTLED_S = 0.2  # a host that opens a port empties it first; what the device says must come after
@@ -75,13 +80,6 @@ def _serve(cable: SerialCable, controller: int, woken: int) -> None:
 
 def main() -> None:
     """Serves the model named on the command line in the dark: its mirror moves, and no photon is counted."""
-    import numpy as np
-
-    from nlos.drivers.galvo.models import MIRRORS
-    from nlos.drivers.simulated.bench import Exposure
-    from nlos.drivers.simulated.simulation_settings import SimulationSettings
-    from nlos.drivers.simulated.table import SimulatedTable
-
     served = {name: model for name, model in MIRRORS.items() if model.settings.cable == "serial"}
     if len(sys.argv) != 2 or sys.argv[1] not in served:
         sys.exit(f"usage: python -m nlos.drivers.simulated.serial.pty {'|'.join(sorted(served))}")

@@ -5,9 +5,11 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from nlos.acquisition.planning.preflight import drawn_aim
+from nlos.bench_constants import aiming_constants
 from nlos.by_hand.hand import Hand
 from nlos.by_hand.keys import keys_of_terminal
 from nlos.by_hand.trust import watch_first_moves
+from nlos.calibration.errors import StaleConstants
 from nlos.cli.agreeing import agrees, somebody_is_there
 from nlos.cli.benches import wire_logged
 from nlos.cli.terminal import terminal
@@ -57,9 +59,6 @@ def in_hand(
 
 def _aim(bench: PartialBench) -> "Aiming":
     """As scans of this bench are aimed: by its constants where they rest on spots and still hold, else as drawn."""
-    from nlos.bench_constants import aiming_constants
-    from nlos.calibration.errors import StaleConstants
-
     drawn = drawn_aim(bench.settings.geometry)
     there = {"mirror": bench.mirror, "counter": bench.counter}
     names = {

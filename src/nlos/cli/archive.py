@@ -4,6 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from nlos.acquisition.importers.isolated import one_reader
+from nlos.cli.archive_on_dask import cores, on_workers
 from nlos.cli.archive_record import ArchiveRecord, Row
 from nlos.cli.archive_task import LOCAL, Outcome, Task, attempt
 from nlos.cli.exit_codes import ExitCode, UsageError
@@ -70,7 +72,6 @@ def _outcomes(tasks: Sequence[Task], scheduler: str | None) -> Iterator[Outcome]
     if scheduler is None or not tasks:
         yield from _here(tasks)
         return
-    from nlos.cli.archive_on_dask import cores, on_workers
 
     if scheduler != LOCAL:
         yield from on_workers(tasks, scheduler)
@@ -87,8 +88,6 @@ def _outcomes(tasks: Sequence[Task], scheduler: str | None) -> Iterator[Outcome]
 
 
 def _here(tasks: Sequence[Task]) -> Iterator[Outcome]:
-    from nlos.acquisition.importers.isolated import one_reader
-
     with one_reader():
         for task in tasks:
             yield attempt(task)

@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nlos.acquisition.importers.isolated import IsolatedReader, reading_by
 from nlos.bench_constants import NONE
 from nlos.cli.archive_task import LOCAL, Outcome, Task, attempt
 from nlos.cli.exit_codes import ExitCode, Stopped
@@ -42,8 +43,6 @@ def on_workers(tasks: Sequence[Task], address: str) -> Iterator[Outcome]:
 
 def attempt_on_worker(task: Task) -> Outcome:
     """`attempt`, all files of one thread read by one child: starting it takes as long as a small reconstruction."""
-    from nlos.acquisition.importers.isolated import IsolatedReader, reading_by
-
     if not hasattr(_of_thread, "reader"):
         _of_thread.reader = IsolatedReader()  # ends with this process: its input ends then
     with reading_by(_of_thread.reader):

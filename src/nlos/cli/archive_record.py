@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from nlos.cli.terminal import terminal
+from nlos.recon.results import NAMES
 
 if TYPE_CHECKING:
     from nlos.cli.archive_task import Outcome, Task
@@ -39,8 +40,6 @@ class ArchiveRecord:
     def has(self, task: "Task", overwrite: bool, skip_existing: bool) -> bool:
         """Whether the task's results are there and may stay. Raises `FileExistsError` where they may neither stay nor
         be replaced; half a result, of an attempt that was killed, is replaced with `skip_existing`."""
-        from nlos.recon.results import NAMES
-
         there = [name for name in NAMES if (task.folder / name).exists()]
         if not there or overwrite:
             return False

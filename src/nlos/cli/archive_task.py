@@ -8,6 +8,7 @@ from os import getpid
 from pathlib import Path
 from typing import Any, Literal
 
+from nlos.chain import reconstruct_file
 from nlos.cli.exit_codes import ExitCode, exit_code, missing_extra
 
 LOCAL = "local"
@@ -45,8 +46,6 @@ class Outcome:
 
 def attempt(task: Task) -> Outcome:
     """What a worker does with one file. It raises nothing: one file's trouble is no other file's."""
-    from nlos.chain import reconstruct_file
-
     worker, began = f"{socket.gethostname()}:{getpid()}", time.monotonic()
     try:
         done = reconstruct_file(task.run, task.method, task.settings, task.folder, **task.options)

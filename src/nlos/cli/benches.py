@@ -2,16 +2,25 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.planning.preflight import aim_of
+from nlos.acquisition.recording.checked import open_checked
+from nlos.bench_constants import aiming_constants
+from nlos.cli.agreeing import agrees
 from nlos.cli.terminal import terminal
+from nlos.configs.load import Loaded, load
+from nlos.drivers.bench import Bench, BenchSettings, open_bench
+from nlos.drivers.trip_latch import TripLatch
 
 if TYPE_CHECKING:
     from nlos.calibration.constants import BenchConstants
-    from nlos.configs.load import Loaded
-    from nlos.drivers.bench import Bench, BenchSettings
     from nlos.drivers.simulated.recorded import RecordedScan
 
 DEFAULT_BENCH = "simulated"
@@ -19,16 +28,11 @@ DEFAULT_BENCH = "simulated"
 
 def load_bench(word: str | None) -> "Loaded[BenchSettings]":
     """The bench file that `word` means; the simulated bench where none is named. Raises `ConfigError`."""
-    from nlos.configs.load import load
-    from nlos.drivers.bench import BenchSettings
-
     return load("bench", word or DEFAULT_BENCH, BenchSettings)
 
 
 def twin(loaded: "Loaded[BenchSettings]") -> "Loaded[BenchSettings]":
     """A simulated bench with the limits, geometry and settling of this one; a simulated bench is its own twin."""
-    from dataclasses import replace
-
     from nlos.drivers.simulated.simulation_settings import SimulationSettings
 
     bench = loaded.settings
@@ -48,9 +52,6 @@ def measured_constants(given: Path | None, bench: "Bench", devices: bool = True)
     `devices`: whether those of the open bench are the real ones, no twin's. Raises `ForeignConstants`, and
     `StaleConstants` where the bench has changed since they were measured.
     """
-    from nlos.acquisition.planning.preflight import aim_of
-    from nlos.bench_constants import aiming_constants
-
     roles = {"mirror": bench.mirror.identity, "counter": bench.counter.identity} if devices else {}
     names = {role: f"{who.model} {who.serial}".strip() for role, who in roles.items()}
     known = aiming_constants(given, bench.settings.model_dump_json(), names)
@@ -65,10 +66,6 @@ def measured_constants(given: Path | None, bench: "Bench", devices: bool = True)
 @contextmanager
 def opened(loaded: "Loaded[BenchSettings]", scene: Path | None = None, quiet: bool = False) -> Iterator["Bench"]:
     """The open bench; `scene` is a recorded scan that replaces a simulated bench's light."""
-    from nlos.cli.agreeing import agrees
-    from nlos.drivers.bench import open_bench
-    from nlos.drivers.trip_latch import TripLatch
-
     latch = TripLatch.of_bench(loaded.settings)
     with (
         wire_logged() as log,
@@ -98,10 +95,7 @@ def wire_logged() -> Iterator[Callable[[str, str, bytes], None] | None]:
 def _scene(path: Path | None) -> "RecordedScan | None":
     if path is None:
         return None
-    import numpy as np
 
-    from nlos.acquisition.errors import InvalidData
-    from nlos.acquisition.recording.checked import open_checked
     from nlos.drivers.simulated.recorded import RecordedScan
 
     with open_checked(path) as recording:

@@ -1,18 +1,28 @@
 """`nlos calibrate`: measures a bench's constants from recordings, says how good they are, draws every correction."""
 
 from collections.abc import Mapping
+from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
+import numpy as np
 import typer
 
+from nlos.bench_constants import folder_of
+from nlos.calibration.checked import response_checked
+from nlos.calibration.constants import BenchConstants, Quantity, save
+from nlos.calibration.errors import PoorCalibration
+from nlos.calibration.measure import Measurement, measure_constants
+from nlos.calibration.spots_fit import check_sense, poorly_determined
+from nlos.calibration_input import common_bench, common_devices, load_run, read_spots, refuse_unmeant_darkness
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
+from nlos.cli.first_light import first_light as measured
 from nlos.cli.progress import Progress
+from nlos.cli.spots import fitted_lines, place_scanner, undetermined_line
 from nlos.cli.terminal import terminal
-
-if TYPE_CHECKING:
-    from nlos.calibration.constants import BenchConstants
-    from nlos.calibration.measure import Measurement
+from nlos.report.calibration_pictures import write_pictures
+from nlos.report.spots_picture import spots_picture
 
 MM_PER_PS = 0.299792458 / 2
 """Depth of a picosecond there and back."""
@@ -60,15 +70,11 @@ def calibrate(
     """Measures the bench's constants from recordings and says how good they are; --first-light what a bench file needs
     before there is a recording, written with `-o BENCH.yaml`."""
     if first_light:
-        from nlos.cli.first_light import first_light as measured
-
         if runs:
             raise UsageError("--first-light measures on the bench; it takes no RUN")
         measured(bench, light, output, overwrite)
         return
     if not runs and spots is not None and not light:
-        from nlos.cli.spots import place_scanner
-
         place_scanner(spots, bench, output, overwrite)
         return
     if not runs:
@@ -88,18 +94,6 @@ def _from_runs(
     dark: bool,
     overwrite: bool,
 ) -> None:
-    from dataclasses import replace
-    from datetime import UTC, datetime
-
-    from nlos.bench_constants import folder_of
-    from nlos.calibration.checked import response_checked
-    from nlos.calibration.constants import Quantity, save
-    from nlos.calibration.measure import measure_constants
-    from nlos.calibration.spots_fit import check_sense
-    from nlos.calibration_input import common_bench, common_devices, load_run, read_spots, refuse_unmeant_darkness
-    from nlos.report.calibration_pictures import write_pictures
-    from nlos.report.spots_picture import spots_picture
-
     if output is not None:
         _refuse_to_replace(output, overwrite)
     loaded = []
@@ -151,8 +145,6 @@ def _refuse_to_replace(target: Path, overwrite: bool) -> None:
 
 def _refuse_poor(constants: "BenchConstants") -> None:
     """Ends the command when the constants are not good enough to keep; what they are was printed before."""
-    from nlos.calibration.errors import PoorCalibration
-
     try:
         constants.check()
     except PoorCalibration as error:
@@ -213,11 +205,6 @@ def _timing_lines(report: Mapping[str, object], constants: "BenchConstants") -> 
 
 
 def _geometry_lines(found: "Measurement") -> "list[tuple[str, dict[str, object]]]":
-    import numpy as np
-
-    from nlos.calibration.spots_fit import poorly_determined
-    from nlos.cli.spots import fitted_lines, undetermined_line
-
     fit = found.geometry
     assert fit is not None
     height_mm = fit.height_m[fit.accepted] * 1e3

@@ -2,16 +2,17 @@
 moves or shines."""
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
 
 from nlos.cli.benches import load_bench
 from nlos.cli.exit_codes import ExitCode
 from nlos.cli.named_files import BenchWord
 from nlos.cli.terminal import terminal
-
-if TYPE_CHECKING:
-    from nlos.drivers.bench import BenchSettings
-    from nlos.drivers.link.usbtmc import UsbInfo
+from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.drivers.errors import DeviceError
+from nlos.drivers.galvo.models import MIRRORS
+from nlos.drivers.link.serial_line import available_ports
+from nlos.drivers.link.usbtmc import UsbInfo, available_instruments
+from nlos.drivers.tcspc.models import COUNTERS
 
 
 @dataclass(frozen=True)
@@ -30,8 +31,6 @@ def devices(
     bench: BenchWord = None,
 ) -> int:
     """Lists ports, USB instruments and libraries; exits with 3 where something that the bench names is missing."""
-    from nlos.drivers.link.serial_line import available_ports
-
     table = load_bench(bench)
     ports, (instruments, usb_trouble) = available_ports(), usb_instruments()
     for port in ports:
@@ -62,9 +61,6 @@ def devices(
 
 def expectations(settings: "BenchSettings") -> list[Expected]:
     """What the bench file names, and whether it is there."""
-    from nlos.drivers.galvo.models import MIRRORS
-    from nlos.drivers.tcspc.models import COUNTERS
-
     if settings.simulated:
         return _simulated(settings)
     found = []
@@ -76,9 +72,6 @@ def expectations(settings: "BenchSettings") -> list[Expected]:
 
 def usb_instruments() -> "tuple[list[UsbInfo], str]":
     """Those that are plugged in, and why they cannot be searched for where that is so."""
-    from nlos.drivers.errors import DeviceError
-    from nlos.drivers.link.usbtmc import available_instruments
-
     try:
         return available_instruments(), ""
     except DeviceError as error:
@@ -87,9 +80,6 @@ def usb_instruments() -> "tuple[list[UsbInfo], str]":
 
 def _simulated(settings: "BenchSettings") -> list[Expected]:
     """A simulated bench is there by being opened."""
-    from nlos.drivers.bench import open_bench
-    from nlos.drivers.errors import DeviceError
-
     blocks = (("mirror", settings.mirror), ("counter", settings.counter))
     named = [(role, block.model, block.address) for role, block in blocks]
     try:

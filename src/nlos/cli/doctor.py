@@ -15,6 +15,10 @@ from nlos.cli.exit_codes import ExitCode, UsageError
 from nlos.cli.named_files import BenchWord
 from nlos.cli.targets import page_target
 from nlos.cli.terminal import terminal
+from nlos.doctor.area import area_of
+from nlos.doctor.examination import Visit, examine
+from nlos.doctor.hands import light_is_agreed_to
+from nlos.doctor.page import write_page
 
 if TYPE_CHECKING:
     from nlos.doctor.findings import Finding
@@ -48,11 +52,6 @@ def doctor(
     the corners, settling, trip, watchdog, interlock and a pulled cable. A person is asked for a lamp, the interlock and
     the cable.
     """
-    from nlos.doctor.area import area_of
-    from nlos.doctor.examination import Visit, examine
-    from nlos.doctor.hands import light_is_agreed_to
-    from nlos.doctor.page import write_page
-
     if output is not None and not thorough:
         raise UsageError("-o names the page of a thorough examination. Use --thorough as well.")
     table = load_bench(bench)

@@ -6,8 +6,12 @@ from typing import Annotated
 import typer
 
 from nlos.cli.file_words import Response
+from nlos.cli.method_settings import parse_settings
 from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
+from nlos.recon import evaluate as evaluation
+from nlos.recon.methods import usable
+from nlos.response import response_wanted, with_response
 
 
 def evaluate(
@@ -28,11 +32,7 @@ def evaluate(
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Every method on every scene under every condition: a table, and a gallery."""
-    from nlos.cli.method_settings import parse_settings
-    from nlos.recon import evaluate as evaluation
     from nlos.recon.evaluation_report import NAMES, write_evaluation
-    from nlos.recon.methods import usable
-    from nlos.response import response_wanted, with_response
 
     scenes = [*data, *(more or [])]
     for path in scenes:

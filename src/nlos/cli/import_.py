@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from nlos.acquisition.importers.isolated import one_reader
+from nlos.acquisition.importers.to_recording import write_recording
 from nlos.cli.file_words import Axes, BinWidth, Rectified, WallSize, given
 from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
@@ -24,9 +26,6 @@ def import_(
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Reads other people's formats into a recording; says what a format could not hold."""
-    from nlos.acquisition.importers.isolated import one_reader
-    from nlos.acquisition.importers.to_recording import write_recording
-
     said = given(wall_size_m, bin_width_ps, axes, rectified)
     written = []
     with one_reader() as reader:

@@ -8,6 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from nlos.acquisition.importers.isolated import NoScan, read_isolated
+from nlos.acquisition.importers.magic import HDF5_MAGIC, is_recording, magic_of
+from nlos.acquisition.importers.to_recording import said_by_source
+from nlos.acquisition.recording.checked import open_checked
+from nlos.acquisition.recording.frames import frame_table
+from nlos.cli.info_of_products import of_product
 from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
@@ -27,9 +33,6 @@ def info(run: Annotated[Path, typer.Argument(metavar="RUN")]) -> None:
 
 
 def _found(run: Path) -> dict[str, Any]:
-    from nlos.acquisition.importers.magic import HDF5_MAGIC, is_recording, magic_of
-    from nlos.acquisition.recording.checked import open_checked
-
     if is_recording(run):
         with open_checked(run) as recording:
             return _of_recording(recording)
@@ -37,11 +40,8 @@ def _found(run: Path) -> dict[str, Any]:
         from nlos.recon.weights.described import summary
 
         return summary(str(run))
-    if magic_of(run) == HDF5_MAGIC:
-        from nlos.cli.info_of_products import of_product
-
-        if (product := of_product(run)) is not None:
-            return product
+    if magic_of(run) == HDF5_MAGIC and (product := of_product(run)) is not None:
+        return product
     return _of_import(run)
 
 
@@ -79,8 +79,6 @@ def _of_recording(recording: "Recording") -> dict[str, Any]:
 
 def _of_frames(recording: "Recording", records: Any) -> dict[str, Any]:
     """Of a recording of several frames: how many, how fast, and each one's time, laser and light."""
-    from nlos.acquisition.recording.frames import frame_table
-
     plan = recording.plan
     if plan.frames == 1:
         return {}
@@ -97,14 +95,10 @@ def _of_frames(recording: "Recording", records: Any) -> dict[str, Any]:
 
 
 def _imported(recording: "Recording") -> dict[str, object]:
-    from nlos.acquisition.importers.to_recording import said_by_source
-
     return said_by_source(recording)
 
 
 def _of_import(run: Path) -> dict[str, Any]:
-    from nlos.acquisition.importers.isolated import NoScan, read_isolated
-
     try:
         scan = read_isolated(run, describe=True)
     except NoScan as error:

@@ -6,6 +6,9 @@ from typing import Any
 import numpy as np
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.isolated import check_isolated
+from nlos.calibration.constants import load
+from nlos.recon.results import read_reconstruction
 
 
 def of_product(path: Path) -> dict[str, Any] | None:
@@ -13,8 +16,6 @@ def of_product(path: Path) -> dict[str, Any] | None:
 
     A child reads it first, as every file: a damaged one stops nobody.
     """
-    from nlos.acquisition.importers.isolated import check_isolated
-
     for reader, describe in (
         ("nlos.calibration.constants:load", _of_constants),
         ("nlos.recon.results:read_reconstruction", _of_result),
@@ -28,8 +29,6 @@ def of_product(path: Path) -> dict[str, Any] | None:
 
 
 def _of_constants(path: Path) -> dict[str, Any]:
-    from nlos.calibration.constants import load
-
     held = load(path)
     summary = held.summary()
     found: dict[str, Any] = {
@@ -53,8 +52,6 @@ def _of_constants(path: Path) -> dict[str, Any]:
 
 
 def _of_result(path: Path) -> dict[str, Any]:
-    from nlos.recon.results import read_reconstruction
-
     held = read_reconstruction(path)
     rows, cols = held.albedo.shape
     seen = np.isfinite(held.depth_m)

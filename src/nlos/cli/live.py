@@ -15,6 +15,11 @@ import typer
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.terminal import terminal
+from nlos.live.page import LivePage
+from nlos.live.process import SOCKET, TOKEN, listening, methods_for, state_file, write_state
+from nlos.live.scan import LiveScan
+from nlos.live.web import WebServer
+from nlos.recon.live import LiveReconstruction
 
 MOST_RUNS = 4
 ENDS_S = 15.0
@@ -36,12 +41,6 @@ def live(
     ] = None,
 ) -> None:
     """A read-only page on 127.0.0.1. Whoever has its address may look; nobody can control anything. Ctrl-C ends it."""
-    from nlos.live.page import LivePage
-    from nlos.live.process import SOCKET, TOKEN, listening, methods_for, state_file, write_state
-    from nlos.live.scan import LiveScan
-    from nlos.live.web import WebServer
-    from nlos.recon.live import LiveReconstruction
-
     seeing: dict[str, object] = {}
     if weights is not None:
         method, seeing = chosen_method(weights, method, {})

@@ -5,6 +5,9 @@ from typing import Annotated
 
 import typer
 
+from nlos.catalogue import method as one
+from nlos.catalogue import methods as known
+from nlos.cli.setting_table import show_settings
 from nlos.cli.terminal import terminal
 
 
@@ -15,10 +18,6 @@ def methods(
     ] = None,
 ) -> None:
     """Every reconstruction method, one line each; with NAME, its settings: what, unit, default, range."""
-    from nlos.catalogue import method as one
-    from nlos.catalogue import methods as known
-    from nlos.cli.setting_table import show_settings
-
     if name is None:
         found = known()
         width = max(map(len, found))

@@ -4,17 +4,15 @@ from typing import Annotated
 
 import typer
 
+from nlos.configs.load import names
+
 
 def _scans(incomplete: str) -> list[str]:
     """Shipped scans that begin so; a shell adds the files."""
-    from nlos.configs.load import names
-
     return [name for name in names("scan") if name.startswith(incomplete)]
 
 
 def _benches(incomplete: str) -> list[str]:
-    from nlos.configs.load import names
-
     return [name for name in names("bench") if name.startswith(incomplete)]
 
 

@@ -2,15 +2,17 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
+from pydantic import ValidationError
 
+from nlos.cli.doctor import doctor
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
-
-if TYPE_CHECKING:
-    from nlos.new_bench.questions import Question
+from nlos.new_bench.detection import detect
+from nlos.new_bench.questions import Question, questions
+from nlos.new_bench.writing import bench_text, blocks_of
 
 
 def new(
@@ -29,13 +31,6 @@ def new(
 ) -> int:
     """Writes a bench file by questions. On a terminal each is asked, with what is plugged in as its default; elsewhere
     defaults are taken, and what has none has to be given with --answer."""
-    from pydantic import ValidationError
-
-    from nlos.cli.doctor import doctor
-    from nlos.new_bench.detection import detect
-    from nlos.new_bench.questions import questions
-    from nlos.new_bench.writing import bench_text, blocks_of
-
     if what != "bench":
         raise UsageError(f"new {what}: only `nlos new bench` is known")
     if output.exists() and not overwrite:

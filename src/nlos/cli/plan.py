@@ -5,19 +5,39 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from nlos.acquisition.planning.direct_light import expected_direct, window_warnings
+from nlos.acquisition.planning.preflight import (
+    Expectation,
+    ExpectedRates,
+    aim_of,
+    beam_within_px,
+    check_light,
+    checked_angles,
+    disk_bytes,
+    expectation,
+    fitted,
+    refitted,
+)
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.planning.schemes import Choice, Scheme, choose
+from nlos.acquisition.planning.timing import Links, Pace, learned_links, links_of, moves_s
+from nlos.acquisition.recording.checked import open_checked
+from nlos.acquisition.response import Response as InstrumentResponse
+from nlos.acquisition.response import gaussian
+from nlos.acquisition.scanning.light_watch import SHUT_WITHIN_S
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 from nlos.cli.benches import load_bench, measured_constants, opened, twin
 from nlos.cli.file_words import Response
 from nlos.cli.named_files import BenchWord, ScanWord
 from nlos.cli.targets import picture_target
 from nlos.cli.terminal import terminal
+from nlos.configs.load import load
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.response import resolution_across_m, response_of, response_wanted
 
 if TYPE_CHECKING:
     from nlos.acquisition.planning.aim import Aiming
     from nlos.acquisition.planning.plan import ScanPlan
-    from nlos.acquisition.planning.preflight import Expectation, ExpectedRates
-    from nlos.acquisition.planning.schemes import Choice
-    from nlos.acquisition.planning.timing import Links
-    from nlos.acquisition.response import Response as InstrumentResponse
     from nlos.drivers.bench import Bench
     from nlos.drivers.bench_settings import BenchSettings
 
@@ -41,22 +61,6 @@ def plan(
 ) -> None:
     """Checks everything that `scan` would; duration with its parts, disk, photons to expect. Moves nothing: a real
     bench is not even opened, its simulated twin is asked."""
-    from nlos.acquisition.planning.direct_light import expected_direct, window_warnings
-    from nlos.acquisition.planning.preflight import (
-        ExpectedRates,
-        aim_of,
-        beam_within_px,
-        check_light,
-        checked_angles,
-        expectation,
-        fitted,
-        refitted,
-    )
-    from nlos.acquisition.planning.scan_settings import ScanSettings
-    from nlos.acquisition.planning.schemes import choose
-    from nlos.configs.load import load
-    from nlos.response import response_of, response_wanted
-
     if picture is not None and picture_target(picture).exists() and not overwrite:
         raise FileExistsError(f"{picture}: exists. Choose another name, or use --overwrite.")
     told = response_wanted(response)
@@ -97,11 +101,6 @@ def plan(
 
 def _learned(like: Path, bench: "Bench", aim: "Aiming") -> "tuple[ExpectedRates, Links]":
     """Photon rates, and the cables' times if the past scan was stepped by the host."""
-    from nlos.acquisition.planning.preflight import ExpectedRates
-    from nlos.acquisition.planning.timing import Pace, learned_links, links_of, moves_s
-    from nlos.acquisition.recording.checked import open_checked
-    from nlos.drivers.galvo.mirror import MirrorAngles
-
     links = links_of(bench)
     with open_checked(like) as recording:
         rates = ExpectedRates.of_recording(recording)
@@ -124,8 +123,6 @@ def _tell_light(expected: "Expectation") -> None:
 
 
 def _tell_beam(settled_px: float, plan: "ScanPlan", choice: "Choice") -> None:
-    from nlos.acquisition.planning.schemes import Scheme
-
     if choice.scheme is Scheme.SWEPT and plan.within_px is not None:
         within_px = plan.within_px
         how = "in the middle of its dwell; the lag is measured first, and nothing is swept where that does not hold"
@@ -136,8 +133,6 @@ def _tell_beam(settled_px: float, plan: "ScanPlan", choice: "Choice") -> None:
 
 def _simulated(settings: "BenchSettings") -> "InstrumentResponse | None":
     """Of the simulated detector, where the bench is drawn; a lab's is not known before it is measured."""
-    from nlos.acquisition.response import gaussian
-
     if not settings.simulated or settings.simulation is None:
         return None
     return gaussian(settings.simulation.detector.jitter_fwhm_ps * 1e-12, "the simulated detector's")
@@ -145,9 +140,6 @@ def _simulated(settings: "BenchSettings") -> "InstrumentResponse | None":
 
 def _tell_resolution(plan: "ScanPlan", response: "InstrumentResponse | None") -> None:
     """What the scan can tell apart, at depths of half the wall's width and of all of it."""
-    from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
-    from nlos.response import resolution_across_m
-
     wall, bin_s = plan.wall, plan.axis.bin_width_s
     pixel_m = max(wall.width_m / wall.cols, wall.height_m / wall.rows)
     if response is None:
@@ -169,9 +161,6 @@ def _tell_resolution(plan: "ScanPlan", response: "InstrumentResponse | None") ->
 
 
 def _tell(plan: "ScanPlan", choice: "Choice", other_axis: str) -> None:
-    from nlos.acquisition.planning.preflight import disk_bytes
-    from nlos.acquisition.scanning.light_watch import SHUT_WITHIN_S
-
     forecast = choice.forecast
     low_s, high_s = forecast.band_s
     disk = disk_bytes(plan)

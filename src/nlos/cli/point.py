@@ -6,9 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from nlos.by_hand.opening import in_hand
 from nlos.cli.benches import load_bench
 from nlos.cli.named_files import BenchWord
 from nlos.cli.terminal import terminal
+from nlos.drivers.errors import LimitError
+from nlos.drivers.galvo.mirror import MirrorAngles
 
 if TYPE_CHECKING:
     from nlos.by_hand.hand import Hand
@@ -32,10 +35,6 @@ def point(
 ) -> None:
     """Sends the beam to one place and stays there: until a key on a terminal, for --hold or --light seconds elsewhere.
     SPACE, held down, gives light as well. The mirror parks in the dark afterwards."""
-    from nlos.by_hand.opening import in_hand
-    from nlos.drivers.errors import LimitError
-    from nlos.drivers.galvo.mirror import MirrorAngles
-
     table = load_bench(bench)
     with in_hand(table, {"mirror"}, light, no_shutter) as hand:
         if hand.reach is None:

@@ -6,6 +6,8 @@ from typing import Annotated
 import typer
 
 from nlos.cli.terminal import terminal
+from nlos.series.carry_out import Series, carry_out, forecast
+from nlos.series.sweep import load_queue
 
 
 def queue(
@@ -15,9 +17,6 @@ def queue(
 ) -> int:
     """Takes every scan of a queue file. Called again it resumes: after Ctrl-C, an alarm, a full disk, a power cut. What
     is done stays; what was cut off is resumed; recordings, not the journal, have the last word."""
-    from nlos.series.carry_out import Series, carry_out, forecast
-    from nlos.series.sweep import load_queue
-
     series = Series.of(load_queue(file), retry)
     if plan:
         forecast(series)

@@ -6,11 +6,22 @@ from typing import Annotated, Any
 import typer
 
 from nlos.acquisition.importers.given import NOTHING
+from nlos.chain import FIRST_STAGE, STAGES, reconstruct_file
+from nlos.cli.archive import files_of, folders_for, reconstruct_archive, worst
+from nlos.cli.archive_record import RECORD
+from nlos.cli.archive_task import Task
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.file_words import Axes, BinWidth, Depths, Rectified, Response, WallSize, depths, given
+from nlos.cli.film import reconstruct_film
 from nlos.cli.method_settings import Weights, chosen_method, parse_settings
 from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
+from nlos.live.following import follow_to_folder
+from nlos.recon.device import check_device
+from nlos.recon.parts import heard_by
+from nlos.recon.results import NAMES, files_in, read_explained
+from nlos.recon.volume import response_words
+from nlos.response import response_wanted
 
 
 def reconstruct(
@@ -59,11 +70,6 @@ def reconstruct(
     ] = False,
 ) -> None:
     """From a recording, or any file that an importer reads, to a picture."""
-    from nlos.chain import FIRST_STAGE, STAGES, reconstruct_file
-    from nlos.recon.parts import heard_by
-    from nlos.recon.results import NAMES, files_in
-    from nlos.recon.volume import response_words
-
     method, chosen = chosen_method(weights, method, parse_settings(settings or []))
     _check(method, chosen, device, response)
     said, limits_m = given(wall_size_m, bin_width_ps, axes, rectified), depths(depth_m)
@@ -75,8 +81,6 @@ def reconstruct(
         _follow(runs, method, chosen, output, constants, response, device, volume, html, overwrite, scheduler)
         return
     if film or window is not None:
-        from nlos.cli.film import reconstruct_film
-
         if (
             not film
             or len(runs) != 1
@@ -130,10 +134,6 @@ def _reconstruct_archive(
     skip_existing: bool,
 ) -> None:
     """Several files, or a folder of them: each has an outcome of its own."""
-    from nlos.cli.archive import files_of, folders_for, reconstruct_archive, worst
-    from nlos.cli.archive_record import RECORD
-    from nlos.cli.archive_task import Task
-
     files = files_of(runs)
     tasks = [
         Task(str(file), file, folder, method, settings, options)
@@ -151,8 +151,6 @@ def _reconstruct_archive(
 
 def _say(method: str, done: list[tuple[str, Path, float | None]]) -> None:
     """What was made: the file, where its results lie, and what it took."""
-    from nlos.recon.results import files_in, read_explained
-
     told = [read_explained(folder) for _, folder, _ in done]
     for (_, folder, took_s), explained in zip(done, told, strict=True):
         took = "" if took_s is None else f", {took_s:.2f} s"
@@ -174,9 +172,7 @@ def _say(method: str, done: list[tuple[str, Path, float | None]]) -> None:
 
 def _check(method: str, settings: dict[str, object], device: str, response: str) -> None:
     """Refuses what no file can change, before any is read. Raises `InvalidSettings`."""
-    from nlos.recon.device import check_device
     from nlos.recon.methods import parse_settings
-    from nlos.response import response_wanted
 
     parse_settings(method, {key: value for key, value in settings.items() if key != "offsets"})
     check_device(device)
@@ -196,9 +192,6 @@ def _follow(
     overwrite: bool,
     scheduler: str | None,
 ) -> None:
-    from nlos.live.following import follow_to_folder
-    from nlos.recon.results import files_in
-
     if len(runs) != 1 or scheduler is not None:
         raise UsageError("--follow: follows one RUN, here")
     scan = follow_to_folder(

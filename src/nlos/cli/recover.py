@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from nlos.acquisition.recording.checked import check_recording
+from nlos.acquisition.recording.salvage import recover as recover_recording
 from nlos.cli.terminal import terminal
 
 
@@ -14,9 +16,6 @@ def recover(
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Copies every intact sample into a new recording; the old file is left as it is."""
-    from nlos.acquisition.recording.checked import check_recording
-    from nlos.acquisition.recording.salvage import recover as recover_recording
-
     check_recording(run)
     samples = recover_recording(run, output, overwrite=overwrite)
     terminal.result(f"{output}: {samples} intact samples", recording=str(output), samples=samples)

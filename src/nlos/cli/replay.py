@@ -6,12 +6,18 @@ from typing import Annotated
 
 import typer
 
+from nlos.acquisition.recording.checked import open_checked
+from nlos.acquisition.recording.recording import Status
+from nlos.acquisition.recording.replay import replay as play
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.chain import reconstruct_file
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.file_words import Response
 from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.progress import Progress
 from nlos.cli.targets import recording_target
 from nlos.cli.terminal import terminal
+from nlos.recon.results import files_in
 
 
 def replay(
@@ -26,11 +32,6 @@ def replay(
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Plays the samples of a recording, into a new recording and a picture where asked for."""
-    from nlos.acquisition.recording.checked import open_checked
-    from nlos.acquisition.recording.recording import Status
-    from nlos.acquisition.recording.replay import replay as play
-    from nlos.acquisition.recording.writer import RecordingWriter
-
     pace = _pace(speed)
     settings: dict[str, object] = {}
     if weights is not None:
@@ -68,9 +69,6 @@ def replay(
         recording=str(output or run), samples=samples, photons=photons, left_aside=left_aside,
     )  # fmt: skip
     if reconstruct is not None:
-        from nlos.chain import reconstruct_file
-        from nlos.recon.results import files_in
-
         folder = (output or run).with_suffix("")
         reconstruct_file(output or run, reconstruct, settings, folder, response=response, overwrite=overwrite)
         names = files_in(folder)

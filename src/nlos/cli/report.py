@@ -7,6 +7,8 @@ import typer
 
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
+from nlos.live.process import methods_for
+from nlos.report.page import write_report
 
 
 def report(
@@ -19,9 +21,6 @@ def report(
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """The best picture, how good it is, 3D, other methods, calibration, rates, and then tables and the event log."""
-    from nlos.live.process import methods_for
-    from nlos.report.page import write_report
-
     target = output or runs[0].with_suffix(".html")
     if target.exists() and not overwrite:
         raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --overwrite.")

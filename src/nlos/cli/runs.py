@@ -1,16 +1,16 @@
 """`nlos runs`: finds scans again, by sample, operator, note, tag, day, or anything else that is known of them."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.targets import page_target
 from nlos.cli.terminal import terminal
-
-if TYPE_CHECKING:
-    from nlos.runs.index import Run
+from nlos.run_defaults import data_folder
+from nlos.runs.index import SORTS, Run, RunsIndex
+from nlos.runs.page import write_page
 
 _LONGEST = 40
 _HEADS = ("started", "status", "points", "sample", "operator", "tags", "path", "note")
@@ -37,9 +37,6 @@ def runs(
 ) -> None:
     """Lists recordings below a folder, the latest first. The index is made from the files and brought up to date
     first; deleting it loses nothing."""
-    from nlos.run_defaults import data_folder
-    from nlos.runs.index import SORTS, RunsIndex
-
     where = folder or data_folder() or Path()
     if not where.is_dir():
         raise FileNotFoundError(f"{where}: no such folder")
@@ -59,8 +56,6 @@ def runs(
         for run in found
     ]
     if page is not None:
-        from nlos.runs.page import write_page
-
         write_page(page, where, found, " ".join(words or []))
         terminal.result(str(page), page=str(page))
 

@@ -16,6 +16,8 @@ from nlos.cli.taking import ScanOptions, require_shutter, take
 from nlos.configs.load import load
 from nlos.live.good_enough import parse_until
 from nlos.live.process import methods_for
+from nlos.recon.methods import find
+from nlos.response import response_wanted
 from nlos.run_defaults import dated_name, hooks_for, notes_for
 from nlos.series.sweep import swept
 from nlos.telling import told
@@ -80,9 +82,6 @@ def scan(
     if weights is not None:
         reconstruct, seeing = chosen_method(weights, reconstruct, {})
     if reconstruct is not None:
-        from nlos.recon.methods import find
-        from nlos.response import response_wanted
-
         find(reconstruct)
         response_wanted(response)
     level = None if until is None else parse_until(until)

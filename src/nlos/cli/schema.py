@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from nlos.cli.terminal import terminal
+from nlos.schemas import schema_of
 
 
 def schema(
@@ -16,8 +17,6 @@ def schema(
 ) -> None:
     """Prints the JSON Schema of a kind of YAML file. An editor that knows the YAML language server completes keys after
     a first line `# yaml-language-server: $schema=FILE`."""
-    from nlos.schemas import schema_of
-
     made = schema_of(kind)
     terminal.result(json.dumps(made, indent=2))
     terminal.document["schema"] = made

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from nlos.acquisition.network.address import listening_address
+from nlos.acquisition.recording.checked import open_checked
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
 
@@ -25,9 +27,7 @@ def serve(
     ] = 60.0,
 ) -> None:
     """Writes RUN.ticket; `nlos reconstruct RUN.ticket --follow` on the other machine does the rest. Ctrl-C ends it."""
-    from nlos.acquisition.network.address import listening_address
-    from nlos.acquisition.network.server import AddressTaken, SampleServer
-    from nlos.acquisition.recording.checked import open_checked
+    from nlos.acquisition.network.server import AddressTaken, SampleServer  # needs the extra `live`
 
     try:
         address = listening_address(host)

@@ -8,6 +8,7 @@ from nlos.cli.benches import load_bench, wire_logged
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.named_files import BenchWord
 from nlos.cli.terminal import terminal
+from nlos.drivers.dark import make_dark
 
 
 def shutter(
@@ -15,8 +16,6 @@ def shutter(
     bench: BenchWord = None,
 ) -> None:
     """Closes the laser shutter: only what drives it has to answer."""
-    from nlos.drivers.dark import make_dark
-
     if what != "close":
         raise UsageError(f"shutter {what}: only `nlos shutter close` is known; scans open it by themselves.")
     table = load_bench(bench)

@@ -12,6 +12,9 @@ import typer
 
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
+from nlos.live.web import WebServer
+from nlos.run_defaults import data_folder
+from nlos.status_page import StatusPage
 
 NICENESS = 10
 
@@ -31,10 +34,6 @@ def status(
     """A page that asks for itself again every few seconds. Whoever has its address may look; nobody can control
     anything. It is made from the files, by a process of its own: start it on any machine that sees the data folder.
     Ctrl-C ends it."""
-    from nlos.live.web import WebServer
-    from nlos.run_defaults import data_folder
-    from nlos.status_page import StatusPage
-
     where = folder or data_folder() or Path()
     if not where.is_dir():
         raise FileNotFoundError(f"{where}: no such folder")

@@ -12,6 +12,7 @@ from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.run_notes import NO_NOTES, RunNotes
 from nlos.acquisition.recording.salvage import settle
 from nlos.acquisition.scanning.control import ScanControl
+from nlos.chain import reconstruct_file
 from nlos.cli.benches import opened
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.interrupts import Interrupts
@@ -24,6 +25,9 @@ from nlos.drivers.errors import SafetyTrip
 from nlos.drivers.exit_paths import undisturbed
 from nlos.live.good_enough import Enough
 from nlos.live.process import methods_for, start_live
+from nlos.recon.explained import NOT_LOOKED_FOR
+from nlos.recon.results import files_in
+from nlos.recon.volume import response_words
 from nlos.scan_ending import ScanEnding
 from nlos.scan_preparation import PreparedScan, ScanRequest, prepare
 
@@ -186,11 +190,6 @@ def _ask(interrupts: Interrupts, progress: Progress, writer: "RecordingWriter", 
 
 def _reconstruct(run: Path, method: str, settings: dict[str, object], response: str, overwrite: bool) -> None:
     """The picture of a scan that has just ended. Raises `Stopped`: whatever fails here, the scan is safe."""
-    from nlos.chain import reconstruct_file
-    from nlos.recon.explained import NOT_LOOKED_FOR
-    from nlos.recon.results import files_in
-    from nlos.recon.volume import response_words
-
     folder = run.with_suffix("")
     done = reconstruct_file(run, method, settings, folder, response=response, overwrite=overwrite)
     terminal.result(f"{folder}: {', '.join(files_in(folder))} ({method}, {done.seconds:.2f} s)")

@@ -10,9 +10,9 @@ import typer
 from nlos.cli.exit_codes import ExitCode, Stopped
 from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
+from nlos.configs.load import ConfigError, Loaded, load, where
 
 if TYPE_CHECKING:
-    from nlos.configs.load import Loaded
     from nlos.recon.training.train_settings import TrainSettings
 
 LINE_S = 60.0
@@ -33,7 +33,6 @@ def train(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Begin again instead of resuming.")] = False,
 ) -> None:
     """Train a learned method; an interrupted run resumes from its last checkpoint."""
-    from nlos.configs.load import load
     from nlos.recon.training import train as training
     from nlos.recon.training.run_folder import STATE
     from nlos.recon.training.train_settings import TrainSettings
@@ -81,7 +80,6 @@ def _rank() -> int:
 
 def _refuse_problems(loaded: "Loaded[TrainSettings]") -> None:
     """Raises `ConfigError` with the line of everything that would stop the training later."""
-    from nlos.configs.load import ConfigError, where
     from nlos.recon.training.checks import problems
 
     if found := problems(loaded.settings):

@@ -5,16 +5,15 @@ from typing import Annotated
 
 import typer
 
+from nlos.acquisition.recording.checked import check_recording
+from nlos.acquisition.recording.condition import listed
+from nlos.acquisition.recording.salvage import verify as verify_recording
 from nlos.cli.exit_codes import ExitCode, Stopped
 from nlos.cli.terminal import terminal
 
 
 def verify(run: Annotated[Path, typer.Argument(metavar="RUN")]) -> None:
     """Checks every sample's checksum. Exits 0 where every planned sample is there, and what was measured."""
-    from nlos.acquisition.recording.checked import check_recording
-    from nlos.acquisition.recording.condition import listed
-    from nlos.acquisition.recording.salvage import verify as verify_recording
-
     check_recording(run)
     found = verify_recording(run)
     rows = found.rows

@@ -16,6 +16,7 @@ from nlos.acquisition.sample import Sample
 from nlos.acquisition.scanning.engine import record, scan
 from nlos.acquisition.wall import WallGrid
 from nlos.calibration.errors import InvalidData
+from nlos.chain import reconstruct_file
 from nlos.doctor.area import area_of, range_m
 from nlos.doctor.findings import Finding, failed, passed, warned
 from nlos.doctor.gates import axis_of, expected_s
@@ -87,8 +88,6 @@ def _direct_light(samples: list[Sample], bench: Bench) -> Finding:
 
 
 def _reconstruction(run: Path, folder: Path) -> Iterator[Finding]:
-    from nlos.chain import reconstruct_file
-
     try:
         done = reconstruct_file(run, "lct", {}, folder / "doctor")
     except InvalidData as error:

@@ -7,11 +7,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nlos.acquisition.errors import StorageError
+from nlos.acquisition.network.ticket import Ticket
 from nlos.cli.terminal import terminal
+from nlos.live.scan import LiveScan
+from nlos.recon.live import LivePicture, LiveReconstruction
+from nlos.recon.results import NAMES, write_reconstruction
+from nlos.recon.view3d import write_view3d
+from nlos.response import response_wanted
 
 if TYPE_CHECKING:
-    from nlos.live.scan import LiveScan
-    from nlos.recon.live import LivePicture
     from nlos.recon.volume import Reconstruction
 
 
@@ -33,18 +38,11 @@ def follow_to_folder(
 
     Raises FileExistsError unless `overwrite`, and what following raises.
     """
-    from nlos.live.scan import LiveScan
-    from nlos.recon.live import LiveReconstruction
-    from nlos.recon.results import NAMES
-    from nlos.response import response_wanted
-
     live = LiveReconstruction(method, settings, device)
     for name in (*NAMES, "view3d.html") if html else NAMES:
         if (folder / name).exists() and not overwrite:
             raise FileExistsError(f"{folder / name}: exists. Choose another folder with -o, or use --overwrite.")
     if run.suffix == ".ticket":
-        from nlos.acquisition.network.ticket import Ticket
-
         Ticket.load(run)
     folder.mkdir(parents=True, exist_ok=True)
 
@@ -61,16 +59,12 @@ def follow_to_folder(
         scan.start()
         scan.wait()
     if html and scan.picture is not None:
-        from nlos.recon.view3d import write_view3d
-
         write_view3d(folder / "view3d.html", scan.picture.reconstruction)
     return scan
 
 
 def replace_numbers(folder: Path, reconstruction: "Reconstruction", keep_volume: bool) -> None:
     """reconstruction.h5, written beside and put in place: no reader meets half a file, or waits for drawing."""
-    from nlos.recon.results import NAMES, write_reconstruction
-
     with tempfile.TemporaryDirectory(dir=folder, prefix=".next-") as fresh:
         data = Path(fresh) / NAMES[0]
         write_reconstruction(data, reconstruction, keep_volume)
@@ -80,7 +74,6 @@ def replace_numbers(folder: Path, reconstruction: "Reconstruction", keep_volume:
 def replace_pictures(folder: Path, picture: "LivePicture", keep_volume: bool) -> None:
     """The pictures, in the same way."""
     from nlos.recon.pictures import albedo_picture, confidence_picture, depth_picture, slices_picture
-    from nlos.recon.results import NAMES
 
     result = picture.reconstruction
     draw = [(albedo_picture, NAMES[1]), (depth_picture, NAMES[2])]
@@ -100,8 +93,7 @@ def local_copy(run: Path, folder: Path) -> Iterator[Path]:
     if run.suffix != ".ticket":
         yield run
         return
-    from nlos.acquisition.errors import StorageError
-    from nlos.acquisition.network.far_copy import FarCopy
+    from nlos.acquisition.network.far_copy import FarCopy  # needs the extra `live`
 
     local = folder / run.with_suffix(".h5").name
     with FarCopy(run, local) as copy:

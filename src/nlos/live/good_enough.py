@@ -11,12 +11,18 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nlos.acquisition.recording.recording import Recording
+from nlos.calibration.errors import InvalidData
+from nlos.chain import calibrate_scan, constants_for
 from nlos.cli.exit_codes import UsageError
+from nlos.live.process import read_state, state_file
+from nlos.live.so_far import gathering_for, new_scan, scan_of
+from nlos.recon.errors import ReconError
+from nlos.recon.live import GROWTH, LivePicture, LiveReconstruction
 
 if TYPE_CHECKING:
     from nlos.acquisition.planning.plan import ScanPlan
     from nlos.acquisition.sample import Sample
-    from nlos.recon.live import LivePicture
 
 LEVEL = 0.05
 FIRST_FRACTION = 0.05
@@ -41,11 +47,6 @@ class Enough:
     ) -> None:
         """Before `run` is opened for writing: where it is `resumed`, what it holds is read here. `watched`: the live
         process of `run` makes the pictures, and its figures are read here."""
-        from nlos.acquisition.recording.recording import Recording
-        from nlos.live.process import state_file
-        from nlos.live.so_far import gathering_for
-        from nlos.recon.live import GROWTH, LiveReconstruction
-
         self._growth = GROWTH
         self.reached = False
         """Whether the scan, or the first of its passes, ended for being good enough."""
@@ -90,11 +91,6 @@ class Enough:
         return None if picture is None else (picture.samples, picture.change, picture.error)
 
     def _picture(self) -> "LivePicture | None":
-        from nlos.calibration.errors import InvalidData
-        from nlos.chain import calibrate_scan, constants_for
-        from nlos.live.so_far import new_scan, scan_of
-        from nlos.recon.errors import ReconError
-
         try:
             scan = scan_of(new_scan(self._gathering.plan, self._devices, self._bench_json), self._gathering)
             transient = calibrate_scan(scan, constants=constants_for(scan, None))
@@ -104,8 +100,6 @@ class Enough:
             return None
 
     def _polled(self) -> tuple[int, float, float] | None:
-        from nlos.live.process import read_state
-
         assert self._state is not None
         if time.monotonic() - self._looked_s < AGAIN_S:
             return None

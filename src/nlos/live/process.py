@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
+from nlos.recon.methods import PLAIN, catalogue, find, torch_is_installed
 
 if TYPE_CHECKING:
     from nlos.recon.live import LivePicture
@@ -28,8 +29,6 @@ def methods_for(asked: str | None) -> list[str]:
     Before a scan begins, and without loading torch: raises `InvalidSettings` for a method that does not exist,
     `ModuleNotFoundError` for one whose packages are not installed, so that no page is promised that cannot be.
     """
-    from nlos.recon.methods import PLAIN, catalogue, find, torch_is_installed
-
     best = asked or ("nano" if torch_is_installed() else QUICK)
     if best not in catalogue():
         find(best)

@@ -1,26 +1,22 @@
 """One picture of next to nothing before the first photon: so that the first real one waits for no library to load."""
 
 import contextlib
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from nlos.recon.live import LiveReconstruction
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.calibration.errors import CalibrationError
+from nlos.chain import calibrate_scan
+from nlos.live.describe import described
+from nlos.loaded import LoadedScan
+from nlos.recon.live import LiveReconstruction
 
 SIDE, BINS = 8, 128
 
 
 def rehearse(live: "LiveReconstruction") -> None:
     """Calibrates, reconstructs and describes a scan of 8 x 8 points of a flat wall, and forgets it."""
-    from nlos.acquisition.planning.scan_settings import ScanSettings
-    from nlos.acquisition.transient import TimeAxis, Transient
-    from nlos.calibration.errors import CalibrationError
-    from nlos.chain import calibrate_scan
-    from nlos.live.describe import described
-    from nlos.loaded import LoadedScan
-    from nlos.recon.live import LiveReconstruction
-
     plan = ScanSettings.model_validate({
         "wall": {"width_m": 1.0, "height_m": 1.0, "rows": SIDE, "cols": SIDE}, "pattern": "raster", "dwell_ms": 1,
         "histogram": {"bins": BINS, "bin_width_ps": 32, "offset_ns": 10},

@@ -7,42 +7,35 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from nlos.acquisition.scanning.free_points import FreePoints
+from nlos.acquisition.scanning.gathering import Gathering
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.calibration.raw_points import RawPoints
+from nlos.loaded import LoadedScan, as_recorded
+
 if TYPE_CHECKING:
     from nlos.acquisition.planning.plan import ScanPlan
     from nlos.acquisition.recording.recording import Recording
-    from nlos.acquisition.scanning.free_points import FreePoints
-    from nlos.acquisition.scanning.gathering import Gathering
-    from nlos.acquisition.transient import Transient
-    from nlos.loaded import LoadedScan
 
 
 def gathering_for(plan: "ScanPlan") -> "Gathering | FreePoints":
     """An empty sum for this plan. Raises `InvalidData` where it would need more than 8 GiB."""
-    from nlos.acquisition.scanning.free_points import FreePoints
-    from nlos.acquisition.scanning.gathering import Gathering
-
     return Gathering(plan) if plan.positions.on_grid else FreePoints(plan)
 
 
 def new_scan(plan: "ScanPlan", devices: Mapping[str, str], bench_json: str = "{}") -> "LoadedScan":
     """A scan that is being taken, without samples."""
-    from nlos.loaded import LoadedScan
-
     transient, nothing = _nothing(plan)
     return LoadedScan(transient, devices, nothing, nothing, False, None, None, None, bench_json=bench_json)
 
 
 def empty_scan(recording: "Recording") -> "LoadedScan":
     """What the file says of itself, as a scan without samples."""
-    from nlos.loaded import as_recorded
-
     transient, nothing = _nothing(recording.plan)
     return as_recorded(recording, transient, nothing, nothing)
 
 
 def _nothing(plan: "ScanPlan") -> "tuple[Transient, npt.NDArray[np.float64]]":
-    from nlos.acquisition.transient import TimeAxis, Transient
-
     wall, axis = plan.wall, plan.axis
     nothing = np.zeros((wall.rows, wall.cols))
     counts = np.broadcast_to(np.float32(0), (axis.bins, *nothing.shape))  # takes no memory
@@ -51,9 +44,6 @@ def _nothing(plan: "ScanPlan") -> "tuple[Transient, npt.NDArray[np.float64]]":
 
 def scan_of(empty: "LoadedScan", so_far: "Gathering | FreePoints") -> "LoadedScan":
     """The same file with the samples gathered so far. Copies: adding more does not change it."""
-    from nlos.acquisition.scanning.gathering import Gathering
-    from nlos.calibration.raw_points import RawPoints
-
     if isinstance(so_far, Gathering):
         return replace(
             empty, transient=so_far.transient(), sync_count=so_far.sync_count.copy(),

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from nlos.calibration.correct import Corrected, correct
 from nlos.chain import calibrate_scan
 from nlos.report.html import number, picture, table
 
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
 
     from nlos.acquisition.transient import Transient
     from nlos.calibration.constants import BenchConstants
-    from nlos.calibration.correct import Corrected
     from nlos.loaded import LoadedScan
 
 _FOUND = {
@@ -34,8 +34,6 @@ _FOUND = {
 
 def calibrated(scan: "LoadedScan", constants: "BenchConstants | None") -> tuple["Transient", str, str]:
     """What `reconstruct` would work on, a sentence on how well it was calibrated, and the section about it."""
-    from nlos.calibration.correct import correct
-
     title = "<h2>Calibration</h2>"
     if scan.rectified:
         return calibrate_scan(scan), "", f"{title}<p>The source of this recording was rectified already.</p>"

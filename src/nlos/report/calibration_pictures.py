@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from nlos.calibration.alignment import align
+from nlos.calibration.detector import subtract_dark, undo_dead_time
+
 if TYPE_CHECKING:
     from nlos.calibration.constants import BenchConstants
     from nlos.calibration.correct import CorrectedPoints
@@ -59,7 +62,6 @@ def _map(panel: Any, raw: "RawPoints", values: Floats, label: str, symmetric: bo
 def _draw_time_offset(axes: Any, raw: "RawPoints", corrected: "CorrectedPoints") -> None:
     offsets = corrected.offsets
     assert offsets is not None
-    from nlos.calibration.alignment import align
 
     width_ns = raw.time.bin_width_s * 1e9
     order = np.argsort(raw.y_m * 1e6 + raw.x_m)[:: max(1, len(raw.counts) // 1024)]
@@ -80,8 +82,6 @@ def _draw_time_offset(axes: Any, raw: "RawPoints", corrected: "CorrectedPoints")
 
 
 def _draw_background(axes: Any, raw: "RawPoints", corrected: "CorrectedPoints", constants: "BenchConstants") -> None:
-    from nlos.calibration.detector import subtract_dark, undo_dead_time
-
     offsets = corrected.offsets
     assert offsets is not None
     end = np.clip(np.nan_to_num(offsets.offset_bins) - 20, 1, raw.time.bins).astype(int)
@@ -121,8 +121,6 @@ def _draw_direct_light(axes: Any, raw: "RawPoints", corrected: "CorrectedPoints"
 
 
 def _draw_dead_time(axes: Any, raw: "RawPoints", constants: "BenchConstants") -> None:
-    from nlos.calibration.detector import undo_dead_time
-
     time_ns = raw.time.centres_s() * 1e9
     before = raw.counts.sum(axis=0, dtype=np.float64)
     after = undo_dead_time(raw, constants)[0].sum(axis=0, dtype=np.float64)

@@ -3,15 +3,23 @@ nothing from anywhere and prints."""
 
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from html import escape
 from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nlos.acquisition.recording.checked import open_checked
+from nlos.calibration.errors import CalibrationError
 from nlos.chain import constants_for
 from nlos.cli.terminal import terminal
 from nlos.loaded import load_scan
+from nlos.recon.errors import InvalidData, ReconError
+from nlos.recon.methods import find
+from nlos.recon.reconstruct import reconstruct
+from nlos.recon.seen import depth_span, visible_depth
+from nlos.recon.view3d import write_view3d
 from nlos.report.calibration_part import calibrated
 from nlos.report.html import folded, picture
 from nlos.report.scan_part import ScanPart, scan_part
@@ -25,8 +33,6 @@ def write_report(runs: Sequence[Path], target: Path, methods: Sequence[str]) -> 
     """Writes the report on `runs` to `target`, pictures by the first of `methods` foremost: of a scan that has no
     picture, why. Raises what reading raises, and `InvalidSettings` for a method that does not exist, before anything
     is computed."""
-    from nlos.recon.methods import find
-
     knows_falloff = {method: "falloff" in find(method).Settings.model_fields for method in methods}
     sections, pictures = [], []
     for run in runs:
@@ -48,13 +54,6 @@ def _one(
     run: Path, methods: Sequence[str], knows_falloff: dict[str, bool], among_others: bool
 ) -> tuple[list["Reconstruction"], str]:
     """The pictures of one scan, and its part of the page."""
-    from dataclasses import replace
-
-    from nlos.acquisition.recording.checked import open_checked
-    from nlos.calibration.errors import CalibrationError
-    from nlos.recon.errors import ReconError
-    from nlos.recon.reconstruct import reconstruct
-
     with open_checked(run) as recording:
         said = scan_part(recording)
     made: list[Reconstruction] = []
@@ -89,7 +88,6 @@ def _one(
 def _summary(said: ScanPart, quality: str, best: "Sequence[Reconstruction]") -> str:
     """How good it is, in one paragraph."""
     from nlos.recon.pictures import si
-    from nlos.recon.seen import depth_span, visible_depth
 
     words = [said.sentence, quality]
     for result in best:
@@ -127,7 +125,6 @@ def _hero(result: "Reconstruction") -> str:
 
 def _side_by_side(pictures: "Sequence[Reconstruction]") -> str:
     """Every scan by every method on one colour scale, and the differences of neighbours on demand."""
-    from nlos.recon.errors import InvalidData
     from nlos.recon.gallery import difference_figure, gallery
 
     if not pictures:
@@ -146,7 +143,6 @@ def _side_by_side(pictures: "Sequence[Reconstruction]") -> str:
 
 def _turning(result: "Reconstruction") -> str:
     """The 3D view on a screen, a still picture of it on paper."""
-    from nlos.recon.view3d import write_view3d
     from nlos.report.still import still_figure
 
     with tempfile.TemporaryDirectory(prefix="nlos-report-") as folder:

@@ -15,6 +15,7 @@ from nlos.cli.exit_codes import ExitCode, UsageError, exit_code
 from nlos.cli.taking import ScanOptions, require_shutter, take
 from nlos.cli.terminal import terminal
 from nlos.configs.load import Loaded
+from nlos.recon.methods import find
 from nlos.run_defaults import hooks_for
 from nlos.series import journal as outcomes
 from nlos.series.expand import Run, expand
@@ -43,8 +44,6 @@ class Series:
         said = queue.settings.folder
         folder = queue.path.parent / (said if said is not None else queue.path.stem)
         if queue.settings.reconstruct is not None:
-            from nlos.recon.methods import find
-
             find(queue.settings.reconstruct)
         runs = expand(queue)
         for run in runs:
