@@ -5,8 +5,22 @@ from typing import Annotated
 
 import typer
 
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.exporters.matlab import write_matlab
+from nlos.acquisition.exporters.npz import write_npz
+from nlos.acquisition.exporters.ptu import write_ptu
+from nlos.acquisition.exporters.scan_arrays import arrays_of_import, arrays_of_recording
+from nlos.acquisition.exporters.ytal import write_ytal
+from nlos.acquisition.importers.isolated import check_isolated, read_isolated
+from nlos.acquisition.importers.magic import is_recording
+from nlos.acquisition.recording.checked import open_checked
 from nlos.cli.exit_codes import UsageError
+from nlos.cli.film import frames_counted
 from nlos.cli.terminal import terminal
+from nlos.recon.export_mesh import write_glb, write_obj
+from nlos.recon.export_ply import write_ply
+from nlos.recon.export_vti import write_vti
+from nlos.recon.results import read_reconstruction
 from nlos.whole_file import whole_file
 
 SCAN_FORMATS = {"npz": ".npz", "mat": ".mat", "ytal": ".hdf5", "ptu": ".ptu"}
@@ -52,16 +66,6 @@ def export(
 
 
 def _write_scan(run: Path, word: str, target: Path) -> list[str]:
-    from nlos.acquisition.errors import InvalidData
-    from nlos.acquisition.exporters.matlab import write_matlab
-    from nlos.acquisition.exporters.npz import write_npz
-    from nlos.acquisition.exporters.ptu import write_ptu
-    from nlos.acquisition.exporters.scan_arrays import arrays_of_import, arrays_of_recording
-    from nlos.acquisition.exporters.ytal import write_ytal
-    from nlos.acquisition.importers.isolated import read_isolated
-    from nlos.acquisition.importers.magic import is_recording
-    from nlos.acquisition.recording.checked import open_checked
-
     if is_recording(run):
         with open_checked(run) as recording:
             arrays = arrays_of_recording(recording)
@@ -81,7 +85,6 @@ def _write_scan(run: Path, word: str, target: Path) -> list[str]:
 
 
 def _write_film(run: Path, word: str, target: Path, method: str) -> list[str]:
-    from nlos.cli.film import frames_counted
     from nlos.film import film_of, write_gif, write_mp4
 
     with frames_counted(run) as counted:
@@ -92,12 +95,6 @@ def _write_film(run: Path, word: str, target: Path, method: str) -> list[str]:
 
 
 def _write_picture(run: Path, word: str, target: Path) -> list[str]:
-    from nlos.acquisition.importers.isolated import check_isolated
-    from nlos.recon.export_mesh import write_glb, write_obj
-    from nlos.recon.export_ply import write_ply
-    from nlos.recon.export_vti import write_vti
-    from nlos.recon.results import read_reconstruction
-
     check_isolated(run, "nlos.recon.results:read_reconstruction")
     result = read_reconstruction(run)
     if word == "vti":

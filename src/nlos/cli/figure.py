@@ -7,6 +7,7 @@ import typer
 
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
+from nlos.recon.results import read_reconstruction
 from nlos.whole_file import whole_file
 
 KINDS = (".pdf", ".svg", ".png")
@@ -27,7 +28,6 @@ def figure(
 ) -> None:
     """Front views above depths, every result on the same scale."""
     from nlos.recon.gallery import gallery
-    from nlos.recon.results import read_reconstruction
 
     if output.suffix.lower() not in KINDS:
         raise UsageError(f"-o {output}: a figure is {', '.join(KINDS)}")

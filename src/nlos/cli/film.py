@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+from nlos.acquisition.recording.checked import open_checked
 from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
 
@@ -11,8 +12,6 @@ from nlos.cli.terminal import terminal
 @contextmanager
 def frames_counted(run: Path) -> Iterator[Callable[[int], None]]:
     """What to tell of every frame that is done, as `film_of` does, to see them counted on the terminal."""
-    from nlos.acquisition.recording.checked import open_checked
-
     with open_checked(run) as recording:
         frames = recording.plan.frames
     with Progress(frames, what="film", unit="frames") as progress:

@@ -9,18 +9,18 @@ from nlos.cli.bench_files import check_bench_output, write_bench_file
 from nlos.cli.benches import load_bench, opened
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
+from nlos.doctor.area import area_of
+from nlos.doctor.hands import light_is_agreed_to
 from nlos.drivers.errors import LimitError
+from nlos.first_light.bench_lines import with_block
+from nlos.first_light.measuring import FirstLight, in_the_dark, in_the_light
 
 if TYPE_CHECKING:
     from nlos.drivers.bench import Bench
-    from nlos.first_light.measuring import FirstLight
 
 
 def first_light(bench: str | None, light: bool, output: Path | None, overwrite: bool) -> None:
     """Measures, says what was found, and writes the bench file with its `first_light` block to `output`."""
-    from nlos.first_light.bench_lines import with_block
-    from nlos.first_light.measuring import in_the_dark, in_the_light
-
     check_bench_output(output, overwrite, "first light writes")
     table = load_bench(bench)
     if table.settings.safety.dry_run:
@@ -38,9 +38,6 @@ def first_light(bench: str | None, light: bool, output: Path | None, overwrite: 
 
 def _agree(bench: "Bench", light: bool) -> None:
     """Light on a real bench is agreed to in words. Raises `LimitError` where nobody does."""
-    from nlos.doctor.area import area_of
-    from nlos.doctor.hands import light_is_agreed_to
-
     if light or bench.simulated is not None:
         return
     if not (somebody_is_there() and light_is_agreed_to(str(area_of(bench)))):

@@ -7,6 +7,11 @@ from typing import Annotated
 
 import typer
 
+from nlos.by_hand.jogging import Jog
+from nlos.by_hand.marks import Marks
+from nlos.by_hand.opening import in_hand
+from nlos.by_hand.screen import screen_of_terminal
+from nlos.by_hand.viewer import viewer
 from nlos.cli.benches import load_bench
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.named_files import BenchWord
@@ -30,12 +35,6 @@ def jog(
 ) -> None:
     """Moves the beam by arrow keys. SPACE, held down, gives light; nothing else does but --light. `m` marks a spot: its
     commanded angles, and where on the wall a ruler finds it, for `nlos calibrate --spots`."""
-    from nlos.by_hand.jogging import Jog
-    from nlos.by_hand.marks import Marks
-    from nlos.by_hand.opening import in_hand
-    from nlos.by_hand.screen import screen_of_terminal
-    from nlos.by_hand.viewer import viewer
-
     table = load_bench(bench)
     name = re.sub(r"[^A-Za-z0-9]+", "-", table.settings.name)[:60]
     book = Marks(marks or Path(f"spots-{name}-{datetime.now(UTC):%Y%m%d}.csv"))

@@ -10,6 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from nlos.by_hand import lines
+from nlos.by_hand.opening import in_hand
+from nlos.by_hand.row import COLUMNS
+from nlos.by_hand.screen import screen_of_terminal
+from nlos.by_hand.viewer import Viewer, viewer
 from nlos.cli.benches import load_bench
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.named_files import BenchWord
@@ -18,7 +23,6 @@ from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
     from nlos.by_hand.hand import Hand
-    from nlos.by_hand.viewer import Viewer
 
 _LINE_S = 1.0
 
@@ -42,10 +46,7 @@ def monitor(
 ) -> None:
     """Shows what the counter sees, more than ten times a second on a terminal and as a line a second elsewhere. Light
     only for --light seconds, or while SPACE is held. `q` ends."""
-    from nlos.by_hand.opening import in_hand
     from nlos.by_hand.row import row
-    from nlos.by_hand.screen import screen_of_terminal
-    from nlos.by_hand.viewer import viewer
 
     window = _window(gate)
     if log is not None and log.exists() and not overwrite:
@@ -93,8 +94,6 @@ def _updates(hand: "Hand", until_s: float, write: "Writer", page: "Viewer | None
 
 
 def _print_lines(hand: "Hand", until_s: float, write: "Writer", page: "Viewer | None") -> None:
-    from nlos.by_hand import lines
-
     said_s = -math.inf
     for _ in _updates(hand, until_s, write, page):
         if time.monotonic() - said_s >= _LINE_S:
@@ -104,8 +103,6 @@ def _print_lines(hand: "Hand", until_s: float, write: "Writer", page: "Viewer | 
 
 
 def _lines(hand: "Hand", columns: int, rows: int, page: "Viewer | None") -> list[str]:
-    from nlos.by_hand import lines
-
     shown = [
         *lines.heading(hand),
         *lines.address("" if page is None else page.url),
@@ -128,7 +125,6 @@ class Writer:
 
     def __init__(self, file: Any = None) -> None:
         self._file = file
-        from nlos.by_hand.row import COLUMNS
 
         self._table = None if file is None else csv.DictWriter(file, COLUMNS, lineterminator="\n")
         if self._table is not None:

@@ -4,13 +4,20 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from nlos.acquisition.planning.preflight import drawn_aim
+from nlos.calibration.geometry import ScannerGeometry
+from nlos.calibration.spots_fit import PlacedScanner, place_from_spots
+from nlos.calibration_input import read_spots
 from nlos.cli.bench_files import check_bench_output, write_bench_file
 from nlos.cli.benches import load_bench
 from nlos.cli.terminal import terminal
+from nlos.first_light.bench_lines import with_keys
+from nlos.report.spots_picture import spots_picture
 
 if TYPE_CHECKING:
     from nlos.calibration.geometry_fit import GeometryFit
-    from nlos.calibration.spots_fit import PlacedScanner
 
 NAMES = {
     "scanner_x_m": ("the scanner's x", 1.0, "m", "scanner_x_m"),
@@ -28,13 +35,6 @@ NAMES = {
 
 def place_scanner(spots: Path, bench: str | None, output: Path | None, overwrite: bool) -> None:
     """Fits, says what was found and what these spots cannot tell, draws it, and writes the bench file to `output`."""
-    from nlos.acquisition.planning.preflight import drawn_aim
-    from nlos.calibration.geometry import ScannerGeometry
-    from nlos.calibration.spots_fit import place_from_spots
-    from nlos.calibration_input import read_spots
-    from nlos.first_light.bench_lines import with_keys
-    from nlos.report.spots_picture import spots_picture
-
     check_bench_output(output, overwrite, "spots without a RUN write")
     table, measured = load_bench(bench), read_spots(spots)
     found = place_from_spots(measured, ScannerGeometry(**vars(drawn_aim(table.settings.geometry))))
@@ -69,8 +69,6 @@ def undetermined_line(name: str, value: float, error: float) -> str:
 
 
 def _tell(found: "PlacedScanner") -> None:
-    import numpy as np
-
     for line, values in fitted_lines(found.fit):
         terminal.result(line, **values)
     for name, (value, error) in found.undetermined.items():

@@ -4,10 +4,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nlos.acquisition.planning.exposure import unbiased_live_s
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.calibration.correct import common_bins, correct_sample
+from nlos.calibration.errors import NoDirectPeak
+from nlos.live.time_zero import TimeZero
+from nlos.response import response_of
+
 if TYPE_CHECKING:
     from nlos.acquisition.planning.plan import ScanPlan
     from nlos.acquisition.sample import Sample
-    from nlos.acquisition.transient import Transient
     from nlos.calibration.constants import BenchConstants
 
 
@@ -18,11 +24,6 @@ class SampleCalibration:
 
     def __init__(self, plan: "ScanPlan", constants: "BenchConstants") -> None:
         """Raises `InvalidData` where the constants hold no arrivals, or are for other bins."""
-        from nlos.acquisition.transient import TimeAxis
-        from nlos.calibration.correct import common_bins
-        from nlos.live.time_zero import TimeZero
-        from nlos.response import response_of
-
         axis, wall = plan.axis, plan.wall
         time = TimeAxis(axis.bins, axis.bin_width_s, axis.offset_s)
         self._plan, self._constants = plan, constants
@@ -36,10 +37,6 @@ class SampleCalibration:
 
     def add(self, sample: "Sample") -> None:
         """Corrects one sample of the plan and adds it; a point off the record of the histogram stays unmeasured."""
-        from nlos.acquisition.planning.exposure import unbiased_live_s
-        from nlos.calibration.correct import correct_sample
-        from nlos.calibration.errors import NoDirectPeak
-
         point, histogram = sample.point, sample.histogram
         try:
             done = correct_sample(sample, self._constants, self._bins)
@@ -53,7 +50,5 @@ class SampleCalibration:
 
     def transient(self) -> "Transient":
         """What came so far, time 0 at the direct arrival. A copy."""
-        from nlos.acquisition.transient import Transient
-
         counts = np.ascontiguousarray(np.moveaxis(self._counts, 2, 0))
         return Transient(counts, self._exposure_s.copy(), self._plan.wall, self._time, self._response)

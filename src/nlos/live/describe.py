@@ -6,6 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from nlos.recon.seen import brightest, visible_depth
+from nlos.recon.view3d import solid_points, solid_scene
+
 if TYPE_CHECKING:
     from nlos.recon.live import LivePicture
 
@@ -19,17 +22,12 @@ def packed(values: npt.NDArray[Any]) -> dict[str, Any]:
 
 def solid(picture: "LivePicture") -> dict[str, Any]:
     """Front surface and volume, as `view3d.html` has them, and of how many samples they are."""
-    from nlos.recon.view3d import solid_scene
-
     return {"samples": picture.samples, "method": picture.reconstruction.method, **solid_scene(picture.reconstruction)}
 
 
 def described(picture: "LivePicture") -> dict[str, Any]:
     """Front view (1 = its 99.9th percentile), depth where something is seen, confidence, and the bright voxels as
     x, y, z in metres and brightness, (N, 4)."""
-    from nlos.recon.seen import brightest, visible_depth
-    from nlos.recon.view3d import solid_points
-
     result = picture.reconstruction
     where_m, value = solid_points(result)
     keep = np.argsort(value)[-MOST_POINTS:]

@@ -3,12 +3,16 @@
 import threading
 from typing import TYPE_CHECKING, Any
 
+from nlos.acquisition.errors import InvalidData as RecordingInvalid
+from nlos.acquisition.recording.recording import Recording
+from nlos.calibration.errors import InvalidData
 from nlos.live.describe import described, packed, solid
 from nlos.live.so_far import gathering_for, scan_of
+from nlos.recon.errors import ReconError
+from nlos.recon.live import LiveReconstruction
 
 if TYPE_CHECKING:
     from nlos.live.scan import LiveScan
-    from nlos.recon.live import LiveReconstruction
 
 FRAMES = 20
 
@@ -44,18 +48,11 @@ class Frames:
             self._thread.join(wait_s)
 
     def _make(self) -> None:
-        from nlos.recon.live import LiveReconstruction
-
         best = self._scan.lives[-1]
         for live in self._scan.lives:
             self._make_by(LiveReconstruction(live.method, live.settings), live is best)
 
     def _make_by(self, live: "LiveReconstruction", best: bool) -> None:
-        from nlos.acquisition.errors import InvalidData as RecordingInvalid
-        from nlos.acquisition.recording.recording import Recording
-        from nlos.calibration.errors import InvalidData
-        from nlos.recon.errors import ReconError
-
         assert self._scan.gathering is not None
         assert self._scan.seen is not None
         total = len(self._scan.gathering)

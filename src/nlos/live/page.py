@@ -13,6 +13,7 @@ from nlos.live.admission import admitted, page_answer
 from nlos.live.answers import ScanAnswers
 from nlos.live.scan import LiveScan
 from nlos.live.web import Answer, Request
+from nlos.recon.seen import FAINT, FULL, SOLID
 
 STYLES = ("colours.css", "page.css")
 SCRIPTS = ("draw.js", "pictures.js", "turning.js", "histogram.js", "map.js", "page.js")
@@ -66,8 +67,6 @@ class LivePage:
 
 def assembled() -> str:
     """The page with its styles and scripts inside."""
-    from nlos.recon.seen import FAINT, FULL, SOLID
-
     folder = files("nlos.live") / "page_parts"
     read = {name: (folder / name).read_text(encoding="utf-8") for name in ("page.html", *STYLES, *SCRIPTS)}
     turning = (files("nlos.recon") / "view3d.js").read_text(encoding="utf-8")

@@ -16,20 +16,27 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nlos.acquisition.errors import InvalidData, StorageError
+from nlos.acquisition.errors import InvalidData as RecordingInvalid
+from nlos.acquisition.recording.follow import follow
+from nlos.acquisition.recording.recording import Event, Recording, Status
+from nlos.calibration.errors import CalibrationError
+from nlos.chain import constants_for
 from nlos.cli.terminal import terminal
 from nlos.live.calibrated import Calibrated, calibrated
+from nlos.live.calibration import SampleCalibration
 from nlos.live.rehearsal import rehearse
 from nlos.live.schedule import Coming, Schedule
 from nlos.live.so_far import empty_scan, gathering_for, scan_of
+from nlos.recon.errors import ReconError, ReconstructionFailed
+from nlos.recon.methods import PLAIN, find
 from nlos.response import AUTO, ResponseWanted, with_response
 
 if TYPE_CHECKING:
     from nlos.acquisition.planning.plan import ScanPlan
-    from nlos.acquisition.recording.recording import Event, Recording, Status
     from nlos.acquisition.scanning.free_points import FreePoints
     from nlos.acquisition.scanning.gathering import Gathering
     from nlos.calibration.constants import BenchConstants
-    from nlos.live.calibration import SampleCalibration
     from nlos.live.time_zero import TimeZero
     from nlos.loaded import LoadedScan
     from nlos.recon.live import LivePicture, LiveReconstruction
@@ -132,8 +139,6 @@ class LiveScan:
         if self.error is not None:
             raise self.error
         if not (self.over or self._stopped.is_set()):
-            from nlos.recon.errors import ReconstructionFailed
-
             raise ReconstructionFailed(f"{self.run}: the pictures stopped early, see above. The samples are complete.")
 
     @property
@@ -153,10 +158,6 @@ class LiveScan:
         return self._empty
 
     def _follow(self) -> None:
-        from nlos.acquisition.errors import InvalidData, StorageError
-        from nlos.acquisition.recording.follow import follow
-        from nlos.calibration.errors import CalibrationError
-
         try:
             for sample in follow(self.run, patience_s=self.patience_s, look=self._look):
                 assert self.gathering is not None
@@ -178,8 +179,6 @@ class LiveScan:
 
     def _look(self, recording: "Recording") -> None:
         """In the follower's thread. Raises `ForeignConstants` for constants given that are of another bench."""
-        from nlos.acquisition.recording.recording import Status
-
         if self.gathering is None:
             self._begin(recording)
         if recording.status is not Status.RUNNING and (len(self.gathering or ()) or not len(recording)):
@@ -194,11 +193,6 @@ class LiveScan:
         )
 
     def _begin(self, recording: "Recording") -> None:
-        from nlos.acquisition.recording.recording import Status
-        from nlos.calibration.errors import CalibrationError
-        from nlos.chain import constants_for
-        from nlos.live.calibration import SampleCalibration
-
         # Of a finished recording there is one picture, not one in passing.
         self._growing = recording.status is Status.RUNNING
         self._empty = empty = empty_scan(recording)
@@ -211,8 +205,6 @@ class LiveScan:
         self.gathering = gathering_for(recording.plan)
 
     def _paint(self) -> None:
-        from nlos.recon.methods import PLAIN, find
-
         try:
             for live in self.lives:
                 find(live.method)  # loads its libraries, which takes seconds, while the first points are taken
@@ -251,9 +243,7 @@ class LiveScan:
 
     def _picture(self, live: "LiveReconstruction", count: int, painted: int) -> int:
         """One picture, of how many samples it returns: a slower method's of those of the quickest one's."""
-        from nlos.acquisition.errors import InvalidData as RecordingInvalid
         from nlos.calibration.errors import InvalidData
-        from nlos.recon.errors import ReconError
 
         known = self._calibrated
         fresh = live is self.lives[0] or self.read
