@@ -8,7 +8,6 @@ import shutil
 import signal
 import tempfile
 import threading
-import warnings
 from collections.abc import Iterator
 from types import FrameType
 
@@ -20,8 +19,6 @@ from tests.left_behind import MARK, Held, left_behind
 _STATE = tempfile.mkdtemp(prefix="nlos-state-")
 atexit.register(shutil.rmtree, _STATE, ignore_errors=True)
 _numbers = itertools.count()
-FAIL = {"drivers", "acquisition", "calibration", "configs"}
-"""Folders of tests that fail where something is left behind; others, which start viewers and kernels, are warned."""
 LONGEST_S = 300.0
 """Of a test, outside campaigns."""
 os.environ["NLOS_STATE"] = _STATE
@@ -66,13 +63,9 @@ def trips_of_a_test_stay_in_it(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(autouse=True)
-def nothing_is_left_behind(request: pytest.FixtureRequest) -> Iterator[None]:
+def nothing_is_left_behind() -> Iterator[None]:
     """No test leaves a descriptor, a socket, a thread or a process behind; what its module's fixtures hold was there
     before it began."""
     before = Held.now()
     yield
-    left = left_behind(before)
-    if set(request.path.parts) & FAIL:
-        assert left == []
-    elif left:
-        warnings.warn(f"left behind: {left}", stacklevel=1)
+    assert left_behind(before) == []

@@ -17,7 +17,7 @@ from nlos.acquisition.scanning.control import ScanControl
 from nlos.acquisition.scanning.light_watch import LightOff, LightWatch
 from nlos.drivers.bench import Bench
 from nlos.drivers.galvo.mirror import MirrorAngles, OwnClock, OwnSteps, own_clock
-from nlos.drivers.tcspc.counter import WAITING_NUMBER, CounterStatus, Trigger
+from nlos.drivers.tcspc.counter import WAITING_NUMBER, CounterStatus, HistogramFlag, Trigger
 
 BLOCK_S = 0.1
 """How long a block of points lasts: how often the watchdog is kicked, samples are judged and a pause is noticed."""
@@ -29,6 +29,7 @@ SEGMENT_US = 80_000
 ENTRY_US = 100
 """What one more entry of a sequence costs: its upload, and its share of the next sequence's start."""
 LOOKS = 3
+_AGAIN = "what is not confirmed is taken again"
 
 Settle = Callable[[MirrorAngles, MirrorAngles], float]
 Sequencer = Callable[[Sequence[ScanPoint], Sequence[MirrorAngles], Settle, int, bool], "Stepping"]
@@ -165,12 +166,18 @@ def take(
             bench.report(
                 "sample",
                 f"{status.markers} mirror steps for {status.points_done} of {entries} points from "
-                f"{points[0].number}: what is not confirmed is taken again",
+                f"{points[0].number}: {_AGAIN}",
             )
+            return
+        histograms = counter.read(first, count)
+        if any(each.flags & HistogramFlag.TRIGGER_MISSED for each in histograms):
+            # The mirror may have followed one that the counter overlooked, and so made up for one it missed itself.
+            bench.report("sample", f"the counter missed a step after point {points[0].number}: {_AGAIN}")
+            yield from held
             return
         taken = [
             Sample(points[plan.index[entry]], histogram, armed_s + histogram.gate_opened_s)
-            for entry, histogram in enumerate(counter.read(first, count), first)
+            for entry, histogram in enumerate(histograms, first)
             if plan.index[entry] >= 0
         ]
         try:

@@ -119,7 +119,8 @@ def plan(name: str) -> ScanPlan:
 
 def cuts_off_the_shutter(name: str, *faults: Fault) -> bool:
     """Whether a cable that is pulled is the shutter's own: a watchdog or the interlock has to close it then."""
-    return any(fault.name == ("G8" if name == "multiharp" else "U11") for fault in faults)
+    by_pin = settings(name).shutter.model == "triggerscope_ttl"
+    return any(fault.name == ("G8" if by_pin else "U11") for fault in faults)
 
 
 @contextmanager

@@ -139,6 +139,23 @@ def test_after_every_fault_by_name(name: str, word: str, tmp_path: Path, monkeyp
     scan_to_the_end(tmp_path / "run.h5", name, [[fault]], monkeypatch)
 
 
+MISSED, TWICE = Fault(name="A6", skip=5, parameters={"kind": "missed"}), {"kind": "extra"}
+OVERLOOKED = {"place": "clock"}
+MADE_UP = {
+    "clocked": [Fault(name="U15", skip=14, parameters=OVERLOOKED), Fault(name="U15", skip=2, parameters=OVERLOOKED)],
+    "listed": [Fault(name="U15", skip=14, parameters=OVERLOOKED), Fault(name="A6", skip=14, parameters=TWICE),
+               Fault(name="U15", skip=2, parameters=OVERLOOKED)],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "other"), [(name, fault) for name, faults in MADE_UP.items() for fault in faults])
+def test_a_step_that_is_missed_and_one_that_makes_up_for_it_put_no_sample_in_the_wrong_place(
+    name: str, other: Fault, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As many steps as points at the end of a block, and between the two every point holds its neighbour's photons."""
+    scan_to_the_end(tmp_path / "run.h5", name, [[MISSED, other]], monkeypatch)
+
+
 @pytest.mark.parametrize("skip", [0, 1, 7])
 def test_a_full_fifo_takes_a_gates_mark_with_it_and_no_later_photons_move_up(
     skip: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -1,5 +1,6 @@
 """The notebooks run from top to bottom in a kernel of their own."""
 
+import asyncio
 from pathlib import Path
 
 import nbformat
@@ -14,4 +15,5 @@ def test_a_notebook_runs(book: Path, tmp_path: Path) -> None:
     assert book.stat().st_size < 300_000, "keep outputs small"
     notebook = nbformat.read(book, as_version=4)
     assert any(cell.get("outputs") for cell in notebook.cells), "keep the outputs of a run"
-    NotebookClient(notebook, timeout=120, kernel_name="python3", resources={"metadata": {"path": tmp_path}}).execute()
+    client = NotebookClient(notebook, timeout=120, kernel_name="python3", resources={"metadata": {"path": tmp_path}})
+    asyncio.run(client.async_execute())  # `execute` leaves its event loop open

@@ -1,5 +1,8 @@
 """A folder of other people's files is looked at, never run: neither this process nor a child of it imports from it."""
 
+import json
+import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -74,6 +77,8 @@ def test_nor_the_children_of_a_notebook(folder: Path, ptu: Path, program: str) -
 
 def test_the_live_page_of_a_scan_runs_nothing_either(folder: Path, small: Path) -> None:
     done = subprocess.run(
-        [NLOS, "scan", small.name, "-o", "run.h5", "--live"], cwd=folder, capture_output=True, text=True, timeout=120
-    )
+        [NLOS, "scan", small.name, "-o", "run.h5", "--live", "--json"], cwd=folder, capture_output=True, text=True,
+        timeout=120,
+    )  # fmt: skip
+    os.kill(json.loads(done.stdout)["live"]["pid"], signal.SIGTERM)  # the page outlives the scan
     assert (done.returncode, ran(folder)) == (0, []), done.stderr

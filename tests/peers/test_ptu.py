@@ -3,7 +3,7 @@
 import os
 import struct
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -94,13 +94,14 @@ def found_by(fields: dict[str, Any]) -> Found:
 
 
 @pytest.fixture(params=BENCHES)
-def exported(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Recording, Path]:
+def exported(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[Recording, Path]]:
     """A scan as the command line records and exports it."""
     scan, recording, ptu = tmp_path / "scan.yaml", tmp_path / "run.h5", tmp_path / "run.ptu"
     scan.write_text(SCAN.replace("WIDTH", str(BENCHES[request.param])), "utf-8")
     assert run(["scan", str(scan), "--bench", request.param, "-o", str(recording)]) == 0
     assert run(["export", str(recording), "--to", "ptu", "-o", str(ptu)]) == 0
-    return Recording.open(recording), ptu
+    with Recording.open(recording) as opened:
+        yield opened, ptu
 
 
 def test_a_recordings_photons_and_markers_are_found_by_every_reader(

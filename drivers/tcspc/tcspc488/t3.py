@@ -11,7 +11,8 @@ import numpy as np
 from nlos.drivers.errors import CommandRejected, DeviceLost, DeviceTimeout, LimitError, ProtocolError
 from nlos.drivers.tcspc.counter import CounterStatus, Histogram, HistogramAxis, HistogramFlag, StopAtCounts, Trigger
 from nlos.drivers.tcspc.t3 import GENERIC, T3Decoder
-from nlos.drivers.tcspc.t3_points import PointHistograms, StepMarkers
+from nlos.drivers.tcspc.t3_points import PointHistograms
+from nlos.drivers.tcspc.tcspc488.gates import Gates
 from nlos.drivers.tcspc.tcspc488.histogram import POLL_S, Tcspc488
 from nlos.drivers.tcspc.tcspc488.instrument import Instrument
 from nlos.drivers.tcspc.tcspc488.messages import Status
@@ -19,7 +20,6 @@ from nlos.drivers.tcspc.tcspc488.settings import Tcspc488Settings
 
 _MOST_RECORDS = 65_000
 """Per question: 260 kB, so that the link is soon free again."""
-_GATE_MARKER = 0b1000
 
 
 class Tcspc488T3(Tcspc488):
@@ -32,7 +32,8 @@ class Tcspc488T3(Tcspc488):
         self._disorder_s = settings.marker_disorder_us * 1e-6
         self._sync_hz = 0.0
         self._decoder = T3Decoder(GENERIC)
-        self._points = PointHistograms(0, 1, StepMarkers(np.zeros(0, np.int64), 0, _GATE_MARKER))
+        self._gates = Gates(np.zeros(0, np.int64), False)
+        self._points = PointHistograms(0, 1, self._gates)
         self._broken = False
 
     def check(self, axis: HistogramAxis, dwell_s: float, stop: StopAtCounts | None = None) -> None:
@@ -64,11 +65,9 @@ class Tcspc488T3(Tcspc488):
         assert self._axis is not None
         self._decoder = T3Decoder(GENERIC)
         dwells = np.round(np.asarray(dwells_s) * self._sync_hz).astype(np.int64)
+        self._gates = Gates(dwells, self.counts_markers and trigger is not Trigger.HOST)
         self._points = PointHistograms(
-            len(dwells_s),
-            self._axis.bins,
-            StepMarkers(dwells, 0, _GATE_MARKER),
-            disorder=round(self._disorder_s * self._sync_hz),
+            len(dwells_s), self._axis.bins, self._gates, disorder=round(self._disorder_s * self._sync_hz)
         )
         self._broken = False
 
@@ -80,9 +79,10 @@ class Tcspc488T3(Tcspc488):
             self._pause(min(due_s, deadline_s))
             status = self._drain()
             done = len(self._numbers) if self._broken else self._points.complete
-            if done >= count:
+            if done >= count or self._gates.disagreement is not None:
                 lost = int(self._points.lost.sum())
-                return CounterStatus(status.running, done, lost, status.markers, self._steps_due(status))
+                markers, due = self._gates.disagreement or (status.markers, self._steps_due(status))
+                return CounterStatus(status.running, done, lost, markers, due)
             now_s = self.clock.now()
             if now_s >= deadline_s:
                 raise DeviceTimeout(self._device, f"{done} of {count} points complete after {timeout_s:g} s.")
