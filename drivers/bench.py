@@ -1,6 +1,6 @@
 """Everything on the optical table: opened together, the light shut first whatever happens, and closed in order."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 
 from nlos.drivers.arming import Agree, Arming
@@ -58,6 +58,12 @@ class Bench:
         """Raises `BenchClosed`: a scan outlives the `with` block of its bench."""
         if self.closed:
             raise BenchClosed("bench", f"{self.settings.name} was closed; this scan cannot continue.")
+
+    def announce(self, numbers: Sequence[int]) -> None:
+        """Tells a simulated bench which points of a plan are armed next: their photons follow from their numbers, which
+        few counters can stamp. A real bench is told nothing."""
+        if self.simulated is not None:
+            self.simulated.turns.announce(numbers)
 
     @property
     def identities(self) -> tuple[DeviceIdentity, ...]:

@@ -144,6 +144,7 @@ def take(
     bench.shutter.open()
     mirror.start()
     armed_s = clock.now() - start_s
+    bench.announce(plan.numbers)
     if own is None or plan.own is None:
         counter.arm(plan.dwells_s, plan.numbers, Trigger.CLOCK, plan.blanking_s)
     else:

@@ -134,6 +134,7 @@ class _Run:
             control.enter(ScanState.FAILED)
             raise
         finally:
+            bench.announce(())
             if control.state is ScanState.RUNNING:
                 control.enter(ScanState.ENDED)
             if control.state is not ScanState.COMPLETE and not bench.closed:

@@ -26,7 +26,9 @@ def take(
     way, once `control` wants a pause or `watch` has shut off the light. The shutter is opened for the first point and
     left to the caller to close."""
     mirror, counter, clock = bench.mirror, bench.counter, bench.clock
-    counter.arm([point.dwell_s for point in points], [point.number for point in points])
+    numbers = [point.number for point in points]
+    bench.announce(numbers)
+    counter.arm([point.dwell_s for point in points], numbers)
     mirror.move_to(angles[0])
     bench.shutter.open()
     for index, point in enumerate(points):

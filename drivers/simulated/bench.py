@@ -12,6 +12,7 @@ from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.simulated.faults import FaultPlan
 from nlos.drivers.simulated.servo import ServoSettings
 from nlos.drivers.simulated.swing import Swing
+from nlos.drivers.simulated.turns import Turns
 from nlos.drivers.tcspc.counter import WAITING_NUMBERS, HistogramAxis
 
 
@@ -19,8 +20,9 @@ from nlos.drivers.tcspc.counter import WAITING_NUMBERS, HistogramAxis
 class Gate:
     """What a counter asks of the light: when it listens, for how long, and on which time axis.
 
-    `number` is the plan's point number where the host stamped one: photons are drawn from (seed, number), so that a
-    point taken again holds the same counts. Without it they are drawn from (seed, beam position, dwell).
+    `number` is the plan's point number where the host stamped or announced one: photons are drawn from (seed, number,
+    piece), so that a point taken again holds the same counts. Without it they are drawn from (seed, beam position,
+    dwell, turn).
     """
 
     opened_s: float
@@ -37,6 +39,10 @@ class Gate:
     """Where a beam that never rests is while the gate is open, evenly in time; empty where it rests."""
     since_lit_s: float = 0.0
     """When it opens, in seconds since the first point of a measurement was lit on this bench: a scene's own time."""
+    piece: int = 0
+    """Which part of a point's light this is, where an instrument draws it in parts."""
+    turn: int | None = None
+    """How many gates of this place and length there were before it; None: not counted yet."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +116,7 @@ class SimulatedBench:
         self._clocks: list[Callable[[float], None]] = []
         self._passing = False
         self._lit_s: float | None = None
+        self.turns = Turns()
         self.witness: Callable[[float, str], None] = lambda when_s, what: None
         """Told of every change of shutter and beam as it happens on this bench, whoever caused it."""
 
@@ -218,7 +225,12 @@ class SimulatedBench:
             gate, beam = self._along_the_way(gate, beam)
             if self.on_gate is not None:
                 self.on_gate(gate, beam)
-        return self.light(gate, beam, self._shutter_open)
+        return self.light(self.told_apart(gate, beam), beam, self._shutter_open)
+
+    def told_apart(self, gate: Gate, beam: MirrorAngles) -> Gate:
+        """A gate without a number, and its turn among those like it."""
+        known = gate.number is not None or gate.turn is not None
+        return gate if known else replace(gate, turn=self.turns.turn(beam, gate.dwell_s))
 
     def look(self, beam: MirrorAngles, axis: HistogramAxis, dwell_s: float, number: int) -> npt.NDArray[np.uint32]:
         """What would be counted at a point of a plan, (T,), if the beam were there and the shutter open. No instrument

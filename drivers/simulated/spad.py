@@ -10,6 +10,7 @@ from pydantic import Field
 from nlos.configs.settings import Settings
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.simulated.bench import Exposure, Gate
+from nlos.drivers.simulated.turns import placed
 
 Array = npt.NDArray[np.float64]
 
@@ -170,8 +171,12 @@ def arrivals(exposure: Exposure, rng: np.random.Generator) -> tuple[npt.NDArray[
 
 
 def generator(seed: int, gate: Gate, beam: MirrorAngles, salt: int = 0) -> np.random.Generator:
-    """The random stream of one gate: from (seed, number), or (seed, beam position, dwell) where there is no number."""
+    """The random stream of one gate: from (seed, number, piece); without a number from (seed, beam position, dwell,
+    turn)."""
     if gate.number is not None:
-        return np.random.default_rng((seed, salt, 0, gate.number))
-    place = (round(angle * 1e9) + (1 << 33) for angle in (beam.x_rad, beam.y_rad))
-    return np.random.default_rng((seed, salt, 1, *place, round(gate.dwell_s * 1e9)))
+        return np.random.default_rng((seed, salt, 0, gate.number, *_unless_first(gate.piece)))
+    return np.random.default_rng((seed, salt, 1, *placed(beam, gate.dwell_s), *_unless_first(gate.turn or 0)))
+
+
+def _unless_first(index: int) -> tuple[int, ...]:
+    return (index,) if index else ()

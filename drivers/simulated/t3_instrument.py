@@ -22,6 +22,10 @@ _STRETCHED_S = 20e-6  # the outputs are NIM pulses: a stretcher makes TTL pulses
 _SLICE_S = 500e-6
 """While the mirror moves, light is taken from where the beam is in the middle of each such slice."""
 _INSTANT_S = 0.5e-6
+_SAME_EDGE_S = 1e-9
+_STEP_MARKERS = 0b011
+_MOVING = 1 << 16
+"""Pieces of light from a moving beam are numbered from here, apart from those of the beam at rest."""
 _LAYER_S = 1e-3
 _FIFO_RECORDS = 2_000_000
 _SALT = 3
@@ -41,6 +45,8 @@ class T3Instrument:
         self._wraps = 0
         self._running = False
         self._stepped = self._left_alone = False  # by marks that are not of this clock; and no more of them will come
+        self._number: int | None = None  # of the point under way
+        self._marked_s = -_NEVER_S
         self.overrun = False
         self.hears = True
         """Whether the detector's pulses cross the trigger level."""
@@ -57,6 +63,7 @@ class T3Instrument:
         self._end_s, self._bin_width_s = ends_s, bin_width_s
         self._running, self.overrun = True, False
         self._stepped = self._left_alone = False
+        self._number, self._marked_s = None, -_NEVER_S
 
     def stop(self) -> None:
         """Ends the measurement; without a clock, what it saw so far is recorded."""
@@ -76,6 +83,7 @@ class T3Instrument:
         while self._edge_s <= now_s:
             if running:
                 self._expose_until(self._edge_s)
+                self._number = self._bench.turns.next_number()
             edge_s, self._edge_s = self._edge_s, self._edge_s + self._period_s
             self._bench.edge("pixel_clock", edge_s, _STRETCHED_S)
         if running and self._edge_s == _NEVER_S and now_s >= self._end_s - 1e-9:
@@ -107,6 +115,8 @@ class T3Instrument:
             self._stepped = True
             self._left_alone = False
             self._expose_until(when_s)
+            if when_s - self._marked_s > _SAME_EDGE_S and bit & _STEP_MARKERS:
+                self._number, self._marked_s = self._bench.turns.next_number(), when_s
         self._markers.append((self._pulse(when_s), bit))
 
     def _let_alone(self, when_s: float) -> None:
@@ -117,10 +127,13 @@ class T3Instrument:
     def _expose_until(self, until_s: float) -> None:
         """Records of the time since the last call: one clock period, or one measurement."""
         start_s, until_s = self._done_s, min(until_s, self._end_s)
-        if until_s - start_s < 1e-9:
+        if until_s - start_s < _SAME_EDGE_S:
             return
+        if self._edge_s == _NEVER_S and not self._stepped:
+            self._number = self._bench.turns.next_number()
         at_rest, settled_s = self._bench.beam_at(until_s), start_s
-        pulses, delays = [], []
+        pulses: list[npt.NDArray[np.int64]] = []
+        delays: list[npt.NDArray[np.int64]] = []
         if self._bench.beam_at(until_s - _INSTANT_S) != at_rest:  # on a continuous line it does not come to rest
             moving, delays_moving = self._photons(start_s, until_s - start_s)
             self._record(moving + self._pulse(start_s), delays_moving, self._pulse(until_s))
@@ -128,7 +141,7 @@ class T3Instrument:
             return
         while self._bench.beam_at(settled_s) != at_rest:
             slice_s = self._moves_s(settled_s, min(_SLICE_S, until_s - settled_s))
-            moving, delays_moving = self._photons(settled_s, slice_s, kept=False)
+            moving, delays_moving = self._photons(settled_s, slice_s, _MOVING + len(pulses), kept=False)
             pulses.append(moving + self._pulse(settled_s))
             delays.append(delays_moving)
             settled_s += slice_s
@@ -162,20 +175,24 @@ class T3Instrument:
             pulses, delays = self._photons(settled_s, until_s - start_s)
             yield pulses + self._pulse(start_s), delays
             return
-        end, near_s, far_s = self._pulse(until_s), 0.0, _LAYER_S
+        end, near_s, far_s, layer = self._pulse(until_s), 0.0, _LAYER_S, 0
         while near_s < until_s - settled_s:
-            back, delays = self._photons(settled_s, far_s - near_s)
+            back, delays = self._photons(settled_s, far_s - near_s, layer)
             yield end - 1 - round(near_s * self._repetition_hz) - back, delays
-            near_s, far_s = far_s, 4 * far_s
+            near_s, far_s, layer = far_s, 4 * far_s, layer + 1
 
     def _photons(
-        self, when_s: float, dwell_s: float, kept: bool = True
+        self, when_s: float, dwell_s: float, piece: int = 0, kept: bool = True
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
         """Laser pulse (counted from 0) and delay of the photons from where the beam points at `when_s`, or, while it
         moves (not `kept`), in the middle of the dwell."""
         bins = min(1 << self._layout.delay_bits, int(1 / (self._repetition_hz * self._bin_width_s)) + 1)
-        gate = Gate(when_s if kept else when_s + dwell_s / 2, dwell_s, bins, self._bin_width_s, 0.0, kept=kept)
-        rng = spad.generator(self._seed, gate, self._bench.beam_at(gate.opened_s), _SALT)
+        opened_s = when_s if kept else when_s + dwell_s / 2
+        beam = self._bench.beam_at(opened_s)
+        gate = self._bench.told_apart(
+            Gate(opened_s, dwell_s, bins, self._bin_width_s, 0.0, self._number, kept=kept, piece=piece), beam
+        )
+        rng = spad.generator(self._seed, gate, beam, _SALT)
         pulses, delays = spad.arrivals(self._bench.expose(gate), rng)
         return (pulses, delays) if self.hears else (pulses[:0], delays[:0])
 

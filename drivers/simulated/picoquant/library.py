@@ -224,9 +224,9 @@ class PicoquantLibrary:
         if self._mode == _T3:
             self._t3.start(now_s, self._ends_s, self._bin_width_s)
         else:
-            offset_s = self._offset * self._family.offset_unit_s
+            offset_s, number = self._offset * self._family.offset_unit_s, self._bench.turns.next_number()
             self._exposure = self._bench.expose(
-                Gate(now_s, milliseconds * 1e-3, self._length, self._bin_width_s, offset_s)
+                Gate(now_s, milliseconds * 1e-3, self._length, self._bin_width_s, offset_s, number)
             )
         return 0
 

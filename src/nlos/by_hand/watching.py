@@ -14,8 +14,6 @@ from nlos.drivers.partial_bench import PartialBench
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramCounter
 
 DWELL_S = 0.04
-_DWELLS_S = tuple(DWELL_S + 1e-3 * k for k in range(7))
-"""No two alike in a row: a simulated counter without point numbers draws alike gates alike."""
 _AT_ONCE = 63
 _GRACE_S = 2.0
 _SUMMED = 25
@@ -73,8 +71,7 @@ class Watch:
     def look(self) -> Reading:
         """The next gate. Raises `SafetyTrip` with the light off where too many photons come, and `DeviceError`."""
         if self._index == self._armed:
-            dwells_s = [_DWELLS_S[(self._number + k) % len(_DWELLS_S)] for k in range(_AT_ONCE)]
-            self._counter.arm(dwells_s, range(self._number, self._number + _AT_ONCE))
+            self._counter.arm([DWELL_S] * _AT_ONCE, range(self._number, self._number + _AT_ONCE))
             self._armed, self._index = _AT_ONCE, 0
             self._number += _AT_ONCE
         before = self._light.lit

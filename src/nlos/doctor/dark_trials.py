@@ -9,7 +9,7 @@ from scipy.special import pdtrc
 
 from nlos.doctor.area import angles_of, area_of
 from nlos.doctor.findings import Chart, Finding, failed, passed, skipped, warned
-from nlos.doctor.gates import axis_of, dwells, gates
+from nlos.doctor.gates import axis_of, gates
 from nlos.doctor.hands import hands_for
 from nlos.drivers.bench import Bench
 from nlos.drivers.galvo.mirror import MeasuresPosition, own_clock
@@ -109,7 +109,7 @@ def dark_histogram(bench: Bench) -> Iterator[Finding]:
     """Whether what arrives in the dark keeps the laser's time: then it is the laser, past the shutter."""
     axis = axis_of(bench)
     bench.counter.configure(axis)
-    taken = gates(bench, dwells(_DARK_S, _DARK_GATES))
+    taken = gates(bench, [_DARK_S] * _DARK_GATES)
     counts = np.stack([each.counts for each in taken]).sum(axis=0, dtype=np.int64)
     live_s = sum(each.live_time_s for each in taken)
     total = sum(each.total_count for each in taken)
@@ -153,7 +153,7 @@ def _linearity(bench: Bench) -> Finding:
     axis = axis_of(bench)
     bench.counter.configure(axis)
     counts = np.zeros(axis.bins, np.int64)
-    for number, dwell_s in enumerate(dwells(_LAMP_S, _LAMP_GATES)):
+    for number, dwell_s in enumerate([_LAMP_S] * _LAMP_GATES):
         counts += gates(bench, [dwell_s], number)[0].counts
         if counts.mean() >= _ENOUGH_PER_BIN:
             break

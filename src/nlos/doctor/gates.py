@@ -38,11 +38,6 @@ def axis_of(bench: Bench) -> HistogramAxis:
     raise refused
 
 
-def dwells(seconds: float, count: int) -> list[float]:
-    """About as long each, no two alike: a simulated counter without point numbers draws alike gates alike."""
-    return [round(seconds + 1e-3 * index, 6) for index in range(count)]
-
-
 def gates(bench: Bench, dwells_s: Sequence[float], number: int = 0) -> list[Histogram]:
     """One gate after the other where the beam is; the counter must be configured. `number`: of the first one. Raises
     `DeviceFault` for a gate that no scan would keep."""

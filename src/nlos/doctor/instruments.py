@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from nlos.doctor.area import angles_of, area_of
 from nlos.doctor.findings import Finding, failed, passed, warned
-from nlos.doctor.gates import axis_of, dwells, gates
+from nlos.doctor.gates import axis_of, gates
 from nlos.drivers.bench import Bench
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.clock import Clock
@@ -76,7 +76,7 @@ def dark_counts(bench: Bench) -> Iterator[Finding]:
     rates = bench.counter.rates()
     if rates.detector_hz == 0:  # its rate meter looks for a moment only
         bench.counter.configure(axis_of(bench))
-        taken = gates(bench, dwells(_QUIET_S / _QUIET_GATES, _QUIET_GATES))
+        taken = gates(bench, [_QUIET_S / _QUIET_GATES] * _QUIET_GATES)
         counted = sum(each.total_count for each in taken)
         rates = CountRates(rates.sync_hz, counted / sum(each.live_time_s for each in taken))
     yield dark_line(rates)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from nlos.acquisition.planning.preflight import PILE_UP
 from nlos.doctor.area import angles_of, area_of, range_m
 from nlos.doctor.findings import Chart, Finding, failed, passed, warned
-from nlos.doctor.gates import arrival, axis_of, dwells, expected_s, gates
+from nlos.doctor.gates import arrival, axis_of, expected_s, gates
 from nlos.drivers.bench import Bench
 from nlos.drivers.tcspc.counter import HistogramAxis, Trigger
 
@@ -43,9 +43,9 @@ def count_rates(bench: Bench) -> Iterator[Finding]:
     axis = axis_of(bench)
     bench.counter.configure(axis)
     bench.mirror.move_to(angles_of(bench, area_of(bench).centre))
-    dark = gates(bench, dwells(_RATE_S, _RATE_GATES))
+    dark = gates(bench, [_RATE_S] * _RATE_GATES)
     with lit(bench):
-        bright = gates(bench, dwells(_RATE_S, _RATE_GATES), _RATE_GATES)
+        bright = gates(bench, [_RATE_S] * _RATE_GATES, _RATE_GATES)
         for each in bright:
             bench.shutter.watch(each)
     dark_hz, lit_hz = (sum(h.total_count for h in taken) / sum(h.live_time_s for h in taken)

@@ -8,7 +8,7 @@ from nlos.acquisition.scanning.control import ScanControl
 from nlos.acquisition.scanning.engine import scan
 from nlos.doctor.area import angles_of, area_of
 from nlos.doctor.findings import Finding, failed, passed, skipped, warned
-from nlos.doctor.gates import axis_of, dwells, gates
+from nlos.doctor.gates import axis_of, gates
 from nlos.doctor.hands import hands_for
 from nlos.doctor.light_trials import lit
 from nlos.doctor.small_scan import small_plan
@@ -65,7 +65,7 @@ def trip(bench: Bench) -> Iterator[Finding]:
     bench.counter.configure(axis_of(bench))
     bench.mirror.move_to(angles_of(bench, area_of(bench).centre))
     with lit(bench):
-        light = gates(bench, dwells(_DWELL_S, 2))[-1]
+        light = gates(bench, [_DWELL_S] * 2)[-1]
         rate_hz = light.total_count / light.live_time_s
         safety = bench.settings.safety.model_copy(
             update={"trip_cps": max(rate_hz / 2, 1e-3), "trip_ms": 1.0, "watchdog_s": 0.0}

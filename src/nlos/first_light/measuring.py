@@ -11,7 +11,7 @@ from nlos.acquisition.direct_peak import DirectPeak, direct_peak
 from nlos.acquisition.planning.preflight import PILE_UP, aim_of
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 from nlos.doctor.area import WallArea, angles_of, area_of
-from nlos.doctor.gates import dwells, gates
+from nlos.doctor.gates import gates
 from nlos.doctor.hands import hands_for
 from nlos.doctor.light_trials import lit
 from nlos.drivers.bench import Bench
@@ -177,7 +177,7 @@ def _fine_fwhm(bench: Bench, time_s: float) -> float | None:
 
 def _taken(bench: Bench, number: int) -> tuple[npt.NDArray[np.int64], Rate]:
     """Counts (T,) and rate where the beam is, in the light. Raises `SafetyTrip` where that is too much of it."""
-    taken = gates(bench, dwells(_PLACE_S / _GATES, _GATES), number)
+    taken = gates(bench, [_PLACE_S / _GATES] * _GATES, number)
     for each in taken:
         bench.shutter.watch(each)
     live_s = sum(each.live_time_s for each in taken)
@@ -186,7 +186,7 @@ def _taken(bench: Bench, number: int) -> tuple[npt.NDArray[np.int64], Rate]:
 
 
 def _rate(bench: Bench, number: int) -> Rate:
-    taken = gates(bench, dwells(_DARK_S / _GATES, _GATES), number)
+    taken = gates(bench, [_DARK_S / _GATES] * _GATES, number)
     return Rate.of(sum(each.total_count for each in taken), sum(each.live_time_s for each in taken))
 
 

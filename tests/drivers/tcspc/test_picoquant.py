@@ -77,7 +77,7 @@ def test_a_histogram_holds_what_the_detector_saw(device: str) -> None:
     histogram = one_by_one(counter)[1]
     axis = AXES[device]
     length = 65536 if device == "picoharp300" else 4096 if device == "multiharp150" else 1024
-    expected = bench.expose(Gate(0.0, 8e-3, length, axis.bin_width_s, axis.offset_s))
+    expected = bench.expose(Gate(0.0, 8e-3, length, axis.bin_width_s, axis.offset_s, turn=1))
     assert (histogram.counts == expected.counts[:512]).all()
     assert histogram.total_count == expected.counts.sum()
     assert histogram.live_time_s == pytest.approx(8e-3)
