@@ -22,6 +22,8 @@ from nlos.chain import arrivals_of, calibrate_scan, constants_for
 from nlos.loaded import loaded_frames
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.track import track
+from nlos.recon.volume import Reconstruction, response_words
+from nlos.response import AUTO, ResponseWanted, say_response, with_response
 
 LONGEST_SIDE_PX = 384
 NAMES = ("film.npz", "film.gif", "track.csv", "track.json")
@@ -38,6 +40,8 @@ class Film:
     x_m: npt.NDArray[np.float64]
     y_m: npt.NDArray[np.float64]
     window: int
+    response: str
+    """Which response of the instrument the method was told, in words."""
 
     def track(self) -> dict[str, npt.NDArray[Any]]:
         """Centroid, extent and velocity of what is seen, a row a picture; see `recon.track`."""
@@ -51,12 +55,13 @@ def film_of(
     settings: Mapping[str, object],
     window: int | None = None,
     constants: Path | None = None,
+    response: ResponseWanted = AUTO,
     device: str = "cpu",
     step: Callable[[int], None] = lambda frames: None,
 ) -> Film:
     """Every frame of a recording by `method`, each from `window` successive ones: by default as many as it takes for
-    all points. Aligned by the direct light of all. `step` is told how many there will be, after each. Raises
-    `InvalidData`."""
+    all points. Aligned by the direct light of all, told the `response` that is wanted. `step` is told how many there
+    will be, after each. Raises `InvalidData`."""
     with open_checked(run) as recording:
         plan = recording.plan
         if plan.frames == 1:
@@ -68,12 +73,16 @@ def film_of(
         whole = loaded_frames(recording, None)
         known = constants_for(whole, constants)
         arrivals = arrivals_of(whole, known)
-        pictures, frames, times_s = [], [], []
+        pictures: list[Reconstruction] = []
+        frames, times_s = [], []
         for last in range(each - 1, plan.frames):
             some = slice(last - each + 1, last + 1)
             if (table.points[some] > 0).all():
                 scan = loaded_frames(recording, range(some.start, some.stop))
-                pictures.append(reconstruct(calibrate_scan(scan, False, known, arrivals), method, settings, device))
+                transient = with_response(calibrate_scan(scan, False, known, arrivals), response)
+                if not pictures:
+                    say_response(transient)
+                pictures.append(reconstruct(transient, method, settings, device))
                 frames.append(last)
                 times_s.append(float(np.average(table.mean_s[some], weights=table.live_s[some])))
             step(plan.frames - each + 1)
@@ -82,7 +91,7 @@ def film_of(
     wall = pictures[0].wall
     return Film(
         np.stack([one.albedo for one in pictures]), np.stack([one.depth_m for one in pictures]), np.array(frames),
-        np.array(times_s), wall.x_m(), wall.y_m(), each,
+        np.array(times_s), wall.x_m(), wall.y_m(), each, response_words(pictures[0]),
     )  # fmt: skip
 
 

@@ -13,11 +13,14 @@ from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.engine import record, scan
+from nlos.chain import reconstruct_file
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.simulated.motion import pose_at
 from nlos.drivers.simulated.surfaces import Surface
 from nlos.film import film_of, write_film, write_mp4
+from nlos.recon.volume import response_words
+from nlos.response import response_wanted
 
 PANEL = {"panel_m": (0.2, 0.2), "centre_m": (-0.2, 0.1, 0.7), "path": [{"at_s": 2.0, "centre_m": (0.3, 0.0, 0.8)}]}
 
@@ -62,6 +65,23 @@ def test_a_film_tells_where_a_panel_was_and_how_fast(run: Path, tmp_path: Path) 
     rows = list(csv.DictReader(paths[2].read_text().splitlines()))
     assert [float(row["x_m"]) for row in rows] == pytest.approx(found["x_m"].tolist())
     assert [row["frame"] for row in json.loads(paths[3].read_text())] == film.frame.tolist()
+
+
+def test_a_film_is_told_the_response_as_every_picture_is(run: Path, tmp_path: Path) -> None:
+    """A picture of a film is the one that `reconstruct --frame` makes, told the same; without a word each takes the
+    direct peak of the whole scan."""
+    said = {"auto": "the scan's own direct peak", "none": "none known", "300": "300 ps FWHM, a Gaussian, as given"}
+    films = {}
+    for word, words in said.items():
+        film = films[word] = film_of(run, "lct", {}, 1, Path("none"), response_wanted(word))
+        assert words in film.response
+        frame = int(film.frame[3])
+        one = reconstruct_file(
+            run, "lct", {}, tmp_path / word, constants=Path("none"), response=word, frame=frame, volume=False
+        )
+        assert np.array_equal(one.albedo, film.albedo[3])
+        assert response_words(one) == film.response
+    assert not np.array_equal(films["none"].albedo, films["300"].albedo)
 
 
 def test_a_film_that_cannot_be_is_refused(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

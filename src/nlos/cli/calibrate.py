@@ -16,6 +16,7 @@ from nlos.calibration.errors import PoorCalibration
 from nlos.calibration.measure import Measurement, measure_constants
 from nlos.calibration.spots_fit import check_sense, poorly_determined
 from nlos.calibration_input import common_bench, common_devices, load_run, read_spots, refuse_unmeant_darkness
+from nlos.cli.contradictions import refuse_together
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.first_light import first_light as measured
 from nlos.cli.progress import Progress
@@ -69,18 +70,30 @@ def calibrate(
 ) -> None:
     """Measures the bench's constants from recordings and says how good they are; --first-light what a bench file needs
     before there is a recording, written with `-o BENCH.yaml`."""
+    of_runs = {
+        "--dead-time-ns": dead_time_ns is not None, "--response": response is not None,
+        "--wall-size-m": wall_size_m is not None, "--dark": dark,
+    }  # fmt: skip
     if first_light:
-        if runs:
-            raise UsageError("--first-light measures on the bench; it takes no RUN")
+        refuse_together(
+            "--first-light", {"RUN": bool(runs), **of_runs, "--spots": spots is not None},
+            "it measures on the bench, before there is a recording", "Leave these out; they go with RUNs.",
+        )  # fmt: skip
         measured(bench, light, output, overwrite)
         return
-    if not runs and spots is not None and not light:
+    if not runs and spots is not None:
+        refuse_together(
+            "--spots without a RUN", {**of_runs, "--light": light}, "tells the scanner's place from the spots alone",
+            "Leave these out, or name a RUN.",
+        )  # fmt: skip
         place_scanner(spots, bench, output, overwrite)
         return
     if not runs:
         raise UsageError("name a RUN to calibrate from, or use --first-light, or --spots FILE for the scanner's place")
-    if bench is not None or light:
-        raise UsageError("--bench and --light go with --first-light; a RUN names its bench itself")
+    refuse_together(
+        "RUN", {"--bench": bench is not None, "--light": light}, "a RUN names its bench itself, and needs no light",
+        "Use them with --first-light.",
+    )  # fmt: skip
     _from_runs(runs, output, dead_time_ns, response, spots, wall_size_m, dark, overwrite)
 
 

@@ -14,6 +14,7 @@ from nlos.acquisition.exporters.ytal import write_ytal
 from nlos.acquisition.importers.isolated import check_isolated, read_isolated
 from nlos.acquisition.importers.magic import is_recording
 from nlos.acquisition.recording.checked import open_checked
+from nlos.cli.contradictions import refuse_without
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.film import frames_counted
 from nlos.cli.terminal import terminal
@@ -35,7 +36,9 @@ def export(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Output file, for a single format.")
     ] = None,
-    method: Annotated[str, typer.Option(help="Of a film: by which method its frames are seen.")] = "lct",
+    method: Annotated[
+        str | None, typer.Option(help="Of a film: by which method its frames are seen. Default: lct.")
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Writes other people's formats; says what each cannot hold."""
@@ -46,6 +49,10 @@ def export(
         raise UsageError(f"--to {to}: {', '.join(unknown) or 'nothing'} is not known; known: {', '.join(known)}")
     if output is not None and len(words) > 1:
         raise UsageError("-o names one file; with several formats leave it out")
+    refuse_without(
+        "--method", method is not None and not set(words) & set(FILM_FORMATS), "--to gif or mp4",
+        "only films are reconstructed to be exported",
+    )  # fmt: skip
     targets = {word: output or run.with_suffix(known[word]) for word in words}
     for target in targets.values():
         if target.resolve() == run.resolve():
@@ -55,7 +62,7 @@ def export(
     written = []
     for word, target in targets.items():
         if word in FILM_FORMATS:
-            left_behind = _write_film(run, word, target, method)
+            left_behind = _write_film(run, word, target, method or "lct")
         else:
             left_behind = _write_scan(run, word, target) if word in SCAN_FORMATS else _write_picture(run, word, target)
         terminal.result(f"{target}: written as {word}")

@@ -25,19 +25,26 @@ def reconstruct_film(
     output: Path,
     window: int | None,
     constants: Path | None,
+    response: str,
     device: str,
     overwrite: bool,
+    skip_existing: bool,
 ) -> None:
     """The film and its track into the folder `output`. Raises `FileExistsError`."""
     from nlos.film import NAMES, film_of, write_film
+    from nlos.response import response_wanted
 
+    if skip_existing and all((output / name).exists() for name in NAMES):
+        terminal.result(f"{output}: already exists, skipped", folder=str(output), files=[], pictures=0)
+        return
     for name in NAMES:
-        if (output / name).exists() and not overwrite:
+        if (output / name).exists() and not (overwrite or skip_existing):
             raise FileExistsError(f"{output / name}: exists. Choose another folder with -o, or use --overwrite.")
     with frames_counted(run) as counted:
-        film = film_of(run, method, settings, window, constants, device, counted)
+        film = film_of(run, method, settings, window, constants, response_wanted(response), device, counted)
     paths = write_film(output, film)
     terminal.result(
         f"{output}: {', '.join(path.name for path in paths)} ({method}, {len(film.frame)} pictures)",
         folder=str(output), files=[path.name for path in paths], pictures=len(film.frame), window=film.window,
     )  # fmt: skip
+    terminal.result(f"response: {film.response}", response=film.response)

@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 
 from nlos.cli.exit_codes import UsageError
+from nlos.cli.file_words import Response
 from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.terminal import terminal
 from nlos.live.page import LivePage
@@ -20,6 +21,7 @@ from nlos.live.process import SOCKET, TOKEN, listening, methods_for, state_file,
 from nlos.live.scan import LiveScan
 from nlos.live.web import WebServer
 from nlos.recon.live import LiveReconstruction
+from nlos.response import response_wanted
 
 MOST_RUNS = 4
 ENDS_S = 15.0
@@ -36,11 +38,13 @@ def live(
         typer.Option(help="A name, or a file, ./mine.py. Default: NANO (LCT without torch), after a first one by LCT."),
     ] = None,
     weights: Weights = None,
+    response: Response = "auto",
     idle_s: Annotated[
         float | None, typer.Option(metavar="S", help="Stop this many seconds after the scan and the last request.")
     ] = None,
 ) -> None:
     """A read-only page on 127.0.0.1. Whoever has its address may look; nobody can control anything. Ctrl-C ends it."""
+    wanted = response_wanted(response)
     seeing: dict[str, object] = {}
     if weights is not None:
         method, seeing = chosen_method(weights, method, {})
@@ -54,7 +58,10 @@ def live(
     state = state_file(runs[0]) if inherited else None
     scans = [
         LiveScan(
-            run, [LiveReconstruction(each, seeing if each == method else {}) for each in methods], first_fraction=0.1
+            run,
+            [LiveReconstruction(each, seeing if each == method else {}) for each in methods],
+            first_fraction=0.1,
+            response=wanted,
         )
         for run in runs
     ]

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from nlos.cli.contradictions import refuse_together
 from nlos.cli.exit_codes import UsageError
 
 Weights = Annotated[
@@ -22,6 +23,9 @@ def chosen_method(
         return method or default, dict(settings)
     from nlos.recon.weights.described import use_weights
 
+    refuse_together(
+        "--weights", {"--set weights": "weights" in settings}, "they may be two files", "Name the weights once."
+    )
     return use_weights(weights, method, settings)
 
 

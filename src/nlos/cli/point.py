@@ -8,6 +8,7 @@ import typer
 
 from nlos.by_hand.opening import in_hand
 from nlos.cli.benches import load_bench
+from nlos.cli.contradictions import refuse_together
 from nlos.cli.named_files import BenchWord
 from nlos.cli.terminal import terminal
 from nlos.drivers.errors import LimitError
@@ -35,6 +36,11 @@ def point(
 ) -> None:
     """Sends the beam to one place and stays there: until a key on a terminal, for --hold or --light seconds elsewhere.
     SPACE, held down, gives light as well. The mirror parks in the dark afterwards."""
+    longer = hold is not None and light is not None and light > hold
+    refuse_together(
+        "--hold", {f"--light {light or 0:g}": longer}, f"the light would outlast the stay of {hold or 0:g} s",
+        "Use --light for as long as --hold at most.",
+    )  # fmt: skip
     table = load_bench(bench)
     with in_hand(table, {"mirror"}, light, no_shutter) as hand:
         if hand.reach is None:

@@ -5,11 +5,11 @@ from typing import Annotated, Any
 
 import typer
 
-from nlos.acquisition.importers.given import NOTHING
 from nlos.chain import FIRST_STAGE, STAGES, reconstruct_file
 from nlos.cli.archive import files_of, folders_for, reconstruct_archive, worst
 from nlos.cli.archive_record import RECORD
 from nlos.cli.archive_task import Task
+from nlos.cli.contradictions import refuse_together, refuse_without
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.file_words import Axes, BinWidth, Depths, Rectified, Response, WallSize, depths, given
 from nlos.cli.film import reconstruct_film
@@ -71,24 +71,44 @@ def reconstruct(
 ) -> None:
     """From a recording, or any file that an importer reads, to a picture."""
     method, chosen = chosen_method(weights, method, parse_settings(settings or []))
-    _check(method, chosen, device, response)
     said, limits_m = given(wall_size_m, bin_width_ps, axes, rectified), depths(depth_m)
+    of_files = {
+        "--wall-size-m": wall_size_m is not None, "--bin-width-ps": bin_width_ps is not None,
+        "--axes": axes is not None, "--rectified/--raw": rectified is not None, "--depth-m": limits_m is not None,
+        "--frame": frame is not None, "--scheduler": scheduler is not None,
+    }  # fmt: skip
+    offsets = "offsets" in chosen
+    refuse_together(
+        "--overwrite", {"--skip-existing": overwrite and skip_existing}, "results cannot be both replaced and kept",
+        "Use one.",
+    )  # fmt: skip
+    refuse_together(
+        "--set offsets=file", {"--rectified": offsets and bool(rectified)}, "time 0 is the wall, there is nothing to "
+        "shift", "Use --raw, or leave the offsets out.",
+    )  # fmt: skip
+    refuse_without(
+        "--window", window is not None and not film, "--film", "it says how many frames make a picture of it"
+    )
     if follow:
-        if said != NOTHING or limits_m is not None or frame is not None:
-            raise UsageError(
-                "--follow: a scan that is being recorded says itself what it is; limit its picture afterwards"
-            )
-        _follow(runs, method, chosen, output, constants, response, device, volume, html, overwrite, scheduler)
+        refuse_together(
+            "--follow", {"--film": film, **of_files, "--skip-existing": skip_existing, "--set offsets": offsets},
+            "a scan that is being recorded says itself what it is, and is followed as one picture",
+            "Use --follow alone, then reconstruct the finished recording with these.",
+        )  # fmt: skip
+    if film:
+        refuse_together(
+            "--film", {**of_files, "--html": html, "--no-volume": not volume, "--set offsets": offsets},
+            "a film holds brightness and depth of every frame of a recording, as it is",
+            "Leave these out, or reconstruct single frames with --frame K.",
+        )  # fmt: skip
+    _check(method, chosen, device, response)
+    if follow:
+        _follow(runs, method, chosen, output, constants, response, device, volume, html, overwrite)
         return
-    if film or window is not None:
-        if (
-            not film
-            or len(runs) != 1
-            or runs[0].is_dir()
-            or (said, limits_m, frame, scheduler) != (NOTHING, None, None, None)
-        ):
-            raise UsageError("--film [--window N]: makes a film of one RUN of `nlos scan`, as it is")
-        reconstruct_film(runs[0], method, chosen, output, window, constants, device, overwrite)
+    if film:
+        if len(runs) != 1 or runs[0].is_dir():
+            raise UsageError("--film: makes a film of one RUN of `nlos scan`. Name one recording.")
+        reconstruct_film(runs[0], method, chosen, output, window, constants, response, device, overwrite, skip_existing)
         return
     options: dict[str, Any] = {
         "constants": constants, "response": response, "device": device, "html": html, "volume": volume, "given": said,
@@ -97,7 +117,7 @@ def reconstruct(
     if len(runs) > 1 or runs[0].is_dir() or scheduler is not None:
         _reconstruct_archive(runs, method, chosen, output, options, scheduler, overwrite, skip_existing)
         return
-    if skip_existing and not overwrite and set(NAMES) <= set(files_in(output)):
+    if skip_existing and set(NAMES) <= set(files_in(output)):
         terminal.result(f"{output}: already exists, skipped", reconstructions=[])
         return
     terminal.log(f"{runs[0]}: {method}")
@@ -190,10 +210,9 @@ def _follow(
     volume: bool,
     html: bool,
     overwrite: bool,
-    scheduler: str | None,
 ) -> None:
-    if len(runs) != 1 or scheduler is not None:
-        raise UsageError("--follow: follows one RUN, here")
+    if len(runs) != 1:
+        raise UsageError("--follow: follows one RUN. Name one recording.")
     scan = follow_to_folder(
         runs[0], method, settings, output, constants=constants, response=response, device=device, volume=volume,
         html=html, overwrite=overwrite,

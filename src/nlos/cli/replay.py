@@ -11,13 +11,16 @@ from nlos.acquisition.recording.recording import Status
 from nlos.acquisition.recording.replay import replay as play
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.chain import reconstruct_file
+from nlos.cli.contradictions import refuse_without
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.file_words import Response
 from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.progress import Progress
 from nlos.cli.targets import recording_target
 from nlos.cli.terminal import terminal
+from nlos.recon.methods import find
 from nlos.recon.results import files_in
+from nlos.response import response_wanted
 
 
 def replay(
@@ -36,6 +39,10 @@ def replay(
     settings: dict[str, object] = {}
     if weights is not None:
         reconstruct, settings = chosen_method(weights, reconstruct, {})
+    refuse_without("--response", response != "auto" and reconstruct is None, "--reconstruct", "no picture is made")
+    if reconstruct is not None:  # before anything is written
+        find(reconstruct)
+        response_wanted(response)
     if output is not None and recording_target(output).resolve() == run.resolve():
         raise UsageError(f"{output}: is the recording that is replayed")
     with open_checked(run) as recording:

@@ -8,7 +8,7 @@ import typer
 
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.cli.benches import load_bench
-from nlos.cli.exit_codes import UsageError
+from nlos.cli.contradictions import refuse_together, refuse_without
 from nlos.cli.file_words import Response
 from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.named_files import BenchWord, ScanWord
@@ -73,17 +73,26 @@ def scan(
     require_shutter(table, no_shutter)
     notes = notes_for(table.settings, sample, operator, note, tag or [])
     if sweep:
-        if resume or live or until or scene or overwrite or weights:
-            raise UsageError(
-                "--sweep makes a series: of the others only -o, --reconstruct, --constants and notes apply"
-            )
+        refuse_together(
+            "--sweep",
+            {"--resume": resume, "--live": live, "--until": until is not None, "--scene": scene is not None,
+             "--overwrite": overwrite, "--weights": weights is not None, "--response": response != "auto"},
+            "it makes a series, which knows only -o, --reconstruct, --constants, --no-shutter and notes",
+            "Leave these out; the same command resumes a series, `nlos reconstruct` takes the others afterwards.",
+        )  # fmt: skip
         return swept(wanted, table, sweep, notes, output, reconstruct, constants, no_shutter)
+    refuse_together(
+        "--resume", {"--overwrite": resume and overwrite}, "a recording cannot be both resumed and replaced",
+        "Use --resume to keep what it holds, --overwrite to begin again.",
+    )  # fmt: skip
+    seen = reconstruct is not None or weights is not None or live or until is not None
+    refuse_without("--response", response != "auto" and not seen, "--reconstruct", "no picture is made")
     seeing: dict[str, object] = {}
     if weights is not None:
         reconstruct, seeing = chosen_method(weights, reconstruct, {})
     if reconstruct is not None:
         find(reconstruct)
-        response_wanted(response)
+    response_wanted(response)
     level = None if until is None else parse_until(until)
     if live or level is not None:
         methods_for(reconstruct)

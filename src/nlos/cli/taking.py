@@ -81,7 +81,7 @@ def take(wanted: Loaded[ScanSettings], table: Loaded[BenchSettings], target: Pat
         notes=options.notes,
     )
     target.parent.mkdir(exist_ok=True)
-    watching = _Watching(options.method, dict(options.seeing), options.live, options.level)
+    watching = _Watching(options.method, dict(options.seeing), options.live, options.level, options.response)
     with Interrupts().caught() as interrupts, opened(table, options.scene) as open_bench:
         request = ScanRequest(plan, wanted.settings.alarms, header, target, resume, overwrite, options.constants)
         _acquire(request, open_bench, interrupts, watching)
@@ -91,12 +91,14 @@ def take(wanted: Loaded[ScanSettings], table: Loaded[BenchSettings], target: Pat
 
 @dataclass(frozen=True)
 class _Watching:
-    """Who looks on: the method and its settings, whether on a page, and the level at which the scan may end."""
+    """Who looks on: the method, its settings and the response, whether on a page, and the level at which the scan may
+    end."""
 
     method: str | None
     settings: dict[str, object]
     live: bool
     level: float | None
+    response: str
 
     def enough(self, scan: PreparedScan) -> Enough | None:
         """Decides when the picture is good enough. It reads what is there, so it is made before the file is opened."""
@@ -108,14 +110,14 @@ class _Watching:
         return Enough(
             asked.target, asked.plan, devices, self.level, methods_for(self.method)[-1], bench.report,
             watched=not bench.settings.simulated, resumed=asked.resume, settings=self.settings,
-            bench_json=scan.header.bench_json,
+            bench_json=scan.header.bench_json, response=self.response,
         )  # fmt: skip
 
     def show(self, scan: PreparedScan) -> None:
         """Starts the page, where one is asked for or the picture is judged while light is on."""
         assert scan.request.target is not None
         if self.live or (self.level is not None and not scan.bench.settings.simulated):
-            start_live(scan.request.target, self.method, self.settings.get("weights"))
+            start_live(scan.request.target, self.method, self.settings.get("weights"), self.response)
 
 
 def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watching: _Watching) -> None:

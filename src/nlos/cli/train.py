@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from nlos.cli.contradictions import refuse_together
 from nlos.cli.exit_codes import ExitCode, Stopped
 from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
@@ -38,12 +39,15 @@ def train(
     from nlos.recon.training.train_settings import TrainSettings
     from nlos.recon.weights.files import read_about
 
+    refuse_together(
+        "--check", {"--max-minutes": check and max_minutes is not None}, "nothing is trained", "Leave one of them out."
+    )
     loaded = load("train", config, TrainSettings)
     _refuse_problems(loaded)
     settings = loaded.settings
     folder = output or Path("runs/train") / loaded.path.stem
     if check:
-        _say_trial(settings, folder)
+        _say_trial(settings, folder, anew=overwrite)
         return
     if max_minutes is not None:
         settings = settings.model_copy(update={"max_minutes": max_minutes})
@@ -92,13 +96,13 @@ def _spoken(hours: float) -> str:
     return f"{hours:.1f} hours" if hours >= 1 else f"{60 * hours:.1f} minutes"
 
 
-def _say_trial(settings: "TrainSettings", folder: Path) -> None:
+def _say_trial(settings: "TrainSettings", folder: Path, anew: bool) -> None:
     from nlos.recon.training.run_folder import STATE
     from nlos.recon.training.trial import trial
     from nlos.recon.weights.files import read_about
 
     there = folder / STATE
-    seen = int(read_about(there).get("samples", 0)) if there.exists() else 0
+    seen = int(read_about(there).get("samples", 0)) if there.exists() and not anew else 0
     found = trial(settings, seen)
     resumes = f", {seen:,} of them seen" if seen else ""
     terminal.result(f"{settings.method}: {found['parameters']:,} parameters, {settings.samples:,} samples{resumes}")

@@ -19,6 +19,7 @@ from nlos.live.process import read_state, state_file
 from nlos.live.so_far import gathering_for, new_scan, scan_of
 from nlos.recon.errors import ReconError
 from nlos.recon.live import GROWTH, LivePicture, LiveReconstruction
+from nlos.response import response_wanted, with_response
 
 if TYPE_CHECKING:
     from nlos.acquisition.planning.plan import ScanPlan
@@ -44,6 +45,7 @@ class Enough:
         resumed: bool = False,
         settings: Mapping[str, object] | None = None,
         bench_json: str = "{}",
+        response: str = "auto",
     ) -> None:
         """Before `run` is opened for writing: where it is `resumed`, what it holds is read here. `watched`: the live
         process of `run` makes the pictures, and its figures are read here."""
@@ -51,7 +53,7 @@ class Enough:
         self.reached = False
         """Whether the scan, or the first of its passes, ended for being good enough."""
         self._level, self._report, self._devices = level, report, devices
-        self._bench_json = bench_json
+        self._bench_json, self._response = bench_json, response_wanted(response)
         self._state = state_file(run) if watched else None
         self._gathering = gathering_for(plan)
         self._live = LiveReconstruction(method, settings)
@@ -93,7 +95,7 @@ class Enough:
     def _picture(self) -> "LivePicture | None":
         try:
             scan = scan_of(new_scan(self._gathering.plan, self._devices, self._bench_json), self._gathering)
-            transient = calibrate_scan(scan, constants=constants_for(scan, None))
+            transient = with_response(calibrate_scan(scan, constants=constants_for(scan, None)), self._response)
             return self._live.update(transient, len(self._gathering), scan.falloff)
         except (InvalidData, ReconError) as error:
             self._report("until", f"no picture of {len(self._gathering)} points yet: {error}")

@@ -37,7 +37,9 @@ def methods_for(asked: str | None) -> list[str]:
     return [QUICK] if best == QUICK else [QUICK, best]
 
 
-def start_live(run: Path, method: str | None, weights: object = None) -> "subprocess.Popen[bytes]":
+def start_live(
+    run: Path, method: str | None, weights: object = None, response: str = "auto"
+) -> "subprocess.Popen[bytes]":
     """Starts the page of `run` and says its address. The scan reads nothing from it and waits for nothing."""
     state_file(run).unlink(missing_ok=True)  # of an earlier scan, whose page was killed
     token = secrets.token_urlsafe(24)
@@ -45,6 +47,7 @@ def start_live(run: Path, method: str | None, weights: object = None) -> "subpro
         command = [sys.executable, "-P", "-m", "nlos", "live", str(run), "--idle-s", str(IDLE_S)]
         command += [] if method is None else ["--method", method]
         command += [] if weights is None else ["--weights", str(weights)]
+        command += [] if response == "auto" else ["--response", response]
         process = subprocess.Popen(
             [*command, "-q"],
             env={**os.environ, SOCKET: str(door.fileno()), TOKEN: token, "OMP_NUM_THREADS": "1"},
