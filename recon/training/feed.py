@@ -53,8 +53,9 @@ class Feed:
             whole = collate([future.result() for future in self._waiting.popleft()])
         except BrokenProcessPool as error:
             raise ReconstructionFailed(
-                "a process that makes samples was killed, by the system if memory ran out. What was learned is saved: "
-                "the same command resumes; fewer `workers` take less memory."
+                "a process that makes samples was killed, by the system if memory ran out, or could not start: a "
+                "script trains under `if __name__ == '__main__':`. What was learned is saved: the same command "
+                "resumes; fewer `workers` take less memory."
             ) from error
         self.waited_s += 0.0 if self._first else time.monotonic() - began
         self._first = False
