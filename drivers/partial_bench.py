@@ -1,9 +1,9 @@
 """The instruments of a bench that are there: aiming by hand is of use with one of them alone."""
 
-from collections.abc import Iterator, Set
+from collections.abc import Callable, Iterator, Set
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 from nlos.drivers.arming import Agree, Arming
 from nlos.drivers.bench_settings import BenchSettings
@@ -21,6 +21,8 @@ from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.tcspc.counter import HistogramCounter
 from nlos.drivers.tcspc.models import COUNTERS, open_counter
 from nlos.drivers.trip_latch import TripLatch
+
+Device = TypeVar("Device")
 
 
 @dataclass
@@ -94,15 +96,20 @@ def _light_unknown(why: str) -> LimitError:
     )
 
 
+def _opened(bench: PartialBench, role: str, open_device: Callable[[], Device]) -> Device | None:
+    """The instrument, or a note of why it is absent."""
+    try:
+        return open_device()
+    except DeviceError as error:
+        bench.absent[role] = error
+        return None
+
+
 def _open_counter(bench: PartialBench, closing: Closing, backend: Any, log: WireLog | None) -> LaserShutter | None:
     """The counter, and the closed shutter that hangs on it."""
     block, word = bench.settings.counter, bench.settings.shutter.model
-    try:
-        bench.counter = closing.counter = open_counter(block, bench.clock, backend, log)
-    except DeviceError as error:
-        bench.absent["counter"] = error
-        return None
-    if bench.settings.shutter_on != "counter":
+    bench.counter = closing.counter = _opened(bench, "counter", lambda: open_counter(block, bench.clock, backend, log))
+    if bench.counter is None or bench.settings.shutter_on != "counter":
         return None
     shutter = COUNTERS[block.model].shutters[word].of(bench.counter)
     shutter.close()
@@ -112,9 +119,7 @@ def _open_counter(bench: PartialBench, closing: Closing, backend: Any, log: Wire
 def _open_mirror(bench: PartialBench, closing: Closing, backend: Any, log: WireLog | None) -> LaserShutter | None:
     """The mirror, whose controller closes the shutter first where that hangs on it."""
     block, word = bench.settings.mirror, bench.settings.shutter.model
-    try:
-        bench.mirror = closing.mirror = open_mirror(block, bench.clock, log, backend)
-    except DeviceError as error:
-        bench.absent["mirror"] = error
+    bench.mirror = closing.mirror = _opened(bench, "mirror", lambda: open_mirror(block, bench.clock, log, backend))
+    if bench.mirror is None or bench.settings.shutter_on != "mirror":
         return None
-    return MIRRORS[block.model].shutters[word].of(bench.mirror) if bench.settings.shutter_on == "mirror" else None
+    return MIRRORS[block.model].shutters[word].of(bench.mirror)

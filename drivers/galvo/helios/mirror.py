@@ -1,8 +1,7 @@
 """A Helios laser DAC before ILDA galvos: holds a point, or plays a sequence by its own clock; nothing is read back."""
 
 import contextlib
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from nlos.drivers.clock import Clock
@@ -16,10 +15,12 @@ from nlos.drivers.errors import (
     LimitError,
     WrongDevice,
 )
+from nlos.drivers.galvo.axis_codes import axis_codes
 from nlos.drivers.galvo.helios import wire
 from nlos.drivers.galvo.helios.sequence import marked, most_steps, own_steps, pace
 from nlos.drivers.galvo.helios.settings import PRODUCT_ID, VENDOR_ID, HeliosSettings
 from nlos.drivers.galvo.mirror import MirrorAngles, OwnSteps
+from nlos.drivers.galvo.whereabouts import Whereabouts
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.link.usb_pipes import UsbPipes
 
@@ -39,7 +40,7 @@ class Helios:
     def __init__(self, settings: HeliosSettings, clock: Clock, pipes: UsbPipes) -> None:
         self.warnings = [f"{DEVICE}: nothing reads back where this mirror points."]
         self._settings, self._clock, self._pipes = settings, clock, pipes
-        self._unknown: BaseException | None = None
+        self._place = Whereabouts(DEVICE, REOPEN)
         self._from: tuple[MirrorAngles, ...] = (MirrorAngles(0.0, 0.0),)  # one of these: where a sequence was stopped
         self._settled_at_s = 0.0
         self._sequence: tuple[MirrorAngles, ...] = ()
@@ -77,8 +78,8 @@ class Helios:
     def begin_move(self, angles: MirrorAngles) -> None:
         """Both axes in one frame of one point, which is repeated until the next."""
         codes = self._codes(angles)
-        self._check_known()
-        with self._motion():
+        self._place.check_known()
+        with self._place.motion():
             self._hold(codes)
             self._arrive(angles)
 
@@ -117,7 +118,7 @@ class Helios:
             raise LimitError(DEVICE, f"a sequence of {len(sequence)} positions.", f"Load 1 to {most} at a time.")
         self._sequence, self._frame = (), b""
         codes = [self._codes(angles) for angles in sequence]
-        self._check_known()
+        self._place.check_known()
         self._step_s = steps.step_s
         this = pace(steps.dwell_s, steps.settling_s)
         high = round(self._settings.marker_output_v / wire.COLOUR_FULL_V * 255)
@@ -137,8 +138,8 @@ class Helios:
         """Sends the frame: a sample later the first mark rises. After the last sample the mirror stays."""
         if not self._frame:
             raise CommandRejected(DEVICE, "no sequence is loaded.", "Call load_steps() before each start().")
-        self._check_known()
-        with self._motion():
+        self._place.check_known()
+        with self._place.motion():
             self._send(self._frame)
         self._played_s, self._frame = self._clock.now(), b""
 
@@ -154,13 +155,13 @@ class Helios:
             return
         here = sequence[min(int(done), len(sequence) - 1)]
         self._from = sequence
-        with self._motion():
+        with self._place.motion():
             self._hold(self._codes(here))
             self._arrive(here)
 
     def look(self) -> None:
         """Reads what nobody asked for: of a DAC that answers only when asked, a restart or somebody else's answer."""
-        with self._motion():
+        with self._place.motion():
             try:
                 unasked = self._pipes.answer(0.001)
             except DeviceTimeout:
@@ -170,7 +171,7 @@ class Helios:
     def park(self) -> None:
         """Stopped, dark, shutter pin low, then centred and held. After an error, this does not make it usable again."""
         self._sequence, self._frame, self._played_s = (), b"", None
-        with self._motion():
+        with self._place.motion():
             self._pipes.command(wire.encode_command(wire.STOP), self._settings.timeout_s)
             self._pipes.command(wire.encode_command(wire.SHUTTER), self._settings.timeout_s)
             self._clock.sleep(_STOPPED_S)
@@ -201,11 +202,6 @@ class Helios:
         self._settled_at_s = self._clock.now() + 1 / _RATE + settle_s
         self._from = (angles,)
 
-    def _check_known(self) -> None:
-        if self._unknown is not None:
-            cause = getattr(self._unknown, "what", self._unknown)
-            raise DeviceFault(DEVICE, f"where the mirror points is not known any more: {cause}", REOPEN)
-
     def _ask(self, code: int) -> bytes:
         """The answer, which begins with the command's code and its top bit; older answers are let go."""
         self._pipes.command(wire.encode_command(code), self._settings.timeout_s)
@@ -222,28 +218,13 @@ class Helios:
                 self._pipes.answer(0.005)
 
     def _codes(self, angles: MirrorAngles) -> tuple[int, int]:
-        settings, codes = self._settings, []
+        settings, full_scale = self._settings, self._settings.optical_deg_at_full_scale
         settings.check_allowed(angles)
-        limit_deg = 2.0 * settings.max_mechanical_deg
-        remedy = "Shrink the wall in the plan or move the scanner back."
-        for name, inverted, angle_rad in (
-            ("x", settings.invert_x, angles.x_rad),
-            ("y", settings.invert_y, angles.y_rad),
-        ):
-            what = f"mirror {name} = {math.degrees(angle_rad):+.2f} deg optical"
-            if not abs(math.degrees(angle_rad)) <= limit_deg:
-                raise LimitError(DEVICE, f"{what} is outside +-{limit_deg:.2f} deg optical.", remedy)
-            try:
-                codes.append(wire.code_for(-angle_rad if inverted else angle_rad, settings.optical_deg_at_full_scale))
-            except ValueError as error:
-                raise LimitError(DEVICE, f"{what} {error}.", remedy) from error
-        return codes[0], codes[1]
-
-    @contextlib.contextmanager
-    def _motion(self) -> Iterator[None]:
-        """Whatever cuts this short, an interrupt too, leaves the mirror where nobody knows."""
-        try:
-            yield
-        except BaseException as error:
-            self._unknown = self._unknown or error
-            raise
+        x_sign, y_sign = (-1 if inverted else 1 for inverted in (settings.invert_x, settings.invert_y))
+        return axis_codes(
+            DEVICE,
+            angles,
+            settings.max_mechanical_deg,
+            lambda rad: wire.code_for(x_sign * rad, full_scale),
+            lambda rad: wire.code_for(y_sign * rad, full_scale),
+        )

@@ -1,8 +1,7 @@
 """Optotune MR-E-2 and MR-E-3: a fast steering mirror with its own controller, which tells when it is still."""
 
-import contextlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from nlos.drivers.clock import Clock
 from nlos.drivers.errors import (
@@ -21,6 +20,7 @@ from nlos.drivers.galvo.optotune import commands as wire
 from nlos.drivers.galvo.optotune.commands import Status
 from nlos.drivers.galvo.optotune.controller import DEVICE, REOPEN, Controller
 from nlos.drivers.galvo.optotune.settings import OptotuneSettings
+from nlos.drivers.galvo.whereabouts import Whereabouts
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.link.serial_line import WireLog
 
@@ -40,7 +40,7 @@ class Optotune:
         self._controller = controller
         self._identity = name
         self._target = MirrorAngles(0.0, 0.0)
-        self._unknown: BaseException | None = None
+        self._place = Whereabouts(DEVICE, REOPEN)
 
     @classmethod
     def open(cls, settings: OptotuneSettings, clock: Clock, wire_log: WireLog | None = None) -> "Optotune":
@@ -82,8 +82,8 @@ class Optotune:
     def begin_move(self, angles: MirrorAngles) -> None:
         """Sends both coordinates in one command."""
         x, y = self._coordinates(angles)
-        self._check_known()
-        with self._motion():
+        self._place.check_known()
+        with self._place.motion():
             try:
                 self._controller.set_position(x, y)
             except LimitError as trimmed:
@@ -95,8 +95,8 @@ class Optotune:
 
         Raises `SettleTimeout`, and `DeviceFault` for any fault bit, present or latched. The mirror is not moved again.
         """
-        self._check_known()
-        with self._motion():
+        self._place.check_known()
+        with self._place.motion():
             self._wait_stable()
             if self._settings.readback:
                 self.measured()
@@ -108,7 +108,7 @@ class Optotune:
     def measured(self) -> MirrorAngles:
         """Where the controller's sensor sees the mirror (repeatable to 40 urad, accurate to 0.15 deg). A distance from
         the commanded position beyond `warn_error_deg` is a warning, beyond `max_error_deg` a `DeviceFault`."""
-        with self._motion():
+        with self._place.motion():
             measured = wire.angles_at(*self._controller.measured_position())
             error_deg = math.degrees(
                 math.hypot(measured.x_rad - self._target.x_rad, measured.y_rad - self._target.y_rad) / 2.0
@@ -130,7 +130,7 @@ class Optotune:
         """Nothing to end: this mirror never steps by itself."""
 
     def look(self) -> None:
-        with self._motion():
+        with self._place.motion():
             self._controller.look()
 
     def park(self) -> None:
@@ -140,8 +140,8 @@ class Optotune:
         error is raised.
         """
         for left in reversed(range(_PARKINGS)):
-            if isinstance(self._unknown, SettleTimeout | DeviceFault):
-                self._check_known()
+            if isinstance(self._place.lost_by, SettleTimeout | DeviceFault):
+                self._place.check_known()
             try:
                 self._park()
                 return
@@ -164,15 +164,15 @@ class Optotune:
 
     def _set_up(self) -> None:
         if faults := self._controller.status().faults:
-            self._unknown = _fault(faults)
-            self.warnings.append(str(self._unknown))
+            self._place.lost_by = _fault(faults)
+            self.warnings.append(str(self._place.lost_by))
             return
         self._park()
         self.measured()
 
     def _park(self) -> None:
-        with self._motion():
-            if self._unknown is not None:
+        with self._place.motion():
+            if self._place.lost_by is not None:
                 self._controller.recover()
             self._controller.set_position(0.0, 0.0)
             self._target = MirrorAngles(0.0, 0.0)
@@ -220,20 +220,6 @@ class Optotune:
             return f"It is at {_shown(wire.angles_at(*self._controller.measured_position()))}."
         except DeviceError as error:
             return f"Where, it does not say ({error.what})."
-
-    def _check_known(self) -> None:
-        if self._unknown is not None:
-            cause = getattr(self._unknown, "what", self._unknown)
-            raise DeviceFault(DEVICE, f"where the mirror points is not known any more: {cause}", REOPEN)
-
-    @contextlib.contextmanager
-    def _motion(self) -> Iterator[None]:
-        """Whatever cuts this short, an interrupt too, leaves the mirror where nobody knows."""
-        try:
-            yield
-        except BaseException as error:
-            self._unknown = self._unknown or error
-            raise
 
 
 def _fault(faults: Status) -> DeviceFault:

@@ -3,6 +3,7 @@
 import contextlib
 import math
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 from nlos.drivers.clock import Clock
 from nlos.drivers.errors import (
@@ -14,11 +15,13 @@ from nlos.drivers.errors import (
     MirrorDisturbed,
     ProtocolError,
 )
+from nlos.drivers.galvo.axis_codes import axis_codes
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.galvo.triggerscope import commands as wire
 from nlos.drivers.galvo.triggerscope.controller import DEVICE, REOPEN, Controller
 from nlos.drivers.galvo.triggerscope.set_up import centre, disarm, ranges, set_up
 from nlos.drivers.galvo.triggerscope.settings import TriggerScopeSettings
+from nlos.drivers.galvo.whereabouts import Whereabouts
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.link.repeats import repeated
 from nlos.drivers.link.serial_line import WireLog
@@ -41,7 +44,7 @@ class TriggerScope:
         self._axes = (settings.x, settings.y)
         self._dacs = (settings.x.dac, settings.y.dac)
         self._ranges_set = True
-        self._unknown: BaseException | None = None
+        self._place = Whereabouts(DEVICE, REOPEN)
         limit_rad = math.radians(2.0 * settings.max_mechanical_deg)
         self._anywhere = (MirrorAngles(-limit_rad, -limit_rad), MirrorAngles(limit_rad, limit_rad))
         self._region: tuple[MirrorAngles, ...] = self._anywhere  # the move under way began within these corners
@@ -195,8 +198,8 @@ class TriggerScope:
             self._ranges_set &= self._controller.recover()
             if not self._ranges_set:
                 self._set_up()
-                if isinstance(self._unknown, MirrorDisturbed):
-                    self._unknown = None
+                if isinstance(self._place.lost_by, MirrorDisturbed):
+                    self._place.lost_by = None
                 return
             self._disarm()
             self._send(centre(self._dacs))
@@ -225,18 +228,10 @@ class TriggerScope:
 
     def _codes(self, angles: MirrorAngles) -> tuple[int, int]:
         self._settings.check_allowed(angles)
-        limit_deg = 2.0 * self._settings.max_mechanical_deg
-        remedy = "Shrink the wall in the plan or move the scanner back."
-        codes = []
-        for name, axis, angle_rad in zip("xy", self._axes, (angles.x_rad, angles.y_rad), strict=True):
-            what = f"mirror {name} = {math.degrees(angle_rad):+.2f} deg optical"
-            if not abs(math.degrees(angle_rad)) <= limit_deg:
-                raise LimitError(DEVICE, f"{what} is outside +-{limit_deg:.2f} deg optical.", remedy)
-            try:
-                codes.append(wire.code_for(angle_rad, axis.volts_per_degree, axis.offset_v))
-            except ValueError as error:
-                raise LimitError(DEVICE, f"{what} {error}.", remedy) from error
-        return codes[0], codes[1]
+        x_code, y_code = (
+            partial(wire.code_for, volts_per_degree=a.volts_per_degree, offset_v=a.offset_v) for a in self._axes
+        )
+        return axis_codes(DEVICE, angles, self._settings.max_mechanical_deg, x_code, y_code)
 
     def _arrive(self, angles: MirrorAngles) -> None:
         """A move may begin before the one before has settled: then from anywhere on its way."""
@@ -247,9 +242,7 @@ class TriggerScope:
         self._target = angles
 
     def _check_known(self) -> None:
-        if self._unknown is not None:
-            cause = getattr(self._unknown, "what", self._unknown)
-            raise DeviceFault(DEVICE, f"where the mirror points is not known any more: {cause}", REOPEN)
+        self._place.check_known()
         self.check_trusted()
 
     @property
@@ -287,10 +280,10 @@ class TriggerScope:
 
     @contextlib.contextmanager
     def _motion(self) -> Iterator[None]:
-        """Whatever cuts this short, an interrupt too, leaves the mirror where nobody knows."""
+        """A motion of the mirror. A controller that was restarted or disturbed in it may have other ranges."""
         try:
-            yield
-        except BaseException as error:
-            self._unknown = self._unknown or error
-            self._ranges_set &= not isinstance(error, DeviceReset | MirrorDisturbed)
+            with self._place.motion():
+                yield
+        except (DeviceReset, MirrorDisturbed):
+            self._ranges_set = False
             raise
