@@ -12,8 +12,8 @@ from torch import Tensor
 
 from nlos.recon.layers.evidence import evidence
 from nlos.recon.layers.interval_head import KEPT, NOISE, IntervalHead, RawIntervals
-from nlos.recon.layers.measurement import WienerVolumes
 from nlos.recon.layers.volume_projection import Projection
+from nlos.recon.layers.wiener_volumes import WienerVolumes
 from nlos.recon.weights.files import OWN_FOLDER, find_weights, put_weights, read_about, read_weights
 
 CALIBRATED = "nano.intervals"  # safetensors; by another name, for it is no weights of a method

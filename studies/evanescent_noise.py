@@ -10,7 +10,7 @@ import numpy.typing as npt
 import torch
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
-from nlos.recon.layers.measurement import rates_of
+from nlos.recon.layers.rates import rates_of
 from nlos.recon.training.dataset import sample
 from nlos.recon.training.training_sample import collate
 from studies.noise_figure import KINDS, NoiseFit, held_out

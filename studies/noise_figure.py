@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from nlos.recon.layers.measurement import rates_of
+from nlos.recon.layers.rates import rates_of
 from nlos.recon.methods.nano import Nano, Settings, build
 from nlos.recon.training.dataset import sample
 from nlos.recon.training.dataset_settings import DatasetSettings

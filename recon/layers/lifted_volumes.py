@@ -6,11 +6,11 @@ from torch import Tensor, nn
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.layers.measurement import DIFFUSE, LOG_SNR_AT_KNOTS, NOISE_KNOTS, WienerVolumes, piecewise
+from nlos.recon.layers.light_cone_inverse import LightConeInverse
+from nlos.recon.layers.noise_adapted import BY_NOISE_LEVEL, DIFFUSE
 from nlos.recon.layers.told_response import MIDDLE, Told
 from nlos.recon.layers.transient_lifting import LiftingName, TransientLifting
-from nlos.recon.transport.light_cone import LightConeConvolution
-from nlos.recon.transport.resampling import LightConeResampling
+from nlos.recon.layers.wiener_volumes import WienerVolumes
 
 UNDONE = 3.0  # of the falloff of diffuse surfaces
 
@@ -34,9 +34,7 @@ class LiftedVolumes(nn.Module):
         self.slices = (physics.slices + 1) // 2
         extent_s = 2 * physics.slices * physics.pitch[0] * physics.unit_m / SPEED_OF_LIGHT_M_PER_S
         self.first = physics.first
-        self.time = time = TimeAxis(self.slices, extent_s / self.slices)
-        self.resampling = LightConeResampling(time)
-        self.cone = LightConeConvolution(wall, time)
+        self.inverse = LightConeInverse(wall, TimeAxis(self.slices, extent_s / self.slices))
         fall = ((torch.arange(self.slices) + 0.5) / self.slices) ** max(0.0, UNDONE - (DIFFUSE - physics.falloff))
         self.register_buffer("fall", fall[:, None, None], persistent=False)
 
@@ -46,11 +44,7 @@ class LiftedVolumes(nn.Module):
         """A `response` is inverted as it is about the middle of the light."""
         tau = F.interpolate(net[:, :, self.first :], size=(self.slices, *self.points), mode="area")
         lifted = self.lifting(tau).float()
-        snr = 10 ** piecewise(log_noise, NOISE_KNOTS, LOG_SNR_AT_KNOTS)
-        spread = None
-        if response is not None:
-            spread = response.spectra(self.time, self.resampling.cells, self.cone.padded[0])[:, MIDDLE]
-        solved = self.cone.wiener(self.resampling(lifted * self.fall), snr, spread)
-        volume = self.resampling.adjoint(solved)
+        spectrum = None if response is None else self.inverse.spectra(response)[:, MIDDLE]
+        volume: Tensor = self.inverse(lifted * self.fall, BY_NOISE_LEVEL.snr(log_noise), spectrum)
         power = volume[:, :, : (reach + 1) // 2].square().mean(dim=(1, 2, 3, 4), keepdim=True)
         return volume / power.sqrt().clamp(min=1e-12)

@@ -4,21 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.layers.measurement import (
-    FALLOFF_AT_KNOTS,
-    LOG_SNR_AT_KNOTS,
-    NOISE_KNOTS,
-    SLICE,
-    piecewise,
-    rebinned_axis,
-)
-from nlos.recon.transport.light_cone import LightConeConvolution
-from nlos.recon.transport.resampling import LightConeResampling
+from nlos.recon.layers.counts import added
+from nlos.recon.layers.light_cone_inverse import LightConeInverse, undone
+from nlos.recon.layers.noise_adapted import BY_NOISE_LEVEL
+from nlos.recon.layers.wiener_volumes import SLICE, rebinned_axis
 
 
 class LightConeFields(nn.Module):
@@ -44,8 +37,7 @@ class LightConeFields(nn.Module):
         relative = np.maximum(centres, 0) / centres[-1]
         self.register_buffer("depths", torch.from_numpy(centres).float(), persistent=False)
         self.register_buffer("relative", torch.from_numpy(relative).float(), persistent=False)
-        self.resampling = LightConeResampling(self.time)
-        self.cone = LightConeConvolution(wall, self.time)
+        self.light_cone = LightConeInverse(wall, self.time)
 
     def rebin(self, counts: Tensor) -> Tensor:
         """(B, 1, T, H, W) -> (B, 1, fine bins, H, W), what noise estimation reads."""
@@ -57,28 +49,17 @@ class LightConeFields(nn.Module):
 
     def squared(self, rates: Tensor, log_noise: Tensor) -> Tensor:
         """R_t: (B, C, bins, h, w), falloff undone, over cells of t^2, (B, C, cells, h, w)."""
-        exponent = piecewise(log_noise, NOISE_KNOTS, FALLOFF_AT_KNOTS)
-        weight = (self.relative[None] ** exponent[:, None])[:, None, :, None, None]
-        light: Tensor = self.resampling(rates.float() * weight)
-        return light
+        weight = undone(self.relative, BY_NOISE_LEVEL.exponent(log_noise))
+        return self.light_cone.on_cone(rates.float() * weight)
 
     def inverse(self, light: Tensor, log_noise: Tensor) -> Tensor:
         """The solution of eq. 6 over cells of z^2, (B, 1, cells, H, W)."""
-        return self.cone.wiener(light, 10 ** piecewise(log_noise, NOISE_KNOTS, LOG_SNR_AT_KNOTS))
+        return self.light_cone.solved(light, BY_NOISE_LEVEL.snr(log_noise))
 
     def adjoint(self, light: Tensor) -> Tensor:
         """H* of what was measured, (B, 1, cells, H, W)."""
-        return self.cone.adjoint(light)
+        return self.light_cone.cone.adjoint(light)
 
     def metric(self, u: Tensor) -> Tensor:
         """R_z^-1: (B, C, cells, h, w) over z^2 -> (B, C, bins, h, w) at `depths`."""
-        volume: Tensor = self.resampling.adjoint(u)
-        return volume
-
-
-def added(x: Tensor, factor: int, bins: int) -> Tensor:
-    """(B, C, T, H, W) -> (B, C, bins, H, W): so many neighbours added, zeros after the end, what is beyond cut."""
-    used = x[:, :, : bins * factor]
-    if missing := bins * factor - used.shape[2]:
-        used = F.pad(used, (0, 0, 0, 0, 0, missing))
-    return used.reshape(*used.shape[:2], bins, factor, *used.shape[3:]).sum(dim=3)
+        return self.light_cone.over_depth(u)

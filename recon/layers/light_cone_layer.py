@@ -6,15 +6,9 @@ from torch import Tensor, nn
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.layers.counts import added
+from nlos.recon.layers.light_cone_inverse import LightConeInverse, undone
 from nlos.recon.transport.conventions import depths_m
-from nlos.recon.transport.light_cone import LightConeConvolution
-from nlos.recon.transport.resampling import LightConeResampling
-
-
-def sums(x: Tensor, count: int) -> Tensor:
-    """(B, C, T, H, W) -> (B, C, T // count, H, W): neighbours along time added, the odd rest dropped."""
-    whole = x.shape[2] // count * count
-    return x[:, :, :whole].reshape(*x.shape[:2], -1, count, *x.shape[3:]).sum(dim=3)
 
 
 class LightConeLayer(nn.Module):
@@ -50,15 +44,12 @@ class LightConeLayer(nn.Module):
         self.register_buffer("depths_m", torch.from_numpy(slices[chosen]).float(), persistent=False)
         relative = np.maximum(centres, 0) / centres[-1]
         self.register_buffer("relative", torch.from_numpy(relative).float(), persistent=False)
-        self.resampling = LightConeResampling(time)
-        self.cone = LightConeConvolution(wall, time)
+        self.inverse = LightConeInverse(wall, time)
 
     def forward(self, x: Tensor, exponent: Tensor, snr: Tensor) -> Tensor:
         with torch.autocast(x.device.type, enabled=False):
-            weight = self.relative[None] ** exponent[:, None]  # (B, T)
-            light = self.resampling(x.float() * weight[:, None, :, None, None])
-            if light.shape[1] < snr.shape[1]:
-                light = light.repeat(1, snr.shape[1], 1, 1, 1)
-            volume: Tensor = self.resampling.adjoint(self.cone.wiener(light, snr))[:, :, self.first : self.last]
-            mean: Tensor = sums(volume, self.slice) / self.slice
+            planes: Tensor = self.inverse(x.float() * undone(self.relative, exponent), snr)[
+                :, :, self.first : self.last
+            ]
+            mean: Tensor = added(planes, self.slice, planes.shape[2] // self.slice) / self.slice
             return mean

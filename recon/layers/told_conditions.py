@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from nlos.recon.layers.measurement import Rates
+from nlos.recon.layers.rates import Rates
 
 
 def conditions(log_noise: Tensor, rates: Rates) -> Tensor:

@@ -1,21 +1,18 @@
 """What a network sees of a measurement: rates, how noisy they are, and Wiener volumes regularised accordingly."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.layers.light_cone_layer import LightConeLayer, sums
+from nlos.recon.layers.counts import added, exposed
+from nlos.recon.layers.light_cone_inverse import brightest
+from nlos.recon.layers.light_cone_layer import LightConeLayer
+from nlos.recon.layers.noise_adapted import BY_COUNTS
 
-# Level (`Counted`) -> falloff exponent and log10 snr at which the transform was best on simulated scenes.
-LEVELS = (1.2, 1.9, 2.5, 3.9)
-EXPONENTS = (2.0, 2.7, 3.0, 4.0)
-LOG_SNRS = (-1.0, -0.9, -0.5, 0.3)
 SNR_FACTORS = (0.5, 5.0)
-QUANTILE = 0.98
 SHARE_WEIGHT = 0.4
 FINEST_BIN_WIDTHS = 0.0048  # in wall widths of depth: finer bins are added up
 BLOCKS = 32
@@ -35,11 +32,11 @@ class Counted:
 
     @property
     def exponent(self) -> Tensor:
-        return interpolate(self.level, LEVELS, EXPONENTS)
+        return BY_COUNTS.exponent(self.level)
 
     @property
     def snr(self) -> Tensor:
-        return torch.pow(10.0, interpolate(self.level, LEVELS, LOG_SNRS))
+        return BY_COUNTS.snr(self.level)
 
 
 def bins_together(wall: WallGrid, time: TimeAxis) -> int:
@@ -57,14 +54,10 @@ def rebinned(time: TimeAxis, together: int) -> TimeAxis:
 
 def counted(counts: Tensor, exposure: Tensor | None, together: int = 1) -> Counted:
     """From counts (B, 1, T, H, W) and exposure (B, H, W) in any unit, 0 = not measured; None: all alike."""
-    counts = sums(counts.float(), together)
+    counts = added(counts.float(), together, counts.shape[2] // together)
     counts = counts * unit(counts)[:, None, None, None, None]
-    if exposure is None:
-        exposure = torch.ones_like(counts[:, 0, 0])
-    exposure = exposure.to(counts)
-    measured = (exposure > 0).float()
-    points = measured.sum(dim=(1, 2)).clamp(min=1)
-    exposure = exposure / (exposure.sum(dim=(1, 2)) / points).clamp(min=1e-30)[:, None, None]
+    exposure, known, points = exposed(counts, exposure)
+    measured = known.float()
     background = background_rate(counts, exposure)
     rate = counts[:, 0] / exposure.clamp(min=1e-3)[:, None] - background[:, None, None, None]
     rate = rate * measured[:, None]
@@ -93,19 +86,10 @@ def background_rate(counts: Tensor, exposure: Tensor) -> Tensor:
     return torch.nanquantile(lit, 0.1, dim=1).nan_to_num(0.0)
 
 
-def interpolate(x: Tensor, knots: tuple[float, ...], values: tuple[float, ...]) -> Tensor:
-    """Piecewise linear, constant beyond the ends."""
-    out = torch.full_like(x, values[0])
-    for (a, b), (u, v) in zip(pairwise(knots), pairwise(values), strict=True):
-        out = out + (v - u) * ((x - a) / (b - a)).clamp(0, 1)
-    return out
-
-
 def normalised(volumes: Tensor) -> Tensor:
     """Every volume (B, V, D, H, W) divided by the 0.98 quantile of its own maximum projection."""
-    brightest = torch.quantile(volumes.detach().amax(dim=2).flatten(2), QUANTILE, dim=2)  # (B, V)
     floor = 1e-6 * volumes.detach().abs().amax(dim=(2, 3, 4)) + 1e-30
-    return volumes / torch.maximum(brightest, floor)[:, :, None, None, None]
+    return volumes / torch.maximum(brightest(volumes.detach()), floor)[:, :, None, None, None]
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,9 @@ from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.layers.complex_activation import ActivationName
 from nlos.recon.layers.light_cone_fields import LightConeFields
-from nlos.recon.layers.measurement import rates_of
+from nlos.recon.layers.light_cone_inverse import brightest
 from nlos.recon.layers.noise_level import NoiseLevel
+from nlos.recon.layers.rates import rates_of
 from nlos.recon.layers.spectral_scales import Prolongation, Restriction
 from nlos.recon.layers.spectral_unfolding import SpectralUnfolding
 from nlos.recon.layers.transient_lifting import LiftingName, TransientLifting
@@ -162,10 +163,8 @@ class Faithful(nn.Module):
 
 
 def brightness(volume: Tensor) -> Tensor:
-    """(B,) the 0.98 quantile of the maximum projection of (B, 1, D, H, W), at least a quarter of its maximum: the count
-    unit ends here."""
-    front = volume.amax(dim=2).flatten(1)
-    return torch.maximum(front.quantile(0.98, dim=1), front.amax(dim=1) / 4).clamp(min=LEAST)
+    """(B,) of the brightest surfaces of (B, 1, D, H, W), at least a quarter of the maximum: the unit ends here."""
+    return torch.maximum(brightest(volume)[:, 0], volume.amax(dim=(1, 2, 3, 4)) / 4).clamp(min=LEAST)
 
 
 def halved(x: Tensor) -> Tensor:

@@ -14,23 +14,16 @@ from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.intervals import CalibratedHead, head_for, intervals_of
 from nlos.recon.layers.lifted_volumes import LiftedVolumes
-from nlos.recon.layers.measurement import (
-    SLICE,
-    TRAINED_SLICES,
-    VOLUMES,
-    Rates,
-    WienerVolumes,
-    last_light,
-    rates_of,
-    rebinned_axis,
-)
+from nlos.recon.layers.light_cone_inverse import brightest
 from nlos.recon.layers.noise_level import NoiseLevel
 from nlos.recon.layers.physical_unfolding import PhysicalUnfolding
+from nlos.recon.layers.rates import Rates, last_light, rates_of
 from nlos.recon.layers.symmetries import Fields, mean_over_symmetries
 from nlos.recon.layers.told_conditions import conditions, confidence
 from nlos.recon.layers.told_response import Told
 from nlos.recon.layers.transient_lifting import LiftingName
 from nlos.recon.layers.volume_projection import AttentionProjection, MaximumProjection, Projection
+from nlos.recon.layers.wiener_volumes import SLICE, TRAINED_SLICES, VOLUMES, WienerVolumes, rebinned_axis
 from nlos.recon.memory import cube_bytes
 from nlos.recon.method import MethodResult
 from nlos.recon.method import sure as with_intervals
@@ -205,9 +198,8 @@ class Nano(nn.Module):
         return min(physics.slices, max(FEWEST_SLICES, 2 * math.ceil(share * physics.slices / 2) + MARGIN))
 
     def normalised(self, volumes: Tensor) -> Tensor:
-        """Every volume over the 0.98 quantile of its maximum projection: the count unit ends here."""
-        brightest = volumes.amax(dim=2).flatten(2).quantile(0.98, dim=2).clamp(min=1e-12)
-        return (volumes / brightest[:, :, None, None, None]).clamp(-3, 4)
+        """Every volume over its brightest surfaces: the count unit ends here."""
+        return (volumes / brightest(volumes).clamp(min=1e-12)[:, :, None, None, None]).clamp(-3, 4)
 
     def iterate(self, volumes: Tensor, eta: Tensor, maps: Tensor, lifted: Tensor | None) -> Projection:
         """u^s = G(u^{s-1}), s = 1..S, from u^0 = 0; trained through all of them."""

@@ -6,12 +6,13 @@ import torch
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.layers import measurement
-from nlos.recon.layers.measurement import VOLUMES, WienerVolumes, fill, presence, rates_of
+from nlos.recon.layers import wiener_volumes
 from nlos.recon.layers.noise_level import NoiseLevel, averaged
+from nlos.recon.layers.rates import fill, presence, rates_of
 from nlos.recon.layers.transient_lifting import TransientLifting
 from nlos.recon.layers.unet import UNet
 from nlos.recon.layers.volume_projection import AttentionProjection, MaximumProjection
+from nlos.recon.layers.wiener_volumes import VOLUMES, WienerVolumes
 
 WALL = WallGrid(2.0, 2.0, 12, 12)
 TIME = TimeAxis(64, 128e-12)
@@ -141,9 +142,9 @@ def test_fine_bins_are_added_until_they_match_the_wall() -> None:
 def test_frequencies_held_a_few_at_a_time_change_no_volume(monkeypatch: pytest.MonkeyPatch) -> None:
     rates, level = rates_of(signal(), None), torch.tensor([-1.0])
     whole = WienerVolumes(WALL, TIME)(rates, level)
-    monkeypatch.setattr(measurement, "SPECTRUM_BYTES", 5 * 16 * 12 * 12)
+    monkeypatch.setattr(wiener_volumes, "SPECTRUM_BYTES", 5 * 16 * 12 * 12)
     tiled = WienerVolumes(WALL, TIME)
-    assert tiled.cone.filter.tile == 5
+    assert tiled.inverse.cone.filter.tile == 5
     torch.testing.assert_close(tiled(rates, level), whole, rtol=1e-4, atol=1e-6 * float(whole.abs().max()))
 
 

@@ -9,10 +9,11 @@ import torch.nn.functional as F
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.layers.light_cone_layer import LightConeLayer
+from nlos.recon.layers.noise_adapted import piecewise
 from nlos.recon.layers.renderer import Renderer, depth_of, nearness, projected, where_seen
 from nlos.recon.layers.space_depth_attention import Attention, CompactNonLocal, CrossDecoder, LocalEncoder
 from nlos.recon.layers.transient_encoder import LearnedAverage, TransientEncoder
-from nlos.recon.layers.wiener_features import WienerFeatures, background_rate, counted, interpolate, unit
+from nlos.recon.layers.wiener_features import WienerFeatures, background_rate, counted, unit
 
 
 def test_the_learned_average_begins_as_a_plain_one() -> None:
@@ -152,4 +153,4 @@ def test_a_transient_in_other_units_is_taken_as_noiseless_and_counts_are_not() -
 
 def test_interpolation_is_constant_beyond_its_knots() -> None:
     x = torch.tensor([-1.0, 0.0, 0.5, 1.5, 9.0])
-    assert interpolate(x, (0.0, 1.0, 2.0), (1.0, 3.0, 4.0)).tolist() == pytest.approx([1.0, 1.0, 2.0, 3.5, 4.0])
+    assert piecewise(x, (0.0, 1.0, 2.0), (1.0, 3.0, 4.0)).tolist() == pytest.approx([1.0, 1.0, 2.0, 3.5, 4.0])

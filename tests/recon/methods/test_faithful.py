@@ -7,7 +7,7 @@ import torch.nn.functional as F
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.layers.measurement import rates_of
+from nlos.recon.layers.rates import rates_of
 from nlos.recon.methods.faithful import Faithful, Settings, brightness, build, halved
 from nlos.recon.methods.nano import Nano
 from nlos.recon.methods.nano import Settings as NanoSettings

@@ -10,7 +10,7 @@ import torch
 
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.layers.measurement import rates_of
+from nlos.recon.layers.rates import rates_of
 from nlos.recon.methods.nano import Nano, Settings, build
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.weights.files import save
