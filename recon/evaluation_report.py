@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from nlos.recon.evaluate import Evaluation, Row, as_json
 from nlos.recon.results import software
 from nlos.recon.seen import visible_depth
+from nlos.recon.whole_files import whole_files
 
 T = TypeVar("T")
 NAMES = ("results.json", "results.csv", "results.md", "gallery.png")
@@ -51,12 +52,13 @@ def write_evaluation(folder: Path, evaluation: Evaluation, overwrite: bool = Fal
     for path in paths:
         if path.exists() and not overwrite:
             raise FileExistsError(f"{path} exists. Choose another folder, or use --overwrite.")
-    folder.mkdir(parents=True, exist_ok=True)
-    paths[0].write_text(json.dumps(as_json(evaluation.rows), indent=1) + "\n", encoding="utf-8")
-    with paths[1].open("w", newline="", encoding="utf-8") as file:
-        write_csv(evaluation.rows, file)
-    paths[2].write_text(table(evaluation), encoding="utf-8")
-    gallery(evaluation, paths[3])
+    with whole_files(folder) as fresh:
+        rows, sheet, words, drawn = (fresh / name for name in NAMES)
+        rows.write_text(json.dumps(as_json(evaluation.rows), indent=1) + "\n", encoding="utf-8")
+        with sheet.open("w", newline="", encoding="utf-8") as file:
+            write_csv(evaluation.rows, file)
+        words.write_text(table(evaluation), encoding="utf-8")
+        gallery(evaluation, drawn)
     return paths
 
 

@@ -1,6 +1,7 @@
 """Results side by side on one scale: front views above depths, for a comparison, a report or a paper."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -26,8 +27,9 @@ def gallery(results: Sequence[Reconstruction], titles: Sequence[str], width_mm: 
     lines = -(-len(results) // columns)
     width = width_mm / MM_PER_INCH
     each = (width - 0.75) / columns
-    with matplotlib.rc_context({"font.size": 7, "axes.linewidth": 0.5, "xtick.major.width": 0.5,
-                                "ytick.major.width": 0.5, "svg.fonttype": "none", "pdf.fonttype": 42}):  # fmt: skip
+    with matplotlib.rc_context(
+        {"font.size": 7, "axes.linewidth": 0.5, "xtick.major.width": 0.5, "ytick.major.width": 0.5}
+    ):
         figure = Figure(figsize=(width, lines * (2 * each + 0.45) + 0.2), layout="constrained")
         panels = figure.subplots(2 * lines, columns, squeeze=False)
         scale, colours = Normalize(*depth_limits(results), clip=True), matplotlib.colormaps["viridis_r"]
@@ -35,6 +37,7 @@ def gallery(results: Sequence[Reconstruction], titles: Sequence[str], width_mm: 
             panel.set_axis_off()
         for number, (made, title) in enumerate(zip(results, titles, strict=True)):
             line, column = divmod(number, columns)
+            first = results[line * columns]  # whose axis the others share, where their walls are alike
             x, y = made.wall.width_m / 2, made.wall.height_m / 2
             above, below = panels[2 * line, column], panels[2 * line + 1, column]
             above.imshow(made.albedo / brightest(made), cmap="gray", vmin=0, vmax=1, extent=(-x, x, -y, y))
@@ -44,7 +47,9 @@ def gallery(results: Sequence[Reconstruction], titles: Sequence[str], width_mm: 
             above.set_title(title, fontsize=7)
             for panel in (above, below):
                 panel.set_axis_on()
-                panel.tick_params(length=2, labelleft=column == 0, labelbottom=panel is below)
+                panel.tick_params(
+                    length=2, labelleft=column == 0 or made.wall != first.wall, labelbottom=panel is below
+                )
             if column == 0:
                 above.set_ylabel("y (m)")
                 below.set_ylabel("y (m)")
@@ -54,6 +59,13 @@ def gallery(results: Sequence[Reconstruction], titles: Sequence[str], width_mm: 
         bar = ScalarMappable(scale, colours)
         figure.colorbar(bar, ax=panels[1::2].ravel().tolist(), label="depth from the wall (m)", aspect=30, pad=0.01)
     return figure
+
+
+def save_gallery(figure: Figure, path: Path, kind: str) -> None:
+    """Writes a gallery as `kind`: png of 300 dots per inch; pdf with TrueType fonts inside, which journals ask for; svg
+    with letters as outlines, which look the same where the font is missing."""
+    with matplotlib.rc_context({"pdf.fonttype": 42, "svg.fonttype": "path"}):
+        figure.savefig(path, dpi=300, format=kind)
 
 
 def difference_figure(one: Reconstruction, other: Reconstruction, titles: tuple[str, str]) -> Figure:

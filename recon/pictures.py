@@ -11,6 +11,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from nlos.recon.contours import contours
 from nlos.recon.errors import InvalidData
 from nlos.recon.seen import FAINT, brightest, depth_limits, depth_opacity, visible_depth
 from nlos.recon.volume import Reconstruction
@@ -58,9 +59,13 @@ def draw_depth(
     ends = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}
     seen = shown[np.isfinite(shown)]
     beyond = ends[bool((seen < low).any()), bool((seen > high).any())]
-    figure.colorbar(
-        ScalarMappable(scale, colours), ax=axes, label="depth from the wall (m)", shrink=0.85, extend=beyond
-    )
+    lines = contours(reconstruction, (low, high))
+    label = "depth from the wall (m)" + (f", a line every {lines.step_m * 100:g} cm" if lines else "")
+    bar = figure.colorbar(ScalarMappable(scale, colours), ax=axes, label=label, shrink=0.85, extend=beyond)
+    if lines is not None:
+        wall = reconstruction.wall
+        axes.contour(wall.x_m(), wall.y_m(), lines.depth_m, lines.levels_m, colors="black", linewidths=0.5, alpha=0.6)
+        bar.ax.hlines(lines.levels_m, 0, 1, color="black", linewidth=0.5, alpha=0.6)
     _label(axes, f"{reconstruction.method.upper()}: depth")
     _scale_bar(axes, reconstruction, "0.25")
 

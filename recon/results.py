@@ -11,6 +11,7 @@ from the wall.
 """
 
 import json
+from collections.abc import Callable
 from dataclasses import fields
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -26,6 +27,7 @@ from nlos.recon.errors import InvalidData
 from nlos.recon.explained import NOT_LOOKED_FOR, Explained
 from nlos.recon.view3d import write_view3d
 from nlos.recon.volume import Intervals, Reconstruction, Volume, refuse_not_finite, response_words
+from nlos.recon.whole_files import whole_files
 
 NAMES = ("reconstruction.h5", "albedo.png", "depth.png")
 EVEN = 0.5  # where no point's confidence is lower there is no picture of it
@@ -66,25 +68,16 @@ def write_results(
     present = [path for path in (*paths, *more) if path.exists()]
     if present and not overwrite:
         raise FileExistsError(f"{present[0]} exists. Choose another folder, or use --overwrite.")
-    folder.mkdir(parents=True, exist_ok=True)
-    partial = paths[0].with_suffix(".h5.partial")
-    try:
-        write_reconstruction(partial, reconstruction, keep_volume)
-        partial.replace(paths[0])
-    finally:
-        partial.unlink(missing_ok=True)
-    for name in optional:
-        (folder / name).unlink(missing_ok=True)
-    albedo_picture(reconstruction, paths[1])
-    depth_picture(reconstruction, paths[2])
-    if uneven:
-        confidence_picture(reconstruction, folder / "confidence.png")
-    if sure:
-        uncertainty_picture(reconstruction, folder / "uncertainty.png")
-    if with_slices:
-        slices_picture(reconstruction, folder / "slices.png")
-    if html:
-        write_view3d(folder / "view3d.html", reconstruction)
+    draw: dict[str, Callable[[Reconstruction, Path], None]] = {
+        NAMES[1]: albedo_picture, NAMES[2]: depth_picture, "confidence.png": confidence_picture,
+        "uncertainty.png": uncertainty_picture, "slices.png": slices_picture,
+    }  # fmt: skip
+    with whole_files(folder, optional) as fresh:
+        write_reconstruction(fresh / NAMES[0], reconstruction, keep_volume)
+        if html:
+            write_view3d(fresh / "view3d.html", reconstruction)
+        for name in {path.name for path in (*paths, *more)} & set(draw):
+            draw[name](reconstruction, fresh / name)
     return [*paths, *more]
 
 

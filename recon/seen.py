@@ -17,10 +17,16 @@ SURE = 0.1
 """The depths of points as bright as this set the limits of the colours."""
 
 
+STEP_PIXELS = 4.0
+"""Neighbours farther apart in depth than this many pixels belong to different surfaces."""
+NEIGHBOURS = 3
+"""Of eight. A pixel dimmer than `FULL` that has fewer at its depth is noise: a surface has an extent (decision 235)."""
+
+
 def depth_span(reconstructions: Sequence[Reconstruction]) -> tuple[float, float] | None:
     """Nearest and farthest, in metres, of the middle 96 % of the depths of points that are bright enough; None where no
     point is."""
-    depths = [made.depth_m[made.albedo >= SURE * brightest(made)] for made in reconstructions]
+    depths = [visible_depth(made)[made.albedo >= SURE * brightest(made)] for made in reconstructions]
     sure = np.concatenate([each[np.isfinite(each)] for each in depths]) if depths else np.zeros(0)
     if not sure.size:
         return None
@@ -52,6 +58,19 @@ def brightest(reconstruction: Reconstruction) -> float:
 
 
 def visible_depth(reconstruction: Reconstruction) -> npt.NDArray[np.float32]:
-    """depth_m (H, W) in metres without the points too faint to be told from black in the front view (NaN)."""
-    bright = reconstruction.albedo >= FAINT * brightest(reconstruction)
-    return np.where(bright, reconstruction.depth_m, np.float32(np.nan))
+    """depth_m (H, W) in metres of what is seen; NaN where the front view is too faint to be told from black, and at
+    faint pixels that stand alone."""
+    shade = reconstruction.albedo / brightest(reconstruction)
+    bright = np.where(shade >= FAINT, reconstruction.depth_m, np.float32(np.nan))
+    wall = reconstruction.wall
+    step_m = STEP_PIXELS * max(wall.width_m / wall.cols, wall.height_m / wall.rows)
+    joined = (shade >= FULL) | (_neighbours(bright, step_m) >= NEIGHBOURS)
+    return np.where(joined, bright, np.float32(np.nan))
+
+
+def _neighbours(depth_m: npt.NDArray[np.float32], step_m: float) -> npt.NDArray[np.int64]:
+    """How many of the eight around each pixel are not farther from its depth than `step_m`."""
+    rows, cols = depth_m.shape
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(depth_m, 1, constant_values=np.nan), (rows, cols))
+    near = np.abs(around - depth_m) <= step_m  # (3, 3, H, W); never where either has no depth
+    return np.asarray(near.sum(axis=(0, 1), dtype=np.int64) - near[1, 1])

@@ -5,10 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nlos.recon.seen import brightest, visible_depth
+from nlos.recon.seen import STEP_PIXELS, brightest, visible_depth
 from nlos.recon.volume import Reconstruction
-
-STEP_LIMIT = 4.0  # neighbours farther apart in depth than this many pixels belong to different surfaces
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ def front_surface(reconstruction: Reconstruction) -> Surface:
     pitch_m = max(wall.width_m / wall.cols, wall.height_m / wall.rows)
     step = np.zeros(whole.shape)
     step[whole] = np.ptp(depths[:, whole], axis=0)
-    kept = whole & (step <= STEP_LIMIT * pitch_m)
+    kept = whole & (step <= STEP_PIXELS * pitch_m)
     return Surface(points, albedo, np.stack([corner[kept] for corner in corners], axis=1).astype(np.int32))
 
 

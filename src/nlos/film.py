@@ -23,6 +23,7 @@ from nlos.loaded import loaded_frames
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.track import track
 from nlos.recon.volume import Reconstruction, response_words
+from nlos.recon.whole_files import whole_files
 from nlos.response import AUTO, ResponseWanted, say_response, with_response
 
 LONGEST_SIDE_PX = 384
@@ -97,7 +98,12 @@ def film_of(
 
 def write_film(folder: Path, film: Film) -> list[Path]:
     """film.npz (`albedo`, `depth_m`, `frame`, `time_s`, `x_m`, `y_m`), film.gif, track.csv and track.json."""
-    folder.mkdir(parents=True, exist_ok=True)
+    with whole_files(folder) as fresh:
+        _write_film(fresh, film)
+    return [folder / name for name in NAMES]
+
+
+def _write_film(folder: Path, film: Film) -> None:
     paths = [folder / name for name in NAMES]
     arrays: dict[str, Any] = {
         name: getattr(film, name) for name in ("albedo", "depth_m", "frame", "time_s", "x_m", "y_m")
@@ -113,7 +119,6 @@ def write_film(folder: Path, film: Film) -> list[Path]:
         writer.writerows(known)
     whole = [dict.fromkeys(columns) | row for row in known]
     paths[3].write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
-    return paths
 
 
 def write_gif(path: Path, film: Film) -> None:

@@ -1,7 +1,11 @@
 """Pictures say what they show: faint depths fade, speckle does not stretch colours, small print is true."""
 
+import re
+import shutil
+import subprocess
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -69,6 +73,24 @@ def test_the_small_print_counts_points_and_photons() -> None:
     assert FAINT < FULL
 
 
+@pytest.mark.skipif(shutil.which("pdfinfo") is None, reason="poppler's tools are not installed")
+@pytest.mark.parametrize("width_mm", [89.0, 178.0])
+def test_another_reader_finds_the_width_and_the_fonts_of_a_pdf(tmp_path: Path, width_mm: float) -> None:
+    write_results(tmp_path / "a", made())
+    figure = str(tmp_path / "f.pdf")
+    assert run(["figure", str(tmp_path / "a"), "-o", figure, "--width-mm", str(width_mm)]) == 0
+    about, fonts = (subprocess.run([tool, figure], capture_output=True, text=True, check=True, timeout=30).stdout
+                    for tool in ("pdfinfo", "pdffonts"))  # fmt: skip
+    size = re.search(r"Page size:\s+([\d.]+) x ([\d.]+) pts", about)
+    assert size is not None
+    assert float(size[1]) / 72 * 25.4 == pytest.approx(width_mm, abs=0.1)
+    assert re.search(r"Pages:\s+1\b", about)
+    listed = [line.split() for line in fonts.splitlines()[2:]]
+    assert listed
+    assert all(words[-5] == "yes" for words in listed), fonts  # "emb": embedded
+    assert "Type 3" not in fonts  # which journals refuse
+
+
 @pytest.mark.parametrize("suffix", ["pdf", "svg", "png"])
 def test_a_gallery_is_as_wide_as_a_journal_asks(tmp_path: Path, suffix: str) -> None:
     for name in ("a", "b"):
@@ -78,7 +100,11 @@ def test_a_gallery_is_as_wide_as_a_journal_asks(tmp_path: Path, suffix: str) -> 
     if suffix == "png":
         assert Image.open(tmp_path / "f.png").size[0] == pytest.approx(178 / 25.4 * 300, abs=2)
     elif suffix == "svg":
-        assert b'width="504' in data  # 178 mm in points
+        drawing = ElementTree.fromstring(data)
+        assert [float(drawing.attrib[side].removesuffix("pt")) / 72 * 25.4 for side in ("width",)] == [
+            pytest.approx(178, abs=0.1)
+        ]
+        assert not list(drawing.iter("{http://www.w3.org/2000/svg}text"))  # letters are outlines: no font to miss
     else:
         assert data.startswith(b"%PDF")
     assert run(["figure", str(tmp_path / "a"), "-o", str(tmp_path / f"f.{suffix}")]) == 6

@@ -104,8 +104,6 @@ def _write_film(run: Path, word: str, target: Path, method: str) -> list[str]:
 def _write_picture(run: Path, word: str, target: Path) -> list[str]:
     check_isolated(run, "nlos.recon.results:read_reconstruction")
     result = read_reconstruction(run)
-    if word == "vti":
-        write_vti(target, result)
-        return []
-    {"ply": write_ply, "obj": write_obj, "glb": write_glb}[word](target, result)
-    return ["the front surface only: what lies behind it stays in the volume"]
+    with whole_file(target) as partial:
+        {"ply": write_ply, "obj": write_obj, "glb": write_glb, "vti": write_vti}[word](partial, result)
+    return [] if word == "vti" else ["the front surface only: what lies behind it stays in the volume"]

@@ -27,7 +27,7 @@ def figure(
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Front views above depths, every result on the same scale."""
-    from nlos.recon.gallery import gallery
+    from nlos.recon.gallery import gallery, save_gallery
 
     if output.suffix.lower() not in KINDS:
         raise UsageError(f"-o {output}: a figure is {', '.join(KINDS)}")
@@ -41,5 +41,5 @@ def figure(
     if len(names) != len(made):
         raise UsageError(f"--titles {titles}: {len(names)} titles for {len(made)} results")
     with whole_file(output) as partial:
-        gallery(made, names, width_mm).savefig(partial, dpi=300, format=output.suffix[1:].lower())
+        save_gallery(gallery(made, names, width_mm), partial, output.suffix[1:].lower())
     terminal.result(f"{output}: {len(made)} results, {width_mm:g} mm wide", figure=str(output))

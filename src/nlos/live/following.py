@@ -1,6 +1,7 @@
 """`reconstruct --follow`: results in a folder, replaced as they sharpen while the scan is being written."""
 
 import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -15,6 +16,7 @@ from nlos.recon.live import LivePicture, LiveReconstruction
 from nlos.recon.results import NAMES, write_reconstruction
 from nlos.recon.view3d import write_view3d
 from nlos.response import response_wanted
+from nlos.whole_file import whole_file
 
 if TYPE_CHECKING:
     from nlos.recon.volume import Reconstruction
@@ -46,7 +48,13 @@ def follow_to_folder(
         Ticket.load(run)
     folder.mkdir(parents=True, exist_ok=True)
 
+    writing = threading.Lock()
+
     def keep(picture: "LivePicture") -> None:
+        with writing:
+            replace_all(picture)
+
+    def replace_all(picture: "LivePicture") -> None:
         replace_numbers(folder, picture.reconstruction, volume)
         terminal.log(
             f"{picture.samples} points: change {picture.change:.3f}, photon noise {picture.error:.3f}, "
@@ -57,9 +65,13 @@ def follow_to_folder(
     with local_copy(run, folder) as local:
         scan = LiveScan(local, [live], constants, on_picture=keep, response=response_wanted(response))
         scan.start()
-        scan.wait()
+        try:
+            scan.wait()
+        finally:
+            writing.acquire()  # what is being written is written; nobody waits for the painter, which writes no more
     if html and scan.picture is not None:
-        write_view3d(folder / "view3d.html", scan.picture.reconstruction)
+        with whole_file(folder / "view3d.html") as partial:
+            write_view3d(partial, scan.picture.reconstruction)
     return scan
 
 

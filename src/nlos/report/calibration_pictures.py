@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from nlos.calibration.alignment import align
 from nlos.calibration.detector import subtract_dark, undo_dead_time
+from nlos.recon.whole_files import whole_files
 
 if TYPE_CHECKING:
     from nlos.calibration.constants import BenchConstants
@@ -27,7 +28,6 @@ def write_pictures(found: "Measurement", folder: Path) -> list[Path]:
         return []
     from matplotlib.figure import Figure
 
-    folder.mkdir(parents=True, exist_ok=True)
     pictures: list[tuple[str, Callable[[Any], None]]] = [
         ("time_offset", lambda axes: _draw_time_offset(axes, raw, corrected)),
         ("background", lambda axes: _draw_background(axes, raw, corrected, found.constants)),
@@ -37,16 +37,15 @@ def write_pictures(found: "Measurement", folder: Path) -> list[Path]:
         pictures.append(("dead_time", lambda axes: _draw_dead_time(axes, raw, found.constants)))
     if found.geometry is not None:
         pictures.append(("wall", lambda axes: _draw_wall(axes, found)))
-    paths = []
-    for name, draw in pictures:
-        figure = Figure(figsize=(15, 4.5), layout="constrained")
-        axes = figure.subplots(1, 3)
-        draw(axes)
-        for panel, title in zip(axes, ("before", "after", "residual"), strict=True):
-            panel.set_title(f"{title}: {panel.get_title()}" if panel.get_title() else title)
-        paths.append(folder / f"{name}.png")
-        figure.savefig(paths[-1], dpi=100)
-    return paths
+    with whole_files(folder) as fresh:
+        for name, draw in pictures:
+            figure = Figure(figsize=(15, 4.5), layout="constrained")
+            axes = figure.subplots(1, 3)
+            draw(axes)
+            for panel, title in zip(axes, ("before", "after", "residual"), strict=True):
+                panel.set_title(f"{title}: {panel.get_title()}" if panel.get_title() else title)
+            figure.savefig(fresh / f"{name}.png", dpi=100)
+    return [folder / f"{name}.png" for name, _ in pictures]
 
 
 def _map(panel: Any, raw: "RawPoints", values: Floats, label: str, symmetric: bool = False) -> None:

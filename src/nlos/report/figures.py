@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
+from nlos.whole_file import whole_file
+
 if TYPE_CHECKING:
     from nlos.acquisition.planning.plan import ScanPlan
 
@@ -28,4 +30,5 @@ def path_picture(plan: "ScanPlan", path: Path) -> None:
         axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal",
                  xlim=(-plan.wall.width_m / 2, plan.wall.width_m / 2),
                  ylim=(-plan.wall.height_m / 2, plan.wall.height_m / 2))  # fmt: skip
-    figure.savefig(path, dpi=120)
+    with whole_file(path) as partial:
+        figure.savefig(partial, dpi=120, format=path.suffix[1:] or "png")

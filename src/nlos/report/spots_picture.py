@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from nlos.whole_file import whole_file
+
 if TYPE_CHECKING:
     from nlos.calibration.geometry_fit import GeometryFit, Spots
     from nlos.drivers.bench_settings import AllowedArea
@@ -39,7 +41,8 @@ def spots_picture(
         ylabel="y (mm)", title=f"{len(off_mm)} spots, {rms_mm:.2f} mm RMS off the fit",
     )  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
+    with whole_file(path) as partial:
+        figure.savefig(partial, dpi=110, format=path.suffix[1:] or "png")
 
 
 def _draw_wall(

@@ -1,0 +1,49 @@
+"""Files that appear in a folder together, each whole, in the place of older ones."""
+
+import os
+import shutil
+import signal
+import threading
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+
+@contextmanager
+def whole_files(folder: Path, stale: Collection[str] = ()) -> Iterator[Path]:
+    """A hidden folder inside `folder` to write files to. When the block ends they take their places in `folder`, and
+    files named in `stale` that were not written anew go; where the block fails, nothing changes."""
+    there_before = folder.exists()
+    partial = folder / f".{os.getpid()}.part"
+    try:
+        partial.mkdir(parents=True)
+        yield partial
+        with _told_later():
+            fresh = sorted(partial.iterdir())
+            for name in set(stale) - {path.name for path in fresh}:
+                (folder / name).unlink(missing_ok=True)
+            for path in fresh:
+                path.replace(folder / path.name)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+        if not there_before:
+            with suppress(OSError):
+                folder.rmdir()  # where nothing came of it
+
+
+@contextmanager
+def _told_later() -> Iterator[None]:
+    """A signal that ends the program waits for the end of the block: some of the files would be new and some old."""
+    if threading.current_thread() is not threading.main_thread():  # signals are handled in the main thread alone
+        yield
+        return
+    came: list[int] = []
+    numbers = [n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) not in (None, signal.SIG_IGN)]
+    before = {number: signal.signal(number, lambda which, frame: came.append(which)) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for told in came[:1]:
+            signal.raise_signal(told)

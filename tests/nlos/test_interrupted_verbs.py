@@ -1,0 +1,162 @@
+"""Ctrl-C at any moment of any verb that writes: what it was to write is there whole, as it was before, or not at all;
+nothing else is left, and nothing is printed that only a programmer understands."""
+
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from PIL import Image
+
+from nlos.acquisition.importers.magic import is_recording
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.salvage import verify
+from tests.recon.test_evaluate import make_scene
+
+SOAK = os.environ.get("NLOS_SOAK") == "1"
+SCAN = """\
+wall: {width_m: 0.5, height_m: 0.5, rows: 8, cols: 8}
+pattern: serpentine
+dwell_ms: 4
+histogram: {bins: 1024, bin_width_ps: 16, offset_ns: 10}
+"""
+RESULTS = ("reconstruction.h5", "albedo.png", "depth.png", "slices.png", "view3d.html")
+CORRECTED = tuple(f"c/{name}.png" for name in ("time_offset", "background", "direct_light", "wall"))
+VERBS: dict[str, tuple[str, tuple[tuple[str, ...], ...]]] = {
+    "reconstruct": ("reconstruct run.h5 -o out --html", (tuple(f"out/{name}" for name in RESULTS),)),
+    "film": ("reconstruct film.h5 --film -o out", (tuple(f"out/film.{end}" for end in ("npz", "gif")),)),
+    "evaluate": (
+        "evaluate --data scene.h5 --methods lct --conditions transient --fixed -o out",
+        (("out/results.json", "out/results.csv", "out/results.md", "out/gallery.png"),),
+    ),
+    "import": ("import run.npz -o new.h5", (("new.h5",),)),
+    "calibrate": ("calibrate run.h5 -o c.h5", (("c.h5",), CORRECTED)),
+    "export": ("export run.h5 --to mat -o new.mat", (("new.mat",),)),
+    "vti": ("export seen/reconstruction.h5 --to vti -o new.vti", (("new.vti",),)),
+    "report": ("report run.h5 -o new.html --methods lct", (("new.html",),)),
+    "figure": ("figure seen -o new.pdf", (("new.pdf",),)),
+    "replay": ("replay run.h5 --speed max -o new.h5", (("new.h5",),)),
+    "plan": ("plan scan.yaml --picture new.png", (("new.png",),)),
+}
+"""Name -> the command, and its files in groups: of a group all are new, or all are old."""
+CASES = [(verb, 0) for verb in ("reconstruct", "evaluate", "import", "calibrate")]
+CASES += [pytest.param(verb, k, marks=pytest.mark.soak) for verb in VERBS for k in range(1, 31 if SOAK else 2)]
+NEEDS = {
+    "film": ("film.h5", "scan film.yaml -o film.h5"),
+    "vti": ("seen", "reconstruct run.h5 -o seen"),
+    "figure": ("seen", "reconstruct run.h5 -o seen"),
+}
+"""What some verbs work on, and how it is made."""
+OLD = b"what was there before"
+
+
+@pytest.fixture(scope="module")
+def inputs() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory() as name:
+        there = Path(name)
+        (there / "scan.yaml").write_text(SCAN)
+        (there / "film.yaml").write_text(SCAN + "frames: 2\n")
+        make_scene(there / "scene.h5")
+        nlos(there, "scan scan.yaml -o run.h5")
+        nlos(there, "export run.h5 --to npz -o run.npz")
+        yield there
+
+
+def nlos(folder: Path, words: str) -> None:
+    command = [sys.executable, "-m", "nlos", "-q", *words.split()]
+    subprocess.run(command, cwd=folder, check=True, timeout=120, stdout=subprocess.DEVNULL)
+
+
+def is_whole(path: Path) -> bool:
+    """Whether somebody can use the file."""
+    match path.suffix:
+        case ".png" | ".gif":
+            with Image.open(path) as image:
+                image.load()
+        case ".json":
+            json.loads(path.read_text())
+        case ".html":
+            return path.read_text().rstrip().endswith("</html>")
+        case ".pdf":
+            return path.read_bytes().rstrip().endswith(b"%%EOF")
+        case ".npz":
+            with np.load(path) as arrays:
+                return all(arrays[name].size for name in arrays)
+        case ".h5":
+            if is_recording(path):
+                with Recording.open(path):
+                    return verify(path).intact
+            with h5py.File(path) as file:
+                return len(file) > 0
+    return path.stat().st_size > 0
+
+
+def ready(inputs: Path, folder: Path, groups: tuple[tuple[str, ...], ...], there_before: bool) -> set[str]:
+    """Puts inputs into place, and older outputs where asked for. Returns the names of all that is there."""
+    for path in inputs.iterdir():
+        (shutil.copytree if path.is_dir() else shutil.copy)(path, folder / path.name)
+    for name in (name for group in groups for name in group if there_before):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(OLD)
+    return names_in(folder)
+
+
+def names_in(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*")}
+
+
+def wait(folder: Path, child: "subprocess.Popen[str]", before: set[str], draw: random.Random, longest_s: float) -> None:
+    """Until a moment of the drawing's choice: any, or shortly after the command began to write."""
+    began_s = time.monotonic()
+    if draw.random() < 0.4:
+        time.sleep(draw.uniform(0.3, longest_s))
+        return
+    while child.poll() is None and names_in(folder) == before and time.monotonic() - began_s < 60:
+        time.sleep(0.001)
+    time.sleep(draw.choice((0.0, 0.003, 0.03, 0.1, 0.3)))
+
+
+@pytest.mark.parametrize(("verb", "seed"), CASES)
+def test_ctrl_c_leaves_nothing_half_written(tmp_path: Path, inputs: Path, verb: str, seed: int) -> None:
+    words, groups = VERBS[verb]
+    draw = random.Random(f"{verb} {seed}")
+    if verb in NEEDS and not (inputs / NEEDS[verb][0]).exists():
+        nlos(inputs, NEEDS[verb][1])
+    there_before = verb != "plan" and draw.random() < 0.5
+    before = ready(inputs, tmp_path, groups, there_before)
+    command = [sys.executable, "-m", "nlos", *words.split(), *(["--overwrite"] if there_before else [])]
+    child = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+                             stdin=subprocess.DEVNULL)  # fmt: skip
+    try:
+        wait(tmp_path, child, before, draw, 4.0)
+        if child.poll() is None:
+            child.send_signal(signal.SIGINT)
+        said = child.communicate(timeout=60)[1]
+    finally:
+        child.kill()
+        child.wait()
+    assert child.returncode in (0, 130, -signal.SIGINT), said
+    assert "Traceback" not in said
+    assert "Exception ignored" not in said
+    assert "was never" not in said
+    for group in groups:
+        present = [tmp_path / name for name in group if (tmp_path / name).exists()]
+        old = [path for path in present if path.read_bytes() == OLD]
+        assert len(old) in (0, len(group)), f"some of them old: {old}"
+        assert len(present) in (0, len(group)), f"some of them missing: {present}"
+        assert all(is_whole(path) for path in present if path not in old)
+    mine = {name for group in groups for name in group}
+    folders = {str(Path(name).parent) for name in mine} - {"."}
+    more = names_in(tmp_path) - before - mine - folders
+    assert not {name for name in more if Path(name).name.startswith(".") or ".part" in name or "tmp" in name}, more
+    assert child.returncode == 0 or not more - {"out/track.csv", "out/track.json"}, more
