@@ -54,8 +54,9 @@ def _read_some(fd: int, size: int, place: int) -> bytes:
 
 
 class HdfBytes:
-    """What h5py takes for a file: the bytes of `fd`. HDF5 itself never meets an error: reads that fail give zeros,
-    writes after the first that failed go nowhere, and `failure` says so.
+    """What h5py takes for a file: the bytes of `fd`. HDF5 itself never meets an error: a read that fails gives zeros,
+    and so do all after it (on zeros among the file's own bytes HDF5 crashes); writes after the first that failed go
+    nowhere; `failure` says so.
 
     A mark that a writer has it open, left by a crash, and an end beyond the file's own, as an incomplete copy has
     it, are no obstacles.
@@ -65,6 +66,7 @@ class HdfBytes:
         """`name`: what the file is called in messages."""
         self._fd, self._name, self._at = fd, name, 0
         self.failure: OSError | None = None
+        self._blind = False
         self._start, self._end = self._superblock()
 
     def __repr__(self) -> str:
@@ -88,7 +90,7 @@ class HdfBytes:
     def readinto(self, buffer: memoryview) -> int:
         size, at = len(buffer), self._at
         data = self._read(size, at)
-        if at < len(self._start):
+        if at < len(self._start) and not self._blind:
             head = self._start[at : at + size]
             data = head + data[len(head) :]
         buffer[: len(data)] = data
@@ -119,11 +121,12 @@ class HdfBytes:
         """Nothing is kept back here."""
 
     def _read(self, size: int, at: int) -> bytes:
-        try:
-            return read_at(self._fd, size, at)
-        except OSError as error:
-            self.failure = self.failure or error
-            return b""
+        if not self._blind:
+            try:
+                return read_at(self._fd, size, at)
+            except OSError as error:
+                self.failure, self._blind = self.failure or error, True
+        return b""
 
     def _superblock(self) -> tuple[bytes, int]:
         """The first bytes as they are without a writer's mark (empty: as they are), and the end that they state."""

@@ -55,7 +55,7 @@ def _read(path: Path, handle: io.FileIO) -> ScanFile:
         with h5py.File(shown, "r") as file:
             header, plan = read_header(file), read_plan(file, os.fstat(handle.fileno()).st_size)
             points, bins = len(plan), plan.axis.bins
-            return ScanFile(
+            found = ScanFile(
                 handle,
                 header,
                 plan,
@@ -65,6 +65,9 @@ def _read(path: Path, handle: io.FileIO) -> ScanFile:
                 StoredRows(handle, plain_dataset(file, "samples/counts", (points, bins), np.dtype("<u4"))),
                 grows_in_place=has_identity(file),
             )
+        if shown.failure is not None:
+            raise shown.failure
+        return found
     except (
         OSError, RuntimeError, LookupError, ValueError, TypeError, ArithmeticError, AttributeError, MemoryError
     ) as error:  # fmt: skip
