@@ -11,25 +11,28 @@ import torch
 from torch import Tensor
 
 from nlos.recon.layers.evidence import evidence
-from nlos.recon.layers.interval_head import KEPT, NOISE, IntervalHead, RawIntervals
+from nlos.recon.layers.interval_head import KEPT, NOISE, RESPONSE, IntervalHead, RawIntervals
 from nlos.recon.layers.volume_projection import Projection
 from nlos.recon.layers.wiener_volumes import WienerVolumes
+from nlos.recon.predicted_error import ErrorLine
 from nlos.recon.weights.files import OWN_FOLDER, find_weights, put_weights, read_about, read_weights
 
 CALIBRATED = "nano.intervals"  # safetensors; by another name, for it is no weights of a method
 NOISE_EDGES = (-0.25, 0.25)  # of the evidence `noise`, log10 of the noise level + 1
 POINTS_EDGES = (5.0, 7.0, 9.0)  # log2 of the number of points that were measured
-NOISES, GROUPS = len(NOISE_EDGES) + 1, (len(NOISE_EDGES) + 1) * (len(POINTS_EDGES) + 1)
+TOLD_EDGE = -0.5  # of `response`, where one is told
+NOISES, POINTS = len(NOISE_EDGES) + 1, len(POINTS_EDGES) + 1
+GROUPS = 2 * POINTS * NOISES
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """What intervals are widened by, in local scales, one number a group of scans; and the line of `seen`'s logit."""
+    """One number a group of scans each: what intervals' sides are multiplied by, and the line of `seen`'s logit."""
 
     albedo: tuple[float, ...]
     depth: tuple[float, ...]
-    slope: float
-    offset: float
+    slope: tuple[float, ...]
+    offset: tuple[float, ...]
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)
@@ -47,35 +50,37 @@ class Intervals:
 
 
 def group_of(evidence: Tensor) -> Tensor:
-    """The group of each scan, (B,): by number of measured points, then by noise level."""
-    noise = evidence[:, NOISE, 0, 0].contiguous()
+    """The group of each scan, (B,): by whether its response was told, number of measured points, and noise level."""
+    noise, told = (evidence[:, channel, 0, 0].contiguous() for channel in (NOISE, RESPONSE))
     points = 2 * evidence[:, KEPT, 0, 0] + math.log2(evidence.shape[2] * evidence.shape[3])
     of_noise = torch.bucketize(noise, torch.tensor(NOISE_EDGES, device=noise.device))
-    return torch.bucketize(points, torch.tensor(POINTS_EDGES, device=noise.device)) * NOISES + of_noise
+    of_points = torch.bucketize(points, torch.tensor(POINTS_EDGES, device=noise.device))
+    return ((told > TOLD_EDGE) * POINTS + of_points) * NOISES + of_noise
 
 
 def adjusted(raw: RawIntervals, calibration: Calibration, group: Tensor) -> Intervals:
     """The head's intervals as wide as the calibration on scenes that it never saw asks for."""
-    wider = torch.tensor(calibration.albedo, device=group.device)[group][:, None, None] * raw.albedo_scale
-    deeper = torch.tensor(calibration.depth, device=group.device)[group][:, None, None] * raw.depth_scale
-    low, high = raw.albedo_low - wider, raw.albedo_high + wider
-    near, far = raw.depth_low - deeper, raw.depth_high + deeper
-    middle, centre = (low + high) / 2, (near + far) / 2
+
+    def of(values: tuple[float, ...]) -> Tensor:
+        return torch.tensor(values, device=group.device)[group][:, None, None]
+
+    wider, deeper = of(calibration.albedo), of(calibration.depth)
     return Intervals(
-        torch.minimum(low, middle).clamp(min=0),
-        torch.maximum(high, middle).clamp(min=0),
-        torch.minimum(near, centre).clamp(min=0),
-        torch.maximum(far, centre),
-        torch.sigmoid(calibration.slope * raw.seen + calibration.offset),
+        (raw.albedo - wider * raw.darker).clamp(min=0),
+        raw.albedo + wider * raw.brighter,
+        (raw.depth - deeper * raw.nearer).clamp(min=0),
+        raw.depth + deeper * raw.farther,
+        torch.sigmoid(of(calibration.slope) * raw.seen + of(calibration.offset)),
     )
 
 
 @dataclass(frozen=True)
 class CalibratedHead:
-    """The head that ships and its calibration."""
+    """The head that ships, its calibration, and what follows for the error of a whole picture."""
 
     network: IntervalHead
     calibration: Calibration
+    error: ErrorLine
 
 
 @lru_cache(maxsize=4)
@@ -95,8 +100,8 @@ def head_in(path: Path) -> CalibratedHead:
     head = IntervalHead()
     put_weights(head, {name: x.float() for name, x in held.tensors.items()}, str(path))
     told = held.about["calibration"]
-    calibration = Calibration(tuple(told["albedo"]), tuple(told["depth"]), told["slope"], told["offset"])
-    return CalibratedHead(head.eval(), calibration)
+    calibration = Calibration(**{name: tuple(values) for name, values in told.items()})
+    return CalibratedHead(head.eval(), calibration, ErrorLine(**held.about["error"]))
 
 
 def intervals_of(

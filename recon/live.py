@@ -9,6 +9,7 @@ from scipy.ndimage import distance_transform_edt
 
 from nlos.acquisition.transient import Transient
 from nlos.recon.methods import find, parse_settings
+from nlos.recon.predicted_error import said_by
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.volume import Reconstruction
 
@@ -27,7 +28,8 @@ class LivePicture:
     `change`: how much the front view differs from the newest one of at most 1/`GROWTH` of the samples, relative L2
     after scaling both to their best fit; 1 where there is none. `error`: its expected relative error from the number
     of photons alone (Poisson). `confidence` (H, W), 0 to 1: measured here, still where it was in the picture before,
-    with light enough.
+    with light enough. `bound`: the relative error that nine of ten such front views stay below, by the method's own
+    intervals; None where it has none.
     """
 
     reconstruction: Reconstruction
@@ -35,6 +37,7 @@ class LivePicture:
     change: float
     error: float
     confidence: Picture
+    bound: float | None = None
 
 
 class LiveReconstruction:
@@ -68,7 +71,7 @@ class LiveReconstruction:
         lit = max(int(np.count_nonzero(now > 0.1 * float(now.max(initial=0.0)))), 1)
         error = 1.0 / float(np.sqrt(max(photons / lit, 1.0)))
         confidence = (_nearness(measured) * still / (1.0 + error)).astype(np.float32)
-        return LivePicture(result, samples, change, error, confidence)
+        return LivePicture(result, samples, change, error, confidence, error_bound(result))
 
     def _compared_with(self, samples: int, now: Picture) -> Picture | None:
         """The newest front view of few enough samples; those before it are forgotten."""
@@ -76,6 +79,15 @@ class LiveReconstruction:
         more = [entry for entry in self._earlier if entry[0] * GROWTH > samples]
         self._earlier = [*fewer[-1:], *more, (samples, now)]
         return fewer[-1][1] if fewer else None
+
+
+def error_bound(made: Reconstruction) -> float | None:
+    """The relative L2 error that the front view of nine of ten such pictures stays below; None without intervals."""
+    from nlos.recon.intervals import head_for
+
+    if made.intervals is None or (head := head_for(made.settings.get("weights"))) is None:
+        return None
+    return head.error.at(said_by(made.albedo, made.intervals.albedo_low, made.intervals.albedo_high))
 
 
 def relative_change(before: Picture, now: Picture) -> float:

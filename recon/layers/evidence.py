@@ -8,9 +8,10 @@ from nlos.recon.layers.volume_projection import Projection
 NAMES = (
     "albedo", "albedo_spread", "depth", "depth_spread", "peak", "width", "elsewhere", "brightness",
     "highest_soft", "highest_sharp", "at_depth", "depth_differs", "pulse", "exposure", "sure", "noise", "background",
-    "kept", "points", "radius",
+    "kept", "points", "radius", "response",
 )  # fmt: skip
 """One channel each; lengths in slices of the Wiener volumes or wall widths, brightness over the brightest point."""
+UNTOLD = -1.0  # of `response`, where none is told
 TOLD = 3  # noise level, background, share of the points
 AROUND = 3  # slices that belong to a surface
 LONG = 10  # slices that a slow response spreads it over
@@ -20,9 +21,10 @@ def evidence(
     seen: Projection, volumes: Tensor, conditions: Tensor, maps: Tensor, presence: Tensor, depths: Tensor
 ) -> Tensor:
     """(B, len(NAMES), H, W) from what was seen and how it spreads over the wall's mirror images, the Wiener volumes
-    (B, V, D, H, W), what the operator was told (B, 3), the maps of exposure and confidence (B, 2, H, W), and whether
-    there is any light (B,). `depths` are the planes, in wall widths."""
-    depths, conditions, present = depths[: volumes.shape[2]], conditions[:, :TOLD], presence[:, None, None]
+    (B, V, D, H, W), what the operator was told (B, 3 or, with the response's width, 4), the maps of exposure and
+    confidence (B, 2, H, W), and whether there is any light (B,). `depths` are the planes, in wall widths."""
+    depths, present = depths[: volumes.shape[2]], presence[:, None, None]
+    width = conditions[:, TOLD] if conditions.shape[1] > TOLD else torch.full_like(presence, UNTOLD, dtype=depths.dtype)
     albedo, depth, volume = (seen.albedo * present).clamp(0, 1), seen.depth, seen.volume * present[..., None]
     spreads = seen.spreads or (torch.zeros_like(albedo), torch.zeros_like(albedo))
     slices = torch.arange(len(depths), device=albedo.device, dtype=albedo.dtype)[None, :, None, None]
@@ -31,7 +33,7 @@ def evidence(
     share = volume / total.clamp(min=1e-6)[:, None]
     peak, index = share.max(dim=1)
     mean = (share * slices).sum(dim=1)
-    width = (share * (slices - mean[:, None]).square()).sum(dim=1).clamp(min=0).sqrt()
+    spread = (share * (slices - mean[:, None]).square()).sum(dim=1).clamp(min=0).sqrt()
     elsewhere = (share * ((slices - index[:, None]).abs() > AROUND)).sum(dim=1)
     soft, place = volumes[:, 0].max(dim=1)
     at = ((depth - depths[0]) / slice_depth).round().long().clamp(0, len(depths) - 1)
@@ -47,7 +49,7 @@ def evidence(
         depth - 0.5,
         spreads[1] / slice_depth / 4,
         peak,
-        width / 8,
+        spread / 8,
         elsewhere,
         (total + 1e-3).log10() / 3,
         soft,
@@ -57,8 +59,9 @@ def evidence(
         pulse,
         maps[:, 0],
         maps[:, 1],
-        *(flat * told[:, None, None] for told in conditions.unbind(dim=1)),
+        *(flat * told[:, None, None] for told in conditions[:, :TOLD].unbind(dim=1)),
         flat * torch.tensor(float(cols)).log2().sub(5),
         (x.square() + y.square()) * flat,
+        flat * width[:, None, None],
     )
     return torch.stack(fields, dim=1).nan_to_num(0.0, 8.0, -8.0).clamp(-8, 8)

@@ -23,19 +23,23 @@ from nlos.recon.subsets import measured_points
 from nlos.recon.training.dataset import sample
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.detector import DetectorSettings
+from nlos.recon.training.told import told
 from nlos.recon.training.training_sample import TrainingSample, collate
 
 TRAINING, CALIBRATION, TEST = "training", "calibration", "test"
 SEEDS = {TRAINING: 7100, CALIBRATION: 7200, TEST: 7300}
 QUICK = DetectorSettings(sparse=0.0)
 SLOW = DetectorSettings(sparse=0.0, jitter_fwhm_most_ps=420.0)
+TOLD = DetectorSettings(sparse=0.0, slow=0.6, told=1.0, told_wrong=0.3)
 VARIANTS: tuple[tuple[int, DetectorSettings, bool], ...] = (
-    (32, QUICK, False), (64, QUICK, False), (32, SLOW, False), (64, QUICK, False), (32, QUICK, False),
-    (64, SLOW, False), (32, QUICK, False), (32, QUICK, True), (64, QUICK, False), (32, QUICK, False),
+    (32, QUICK, False), (64, QUICK, False), (32, SLOW, False), (64, TOLD, False),
+    (32, QUICK, False), (64, QUICK, False), (32, TOLD, False), (64, SLOW, False),
+    (32, QUICK, True), (64, QUICK, False), (32, QUICK, False), (64, TOLD, False),
+    (20, QUICK, False), (24, TOLD, False), (16, QUICK, False),
 )  # fmt: skip
 """Points a side, detector, retroreflective: in turn."""
 SUBSETS = (2, 4, 8)  # of the points, one in so many in each direction
-SPARSE, EMPTY = 0.35, 0.04
+SPARSE, EMPTY = 0.4, 0.03
 
 
 @dataclass(frozen=True)
@@ -105,9 +109,10 @@ def seen_by(network: Nano, made: TrainingSample) -> tuple[torch.Tensor, torch.Te
     """The picture (H, W), and the evidence (C, H, W), of one scan."""
     batch = collate([made])
     with torch.inference_mode():
-        volumes, told, maps, lifted, presence = network.prepared(batch["counts"], batch["exposure"])
-        seen = network.over_symmetries(volumes, told, maps, lifted)
-        found = evidence(seen, volumes, told, maps, presence, network.physics.depths)
+        response = told(network, batch)
+        volumes, eta, maps, lifted, presence = network.prepared(batch["counts"], batch["exposure"], *response)
+        seen = network.over_symmetries(volumes, eta, maps, lifted)
+        found = evidence(seen, volumes, eta, maps, presence, network.physics.depths)
     return (seen.albedo * presence[:, None, None]).clamp(0, 1)[0], found[0]
 
 

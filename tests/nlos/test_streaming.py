@@ -14,9 +14,10 @@ from nlos.calibration.constants import load
 from nlos.calibration.correct import common_bins, correct_known
 from nlos.calibration.raw_points import from_samples
 from nlos.chain import calibrate_scan, constants_for
+from nlos.cli.exit_codes import UsageError
 from nlos.live.answers import ScanAnswers
 from nlos.live.calibration import SampleCalibration
-from nlos.live.good_enough import Enough
+from nlos.live.good_enough import LEVELS, STABLE, SURE, Enough, Goal, parse_until
 from nlos.live.pace import Pace
 from nlos.live.process import state_file, write_state
 from nlos.live.scan import LiveScan
@@ -136,7 +137,9 @@ def test_a_real_bench_reads_the_figures_of_the_live_process(run: Path, monkeypat
     monkeypatch.setattr("nlos.live.good_enough.AGAIN_S", 0.0)
     said: list[str] = []
     with Recording.open(run) as recording:
-        enough = Enough(run, recording.plan, {}, 0.1, "lct", lambda kind, text: said.append(text), watched=True)
+        enough = Enough(
+            run, recording.plan, {}, Goal(STABLE, 0.1), "lct", lambda kind, text: said.append(text), watched=True
+        )
     assert not enough()  # nobody has said anything
     live = LiveReconstruction("lct")
     picture = live.update(calibrate_scan(load_scan(run)), 200)
@@ -151,3 +154,32 @@ def test_a_real_bench_reads_the_figures_of_the_live_process(run: Path, monkeypat
     write_state(state_file(run), live.update(calibrate_scan(load_scan(run)), 256))
     assert enough()
     assert enough.reached
+
+
+def test_a_scan_ends_once_its_error_is_surely_small_enough(nlos: Nlos, tmp_path: Path) -> None:
+    (tmp_path / "scan.yaml").write_text(SCAN)
+    refused = nlos("scan", "scan.yaml", "-o", "lct.h5", "--until", "sure", "--reconstruct", "lct")
+    assert refused.returncode == 2
+    assert "do not say how far they may be off" in refused.stderr
+    assert not (tmp_path / "lct.h5").exists()
+    done = nlos("scan", "scan.yaml", "-o", "run.h5", "--until", "sure:0.95", "--json")
+    assert done.returncode == 0, done.stderr
+    answer = json.loads(done.stdout)
+    assert answer["until"]["reached"]
+    with Recording.open(tmp_path / "run.h5") as recording:
+        assert len(recording) == answer["points"] < 256
+        said = [event.text for event in recording.events() if event.kind == "until"]
+    assert "is good enough: error below 0." in said[-1]
+    assert said[-1].endswith("level 0.95")
+
+
+def test_what_says_nothing_of_its_error_never_ends_a_scan_by_it() -> None:
+    figures = {"change": 0.0, "error": 0.0, "bound": None}
+    assert Goal(STABLE, 0.1).verdict(figures)[0]
+    assert not Goal(SURE, 0.9).verdict(figures)[0]
+    assert Goal(SURE, 0.2).verdict({**figures, "bound": 0.2}) == (True, "error below 0.2000")
+    assert parse_until("sure") == Goal(SURE, LEVELS[SURE])
+    assert parse_until("stable:0.3") == Goal(STABLE, 0.3)
+    for word in ("sure:", "sure:1", "sure:-1", "surely", "sure:nan", ":0.2"):
+        with pytest.raises(UsageError):
+            parse_until(word)

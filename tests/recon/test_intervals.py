@@ -11,14 +11,16 @@ from safetensors import safe_open
 from nlos.acquisition.transient import Transient
 from nlos.recon.interval_scores import ause, calibration_error, interval_scores
 from nlos.recon.intervals import GROUPS, Calibration, adjusted, group_of, head_for
-from nlos.recon.layers.evidence import NAMES
-from nlos.recon.layers.interval_head import KEPT, NOISE, IntervalHead, pinball
+from nlos.recon.layers.evidence import NAMES, UNTOLD
+from nlos.recon.layers.interval_head import ALBEDO_UNIT, DEPTH_UNIT, KEPT, NOISE, RESPONSE, IntervalHead, pinball
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.results import read_reconstruction, write_results
 from nlos.recon.seen import depth_opacity
 from nlos.recon.training.dataset import sample
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.detector import DetectorSettings
+from nlos.recon.training.interval_calibration import calibrate, judge
+from nlos.recon.training.interval_set import Judged
 from nlos.recon.training.intervals import head_to_calibrate as read_back
 from nlos.recon.training.intervals import save_draft
 from nlos.recon.volume import Intervals, Reconstruction
@@ -65,21 +67,68 @@ def test_the_pinball_loss_is_least_at_its_quantile() -> None:
     assert float(ends[losses.argmin()]) == pytest.approx(1.645, abs=0.05)
 
 
-def test_a_calibration_widens_and_never_turns_an_interval_over() -> None:
-    evidence = torch.rand(2, len(NAMES), 8, 8)
-    evidence[0, NOISE], evidence[1, NOISE], evidence[:, KEPT] = -3.0, 3.0, 0.0
+def test_a_calibration_widens_and_the_interval_always_holds_the_picture() -> None:
+    evidence = torch.rand(3, len(NAMES), 8, 8)
+    evidence[0, NOISE], evidence[1:, NOISE], evidence[:, KEPT] = -3.0, 3.0, 0.0
+    evidence[:2, RESPONSE], evidence[2, RESPONSE] = UNTOLD, 0.0
     groups = group_of(evidence)
-    assert 0 <= int(groups[0]) < int(groups[1]) < GROUPS
-    raw = IntervalHead()(evidence)
+    assert 0 <= int(groups[0]) < int(groups[1]) < int(groups[2]) < GROUPS
+    raw, ones = IntervalHead()(evidence), (1.0,) * GROUPS
     none, wide, narrow = (
-        adjusted(raw, Calibration((by,) * GROUPS, (by,) * GROUPS, 1.0, 0.0), groups) for by in (0.0, 1.0, -50.0)
+        adjusted(raw, Calibration((by,) * GROUPS, (by,) * GROUPS, ones, (0.0,) * GROUPS), groups)
+        for by in (1.0, 2.0, 0.01)
     )
     assert (wide.depth_low <= none.depth_low).all()
     assert (wide.depth_high > none.depth_high).all()
+    picture, depth = evidence[:, NAMES.index("albedo")], evidence[:, NAMES.index("depth")] + 0.5
     for made in (none, wide, narrow):
-        assert (made.depth_low <= made.depth_high).all()
+        assert (made.depth_low <= depth).all()
+        assert (depth <= made.depth_high).all()
         assert (made.albedo_low >= 0).all()
-        assert (made.albedo_low <= made.albedo_high).all()
+        assert (made.albedo_low <= picture).all()
+        assert (picture <= made.albedo_high).all()
+
+
+def test_each_group_has_its_own_width_and_line_of_seen() -> None:
+    evidence = torch.rand(2, len(NAMES), 8, 8)
+    evidence[1] = evidence[0]
+    evidence[0, NOISE], evidence[1, NOISE] = -3.0, 3.0
+    raw, (first, second) = IntervalHead()(evidence), group_of(evidence).tolist()
+    numbers = [1.0] * GROUPS
+    numbers[second] = 3.0
+    made = adjusted(
+        raw, Calibration((*numbers,), (*numbers,), (*numbers,), (0.0,) * GROUPS), torch.tensor([first, second])
+    )
+    assert torch.allclose(made.albedo_high[1] - raw.albedo[1], 3 * raw.brighter[1])
+    assert torch.allclose(made.seen[0], torch.sigmoid(raw.seen[0]))
+    assert torch.allclose(made.seen[1], torch.sigmoid(3 * raw.seen[1]))
+
+
+def test_a_calibration_finds_the_factor_by_which_a_head_is_too_sure() -> None:
+    """Scans whose truth lies at 4 sides of the head's, normally spread: 1.645 x 4 sides hold nine of ten."""
+    head, rng = IntervalHead(), np.random.default_rng(4)
+    scans = []
+    for k in range(30):
+        evidence = np.zeros((len(NAMES), 16, 16), np.float32)
+        evidence[NAMES.index("albedo")], evidence[RESPONSE] = 1.0, UNTOLD
+        off = rng.standard_normal((2, 16, 16)).astype(np.float32)
+        scans.append(
+            Judged(
+                evidence,
+                1 + 4 * ALBEDO_UNIT * off[0],
+                0.5 + 4 * DEPTH_UNIT * off[1],
+                np.ones((16, 16), np.float32),
+                {"points": k},
+            )
+        )
+    found = calibrate(head, scans)
+    group = int(group_of(torch.from_numpy(scans[0].evidence)[None])[0])
+    assert found.albedo[group] == pytest.approx(4 * 1.645, rel=0.05)
+    assert found.depth[group] == pytest.approx(4 * 1.645, rel=0.05)
+    assert found.albedo == (found.albedo[group],) * GROUPS  # other groups borrow where they have no scans
+    judged = judge(head, scans, found)["all"]
+    assert judged[0] == pytest.approx(0.9, abs=0.001)
+    assert judged[3] == pytest.approx(0.9, abs=0.001)
 
 
 def test_a_head_that_was_trained_is_kept_as_safetensors_and_is_the_one_that_is_calibrated(tmp_path: Path) -> None:

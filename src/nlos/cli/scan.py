@@ -14,7 +14,7 @@ from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.named_files import BenchWord, ScanWord
 from nlos.cli.taking import ScanOptions, require_shutter, take
 from nlos.configs.load import load
-from nlos.live.good_enough import parse_until
+from nlos.live.good_enough import SURE, check_sure, parse_until
 from nlos.live.process import methods_for
 from nlos.recon.methods import find
 from nlos.response import response_wanted
@@ -51,8 +51,9 @@ def scan(
     until: Annotated[
         str | None,
         typer.Option(
-            metavar="stable[:LEVEL]",
-            help="Stop (or start the second pass) once the picture changes and errs by less than LEVEL.",
+            metavar="sure[:LEVEL]|stable[:LEVEL]",
+            help="Stop (or start the second pass) once the picture's error is below LEVEL in nine cases of ten, or "
+            "once it stands still.",
         ),
     ] = None,
     weights: Weights = None,
@@ -93,13 +94,15 @@ def scan(
     if reconstruct is not None:
         find(reconstruct)
     response_wanted(response)
-    level = None if until is None else parse_until(until)
-    if live or level is not None:
-        methods_for(reconstruct)
+    goal = None if until is None else parse_until(until)
+    if live or goal is not None:
+        best = methods_for(reconstruct)[-1]
+        if goal is not None and goal.word == SURE:
+            check_sure(best, seeing.get("weights"))
     target = output or dated_name(table.settings, wanted.path.stem, notes.sample, datetime.now())
     if output is None:
         target.parent.mkdir(parents=True, exist_ok=True)
-    options = ScanOptions(notes, reconstruct, seeing, resume, scene, constants, live, level, overwrite, response)
+    options = ScanOptions(notes, reconstruct, seeing, resume, scene, constants, live, goal, overwrite, response)
     with told(hooks_for(table.settings), target, notes):
         take(wanted, table, target, options)
     return 0

@@ -23,7 +23,7 @@ from nlos.configs.load import Loaded
 from nlos.drivers.bench import Bench, BenchSettings
 from nlos.drivers.errors import SafetyTrip
 from nlos.drivers.exit_paths import undisturbed
-from nlos.live.good_enough import Enough
+from nlos.live.good_enough import Enough, Goal
 from nlos.live.process import methods_for, start_live
 from nlos.recon.explained import NOT_LOOKED_FOR
 from nlos.recon.results import files_in
@@ -48,8 +48,8 @@ class ScanOptions:
     scene: Path | None = None
     constants: Path | None = None
     live: bool = False
-    level: float | None = None
-    """The scan ends, or its second pass begins, once the picture changes by less."""
+    until: Goal | None = None
+    """The scan ends, or its second pass begins, once the picture is that good."""
     overwrite: bool = False
     response: str = "auto"
     """Of the instrument, as `--response` says it."""
@@ -81,7 +81,7 @@ def take(wanted: Loaded[ScanSettings], table: Loaded[BenchSettings], target: Pat
         notes=options.notes,
     )
     target.parent.mkdir(exist_ok=True)
-    watching = _Watching(options.method, dict(options.seeing), options.live, options.level, options.response)
+    watching = _Watching(options.method, dict(options.seeing), options.live, options.until, options.response)
     with Interrupts().caught() as interrupts, opened(table, options.scene) as open_bench:
         request = ScanRequest(plan, wanted.settings.alarms, header, target, resume, overwrite, options.constants)
         _acquire(request, open_bench, interrupts, watching)
@@ -91,24 +91,23 @@ def take(wanted: Loaded[ScanSettings], table: Loaded[BenchSettings], target: Pat
 
 @dataclass(frozen=True)
 class _Watching:
-    """Who looks on: the method, its settings and the response, whether on a page, and the level at which the scan may
-    end."""
+    """Who looks on: the method, its settings and the response, whether on a page, and when the scan may end."""
 
     method: str | None
     settings: dict[str, object]
     live: bool
-    level: float | None
+    until: Goal | None
     response: str
 
     def enough(self, scan: PreparedScan) -> Enough | None:
         """Decides when the picture is good enough. It reads what is there, so it is made before the file is opened."""
-        if self.level is None:
+        if self.until is None:
             return None
         asked, bench = scan.request, scan.bench
         assert asked.target is not None
         devices = {role: f"{who.model} {who.serial}".strip() for role, who in scan.header.devices.items()}
         return Enough(
-            asked.target, asked.plan, devices, self.level, methods_for(self.method)[-1], bench.report,
+            asked.target, asked.plan, devices, self.until, methods_for(self.method)[-1], bench.report,
             watched=not bench.settings.simulated, resumed=asked.resume, settings=self.settings,
             bench_json=scan.header.bench_json, response=self.response,
         )  # fmt: skip
@@ -116,7 +115,7 @@ class _Watching:
     def show(self, scan: PreparedScan) -> None:
         """Starts the page, where one is asked for or the picture is judged while light is on."""
         assert scan.request.target is not None
-        if self.live or (self.level is not None and not scan.bench.settings.simulated):
+        if self.live or (self.until is not None and not scan.bench.settings.simulated):
             start_live(scan.request.target, self.method, self.settings.get("weights"), self.response)
 
 
@@ -177,6 +176,10 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
         planned=len(plan), bench_s=duration_s, predicted_s=forecast_s,
         scheme=prepared.choice.scheme.value, status="complete" if ending.complete else "interrupted",
     )  # fmt: skip
+    if enough is not None and enough.said:
+        terminal.result(
+            f"the picture at the last look: {enough.said}", until={"reached": enough.reached, "said": enough.said}
+        )
     if not ending.complete and (interrupts.seen or enough is None or not enough.reached):
         raise Stopped(ExitCode.INTERRUPTED, f"ended by Ctrl-C. {ending.safe}")
 

@@ -36,6 +36,7 @@ def described(picture: "LivePicture") -> dict[str, Any]:
         "method": result.method,
         "change": picture.change,
         "error": picture.error,
+        "bound": picture.bound,
         "seconds": result.seconds,
         "explained": None if result.explained is None else str(result.explained),
         "explains_nothing": result.explained is not None and result.explained.nothing,

@@ -56,8 +56,9 @@ def follow_to_folder(
 
     def replace_all(picture: "LivePicture") -> None:
         replace_numbers(folder, picture.reconstruction, volume)
+        bound = "" if picture.bound is None else f"error below {picture.bound:.3f}, "
         terminal.log(
-            f"{picture.samples} points: change {picture.change:.3f}, photon noise {picture.error:.3f}, "
+            f"{picture.samples} points: change {picture.change:.3f}, photon noise {picture.error:.3f}, {bound}"
             f"{picture.reconstruction.seconds:.2f} s"
         )
         replace_pictures(folder, picture, volume)

@@ -1,13 +1,15 @@
-"""`scan --until stable`: ends a scan, or its first pass, when its picture has stopped changing and holds light enough.
+"""`scan --until sure`: ends a scan, or its first pass, once its picture's error is predicted to be small enough.
 
-The picture is made again whenever a quarter more points are in, so that "change" always means the same: what a
-quarter more of the scan did to it. On a simulated bench that happens between two points, at the same points in every
+`--until stable` does so when the picture has stopped changing and holds light enough, which any method can say. The
+picture is made again whenever a quarter more points are in, so that "change" always means the same: what a quarter more
+of the scan did to it. On a simulated bench that happens between two points, at the same points in every
 run; on a real one the live process makes the pictures, and only its figures are read here, twice a second.
 """
 
 import math
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,9 +27,35 @@ if TYPE_CHECKING:
     from nlos.acquisition.planning.plan import ScanPlan
     from nlos.acquisition.sample import Sample
 
-LEVEL = 0.05
+METHOD = "nano"
+SURE, STABLE = "sure", "stable"
+LEVELS = {SURE: 0.25, STABLE: 0.05}
 FIRST_FRACTION = 0.05
 AGAIN_S = 0.5
+
+
+@dataclass(frozen=True)
+class Goal:
+    """When a picture is good enough: `sure`, its relative error is below `level` in nine cases of ten; `stable`, change
+    and photon noise are."""
+
+    word: str
+    level: float
+
+    def verdict(self, figures: Mapping[str, float | None]) -> tuple[bool, str]:
+        """Whether `change`, `error` (photon noise) and `bound` of a picture reach it, and these in words."""
+        if self.word == SURE:
+            bound = figures["bound"]
+            said = "no method here says how far it is off" if bound is None else f"error below {bound:.4f}"
+            return bound is not None and bound <= self.level, said
+        change, error = figures["change"], figures["error"]
+        assert change is not None
+        assert error is not None
+        return max(change, error) <= self.level, f"change {change:.4f}, photon noise {error:.4f}"
+
+
+_Figures = tuple[int, dict[str, float | None]]
+"""Samples, and what `Goal.verdict` asks for."""
 
 
 class Enough:
@@ -38,7 +66,7 @@ class Enough:
         run: Path,
         plan: "ScanPlan",
         devices: Mapping[str, str],
-        level: float,
+        goal: Goal,
         method: str,
         report: Callable[[str, str], None],
         watched: bool,
@@ -52,7 +80,9 @@ class Enough:
         self._growth = GROWTH
         self.reached = False
         """Whether the scan, or the first of its passes, ended for being good enough."""
-        self._level, self._report, self._devices = level, report, devices
+        self.said = ""
+        """What was found at the last look."""
+        self._goal, self._report, self._devices = goal, report, devices
         self._bench_json, self._response = bench_json, response_wanted(response)
         self._state = state_file(run) if watched else None
         self._gathering = gathering_for(plan)
@@ -75,22 +105,22 @@ class Enough:
         figures = self._computed() if self._state is None else self._polled()
         if figures is None:
             return False
-        samples, change, error = figures
-        enough = change <= self._level and error <= self._level
+        samples, found = figures
+        enough, said = self._goal.verdict(found)
         self.reached |= enough
+        self.said = f"{said}, level {self._goal.level:g}"
         verdict = "is good enough" if enough else "is not good enough yet"
-        self._report(
-            "until", f"the picture of {samples} points {verdict}: change {change:.4f}, photon noise {error:.4f}, "
-            f"level {self._level:g}"
-        )  # fmt: skip
+        self._report("until", f"the picture of {samples} points {verdict}: {self.said}")
         return enough
 
-    def _computed(self) -> tuple[int, float, float] | None:
+    def _computed(self) -> _Figures | None:
         if len(self._gathering) < self._next:
             return None
         self._next = math.ceil(self._growth * self._next)
         picture = self._picture()
-        return None if picture is None else (picture.samples, picture.change, picture.error)
+        if picture is None:
+            return None
+        return picture.samples, {"change": picture.change, "error": picture.error, "bound": picture.bound}
 
     def _picture(self) -> "LivePicture | None":
         try:
@@ -101,30 +131,44 @@ class Enough:
             self._report("until", f"no picture of {len(self._gathering)} points yet: {error}")
             return None
 
-    def _polled(self) -> tuple[int, float, float] | None:
+    def _polled(self) -> _Figures | None:
         assert self._state is not None
         if time.monotonic() - self._looked_s < AGAIN_S:
             return None
         self._looked_s = time.monotonic()
         found = read_state(self._state)
-        samples, change, error = found.get("samples"), found.get("change"), found.get("error")
+        samples, bound = found.get("samples"), found.get("bound")
+        figures = {name: found.get(name) for name in ("change", "error")}
         if not isinstance(samples, int) or samples < self._growth * self._seen:
             return None
-        if not isinstance(change, float) or not isinstance(error, float):
+        if not all(isinstance(value, float) for value in figures.values()):
             return None
         self._seen = samples
-        return samples, change, error
+        return samples, {**figures, "bound": bound if isinstance(bound, float) else None}
 
 
-def parse_until(word: str) -> float:
-    """The level of `stable` or `stable:LEVEL`. Raises `UsageError`."""
+def parse_until(word: str) -> Goal:
+    """The goal `sure`, `stable`, or either with `:LEVEL`. Raises `UsageError`."""
     kind, colon, text = word.partition(":")
-    if kind == "stable" and not colon:
-        return LEVEL
+    if kind in LEVELS and not colon:
+        return Goal(kind, LEVELS[kind])
     try:
         level = float(text)
     except ValueError:
         level = math.nan
-    if kind != "stable" or not 0 < level < 1:
-        raise UsageError(f"--until {word}: `stable`, or `stable:LEVEL` with a level between 0 and 1, e.g. stable:0.1")
-    return level
+    if kind not in LEVELS or not 0 < level < 1:
+        raise UsageError(
+            f"--until {word}: `sure` or `stable`, either with a level between 0 and 1, e.g. sure:0.2 or stable:0.1"
+        )
+    return Goal(kind, level)
+
+
+def check_sure(method: str, weights: object) -> None:
+    """That pictures by `method` say how far they are off. Raises `UsageError`."""
+    from nlos.recon.intervals import head_for
+
+    if method != METHOD or head_for(str(weights or METHOD)) is None:
+        raise UsageError(
+            f"--until sure: pictures by {method}{' with these weights' if weights else ''} do not say how far they may "
+            f"be off. Use --reconstruct {METHOD} with the weights that ship, or --until stable."
+        )

@@ -73,14 +73,15 @@ def listening(port: int) -> socket.socket:
 
 
 def state_file(run: Path) -> Path:
-    """Where the live process says what it sees: the picture's samples, change and error."""
+    """Where the live process says what it sees: the picture's samples and what it may be judged by."""
     return run.with_name(f"{run.name}.live")
 
 
 def write_state(path: Path, picture: "LivePicture") -> None:
     """Replaces the file at once, so that a reader meets whole figures only."""
     fresh = path.with_name(f"{path.name}.new")
-    fresh.write_text(json.dumps({"samples": picture.samples, "change": picture.change, "error": picture.error}))
+    figures = {"change": picture.change, "error": picture.error, "bound": picture.bound}
+    fresh.write_text(json.dumps({"samples": picture.samples, **figures}))
     fresh.replace(path)
 
 
