@@ -18,10 +18,10 @@ _UNKNOWN = 1 << 62
 class KnownMemory(Protocol):
     """Settings of a method whose peak memory on a CPU was measured."""
 
-    def bytes_needed(self, wall: WallGrid, time: TimeAxis) -> int:
-        """Peak memory beside the program itself and the counts."""
+    def bytes_needed(self, wall: WallGrid, time: TimeAxis, told: bool = False) -> int:
+        """Peak memory beside the program itself and the counts; `told`: where there is a response to be told."""
 
-    def smaller(self, wall: WallGrid, time: TimeAxis, free: int) -> Mapping[str, int]:
+    def smaller(self, wall: WallGrid, time: TimeAxis, free: int, told: bool = False) -> Mapping[str, int]:
         """Settings that would take less, the gentlest first: setting -> bytes."""
 
 

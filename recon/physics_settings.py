@@ -37,14 +37,14 @@ class PhysicsSettings(Settings):
     cubes: ClassVar[float] = 3.5
     """Peak memory beside the program itself, in float32 volumes of the counts' size, measured."""
 
-    def bytes_needed(self, wall: WallGrid, time: TimeAxis) -> int:
+    def bytes_needed(self, wall: WallGrid, time: TimeAxis, told: bool = False) -> int:
         """Peak memory beside the program itself."""
         return int(self.cubes * cube_bytes(wall, time))
 
-    def smaller(self, wall: WallGrid, time: TimeAxis, free: int) -> dict[str, int]:
+    def smaller(self, wall: WallGrid, time: TimeAxis, free: int, told: bool = False) -> dict[str, int]:
         """Settings that would take less, the gentlest first: setting -> bytes."""
         wider = (TimeAxis(max(time.bins // k, 1), time.bin_width_s * k, time.start_s) for k in (2, 4, 8, 16))
-        return {f"bin_width_ps={axis.bin_width_s * 1e12:g}": self.bytes_needed(wall, axis) for axis in wider}
+        return {f"bin_width_ps={axis.bin_width_s * 1e12:g}": self.bytes_needed(wall, axis, told) for axis in wider}
 
 
 class LightConeSettings(PhysicsSettings):
@@ -53,16 +53,26 @@ class LightConeSettings(PhysicsSettings):
     tile: Annotated[int, Field(ge=1)] | None = None
     """Frequencies held at a time, to save memory; all of them unless given. The result is the same."""
 
-    def bytes_needed(self, wall: WallGrid, time: TimeAxis) -> int:
+    told_cubes: ClassVar[float] = 0.0
+    told_spectra: ClassVar[float] = 0.0
+    """What a response takes on top: volumes, and half spectra along the cone of all points; measured."""
+
+    def bytes_needed(self, wall: WallGrid, time: TimeAxis, told: bool = False) -> int:
         """Peak memory beside the program itself: counts, both ends of the filter, and the spectrum held."""
         frequencies = padded_cells(wall, time, self.conventions) // 2 + 1
         held = min(self.tile or frequencies, frequencies)
-        return int(self.cubes * cube_bytes(wall, time)) + 8 * held * wall.rows * wall.cols
+        return self._beside(wall, time, told) + 8 * held * wall.rows * wall.cols
 
-    def smaller(self, wall: WallGrid, time: TimeAxis, free: int) -> dict[str, int]:
+    def smaller(self, wall: WallGrid, time: TimeAxis, free: int, told: bool = False) -> dict[str, int]:
         """The settings that would take less, largest first: setting -> bytes."""
         frequencies = padded_cells(wall, time, self.conventions) // 2 + 1
-        beside = int(self.cubes * cube_bytes(wall, time))
+        beside = self._beside(wall, time, told)
         tile = min((free - beside) // (8 * wall.rows * wall.cols), frequencies - 1)
         tiled = {f"tile={tile}": beside + 8 * tile * wall.rows * wall.cols} if tile >= 1 else {}
-        return tiled | super().smaller(wall, time, free)
+        return tiled | super().smaller(wall, time, free, told)
+
+    def _beside(self, wall: WallGrid, time: TimeAxis, told: bool) -> int:
+        """All but the spectrum that `tile` limits."""
+        cubes = self.cubes + told * self.told_cubes
+        frequencies = padded_cells(wall, time, self.conventions) // 2 + 1
+        return int(cubes * cube_bytes(wall, time) + told * self.told_spectra * 8 * frequencies * wall.rows * wall.cols)

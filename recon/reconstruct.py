@@ -44,8 +44,9 @@ def reconstruct(
     rebinned = rebin(transient, _bin_width_s(chosen, transient))
     if isinstance(chosen, KnownMemory) and device == "cpu":
         free = available_bytes()
-        needed = chosen.bytes_needed(rebinned.wall, rebinned.time)
-        remedies = chosen.smaller(rebinned.wall, rebinned.time, free)
+        told = rebinned.response is not None
+        needed = chosen.bytes_needed(rebinned.wall, rebinned.time, told)
+        remedies = chosen.smaller(rebinned.wall, rebinned.time, free, told)
         if why := refusal(method, rebinned.wall, rebinned.time, needed, free, remedies):
             raise ReconstructionFailed(why)
     began = clock.perf_counter()

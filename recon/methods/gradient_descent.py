@@ -22,6 +22,7 @@ class Settings(LightConeSettings):
     """Settings of steepest descent; 1 / snr is the weight of the Tikhonov term."""
 
     cubes: ClassVar[float] = 9.5
+    told_spectra: ClassVar[float] = 3.0
 
     iterations: Annotated[int, Field(ge=1, le=10_000)] = 30
     """Steps of the descent."""

@@ -1,6 +1,6 @@
 """Convolutional Gram operator: least squares with a prior of smooth surfaces, on the light cone."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import torch
 from pydantic import Field
@@ -16,6 +16,8 @@ from nlos.recon.transport.light_cone import Snr
 
 class Settings(LightConeSettings):
     """Settings of the Gram operator."""
+
+    told_cubes: ClassVar[float] = 2.1
 
     flatness: Annotated[float, Field(gt=0, le=10)] = 0.1
     """How much of the prior falls on the albedo itself beside its gradient."""

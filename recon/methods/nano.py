@@ -39,6 +39,7 @@ MARGIN = 8  # slices behind the last light
 DIMMEST = 0.003  # of the brightest point; below it there is no depth
 OWN_BYTES = 1 << 28  # peak memory at small grids, measured from 128 x 128 x 512 to 512 x 512 x 1024 (float32, CPU)
 CUBES = 13.0  # and what comes on top, in float32 volumes of the rebinned counts' size
+TOLD_CUBES = 3.5  # more where a response is told, measured at 128 x 128 x 512
 
 
 class Settings(AnySettings):
@@ -76,12 +77,12 @@ class Settings(AnySettings):
     stage: Literal["whole", "noise"] = "whole"
     """What is trained: the operator with frozen noise estimation, or noise estimation alone."""
 
-    def bytes_needed(self, wall: WallGrid, time: TimeAxis) -> int:
+    def bytes_needed(self, wall: WallGrid, time: TimeAxis, told: bool = False) -> int:
         """Peak memory beside the program itself and the counts: the operator's own grid does not grow with the scan's,
         what noise estimation and the Wiener volumes hold does."""
-        return OWN_BYTES + int(CUBES * cube_bytes(wall, rebinned_axis(wall, time)[1]))
+        return OWN_BYTES + int((CUBES + told * TOLD_CUBES) * cube_bytes(wall, rebinned_axis(wall, time)[1]))
 
-    def smaller(self, wall: WallGrid, time: TimeAxis, free: int) -> dict[str, int]:
+    def smaller(self, wall: WallGrid, time: TimeAxis, free: int, told: bool = False) -> dict[str, int]:
         """No setting makes it less."""
         return {}
 

@@ -41,7 +41,7 @@ class Settings(PhysicsSettings):
     far_m: Annotated[float, Field(gt=0)] | None = None
     """Depth of the last plane; the end of the time axis unless given."""
 
-    def bytes_needed(self, wall: WallGrid, time: TimeAxis) -> int:
+    def bytes_needed(self, wall: WallGrid, time: TimeAxis, told: bool = False) -> int:
         """Of the exact propagator: every frequency's padded wall three times over, and a plane's kernels a thread."""
         if self.variant == "light_cone" or self.conventions == "authors":
             return 10 * cube_bytes(wall, time)
@@ -50,7 +50,7 @@ class Settings(PhysicsSettings):
         kept = kernels * self.planes if kernels * self.planes <= KEPT_FILTER_BYTES else 0
         return 3 * cube_bytes(wall, time) + kernels * (12 + 4 * torch.get_num_threads()) + kept
 
-    def smaller(self, wall: WallGrid, time: TimeAxis, free: int) -> dict[str, int]:
+    def smaller(self, wall: WallGrid, time: TimeAxis, free: int, told: bool = False) -> dict[str, int]:
         """Longer waves need fewer frequencies."""
         if self.variant == "light_cone" or self.conventions == "authors":
             return super().smaller(wall, time, free)

@@ -1,5 +1,7 @@
 """The light-cone transform in NumPy and SciPy."""
 
+from typing import ClassVar
+
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
@@ -18,6 +20,8 @@ from nlos.recon.transport.response_bands import BANDS, bands_of, gain_of_both
 
 class Settings(LightConeSettings):
     """Settings of the light-cone transform."""
+
+    told_cubes: ClassVar[float] = 2.1
 
 
 class PlainLightConeTransform:
