@@ -25,6 +25,8 @@ class Misalignment(Settings):
     """What the x axis behind a TriggerScope really takes, negative where it is mounted the other way round."""
     y_volts_per_degree: float | None = Field(default=None, ge=-10, le=10)
     """The same of the y axis."""
+    axes_swapped: bool = False
+    """Whether the cables to the head are exchanged: told to turn x, it turns y."""
     x_gain: float = Field(default=1.0, gt=0)
     """Real over nominal deflection of the x mirror."""
     y_gain: float = Field(default=1.0, gt=0)
@@ -72,8 +74,9 @@ class BeamPath:
     def spot(self, angles: MirrorAngles) -> Spot | None:
         """The spot on the wall's plane, or None where the beam does not meet it."""
         off = self._off
-        x_rad = angles.x_rad * off.x_gain + radians(off.x_offset_deg)
-        y_rad = angles.y_rad * off.y_gain + radians(off.y_offset_deg)
+        x_rad, y_rad = (angles.y_rad, angles.x_rad) if off.axes_swapped else (angles.x_rad, angles.y_rad)
+        x_rad = x_rad * off.x_gain + radians(off.x_offset_deg)
+        y_rad = y_rad * off.y_gain + radians(off.y_offset_deg)
         if not (abs(x_rad) < 1.55 and abs(y_rad) < 1.55):
             return None
         start = (self._place_m[0] + self._separation_m * tan(x_rad), self._place_m[1], self._distance_m)

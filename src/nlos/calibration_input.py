@@ -3,11 +3,11 @@
 import csv
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import radians
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -116,6 +116,15 @@ def refuse_unmeant_darkness(runs: list[Path], loaded: list[RunInput]) -> None:
             )
 
 
+def _wrong_spot(row: Mapping[str, Any], columns: Sequence[str]) -> str:
+    """What is wrong with a line that does not hold four numbers, and what to do."""
+    empty = [name for name in columns if not str(row.get(name) or "").strip()]
+    if empty:
+        return f"{' and '.join(empty)} empty: write in what the ruler says, or delete the line"
+    given = ", ".join(f"{name} {row[name]!r}" for name in columns)
+    return f"not four numbers ({given}): angles in degrees, places in metres, with a decimal point"
+
+
 def read_spots(path: Path) -> "Spots":
     """Spots from a table with a header line. Raises `InvalidData` naming file, line and column."""
     columns = ("x_deg", "y_deg", "x_m", "y_m")
@@ -131,7 +140,7 @@ def read_spots(path: Path) -> "Spots":
             try:
                 rows.append([float(row[name]) for name in columns])
             except (TypeError, ValueError):
-                raise InvalidData(f"{path}:{table.line_num}: {dict(row)} does not hold four numbers") from None
+                raise InvalidData(f"{path}:{table.line_num}: {_wrong_spot(row, columns)}") from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise InvalidData(f"{path}: is not a table of comma-separated values ({error})") from error
     x_deg, y_deg, x_m, y_m = np.array(rows, dtype=np.float64).reshape(-1, 4).T

@@ -16,23 +16,31 @@ _HELP = (
     "arrows move   + - step size   g go to a place   0 centre   SPACE held: light",
     "m mark a spot   z zoom on the peak and back   l log or linear   q ends",
 )
+_AGAIN = "TAB: light for another {seconds:g} s, also while the ruler's value is asked for"
+_OFF_M, _OFF_PART = 0.02, 0.02
+"""A spot so far from where the bench file puts it, in metres and in wall distances, is said at once: rulers do not."""
 
 
 class Jog:
     """State between two keys. `ended`: somebody wants to leave."""
 
-    def __init__(self, hand: Hand, marks: Marks, page_url: str = "") -> None:
+    def __init__(self, hand: Hand, marks: Marks, page_url: str = "", light_s: float | None = None) -> None:
         self._hand, self._marks, self._page_url = hand, marks, page_url
         self._step = STEPS_DEG.index(0.1)
         self._logarithmic, self._zoomed = True, False
         self._question, self._typed = "", ""
-        self._answered: Callable[[str], None] = lambda text: None
+        self._answered: Callable[[str], str] = lambda text: ""
+        self._light_s = light_s
+        self._offered: tuple[float, float] | None = None
         self.ended = False
         hand.begin_text = frozenset("gm")
 
     def press(self, key: str) -> None:
         """Does what a key means; what may not be is noted, and nothing moves."""
-        if self._question:
+        again_s = self._light_s
+        if key == "tab" and again_s is not None:
+            self._hand.try_to(lambda: self._hand.ask_for_light(again_s))
+        elif self._question:
             self._type(key)
         elif key in _WAYS:
             step_rad, (x, y) = math.radians(STEPS_DEG[self._step]), _WAYS[key]
@@ -43,8 +51,9 @@ class Jog:
         elif key == "0":
             self._move(MirrorAngles(0.0, 0.0))
         elif key == "g":
-            self._ask("go to x y on the wall, metres", self._go)
+            self._ask("go to x y on the wall, metres:", self._go)
         elif key == "m":
+            self._offered = self._ruler()
             self._ask(self._mark_question(), self._mark)
         elif key == "l":
             self._logarithmic = not self._logarithmic
@@ -59,41 +68,74 @@ class Jog:
         shown = [
             *lines.heading(hand), *lines.address(self._page_url), "",
             *lines.beam(hand),
-            f"step        {STEPS_DEG[self._step]:g} deg      marks {self._marks.count}",
+            f"step        {STEPS_DEG[self._step]:g} deg      marks {self._marked()}",
             lines.light(hand),
             *lines.counts(hand),
         ]  # fmt: skip
-        below = [*lines.notes(hand, columns), f"{self._question}: {self._typed}_" if self._question else "", *_HELP]
+        again = [] if self._light_s is None else [_AGAIN.format(seconds=self._light_s)]
+        asked = [self._question, f"> {self._typed}_"] if self._question else [""]
+        below = [*lines.notes(hand, columns), *asked, *_HELP, *again]
         room = rows - len(shown) - len(below) - 4
         return [*shown, *lines.histogram(hand, columns - 1, min(room, 12), self._logarithmic), *below]
 
     def _move(self, angles: MirrorAngles) -> None:
         self._hand.try_to(lambda: self._hand.move_to(angles))
 
-    def _go(self, text: str) -> None:
+    def _marked(self) -> str:
+        left = self._marks.unmeasured
+        return f"{self._marks.count}" + (f", {left} of them without a ruler's value" if left else "")
+
+    def _go(self, text: str) -> str:
         place, reach = _two_numbers(text), self._hand.reach
         if place is None or reach is None:
-            self._hand.note(f"{text!r}: two numbers, x and y in metres")
-            return
+            return f"{text!r}: two numbers, x and y in metres, such as 0.25 -0.1"
         self._hand.try_to(lambda: self._hand.move_to(reach.angles_of(*place)))
+        return ""
+
+    def _ruler(self) -> tuple[float, float] | None:
+        """Where the spot is, on a simulated table."""
+        simulated = self._hand.bench.simulated
+        seen = None if simulated is None else simulated.spot_m(simulated.beam)
+        return None if seen is None else (round(seen[0], 3) + 0.0, round(seen[1], 3) + 0.0)
 
     def _mark_question(self) -> str:
-        simulated = self._hand.bench.simulated
-        ruler = None if simulated is None else simulated.spot_m(simulated.beam)
-        said = "Enter alone: later" if ruler is None else f"the simulated ruler says {ruler[0]:+.3f} {ruler[1]:+.3f}"
-        return f"the spot measured on the wall, x y in metres ({said})"
+        ruler = self._offered
+        said = "Enter alone: to be filled in later"
+        if ruler is not None:
+            said = f"the simulated ruler says {ruler[0]:+.3f} {ruler[1]:+.3f}, Enter takes that"
+        return f"the spot on the wall, x y in metres ({said}):"
 
-    def _mark(self, text: str) -> None:
+    def _mark(self, text: str) -> str:
         place = _two_numbers(text)
         if place is None and text.strip():
-            self._hand.note(f"{text!r}: two numbers, x and y in metres; not marked")
-            return
+            return f"{text!r}: two numbers, x and y in metres, such as 0.25 -0.1"
+        if place is None and self._offered is not None:
+            place = self._offered
         try:
             self._marks.add(self._hand.angles, place)
         except OSError as error:
             self._hand.note(f"not marked: {self._marks.path} cannot be written ({error.strerror})")
-            return
-        self._hand.note(f"spot {self._marks.count} in {self._marks.path}")
+            return ""
+        where = f"spot {self._marks.count} in {self._marks.path}"
+        if place is None:
+            self._hand.note(f"{where}, without a ruler's value: write x_m and y_m into the file")
+        else:
+            self._hand.note(where + self._far_off(place))
+        return ""
+
+    def _far_off(self, place: tuple[float, float]) -> str:
+        """What the first spots tell already: the beam is not where the bench file puts it."""
+        if self._hand.reach is None:
+            return ""
+        x_m, y_m = self._hand.reach.place_of(self._hand.angles)
+        off_x_m, off_y_m = place[0] - x_m, place[1] - y_m
+        allowed_m = max(_OFF_M, _OFF_PART * self._hand.bench.settings.geometry.wall_distance_m)
+        if math.hypot(off_x_m, off_y_m) <= allowed_m:
+            return ""
+        return (
+            f": {off_x_m:+.3f}, {off_y_m:+.3f} m from where the bench file puts it. Nine spots and `nlos calibrate "
+            "--spots` tell why: scanner's place, wall distance, or an axis that is reversed or swapped"
+        )
 
     def _zoom(self) -> None:
         peak = self._hand.peak
@@ -103,15 +145,19 @@ class Jog:
             return
         self._zoomed = self._hand.try_to(lambda: self._hand.look_at(peak.time_s - _ZOOM_S, peak.time_s + _ZOOM_S))
 
-    def _ask(self, question: str, answered: Callable[[str], None]) -> None:
+    def _ask(self, question: str, answered: Callable[[str], str]) -> None:
+        """`answered` returns what is wrong with an answer, which is then asked for again; empty where nothing is."""
         self._question, self._typed, self._answered = question, "", answered
         self._hand.typing = True
 
     def _type(self, key: str) -> None:
         if key in ("enter", "escape"):
-            self._question, self._hand.typing = "", False
-            if key == "enter":
-                self._answered(self._typed)
+            wrong = self._answered(self._typed) if key == "enter" else ""
+            if wrong:
+                self._hand.note(wrong)
+                self._typed = ""
+            else:
+                self._question, self._hand.typing = "", False
         elif key == "backspace":
             self._typed = self._typed[:-1]
         elif key == "space" or len(key) == 1:
@@ -119,8 +165,11 @@ class Jog:
 
 
 def _two_numbers(text: str) -> tuple[float, float] | None:
+    """Two numbers with a space or a comma between them; between two words, a comma is a decimal one."""
+    words = text.split()
+    words = [each.strip(",").replace(",", ".") for each in words] if len(words) == 2 else text.split(",")
     try:
-        x, y = (float(each) for each in text.replace(",", " ").split())
+        x, y = (float(each) for each in words)
     except ValueError:
         return None
     return (x, y) if math.isfinite(x) and math.isfinite(y) else None

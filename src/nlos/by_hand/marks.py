@@ -12,13 +12,16 @@ COLUMNS = ("x_deg", "y_deg", "x_m", "y_m")
 
 
 class Marks:
-    """A table that is on the disk after every mark. Written on where it exists."""
+    """A table that is on the disk after every mark. Written on where it exists. `count`: its spots; `unmeasured`: of
+    those, the ones whose place on the wall is still to be filled in."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.count = 0
+        self.count = self.unmeasured = 0
         if path.exists():
-            self.count = max(0, len(path.read_text(encoding="utf-8-sig").splitlines()) - 1)
+            rows = path.read_text(encoding="utf-8-sig").splitlines()[1:]
+            self.count = len(rows)
+            self.unmeasured = sum(row.rstrip().endswith(",") for row in rows)
 
     def add(self, angles: MirrorAngles, measured: tuple[float, float] | None) -> None:
         """One spot, at optical angles; `measured` (x_m, y_m), None to be filled in later."""
@@ -34,3 +37,4 @@ class Marks:
             file.flush()
             os.fsync(file.fileno())
         self.count += 1
+        self.unmeasured += measured is None

@@ -1,6 +1,6 @@
 """A bench opened for hands: who is there, by what geometry it is aimed, and whether it may have light."""
 
-from collections.abc import Iterator, Set
+from collections.abc import Iterator, Mapping, Set
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from nlos.acquisition.planning.aim import Aiming
     from nlos.configs.load import Loaded
     from nlos.drivers.bench_settings import BenchSettings
+    from nlos.drivers.galvo.mirror import GalvoMirror
+    from nlos.drivers.tcspc.counter import HistogramCounter
 
 
 @contextmanager
@@ -46,7 +48,7 @@ def in_hand(
         if bench.mirror is not None and "mirror" in wanted:
             watch_first_moves(bench)
         with keys_of_terminal() as keys:
-            hand = Hand(bench, _aim(bench), keys)
+            hand = Hand(bench, aim_in_use(settings, {"mirror": bench.mirror, "counter": bench.counter}), keys)
             hand.no_light = why
             if light_s is not None:
                 hand.light.check(light_s)
@@ -57,15 +59,15 @@ def in_hand(
                     hand.light.end("nobody is there any more")
 
 
-def _aim(bench: PartialBench) -> "Aiming":
-    """As scans of this bench are aimed: by its constants where they rest on spots and still hold, else as drawn."""
-    drawn = drawn_aim(bench.settings.geometry)
-    there = {"mirror": bench.mirror, "counter": bench.counter}
+def aim_in_use(settings: "BenchSettings", there: Mapping[str, "GalvoMirror | HistogramCounter | None"]) -> "Aiming":
+    """As scans of this bench are aimed: by its constants where they rest on spots and still hold, else as drawn.
+    `there`: role -> who answers."""
+    drawn = drawn_aim(settings.geometry)
     names = {
         role: f"{one.identity.model} {one.identity.serial}".strip() for role, one in there.items() if one is not None
     }
     try:
-        known = aiming_constants(None, bench.settings.model_dump_json(), names)
+        known = aiming_constants(None, settings.model_dump_json(), names)
     except StaleConstants as error:
         terminal.log(f"aimed by the bench file's geometry: {error}")
         return drawn

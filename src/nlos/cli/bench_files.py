@@ -29,7 +29,7 @@ def write_bench_file(text: str, table: "Loaded[BenchSettings]", output: Path | N
 
     parse(text, str(output or table.path), BenchSettings)
     if output is None:
-        terminal.log(f"not written. Use -o {table.path.name} --overwrite for that file, or another name.")
+        terminal.log("not written: -o NEW.yaml writes a copy of the bench file with these lines")
         return
     with whole_file(output) as partial:
         partial.write_text(text, encoding="utf-8")

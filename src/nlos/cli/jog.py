@@ -33,7 +33,8 @@ def jog(
     port: Annotated[int, PORT] = 0,
     no_shutter: Annotated[bool, ELSEWHERE] = False,
 ) -> None:
-    """Moves the beam by arrow keys. SPACE, held down, gives light; nothing else does but --light. `m` marks a spot: its
+    """Moves the beam by arrow keys. SPACE, held down, gives light; nothing else does but --light, and TAB
+    for as long again. `m` marks a spot: its
     commanded angles, and where on the wall a ruler finds it, for `nlos calibrate --spots`."""
     table = load_bench(bench)
     name = re.sub(r"[^A-Za-z0-9]+", "-", table.settings.name)[:60]
@@ -47,7 +48,7 @@ def jog(
             raise UsageError("nlos jog needs a terminal; scripts use `nlos point`.")
         if hand.reach is None:
             raise hand.bench.absent["mirror"]
-        jogging = Jog(hand, book, "" if page is None else page.url)
+        jogging = Jog(hand, book, "" if page is None else page.url, light)
         if light is not None:
             hand.ask_for_light(light)
         with screen_of_terminal() as screen:
@@ -60,4 +61,7 @@ def jog(
                     page.show(hand)
     if book.count > had:
         terminal.result(f"{book.path}: {book.count} spots", spots=str(book.path), marked=book.count - had)
-        terminal.log(f"nine or more tell the mirror's place: nlos calibrate RUN --spots {book.path}")
+        if book.unmeasured:
+            terminal.log(f"{book.unmeasured} spots lack x_m and y_m: write in what the ruler says")
+        named = "" if bench is None else f" --bench {bench}"
+        terminal.log(f"nine or more tell the mirror's place: nlos calibrate --spots {book.path}{named}")

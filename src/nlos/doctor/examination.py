@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlos.cli.benches import opened
+from nlos.doctor.aim_trial import beam_seen
 from nlos.doctor.apart import apart, failure, role_of
 from nlos.doctor.dark_trials import corners, dark_histogram, linearity, markers
 from nlos.doctor.findings import Finding, failed, passed, skipped, warned
@@ -54,6 +55,7 @@ DARK = (
     Check("linearity", linearity, COUNTER),
 )
 SMALL_SCAN = Check("scan", small_scan, lit=True)
+AIM = Check("aim", beam_seen, lit=True)
 LIT = (
     Check("count rates", count_rates, lit=True),
     Check("beam", beam_corners, lit=True),
@@ -132,7 +134,7 @@ def examine(table: "Loaded[BenchSettings]", visit: Visit) -> Iterator[Finding]:
     if unmoved:
         missing["mirror"] = "it moves as it is opened, and nobody agreed to that: use --move when it is safe to"
     yield from apart(settings, missing, visit.may_move)
-    everything = (*CHECKS, *(DARK if visit.thorough else ()), SMALL_SCAN, *(LIT if visit.thorough else ()))
+    everything = (*CHECKS, *(DARK if visit.thorough else ()), SMALL_SCAN, AIM, *(LIT if visit.thorough else ()))
     why = "the mirror was not to move" if unmoved else f"{' and '.join(sorted(missing))} missing or failed"
     yield from (skipped(check.name, why) for check in everything if check.name not in APART)
 
@@ -145,7 +147,7 @@ def _on_the_bench(bench: Bench, visit: Visit, condition: Condition) -> Generator
     yield from run(bench, (*CHECKS, *(DARK if visit.thorough else ())), condition)
     light = not (condition.lost and visit.thorough) and visit.agreed(bench)
     if light:
-        yield from run(bench, (SMALL_SCAN, *(LIT if visit.thorough else ())), condition)
+        yield from run(bench, (SMALL_SCAN, AIM, *(LIT if visit.thorough else ())), condition)
         return True
     if condition.lost:
         yield skipped("scan", next(iter(condition.lost.values())))

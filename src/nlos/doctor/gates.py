@@ -17,13 +17,16 @@ _AXES = ((1024, 16.0), (1024, 32.0), (1024, 20.0), (1024, 40.0), (1024, 64.0), (
 _GRACE_S = 2.0
 _HALF_WINDOW_S = 0.6e-9
 _PART_OF_HIGHEST = 0.3
+_PARTS = 32
+"""Of the axis; their median is the background, however few counts there are and wherever light comes."""
 _FAINT = 10
 """Photons in a peak below which there is none."""
 
 
 def axis_of(bench: Bench) -> HistogramAxis:
-    """A time axis that this counter can take, from just before the wall's direct light. Raises `LimitError`."""
-    arrival_ns = 2 * bench.settings.geometry.wall_distance_m / SPEED_OF_LIGHT_M_PER_S * 1e9
+    """A time axis that this counter can take, from just before the wall's direct light, as far as its delay is known.
+    Raises `LimitError`."""
+    arrival_ns = expected_s(bench, bench.settings.geometry.wall_distance_m) * 1e9
     refused: LimitError | None = None
     for bins, width_ps in _AXES:
         offset_ns = max(0.0, (arrival_ns - 3.0) // 8 * 8)
@@ -66,7 +69,7 @@ def arrival(counts: npt.NDArray[np.integer], axis: HistogramAxis, near_s: float,
     """The mean time of the first high peak within `reach_s` of `near_s`; None where nothing stands out."""
     time_s = axis.offset_s + (np.arange(len(counts)) + 0.5) * axis.bin_width_s
     seen = np.where(np.abs(time_s - near_s) <= reach_s, counts, 0).astype(np.float64)
-    background = float(np.median(counts))
+    background = float(np.median([part.mean() for part in np.array_split(counts, _PARTS)]))
     wide = max(1, round(_HALF_WINDOW_S / axis.bin_width_s))
     sums = np.convolve(seen - background * (seen > 0), np.ones(2 * wide + 1), mode="same")
     # The first peak, not the highest: a hidden surface may return more light than the wall's spot.
@@ -75,14 +78,22 @@ def arrival(counts: npt.NDArray[np.integer], axis: HistogramAxis, near_s: float,
     window = slice(max(peak - wide, 0), peak + wide + 1)
     weight = counts[window] - background
     total = float(weight.sum())
-    noise = math.sqrt(max(float(counts[window].sum()), 1.0))
-    if total < max(_FAINT, 5 * noise * (background > 0)):
+    if total < max(_FAINT, 5 * math.sqrt(background * len(weight))):
         return None
     mean_s = float((weight * time_s[window]).sum()) / total
     spread_s = math.sqrt(max(float((weight * (time_s[window] - mean_s) ** 2).sum()) / total, 0.0))
     return Arrival(mean_s, max(spread_s, axis.bin_width_s / 3.5) / math.sqrt(total))
 
 
-def expected_s(range_m: float) -> float:
-    """There and back."""
-    return 2 * range_m / SPEED_OF_LIGHT_M_PER_S
+def expected_s(bench: Bench, range_m: float) -> float:
+    """After the sync pulse: there and back, and the delay that first light found; cables without it have no length."""
+    found = bench.settings.first_light
+    delay_s = 0.0 if found is None else found.delay_ns * 1e-9
+    return (2 * range_m / SPEED_OF_LIGHT_M_PER_S + delay_s) % (1 / bench.settings.laser.repetition_hz)
+
+
+def delay_unknown(bench: Bench) -> str:
+    """What to do where direct light is not seen."""
+    if bench.settings.first_light is None:
+        return "Run `nlos calibrate --first-light`: it finds direct light wherever in the period it comes."
+    return "Check laser, shutter and aim; run `nlos calibrate --first-light` again where a cable was changed."

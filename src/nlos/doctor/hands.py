@@ -10,6 +10,7 @@ from nlos.drivers.simulated.faults import Fault
 
 _LAMP_CPS = 1e6
 _PULLED_AFTER_S = 0.5
+_LOOK_S, _GLANCE_S = 5.0, 0.1
 
 
 class Hands(Protocol):
@@ -21,6 +22,10 @@ class Hands(Protocol):
 
     def cover(self, on: bool) -> bool:
         """Something opaque over the detector, or away again."""
+        ...
+
+    def spot(self, bench: Bench, place: tuple[float, float]) -> tuple[float, float] | None:
+        """Where on the wall (x_m, y_m) the beam is that was sent to `place`; None where nobody measured it."""
         ...
 
     def pull_mirror_cable(self) -> bool:
@@ -72,6 +77,10 @@ class SimulatedHands:
             self._table.light = self._before
         return True
 
+    def spot(self, bench: Bench, place: tuple[float, float]) -> tuple[float, float] | None:
+        seen = self._table.spot_m(self._table.beam)
+        return None if seen is None else (round(seen[0], 3), round(seen[1], 3))
+
     def pull_mirror_cable(self) -> bool:
         self._table.faults.add(Fault(name="G8", after_s=self._table.clock.now() + _PULLED_AFTER_S))
         return True
@@ -101,6 +110,29 @@ class PersonsHands:
     def cover(self, on: bool) -> bool:
         return _asked("Cover the detector, light-tight." if on else "Uncover the detector again.")
 
+    def spot(self, bench: Bench, place: tuple[float, float]) -> tuple[float, float] | None:
+        x_m, y_m = place
+        if not _asked(
+            f"After Enter the beam is on for {_LOOK_S:g} s at ({x_m:+.3f}, {y_m:+.3f}) m: mark where it comes."
+        ):
+            return None
+        from nlos.doctor.gates import axis_of, gates
+
+        bench.counter.configure(axis_of(bench))
+        bench.shutter.release()
+        bench.shutter.open()
+        try:
+            for each in gates(bench, [_GLANCE_S] * round(_LOOK_S / _GLANCE_S)):
+                bench.shutter.watch(each)
+        finally:
+            bench.shutter.close()
+        terminal.log("Where was it? x y in metres, right of and above the wall's centre; Enter alone to skip this.", -9)
+        try:
+            x_m, y_m = (float(each) for each in (answer() or "").replace(",", " ").split())
+        except ValueError:
+            return None
+        return x_m, y_m
+
     def pull_mirror_cable(self) -> bool:
         return _asked("After Enter, pull the mirror controller's cable out of this computer within a minute.")
 
@@ -125,6 +157,9 @@ class NoHands:
 
     def cover(self, on: bool) -> bool:
         return False
+
+    def spot(self, bench: Bench, place: tuple[float, float]) -> tuple[float, float] | None:
+        return None
 
     def pull_mirror_cable(self) -> bool:
         return False

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from nlos.acquisition.planning.preflight import PILE_UP
 from nlos.doctor.area import angles_of, area_of, range_m
 from nlos.doctor.findings import Chart, Finding, failed, passed, warned
-from nlos.doctor.gates import arrival, axis_of, expected_s, gates
+from nlos.doctor.gates import arrival, axis_of, delay_unknown, expected_s, gates
 from nlos.drivers.bench import Bench
 from nlos.drivers.tcspc.counter import HistogramAxis, Trigger
 
@@ -80,14 +80,14 @@ def beam_corners(bench: Bench) -> Iterator[Finding]:
         for number, place in enumerate(places):
             bench.mirror.move_to(angles_of(bench, place))
             counts = gates(bench, [_PLACE_S], number)[0].counts
-            arrivals.append(arrival(counts, axis, expected_s(range_m(bench, place)), _REACH_S))
+            arrivals.append(arrival(counts, axis, expected_s(bench, range_m(bench, place)), _REACH_S))
     bench.mirror.park()
     if dim := [place for place, found in zip(places, arrivals, strict=True) if found is None]:
         listed = ", ".join(f"({x:+.2f}, {y:+.2f}) m" for x, y in dim)
-        yield failed("beam", f"no direct light from {listed}", "Check aim, wall_distance_m and what is in the way.")
+        yield failed("beam", f"no direct light from {listed}", delay_unknown(bench))
         return
     found_s = np.array([each.time_s for each in arrivals if each is not None])
-    wanted_s = np.array([expected_s(range_m(bench, place)) for place in places])
+    wanted_s = np.array([expected_s(bench, range_m(bench, place)) for place in places])
     late_ns = (found_s - wanted_s) * 1e9
     spread = float(late_ns.max() - late_ns.min())
     said = f"direct light {np.median(late_ns):+.2f} ns from where the wall is, alike within {spread:.2f} ns"
@@ -172,7 +172,7 @@ def _judged(
 ) -> Finding:
     """Settled is the slice from which on direct light comes as late as at the end, within what can be told."""
     area = area_of(bench)
-    near_s, far_s = (expected_s(range_m(bench, place)) for place in (area.nearest, area.farthest))
+    near_s, far_s = (expected_s(bench, range_m(bench, place)) for place in (area.nearest, area.farthest))
     rest = arrival(counts[len(counts) * 2 // 3 :].sum(axis=0), axis, (near_s + far_s) / 2, _REACH_S)
     if rest is None:
         return failed("settling", "no direct light to tell it by", "Check aim and laser.")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nlos.acquisition.direct_peak import direct_peak
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.positions import free, pixels
 from nlos.acquisition.recording.provenance import Header
@@ -19,11 +20,13 @@ from nlos.calibration.errors import InvalidData
 from nlos.chain import reconstruct_file
 from nlos.doctor.area import area_of, range_m
 from nlos.doctor.findings import Finding, failed, passed, warned
-from nlos.doctor.gates import axis_of, expected_s
+from nlos.doctor.gates import axis_of, delay_unknown, expected_s
 from nlos.drivers.bench import Bench
 
 _HALF_M = 0.2
 _SIDE = 4
+_FAR_NS = 1.0
+"""So far from where it should be, light may be that of a hidden surface, or the delay another one."""
 
 
 def small_plan(bench: Bench, dwell_s: float) -> ScanPlan:
@@ -67,30 +70,37 @@ def _scanned(bench: Bench, folder: Path) -> Iterator[Finding]:
     yield passed("scan", f"{len(samples)} points, {counts} photons, recorded and read back")
     yield _direct_light(samples, bench)
     if find_spec("torch") is not None:
-        yield from _reconstruction(run, folder)
+        yield from _reconstruction(run, folder, bench)
 
 
 def _direct_light(samples: list[Sample], bench: Bench) -> Finding:
     """Whether the first arrival is about where the wall is."""
-    late_ns = []
+    late_ns: list[float] = []
+    axis = axis_of(bench)
     for sample in samples:
         h, p = sample.histogram, sample.point
-        # The first peak, not the highest: a hidden surface may return more light than the wall's spot.
-        first = int((h.counts >= max(0.3 * h.counts.max(), 1)).argmax())
-        arrival_s = h.offset_s + (first + 0.5) * h.bin_width_s
-        late_ns.append((arrival_s - expected_s(range_m(bench, (p.x_m, p.y_m)))) * 1e9)
+        if (peak := direct_peak(h.counts, axis)) is not None:
+            late_ns.append((peak.time_s - expected_s(bench, range_m(bench, (p.x_m, p.y_m)))) * 1e9)
+    if len(late_ns) < len(samples) / 2:
+        start_ns, end_ns = axis.offset_s * 1e9, (axis.offset_s + axis.bins * axis.bin_width_s) * 1e9
+        said = (
+            f"none stands out at {len(samples) - len(late_ns)} of {len(samples)} points, {start_ns:g} to {end_ns:g} ns"
+        )
+        return warned("direct light", said, delay_unknown(bench))
     late_ns.sort()
     middle, spread = late_ns[len(late_ns) // 2], late_ns[-2] - late_ns[1]
     said = f"{middle:+.2f} ns from where the wall is, the same within {spread:.2f} ns at all points"
     if spread > 0.5:
         return warned("direct light", said, "Check aim and wall_distance_m; run `nlos calibrate`.")
+    if abs(middle) > _FAR_NS:
+        return warned("direct light", said, delay_unknown(bench))
     return passed("direct light", said)
 
 
-def _reconstruction(run: Path, folder: Path) -> Iterator[Finding]:
+def _reconstruction(run: Path, folder: Path, bench: Bench) -> Iterator[Finding]:
     try:
         done = reconstruct_file(run, "lct", {}, folder / "doctor")
     except InvalidData as error:
-        yield warned("reconstruction", str(error), "The wall may not be in the histograms' time window.")
+        yield warned("reconstruction", str(error), delay_unknown(bench))
         return
     yield passed("reconstruction", f"lct in {done.seconds:.2f} s, albedo up to {done.albedo.max():.3g}")

@@ -10,6 +10,7 @@ from nlos.acquisition.direct_peak import direct_peak
 from nlos.by_hand.chart import chart
 from nlos.by_hand.keys import decoded
 from nlos.by_hand.marks import Marks
+from nlos.calibration.errors import InvalidData
 from nlos.calibration_input import read_spots
 from nlos.configs.load import load, names
 from nlos.drivers.bench import BenchSettings, open_bench
@@ -76,6 +77,20 @@ def test_marks_are_spots_that_calibrate_reads(tmp_path: Path) -> None:
     spots = read_spots(path)
     assert spots.x_rad == pytest.approx([0.1, -0.1], abs=1e-7)
     assert spots.y_m == pytest.approx([-0.1, 0.1])
+
+
+def test_spots_without_a_rulers_value_are_counted_and_named_by_calibrate(tmp_path: Path) -> None:
+    path = tmp_path / "spots.csv"
+    marks = Marks(path)
+    marks.add(MirrorAngles(0.0, 0.0), (0.2, -0.1))
+    marks.add(MirrorAngles(0.1, 0.0), None)
+    assert (marks.count, marks.unmeasured) == (2, 1)
+    assert (Marks(path).count, Marks(path).unmeasured) == (2, 1)
+    with pytest.raises(InvalidData, match=r"spots\.csv:3: x_m and y_m empty: write in what the ruler says"):
+        read_spots(path)
+    path.write_text("x_deg,y_deg,x_m,y_m\n1,2,0;3,4\n")
+    with pytest.raises(InvalidData, match=r"spots\.csv:2: not four numbers .*x_m '0;3'"):
+        read_spots(path)
 
 
 @pytest.mark.parametrize("bench", [name for name in names("bench") if name != "lab"])

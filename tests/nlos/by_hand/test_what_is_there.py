@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import time
 from pathlib import Path
 
 import pytest
@@ -122,6 +123,50 @@ def test_spots_marked_in_jog_keep_their_commanded_angles(tmp_path: Path) -> None
     (row,) = csv.DictReader((tmp_path / "spots.csv").open())
     assert float(row["x_deg"]) == pytest.approx(13.94, abs=0.2)
     assert (float(row["x_m"]), float(row["y_m"])) == (0.5, -0.25)
+
+
+def test_enter_takes_what_the_ruler_says_and_a_beam_that_is_elsewhere_is_said_at_the_first_spot(tmp_path: Path) -> None:
+    path = bench_file(tmp_path, {"simulation": {"misalignment": {"scanner_x_m": 0.25}}})
+    with at_a_terminal(tmp_path, "jog", "--bench", str(path), "--marks", "spots.csv") as child:
+        child.wait_until(lambda: bool(child.frames), "a screen")
+        child.press("m")
+        child.wait_for("Enter takes that")
+        child.press("0,2.5 x", "\r")
+        child.wait_for("two numbers, x and y in metres, such as")
+        child.press("\r")
+        child.wait_for("+0.250, +0.000 m from where the bench file puts it")
+        child.press("m")
+        child.press("0,25 0,001", "\r")  # as some write it
+        child.wait_for("spot 2 in spots.csv")
+        child.press("q")
+        assert child.ends() == 0
+        assert f"nlos calibrate --spots spots.csv --bench {path}" in child.said
+    rows = [(float(row["x_m"]), float(row["y_m"])) for row in csv.DictReader((tmp_path / "spots.csv").open())]
+    assert rows == [(0.25, 0.0), (0.25, 0.001)]
+
+
+def test_tab_gives_as_much_light_again_also_while_the_ruler_is_asked_for(tmp_path: Path) -> None:
+    path = bench_file(tmp_path)
+    with at_a_terminal(tmp_path, "jog", "--bench", str(path), "--marks", "s.csv", "--light", "0.5") as child:
+        child.wait_until(lambda: len(account(tmp_path).lit) == 1 and account(tmp_path).ends_dark, "light, and none")
+        child.press("m", "\t")
+        child.wait_until(lambda: len(account(tmp_path).lit) == 2 and account(tmp_path).ends_dark, "light again")
+        child.press("\x1b")
+        time.sleep(0.3)
+        child.press("q")
+        assert child.ends() == 0
+    seen = account(tmp_path)
+    assert all(end is not None and end - start <= 0.5 + STARVED_S for start, end in seen.lit)
+
+
+def test_without_light_that_was_stated_tab_gives_none(tmp_path: Path) -> None:
+    with at_a_terminal(tmp_path, "jog", "--bench", str(bench_file(tmp_path)), "--marks", "s.csv") as child:
+        child.wait_until(lambda: bool(child.frames), "a screen")
+        child.press("\t", "right")
+        child.wait_for("+0.1000   y   +0.0000 deg")
+        child.press("q")
+        assert child.ends() == 0
+    assert not account(tmp_path).lit
 
 
 def test_a_key_that_was_let_go_during_the_warning_time_gives_no_light(tmp_path: Path) -> None:

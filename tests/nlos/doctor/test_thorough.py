@@ -18,7 +18,9 @@ from nlos.doctor import dark_trials, examination, hands, shutter_trials, small_s
 from nlos.doctor.dark_trials import judged
 from nlos.doctor.examination import LIT, Visit, examine
 from nlos.doctor.findings import Finding
-from nlos.drivers.bench import Bench, BenchSettings
+from nlos.drivers.bench import Bench, BenchSettings, open_bench
+from nlos.drivers.first_light_settings import FirstLightSettings
+from nlos.drivers.simulated.beam import Misalignment
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.servo import ServoSettings
 from nlos.drivers.simulated.spad import DetectorSettings
@@ -232,3 +234,54 @@ def test_a_person_presses_enter_when_it_is_done(monkeypatch: pytest.MonkeyPatch,
     person = hands.PersonsHands()
     asked = (person.lamp(True), person.pull_mirror_cable(), person.replug(), person.ready_to_open_interlock())
     assert set(asked) == {done}
+
+
+@pytest.mark.parametrize(
+    ("off", "verdict", "said"),
+    [
+        ({}, "PASS", "at three places"),
+        ({"scanner_x_m": 0.25}, "FAIL", "+0.250, +0.000 m from where it was sent"),
+        ({"scanner_y_m": 0.03}, "WARN", "+0.000, +0.030 m"),
+        ({"x_volts_per_degree": -0.5}, "FAIL", "x is reversed"),
+        ({"y_volts_per_degree": -0.5}, "FAIL", "y is reversed"),
+        ({"axes_swapped": True}, "FAIL", "x and y are swapped"),
+    ],
+)
+def test_where_the_beam_goes_is_told_by_eye(off: dict[str, Any], verdict: str, said: str) -> None:
+    found = thorough(simulated(misalignment=Misalignment(**off)))["aim"]
+    assert (found.verdict, said in found.said) == (verdict, True), found
+
+
+def test_a_person_marks_where_the_beam_came_and_it_is_dark_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    words = iter(["", "0.1, -0.05", "", "", "no"])
+    monkeypatch.setattr(builtins, "input", lambda: next(words))
+    person, opened_s = hands.PersonsHands(), []
+    with open_bench(simulated()) as bench:
+        assert bench.simulated is not None
+        set_shutter = SimulatedBench.set_shutter
+        monkeypatch.setattr(
+            SimulatedBench, "set_shutter",
+            lambda self, is_open: (opened_s.append((is_open, bench.clock.now())), set_shutter(self, is_open))[1],
+        )  # fmt: skip
+        assert person.spot(bench, (0.1, 0.0)) == (0.1, -0.05)
+        assert not bench.simulated.shutter_open
+        assert person.spot(bench, (0.1, 0.0)) is None  # lit, and not measured
+        lit = [when for is_open, when in opened_s if is_open]
+        dark = [when for is_open, when in opened_s if not is_open and when > lit[0]]
+        assert dark[0] - lit[0] < 10.0
+        assert person.spot(bench, (0.1, 0.0)) is None  # stays dark
+        assert len([each for each, _ in opened_s if each]) == len(lit)
+
+
+@pytest.mark.parametrize(("delay_ns", "said"), [(47.0, "none stands out at 16 of 16 points"), (93.0, "ns from where")])
+def test_direct_light_is_looked_for_where_first_light_found_it(delay_ns: float, said: str) -> None:
+    base = simulated()
+    assert base.simulation is not None
+    late = simulated(scene=base.simulation.scene.model_copy(update={"delay_ns": delay_ns, "ambient_cps": 20e3}))
+    found = thorough(late)
+    assert found["direct light"].verdict == "WARN"
+    assert said in found["direct light"].said
+    assert "calibrate --first-light" in found["direct light"].remedy
+    assert found["beam"].verdict != "PASS"
+    known = thorough(late.model_copy(update={"first_light": FirstLightSettings(delay_ns=delay_ns)}))
+    assert [known[line].verdict for line in ("direct light", "beam", "settling", "count rates")] == ["PASS"] * 4
