@@ -1,8 +1,10 @@
 """What a crash left: verified, recovered into a new file, or resumed."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +23,8 @@ from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.recording.writer_lock import WriterLock, clear_left_lock
 from nlos.drivers.clock import Clock
 from nlos.drivers.identity import DeviceIdentity
+
+_SHOWN = 60
 
 
 class ResumeRefused(InvalidData):
@@ -180,12 +184,26 @@ def _same_scan(recording: Recording, plan: ScanPlan, header: Header, same_run: b
     remedy = ". Go back to what it was made with, or start a new recording."
     if recording.plan != plan:
         raise ResumeRefused(f"{place}its plan is not the one given{remedy}")
-    if recording.header.constants_json != header.constants_json:
-        raise ResumeRefused(f"{place}it was taken with other calibration constants{remedy}")
+    if other := _other_constants(json.loads(recording.header.constants_json), json.loads(header.constants_json)):
+        raise ResumeRefused(f"{place}it was taken with other calibration constants ({other}){remedy}")
     if same_run and recording.header.identity != header.identity:
         raise ResumeRefused(f"{place}it is a recording of another run. Choose another folder or name.")
     if difference := _other_device(recording.header.devices, header.devices):
         raise ResumeRefused(f"{place}{difference}{remedy}")
+
+
+def _other_constants(before: Any, now: Any, name: str = "") -> str:
+    """Where constants are not those recorded, of what was recorded: an earlier version wrote fewer keys. Empty where
+    they are; that none took part is itself recorded."""
+    both = isinstance(before, dict) and isinstance(now, dict)
+    if both and bool(before) == bool(now):
+        return next((found for key in before if (found := _other_constants(before[key], now.get(key), key))), "")
+    return "" if before == now else f"{name or 'constants'}: {_short(before)} then, {_short(now)} now"
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
 
 
 def _other_device(before: Mapping[str, DeviceIdentity], now: Mapping[str, DeviceIdentity]) -> str:
