@@ -14,10 +14,10 @@ from nlos.calibration.correct import CorrectedPoints, correct_points
 from nlos.calibration.detector import WHOLE_PERIOD, undo_dead_time
 from nlos.calibration.errors import InvalidData, PoorCalibration
 from nlos.calibration.geometry import ScannerGeometry
-from nlos.calibration.geometry_fit import FROM_SPOTS, FROM_TIMES, DirectTimes, GeometryFit, Spots, fit_geometry
+from nlos.calibration.geometry_fit import DirectTimes, GeometryFit, Spots, fit_geometry
 from nlos.calibration.impulse_response import ImpulseResponse
 from nlos.calibration.raw_points import RawPoints, joined
-from nlos.calibration.spots_fit import fit_determined
+from nlos.calibration.spots_fit import place_with_run
 from nlos.calibration.time_offset import TimeOffsets, measure_time_offsets
 
 Floats = npt.NDArray[np.float64]
@@ -169,7 +169,7 @@ def fit_scanner(
         times = DirectTimes(x_rad, y_rad, arrival_s, offsets.error_bins * width_s)
         if spots is None:
             return fit_geometry(start, times)
-        placed = fit_determined(start, times, spots, (*FROM_SPOTS, *FROM_TIMES))
+        placed = place_with_run(spots, times, start)
         return replace(placed.fit, undetermined=placed.undetermined)
     except InvalidData:
         if spots is not None:

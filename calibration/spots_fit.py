@@ -1,47 +1,114 @@
-"""Where the scanner stands, from spots alone: before any scan, for mirrors that turn by as much as they are told."""
+"""Where the scanner stands and how its mirrors turn, from spots alone or together with a scan's direct arrivals."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
 from nlos.calibration.errors import InvalidData
 from nlos.calibration.geometry import ScannerGeometry
-from nlos.calibration.geometry_fit import DirectTimes, GeometryFit, Spots, fit_geometry
+from nlos.calibration.geometry_fit import (
+    FROM_SPOTS,
+    FROM_TIMES,
+    METRES_PER_S,
+    TURNS_AS_TOLD,
+    DirectTimes,
+    GeometryFit,
+    Spots,
+    fit_geometry,
+    height_m,
+)
+from nlos.calibration.reduced_times import reduced_times
+from nlos.calibration.spots_sense import check_sense, refuse_other_units
 
 PLACE = ("scanner_x_m", "scanner_y_m", "wall_distance_m", "wall_pitch_rad", "wall_yaw_rad")
 OFFSETS = ("y_offset_rad", "x_offset_rad")
 LEANS = ("wall_pitch_rad", "wall_yaw_rad")
-TURNS_AS_TOLD = {"x_gain": 1.0, "y_gain": 1.0, "x_offset_rad": 0.0, "y_offset_rad": 0.0}
+AS_TOLD = {
+    "x_gain": 5e-4, "y_gain": 5e-4, "x_offset_rad": math.radians(0.02), "y_offset_rad": math.radians(0.02),
+}  # fmt: skip
+"""How well closed-loop mirrors turn as they are told, where nothing says otherwise: one standard error."""
+_ANY_OFFSET = {"x_offset_rad": math.radians(1.0), "y_offset_rad": math.radians(1.0)}
+"""So wide that an offset that the points tell is told by them; without it the search runs after what they do not."""
+FREED = 12.0
+"""By so much must the squared misfit fall for each gain or offset that is let go: 3.5 standard errors."""
 WORTH = {
     "scanner_x_m": 5e-3, "scanner_y_m": 5e-3, "wall_distance_m": 1e-2,
     "wall_pitch_rad": math.radians(0.5), "wall_yaw_rad": math.radians(0.5),
     "x_gain": 0.01, "y_gain": 0.01, "x_offset_rad": math.radians(0.2), "y_offset_rad": math.radians(0.2),
 }  # fmt: skip
 """A standard error above this says nothing that a tape measure would not."""
+WIDEST_M = 0.02
+"""RMS of spots about the fit beyond which it is none."""
 
 
 @dataclass(frozen=True)
 class PlacedScanner:
     """`undetermined`: what these spots do not tell, with what a fit would have said and its error; it is kept as the
-    bench file draws it."""
+    bench file draws it. `freed`: gains and offsets that are not as the mirrors were told."""
 
     fit: GeometryFit
     undetermined: dict[str, tuple[float, float]]
+    freed: tuple[str, ...] = ()
 
 
 def place_from_spots(spots: Spots, drawn: ScannerGeometry) -> PlacedScanner:
     """The scanner's place, the wall's distance and lean, as far as the spots determine them; the others as `drawn`.
 
-    Raises `InvalidData` for fewer than nine spots, for axes that are swapped or reversed, and for spots on one line.
+    Raises `InvalidData` for fewer than nine spots, for axes that are swapped or reversed, for spots on one line, for
+    other units than metres, and where no plane wall explains them.
     """
     check_sense(spots)
-    return fit_determined(replace(drawn, **TURNS_AS_TOLD), None, spots, PLACE)
+    refuse_other_units(spots, drawn.wall_distance_m)
+    placed = fit_determined(replace(drawn, **TURNS_AS_TOLD), None, spots, PLACE)
+    _refuse_no_fit(placed.fit)
+    return placed
+
+
+def place_with_run(spots: Spots, times: DirectTimes, start: ScannerGeometry) -> PlacedScanner:
+    """The same from spots and direct arrivals together, with the mirrors' gains and offsets.
+
+    Those stay as the mirrors are told, to within `AS_TOLD`, unless the points say otherwise beyond doubt: let go for
+    nothing, a gain doubles a ruler's error in the distance. Of all ways to let some go, the one with the smallest
+    misfit wins, where each that is let go has to earn `FREED`.
+    """
+    check_sense(spots)
+    refuse_other_units(spots, start.wall_distance_m)
+    few = reduced_times(times, start)
+    full = fit_determined(start, few, spots, (*FROM_SPOTS, *FROM_TIMES), told=_ANY_OFFSET)
+    undetermined = {name: said for name, said in full.undetermined.items() if name in OFFSETS}
+    names = [name for name in (*FROM_SPOTS, *FROM_TIMES) if name not in undetermined]
+    held = [name for name in AS_TOLD if name in names]
+    best: tuple[float, PlacedScanner] | None = None
+    for count in range(len(held) + 1):
+        for freed in combinations(held, count):
+            told = {name: AS_TOLD[name] for name in held if name not in freed}
+            try:
+                placed = fit_determined(start, few, spots, names, told=told, like=full.fit)
+            except InvalidData:
+                continue
+            cost = placed.fit.misfit + FREED * count
+            if not set(freed) & set(placed.undetermined) and (best is None or cost < best[0]):
+                best = cost, replace(placed, freed=freed)
+        if best is not None and full.fit.misfit + FREED * (count + 1) >= best[0]:
+            break  # no fit has a smaller misfit than the one with everything free
+    if best is None:
+        raise InvalidData("spots and arrivals together determine no place: mark spots further to the sides.")
+    _refuse_no_fit(best[1].fit)
+    everything = _of_all_times(best[1].fit, times)
+    return replace(best[1], fit=everything, undetermined={**undetermined, **best[1].undetermined})
 
 
 def fit_determined(
-    start: ScannerGeometry, times: DirectTimes | None, spots: Spots, free: Sequence[str]
+    start: ScannerGeometry,
+    times: DirectTimes | None,
+    spots: Spots,
+    free: Sequence[str],
+    *,
+    told: Mapping[str, float] | None = None,
+    like: GeometryFit | None = None,
 ) -> PlacedScanner:
     """`fit_geometry` of as many parameters of `free` as the data determine, the others as in `start`.
 
@@ -50,8 +117,9 @@ def fit_determined(
     """
     left, undetermined = list(free), {}
     while True:
+        known = {name: error for name, error in (told or {}).items() if name in left}
         try:
-            fit = fit_geometry(start, times, spots, left)
+            fit = fit_geometry(start, times, spots, left, told=known, like=like)
         except InvalidData:
             if not (loose := [name for name in (*OFFSETS, *LEANS) if name in left]):
                 raise
@@ -69,23 +137,20 @@ def poorly_determined(fit: GeometryFit) -> list[str]:
     return sorted(loose, key=lambda name: (name not in OFFSETS, -fit.errors[name] / WORTH[name]))
 
 
-def check_sense(spots: Spots) -> None:
-    """Raises `InvalidData`, with what to change, where the beam goes another way than it is sent."""
-    if len(spots.x_rad) < 3:
-        return
-    sent = np.column_stack([spots.x_rad, spots.y_rad, np.ones(len(spots.x_rad))])
-    if np.linalg.matrix_rank(sent, tol=1e-6) < 3:
-        raise InvalidData("the spots lie on one line, or on one another: mark some to the sides and above as well.")
-    along, *_ = np.linalg.lstsq(sent, np.column_stack([spots.x_m, spots.y_m]), rcond=None)
-    (x_by_x, y_by_x), (x_by_y, y_by_y), _ = along
-    if abs(x_by_y) > abs(x_by_x) and abs(y_by_x) > abs(y_by_y):
+def _refuse_no_fit(fit: GeometryFit) -> None:
+    if not fit.spots_rms_m <= WIDEST_M:
         raise InvalidData(
-            "x and y are swapped: sent to the side, the beam goes up or down. Exchange the axes in the bench file's "
-            "mirror block, or the cables to the head."
+            f"the spots scatter by {fit.spots_rms_m * 1e3:.0f} mm RMS about the best plane wall: this is no geometry. "
+            "x_deg and y_deg are the angles sent (optical, twice the mechanical), x_m and y_m metres from the wall's "
+            "centre; check the mirror's volts_per_degree, and that neither scanner nor wall was moved in between."
         )
-    for name, slope in (("x", x_by_x), ("y", y_by_y)):
-        if slope < 0:
-            raise InvalidData(
-                f"{name} is reversed: the beam goes the other way. Turn the sign of that axis in the bench file's "
-                f"mirror block (volts_per_degree, invert_{name}), then mark the spots again."
-            )
+
+
+def _of_all_times(fit: GeometryFit, times: DirectTimes) -> GeometryFit:
+    """The fit of the averaged arrivals, with every single one's height and whether it belongs to the wall."""
+    height = height_m(fit.geometry, times, fit.delay_s * METRES_PER_S)
+    there = np.isfinite(height) & np.isfinite(times.error_s)
+    error_m = np.where(there, times.error_s, np.inf) * METRES_PER_S
+    off = np.abs(height / error_m)
+    limit = 4 * max(1.4826 * float(np.median(off[there])), 1.0)
+    return replace(fit, height_m=height, accepted=there & (off <= limit))

@@ -13,7 +13,8 @@ from nlos.__main__ import run
 from nlos.calibration.errors import InvalidData
 from nlos.calibration.geometry import ScannerGeometry
 from nlos.calibration.geometry_fit import Spots
-from nlos.calibration.spots_fit import check_sense, place_from_spots
+from nlos.calibration.spots_fit import place_from_spots
+from nlos.calibration.spots_sense import check_sense
 from nlos.cli.terminal import terminal
 from nlos.configs.load import find, load
 from nlos.drivers.bench import BenchSettings

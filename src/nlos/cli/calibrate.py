@@ -14,7 +14,8 @@ from nlos.calibration.checked import response_checked
 from nlos.calibration.constants import BenchConstants, Quantity, save
 from nlos.calibration.errors import PoorCalibration
 from nlos.calibration.measure import Measurement, measure_constants
-from nlos.calibration.spots_fit import check_sense, poorly_determined
+from nlos.calibration.spots_fit import poorly_determined
+from nlos.calibration.spots_sense import check_sense
 from nlos.calibration_input import common_bench, common_devices, load_run, read_spots, refuse_unmeant_darkness
 from nlos.cli.contradictions import refuse_together
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError

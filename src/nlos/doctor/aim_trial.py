@@ -12,7 +12,7 @@ import numpy as np
 from nlos.by_hand.opening import aim_in_use
 from nlos.calibration.errors import InvalidData
 from nlos.calibration.geometry_fit import Spots
-from nlos.calibration.spots_fit import check_sense
+from nlos.calibration.spots_sense import check_sense
 from nlos.doctor.area import area_of
 from nlos.doctor.findings import Finding, failed, passed, skipped, warned
 from nlos.doctor.hands import hands_for
