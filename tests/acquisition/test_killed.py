@@ -1,15 +1,12 @@
 """A scan whose process is killed at any moment loses nothing that was acknowledged, and resumes to the same counts."""
 
-import multiprocessing
 import os
-import random
 import resource
 import shutil
 import signal
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from types import FrameType
@@ -20,108 +17,22 @@ import pytest
 from nlos.acquisition.errors import StorageError
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.provenance import Header
-from nlos.acquisition.recording.recording import Recording, Status
-from nlos.acquisition.recording.salvage import resume, verify
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.salvage import verify
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.sample import Sample
-from nlos.acquisition.scanning.control import ScanControl, ScanState
 from nlos.acquisition.scanning.engine import record, scan
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.clock import RealTimeClock
 from nlos.drivers.simulated import bench as simulated_bench
+from tests.acquisition.killed_scans import FORK, Acknowledging, facts, go_on
 
-FORK = multiprocessing.get_context("fork")
 SOAK = os.environ.get("NLOS_SOAK") == "1"
 WRITING = tuple(
     f"recording/{name}.py"
     for name in ("writer", "header", "lay_out", "file_bytes", "stored_rows", "watched_file", "rescue", "salvage",
                  "writer_lock")
 )  # fmt: skip
-
-
-class Acknowledging:
-    """A writer that tells another process how many samples it may rely on."""
-
-    def __init__(self, writer: RecordingWriter, told: "Synchronized[int] | None", eager: bool) -> None:
-        self.writer, self.told, self.eager = writer, told, eager
-
-    def write(self, sample: Sample) -> None:
-        self.writer.write(sample)
-        if self.eager:
-            self.writer.flush()
-        if self.told is not None:
-            self.told.value = self.writer.acknowledged
-
-
-def go_on(
-    path: Path, plan: ScanPlan, settings: BenchSettings, told: "Synchronized[int] | None" = None, eager: bool = False
-) -> None:
-    """What `nlos scan --resume` does."""
-    control = ScanControl()
-    with open_bench(settings) as bench:
-        resumed = resume(path, plan, Header(bench_json=settings.model_dump_json()))
-        if resumed.writer is None:
-            return
-        with resumed.writer as writer:
-            samples = scan(plan, bench, taken=resumed.taken, elapsed_s=resumed.elapsed_s, control=control)
-            record(samples, Acknowledging(writer, told, eager))
-            writer.finish(Status.COMPLETE if control.state is ScanState.COMPLETE else Status.INTERRUPTED)
-
-
-def facts(path: Path) -> list[tuple[Any, ...]]:
-    """What must be equal: point, counts, live time and totals, in the order of the file. Times of day are not."""
-    with Recording.open(path) as recording:
-        return [
-            (s.point, s.histogram.counts.tobytes(), replace(s.histogram, counts=None, gate_opened_s=0.0))  # type: ignore[arg-type]
-            for s in recording.samples()
-        ]
-
-
-BENCHES = {"stepped": {"markers": False}, "clocked": {"name": "simulated"}}
-
-
-@pytest.fixture(scope="module", params=BENCHES)
-def undisturbed(
-    request: pytest.FixtureRequest,
-    tmp_path_factory: pytest.TempPathFactory,
-    small_plan: Callable[..., ScanPlan],
-    bench_settings: Any,
-) -> tuple[BenchSettings, list[tuple[Any, ...]], float]:
-    """A bench whose scans are stepped by the host or by the counter's clock, what a scan on it holds, and its time."""
-    settings = bench_settings(**BENCHES[request.param])
-    path = tmp_path_factory.mktemp("undisturbed") / "run.h5"
-    go_on(path, small_plan(12, 12), settings)
-    started = time.monotonic()
-    path.unlink()
-    go_on(path, small_plan(12, 12), settings)
-    return settings, facts(path), time.monotonic() - started
-
-
-def killed_after(seconds: float, *args: Any) -> None:
-    child = FORK.Process(target=go_on, args=args)
-    child.start()
-    child.join(seconds)
-    child.kill()
-    child.join()
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("seed", range(120 if SOAK else 3))
-def test_killed_at_a_random_moment_and_resumed_equals_undisturbed(
-    run_path: Path, small_plan: Any, undisturbed: Any, seed: int
-) -> None:
-    settings, expected, duration_s = undisturbed
-    draw = random.Random(seed)
-    plan, told = small_plan(12, 12), FORK.Value("q", 0, lock=False)
-    for _ in range(draw.choice([1, 1, 2, 3])):
-        killed_after(draw.uniform(0.0, 1.2 * duration_s), run_path, plan, settings, told, draw.random() < 0.5)
-        if told.value:
-            assert facts(run_path)[: told.value] == expected[: told.value]
-    go_on(run_path, plan, settings)
-    assert facts(run_path) == expected
-    found = verify(run_path)
-    assert found.complete
-    assert found.status is Status.COMPLETE
 
 
 def killed_at_sample(count: int, path: Path, plan: ScanPlan, settings: BenchSettings) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-CAMPAIGN = 20_000 if os.environ.get("NLOS_SOAK") else 60
+CAMPAIGN, PARTS = (20_000, 80) if os.environ.get("NLOS_SOAK") else (60, 2)
 REPORT = os.environ.get("NLOS_MUTATED_REPORT")
 
 
@@ -37,11 +37,11 @@ def mutated(raw: np.ndarray, seed: int) -> bytes:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("part", range(2))
+@pytest.mark.parametrize("part", range(PARTS))
 def test_a_damaged_file_is_an_exit_code_with_a_reason(kinds, verbs, commands, tmp_path: Path, part: int) -> None:
     wholes = [(kind, np.frombuffer(path.read_bytes(), np.uint8), path) for kind, path in kinds.items()]
     bad, table = [], Counter()
-    for seed in range(part, CAMPAIGN, 2):
+    for seed in range(part, CAMPAIGN, PARTS):
         kind, whole, path = wholes[(seed // 2) % len(wholes)]
         words = verbs(kind)[(seed // 2 // len(wholes)) % len(verbs(kind))]
         damaged = tmp_path / f"damaged{path.suffix}"
