@@ -19,6 +19,7 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.recording.checked import open_checked
 from nlos.acquisition.recording.frames import frame_table
 from nlos.chain import arrivals_of, calibrate_scan, constants_for
+from nlos.film_memory import FilmMemory
 from nlos.loaded import loaded_frames
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.track import track
@@ -59,15 +60,18 @@ def film_of(
     response: ResponseWanted = AUTO,
     device: str = "cpu",
     step: Callable[[int], None] = lambda frames: None,
+    memory: bool = False,
 ) -> Film:
     """Every frame of a recording by `method`, each from `window` successive ones: by default as many as it takes for
-    all points. Aligned by the direct light of all, told the `response` that is wanted. `step` is told how many there
-    will be, after each. Raises `InvalidData`."""
+    all points; with a `memory` each from its own light, and that of earlier ones moved along. Aligned by the direct
+    light of all, told the `response` that is wanted. `step` is told how many there will be, after each. Raises
+    `InvalidData`."""
     with open_checked(run) as recording:
         plan = recording.plan
         if plan.frames == 1:
             raise InvalidData(f"{run}: is a scan of one frame; `frames` in a scan file makes more (docs/howto)")
-        each = plan.cycle if window is None else window
+        earlier = FilmMemory(recording) if memory else None
+        each = (1 if memory else plan.cycle) if window is None else window
         if each > plan.frames:
             raise InvalidData(f"{run}: {each} frames to a picture, but it has {plan.frames}")
         table = frame_table(plan, recording.intact_records())
@@ -81,6 +85,8 @@ def film_of(
             if (table.points[some] > 0).all():
                 scan = loaded_frames(recording, range(some.start, some.stop))
                 transient = with_response(calibrate_scan(scan, False, known, arrivals), response)
+                if earlier is not None:
+                    transient = earlier.with_earlier(last, transient)
                 if not pictures:
                     say_response(transient)
                 pictures.append(reconstruct(transient, method, settings, device))
@@ -92,7 +98,8 @@ def film_of(
     wall = pictures[0].wall
     return Film(
         np.stack([one.albedo for one in pictures]), np.stack([one.depth_m for one in pictures]), np.array(frames),
-        np.array(times_s), wall.x_m(), wall.y_m(), each, response_words(pictures[0]),
+        np.array(times_s), wall.x_m(), wall.y_m(), each if earlier is None else earlier.frames_to_a_picture,
+        response_words(pictures[0]),
     )  # fmt: skip
 
 

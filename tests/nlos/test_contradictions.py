@@ -20,6 +20,7 @@ PAIRS = [
     ("reconstruct", FILM, ("other.h5",)),
     ("reconstruct", FOLLOW, ("other.h5",)),
     ("reconstruct", (NOBODY,), ("--window", "2")),
+    ("reconstruct", (NOBODY,), ("--memory",)),
     ("reconstruct", (NOBODY, "--overwrite"), ("--skip-existing",)),
     ("reconstruct", (NOBODY, "--set", "offsets=file"), ("--rectified",)),
     ("reconstruct", (NOBODY, "--weights", "nano.safetensors"), ("--set", "weights=mine.safetensors")),

@@ -29,6 +29,7 @@ def reconstruct_film(
     device: str,
     overwrite: bool,
     skip_existing: bool,
+    memory: bool,
 ) -> None:
     """The film and its track into the folder `output`. Raises `FileExistsError`."""
     from nlos.film import NAMES, film_of, write_film
@@ -41,7 +42,7 @@ def reconstruct_film(
         if (output / name).exists() and not (overwrite or skip_existing):
             raise FileExistsError(f"{output / name}: exists. Choose another folder with -o, or use --overwrite.")
     with frames_counted(run) as counted:
-        film = film_of(run, method, settings, window, constants, response_wanted(response), device, counted)
+        film = film_of(run, method, settings, window, constants, response_wanted(response), device, counted, memory)
     paths = write_film(output, film)
     terminal.result(
         f"{output}: {', '.join(path.name for path in paths)} ({method}, {len(film.frame)} pictures)",

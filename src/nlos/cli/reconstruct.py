@@ -64,6 +64,9 @@ def reconstruct(
     window: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="Of a film: frames to a picture. Default: all points once.")
     ] = None,
+    memory: Annotated[
+        bool, typer.Option("--memory", help="Of a film: pictures of one frame and the light of earlier ones, moved.")
+    ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
     skip_existing: Annotated[
         bool, typer.Option("--skip-existing", help="Of several files, only those without results.")
@@ -89,6 +92,11 @@ def reconstruct(
     refuse_without(
         "--window", window is not None and not film, "--film", "it says how many frames make a picture of it"
     )
+    refuse_without("--memory", memory and not film, "--film", "it is of the frames of a film")
+    refuse_together(
+        "--memory", {"--window": memory and window is not None}, "each picture is of one frame's light and what "
+        "earlier ones add", "Use one.",
+    )  # fmt: skip
     if follow:
         refuse_together(
             "--follow", {"--film": film, **of_files, "--skip-existing": skip_existing, "--set offsets": offsets},
@@ -108,7 +116,9 @@ def reconstruct(
     if film:
         if len(runs) != 1 or runs[0].is_dir():
             raise UsageError("--film: makes a film of one RUN of `nlos scan`. Name one recording.")
-        reconstruct_film(runs[0], method, chosen, output, window, constants, response, device, overwrite, skip_existing)
+        reconstruct_film(
+            runs[0], method, chosen, output, window, constants, response, device, overwrite, skip_existing, memory
+        )
         return
     options: dict[str, Any] = {
         "constants": constants, "response": response, "device": device, "html": html, "volume": volume, "given": said,

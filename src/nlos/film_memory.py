@@ -1,0 +1,39 @@
+"""The light that pictures of a film are made of with a memory: a frame's own, and that of earlier ones moved along."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.transient import Transient
+from nlos.recon.over_time.memory import LightMemory
+from nlos.recon.over_time.moments import moments_of
+
+
+class FilmMemory:
+    """Fed with the calibrated frames of one recording, in the order of time. Raises `InvalidData` for free positions,
+    whose light has no place on the grid until it is moved."""
+
+    def __init__(self, recording: Recording) -> None:
+        if not recording.on_grid:
+            raise InvalidData(f"{recording.path}: its points are off the grid; --memory moves light along a grid")
+        self._plan, self._records = recording.plan, recording.intact_records()
+        self._memory: LightMemory | None = None
+        self._frames: list[float] = []
+
+    @property
+    def frames_to_a_picture(self) -> int:
+        """How many frames' light a picture holds, on average: neighbouring ones share it."""
+        return round(float(np.mean(self._frames or [1.0])))
+
+    def with_earlier(self, frame: int, calibrated: Transient) -> Transient:
+        """The light of `frame` and what earlier ones add to it, at the mean moment of its exposure."""
+        records = self._records[self._plan.pass_[self._records["number"]] == frame]
+        taken_s = np.zeros(calibrated.exposure_s.shape)
+        place = (self._plan.positions.row[records["number"]], self._plan.positions.col[records["number"]])
+        taken_s[place] = records["taken_s"] + records["live_time_s"] / 2
+        self._memory = self._memory or LightMemory(calibrated.wall, calibrated.time)
+        light = self._memory.add(moments_of(calibrated, taken_s))
+        self._frames.append(float(self._memory.weights.sum()))
+        return replace(light, response=calibrated.response)

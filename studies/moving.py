@@ -1,0 +1,235 @@
+"""What a memory of light gains on scenes that move: pictures of single frames and of all light brought to their moment.
+
+`python -m studies.moving docs/moving.md [ROWS.jsonl ...]` draws 20 moving scenes and 4 still ones by the light of the
+simulated bench, which no network was trained on, 256 points of 0.4 ms a frame out of 64 x 64, each frame another
+sixteenth, and makes the page; `python -m studies.moving ROWS.jsonl 0 1 2 ...` measures these scenes alone, for the page
+to take up.
+"""
+
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.acquisition.planning.frames import bayer
+from nlos.acquisition.response import Response
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
+from nlos.drivers.simulated.beam import SPEED_OF_LIGHT_M_PER_S, BeamPath, Spot
+from nlos.drivers.simulated.moving import Scenery
+from nlos.drivers.simulated.scene import SceneLight, SceneSettings
+from nlos.drivers.simulated.spad import DetectorSettings
+from nlos.drivers.simulated.spad import Response as Jitter
+from nlos.drivers.simulated.surfaces import Surface
+from nlos.recon.metrics import image_scores
+from nlos.recon.over_time.memory import LightMemory
+from nlos.recon.over_time.moments import Moments, added
+from nlos.recon.reconstruct import reconstruct
+
+Floats = npt.NDArray[np.float64]
+
+WALL, TIME = WallGrid(2.0, 2.0, 64, 64), TimeAxis(512, 32e-12)
+DWELL_S, REPETITION_HZ, AMBIENT_CPS = 0.4e-3, 10e6, 500.0
+FRAMES, POINTS, SIDE = 32, 256, 4
+MOVING, STILL = range(20), range(100, 104)
+LOOKS = (12, 17)
+"""Frames at which pictures are compared: 1.2 and 1.7 s after the first."""
+AFTER_1_S = 9
+FIGURE = ("..##..", "..##..", "######", ".####.", "..##..", ".#..#.", ".#..#.")
+LEAST_M, MOST_M = np.array([-0.55, -0.5, 0.6]), np.array([0.55, 0.5, 1.3])
+SNR = (1.0, 0.1, 0.03, 0.01, 0.003)
+
+
+def objects(scene: int) -> tuple[Surface, ...]:
+    """One or two of a letter, a panel, a sphere and a figure, at 0.2 to 1 m/s on straight ways of about a second, some
+    of them turning."""
+    rng = np.random.default_rng((scene, 77))
+    made = []
+    for _ in range(int(rng.choice([1, 2], p=[0.65, 0.35]))):
+        shape: dict[str, Any] = {}
+        match rng.choice(["letter", "letter", "panel", "sphere", "figure"]):
+            case "letter":
+                shape = {"letter": "ABCEFGHKLNPRSTUXZ3579"[rng.integers(21)], "height_m": float(rng.uniform(0.5, 0.8))}
+            case "panel":
+                shape = {"panel_m": (float(rng.uniform(0.2, 0.5)), float(rng.uniform(0.2, 0.6)))}
+            case "sphere":
+                shape = {"sphere_m": float(rng.uniform(0.12, 0.25))}
+            case _:
+                shape = {"bitmap": FIGURE, "height_m": float(rng.uniform(0.6, 0.9))}
+        place = rng.uniform(LEAST_M, MOST_M)
+        shape |= {"centre_m": tuple(place.tolist()), "albedo": float(rng.uniform(0.6, 1.0))}
+        if scene in MOVING:
+            shape["path"] = tuple(_path(rng, place))
+        made.append(Surface.model_validate(shape))
+    return tuple(made)
+
+
+def _path(rng: np.random.Generator, place: Floats) -> Iterator[dict[str, Any]]:
+    at_s, speed_m_per_s = 0.0, rng.uniform(0.2, 1.0)
+    while at_s < FRAMES * POINTS * DWELL_S:
+        for _ in range(50):
+            way = rng.normal(size=3) * [1, 1, 0.6]
+            took_s = rng.uniform(0.8, 1.6)
+            there = place + way / np.linalg.norm(way) * speed_m_per_s * took_s
+            if ((there > LEAST_M) & (there < MOST_M)).all():
+                break
+        else:
+            there = rng.uniform(LEAST_M, MOST_M)
+            took_s = float(np.linalg.norm(there - place)) / speed_m_per_s
+        at_s, place = at_s + took_s, there
+        turned = {"yaw_deg": float(rng.uniform(-40, 40))} if rng.random() < 0.3 else {}
+        turned |= {"roll_deg": float(rng.uniform(-30, 30))} if rng.random() < 0.3 else {}
+        yield {"at_s": at_s, "centre_m": tuple(place.tolist()), **turned}
+
+
+def mean_peak(scene: int) -> float:
+    """Counts in the brightest bin of a point, on average: 1 to 5."""
+    return float(np.exp(np.random.default_rng((scene, 78)).uniform(0.0, np.log(5.0))))
+
+
+class Film:
+    """The frames of one scene, drawn as they are asked for."""
+
+    def __init__(self, scene: int) -> None:
+        self.scene, self.objects = scene, objects(scene)
+        self._scenery = Scenery(self.objects, 0.004)
+        row, col = np.divmod(np.arange(WALL.rows * WALL.cols), WALL.cols)
+        self._part = bayer(SIDE)[row % SIDE, col % SIDE]
+        middle_s = FRAMES * POINTS * DWELL_S / 2
+        shown = [self._expected(self._light(1.0), int(point), middle_s) for point in np.flatnonzero(self._part == 0)]
+        dark = self._expected(self._light(0.0), 0, 0.0)
+        self._seen = self._light(mean_peak(scene) / float(np.mean([(each - dark).max() for each in shown])))
+
+    def frame(self, number: int) -> Moments:
+        """Every other one backwards."""
+        points = np.flatnonzero(self._part == number % SIDE**2)[:: -1 if number % 2 else 1]
+        taken_s = np.asarray((number * POINTS + np.arange(POINTS) + 0.5) * DWELL_S, dtype=np.float64)
+        rng = np.random.default_rng((self.scene, number))
+        drawn = [
+            rng.poisson(self._expected(self._seen, int(point), at_s))
+            for point, at_s in zip(points, taken_s, strict=True)
+        ]
+        row, col = np.divmod(points, WALL.cols)
+        places, exposure_s = (WALL.x_m()[col], WALL.y_m()[row]), np.full(POINTS, DWELL_S)
+        return Moments(*places, np.array(drawn, np.float32), exposure_s, taken_s, WALL, TIME)
+
+    def truth(self, at_s: float) -> Floats:
+        """The front view at one moment: albedo times cosine times coverage."""
+        now = self._scenery.at(at_s)
+        col = np.rint((now.positions_m[:, 0] / WALL.width_m + 0.5) * WALL.cols - 0.5).astype(np.intp)
+        row = np.rint((0.5 - now.positions_m[:, 1] / WALL.height_m) * WALL.rows - 0.5).astype(np.intp)
+        seen = (col >= 0) & (col < WALL.cols) & (row >= 0) & (row < WALL.rows) & (now.normals[:, 2] < 0)
+        light = now.reflectance_m2 * now.normals[:, 2] ** 2 * WALL.rows * WALL.cols / (WALL.width_m * WALL.height_m)
+        flat = np.bincount((row * WALL.cols + col)[seen], light[seen], WALL.rows * WALL.cols)
+        return np.asarray(flat.reshape(WALL.rows, WALL.cols), dtype=np.float64)
+
+    def _light(self, hidden_cps: float) -> SceneLight:
+        settings = SceneSettings(objects=self.objects, direct_cps=0, hidden_cps=hidden_cps, ambient_cps=AMBIENT_CPS)
+        return SceneLight(settings, DetectorSettings(), BeamPath(2.0), REPETITION_HZ, self.scene)
+
+    def _expected(self, light: SceneLight, point: int, at_s: float) -> Floats:
+        row, col = divmod(point, WALL.cols)
+        x_m, y_m = float(WALL.x_m()[col]), float(WALL.y_m()[row])
+        range_m = float(np.sqrt(x_m**2 + y_m**2 + 4))
+        spot, wall_s = Spot(x_m, y_m, range_m, 2 / range_m), 2 * range_m / SPEED_OF_LIGHT_M_PER_S
+        per_pulse = light.photons_per_pulse(spot, TIME.bin_width_s, wall_s, at_s)
+        return per_pulse[: TIME.bins] * DWELL_S * REPETITION_HZ
+
+
+def response() -> Response:
+    """The simulated detector's."""
+    _, shares = Jitter(DetectorSettings()).pulse(0.5, 4e-12)
+    return Response(shares / shares.sum(), 4e-12, float(shares.argmax()), "the simulated detector's")
+
+
+def psnr(light: Transient, truth: Floats, method: str) -> float:
+    """By NANO as it ships, or by LCT at the best of five snr."""
+    told = replace(light, response=response())
+    choices: list[dict[str, object]] = [{"snr": snr} for snr in SNR] if method == "lct" else [{}]
+    pictures = [reconstruct(told, method, each, explain=False).albedo for each in choices]
+    return max(image_scores(picture, truth)["psnr"] for picture in pictures)
+
+
+def measured(scene: int) -> list[dict[str, Any]]:
+    """A row a look: of a moving scene single frames and the memory, of a still one the memory and all light."""
+    film, memory, rows, kept = Film(scene), LightMemory(WALL, TIME), [], []
+    still = scene in STILL
+    for number in range(FRAMES if still else max(LOOKS) + 1):
+        frame = film.frame(number)
+        kept.append(frame)
+        light = memory.add(frame) if number <= max(LOOKS) else None
+        if light is None or number not in ((AFTER_1_S,) if still else LOOKS):
+            continue
+        truth = film.truth(frame.mean_s)
+        row = {"scene": scene, "frame": number, "objects": len(film.objects), "peak": mean_peak(scene)}
+        if not still:
+            row |= {
+                "lct": psnr(added([frame], [1.0]), truth, "lct"),
+                "nano": psnr(added([frame], [1.0]), truth, "nano"),
+            }
+        rows.append(row | {"memory": psnr(light, truth, "nano"), "frames": float(memory.weights.sum())})
+    if still:
+        rows[0]["long"] = psnr(added(kept, [1.0] * len(kept)), film.truth(0.0), "nano")
+    return rows
+
+
+def page(rows: list[dict[str, Any]]) -> str:
+    """Means over scenes with standard errors, and every look."""
+    moving, still = ([row for row in rows if ("nano" in row) == moves] for moves in (True, False))
+    lines = [
+        "# Moving scenes, measured", "",
+        "Made by `python -m studies.moving docs/moving.md`, which says what is drawn: 16 x 16 points of 0.4 ms a",
+        "frame, 64 x 64 pictures, mean peaks of 1 to 5 counts, objects at 0.2 to 1 m/s. PSNR at the best least-squares",
+        "scale, means over scenes with standard errors.", "",
+        "| NANO with a memory of light, against | all | one object | two objects |", "| --- | --- | --- | --- |",
+    ]  # fmt: skip
+    for name, words in (("nano", "NANO, frame by frame"), ("lct", "LCT at its best snr, frame by frame")):
+        parts = [[row for row in moving if row["objects"] in some] for some in ((1, 2), (1,), (2,))]
+        lines.append(f"| {words} | {' | '.join(_difference(part, 'memory', name) for part in parts)} |")
+    long_s = FRAMES * POINTS * DWELL_S
+    lines += [
+        "",
+        f"Still scenes after 1 s, against all light of {long_s:.1f} s: {_difference(still, 'memory', 'long')}.",
+    ]
+    lines += ["", "| scene | frame | objects | mean peak | LCT | NANO | with memory | light of frames | all light |"]
+    lines += ["|" + " --- |" * 9]
+    for row in rows:
+        figures = [f"{row[name]:.1f}" if name in row else "" for name in ("lct", "nano", "memory", "frames", "long")]
+        lines.append(
+            f"| {row['scene']} | {row['frame']} | {row['objects']} | {row['peak']:.1f} | {' | '.join(figures)} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _difference(rows: list[dict[str, Any]], left: str, right: str) -> str:
+    scenes = sorted({row["scene"] for row in rows})
+    each = [np.mean([row[left] - row[right] for row in rows if row["scene"] == scene]) for scene in scenes]
+    if len(each) < 2:
+        return ""
+    return f"{np.mean(each):+.2f} ± {np.std(each, ddof=1) / np.sqrt(len(each)):.2f} dB of {len(each)}"
+
+
+def main() -> None:
+    """Measures and writes."""
+    target = Path(sys.argv[1])
+    if target.suffix == ".jsonl":
+        with target.open("a", encoding="utf-8") as file:
+            for scene in map(int, sys.argv[2:]):
+                for row in measured(scene):
+                    file.write(json.dumps(row) + "\n")
+                    file.flush()
+        return
+    rows = [json.loads(line) for each in sys.argv[2:] for line in Path(each).read_text(encoding="utf-8").splitlines()]
+    missing = [scene for scene in (*MOVING, *STILL) if scene not in {row["scene"] for row in rows}]
+    rows += [row for scene in missing for row in measured(scene)]
+    rows.sort(key=lambda row: (row["scene"], row["frame"]))
+    target.write_text(page(rows), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
