@@ -1,15 +1,17 @@
 """Makes the screenshots of docs/live-page/ with Chromium: `python docs/make_live_page.py [FOLDER]`, two minutes.
 
-The demo's scan is written anew, at its own pace, into files that `nlos live` follows; every state is taken at three
+A recorded scan is written anew, at its own pace, into files that `nlos live` follows; every state is taken at three
 widths, light and dark. Look at each picture before it is kept.
 """
 
 import contextlib
+import io
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from itertools import product
@@ -27,6 +29,12 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 SIZES = {1280: 800, 1920: 1080, 420: 860}
 SCHEMES = ("dark", "light")
 PATIENCE_MS = 120_000.0
+SCAN = """\
+wall: {width_m: 1.0, height_m: 1.0, rows: 64, cols: 64}
+pattern: {kind: coarse_to_fine, batch: 64}
+dwell_ms: 8
+histogram: {bins: 1024, bin_width_ps: 16, offset_ns: 10}
+"""
 ALARM = "blank: no photons for 2 s where there were 84 thousand a second: is the laser on? "
 
 
@@ -37,17 +45,17 @@ class Bench:
         self._samples = iter(recording.samples())
         self._total = len(recording)
         self._writer = RecordingWriter.create(grows, recording.plan, recording.header)
-        self._count, self._now_s = 0, 0.0
+        self.count, self._now_s = 0, 0.0
         self.says("shutter", "opened")
 
-    def takes(self, part: float) -> None:
-        """Samples up to this part of the points."""
+    def takes(self, part: float, slower: float = 1.0) -> None:
+        """Samples up to this part of the points, at their own pace or so many times slower."""
         began_s, before_s = time.monotonic(), self._now_s
-        while self._count < part * self._total:
+        while self.count < part * self._total:
             sample = next(self._samples)
             self._writer.write(sample)
-            self._count, self._now_s = self._count + 1, sample.taken_s
-            time.sleep(max(0.0, began_s + (self._now_s - before_s) - time.monotonic()))
+            self.count, self._now_s = self.count + 1, sample.taken_s
+            time.sleep(max(0.0, began_s + slower * (self._now_s - before_s) - time.monotonic()))
         self._writer.flush()
 
     def says(self, kind: str, text: str) -> None:
@@ -64,9 +72,10 @@ def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as name, sync_playwright() as started:
         there = Path(name)
-        subprocess.run([sys.executable, "-m", "nlos", "scan", "demo", "-o", "demo.h5", "-q"], cwd=there, check=True)
+        (there / "scan.yaml").write_text(SCAN)
+        subprocess.run([sys.executable, "-m", "nlos", "scan", "scan.yaml", "-o", "run.h5", "-q"], cwd=there, check=True)
         browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        with Recording.open(there / "demo.h5") as recording:
+        with Recording.open(there / "run.h5") as recording:
             with viewer(there / "scan.h5") as (_, url):
                 watched(recording, there / "scan.h5", pages(browser, url), folder)
             with viewer(there / "killed.h5") as (process, url):
@@ -83,22 +92,25 @@ def watched(recording: Recording, grows: Path, shown: dict[tuple[int, str], Page
     """One scan from its first points to its end."""
     bench = Bench(recording, grows)
     bench.takes(0.03)
+    going_on = threading.Thread(target=bench.takes, args=(0.09, 6.0))
+    going_on.start()
     taken(shown, folder, "before")
+    going_on.join()
     bench.takes(0.11)
     seen(shown, 1)
     taken(shown, folder, "tenth")
     bench.takes(0.3)
     bench.says("shutter", "closed: Ctrl-C")
     bench.says("scan", "paused: Ctrl-C")
-    time.sleep(6)
+    seen(shown, bench.count)
     taken(shown, folder, "paused")
     bench.says("scan", "resumed")
     bench.says("shutter", "opened")
     bench.takes(0.5)
     bench.says("alarm", f"{ALARM}The light is off and the scan is paused.")
     bench.says("shutter", "closed: alarm")
-    bench.says("scan", f"paused: alarm: {ALARM.removeprefix('blank: ')}")
-    time.sleep(6)
+    bench.says("scan", f"paused: alarm: {ALARM.removeprefix('blank: ').strip()}")
+    seen(shown, bench.count)
     taken(shown, folder, "alarm")
     bench.says("scan", "resumed")
     bench.says("shutter", "opened")
@@ -110,10 +122,11 @@ def watched(recording: Recording, grows: Path, shown: dict[tuple[int, str], Page
         while "ready" in page.locator("#first").inner_text():
             time.sleep(0.5)
     taken(shown, folder, "end")
-    for key, name in (("3", "volume"), ("2", "depth")):
-        for page in shown.values():
+    few = {which: page for which, page in shown.items() if which == (1280, "dark")}
+    for key, name in (("3", "3d"), ("v", "3d-surface"), ("v", "3d-slices")):
+        for page in few.values():
             page.keyboard.press(key)
-        taken({which: page for which, page in shown.items() if which == (1280, "dark")}, folder, name)
+        taken(few, folder, name)
 
 
 @contextlib.contextmanager
@@ -149,16 +162,16 @@ def seen(shown: dict[tuple[int, str], Page], samples: int) -> None:
         page.wait_for_selector("body[data-picture]")
         while int(page.evaluate("document.body.dataset.picture")) < samples:
             time.sleep(0.1)
+        while samples > 1 and page.evaluate("document.body.dataset.method") != "nano":
+            time.sleep(0.1)
 
 
 def taken(shown: dict[tuple[int, str], Page], folder: Path, state: str) -> None:
-    """Screenshots of what every page shows now, in few colours."""
+    """Screenshots of what every page shows now."""
     time.sleep(1)
     for (width, scheme), page in shown.items():
-        path = folder / f"{state}-{width}-{scheme}.png"
-        page.screenshot(path=path, full_page=width < 900)
-        with Image.open(path) as image:
-            image.convert("RGB").quantize(128, dither=Image.Dither.NONE).save(path, optimize=True)
+        with Image.open(io.BytesIO(page.screenshot(full_page=width < 900))) as image:
+            image.convert("RGB").save(folder / f"{state}-{width}-{scheme}.webp", lossless=True, quality=100, method=6)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,10 @@
-"""Tells whoever waits how far a method has come: the parts of its network, one after the other."""
+"""Tells whoever waits how far a method has come: the parts of its network, one after the other, and what takes long
+inside one of them: iterations, planes, mirror images."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
@@ -12,16 +13,29 @@ Heard = Callable[[int, int, str], None]
 """(how many parts are done, of how many, the name of the last one)"""
 
 _heard: ContextVar[Heard | None] = ContextVar("heard", default=None)
+_within: ContextVar[Heard | None] = ContextVar("within", default=None)
+T = TypeVar("T")
 
 
 @contextmanager
-def heard_by(listener: Heard) -> Iterator[None]:
-    """While the block lasts, `listener` is told of every part that is done, in this thread."""
-    token = _heard.set(listener)
+def heard_by(listener: Heard, within: Heard | None = None) -> Iterator[None]:
+    """While the block lasts, `listener` is told of every part that is done, in this thread, and `within` of every round
+    of a long loop inside one."""
+    tokens = _heard.set(listener), _within.set(within)
     try:
         yield
     finally:
-        _heard.reset(token)
+        _heard.reset(tokens[0])
+        _within.reset(tokens[1])
+
+
+def counted(rounds: Iterable[T], total: int, name: str) -> Iterator[T]:
+    """The same, each told of when it is done."""
+    within = _within.get()
+    for done, each in enumerate(rounds, 1):
+        yield each
+        if within is not None:
+            within(done, total, name)
 
 
 @contextmanager

@@ -135,8 +135,9 @@ class IsolatedReader:
         assert child.stdin is not None
         assert child.stdout is not None
         timer = threading.Timer(deadline_s + 10.0, child.kill)  # the child ends itself, but where it has no timer
-        timer.start()
+        timer.daemon = True  # a Ctrl-C that comes right here must not wait for it
         try:
+            timer.start()
             child.stdin.write(request + "\n")
             child.stdin.flush()
             return child.stdout.readline()

@@ -5,6 +5,8 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
+from nlos.recon.parts import counted
+
 Fields = Sequence[Tensor | None]
 
 
@@ -26,12 +28,12 @@ def mean_over_symmetries(see: Callable[[Fields], Sequence[Tensor]], fields: Fiel
     images, of a square wall all eight.
     """
     total: list[Tensor] = []
-    for turned in (False, True)[: 1 + square]:
-        for across in ((), (-2,)):
-            pair = (across, (*across, -1))
-            images = [None if x is None else torch.cat([mirrored(x, flips, turned) for flips in pair]) for x in fields]
-            seen = see(images)
-            for k, flips in enumerate(pair):
-                back = [mirrored_back(x.chunk(2)[k], flips, turned) for x in seen]
-                total = back if not total else [a + b for a, b in zip(total, back, strict=True)]
+    pairs = [(turned, across) for turned in (False, True)[: 1 + square] for across in ((), (-2,))]
+    for turned, across in counted(pairs, len(pairs), "mirror images"):
+        pair = (across, (*across, -1))
+        images = [None if x is None else torch.cat([mirrored(x, flips, turned) for flips in pair]) for x in fields]
+        seen = see(images)
+        for k, flips in enumerate(pair):
+            back = [mirrored_back(x.chunk(2)[k], flips, turned) for x in seen]
+            total = back if not total else [a + b for a, b in zip(total, back, strict=True)]
     return [x / (4 * (1 + square)) for x in total]

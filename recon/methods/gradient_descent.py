@@ -9,6 +9,7 @@ from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.light_cone_method import LightConeMethod
+from nlos.recon.parts import counted
 from nlos.recon.physics_settings import LightConeSettings
 from nlos.recon.transport.light_cone import Snr
 from nlos.recon.transport.response_bands import BANDS, bands_of
@@ -58,7 +59,7 @@ class GradientDescent(LightConeMethod):
         u = torch.zeros_like(y)
         residual = -y
         direction, before = torch.zeros_like(y), torch.ones_like(ridge)
-        for _ in range(self.settings.iterations):
+        for _ in counted(range(self.settings.iterations), self.settings.iterations, "iterations"):
             unmatched = residual if recorded is None else recorded.adjoint(residual)
             gradient = self.cone.adjoint(unmatched) + ridge * u
             weights = self._tv_weights(u, ridge)

@@ -17,6 +17,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
+from nlos.recon.parts import counted
+
 if TYPE_CHECKING:
     import torch
 
@@ -78,12 +80,13 @@ def each(work: Callable[[T], None], items: Iterable[T], like: Array) -> None:
 
     The first error is raised.
     """
+    ready = list(items)
     if isinstance(like, np.ndarray):
         with ThreadPoolExecutor(threads()) as pool:
-            for _ in pool.map(work, items):
+            for _ in counted(pool.map(work, ready), len(ready), "planes"):
                 pass
     else:
-        for item in items:
+        for item in counted(ready, len(ready), "planes"):
             work(item)
 
 

@@ -226,6 +226,9 @@ def test_a_scan_under_way_shows_what_comes_next_and_its_end(folder: Path, browse
     assert process.wait(20) == 0
     shows(page, "status", r"^no answer")
     shows(page, "banner", r"The viewer has ended")
+    page.wait_for_timeout(300)  # nothing is asked any more: the banner alone has made everything another size
+    assert page.evaluate("""[...document.querySelectorAll("canvas")].every(c => Math.abs(c.width - c.clientWidth) < 2
+      && Math.abs(c.height - c.clientHeight) < 2)""")
     page.close()
 
 

@@ -31,3 +31,24 @@ def test_each_part_is_told_once_in_every_look(transient: Transient, method: str)
     told = len(heard)
     reconstruct(transient, method)
     assert len(heard) == told
+
+
+@pytest.mark.parametrize(
+    ("method", "settings", "name", "rounds"),
+    [
+        ("gradient_descent", {"iterations": 7}, "iterations", 7),
+        ("phasor", {}, "planes", None),
+        ("fk", {}, "planes", None),
+        ("nano", {}, "mirror images", 4),  # in pairs, of a square wall
+    ],
+)
+def test_rounds_inside_a_part_are_told_too(
+    transient: Transient, method: str, settings: dict[str, object], name: str, rounds: int | None
+) -> None:
+    heard: list[tuple[int, int, str]] = []
+    with heard_by(lambda done, parts, part: None, within=lambda *round: heard.append(round)):
+        reconstruct(transient, method, settings, explain=False)
+    told = [(done, total) for done, total, what in heard if what == name]
+    assert told
+    assert told[-1][0] == told[-1][1] > 3
+    assert rounds is None or told == [(done, rounds) for done in range(1, rounds + 1)]

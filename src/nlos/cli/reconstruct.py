@@ -139,14 +139,14 @@ def reconstruct(
             progress.step(0 if name == FIRST_STAGE else 1)
 
         def part(finished: int, parts: int, name: str) -> None:
-            """A method may look several times: each time as many parts are still to come."""
+            """A method may look several times: each time as many parts are still to come, or rounds within one."""
             nonlocal total
             if finished == 1:
                 total += parts
                 progress.going_to(total)
             progress.step()
 
-        with heard_by(part):
+        with heard_by(part, within=part):
             done = reconstruct_file(runs[0], method, chosen, output, overwrite=overwrite, stage=stage, **options)
         progress.step()
     _say(method, [(str(runs[0]), output, done.seconds)])

@@ -52,7 +52,7 @@ const histogram = {
   tell(sum, peak) {
     const {x, y, window: gate} = scans[chosen].plan;
     $("histotitle").textContent = `Histogram at x ${x[this.shown].toFixed(3)}, y ${y[this.shown].toFixed(3)} m ${this.pinned === null ? "(newest point)" : "(kept; Esc lets go)"}`;
-    $("histosay").textContent = `${count(sum)} counts, ${count(peak)} in the highest bin` + (this.masked ? `; the first ${(1e3 * this.masked).toFixed(0)} ps make no picture` : "") + (gate ? "; grey: the window that ends a point" : "");
+    $("histosay").textContent = `${count(sum)} counts, ${count(peak)} in the highest bin` + (this.masked ? `; the wall's own light, ${(1e3 * this.masked).toFixed(0)} ps, is cut` : "") + (gate ? "; grey: the window that ends a point" : "");
     $("scale").lastElementChild.textContent = this.log ? "log" : "linear";
   },
 };

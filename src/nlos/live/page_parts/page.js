@@ -98,5 +98,5 @@ addEventListener("keydown", e => {
   else if (e.key === "l") $("scale").click(); else if (e.key === "?") $("keys").showModal(); else if (e.key === "Escape") { histogram.pinned = null; histogram.ask(); map.draw(); }
   else if (over && e.key === " ") { e.preventDefault(); play(); } else if (over && e.target !== $("time") && e.key === "ArrowLeft") seek(Math.max(1, +$("time").value - 1)); else if (over && e.target !== $("time") && e.key === "ArrowRight") seek(Math.min(+$("time").max, +$("time").value + 1));
 });
-addEventListener("resize", () => { if (scans.length) draw(); }); matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { if (scans.length) draw(); }); document.addEventListener("visibilitychange", tick);
+const fitted = new ResizeObserver(() => { if (scans.length) draw(); }); for (const id of ["views", "map", "histo"]) fitted.observe($(id)); // a banner that comes or goes leaves them another size matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { if (scans.length) draw(); }); document.addEventListener("visibilitychange", tick);
 readInks(); tick();
