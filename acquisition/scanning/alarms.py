@@ -23,6 +23,8 @@ CLEARS_AT = 0.5
 """Share of the distance to the limit at which an alarm clears again."""
 BLANK_PHOTONS = 25.0
 """So many photons expected and none seen: as good as never by chance (exp(-25))."""
+USUAL_TIMES, USUAL_SPARE_HZ = 3.0, 1e3
+"""Counts with the shutter closed are usual up to so many times what they were at first light, and so many more."""
 RATE_S = 1e-3
 BLOCK = 64
 
@@ -68,6 +70,8 @@ class AlarmSettings(Settings):
     """What too many dark counts do to the scan."""
     on_blank: Action = Field(default=Action.PAUSE, strict=False)
     """No photons at all where photons came before: a shutter, a cable or a detector that went off."""
+    expect_direct: bool = True
+    """Whether the time window is to hold direct light; false for a detector that is gated to leave it out."""
     on_direct: Action = Field(default=Action.PAUSE, strict=False)
     """No direct light in the first points, or at another time than first light found it."""
     min_free_mb: float = Field(default=100.0, ge=0)
@@ -102,7 +106,8 @@ class _Level:
 
 class Alarms:
     """The alarms of one scan on one bench. `folder`: where the recording grows. `direct` says what is wrong with a
-    sample's direct light, in words; empty where nothing is known to be."""
+    sample's direct light, in words; empty where nothing is known to be. `usual_dark_hz`: what first light counted with
+    the shutter closed."""
 
     def __init__(
         self,
@@ -111,9 +116,10 @@ class Alarms:
         folder: Path | None = None,
         free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
         direct: Callable[[Sample], str] | None = None,
+        usual_dark_hz: float | None = None,
     ) -> None:
         self._settings, self._repetition_hz, self._folder, self._free = settings, repetition_hz, folder, free_bytes
-        self._direct = direct
+        self._direct, self._usual_dark_hz = direct if settings.expect_direct else None, usual_dark_hz
         self._levels = {name: _Level() for name in ("sync", "count rate", "dark rate", "blank", "disk", "direct")}
         self._samples = 0
         self._mean_hz = 0.0
@@ -127,16 +133,19 @@ class Alarms:
     def before(self, bench: Bench) -> Trouble | None:
         """Looks at everything that can be known with the shutter still closed."""
         rates = bench.counter.rates()
-        dark_hz = self._settings.max_dark_hz
-        return (
-            self._sync(rates.sync_hz)
-            or self._disk()
-            or (
-                self._look("dark rate", rates.detector_hz / dark_hz, f"{rates.detector_hz:.4g} dark counts/s")
-                if dark_hz
-                else None
+        return self._sync(rates.sync_hz) or self._disk() or self._dark(rates.detector_hz)
+
+    def _dark(self, detector_hz: float) -> Trouble | None:
+        """With the shutter closed: by the scan file's limit, else by what is usual on this bench."""
+        text, limit_hz = f"{detector_hz:.4g} dark counts/s", self._settings.max_dark_hz
+        if limit_hz is None and self._usual_dark_hz is not None:
+            limit_hz = USUAL_TIMES * self._usual_dark_hz + USUAL_SPARE_HZ
+            text = (
+                f"{detector_hz:.4g} counts/s with the shutter closed, where first light found "
+                f"{self._usual_dark_hz:.4g}: a lamp, another room light, or a detector that got noisy (`nlos calibrate "
+                "--first-light` measures both again; alarms.max_dark_hz allows more)"
             )
-        )
+        return None if limit_hz is None else self._look("dark rate", detector_hz / limit_hz, text)
 
     def judge(self, sample: Sample) -> Trouble | None:
         """Looks at one sample, and every 64th time at the disk. None: the sample may be kept."""

@@ -15,6 +15,11 @@ _ENOUGH = 30.0
 """So many photons expected and none seen: no chance."""
 _FAINTEST_CPS = 500.0
 """Direct light below this, where nobody has measured it, is not missed."""
+_LEAN_S = 0.25e-9
+"""A wall that leans brings light earlier and later by so much; what is farther off is a hidden surface's."""
+_SCALE, _SCALE_SIGMAS, _LEAST_S = 0.1, 5.0, 15e-12
+"""Points to the side are farther away: by more than this part more or less, than the geometry says, at so many standard
+errors and by so much time in all, is another wall. A wall that leans makes a slope, which is left out."""
 _PART = 0.02
 """Of the direct light that first light found; less has another cause than a dimmer laser."""
 
@@ -31,14 +36,22 @@ class DirectWatch:
         self._found = self._done = False
         self._sum = np.zeros(plan.axis.bins)
         self._first_s = float(self._seen_at_s.min())
+        self._peaks: list[tuple[int, float, float]] = []
+        """Point, when its own direct peak came, and that time's error."""
 
     def look(self, sample: Sample) -> str:
         """What is wrong, in words; empty as long as nothing is known to be."""
-        if self._done or sample.histogram.live_time_s <= 0 or not self._inside[sample.point.number]:
+        if self._done or sample.histogram.live_time_s <= 0:
+            return ""
+        if self._direct.delay_known and not self._inside.any():
+            return self._outside()
+        if not self._inside[sample.point.number]:
             return ""
         shift = round((self._seen_at_s[sample.point.number] - self._first_s) / self._plan.axis.bin_width_s)
         counts = sample.histogram.counts
         self._sum[: len(counts) - shift] += counts[shift:]
+        if self._points < FIRST_POINTS and (peak := direct_peak(counts, self._plan.axis)) is not None:
+            self._peaks.append((sample.point.number, peak.time_s, peak.error_s))
         self._live_s += sample.histogram.live_time_s
         self._points += 1
         if self._points < FIRST_POINTS and self._points < len(self._plan):
@@ -57,7 +70,7 @@ class DirectWatch:
         self._found = abs(off_s) <= _REACH_S
         if self._found or not self._direct.delay_known:
             self._found = True
-            return ""
+            return self._scaled()
         return (
             f"direct light comes {off_s * 1e9:+.2f} ns from where it should: delay, wall distance or cables have "
             "changed since `nlos calibrate --first-light`"
@@ -72,4 +85,53 @@ class DirectWatch:
         return (
             f"no direct light in the first {self._points} points: the laser, the beam on the wall, or the delay that "
             "the time window was chosen for (`nlos calibrate --first-light` measures it)"
+        )
+
+    def _outside(self) -> str:
+        first_ns, last_ns = self._direct.arrival_s.min() * 1e9, self._direct.arrival_s.max() * 1e9
+        return (
+            f"the time window holds no direct light: it comes {first_ns:.2f} to {last_ns:.2f} ns after the sync pulse. "
+            "Set the scan file's histogram.offset_ns (`nlos calibrate --first-light` prints the line), or "
+            "`alarms: {expect_direct: false}` for a detector that is gated to leave it out"
+        )
+
+    def _scaled(self) -> str:
+        """Whether points to the side are farther away by as much as the geometry says. An offset, which cables make,
+        and slopes, which a leaning wall makes, are fitted beside it."""
+        if len(self._peaks) < FIRST_POINTS - 2:
+            return ""
+        points = np.array([number for number, _, _ in self._peaks], np.int64)
+        came_s = np.array([time_s for _, time_s, _ in self._peaks])
+        late_s = came_s - self._seen_at_s[points]
+        walls = np.abs(late_s - np.median(late_s)) < _LEAN_S
+        if walls.sum() < len(points) / 2:
+            return (
+                f"what comes first in the time window comes as no wall's light comes, {np.ptp(late_s) * 1e9:.2f} ns "
+                "earlier and later from point to point: direct light comes before the window, or not at all (`nlos "
+                "calibrate --first-light` finds it)"
+            )
+        if walls.sum() < FIRST_POINTS - 2:
+            return ""
+        points, came_s = points[walls], came_s[walls]
+        where, expected_s = self._plan.positions, self._seen_at_s[points]
+        columns = [expected_s - expected_s.mean(), np.ones(len(points))]
+        columns += [each - each.mean() for each in (where.x_m[points], where.y_m[points]) if np.ptp(each) > 0]
+        unit = np.array([max(float(np.linalg.norm(each)), 1e-30) for each in columns])
+        design = np.column_stack(columns) / unit
+        found, _, rank, _ = np.linalg.lstsq(design, came_s, rcond=1e-6)
+        free = len(points) - len(columns)
+        if rank < len(columns) or free < 2:
+            return ""
+        left_s = came_s - design @ found
+        width_s = float(np.sqrt((left_s**2).sum() / free))
+        width_s = max(width_s, 0.3 * self._plan.axis.bin_width_s, 2 * max(error_s for _, _, error_s in self._peaks))
+        scale = float(found[0] / unit[0])
+        error = width_s * float(np.sqrt(np.linalg.inv(design.T @ design)[0, 0])) / unit[0]
+        off = abs(scale - 1)
+        if off < max(_SCALE, _SCALE_SIGMAS * error) or off * float(np.ptp(expected_s)) < _LEAST_S:
+            return ""
+        return (
+            f"direct light from the sides comes later than from ahead by {scale:.2f} +- {error:.2f} times what "
+            "geometry.wall_distance_m and the mirror's volts per degree say: the wall is as many times farther away, "
+            "or the beam goes farther aside. Mark spots (`nlos jog`), then `nlos calibrate --spots`"
         )

@@ -24,6 +24,7 @@ from nlos.acquisition.scanning.engine import scan
 from nlos.acquisition.scanning.lag import Lag
 from nlos.bench_constants import Known, aiming_constants
 from nlos.drivers.bench import Bench
+from nlos.drivers.bench_settings import BenchSettings
 
 
 @dataclass(frozen=True)
@@ -101,11 +102,22 @@ def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
     for warning in warnings:
         bench.report("warning", warning)
     looks = None if direct is None else DirectWatch(plan, direct).look
-    alarms = Alarms(request.alarms, bench.settings.laser.repetition_hz, folder, direct=looks)
+    alarms = Alarms(request.alarms, bench.settings.laser.repetition_hz, folder, direct=looks,
+                    usual_dark_hz=usual_dark_hz(bench.settings))  # fmt: skip
     bench.shutter.arm()
     used = "{}" if known is None else json.dumps(known.constants.summary(), default=str)
-    header = replace(request.header, devices=roles, warnings=tuple(bench.warnings), constants_json=used).stamped()
+    header = replace(
+        request.header, devices=roles, warnings=(*bench.warnings, *warnings), constants_json=used
+    ).stamped()
     return PreparedScan(request, bench, header, known, aim, lag, choice, alarms, warnings)
+
+
+def usual_dark_hz(settings: BenchSettings) -> float | None:
+    """What first light counted with the shutter closed; None where nobody covered the detector."""
+    found = settings.first_light
+    if found is None or found.dark_cps is None or found.room_cps is None:
+        return None
+    return found.dark_cps + found.room_cps
 
 
 def known_lag(target: Path) -> Lag | None:

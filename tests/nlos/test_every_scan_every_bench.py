@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nlos.acquisition.planning.direct_light import expected_direct
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.scanning.alarms import AlarmSettings
+from nlos.acquisition.scanning.direct_watch import DirectWatch
 from nlos.acquisition.scanning.engine import scan
 from nlos.cli.benches import twin
 from nlos.configs.load import load, names
@@ -29,7 +31,7 @@ REFUSALS = {
 }
 """What a bench cannot do, by a word of the reason or of what to do next."""
 OWN_WIDTHS_PS = {"multiharp": {16: 20, 32: 40}}
-POINTS = 5
+POINTS = 12
 
 
 @pytest.fixture(scope="module", params=names("bench"))
@@ -71,6 +73,9 @@ def test_a_plan_or_the_right_refusal(bench: Bench, name: str, tmp_path: Path) ->
     samples = list(scan(first_points(plan), bench, aim=prepared.aim))
     assert [sample.point.number for sample in samples] == list(range(POINTS))
     assert all(sample.histogram.counts.shape == (plan.axis.bins,) for sample in samples)
+    few = first_points(plan)
+    watch = DirectWatch(few, expected_direct(few, bench.settings, prepared.aim))
+    assert [said for sample in samples if (said := watch.look(sample))] == []
 
 
 def test_another_time_axis_is_said_and_kept(bench: Bench, tmp_path: Path) -> None:

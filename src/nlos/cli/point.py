@@ -24,7 +24,9 @@ ELSEWHERE = typer.Option("--no-shutter", help="Something else keeps the light of
 
 
 def point(
-    x: Annotated[float, typer.Argument(metavar="X_M", help="Right of the wall's centre, metres.")],
+    x: Annotated[
+        float, typer.Argument(metavar="X_M", help="Right of the wall's centre, metres; -0.2 is written as it is.")
+    ],
     y: Annotated[float, typer.Argument(metavar="Y_M", help="Above it.")],
     bench: BenchWord = None,
     deg: Annotated[bool, typer.Option("--deg", help="X and Y are optical mirror angles in degrees.")] = False,

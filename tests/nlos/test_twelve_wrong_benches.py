@@ -1,0 +1,164 @@
+"""Twelve benches that are not as their files say: each is named before its scan's eleventh point, and by how much where
+something can tell. What arrival times cannot tell - a scanner aside, axes reversed or swapped - the doctor sees."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from nlos.__main__ import run
+from nlos.acquisition.recording.recording import Recording
+from nlos.bench_constants import folder_of
+from nlos.calibration.bench_facts import facts_of
+from nlos.calibration.constants import Arrivals, BenchConstants, save
+from nlos.calibration.geometry import ScannerGeometry
+from nlos.configs.load import find, load
+from nlos.drivers.bench import BenchSettings
+
+WALL = "wall: {width_m: 0.6, height_m: 0.6, rows: 8, cols: 8}\npattern: serpentine\ndwell_ms: 8\n"
+WINDOW = "histogram: {bins: 1024, bin_width_ps: 16, offset_ns: 10}\n"
+LIT = {"delay_ns": 0.35, "direct_cps": 40e3, "dark_cps": 100.0, "room_cps": 500.0}
+FIRST_POINTS = 10
+DEVICES = {"mirror": "triggerscope", "counter": "tcspc488 SIM0001"}
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """What is wrong (dotted keys of the bench file), which verb names it by which words, and its exit code."""
+
+    changes: dict[str, Any]
+    said: str = ""
+    by: str = "scan"
+    code: int = 5
+    bench: str = "simulated"
+    histogram: str = WINDOW
+
+
+CASES = {
+    "delay": Wrong({"simulation.scene.delay_ns": 47.0}, "no direct light in the first 10 points"),
+    "delay since first light": Wrong(
+        {"simulation.scene.delay_ns": 3.35, "first_light": LIT}, " ns from where it should"
+    ),
+    "delay, window as it was": Wrong(
+        {"simulation.scene.delay_ns": 47.0, "first_light": {**LIT, "delay_ns": 47.0}},
+        "the time window holds no direct light: it comes 60.",
+    ),
+    "wall farther away": Wrong({"simulation.misalignment.wall_distance_m": 2.4}, "than from ahead by 1.2"),
+    "wall nearer": Wrong({"simulation.misalignment.wall_distance_m": 1.42}, "as no wall's light comes"),
+    "wall nearer, seen": Wrong({"simulation.misalignment.wall_distance_m": 1.42}, "or the wall's distance is another",
+                               "doctor", 3),
+    "wall nearer, since first light": Wrong(
+        {"simulation.misalignment.wall_distance_m": 1.42, "first_light": LIT}, "as no wall's light comes"
+    ),
+    "wall since first light": Wrong(
+        {"simulation.misalignment.wall_distance_m": 2.4, "first_light": LIT}, " ns from where it should"
+    ),
+    "volts per degree": Wrong(
+        {"simulation.misalignment.x_gain": 1.25, "simulation.misalignment.y_gain": 1.25}, "than from ahead by 1."
+    ),
+    "side": Wrong({"simulation.misalignment.scanner_x_m": 0.25}, "+0.250, +0.000 m from where it was", "doctor", 3),
+    "reversed axis": Wrong({"simulation.misalignment.x_volts_per_degree": -0.5}, "x is reversed", "doctor", 3),
+    "swapped axes": Wrong({"simulation.misalignment.axes_swapped": True}, "x and y are swapped", "doctor", 3),
+    "dead channel": Wrong(
+        {"simulation.detector.dark_cps": 0.0, "simulation.scene.ambient_cps": 0.0, "simulation.scene.direct_cps": 0.0,
+         "simulation.scene.objects": []}, "no direct light in the first 10 points",
+    ),
+    "dead channel at first light": Wrong(
+        {"simulation.detector.dark_cps": 0.0, "simulation.scene.ambient_cps": 0.0, "simulation.scene.direct_cps": 0.0,
+         "simulation.scene.objects": []}, "a dead channel looks like that", "first light", 3,
+    ),
+    "wrong channel": Wrong({"counter.input": 2}, "no direct light in the first 10 points", bench="multiharp"),
+    "wrong channel at first light": Wrong(
+        {"counter.input": 2}, "the detector input's level, edge and number", "first light", 3, bench="multiharp"
+    ),
+    "pile-up": Wrong({"simulation.scene.direct_cps": 3e6}, "more than 5% of the laser's pulses"),
+    "a lamp": Wrong({"simulation.scene.ambient_cps": 50e3, "first_light": LIT}, "where first light found 600"),
+    "a lamp, never measured": Wrong(
+        {"simulation.scene.ambient_cps": 100e3}, "with the shutter closed, dark counts and room light together",
+        "doctor", 3,
+    ),
+    "window longer than the period": Wrong(
+        {}, "is longer than the laser's period of 100 ns", "plan", 0,
+        histogram="histogram: {bins: 8192, bin_width_ps: 16}\n",
+    ),
+}  # fmt: skip
+
+
+def bench_file(folder: Path, wrong: Wrong) -> str:
+    document = yaml.safe_load(find("bench", wrong.bench).read_text("utf-8"))
+    document["simulation"]["scene"]["surfel_m"] = 0.1
+    for key, value in wrong.changes.items():
+        place = document
+        *above, last = key.split(".")
+        for each in above:
+            place = place.setdefault(each, {})
+        place[last] = value
+    path = folder / "bench.yaml"
+    path.write_text(yaml.safe_dump(document), "utf-8")
+    return str(path)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_wrong_bench_is_named_in_its_first_ten_points_or_before(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("nlos.doctor.small_scan.find_spec", lambda module: None)  # no picture of 4 x 4 points
+    wrong = CASES[name]
+    bench = bench_file(tmp_path, wrong)
+    Path("scan.yaml").write_text(WALL + wrong.histogram)
+    words = {
+        "scan": ["scan", "scan.yaml", "-o", "run.h5"], "plan": ["plan", "scan.yaml"], "doctor": ["doctor"],
+        "first light": ["calibrate", "--first-light"],
+    }[wrong.by]  # fmt: skip
+    assert run([*words, "--bench", bench]) == wrong.code
+    said = capsys.readouterr()
+    assert wrong.said in said.err + said.out
+    if wrong.by == "scan":
+        with Recording.open(Path("run.h5")) as recording:
+            assert len(list(recording.samples())) <= FIRST_POINTS
+
+
+def test_stale_constants_are_named_before_the_first_point(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("NLOS_STATE", str(tmp_path / "state"))
+    settings = load("bench", "simulated", BenchSettings).settings
+    name, facts = facts_of(settings.model_dump_json())
+    folder_of(name).mkdir(parents=True)
+    x_m = np.array([-0.1, 0.1])
+    arrivals = Arrivals(np.array([0.0, 0.0, 2.0]), 1e-9, np.eye(4), 1e-12, x_m, x_m, np.zeros(2))
+    save(
+        BenchConstants(DEVICES, "2026-03-01T12:00:00+00:00", ("a.h5",), 16e-12, arrivals=arrivals,
+                       geometry=ScannerGeometry(2.0), geometry_errors={"x_gain": 1e-4, "wall_distance_m": 1e-3},
+                       bench=name, bench_facts=facts), folder_of(name) / "spots.h5",
+    )  # fmt: skip
+    bench = bench_file(tmp_path, Wrong({"geometry.wall_distance_m": 1.9}))
+    Path("scan.yaml").write_text(WALL + WINDOW)
+    assert run(["scan", "scan.yaml", "-o", "run.h5", "--bench", bench]) == 7
+    assert "wall_distance_m 2 then, 1.9 now" in capsys.readouterr().err
+    assert not Path("run.h5").exists()
+
+
+def test_a_bench_that_is_as_its_file_says_is_scanned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    bench = bench_file(tmp_path, Wrong({"first_light": LIT, "simulation.misalignment.wall_yaw_deg": 3.0,
+                                        "simulation.misalignment.x_gain": 1.03}))  # fmt: skip
+    Path("scan.yaml").write_text(WALL + WINDOW)
+    assert run(["scan", "scan.yaml", "-o", "run.h5", "--bench", bench]) == 0
+
+
+def test_a_detector_that_is_gated_to_leave_direct_light_out_is_scanned_where_the_file_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    bench = bench_file(tmp_path, Wrong({"first_light": LIT}))
+    late = WALL + "histogram: {bins: 512, bin_width_ps: 16, offset_ns: 17}\n"
+    Path("scan.yaml").write_text(late)
+    assert run(["scan", "scan.yaml", "-o", "run.h5", "--bench", bench]) == 5
+    Path("scan.yaml").write_text(late + "alarms: {expect_direct: false}\n")
+    assert run(["scan", "scan.yaml", "-o", "gated.h5", "--bench", bench]) == 0
