@@ -1,8 +1,7 @@
 """Photons of a T3 stream sorted into histograms of scan points, by time: what fell between points is skipped."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +27,14 @@ _CHUNK = 1 << 16  # photons sorted at once: their keys stay in the processor's c
 
 FindWindows = Callable[[Pulses, npt.NDArray[np.uint8]], Windows]
 """Markers (pulses, bits) in time order -> windows that they complete. Keeps what they begin."""
+
+
+def steps_by_times(times: Sequence[int], period: float) -> tuple[int, int]:
+    """How many steps there are, and how many were due by their times; one more than there are where one came a period
+    early and another made up for it."""
+    gaps = np.round(np.diff(np.asarray(times, dtype=np.float64)) / period).astype(np.int64)
+    seen, due = len(times), int(gaps.sum()) + (len(times) > 0)
+    return seen, due if due != seen or (gaps == 1).all() else seen + 1
 
 
 class StepMarkers:
@@ -65,9 +72,9 @@ class StepMarkers:
         if not pulses:
             return 0, 0
         end = pulses[0] + (len(self._dwells) - 0.5) * period  # the clock runs for a moment after the last point
-        seen = sum(pulse < end for pulse in pulses)
-        due = 1 + sum(round((after - before) / period) for before, after in pairwise(pulses[:seen]))
-        in_turn = bits[:seen] == [1 + index % 2 for index in range(seen)]
+        count = sum(pulse < end for pulse in pulses)
+        seen, due = steps_by_times(pulses[:count], period)
+        in_turn = bits[:count] == [1 + index % 2 for index in range(count)]
         from_start = self._started is None or abs(pulses[0] - self._started) < 0.5 * period
         return seen, due if in_turn and from_start else max(due, seen + 1)
 

@@ -1,5 +1,5 @@
-"""In every scheme a scan that is killed at any moment loses nothing that was acknowledged, and resumes to the same
-counts."""
+"""A scan killed at any moment, in every scheme that rests on its points, loses nothing acknowledged and resumes to the
+same counts. Continuous lines: `test_sweeping.py`."""
 
 import os
 import random
@@ -13,24 +13,24 @@ from typing import Any
 import pytest
 
 from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.preflight import aim_of, checked_angles
+from nlos.acquisition.planning.schemes import Scheme, choose
 from nlos.acquisition.recording.recording import Status
 from nlos.acquisition.recording.salvage import verify
-from nlos.drivers.bench import BenchSettings
+from nlos.drivers.bench import BenchSettings, open_bench
 from tests.acquisition.killed_scans import FORK, facts, go_on
 
 SOAK = os.environ.get("NLOS_SOAK") == "1"
-MULTIHARP = {"histogram": {"bins": 64, "bin_width_ps": 320, "offset_ns": 9.6}}
-SCHEMES: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any]]] = {
-    "stepped": ({"markers": False}, {}, {}),
-    "clocked": ({"name": "simulated"}, {}, {}),
-    "listed": ({"name": "simulated"}, {"mode": "t3"}, {}),
-    "multiharp": ({"name": "multiharp"}, {}, MULTIHARP),
-    "timetagger": ({"name": "timetagger"}, {}, MULTIHARP),
-    "played": ({"name": "helios"}, {}, {}),
-    "swept": ({}, {}, {"wall": {"width_m": 0.3, "height_m": 0.3, "rows": 12, "cols": 12}, "dwell_ms": 0.2,
-                       "continuous": {}}),
-}  # fmt: skip
-"""Name -> bench, what its counter is told, plan."""
+LISTED = {"histogram": {"bins": 64, "bin_width_ps": 320, "offset_ns": 9.6}}
+SCHEMES: dict[str, tuple[Scheme, dict[str, Any], dict[str, Any], dict[str, Any]]] = {
+    "stepped": (Scheme.STEPPED, {"markers": False}, {}, {}),
+    "clocked": (Scheme.CLOCKED, {"name": "simulated"}, {}, {}),
+    "listed": (Scheme.LISTED, {"name": "simulated"}, {"mode": "t3"}, {}),
+    "multiharp": (Scheme.LISTED, {"name": "multiharp"}, {}, LISTED),
+    "timetagger": (Scheme.LISTED, {"name": "timetagger"}, {}, LISTED),
+    "played": (Scheme.PLAYED, {"name": "helios"}, {}, {}),
+}
+"""Name -> scheme, bench, what its counter is told, plan."""
 KILLS = 500 if SOAK else len(SCHEMES)
 
 
@@ -52,10 +52,12 @@ def undisturbed(
 
     @cache
     def of(scheme: str) -> Undisturbed:
-        bench, told, wanted = SCHEMES[scheme]
+        expected, bench, told, wanted = SCHEMES[scheme]
         settings = bench_settings(**bench)
         settings = settings.model_copy(update={"counter": settings.counter.model_copy(update=told)})
         plan, path = small_plan(12, 12, **wanted), tmp_path_factory.mktemp("undisturbed") / "run.h5"
+        with open_bench(settings) as opened:
+            assert choose(plan, opened, checked_angles(plan, opened, aim_of(opened))).scheme is expected
         go_on(path, plan, settings)
         started = time.monotonic()
         path.unlink()

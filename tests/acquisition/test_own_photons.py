@@ -145,6 +145,8 @@ MADE_UP = {
     "clocked": [Fault(name="U15", skip=14, parameters=OVERLOOKED), Fault(name="U15", skip=2, parameters=OVERLOOKED)],
     "listed": [Fault(name="U15", skip=14, parameters=OVERLOOKED), Fault(name="A6", skip=14, parameters=TWICE),
                Fault(name="U15", skip=2, parameters=OVERLOOKED)],
+    **{name: [Fault(name="A6", skip=skip, parameters=TWICE) for skip in (2, 14)]
+       for name in ("multiharp", "timetagger", "timetagger list")},
 }  # fmt: skip
 
 

@@ -5,7 +5,6 @@ stops, is not in the vendor's reference: watch it on an oscilloscope before the 
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,7 +13,7 @@ import numpy.typing as npt
 from nlos.drivers.errors import LimitError
 from nlos.drivers.tcspc.counter import HistogramAxis
 from nlos.drivers.tcspc.t3 import T3Events, T3Format
-from nlos.drivers.tcspc.t3_points import PointHistograms, StepMarkers
+from nlos.drivers.tcspc.t3_points import PointHistograms, StepMarkers, steps_by_times
 from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
 from nlos.drivers.tcspc.timetagger.tagger import PS, Tagger
 
@@ -143,8 +142,7 @@ class ByFlim:
         return self.complete
 
     def steps(self) -> tuple[int, int]:
-        gaps = [round((after - before) / self._step_ps) for before, after in pairwise(self._begins.tolist())]
-        return len(self._begins), (1 if len(self._begins) else 0) + sum(gaps)
+        return steps_by_times(self._begins.tolist(), self._step_ps)
 
     def lost_points(self) -> int:
         return self.complete if self._lost else 0
