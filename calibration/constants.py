@@ -10,7 +10,6 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
-from functools import cached_property
 from pathlib import Path
 
 import h5py
@@ -19,7 +18,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset
 from nlos.acquisition.recording.plausible import json_object
-from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
+from nlos.calibration.arrivals import Arrivals
 from nlos.calibration.bench_facts import Facts, changes
 from nlos.calibration.errors import ForeignConstants, InvalidData, PoorCalibration
 from nlos.calibration.geometry import ScannerGeometry
@@ -28,7 +27,6 @@ from nlos.calibration.impulse_response import ImpulseResponse, from_histogram
 Floats = npt.NDArray[np.float64]
 FORMAT, VERSION = "nlos-constants", 1
 LARGEST_ARRAY = 4096 * 4096
-SAME_PLACE_M = 1e-3
 
 
 @dataclass(frozen=True)
@@ -37,32 +35,6 @@ class Quantity:
 
     value: float
     error: float
-
-
-@dataclass(frozen=True)
-class Arrivals:
-    """When direct light arrives after the sync pulse: the wall's fit, and how far measured points are off it."""
-
-    scanner_position_m: Floats  # (3,), wall coordinates
-    delay_s: float
-    covariance: Floats  # (4, 4) of position in m and delay in s
-    rms_s: float
-    x_m: Floats  # (N,)
-    y_m: Floats  # (N,)
-    residual_s: Floats  # (N,): best estimate of the arrival less the fit's
-
-    def at(self, x_m: npt.ArrayLike, y_m: npt.ArrayLike) -> Floats:
-        """Arrival at wall positions: measured points within a millimetre keep their residual, others follow the fit."""
-        x, y = np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64)
-        sx, sy, sz = self.scanner_position_m
-        arrival = self.delay_s + 2 * np.sqrt((x - sx) ** 2 + (y - sy) ** 2 + sz**2) / SPEED_OF_LIGHT_M_PER_S
-        rows = np.array([self._rows.get(place, -1) for place in _places(x.ravel(), y.ravel())], dtype=np.int64)
-        extra = np.where(rows >= 0, np.append(self.residual_s, 0.0)[rows], 0.0)
-        return np.asarray(arrival + extra.reshape(x.shape))
-
-    @cached_property
-    def _rows(self) -> dict[tuple[int, int], int]:
-        return {place: row for row, place in enumerate(_places(self.x_m, self.y_m))}
 
 
 @dataclass(frozen=True)
@@ -92,6 +64,8 @@ class BenchConstants:
     """The name of the bench they belong to; empty where the recording did not say."""
     bench_facts: Facts = field(default_factory=dict)
     """What of that bench they depend on, as it was: `facts_of`."""
+    warnings: tuple[str, ...] = ()
+    """What was said against them when they were measured."""
 
     @property
     def aims(self) -> bool:
@@ -155,6 +129,7 @@ def save(constants: BenchConstants, path: Path, overwrite: bool = False) -> None
         raise FileExistsError(f"{path} exists; --overwrite replaces it")
     about = {"devices": dict(constants.devices), "measured_utc": constants.measured_utc, "sources": constants.sources}
     about |= {"bench": constants.bench, "bench_facts": dict(constants.bench_facts)}
+    about |= {"warnings": list(constants.warnings)}
     if constants.geometry is not None:
         about["geometry"] = asdict(constants.geometry)
         about["geometry_errors"] = dict(constants.geometry_errors)
@@ -263,6 +238,7 @@ def _read(file: h5py.File) -> BenchConstants:
         geometry_errors={str(name): float(value) for name, value in about.get("geometry_errors", {}).items()},
         bench=str(about.get("bench", "")),
         bench_facts={str(key): value for key, value in about.get("bench_facts", {}).items()},
+        warnings=tuple(str(each) for each in about.get("warnings", ())),
         **quantities,
     )
 
@@ -291,9 +267,3 @@ def _finite(value: object) -> float:
     if not np.isfinite(number):
         raise ValueError(f"a number is {number}")
     return number
-
-
-def _places(x: Floats, y: Floats) -> list[tuple[int, int]]:
-    """Positions to a millimetre, as keys."""
-    columns = (np.rint(np.asarray(axis) / SAME_PLACE_M).astype(np.int64).tolist() for axis in (x, y))
-    return list(zip(*columns, strict=True))

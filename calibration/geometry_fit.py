@@ -54,11 +54,12 @@ class Spots:
     y_m: Floats
     error_m: float = RULER_M
     lines: tuple[int, ...] = ()
-    """Where each stands in its table, for people; empty where they came from no table."""
+    table: str = ""
+    """Where each stands, for people; empty where they came from no table."""
 
     def name(self, index: int) -> str:
         """What to call a spot."""
-        return f"line {self.lines[index]}" if self.lines else f"spot {index + 1}"
+        return f"{self.table}:{self.lines[index]}" if self.lines else f"spot {index + 1}"
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,10 @@ import numpy.typing as npt
 
 from nlos.acquisition.planning.aim import Aim
 from nlos.calibration.afterpulsing import ClickAfterClick, from_full_period
+from nlos.calibration.agreement import disagreements, landed_at
+from nlos.calibration.arrivals import Arrivals
 from nlos.calibration.background import dark_rate_per_bin, is_flat
-from nlos.calibration.constants import Arrivals, BenchConstants, Quantity
+from nlos.calibration.constants import BenchConstants, Quantity
 from nlos.calibration.correct import CorrectedPoints, correct_points
 from nlos.calibration.detector import WHOLE_PERIOD, undo_dead_time
 from nlos.calibration.errors import InvalidData, PoorCalibration
@@ -17,8 +19,9 @@ from nlos.calibration.geometry import ScannerGeometry
 from nlos.calibration.geometry_fit import DirectTimes, GeometryFit, Spots, fit_geometry
 from nlos.calibration.impulse_response import ImpulseResponse
 from nlos.calibration.raw_points import RawPoints, joined
-from nlos.calibration.spots_fit import place_with_run
+from nlos.calibration.spots_fit import PlacedScanner, place_with_run
 from nlos.calibration.time_offset import TimeOffsets, measure_time_offsets
+from nlos.calibration.wall_timing import WallTiming
 
 Floats = npt.NDArray[np.float64]
 QUIET_AFTER_S = 15e-9
@@ -33,7 +36,12 @@ class Measurement:
     raw: RawPoints | None
     """All scans with light in them; None where there was only a dark run."""
     corrected: CorrectedPoints | None
-    geometry: GeometryFit | None
+    placed: PlacedScanner | None
+
+    @property
+    def geometry(self) -> GeometryFit | None:
+        """Scanner and wall, where the points tell them."""
+        return None if self.placed is None else self.placed.fit
 
 
 def measure_constants(
@@ -84,10 +92,18 @@ def measure_constants(
             f"{len(raw.counts)} points do not tell wall distance and delay apart: take nine or more that span the wall "
             "and arrive at different times (a rectified scan does not)."
         )
-    fit = None if aim is None else fit_scanner(raw, offsets, aim, spots)
+    placed = None if aim is None else fit_scanner(raw, offsets, aim, spots)
+    fit = None if placed is None else placed.fit
+    arrivals, warnings = _arrivals(raw, offsets, offsets.wall, raw.x_m, raw.y_m), []
+    if aim is not None and placed is not None:
+        landed = landed_at(raw, offsets, aim, placed.fit)
+        warnings = disagreements(placed, landed, offsets.wall, raw)
+        if spots is not None and landed.wall is not None:  # scans that these constants aim arrive where they are sent
+            arrivals = _arrivals(raw, offsets, landed.wall, landed.x_m, landed.y_m)
     found = replace(
         found,
-        arrivals=_arrivals(raw, offsets),
+        arrivals=arrivals,
+        warnings=tuple(warnings),
         response=offsets.response,
         direct_shape=corrected.direct.shape,
         direct_end_bin=corrected.direct.end_bin,
@@ -95,7 +111,7 @@ def measure_constants(
         geometry=fit.geometry if fit else None,
         geometry_errors=fit.errors if fit else {},
     )
-    return Measurement(found, raw, corrected, fit)
+    return Measurement(found, raw, corrected, placed)
 
 
 def _with_dark(constants: BenchConstants, run: RawPoints) -> BenchConstants:
@@ -158,9 +174,9 @@ def _before(counts: npt.NDArray[np.generic], end: npt.NDArray[np.int64]) -> floa
 
 def fit_scanner(
     raw: RawPoints, offsets: TimeOffsets, aim: Aim | ScannerGeometry, spots: Spots | None = None
-) -> GeometryFit | None:
-    """Wall distance, tilt and delay by the commanded angles and direct arrivals, with `spots` the mirrors' gains and
-    offsets too; None where the points do not tell. Raises `InvalidData` for spots that do not."""
+) -> PlacedScanner | None:
+    """Wall distance, tilt and delay by the commanded angles and direct arrivals, with `spots` the scanner's place and
+    the mirrors' gains too; None where the points do not tell. Raises `InvalidData` for spots that do not."""
     x_rad, y_rad = aim.angles_rad(raw.x_m, raw.y_m)
     start = aim if isinstance(aim, ScannerGeometry) else ScannerGeometry(**vars(aim))
     width_s = raw.time.bin_width_s
@@ -168,17 +184,15 @@ def fit_scanner(
     try:
         times = DirectTimes(x_rad, y_rad, arrival_s, offsets.error_bins * width_s)
         if spots is None:
-            return fit_geometry(start, times)
-        placed = place_with_run(spots, times, start)
-        return replace(placed.fit, undetermined=placed.undetermined)
+            return PlacedScanner(fit_geometry(start, times), {})
+        return place_with_run(spots, times, start)
     except InvalidData:
         if spots is not None:
             raise
         return None
 
 
-def _arrivals(raw: RawPoints, offsets: TimeOffsets) -> Arrivals:
-    wall = offsets.wall
-    assert wall is not None
-    residual = np.nan_to_num(offsets.offset_bins - offsets.predicted_bins) * raw.time.bin_width_s
-    return Arrivals(wall.scanner_position_m, wall.delay_s, wall.covariance, wall.rms_s, raw.x_m, raw.y_m, residual)
+def _arrivals(raw: RawPoints, offsets: TimeOffsets, wall: WallTiming, x_m: Floats, y_m: Floats) -> Arrivals:
+    best_s = raw.time.start_s + offsets.offset_bins * raw.time.bin_width_s
+    residual = np.nan_to_num(best_s - wall.arrival_s(x_m, y_m))
+    return Arrivals(wall.scanner_position_m, wall.delay_s, wall.covariance, wall.rms_s, x_m, y_m, residual)

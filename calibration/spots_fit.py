@@ -52,6 +52,9 @@ class PlacedScanner:
     fit: GeometryFit
     undetermined: dict[str, tuple[float, float]]
     freed: tuple[str, ...] = ()
+    spots_alone: GeometryFit | None = None
+    times_alone: GeometryFit | None = None
+    """What each kind says by itself, for mirrors that turn as told; None where it was not asked, or cannot."""
 
 
 def place_from_spots(spots: Spots, drawn: ScannerGeometry) -> PlacedScanner:
@@ -97,8 +100,14 @@ def place_with_run(spots: Spots, times: DirectTimes, start: ScannerGeometry) -> 
     if best is None:
         raise InvalidData("spots and arrivals together determine no place: mark spots further to the sides.")
     _refuse_no_fit(best[1].fit)
-    everything = _of_all_times(best[1].fit, times)
-    return replace(best[1], fit=everything, undetermined={**undetermined, **best[1].undetermined})
+    as_told = replace(start, **TURNS_AS_TOLD)
+    return replace(
+        best[1],
+        fit=_of_all_times(best[1].fit, times),
+        undetermined={**undetermined, **best[1].undetermined},
+        spots_alone=fit_determined(as_told, None, spots, PLACE).fit,
+        times_alone=fit_geometry(as_told, few),
+    )
 
 
 def fit_determined(

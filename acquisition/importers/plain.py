@@ -27,6 +27,10 @@ def read_plain(path: Path, dataset: str = "histograms", given: Given = NOTHING) 
     with open_hdf5(path) as file:
         stored = find_dataset(file, dataset)
         if stored is None:
+            if file.attrs.get("format") == "nlos-constants":
+                raise InvalidData(
+                    f"{path}: holds a bench's constants, not a scan. Name the recording; constants go with --constants."
+                )
             present = ", ".join(sorted(file.keys())[:12]) or "nothing"
             raise InvalidData(
                 f"{path}: no dataset '{dataset}' [H, W, T], or [N, T] with x_m and y_m [N]; the file holds {present}"

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from math import degrees
 from pathlib import Path
 
 from nlos.acquisition.planning.aim import Aiming
@@ -32,6 +33,8 @@ class Known:
         words = f"constants: {self.path}, measured {self.constants.measured_utc}"
         if drawn is not None and (instead := overrides(self.constants, drawn)):
             words += f"; in place of the bench file: {', '.join(instead)}"
+        for warning in self.constants.warnings:
+            words += f"; when they were measured: {warning}"
         return words
 
     @property
@@ -107,6 +110,10 @@ def overrides(constants: BenchConstants, drawn: Aiming) -> list[str]:
     for each in fields(ScannerGeometry):
         value, file_value = getattr(measured, each.name), getattr(drawn, each.name, getattr(usual, each.name))
         if abs(value - file_value) > 5e-5:
-            unit = next((f" {word}" for word in ("rad", "m") if each.name.endswith(f"_{word}")), "")
-            found.append(f"{each.name} {value:.4f}{unit} (file {file_value:g})")
+            if each.name.endswith("_rad"):
+                name = f"{each.name.removesuffix('_rad')}_deg"
+                found.append(f"{name} {degrees(value):.4f} deg (file {degrees(file_value):g})")
+            else:
+                unit = " m" if each.name.endswith("_m") else ""
+                found.append(f"{each.name} {value:.4f}{unit} (file {file_value:g})")
     return found

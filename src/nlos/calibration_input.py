@@ -19,7 +19,7 @@ from nlos.acquisition.recording.checked import open_checked
 from nlos.calibration.bench_facts import Facts, changes, facts_of
 from nlos.calibration.constants import geometry_of
 from nlos.calibration.errors import ForeignConstants, InvalidData, ShutterClosed
-from nlos.calibration.geometry_fit import Spots
+from nlos.calibration.geometry_fit import RULER_M, Spots
 from nlos.calibration.raw_points import RawPoints, from_samples, from_transient
 from nlos.calibration.wall_size import found_side
 from nlos.cli.terminal import terminal
@@ -125,12 +125,13 @@ def _wrong_spot(row: Mapping[str, Any], columns: Sequence[str]) -> str:
     return f"not four numbers ({given}): angles in degrees, places in metres, with a decimal point"
 
 
-def read_spots(path: Path) -> "Spots":
-    """Spots from a table with a header line. Raises `InvalidData` naming file, line and column."""
+def read_spots(path: Path, ruler_m: float = RULER_M) -> "Spots":
+    """Spots from a table with a header line, each read to within `ruler_m`. Raises `InvalidData` naming file, line and
+    column."""
     columns = ("x_deg", "y_deg", "x_m", "y_m")
     if path.stat().st_size > LARGEST_TABLE_BYTES:
         raise InvalidData(f"{path}: is larger than any table of spots ({LARGEST_TABLE_BYTES >> 20} MiB)")
-    rows = []
+    rows, lines = [], []
     try:
         table = csv.DictReader(io.StringIO(path.read_text(encoding="utf-8-sig"), newline=""), skipinitialspace=True)
         missing = [name for name in columns if name not in (table.fieldnames or ())]
@@ -139,6 +140,7 @@ def read_spots(path: Path) -> "Spots":
         for row in table:
             try:
                 rows.append([float(row[name]) for name in columns])
+                lines.append(table.line_num)
             except (TypeError, ValueError):
                 raise InvalidData(f"{path}:{table.line_num}: {_wrong_spot(row, columns)}") from None
     except (UnicodeDecodeError, csv.Error) as error:
@@ -146,7 +148,7 @@ def read_spots(path: Path) -> "Spots":
     x_deg, y_deg, x_m, y_m = np.array(rows, dtype=np.float64).reshape(-1, 4).T
     if not np.isfinite(rows).all():
         raise InvalidData(f"{path}: holds numbers that are not finite")
-    return Spots(np.deg2rad(x_deg), np.deg2rad(y_deg), x_m, y_m)
+    return Spots(np.deg2rad(x_deg), np.deg2rad(y_deg), x_m, y_m, ruler_m, tuple(lines), str(path))
 
 
 def _aimed_by(constants_json: str, bench_json: str) -> "Aim | ScannerGeometry | None":

@@ -126,11 +126,9 @@ def _log_calibration(report: "Report") -> None:
                 "calibrated: no plane wall explains the arrivals at %d points; each was aligned by its own", points
             )
         return
-    log.info(
-        "calibrated: offsets to %.1f ps RMS of the wall fit, direct light masked up to %.2f ns",
-        report["offset_rms_ps"],
-        report["direct_masked_ns"],
-    )
+    masked_ns = report["direct_masked_ns"]
+    masked = f"direct light masked up to {masked_ns:.2f} ns" if masked_ns else "no bins masked for direct light"
+    log.info("calibrated: offsets to %.1f ps RMS of the wall fit, %s", report["offset_rms_ps"], masked)
     if rms_bins > 1:
         log.warning(
             "arrivals scatter by %.1f bins about a plane wall. Is this a raw scan, does its time window hold the "

@@ -14,6 +14,7 @@ from nlos.acquisition.exporters.scan_arrays import arrays_of_import
 from nlos.acquisition.importers.formats import read_any
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.engine import record, scan
 from nlos.calibration.constants import load
@@ -164,3 +165,82 @@ def test_a_file_without_a_wall_size_is_calibrated_on_the_wall_that_its_times_tel
     code, told = called(capsys, tmp_path / "scan.ptu", "--wall-size-m", "2", "-o", tmp_path / "d.h5")
     assert code == 0, told
     assert told["scanner_position_m"] == pytest.approx([0.1, -0.2, 2.0], abs=0.02)
+
+
+def write_spots(path: Path, change: dict[int, str] | None = None, factor: float = 1.0) -> Path:
+    """25 spots of the table that `run.h5` was taken on, to the millimetre; `change`: line -> what stands there."""
+    x_deg, y_deg = (a.ravel() for a in np.meshgrid(*[np.linspace(-12, 12, 5)] * 2))
+    x_m, y_m, _ = ScannerGeometry(2.0).spots(np.deg2rad(x_deg), np.deg2rad(y_deg))
+    rows = ["x_deg,y_deg,x_m,y_m"]
+    rows += [f"{a},{b},{x:.3f},{y:.3f}" for a, b, x, y in zip(x_deg, y_deg, x_m * factor, y_m * factor, strict=True)]
+    for line, text in (change or {}).items():
+        rows[line - 1] = text
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def test_a_mistyped_spot_is_named_by_its_line_and_other_units_are_refused(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = write_spots(tmp_path / "spots.csv", {7: "-6,-6,-0.21,2.11"})
+    for arguments in ((folder / "run.h5", "-o", tmp_path / "c.h5"), ()):
+        code, told = called(capsys, *arguments, "--spots", table)
+        assert code == 0, told
+        (said,) = told["warnings"]  # type: ignore[misc]
+        assert re.search(r"spots\.csv:7: left aside, .* mm in x and \+23\d\d mm in y", str(said))
+        assert told["geometry"]["wall_distance_m"] == pytest.approx(2.0, abs=3e-3)  # type: ignore[index]
+    code, told = called(
+        capsys, folder / "run.h5", "-o", tmp_path / "d.h5", "--spots", write_spots(tmp_path / "mm.csv", factor=1000.0)
+    )
+    assert code == 7
+    assert "Are these millimetres?" in told["error"]["message"]  # type: ignore[index]
+    assert not (tmp_path / "d.h5").exists()
+
+
+def test_a_coarser_ruler_makes_larger_errors(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = write_spots(tmp_path / "spots.csv")
+    fine, coarse = (called(capsys, "--spots", table, "--ruler-mm", each)[1]["geometry_errors"] for each in ("1", "2"))
+    assert coarse["scanner_x_m"] == pytest.approx(2 * fine["scanner_x_m"], rel=0.05)  # type: ignore[index]
+    assert called(capsys, folder / "run.h5", "--ruler-mm", "1")[0] == 2
+
+
+def test_a_scan_that_was_aimed_wrongly_has_one_place_and_a_warning_that_stays(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The beam went where a wall at 2.0 m is; the scan believed 2.1 m and a scanner aside."""
+    bench = json.loads(Recording.open(folder / "run.h5").header.bench_json)
+    wrong = tmp_path / "wrong.yaml"
+    bench["geometry"] |= {"wall_distance_m": 2.1, "scanner_x_m": 0.1}
+    bench["simulation"]["misalignment"] |= {"wall_distance_m": 2.0, "scanner_x_m": 0.0}
+    wrong.write_text(json.dumps(bench))
+    (tmp_path / "scan.yaml").write_text(SCAN)
+    assert nlos(["scan", str(tmp_path / "scan.yaml"), "--bench", str(wrong), "-o", str(tmp_path / "w.h5")]) == 0
+    capsys.readouterr()
+    code, told = called(capsys, tmp_path / "w.h5", "-o", tmp_path / "c.h5")
+    assert code == 0, told
+    (said,) = told["warnings"]  # type: ignore[misc]
+    assert "the beam did not land where the plan says" in str(said)
+    error_m = told["geometry_errors"]["wall_distance_m"]  # type: ignore[index]
+    assert told["wall_distance_m"] == pytest.approx(2.0, abs=4 * error_m)
+    assert told["scanner_position_m"][2] == told["wall_distance_m"]  # type: ignore[index]
+    assert load(tmp_path / "c.h5").warnings == (said,)
+    assert nlos(["info", str(tmp_path / "c.h5")]) == 0
+    assert "did not land" in capsys.readouterr().out
+    code, told = called(
+        capsys, tmp_path / "w.h5", "-o", tmp_path / "d.h5", "--spots", write_spots(tmp_path / "spots.csv")
+    )
+    assert code == 0, told
+    assert told["scanner_position_m"] == pytest.approx([0.0, 0.0, 2.0], abs=3e-3)
+    assert any("beside where it was aimed" in str(each) for each in told["warnings"])  # type: ignore[attr-defined]
+    arrivals = load(tmp_path / "d.h5").arrivals
+    assert arrivals is not None
+    assert arrivals.scanner_position_m == pytest.approx([0.0, 0.0, 2.0], abs=5e-3)
+
+
+def test_constants_named_as_a_run_are_called_constants(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert called(capsys, folder / "plain.h5", "-o", tmp_path / "c.h5")[0] == 0
+    code, told = called(capsys, tmp_path / "c.h5", "-o", tmp_path / "d.h5")
+    assert code == 7
+    assert "holds a bench's constants" in told["error"]["message"]  # type: ignore[index]

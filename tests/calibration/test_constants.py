@@ -7,8 +7,9 @@ import pytest
 
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.transient import TimeAxis
+from nlos.calibration.arrivals import Arrivals
 from nlos.calibration.checked import all_checked
-from nlos.calibration.constants import Arrivals, BenchConstants, Quantity, load, load_response, save
+from nlos.calibration.constants import BenchConstants, Quantity, load, load_response, save
 from nlos.calibration.correct import common_bins, correct_known, correct_points, correct_sample
 from nlos.calibration.errors import ForeignConstants, InvalidData, PoorCalibration
 from nlos.calibration.geometry import ScannerGeometry

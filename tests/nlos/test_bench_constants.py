@@ -12,8 +12,9 @@ import yaml
 from nlos.__main__ import run
 from nlos.acquisition.recording.recording import Recording
 from nlos.bench_constants import NONE, aiming_constants, correcting_constants, folder_of
+from nlos.calibration.arrivals import Arrivals
 from nlos.calibration.bench_facts import facts_of
-from nlos.calibration.constants import Arrivals, BenchConstants, save
+from nlos.calibration.constants import BenchConstants, save
 from nlos.calibration.errors import ForeignConstants, StaleConstants
 from nlos.calibration.geometry import ScannerGeometry
 from nlos.configs.load import find, parse

@@ -1,33 +1,29 @@
 """`nlos calibrate`: measures a bench's constants from recordings, says how good they are, draws every correction."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from nlos.bench_constants import folder_of
 from nlos.calibration.checked import response_checked
 from nlos.calibration.constants import BenchConstants, Quantity, save
 from nlos.calibration.errors import PoorCalibration
-from nlos.calibration.measure import Measurement, measure_constants
-from nlos.calibration.spots_fit import poorly_determined
+from nlos.calibration.geometry_fit import RULER_M
+from nlos.calibration.measure import measure_constants
 from nlos.calibration.spots_sense import check_sense
 from nlos.calibration_input import common_bench, common_devices, load_run, read_spots, refuse_unmeant_darkness
+from nlos.cli.calibration_lines import result_lines, warnings_of
 from nlos.cli.contradictions import refuse_together
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.first_light import first_light as measured
 from nlos.cli.progress import Progress
-from nlos.cli.spots import fitted_lines, place_scanner, undetermined_line
+from nlos.cli.spots import place_scanner
 from nlos.cli.terminal import terminal
 from nlos.report.calibration_pictures import write_pictures
 from nlos.report.spots_picture import spots_picture
-
-MM_PER_PS = 0.299792458 / 2
-"""Depth of a picosecond there and back."""
 
 
 def calibrate(
@@ -47,6 +43,10 @@ def calibrate(
     spots: Annotated[
         Path | None,
         typer.Option(metavar="FILE.csv", help="Measured spots: columns x_deg, y_deg (commanded, optical), x_m, y_m."),
+    ] = None,
+    ruler_mm: Annotated[
+        float | None,
+        typer.Option(min=0.01, max=100.0, help="How well a spot's middle is read, one standard error. Default: 1."),
     ] = None,
     wall_size_m: Annotated[
         float | None,
@@ -75,6 +75,9 @@ def calibrate(
         "--dead-time-ns": dead_time_ns is not None, "--response": response is not None,
         "--wall-size-m": wall_size_m is not None, "--dark": dark,
     }  # fmt: skip
+    if ruler_mm is not None and spots is None:
+        raise UsageError("--ruler-mm goes with --spots FILE: how well its places were read")
+    ruler_m = RULER_M if ruler_mm is None else ruler_mm * 1e-3
     if first_light:
         refuse_together(
             "--first-light", {"RUN": bool(runs), **of_runs, "--spots": spots is not None},
@@ -87,7 +90,7 @@ def calibrate(
             "--spots without a RUN", {**of_runs, "--light": light}, "tells the scanner's place from the spots alone",
             "Leave these out, or name a RUN.",
         )  # fmt: skip
-        place_scanner(spots, bench, output, overwrite)
+        place_scanner(spots, ruler_m, bench, output, overwrite)
         return
     if not runs:
         raise UsageError("name a RUN to calibrate from, or use --first-light, or --spots FILE for the scanner's place")
@@ -95,7 +98,7 @@ def calibrate(
         "RUN", {"--bench": bench is not None, "--light": light}, "a RUN names its bench itself, and needs no light",
         "Use them with --first-light.",
     )  # fmt: skip
-    _from_runs(runs, output, dead_time_ns, response, spots, wall_size_m, dark, overwrite)
+    _from_runs(runs, output, dead_time_ns, response, spots, ruler_m, wall_size_m, dark, overwrite)
 
 
 def _from_runs(
@@ -104,6 +107,7 @@ def _from_runs(
     dead_time_ns: float | None,
     response: Path | None,
     spots: Path | None,
+    ruler_m: float,
     wall_size_m: float | None,
     dark: bool,
     overwrite: bool,
@@ -120,9 +124,11 @@ def _from_runs(
     bench, facts = common_bench(runs, [one.bench_json for one in loaded])
     target = output or (folder_of(bench) if bench else Path("constants")) / f"{runs[0].stem}.h5"
     _refuse_to_replace(target, overwrite)
-    measured_spots = None if spots is None else read_spots(spots)
+    measured_spots = None if spots is None else read_spots(spots, ruler_m)
     if measured_spots is not None:
         check_sense(measured_spots)
+    points = sum(len(one.raw.counts) for one in loaded)
+    terminal.log(f"fitting the direct light of {points} points")
     found = measure_constants(
         [one.raw for one in loaded],
         devices=devices,
@@ -135,8 +141,12 @@ def _from_runs(
     )
     if found.raw is None and not dark:
         refuse_unmeant_darkness(runs, loaded)
-    for line, values in _lines(found):
+    for line, values in result_lines(found, measured_spots):
         terminal.result(line, **values)
+    said = warnings_of(found, measured_spots)
+    for warning in said:
+        terminal.log(f"warning: {warning}")
+    terminal.document["warnings"] = said
     target.parent.mkdir(parents=True, exist_ok=True)
     pictures = write_pictures(found, target.with_suffix(""))
     if measured_spots is not None and found.geometry is not None and found.raw is not None:
@@ -163,92 +173,3 @@ def _refuse_poor(constants: "BenchConstants") -> None:
         constants.check()
     except PoorCalibration as error:
         raise Stopped(ExitCode.DATA, f"nothing was saved: {error}") from error
-
-
-def _lines(found: "Measurement") -> "list[tuple[str, dict[str, object]]]":
-    """What is printed, each line with its part of the JSON document."""
-    constants, lines = found.constants, []
-    if found.corrected is not None:
-        report = found.corrected.report()
-        lines += _timing_lines(report, constants)
-    else:
-        lines.append(("no laser light in these runs: taken as runs with the shutter closed", {}))
-    if found.geometry is not None:
-        lines += _geometry_lines(found)
-    for name, unit, scale in (
-        ("dark_hz", "clicks/s with the shutter closed (dark counts and room light)", 1.0),
-        ("ambient_hz", "clicks/s more between the pulses of a scan", 1.0),
-        ("dead_time_s", "ns dead time", 1e9),
-        ("afterpulse_probability", "% afterpulses", 100.0),
-    ):
-        quantity = getattr(constants, name)
-        if quantity is not None:
-            text = f"{quantity.value * scale:.2f} +- {quantity.error * scale:.2f} {unit}"
-            lines.append((text, {name: quantity.value, f"{name}_error": quantity.error}))
-    return lines
-
-
-def _timing_lines(report: Mapping[str, object], constants: "BenchConstants") -> "list[tuple[str, dict[str, object]]]":
-    rms_ps = report["offset_rms_ps"]
-    assert isinstance(rms_ps, float)
-    assert constants.arrivals is not None
-    position, error = constants.arrivals.scanner_position_m, constants.arrivals.covariance.diagonal() ** 0.5
-    delay_ns, delay_error_ns = constants.arrivals.delay_s * 1e9, error[3] * 1e9
-    return [
-        (
-            f"time offsets: {rms_ps:.2f} ps = {rms_ps * MM_PER_PS:.3f} mm RMS about the wall's fit "
-            f"({report['offset_rms_bins']:.3f} bins; {report['points_off_the_wall_fit']} of {report['points']} points "
-            f"off the fit, {report['points_without_direct_peak']} without a direct peak)",
-            {key: report[key] for key in report if key.startswith(("offset", "points"))},
-        ),
-        (
-            f"scanner at {position[0]:+.4f}, {position[1]:+.4f}, {position[2]:.4f} m of the wall's centre "
-            f"(+- {error[0] * 1e3:.1f}, {error[1] * 1e3:.1f}, {error[2] * 1e3:.1f} mm), "
-            f"delay {delay_ns:.4f} +- {delay_error_ns:.4f} ns",
-            {
-                "scanner_position_m": position.tolist(), "scanner_position_error_m": error[:3].tolist(),
-                "electronic_delay_ns": delay_ns, "electronic_delay_error_ns": delay_error_ns,
-            },
-        ),
-        (
-            f"impulse response {report['response_fwhm_ps']:.0f} ps FWHM; direct light masked for "
-            f"{report['direct_masked_ns']:.2f} ns, its tail decays in {report['direct_tail_ps']:.0f} ps",
-            {key: report[key] for key in ("response_fwhm_ps", "direct_masked_ns", "direct_tail_ps")},
-        ),
-    ]  # fmt: skip
-
-
-def _geometry_lines(found: "Measurement") -> "list[tuple[str, dict[str, object]]]":
-    fit = found.geometry
-    assert fit is not None
-    height_mm = fit.height_m[fit.accepted] * 1e3
-    rms_mm = float(np.sqrt(np.mean(height_mm**2)))
-    degrees = {name: np.rad2deg(getattr(fit.geometry, name)) for name in ("wall_pitch_rad", "wall_yaw_rad")}
-    errors = {name: np.rad2deg(fit.errors.get(name, 0.0)) for name in degrees}
-    lines: list[tuple[str, dict[str, object]]] = [
-        (
-            f"wall at {fit.geometry.wall_distance_m:.4f} +- {fit.errors.get('wall_distance_m', 0.0):.4f} m, pitch "
-            f"{degrees['wall_pitch_rad']:+.3f} +- {errors['wall_pitch_rad']:.3f} deg, yaw "
-            f"{degrees['wall_yaw_rad']:+.3f} +- {errors['wall_yaw_rad']:.3f} deg; "
-            f"{rms_mm:.3f} mm = {rms_mm / MM_PER_PS:.2f} ps RMS off the plane",
-            {
-                "wall_distance_m": fit.geometry.wall_distance_m,
-                "wall_pitch_deg": float(degrees["wall_pitch_rad"]),
-                "wall_yaw_deg": float(degrees["wall_yaw_rad"]),
-                "geometry": vars(fit.geometry),
-                "geometry_errors": dict(fit.errors),
-                "wall_rms_mm": rms_mm,
-                "wall_rms_ps": rms_mm / MM_PER_PS,
-            },
-        )
-    ]
-    if len(fit.spot_residual_m):
-        spots_mm = float(np.sqrt(np.mean(fit.spot_residual_m**2))) * 1e3
-        lines += fitted_lines(fit)
-        lines.append((f"spots {spots_mm:.2f} mm RMS off the model", {"spots_rms_mm": spots_mm}))
-    loose = {name: (getattr(fit.geometry, name), fit.errors[name]) for name in poorly_determined(fit)}
-    for name, (value, error) in {**fit.undetermined, **loose}.items():
-        kept = "; kept as the scan was aimed" if name in fit.undetermined else ""
-        lines.append((f"warning: {undetermined_line(name, value, error)}{kept}", {}))
-    lines[0][1]["undetermined"] = sorted({**fit.undetermined, **loose})
-    return lines

@@ -47,6 +47,8 @@ def _of_constants(path: Path) -> dict[str, Any]:
     for name, quantity in summary.items():
         if isinstance(quantity, dict) and "value" in quantity:
             found[name] = f"{quantity['value']:.4g} +- {quantity['error']:.2g}"
+    if held.warnings:
+        found["warnings"] = list(held.warnings)
     found["not measured"] = [name for name, value in summary.items() if value is None]
     return found
 

@@ -17,7 +17,7 @@ from nlos.first_light.bench_lines import with_keys
 from nlos.report.spots_picture import spots_picture
 
 if TYPE_CHECKING:
-    from nlos.calibration.geometry_fit import GeometryFit
+    from nlos.calibration.geometry_fit import GeometryFit, Spots
 
 NAMES = {
     "scanner_x_m": ("the scanner's x", 1.0, "m", "scanner_x_m"),
@@ -33,12 +33,12 @@ NAMES = {
 """Parameter -> what it is called, in which unit it is printed, and its key in a bench file's geometry."""
 
 
-def place_scanner(spots: Path, bench: str | None, output: Path | None, overwrite: bool) -> None:
+def place_scanner(spots: Path, ruler_m: float, bench: str | None, output: Path | None, overwrite: bool) -> None:
     """Fits, says what was found and what these spots cannot tell, draws it, and writes the bench file to `output`."""
     check_bench_output(output, overwrite, "spots without a RUN write")
-    table, measured = load_bench(bench), read_spots(spots)
+    table, measured = load_bench(bench), read_spots(spots, ruler_m)
     found = place_from_spots(measured, ScannerGeometry(**vars(drawn_aim(table.settings.geometry))))
-    _tell(found)
+    _tell(found, measured)
     picture = spots.with_suffix(".png")
     spots_picture(picture, found.fit, measured, allowed=table.settings.geometry.allowed)
     terminal.result(f"{picture}: wall, spots, residuals", picture=str(picture))
@@ -68,15 +68,40 @@ def undetermined_line(name: str, value: float, error: float) -> str:
     return f"{called}: these spots do not determine it{said}"
 
 
-def _tell(found: "PlacedScanner") -> None:
+def spots_line(fit: "GeometryFit", spots: "Spots") -> str:
+    """How well the spots fit, beside how well they were read."""
+    used, rms_mm, ruler_mm = int(fit.spots_accepted.sum()), fit.spots_rms_m * 1e3, spots.error_m * 1e3
+    words = f"{used} spots, {rms_mm:.2f} mm RMS off the fit"
+    if rms_mm > 1.5 * ruler_mm:
+        return f"{words}, more than a ruler good to {ruler_mm:g} mm explains: the errors are as much larger"
+    return f"{words}; errors for a ruler good to {ruler_mm:g} mm (--ruler-mm)"
+
+
+def aside_lines(fit: "GeometryFit", spots: "Spots") -> list[str]:
+    """One for each spot that the others contradict."""
+    lines = []
+    for row in np.flatnonzero(~fit.spots_accepted):
+        off_mm = fit.spot_residual_m[row] * 1e3
+        lines.append(
+            f"{spots.name(int(row))}: left aside, {off_mm[0]:+.0f} mm in x and {off_mm[1]:+.0f} mm in y from where the "
+            "other spots put it; correct it, or mark it again"
+        )
+    return lines
+
+
+def _tell(found: "PlacedScanner", spots: "Spots") -> None:
     for line, values in fitted_lines(found.fit):
         terminal.result(line, **values)
-    for name, (value, error) in found.undetermined.items():
-        terminal.log(f"warning: {undetermined_line(name, value, error)}; kept as the bench file has it")
-    rms_mm = float(np.sqrt(np.mean(found.fit.spot_residual_m**2))) * 1e3
+    said = aside_lines(found.fit, spots)
+    said += [
+        f"{undetermined_line(name, value, error)}; kept as the bench file has it"
+        for name, (value, error) in found.undetermined.items()
+    ]
+    for warning in said:
+        terminal.log(f"warning: {warning}")
     terminal.result(
-        f"{len(found.fit.spot_residual_m)} spots, {rms_mm:.2f} mm RMS off the fit; for mirrors that turn by as much as "
-        "they are told: a RUN given with the spots tells gains and offsets as well",
-        spots_rms_mm=rms_mm, geometry=vars(found.fit.geometry), geometry_errors=dict(found.fit.errors),
-        undetermined=sorted(found.undetermined),
+        f"{spots_line(found.fit, spots)}; for mirrors that turn by as much as they are told: a RUN given with the "
+        "spots tells gains and offsets as well",
+        spots_rms_mm=found.fit.spots_rms_m * 1e3, geometry=vars(found.fit.geometry),
+        geometry_errors=dict(found.fit.errors), undetermined=sorted(found.undetermined), warnings=said,
     )  # fmt: skip

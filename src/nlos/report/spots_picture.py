@@ -30,15 +30,16 @@ def spots_picture(
     figure = Figure(figsize=(11, 5.5), layout="constrained")
     wall, residuals = figure.subplots(1, 2, width_ratios=(3, 2))
     _draw_wall(wall, fit, spots, scanned, allowed)
-    off_mm = fit.spot_residual_m * 1e3
+    used = fit.spots_accepted
+    off_mm = fit.spot_residual_m[used] * 1e3
     residuals.axhline(0, color="0.8", zorder=0)
     residuals.axvline(0, color="0.8", zorder=0)
     residuals.scatter(off_mm[:, 0], off_mm[:, 1], s=18, color="tab:red")
     reach = max(float(np.abs(off_mm).max(initial=0)) * 1.2, 0.5)
-    rms_mm = float(np.sqrt(np.mean(off_mm**2)))
+    aside = f"; {(~used).sum()} left aside" if not used.all() else ""
     residuals.set(
         xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="x, measured less fitted (mm)",
-        ylabel="y (mm)", title=f"{len(off_mm)} spots, {rms_mm:.2f} mm RMS off the fit",
+        ylabel="y (mm)", title=f"{len(off_mm)} spots, {fit.spots_rms_m * 1e3:.2f} mm RMS off the fit{aside}",
     )  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as partial:
@@ -50,8 +51,9 @@ def _draw_wall(
 ) -> None:
     geometry, off_m = fit.geometry, fit.spot_residual_m
     x_m, y_m = spots.x_m - off_m[:, 0], spots.y_m - off_m[:, 1]
-    width_m = max(float(np.ptp(spots.x_m)), float(np.ptp(spots.y_m)), 0.1)
-    longest_m = float(np.hypot(*off_m.T).max(initial=0)) or 1e-6
+    used = fit.spots_accepted
+    width_m = max(float(np.ptp(spots.x_m[used])), float(np.ptp(spots.y_m[used])), 0.1)
+    longest_m = float(np.hypot(*off_m[used].T).max(initial=0)) or 1e-6
     times = _ARROW_PART * width_m / longest_m
     if scanned is not None:
         left, right, bottom, top = scanned[0].min(), scanned[0].max(), scanned[1].min(), scanned[1].max()
@@ -66,8 +68,10 @@ def _draw_wall(
     panel.plot([geometry.scanner_x_m], [geometry.scanner_y_m], "D", color="k", ms=6,
                label=f"scanner, {geometry.wall_distance_m:.3f} m before the wall")  # fmt: skip
     panel.plot(x_m, y_m, "o", mfc="none", color="tab:blue", label="fitted")
-    panel.plot(spots.x_m, spots.y_m, "x", color="tab:red", label="measured")
-    panel.quiver(x_m, y_m, off_m[:, 0] * times, off_m[:, 1] * times, angles="xy", scale_units="xy", scale=1,
+    panel.plot(spots.x_m[used], spots.y_m[used], "x", color="tab:red", label="measured")
+    if not used.all():
+        panel.plot(x_m[~used], y_m[~used], "s", mfc="none", ms=11, color="tab:red", label="left aside")
+    panel.quiver(x_m[used], y_m[used], *(off_m[used] * times).T, angles="xy", scale_units="xy", scale=1,
                  color="tab:red", width=0.004)  # fmt: skip
     panel.set(
         aspect="equal", xlabel="x (m)", ylabel="y (m)", title=f"the wall; residuals drawn {times:.0f} times as long"

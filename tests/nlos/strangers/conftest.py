@@ -183,7 +183,8 @@ def _counted(rng: np.random.Generator) -> np.ndarray:
 
 
 def _write_constants(path: Path) -> None:
-    from nlos.calibration.constants import Arrivals, BenchConstants, Quantity, save
+    from nlos.calibration.arrivals import Arrivals
+    from nlos.calibration.constants import BenchConstants, Quantity, save
 
     arrivals = Arrivals(np.array([0.0, 0.0, 1.0]), 1e-9, np.eye(4) * 1e-12, 1e-12, *np.zeros((3, 4)))
     save(

@@ -1,0 +1,72 @@
+"""Whether what a scan and a ruler say goes together: places of the wall where it was aimed and where it landed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.acquisition.planning.aim import Aim
+from nlos.calibration.geometry import ScannerGeometry
+from nlos.calibration.geometry_fit import GeometryFit
+from nlos.calibration.raw_points import RawPoints
+from nlos.calibration.spots_fit import PlacedScanner
+from nlos.calibration.time_offset import TimeOffsets
+from nlos.calibration.wall_timing import WallTiming, fit_wall_timing
+
+Floats = npt.NDArray[np.float64]
+_DOUBT, _SURE = 3.0, 4.0
+"""Standard errors by which two answers to one question may differ: ruler and times; two fits of the same times."""
+_SMALLEST_M = 2e-3
+_BESIDE_M = 5e-3
+"""Points that landed further from where they were aimed put a picture elsewhere."""
+
+
+@dataclass(frozen=True)
+class Landed:
+    """Where the points of a scan landed on the wall, and the fit of their arrivals with that."""
+
+    x_m: Floats  # (N,)
+    y_m: Floats
+    wall: WallTiming | None
+
+
+def landed_at(raw: RawPoints, offsets: TimeOffsets, aim: Aim | ScannerGeometry, fit: GeometryFit) -> Landed:
+    """By the angles that were sent for `aim` and the geometry that was found."""
+    x_m, y_m = fit.geometry.wall_points(*aim.angles_rad(raw.x_m, raw.y_m))
+    width_s = raw.time.bin_width_s
+    arrival_s = raw.time.start_s + offsets.measured_bins * width_s
+    return Landed(x_m, y_m, fit_wall_timing(arrival_s, offsets.error_bins * width_s, x_m, y_m))
+
+
+def disagreements(placed: PlacedScanner, landed: Landed, aimed: WallTiming, raw: RawPoints) -> list[str]:
+    """Sentences, each with both values and what to do; none where everything goes together."""
+    found, fit = [], placed.fit
+    spots, times = placed.spots_alone, placed.times_alone
+    if spots is not None and times is not None:
+        ruler, error = spots.geometry.wall_distance_m, spots.errors.get("wall_distance_m", 0.0)
+        by_times, its_error = times.geometry.wall_distance_m, times.errors["wall_distance_m"]
+        if abs(ruler - by_times) > _DOUBT * float(np.hypot(error, its_error)):
+            taken = "gains that are not 1 explain it and were taken" if placed.freed else "nothing explains it"
+            found.append(
+                f"spots alone put the wall at {ruler:.4f} +- {error:.4f} m, direct times alone at {by_times:.4f} +- "
+                f"{its_error:.4f} m, for mirrors that turn as told; {taken}. Mark more spots, far out and at places "
+                "off a grid, and check volts_per_degree"
+            )
+        off_m = float(np.hypot(landed.x_m - raw.x_m, landed.y_m - raw.y_m).max())
+        if off_m > _BESIDE_M:
+            found.append(
+                f"this scan landed up to {off_m * 1e3:.0f} mm beside where it was aimed: its picture lies as much "
+                "beside. Scan again with these constants"
+            )
+    elif landed.wall is not None:
+        by_angles, by_places = float(landed.wall.scanner_position_m[2]), float(aimed.scanner_position_m[2])
+        errors = [float(np.sqrt(each.covariance[2, 2])) for each in (landed.wall, aimed)]
+        sure_m = _SURE * float(np.linalg.norm(errors))
+        if abs(by_angles - by_places) > max(sure_m, _SMALLEST_M):
+            found.append(
+                f"by the angles sent the wall is {fit.geometry.wall_distance_m:.4f} +- {errors[0]:.4f} m away, by the "
+                f"places aimed at {by_places:.4f} +- {errors[1]:.4f} m: the beam did not land where the plan "
+                "says, and the bench file's wall_distance_m, the scanner's place or the mirror's volts per degree are "
+                "wrong. Mark spots (`nlos jog`) and calibrate with --spots before these constants are used"
+            )
+    return found
