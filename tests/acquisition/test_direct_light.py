@@ -100,3 +100,10 @@ def test_a_bench_that_is_as_it_was_goes_on(tmp_path: Path, delay_ns: float | Non
     changes = {} if delay_ns is None else {"first_light": {"delay_ns": delay_ns}}
     scan = scan_file(tmp_path, "bins: 1024, bin_width_ps: 16, offset_ns: 10")
     assert run(["scan", scan, "--bench", bench_file(tmp_path, **changes), "-o", str(tmp_path / "run.h5")]) == 0
+
+
+def test_what_is_wrong_with_a_window_is_kept_with_the_recording(tmp_path: Path) -> None:
+    scan, target = scan_file(tmp_path, "bins: 8192, bin_width_ps: 16"), tmp_path / "run.h5"
+    assert run(["scan", scan, "--bench", bench_file(tmp_path), "-o", str(target)]) == 0
+    with Recording.open(target) as recording:
+        assert any("longer than the laser's period" in warning for warning in recording.header.warnings)
