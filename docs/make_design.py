@@ -26,7 +26,7 @@ files         devices         replay, follow         the physics can use     beh
 
 | you look for | it is in |
 |---|---|
-| bytes to and from an instrument | `drivers/galvo/<model>/commands.py`, `drivers/tcspc/<model>/` |
+| bytes to and from an instrument | `drivers/galvo/<model>/wire.py`, `drivers/tcspc/<model>/` |
 | the other end of the cable | `drivers/simulated/<model>/`; what can go wrong there: [Faults](faults.md) |
 | which points, in which order, for how long | `acquisition/planning/` |
 | the scan itself, its schemes and alarms | `acquisition/scanning/` |

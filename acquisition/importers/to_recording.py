@@ -10,7 +10,7 @@ from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.importers.imported import FreePoints, ImportedScan
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.positions import free, pixels
-from nlos.acquisition.recording.lay_out import put_in_place
+from nlos.acquisition.recording.empty_file import put_in_place
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer import RecordingWriter

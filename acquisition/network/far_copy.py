@@ -1,4 +1,4 @@
-"""A mirror in a process of its own: whoever follows the copy holds the only HDF5 handle of its own process."""
+"""A copy in a process of its own: whoever follows it holds the only HDF5 handle of its own process."""
 
 import json
 import os
@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Self
 
 from nlos.acquisition.errors import InvalidData, StorageError
-from nlos.acquisition.network.mirror import mirror
+from nlos.acquisition.network.served_copy import copy_served
 from nlos.acquisition.network.ticket import Ticket
 
 _ENDS_S = 10.0
@@ -23,7 +23,7 @@ class FarCopy:
     """The recording that a ticket names, growing at `target` while the block lasts."""
 
     def __init__(self, ticket: Path, target: Path, patience_s: float = 60.0) -> None:
-        """Returns once `target` is there to be followed. Raises what `mirror` raises."""
+        """Returns once `target` is there to be followed. Raises what `copy_served` raises."""
         Ticket.load(ticket)
         self._ticket = ticket
         command = [sys.executable, "-P", "-m", "nlos.acquisition.network.far_copy"]
@@ -100,7 +100,7 @@ def main(ticket: Path, target: Path, patience_s: float) -> None:
 
     threading.Thread(target=listen, daemon=True).start()
     try:
-        mirror(
+        copy_served(
             Ticket.load(ticket), target, patience_s=patience_s,
             begun=lambda: print("begun", flush=True), stopped=orphaned.is_set,
         )  # fmt: skip

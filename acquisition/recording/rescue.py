@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.errors import StorageError
 from nlos.acquisition.recording.condition import RowState
-from nlos.acquisition.recording.lay_out import keep_as, lay_out
+from nlos.acquisition.recording.empty_file import keep_as, lay_out
 from nlos.acquisition.recording.layout import Status, event_row, status_row
 from nlos.acquisition.recording.open_file import ScanFile, open_scan_file
 from nlos.acquisition.recording.recording import Recording

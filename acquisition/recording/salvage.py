@@ -13,8 +13,8 @@ from nlos.acquisition.importers.isolated import ReaderDied
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.checked import check_recording, open_checked
 from nlos.acquisition.recording.condition import Condition, listed
+from nlos.acquisition.recording.empty_file import keep_as, put_in_place
 from nlos.acquisition.recording.frames import frame_table
-from nlos.acquisition.recording.lay_out import keep_as, put_in_place
 from nlos.acquisition.recording.layout import Status
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording

@@ -9,7 +9,7 @@ import numpy as np
 
 from nlos.acquisition.errors import StorageError
 from nlos.acquisition.planning.plan import ScanPlan
-from nlos.acquisition.recording.lay_out import lay_out, put_in_place
+from nlos.acquisition.recording.empty_file import lay_out, put_in_place
 from nlos.acquisition.recording.layout import EVENT_ROWS, RECORD, Status, event_row, sample_crc, status_row
 from nlos.acquisition.recording.open_file import open_scan_file
 from nlos.acquisition.recording.provenance import Header

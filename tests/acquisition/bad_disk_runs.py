@@ -14,7 +14,7 @@ import nlos.cli.scan
 import nlos.cli.verify
 import nlos.series.sweep
 from nlos.__main__ import run
-from nlos.acquisition.network.mirror import mirror
+from nlos.acquisition.network.served_copy import copy_served
 from nlos.acquisition.network.ticket import Ticket
 
 SHIM = ctypes.CDLL(None)
@@ -23,7 +23,7 @@ DEADLINE_S = 120.0
 
 def copied(ticket: str, target: str) -> int:
     """What the copying process of `reconstruct --follow` does."""
-    mirror(Ticket.load(Path(ticket)), Path(target))
+    copy_served(Ticket.load(Path(ticket)), Path(target))
     return 0
 
 

@@ -30,7 +30,7 @@ from tests.acquisition.killed_scans import FORK, Acknowledging, facts, go_on
 SOAK = os.environ.get("NLOS_SOAK") == "1"
 WRITING = tuple(
     f"recording/{name}.py"
-    for name in ("writer", "header", "lay_out", "file_bytes", "stored_rows", "watched_file", "rescue", "salvage",
+    for name in ("writer", "header", "empty_file", "file_bytes", "stored_rows", "watched_file", "rescue", "salvage",
                  "writer_lock")
 )  # fmt: skip
 

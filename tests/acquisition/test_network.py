@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.network.address import listening_address
 from nlos.acquisition.network.messages import decode_block, decode_plan, decode_request
-from nlos.acquisition.network.mirror import mirror
+from nlos.acquisition.network.served_copy import copy_served
 from nlos.acquisition.network.server import AddressTaken, SampleServer
 from nlos.acquisition.network.ticket import Ticket, new_keys
 from nlos.acquisition.planning.plan import ScanPlan
@@ -79,7 +79,7 @@ def test_a_finished_recording_is_mirrored_whole(tmp_path: Path) -> None:
     run = write(tmp_path / "run.h5")
     with serving(run) as server:
         server.ticket.save(tmp_path / "run.ticket")
-        assert mirror(Ticket.load(tmp_path / "run.ticket"), tmp_path / "far.h5", patience_s=20) == 400
+        assert copy_served(Ticket.load(tmp_path / "run.ticket"), tmp_path / "far.h5", patience_s=20) == 400
     assert same(run, tmp_path / "far.h5")
 
 
@@ -98,7 +98,7 @@ def test_a_growing_recording_is_followed_to_its_end(tmp_path: Path) -> None:
     thread = threading.Thread(target=grow)
     with serving(run) as server:
         thread.start()
-        assert mirror(server.ticket, tmp_path / "far.h5", patience_s=20) == 400
+        assert copy_served(server.ticket, tmp_path / "far.h5", patience_s=20) == 400
         thread.join()
     assert same(run, tmp_path / "far.h5")
 
@@ -150,7 +150,7 @@ def test_a_line_that_is_cut_again_and_again_delivers_every_sample_once(tmp_path:
     with serving(run) as server:
         cable = Cable(int(server.ticket.address.rsplit(":", 1)[1]), 3, 50 if os.environ.get("NLOS_SOAK") else 6)
         ticket = replace(server.ticket, address=f"tcp://127.0.0.1:{cable.port}")
-        assert mirror(ticket, tmp_path / "far.h5", patience_s=60, answer_s=0.3) == 400
+        assert copy_served(ticket, tmp_path / "far.h5", patience_s=60, answer_s=0.3) == 400
         cable.close()
     assert cable.cuts > 0
     assert same(run, tmp_path / "far.h5")
@@ -164,7 +164,7 @@ def test_a_mirror_that_was_interrupted_goes_on(tmp_path: Path) -> None:
         for number in range(123):
             writer.write(sample(number))
     with serving(run) as server:
-        assert mirror(server.ticket, tmp_path / "far.h5", patience_s=20) == 400
+        assert copy_served(server.ticket, tmp_path / "far.h5", patience_s=20) == 400
     with Recording.open(run) as a, Recording.open(tmp_path / "far.h5") as b:
         assert np.array_equal(a.counts_of(0, 400), b.counts_of(0, 400))
 
@@ -175,7 +175,7 @@ def test_nobody_is_answered_without_the_tickets_keys(tmp_path: Path) -> None:
         address, public, secret = server.ticket.address, *new_keys()
         stranger = replace(server.ticket, client_public=public, client_secret=secret)
         with pytest.raises(TimeoutError):
-            mirror(stranger, tmp_path / "far.h5", patience_s=1)
+            copy_served(stranger, tmp_path / "far.h5", patience_s=1)
         plain = zmq.Context().socket(zmq.DEALER)
         plain.connect(address)
         plain.send(b'{"id": 1, "want": "plan"}')
@@ -183,7 +183,7 @@ def test_nobody_is_answered_without_the_tickets_keys(tmp_path: Path) -> None:
         plain.close(linger=0)
         with socket.create_connection(("127.0.0.1", int(address.rsplit(":", 1)[1]))) as raw:
             raw.sendall(np.random.default_rng(0).bytes(5000))
-        assert mirror(server.ticket, tmp_path / "far.h5", patience_s=20) == 10
+        assert copy_served(server.ticket, tmp_path / "far.h5", patience_s=20) == 10
 
 
 @given(st.binary(max_size=300))

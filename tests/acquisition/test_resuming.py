@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 import pytest
 
-from nlos.acquisition.network.mirror import mirror
+from nlos.acquisition.network.served_copy import copy_served
 from nlos.acquisition.network.server import SampleServer
 from nlos.acquisition.network.ticket import Ticket
 from nlos.acquisition.planning.plan import ScanPlan
@@ -269,10 +269,10 @@ def test_a_mirror_never_joins_two_runs_of_one_plan(tmp_path: Path, small_plan: C
     far = write(tmp_path / "far.h5", plan, 11, header=header)
     before = far.read_bytes()
     with serving(other) as ticket, pytest.raises(ResumeRefused, match="another run"):
-        mirror(ticket, far, patience_s=20)
+        copy_served(ticket, far, patience_s=20)
     assert far.read_bytes() == before
     with serving(one) as ticket:
-        assert mirror(ticket, far, patience_s=20) == 36
+        assert copy_served(ticket, far, patience_s=20) == 36
     with Recording.open(far) as copy:
         assert [s.histogram.counts.tobytes() for s in copy.samples()] == [
             sample(plan, number).histogram.counts.tobytes() for number in range(36)

@@ -19,7 +19,7 @@ from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.network import server as server_module
 from nlos.acquisition.network.far_copy import FarCopy
 from nlos.acquisition.network.messages import decode_plan, encode_plan
-from nlos.acquisition.network.mirror import mirror
+from nlos.acquisition.network.served_copy import copy_served
 from nlos.acquisition.network.server import SampleServer
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.scan_settings import ScanSettings
@@ -141,7 +141,7 @@ def test_a_copy_ends_as_its_scan_did(status: Status, small_plan: Callable[..., S
     run = tmp_path / "run.h5"
     RecordingWriter.create(run, small_plan(), Header()).finish(status)
     with serving(run) as server:
-        mirror(server.ticket, tmp_path / "far.h5", patience_s=20)
+        copy_served(server.ticket, tmp_path / "far.h5", patience_s=20)
     assert_same(run, tmp_path / "far.h5")
 
 
@@ -190,7 +190,7 @@ def test_a_killed_scan_is_served_to_its_end_and_again_once_resumed(killed: Path,
     far, plan = tmp_path / "far.h5", ScanSettings.model_validate_json(SCAN).plan()
     with serving(killed) as server:
         with pytest.raises(StorageError, match="writer is gone after 19 samples"):
-            mirror(server.ticket, far, patience_s=20)
+            copy_served(server.ticket, far, patience_s=20)
         assert server.over
         assert verify(far).written == 19
         with open_bench(load("bench", "zero_latency", BenchSettings).settings) as bench:
@@ -198,7 +198,7 @@ def test_a_killed_scan_is_served_to_its_end_and_again_once_resumed(killed: Path,
             assert resumed.writer is not None
             record(scan(plan, bench, taken=resumed.taken, elapsed_s=resumed.elapsed_s), resumed.writer)
             resumed.writer.finish(Status.COMPLETE)
-        assert mirror(server.ticket, far, patience_s=20) == 36
+        assert copy_served(server.ticket, far, patience_s=20) == 36
     assert verify(far).complete
     with Recording.open(killed) as a, Recording.open(far) as b:
         assert np.array_equal(a.records, b.records)
@@ -210,11 +210,11 @@ def test_a_recording_that_takes_the_served_ones_place_is_never_mixed_with_it(
 ) -> None:
     with serving(killed) as server:
         with pytest.raises(StorageError, match="writer is gone"):
-            mirror(server.ticket, tmp_path / "far.h5", patience_s=20)
+            copy_served(server.ticket, tmp_path / "far.h5", patience_s=20)
         plan = ScanSettings.model_validate_json(SCAN).plan()
         RecordingWriter.create(killed, plan, Header(scan_text="another"), overwrite=True).finish(Status.INTERRUPTED)
         with pytest.raises((InvalidData, TimeoutError)):
-            mirror(server.ticket, tmp_path / "far.h5", patience_s=2)
+            copy_served(server.ticket, tmp_path / "far.h5", patience_s=2)
     assert verify(tmp_path / "far.h5").written == 19
 
 
@@ -258,5 +258,5 @@ def test_a_killed_copy_is_resumed_without_a_sample_lost(small_plan: Callable[...
                 os.kill(copy.pid, signal.SIGKILL)
             assert verify(far).corrupt == ()
         writer.finish(Status.COMPLETE)
-        assert mirror(server.ticket, far, patience_s=20) == 256
+        assert copy_served(server.ticket, far, patience_s=20) == 256
     assert verify(far).complete

@@ -7,8 +7,8 @@ from typing import Self
 
 from nlos.drivers.clock import Clock
 from nlos.drivers.errors import CommandRejected, DeviceReset, DeviceTimeout, LimitError, ProtocolError, WrongDevice
-from nlos.drivers.galvo.optotune import commands as wire
-from nlos.drivers.galvo.optotune.commands import Status
+from nlos.drivers.galvo.optotune import wire
+from nlos.drivers.galvo.optotune.wire import Status
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.link.repeats import repeated
 from nlos.drivers.link.serial_line import SerialLine, WireLog

@@ -16,10 +16,10 @@ from nlos.drivers.errors import (
     WrongDevice,
 )
 from nlos.drivers.galvo.mirror import MirrorAngles
-from nlos.drivers.galvo.optotune import commands as wire
-from nlos.drivers.galvo.optotune.commands import Status
+from nlos.drivers.galvo.optotune import wire
 from nlos.drivers.galvo.optotune.controller import DEVICE, REOPEN, Controller
 from nlos.drivers.galvo.optotune.settings import OptotuneSettings
+from nlos.drivers.galvo.optotune.wire import Status
 from nlos.drivers.galvo.whereabouts import Whereabouts
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.link.serial_line import WireLog

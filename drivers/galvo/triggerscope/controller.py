@@ -14,7 +14,7 @@ from nlos.drivers.errors import (
     ProtocolError,
     WrongDevice,
 )
-from nlos.drivers.galvo.triggerscope import commands as wire
+from nlos.drivers.galvo.triggerscope import wire
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.link.serial_line import SerialLine, WireLog
 

@@ -17,7 +17,7 @@ from nlos.drivers.errors import (
 )
 from nlos.drivers.galvo.axis_codes import axis_codes
 from nlos.drivers.galvo.mirror import MirrorAngles
-from nlos.drivers.galvo.triggerscope import commands as wire
+from nlos.drivers.galvo.triggerscope import wire
 from nlos.drivers.galvo.triggerscope.controller import DEVICE, REOPEN, Controller
 from nlos.drivers.galvo.triggerscope.set_up import centre, disarm, ranges, set_up
 from nlos.drivers.galvo.triggerscope.settings import TriggerScopeSettings

@@ -7,7 +7,7 @@ And each SAR puts code 0, -10 V, on every output but its own, so that all of the
 
 from collections.abc import Sequence
 
-from nlos.drivers.galvo.triggerscope import commands as wire
+from nlos.drivers.galvo.triggerscope import wire
 
 
 def set_up(dacs: Sequence[int], shutter_group: int | None) -> list[bytes]:

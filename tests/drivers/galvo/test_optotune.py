@@ -20,7 +20,7 @@ from nlos.drivers.errors import (
     WrongDevice,
 )
 from nlos.drivers.galvo.mirror import MirrorAngles
-from nlos.drivers.galvo.optotune import commands as wire
+from nlos.drivers.galvo.optotune import wire
 from nlos.drivers.galvo.optotune.mirror import Optotune, OptotuneSettings
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.faults import Fault

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from nlos.drivers.errors import CommandRejected, LimitError, WrongDevice
 from nlos.drivers.galvo.mirror import MirrorAngles
-from nlos.drivers.galvo.triggerscope import commands as wire
+from nlos.drivers.galvo.triggerscope import wire
 from nlos.drivers.galvo.triggerscope.mirror import TriggerScope, TriggerScopeSettings
 from nlos.drivers.galvo.triggerscope.settings import AxisSettings
 from nlos.drivers.simulated.bench import SimulatedBench

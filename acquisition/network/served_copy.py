@@ -87,7 +87,7 @@ class _Line:
         self._context.term()
 
 
-def mirror(
+def copy_served(
     ticket: Ticket,
     target: Path,
     *,
