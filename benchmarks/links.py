@@ -16,7 +16,7 @@ from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.simulated.bench import Exposure, Gate, SimulatedBench
 from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
 from nlos.drivers.simulated.usb.backend import SimulatedUsb
-from nlos.drivers.tcspc.counter import HistogramAxis, Trigger
+from nlos.drivers.tcspc.counter import HistogramAxis, PointGates, Trigger
 from nlos.drivers.tcspc.t3 import GENERIC, T3Decoder
 from nlos.drivers.tcspc.t3_points import PointHistograms, StepMarkers
 from nlos.drivers.tcspc.tcspc488.counter import open_tcspc488
@@ -59,7 +59,7 @@ def drain_mb_s() -> tuple[float, float]:
     counter.configure(HistogramAxis(BINS, 32e-12))
     points = BLOCK_BYTES // record_bytes(BINS, True)
     size = points * record_bytes(BINS, True)
-    counter.arm([1e-3] * points, range(points), Trigger.CLOCK)
+    counter.arm(PointGates([1e-3] * points, range(points), Trigger.CLOCK))
     counter.wait_points(points, 10.0)
     block = bytes(size)
     drain_s = best_s(lambda: counter.read(0, points))

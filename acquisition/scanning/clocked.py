@@ -17,7 +17,7 @@ from nlos.acquisition.scanning.control import ScanControl
 from nlos.acquisition.scanning.light_watch import LightOff, LightWatch
 from nlos.drivers.bench import Bench
 from nlos.drivers.galvo.mirror import MirrorAngles, OwnClock, OwnSteps, own_clock
-from nlos.drivers.tcspc.counter import WAITING_NUMBER, CounterStatus, HistogramFlag, Trigger
+from nlos.drivers.tcspc.counter import WAITING_NUMBER, CounterStatus, HistogramFlag, PointGates, Trigger
 
 BLOCK_S = 0.1
 """How long a block of points lasts: how often the watchdog is kicked, samples are judged and a pause is noticed."""
@@ -146,9 +146,9 @@ def take(
     armed_s = clock.now() - start_s
     bench.announce(plan.numbers)
     if own is None or plan.own is None:
-        counter.arm(plan.dwells_s, plan.numbers, Trigger.CLOCK, plan.blanking_s)
+        counter.arm(PointGates(plan.dwells_s, plan.numbers, Trigger.CLOCK, plan.blanking_s))
     else:
-        counter.arm(plan.dwells_s, plan.numbers, Trigger.MIRROR, plan.blanking_s, plan.own.step_s)
+        counter.arm(PointGates(plan.dwells_s, plan.numbers, Trigger.MIRROR, plan.blanking_s, plan.own.step_s))
         own.play()
     entries = len(plan.index)
     block = max(1, min(round(entries * BLOCK_S / plan.duration_s), BLOCK_POINTS))

@@ -7,6 +7,7 @@ from nlos.acquisition.scanning.control import ScanControl
 from nlos.acquisition.scanning.light_watch import LightOff, LightWatch
 from nlos.drivers.bench import Bench
 from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.tcspc.counter import PointGates
 
 LOOK_S = 0.25
 """Within a longer dwell, how often a request to pause is looked for."""
@@ -28,7 +29,7 @@ def take(
     mirror, counter, clock = bench.mirror, bench.counter, bench.clock
     numbers = [point.number for point in points]
     bench.announce(numbers)
-    counter.arm([point.dwell_s for point in points], numbers)
+    counter.arm(PointGates([point.dwell_s for point in points], numbers))
     mirror.move_to(angles[0])
     bench.shutter.open()
     for index, point in enumerate(points):

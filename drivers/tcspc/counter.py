@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from nlos.drivers.errors import LimitError
 from nlos.drivers.identity import DeviceIdentity
 
 WAITING_NUMBER = 0xFFFF_FFFF
@@ -85,6 +86,28 @@ class Trigger(Enum):
 
 
 @dataclass(frozen=True)
+class PointGates:
+    """Points to get ready for. `numbers` are the plan's own, stamped into the records so that a record can never be
+    taken for another point's. `blanking_s`: dead time after each clock step while the mirror settles. `step_s`: with
+    `Trigger.MIRROR`, how often the mirror steps."""
+
+    dwells_s: Sequence[float]
+    numbers: Sequence[int]
+    trigger: Trigger = Trigger.HOST
+    blanking_s: float = 0.0
+    step_s: float = 0.0
+
+    def check(self, device: str, axis: HistogramAxis | None, most: int) -> HistogramAxis:
+        """The axis. Raises `LimitError` where none was set, and for more points than `most`, or none."""
+        if axis is None:
+            raise LimitError(device, "armed before a time axis was set.", "Call configure() first.")
+        dwells, numbers = len(self.dwells_s), len(self.numbers)
+        if dwells != numbers or not 1 <= dwells <= most:
+            raise LimitError(device, f"{dwells} dwells and {numbers} numbers.", f"Arm as many of both, 1 to {most}.")
+        return axis
+
+
+@dataclass(frozen=True)
 class CounterStatus:
     """`points_done` counts complete points since `arm`; `markers` the mirror's marker edges, None where not wired;
     `steps_due` how many there should have been by then. Where the two differ, mirror and counter are out of step."""
@@ -151,17 +174,8 @@ class HistogramCounter(Protocol):
         """Sets the time axis and, for exposures that end at a number of counts, when to stop early."""
         ...
 
-    def arm(
-        self,
-        dwells_s: Sequence[float],
-        numbers: Sequence[int],
-        trigger: Trigger = Trigger.HOST,
-        blanking_s: float = 0.0,
-        step_s: float = 0.0,
-    ) -> None:
-        """Gets ready for `len(dwells_s)` points. `numbers` are the plan's own point numbers, stamped into the records
-        so that a record can never be taken for another point's. `blanking_s`: dead time after each clock step while
-        the mirror settles. `step_s`: with `Trigger.MIRROR`, how often the mirror steps."""
+    def arm(self, gates: PointGates) -> None:
+        """Gets ready for these points. Raises `LimitError` for what the instrument cannot do exactly."""
         ...
 
     def trigger(self) -> None:

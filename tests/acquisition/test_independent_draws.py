@@ -9,7 +9,7 @@ from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.planning.schemes import Scheme
 from nlos.acquisition.scanning.engine import scan
 from nlos.drivers.bench import open_bench
-from nlos.drivers.tcspc.counter import HistogramAxis
+from nlos.drivers.tcspc.counter import HistogramAxis, PointGates
 from tests.acquisition.fault_cases import BENCHES, settings
 
 GATES, DWELL_S = 40, 0.05
@@ -64,7 +64,7 @@ def test_equal_gates_by_hand_are_independent_draws(name: str) -> None:
             bench.shutter.open()
             rows = []
             for first in range(0, GATES, GATES // 2):
-                bench.counter.arm([DWELL_S] * (GATES // 2), range(first, first + GATES // 2))
+                bench.counter.arm(PointGates([DWELL_S] * (GATES // 2), range(first, first + GATES // 2)))
                 for index in range(GATES // 2):
                     bench.counter.trigger()
                     bench.counter.wait_points(index + 1, timeout_s=2.0)

@@ -11,7 +11,7 @@ import threading
 from nlos.configs.load import load
 from nlos.drivers.bench import Bench, BenchSettings, open_bench
 from nlos.drivers.galvo.mirror import MirrorAngles
-from nlos.drivers.tcspc.counter import HistogramAxis
+from nlos.drivers.tcspc.counter import HistogramAxis, PointGates
 
 
 def log(device: str, direction: str, data: bytes) -> None:
@@ -25,7 +25,7 @@ def scan(bench: Bench) -> None:
     bench.counter.configure(HistogramAxis(512, 32e-12, 10e-9))
     bench.shutter.open()
     for pass_ in range(10_000):
-        bench.counter.arm([1e-3] * points, list(range(points)))
+        bench.counter.arm(PointGates([1e-3] * points, list(range(points))))
         for point in range(points):
             bench.mirror.move_to(MirrorAngles(1e-4 * point, 0.0))
             bench.counter.trigger()

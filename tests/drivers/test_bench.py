@@ -15,7 +15,7 @@ from nlos.drivers.errors import DeviceBusy, DeviceError, LimitError, SafetyTrip
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.serial.port import unplug
-from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, PointGates
 
 AXES = {
     "tcspc488": HistogramAxis(512, 32e-12, 10e-9),
@@ -40,7 +40,7 @@ def bench(**simulation: Any) -> Iterator[tuple[Bench, list[tuple[str, str]]]]:
 
 def measure(opened: Bench, points: int = 3) -> list[Histogram]:
     opened.counter.configure(AXES[opened.settings.counter.model])
-    opened.counter.arm([8e-3] * points, list(range(points)))
+    opened.counter.arm(PointGates([8e-3] * points, list(range(points))))
     histograms = []
     for point in range(points):
         opened.mirror.move_to(MirrorAngles(0.02 * point, -0.01))

@@ -16,7 +16,7 @@ from nlos.drivers.errors import DeviceNotFound
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.instruments import light_of
 from nlos.drivers.simulated.picoquant.library import PicoquantLibrary
-from nlos.drivers.tcspc.counter import HistogramAxis
+from nlos.drivers.tcspc.counter import HistogramAxis, PointGates
 from nlos.drivers.tcspc.picoquant.counter import open_picoquant
 from nlos.drivers.tcspc.picoquant.families import FAMILIES, PicoquantSettings
 from nlos.drivers.tcspc.picoquant.library import VendorLibrary
@@ -61,7 +61,7 @@ def calls_of_a_scan(device: str) -> list[tuple[str, tuple[Any, ...]]]:
         functions = Listener(PicoquantLibrary(bench, device, 10e6))
         counter = open_picoquant(PicoquantSettings(model="picoquant", device=device, mode=mode), bench.clock, functions)
         counter.configure(HistogramAxis(512, 80e-12 if device == "multiharp150" else 32e-12))
-        counter.arm([2e-3] * 3, [0, 1, 2])
+        counter.arm(PointGates([2e-3] * 3, [0, 1, 2]))
         for point in range(3):
             counter.trigger()
             counter.wait_points(point + 1, 1.0)

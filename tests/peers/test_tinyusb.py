@@ -19,7 +19,7 @@ from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.instruments import light_of
 from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
 from nlos.drivers.simulated.usb.backend import SimulatedUsb
-from nlos.drivers.tcspc.counter import Histogram, HistogramAxis
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, PointGates
 from nlos.drivers.tcspc.tcspc488.counter import open_tcspc488
 from nlos.drivers.tcspc.tcspc488.settings import Tcspc488Settings
 from tests.peers.tinyusb.backend import TinyUsb, silence
@@ -178,7 +178,7 @@ def scanned(bench: SimulatedBench, backend: object, mode: str) -> list[Histogram
     bench.set_shutter(True)
     counter = open_tcspc488(Tcspc488Settings(model="tcspc488", mode=mode), bench.clock, backend)
     counter.configure(HistogramAxis(512, 32e-12, 8e-9))
-    counter.arm([2e-3] * 40, list(range(40)))
+    counter.arm(PointGates([2e-3] * 40, list(range(40))))
     for point in range(40):
         bench.steer(MirrorAngles(0.005 * point, 0.0), bench.clock.now(), 0.0)
         counter.trigger()

@@ -15,6 +15,7 @@ from nlos.drivers.tcspc.counter import (
     Histogram,
     HistogramAxis,
     HistogramFlag,
+    PointGates,
     StopAtCounts,
     Trigger,
 )
@@ -102,35 +103,25 @@ class Picoquant:
             call("SetStopOverflow", 0, ctypes.c_uint(self._family.largest_count))
         self._axis, self._codes = axis, codes
 
-    def arm(
-        self,
-        dwells_s: Sequence[float],
-        numbers: Sequence[int],
-        trigger: Trigger = Trigger.HOST,
-        blanking_s: float = 0.0,
-        step_s: float = 0.0,
-    ) -> None:
+    def arm(self, gates: PointGates) -> None:
         """The instrument knows no point numbers: histograms are told apart by their order since here."""
-        if self._axis is None:
-            raise LimitError(self._device, "armed before a time axis was set.", "Call configure() first.")
-        if len(dwells_s) != len(numbers) or not 1 <= len(dwells_s) <= self.max_points:
-            raise LimitError(self._device, f"{len(dwells_s)} dwells and {len(numbers)} numbers.", "Arm fewer points.")
+        gates.check(self._device, self._axis, self.max_points)
         self.abort()
-        self._check_trigger(dwells_s, trigger, blanking_s)
+        self._check_trigger(gates)
         self._sync_hz = self.rates().sync_hz
         if self._sync_hz <= 0:
             raise SyncLost(self._device, "sees no sync signal.", "Check laser, sync cable and sync.level_mv.")
-        self._dwells_s, self._taken, self._triggered = dwells_s, [], 0
+        self._dwells_s, self._taken, self._triggered = gates.dwells_s, [], 0
         self._armed_s = self._clock.now()
 
-    def _check_trigger(self, dwells_s: Sequence[float], trigger: Trigger, blanking_s: float) -> None:
-        if trigger is not Trigger.HOST:
+    def _check_trigger(self, gates: PointGates) -> None:
+        if gates.trigger is not Trigger.HOST:
             raise LimitError(
                 self._device,
                 "in histogram mode every point is started by the host.",
                 "Set mode: t3 in the bench file for scans stepped by a clock.",
             )
-        for dwell_s in set(dwells_s):
+        for dwell_s in set(gates.dwells_s):
             self._milliseconds(dwell_s)
 
     def _milliseconds(self, dwell_s: float) -> int:

@@ -2,14 +2,13 @@
 
 import ctypes
 import math
-from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from nlos.drivers.clock import Clock
 from nlos.drivers.errors import LimitError
-from nlos.drivers.tcspc.counter import CounterStatus, Histogram, HistogramFlag, Trigger
+from nlos.drivers.tcspc.counter import CounterStatus, Histogram, HistogramFlag, PointGates, Trigger
 from nlos.drivers.tcspc.picoquant.families import PicoquantSettings
 from nlos.drivers.tcspc.picoquant.histogram import Picoquant
 from nlos.drivers.tcspc.picoquant.library import VendorLibrary, not_in_time
@@ -47,18 +46,18 @@ class PicoquantT3(Picoquant):
         self._all_flags = HistogramFlag.NONE
         self._single = (np.zeros(0, dtype=np.int64), 0)
 
-    def _check_trigger(self, dwells_s: Sequence[float], trigger: Trigger, blanking_s: float) -> None:
+    def _check_trigger(self, gates: PointGates) -> None:
         self._points = self._markers = None
-        if trigger is Trigger.HOST:
-            super()._check_trigger(dwells_s, trigger, blanking_s)
+        if gates.trigger is Trigger.HOST:
+            super()._check_trigger(gates)
             return
-        if trigger is Trigger.MIRROR:
+        if gates.trigger is Trigger.MIRROR:
             return
         if not self.has_pixel_clock:
             raise LimitError(self._device, "it has no trigger output to step the mirror.", "Scan point by point.")
-        if len(set(dwells_s)) != 1:
+        if len(set(gates.dwells_s)) != 1:
             raise LimitError(self._device, "its clock has one period for all points.", "Use a uniform dwell.")
-        period = (dwells_s[0] + blanking_s) / _CLOCK_UNIT_S
+        period = (gates.dwells_s[0] + gates.blanking_s) / _CLOCK_UNIT_S
         if abs(period - round(period)) > 1e-3 or not 1 <= round(period) <= _LONGEST_PERIOD:
             raise LimitError(
                 self._device,
@@ -73,22 +72,16 @@ class PicoquantT3(Picoquant):
             raise LimitError(self._device, f"dwell {dwell_s * 1e3:g} ms is not within 0 to 100 h.", "Change dwell_ms.")
         return whole
 
-    def arm(
-        self,
-        dwells_s: Sequence[float],
-        numbers: Sequence[int],
-        trigger: Trigger = Trigger.HOST,
-        blanking_s: float = 0.0,
-        step_s: float = 0.0,
-    ) -> None:
+    def arm(self, gates: PointGates) -> None:
         """As `Picoquant.arm`. With `Trigger.CLOCK` the trigger output steps the mirror from now on; with
         `Trigger.MIRROR` the mirror's marks are only waited for."""
-        super().arm(dwells_s, numbers, trigger, blanking_s, step_s)
+        super().arm(gates)
         axis, codes = self._configured()
         self._all_flags = HistogramFlag.NONE
-        if trigger is Trigger.HOST:
+        if gates.trigger is Trigger.HOST:
             return
-        self._period_s, self._blanking_s = step_s or dwells_s[0] + blanking_s, blanking_s
+        dwells_s, blanking_s = gates.dwells_s, gates.blanking_s
+        self._period_s, self._blanking_s = gates.step_s or dwells_s[0] + blanking_s, blanking_s
         dwells = np.round(np.asarray(dwells_s) * self._sync_hz).astype(np.int64)
         self._markers = StepMarkers(dwells, round(blanking_s * self._sync_hz), _STEP_MARKERS)
         self._points = PointHistograms(
@@ -101,7 +94,7 @@ class PicoquantT3(Picoquant):
         )
         self._decoder = T3Decoder(self._family.layout)
         self._begin(round((len(dwells_s) + 2) * self._period_s * 1e3) + 1000)
-        if trigger is Trigger.CLOCK:
+        if gates.trigger is Trigger.CLOCK:
             self._library.call("SetTriggerOutput", round(self._period_s / _CLOCK_UNIT_S))
 
     def wait_points(self, count: int, timeout_s: float) -> CounterStatus:

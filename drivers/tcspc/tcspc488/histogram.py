@@ -9,7 +9,15 @@ from itertools import accumulate
 
 from nlos.drivers.errors import CommandRejected, DeviceReset, DeviceTimeout, LimitError
 from nlos.drivers.identity import DeviceIdentity
-from nlos.drivers.tcspc.counter import CounterStatus, CountRates, Histogram, HistogramAxis, StopAtCounts, Trigger
+from nlos.drivers.tcspc.counter import (
+    CounterStatus,
+    CountRates,
+    Histogram,
+    HistogramAxis,
+    PointGates,
+    StopAtCounts,
+    Trigger,
+)
 from nlos.drivers.tcspc.tcspc488.instrument import Instrument
 from nlos.drivers.tcspc.tcspc488.messages import (
     WIDTHS,
@@ -97,32 +105,21 @@ class Tcspc488:
         if self.instrument.look()[0].tripped:
             self.instrument.tripped(())
 
-    def arm(
-        self,
-        dwells_s: Sequence[float],
-        numbers: Sequence[int],
-        trigger: Trigger = Trigger.HOST,
-        blanking_s: float = 0.0,
-        step_s: float = 0.0,
-    ) -> None:
+    def arm(self, gates: PointGates) -> None:
         """Gets ready for the points; every setting is read back before the instrument is started. With
         `Trigger.MIRROR` each edge at the trigger input begins the next one."""
-        if self._axis is None:
-            raise LimitError(self._device, "armed before a time axis was set.", "Call configure() first.")
-        if len(dwells_s) != len(numbers) or not 1 <= len(dwells_s) <= self.max_points:
-            raise LimitError(
-                self._device,
-                f"{len(dwells_s)} dwells and {len(numbers)} numbers; both must be 1 to {self.max_points} of the same.",
-            )
-        dwells_us = [microseconds(self._device, each) for each in dwells_s]
-        blanking_us = microseconds(self._device, blanking_s) if blanking_s else 0
+        gates.check(self._device, self._axis, self.max_points)
+        trigger, numbers = gates.trigger, gates.numbers
+        dwells_us = [microseconds(self._device, each) for each in gates.dwells_s]
+        blanking_us = microseconds(self._device, gates.blanking_s) if gates.blanking_s else 0
         commands, lists = arm_commands(dwells_us, trigger, blanking_us, self._stops, "T3" if self.list_mode else "HIST")
         lists["ACQ:NUMB:LIST"] = list(numbers)
         self.instrument.initiate(commands, lists)
-        self._dwells_s, self._numbers, self._trigger = dwells_s, numbers, trigger
+        self._dwells_s, self._numbers, self._trigger = gates.dwells_s, numbers, trigger
         self._triggered, self._brought = 0, None
         start_s = self.clock.now()
-        self._due_s = [start_s + each for each in accumulate(step_s or (us + blanking_us) * 1e-6 for us in dwells_us)]
+        steps_s = (gates.step_s or (us + blanking_us) * 1e-6 for us in dwells_us)
+        self._due_s = [start_s + each for each in accumulate(steps_s)]
 
     # Acquiring
 

@@ -4,12 +4,18 @@ The instrument marks each gate in the stream, so photons belong to a point by th
 mirror moved belong to none. The stream is told once: what the link loses of it, the points under way have lost.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from nlos.drivers.errors import CommandRejected, DeviceLost, DeviceTimeout, LimitError, ProtocolError
-from nlos.drivers.tcspc.counter import CounterStatus, Histogram, HistogramAxis, HistogramFlag, StopAtCounts, Trigger
+from nlos.drivers.tcspc.counter import (
+    CounterStatus,
+    Histogram,
+    HistogramAxis,
+    HistogramFlag,
+    PointGates,
+    StopAtCounts,
+    Trigger,
+)
 from nlos.drivers.tcspc.t3 import GENERIC, T3Decoder
 from nlos.drivers.tcspc.t3_points import PointHistograms
 from nlos.drivers.tcspc.tcspc488.gates import Gates
@@ -49,25 +55,18 @@ class Tcspc488T3(Tcspc488):
         if axis.bins > 1 << GENERIC.delay_bits:
             raise LimitError(self._device, f"a T3 record counts {1 << GENERIC.delay_bits} bins, not {axis.bins}.")
 
-    def arm(
-        self,
-        dwells_s: Sequence[float],
-        numbers: Sequence[int],
-        trigger: Trigger = Trigger.HOST,
-        blanking_s: float = 0.0,
-        step_s: float = 0.0,
-    ) -> None:
+    def arm(self, gates: PointGates) -> None:
         """As `Tcspc488.arm`; the laser's rate is measured, which turns dwells into laser pulses."""
         if self._axis is not None:
             self._check_records(self._axis, self._stops)
         self._sync_hz = self.rates().sync_hz
-        super().arm(dwells_s, numbers, trigger, blanking_s, step_s)
+        super().arm(gates)
         assert self._axis is not None
         self._decoder = T3Decoder(GENERIC)
-        dwells = np.round(np.asarray(dwells_s) * self._sync_hz).astype(np.int64)
-        self._gates = Gates(dwells, self.counts_markers and trigger is not Trigger.HOST)
+        dwells = np.round(np.asarray(gates.dwells_s) * self._sync_hz).astype(np.int64)
+        self._gates = Gates(dwells, self.counts_markers and gates.trigger is not Trigger.HOST)
         self._points = PointHistograms(
-            len(dwells_s), self._axis.bins, self._gates, disorder=round(self._disorder_s * self._sync_hz)
+            len(gates.dwells_s), self._axis.bins, self._gates, disorder=round(self._disorder_s * self._sync_hz)
         )
         self._broken = False
 

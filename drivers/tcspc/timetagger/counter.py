@@ -18,6 +18,7 @@ from nlos.drivers.tcspc.counter import (
     Histogram,
     HistogramAxis,
     HistogramFlag,
+    PointGates,
     StopAtCounts,
     Trigger,
 )
@@ -108,21 +109,11 @@ class TimeTagger:
         self.check(axis, 1.0, stop)
         self._axis, self._histogram = axis, None
 
-    def arm(
-        self,
-        dwells_s: Sequence[float],
-        numbers: Sequence[int],
-        trigger: Trigger = Trigger.HOST,
-        blanking_s: float = 0.0,
-        step_s: float = 0.0,
-    ) -> None:
+    def arm(self, gates: PointGates) -> None:
         """The instrument knows no point numbers: histograms are told apart by their order since here. The laser's rate
         is measured, which says how many bins a period has."""
-        axis = self._axis
-        if axis is None:
-            raise LimitError(self._device, "armed before a time axis was set.", "Call configure() first.")
-        if len(dwells_s) != len(numbers) or not 1 <= len(dwells_s) <= self.max_points:
-            raise LimitError(self._device, f"{len(dwells_s)} dwells and {len(numbers)} numbers.", "Arm fewer points.")
+        axis = gates.check(self._device, self._axis, self.max_points)
+        dwells_s, trigger, blanking_s = gates.dwells_s, gates.trigger, gates.blanking_s
         for dwell_s in set(dwells_s):
             self.check(axis, dwell_s)
         self.abort()
@@ -145,7 +136,7 @@ class TimeTagger:
         self._armed_s = self._clock.now()
         if trigger is not Trigger.HOST:
             kind: type[ByTags | ByFlim] = ByTags if self._settings.mode == "list" else ByFlim
-            points, dwell_s, step_s = len(dwells_s), dwells_s[0], step_s or dwells_s[0] + blanking_s
+            points, dwell_s, step_s = len(dwells_s), dwells_s[0], gates.step_s or dwells_s[0] + blanking_s
             clock = PixelClock(self.tagger, self._settings.pixel_clock if trigger is Trigger.CLOCK else None, step_s)
             made = kind(self.tagger, self._settings, axis, self._period, points, dwell_s, blanking_s, clock)
             self._clocked = made

@@ -11,7 +11,7 @@ from nlos.acquisition.direct_peak import DirectPeak, direct_peak
 from nlos.by_hand.light import LightOnRequest
 from nlos.drivers.clock import Clock
 from nlos.drivers.partial_bench import PartialBench
-from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramCounter
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramCounter, PointGates
 
 DWELL_S = 0.04
 _AT_ONCE = 63
@@ -71,7 +71,7 @@ class Watch:
     def look(self) -> Reading:
         """The next gate. Raises `SafetyTrip` with the light off where too many photons come, and `DeviceError`."""
         if self._index == self._armed:
-            self._counter.arm([DWELL_S] * _AT_ONCE, range(self._number, self._number + _AT_ONCE))
+            self._counter.arm(PointGates([DWELL_S] * _AT_ONCE, range(self._number, self._number + _AT_ONCE)))
             self._armed, self._index = _AT_ONCE, 0
             self._number += _AT_ONCE
         before = self._light.lit

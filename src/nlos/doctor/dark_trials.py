@@ -13,7 +13,7 @@ from nlos.doctor.gates import axis_of, gates
 from nlos.doctor.hands import hands_for
 from nlos.drivers.bench import Bench
 from nlos.drivers.galvo.mirror import MeasuresPosition, own_clock
-from nlos.drivers.tcspc.counter import HistogramAxis, HistogramFlag, Trigger
+from nlos.drivers.tcspc.counter import HistogramAxis, HistogramFlag, PointGates, Trigger
 
 _READ_BACK_DEG = 0.3
 """Mechanical; beyond what any controller's own sensor is accurate to."""
@@ -84,10 +84,12 @@ def markers(bench: Bench) -> Iterator[Finding]:
     mirror.start()
     try:
         if own is not None and steps is not None:
-            counter.arm([_STEP_S] * len(path), range(len(path)), Trigger.MIRROR, steps.blanking_s, steps.step_s)
+            counter.arm(
+                PointGates([_STEP_S] * len(path), range(len(path)), Trigger.MIRROR, steps.blanking_s, steps.step_s)
+            )
             own.play()
         else:
-            counter.arm([_STEP_S] * len(path), range(len(path)), Trigger.CLOCK, 0.0)
+            counter.arm(PointGates([_STEP_S] * len(path), range(len(path)), Trigger.CLOCK, 0.0))
         status = counter.wait_points(len(path), timeout_s=len(path) * _STEP_S + 2.0)
         flags = HistogramFlag.NONE
         for histogram in counter.read(0, len(path)):

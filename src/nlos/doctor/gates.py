@@ -10,7 +10,7 @@ import numpy.typing as npt
 from nlos.acquisition.scanning.left_to_take import SPOILT
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import DeviceFault, LimitError
-from nlos.drivers.tcspc.counter import Histogram, HistogramAxis
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, PointGates
 
 SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
 _AXES = ((1024, 16.0), (1024, 32.0), (1024, 20.0), (1024, 40.0), (1024, 64.0), (1024, 80.0))
@@ -45,7 +45,7 @@ def gates(bench: Bench, dwells_s: Sequence[float], number: int = 0) -> list[Hist
     """One gate after the other where the beam is; the counter must be configured. `number`: of the first one. Raises
     `DeviceFault` for a gate that no scan would keep."""
     counter = bench.counter
-    counter.arm(dwells_s, range(number, number + len(dwells_s)))
+    counter.arm(PointGates(dwells_s, range(number, number + len(dwells_s))))
     taken = []
     for index, dwell_s in enumerate(dwells_s):
         counter.trigger()

@@ -13,7 +13,7 @@ from nlos.doctor.area import angles_of, area_of, range_m
 from nlos.doctor.findings import Chart, Finding, failed, passed, warned
 from nlos.doctor.gates import arrival, axis_of, delay_unknown, expected_s, gates
 from nlos.drivers.bench import Bench
-from nlos.drivers.tcspc.counter import HistogramAxis, Trigger
+from nlos.drivers.tcspc.counter import HistogramAxis, PointGates, Trigger
 
 _RATE_S = 0.2
 _RATE_GATES = 5
@@ -129,7 +129,7 @@ def _clocked(bench: Bench, slices: int) -> tuple[npt.NDArray[np.int64], npt.NDAr
     try:
         with lit(bench):
             mirror.start()
-            counter.arm([_SLICE_S[True]] * len(path), range(len(path)), Trigger.CLOCK, 0.0)
+            counter.arm(PointGates([_SLICE_S[True]] * len(path), range(len(path)), Trigger.CLOCK, 0.0))
             for index in range(steps):
                 first = (2 * index + 1) * slices
                 counter.wait_points(first + slices, timeout_s=2 * slices * _SLICE_S[True] + 2.0)
@@ -151,7 +151,7 @@ def _by_hand(bench: Bench, slices: int) -> tuple[npt.NDArray[np.int64], npt.NDAr
         for index in range(steps):
             mirror.move_to(start)
             first = index * slices
-            counter.arm([_SLICE_S[False]] * slices, range(first, first + slices))
+            counter.arm(PointGates([_SLICE_S[False]] * slices, range(first, first + slices)))
             mirror.begin_move(end)
             begun_s = clock.now()
             for number in range(slices):

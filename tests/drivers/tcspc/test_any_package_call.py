@@ -14,7 +14,7 @@ from nlos.drivers.errors import DeviceError
 from nlos.drivers.simulated.bench import Exposure, Gate, SimulatedBench
 from nlos.drivers.simulated.simulation_settings import SimulationSettings
 from nlos.drivers.simulated.table import SimulatedTable
-from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, Trigger
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, PointGates, Trigger
 from nlos.drivers.tcspc.timetagger.counter import TimeTagger
 from nlos.drivers.tcspc.timetagger.model import TIMETAGGER
 from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
@@ -69,7 +69,7 @@ def steady(gate: Gate, beam: object, is_open: bool) -> Exposure:
 
 def take(counter: TimeTagger, trigger: Trigger) -> list[Histogram]:
     counter.configure(AXIS)
-    counter.arm(DWELLS_S, range(4), trigger, 0.001 if trigger is Trigger.CLOCK else 0.0)
+    counter.arm(PointGates(DWELLS_S, range(4), trigger, 0.001 if trigger is Trigger.CLOCK else 0.0))
     taken: list[Histogram] = []
     for k in range(4):
         if trigger is Trigger.HOST:

@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from nlos.drivers.errors import DeviceError
-from nlos.drivers.tcspc.counter import HistogramAxis, HistogramFlag, Trigger
+from nlos.drivers.tcspc.counter import HistogramAxis, HistogramFlag, PointGates, Trigger
 
 CASES = 5000 if os.environ.get("NLOS_SOAK") else 300
 LONGEST_CALL_S = 20.0  # a dozen exchanges, each asked for twice and recovered from
@@ -84,7 +84,7 @@ def scan(this: Any, trigger: Trigger) -> Iterator[Callable[[], Any]]:
     taken: list[Any] = []
     yield lambda: counter.arm_watchdog(60.0)
     yield lambda: counter.configure(HistogramAxis(BINS, 32e-12))
-    yield lambda: counter.arm([0.002, 0.001, 0.002, 0.003], NUMBERS, trigger, 0.0)
+    yield lambda: counter.arm(PointGates([0.002, 0.001, 0.002, 0.003], NUMBERS, trigger, 0.0))
     for k in range(len(NUMBERS)):
         if trigger is Trigger.HOST:
             yield counter.trigger

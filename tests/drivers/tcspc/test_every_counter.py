@@ -23,6 +23,7 @@ from nlos.drivers.tcspc.counter import (
     HistogramAxis,
     HistogramCounter,
     HistogramFlag,
+    PointGates,
     StopAtCounts,
     Trigger,
 )
@@ -90,7 +91,7 @@ class Lab:
         self.bench.edge(f"marker_{2 - self.steps % 2}", when_s)
 
     def one_by_one(self, points: int = len(NUMBERS)) -> list[Histogram]:
-        self.counter.arm([DWELL_S] * points, NUMBERS[:points])
+        self.counter.arm(PointGates([DWELL_S] * points, NUMBERS[:points]))
         histograms = []
         for k in range(points):
             self.counter.trigger()
@@ -187,11 +188,11 @@ def test_what_it_cannot_do_exactly_is_refused_and_nothing_is_sent(lab: Lab) -> N
 def test_arming_takes_as_many_numbers_as_dwells_and_no_more_than_it_can(lab: Lab) -> None:
     for dwells_s, numbers in [([], []), ([DWELL_S], [1, 2]), ([DWELL_S] * 2, [1])]:
         with pytest.raises(LimitError):
-            lab.counter.arm(dwells_s, numbers)
+            lab.counter.arm(PointGates(dwells_s, numbers))
     too_many = lab.counter.max_points + 1
     if too_many < 200_000:
         with pytest.raises(LimitError):
-            lab.counter.arm([DWELL_S] * too_many, range(too_many))
+            lab.counter.arm(PointGates([DWELL_S] * too_many, range(too_many)))
 
 
 def test_no_more_points_are_triggered_than_armed(lab: Lab) -> None:
@@ -201,13 +202,13 @@ def test_no_more_points_are_triggered_than_armed(lab: Lab) -> None:
 
 
 def test_a_point_that_was_not_triggered_is_not_waited_for(lab: Lab) -> None:
-    lab.counter.arm([DWELL_S] * 2, [1, 2])
+    lab.counter.arm(PointGates([DWELL_S] * 2, [1, 2]))
     with pytest.raises(CommandRejected):
         lab.counter.wait_points(1, 0.5)
 
 
 def test_a_point_that_takes_longer_than_it_may_is_a_timeout(lab: Lab) -> None:
-    lab.counter.arm([5.0] * 2, [1, 2])
+    lab.counter.arm(PointGates([5.0] * 2, [1, 2]))
     lab.counter.trigger()
     start_s = lab.bench.clock.now()
     with pytest.raises(DeviceTimeout):
@@ -219,13 +220,13 @@ def test_points_that_are_not_complete_cannot_be_read(lab: Lab) -> None:
     lab.one_by_one(1)
     with pytest.raises(DeviceError):
         lab.counter.read(1, 1)
-    lab.counter.arm([DWELL_S] * 2, [1, 2])
+    lab.counter.arm(PointGates([DWELL_S] * 2, [1, 2]))
     with pytest.raises(DeviceError):
         lab.counter.read(0, 1)
 
 
 def test_after_an_abort_it_starts_afresh(lab: Lab) -> None:
-    lab.counter.arm([DWELL_S] * 3, [1, 2, 3])
+    lab.counter.arm(PointGates([DWELL_S] * 3, [1, 2, 3]))
     lab.counter.trigger()
     lab.bench.clock.sleep(DWELL_S / 2)
     lab.counter.abort()
@@ -241,10 +242,10 @@ def test_rates_are_those_of_the_inputs(lab: Lab) -> None:
 def test_its_pixel_clock_steps_once_per_point_and_points_come_in_their_order(lab: Lab) -> None:
     if not lab.counter.has_pixel_clock:
         with pytest.raises(LimitError):
-            lab.counter.arm([DWELL_S] * 4, NUMBERS, Trigger.CLOCK, BLANKING_S)
+            lab.counter.arm(PointGates([DWELL_S] * 4, NUMBERS, Trigger.CLOCK, BLANKING_S))
         return
     lab.ready_to_step(4)
-    lab.counter.arm([DWELL_S] * 4, NUMBERS, Trigger.CLOCK, BLANKING_S)
+    lab.counter.arm(PointGates([DWELL_S] * 4, NUMBERS, Trigger.CLOCK, BLANKING_S))
     start_s = lab.bench.clock.now()
     status = lab.counter.wait_points(4, 1.0)
     assert status.points_done == 4
@@ -262,7 +263,7 @@ def test_asking_for_rates_while_points_are_taken_changes_nothing(lab: Lab) -> No
     if not lab.counter.has_pixel_clock:
         pytest.skip("its points are started by the host, one at a time")
     lab.needs_light()
-    lab.counter.arm([DWELL_S] * 4, NUMBERS, Trigger.CLOCK, BLANKING_S)
+    lab.counter.arm(PointGates([DWELL_S] * 4, NUMBERS, Trigger.CLOCK, BLANKING_S))
     for count in range(1, 5):
         assert lab.counter.rates().sync_hz == pytest.approx(SYNC_HZ, rel=1e-3)
         status = lab.counter.wait_points(count, 1.0)
@@ -292,7 +293,7 @@ def test_a_watchdog_that_is_not_kicked_shuts_the_light(lab: Lab) -> None:
 
 
 def test_closing_twice_is_quiet(lab: Lab) -> None:
-    lab.counter.arm([DWELL_S], [0])
+    lab.counter.arm(PointGates([DWELL_S], [0]))
     lab.counter.trigger()
     lab.counter.close()
     lab.counter.close()

@@ -30,7 +30,7 @@ from nlos.drivers.simulated.faults import Fault, FaultPlan
 from nlos.drivers.simulated.picoquant.library import PicoquantLibrary
 from nlos.drivers.simulated.scene import SceneLight, SceneSettings
 from nlos.drivers.simulated.spad import DetectorSettings
-from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, StopAtCounts, Trigger
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, PointGates, StopAtCounts, Trigger
 from nlos.drivers.tcspc.picoquant.counter import open_picoquant
 from nlos.drivers.tcspc.picoquant.families import FAMILIES, PicoquantSettings
 from nlos.drivers.tcspc.picoquant.histogram import Picoquant
@@ -64,7 +64,7 @@ def opened(device: str, *faults: Fault, mode: str = "histogram", **more: Any) ->
 
 
 def one_by_one(counter: Picoquant, points: int = 3) -> list[Histogram]:
-    counter.arm([8e-3] * points, list(range(points)))
+    counter.arm(PointGates([8e-3] * points, list(range(points))))
     for point in range(points):
         counter.trigger()
         assert counter.wait_points(point + 1, 1.0).points_done == point + 1
@@ -99,7 +99,7 @@ def test_a_point_in_list_mode_holds_as_many_photons_as_in_histogram_mode(device:
 @pytest.mark.parametrize("device", FAMILIES)
 def test_too_long_a_wait_stops_the_measurement(device: str) -> None:
     counter, _ = opened(device)
-    counter.arm([1.0], [0])
+    counter.arm(PointGates([1.0], [0]))
     counter.trigger()
     with pytest.raises(DeviceTimeout, match="0 of 1"):
         counter.wait_points(1, 0.1)
@@ -117,7 +117,7 @@ def clocked(counter: Picoquant, bench: SimulatedBench, points: int) -> list[Hist
         bench.edge(f"marker_{1 + place % 2}", when_s)
 
     bench.wire("pixel_clock", step)
-    counter.arm([8e-3] * points, list(range(points)), Trigger.CLOCK, blanking_s=4e-4)
+    counter.arm(PointGates([8e-3] * points, list(range(points)), Trigger.CLOCK, blanking_s=4e-4))
     status = counter.wait_points(points, 5.0)
     assert status.points_done == points
     assert not status.running
@@ -157,7 +157,7 @@ def test_a_missing_marker_is_seen_in_the_count() -> None:
             bench.edge(f"marker_{1 + len(steps) % 2}", when_s)
 
     bench.wire("pixel_clock", step)
-    counter.arm([2e-3] * 8, list(range(8)), Trigger.CLOCK, blanking_s=4e-4)
+    counter.arm(PointGates([2e-3] * 8, list(range(8)), Trigger.CLOCK, blanking_s=4e-4))
     assert counter.wait_points(8, 5.0).markers == 7
 
 
@@ -357,17 +357,17 @@ def test_what_the_instrument_lacks_is_said() -> None:
     with pytest.raises(LimitError, match="two_pass"):
         counter.configure(AXES["hydraharp400"], StopAtCounts(100, 0, 512))
     with pytest.raises(LimitError, match="mode: t3"):
-        counter.arm([8e-3], [0], Trigger.CLOCK)
+        counter.arm(PointGates([8e-3], [0], Trigger.CLOCK))
     with pytest.raises(LimitError, match="no watchdog"):
         counter.arm_watchdog(2.0)
     with pytest.raises(LimitError, match="laser pulses one by one"):
         opened("hydraharp400", mode="t3", sync_divider=2)
     counter, _ = opened("hydraharp400", mode="t3")
     with pytest.raises(LimitError, match="no trigger output"):
-        counter.arm([8e-3], [0], Trigger.CLOCK)
+        counter.arm(PointGates([8e-3], [0], Trigger.CLOCK))
     counter, _ = opened("multiharp150", mode="t3")
     with pytest.raises(LimitError, match="uniform dwell"):
-        counter.arm([8e-3, 9e-3], [0, 1], Trigger.CLOCK)
+        counter.arm(PointGates([8e-3, 9e-3], [0, 1], Trigger.CLOCK))
 
 
 def test_a_point_of_records_may_last_less_than_a_millisecond() -> None:
@@ -376,7 +376,7 @@ def test_a_point_of_records_may_last_less_than_a_millisecond() -> None:
         settings("multiharp150", mode="t3"), bench.clock, PicoquantLibrary(bench, "multiharp150", 10e6)
     )
     counter.configure(AXES["multiharp150"])
-    counter.arm(dwells_s, range(5))
+    counter.arm(PointGates(dwells_s, range(5)))
     for point in range(5):
         counter.trigger()
         counter.wait_points(point + 1, 1.0)
@@ -395,7 +395,7 @@ def test_a_bench_with_a_multiharp_scans_by_its_clock() -> None:
         bench.mirror.load(sequence)
         bench.mirror.start()
         bench.shutter.open()
-        bench.counter.arm([4e-3] * 20, list(range(20)), Trigger.CLOCK, blanking_s=5e-4)
+        bench.counter.arm(PointGates([4e-3] * 20, list(range(20)), Trigger.CLOCK, blanking_s=5e-4))
         status = bench.counter.wait_points(20, 5.0)
         bench.mirror.stop()
         bench.shutter.close()

@@ -17,7 +17,7 @@ from nlos.drivers.errors import (
     WrongDevice,
 )
 from nlos.drivers.simulated.usb.backend import SimulatedUsb
-from nlos.drivers.tcspc.counter import HistogramAxis, HistogramFlag, StopAtCounts
+from nlos.drivers.tcspc.counter import HistogramAxis, HistogramFlag, PointGates, StopAtCounts
 from nlos.drivers.tcspc.tcspc488.counter import open_tcspc488
 from nlos.drivers.tcspc.tcspc488.messages import decode_rates
 from nlos.drivers.tcspc.tcspc488.records import decode_record, encode_record, record_bytes
@@ -35,7 +35,7 @@ def test_rates_that_are_no_rates_are_refused(answer: str) -> None:
 
 def scan(rig: object, dwell_s: float = 0.008) -> list:
     counter = rig.counter  # type: ignore[attr-defined]
-    counter.arm([dwell_s] * len(NUMBERS), NUMBERS)
+    counter.arm(PointGates([dwell_s] * len(NUMBERS), NUMBERS))
     histograms = []
     for k in range(len(NUMBERS)):
         counter.trigger()
@@ -63,7 +63,7 @@ def test_points_come_back_with_their_own_counts_and_times(rig: Callable) -> None
 
 def test_one_question_per_point_suffices(rig: Callable) -> None:
     this = rig()
-    this.counter.arm([0.008] * 3, [0, 1, 2])
+    this.counter.arm(PointGates([0.008] * 3, [0, 1, 2]))
     this.wire.clear()
     this.counter.trigger()
     this.counter.wait_points(1, 1.0)
@@ -85,7 +85,7 @@ def test_points_can_be_read_again_and_in_blocks(rig: Callable) -> None:
 def test_dwells_may_differ_from_point_to_point(rig: Callable) -> None:
     this = rig()
     dwells_s = [0.001, 0.02, 0.003]
-    this.counter.arm(dwells_s, [0, 1, 2])
+    this.counter.arm(PointGates(dwells_s, [0, 1, 2]))
     for k in range(3):
         this.counter.trigger()
         this.counter.wait_points(k + 1, 1.0)
@@ -128,14 +128,14 @@ def test_what_cannot_be_set_exactly_is_refused_before_anything_is_sent(rig: Call
     counter.check(good, 8e-3)
     for dwells_s, numbers in [([], []), ([1e-3], [1, 2]), ([1e-3] * 70_000, list(range(70_000)))]:
         with pytest.raises(LimitError, match="dwells"):
-            counter.arm(dwells_s, numbers)
+            counter.arm(PointGates(dwells_s, numbers))
     with pytest.raises(LimitError, match="cannot stop"):
         counter.configure(good, StopAtCounts(5, 10, 600))
 
 
 def test_nothing_is_triggered_beyond_what_is_armed(rig: Callable) -> None:
     counter = rig().counter
-    counter.arm([1e-3], [0])
+    counter.arm(PointGates([1e-3], [0]))
     counter.trigger()
     with pytest.raises(CommandRejected, match="armed points"):
         counter.trigger()
@@ -143,7 +143,7 @@ def test_nothing_is_triggered_beyond_what_is_armed(rig: Callable) -> None:
 
 def test_a_trigger_that_the_instrument_did_not_hear_ends_at_the_deadline(rig: Callable) -> None:
     this = rig()
-    this.counter.arm([1e-3] * 2, [0, 1])
+    this.counter.arm(PointGates([1e-3] * 2, [0, 1]))
     this.firmware.trigger = lambda now_s: None
     this.counter.trigger()
     start_s = this.bench.clock.now()
@@ -163,7 +163,7 @@ def test_rates_are_waited_for(rig: Callable) -> None:
 def test_the_stop_window_reaches_the_light(rig: Callable) -> None:
     this = rig()
     this.counter.configure(HistogramAxis(512, 32e-12), StopAtCounts(25, 40, 60))
-    this.counter.arm([1e-3], [0])
+    this.counter.arm(PointGates([1e-3], [0]))
     this.counter.trigger()
     this.counter.wait_points(1, 1.0)
     gate = this.seen[-1][0]

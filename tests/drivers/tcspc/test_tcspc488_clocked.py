@@ -11,7 +11,7 @@ from nlos.drivers.galvo.triggerscope.mirror import TriggerScope, TriggerScopeSet
 from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.serial.port import plug, unplug
 from nlos.drivers.simulated.triggerscope.firmware import TriggerScopeFirmware
-from nlos.drivers.tcspc.counter import HistogramFlag, Trigger
+from nlos.drivers.tcspc.counter import HistogramFlag, PointGates, Trigger
 
 POINTS = [MirrorAngles(0.01 * k - 0.05, 0.004 * (k % 3)) for k in range(11)]
 NUMBERS = [100 + k for k in range(11)]
@@ -43,7 +43,7 @@ def test_each_point_is_taken_with_the_beam_at_its_own_place(stepped: Callable) -
     this, _ = stepped()
     this.shutter.open()
     this.seen.clear()
-    this.counter.arm([0.008] * 11, NUMBERS, Trigger.CLOCK, BLANKING_S)
+    this.counter.arm(PointGates([0.008] * 11, NUMBERS, Trigger.CLOCK, BLANKING_S))
     start_s = this.bench.clock.now()
     status = this.counter.wait_points(11, 1.0)
     assert (status.points_done, status.lost, status.markers) == (11, 0, 11)
@@ -61,7 +61,7 @@ def test_each_point_is_taken_with_the_beam_at_its_own_place(stepped: Callable) -
 def test_every_dwell_of_a_list_is_kept_and_the_next_point_follows_at_once(stepped: Callable) -> None:
     this, _ = stepped()
     dwells_s = [0.001 * (k + 1) for k in range(11)]
-    this.counter.arm(dwells_s, NUMBERS, Trigger.CLOCK, BLANKING_S)
+    this.counter.arm(PointGates(dwells_s, NUMBERS, Trigger.CLOCK, BLANKING_S))
     start_s = this.bench.clock.now()
     this.counter.wait_points(11, 1.0)
     assert this.bench.clock.now() - start_s == pytest.approx(sum(dwells_s) + 11 * BLANKING_S, abs=0.005)
@@ -70,7 +70,7 @@ def test_every_dwell_of_a_list_is_kept_and_the_next_point_follows_at_once(steppe
 
 def test_points_are_read_while_later_ones_are_taken(stepped: Callable) -> None:
     this, _ = stepped()
-    this.counter.arm([0.02] * 11, NUMBERS, Trigger.CLOCK, BLANKING_S)
+    this.counter.arm(PointGates([0.02] * 11, NUMBERS, Trigger.CLOCK, BLANKING_S))
     read = []
     while len(read) < 11:
         done = this.counter.wait_points(len(read) + 1, 1.0).points_done
@@ -84,14 +84,14 @@ def test_points_are_read_while_later_ones_are_taken(stepped: Callable) -> None:
 def test_a_step_too_few_or_too_many_shows_in_the_markers(stepped: Callable, kind: str, markers: int) -> None:
     this, _ = stepped()
     this.bench.faults.add(Fault(name="A6", skip=4, parameters={"kind": kind}))
-    this.counter.arm([0.002] * 11, NUMBERS, Trigger.CLOCK, BLANKING_S)
+    this.counter.arm(PointGates([0.002] * 11, NUMBERS, Trigger.CLOCK, BLANKING_S))
     assert this.counter.wait_points(11, 1.0).markers == markers
 
 
 def test_an_edge_that_the_counter_overlooks_shows_in_markers_and_flags(stepped: Callable) -> None:
     this, _ = stepped()
     this.bench.faults.add(Fault(name="U15", skip=4, parameters={"place": "clock"}))
-    this.counter.arm([0.002] * 11, NUMBERS, Trigger.CLOCK, BLANKING_S)
+    this.counter.arm(PointGates([0.002] * 11, NUMBERS, Trigger.CLOCK, BLANKING_S))
     assert this.counter.wait_points(11, 1.0).markers == 12
     flags = [each.flags for each in this.counter.read(0, 11)]
     assert flags == [HistogramFlag.NONE] * 4 + [HistogramFlag.TRIGGER_MISSED] + [HistogramFlag.NONE] * 6
@@ -101,7 +101,7 @@ def test_points_taken_before_the_shutter_closed_saw_the_light(stepped: Callable)
     this, _ = stepped()
     this.bench.set_shutter(True)  # by another controller's line: the counter does not know
     this.seen.clear()
-    this.counter.arm([0.01] * 11, NUMBERS, Trigger.CLOCK)
+    this.counter.arm(PointGates([0.01] * 11, NUMBERS, Trigger.CLOCK))
     this.bench.clock.sleep(0.055)
     this.bench.set_shutter(False)
     this.bench.clock.sleep(0.1)
@@ -111,7 +111,7 @@ def test_points_taken_before_the_shutter_closed_saw_the_light(stepped: Callable)
 
 def test_the_mirror_steps_no_further_after_an_abort(stepped: Callable) -> None:
     this, _ = stepped()
-    this.counter.arm([0.01] * 11, NUMBERS, Trigger.CLOCK)
+    this.counter.arm(PointGates([0.01] * 11, NUMBERS, Trigger.CLOCK))
     this.bench.clock.sleep(0.055)
     this.counter.abort()
     beam = this.bench.beam
@@ -122,5 +122,5 @@ def test_the_mirror_steps_no_further_after_an_abort(stepped: Callable) -> None:
 
 def test_markers_are_none_where_they_are_not_wired(rig: Callable) -> None:
     this = rig()
-    this.counter.arm([0.002] * 3, [0, 1, 2], Trigger.CLOCK)
+    this.counter.arm(PointGates([0.002] * 3, [0, 1, 2], Trigger.CLOCK))
     assert this.counter.wait_points(3, 1.0).markers is None

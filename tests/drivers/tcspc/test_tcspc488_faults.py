@@ -19,7 +19,7 @@ from nlos.drivers.errors import (
     WrongDevice,
 )
 from nlos.drivers.simulated.faults import Fault
-from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, Trigger
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, PointGates, Trigger
 from nlos.drivers.tcspc.tcspc488.counter import open_tcspc488
 from nlos.drivers.tcspc.tcspc488.settings import Tcspc488Settings
 
@@ -75,7 +75,7 @@ HARMLESS = {
 @pytest.mark.parametrize("skip", [0, 4])
 def test_what_can_be_asked_again_is_and_the_counts_are_right(rig: Callable, name: str, skip: int) -> None:
     this = rig()
-    this.counter.arm([0.002] * 10, NUMBERS)
+    this.counter.arm(PointGates([0.002] * 10, NUMBERS))
     one = HARMLESS[name]
     this.bench.faults.add(one.model_copy(update={"skip": one.skip + skip}))
     try:
@@ -89,7 +89,7 @@ def test_what_can_be_asked_again_is_and_the_counts_are_right(rig: Callable, name
 @pytest.mark.parametrize("what", ["crc", "magic", "number", "duplicate"])
 def test_a_record_damaged_twice_is_flagged_and_the_scan_goes_on(rig: Callable, what: str) -> None:
     this = rig()
-    this.counter.arm([0.002] * 10, NUMBERS)
+    this.counter.arm(PointGates([0.002] * 10, NUMBERS))
     this.bench.faults.add(fault("U12", times=2, skip=3, what=what))
     histograms = take(this)
     assert histograms[3].flags == HistogramFlag.DATA_LOST
@@ -102,7 +102,7 @@ def test_a_record_damaged_twice_is_flagged_and_the_scan_goes_on(rig: Callable, w
 
 def test_a_block_that_stays_unreadable_is_data_corrupt(rig: Callable) -> None:
     this = rig()
-    this.counter.arm([0.002] * 10, NUMBERS)
+    this.counter.arm(PointGates([0.002] * 10, NUMBERS))
     this.bench.faults.add(fault("U12", times=99, what="header"))
     with pytest.raises(DataCorrupt):
         take(this)
@@ -114,7 +114,7 @@ def test_a_pulled_cable_keeps_what_was_read_and_the_instrument_opens_again(
     rig: Callable, place: str, skip: int
 ) -> None:
     this = rig()
-    this.counter.arm([0.002] * 10, NUMBERS)
+    this.counter.arm(PointGates([0.002] * 10, NUMBERS))
     kept = take(this, 0, 3)
     this.bench.faults.add(fault("U11", skip=skip, place=place, replug_after_s=0.5))
     with pytest.raises(DeviceLost, match="cable"):
@@ -124,7 +124,7 @@ def test_a_pulled_cable_keeps_what_was_read_and_the_instrument_opens_again(
     again = open_tcspc488(Tcspc488Settings(model="tcspc488", usb="SIM0001"), this.bench.clock, this.usb)
     again.configure(HistogramAxis(512, 32e-12))
     left = NUMBERS[len(kept) :]
-    again.arm([0.002] * len(left), left)
+    again.arm(PointGates([0.002] * len(left), left))
     this.counter = again
     kept += take(this, 0, len(left))
     check(this, kept)
@@ -152,7 +152,7 @@ def test_a_trip_shuts_the_light_and_stays_until_it_is_cleared(rig: Callable, cau
     this = rig()
     error, words = CAUSES[cause]
     this.shutter.open()
-    this.counter.arm([0.002] * 10, NUMBERS, trigger)
+    this.counter.arm(PointGates([0.002] * 10, NUMBERS, trigger))
     this.bench.faults.add(fault("U14", skip=4, cause=cause))
     with pytest.raises(error, match=words):
         take_all(this, trigger)
@@ -161,18 +161,18 @@ def test_a_trip_shuts_the_light_and_stays_until_it_is_cleared(rig: Callable, cau
     with pytest.raises(SafetyTrip):
         this.shutter.open()
     with pytest.raises(SafetyTrip):
-        this.counter.arm([0.002], [0])
+        this.counter.arm(PointGates([0.002], [0]))
     this.counter.clear_trip()
     this.shutter.open()
     assert this.bench.shutter_open
-    this.counter.arm([0.002] * 10, NUMBERS)
+    this.counter.arm(PointGates([0.002] * 10, NUMBERS))
     check(this, take(this))
 
 
 def test_too_much_light_trips_within_its_time(rig: Callable) -> None:
     this = rig(over_count={"rate_hz": 1_000_000, "time_ms": 10})
     this.shutter.open()
-    this.counter.arm([0.004] * 100, list(range(100)), Trigger.CLOCK)
+    this.counter.arm(PointGates([0.004] * 100, list(range(100)), Trigger.CLOCK))
     this.counter.wait_points(20, 1.0)
     this.light["rate_hz"] = 2e6
     start_s = this.bench.clock.now()
@@ -184,7 +184,7 @@ def test_too_much_light_trips_within_its_time(rig: Callable) -> None:
 def test_the_interlock_shuts_the_light_at_once(rig: Callable) -> None:
     this = rig()
     this.shutter.open()
-    this.counter.arm([0.1] * 3, [0, 1, 2])
+    this.counter.arm(PointGates([0.1] * 3, [0, 1, 2]))
     this.counter.trigger()
     this.bench.interlock_closed = False
     start_s = this.bench.clock.now()
@@ -210,7 +210,7 @@ def test_waiting_kicks_the_watchdog(rig: Callable, dwell_s: float, trigger: Trig
     this = rig()
     this.counter.arm_watchdog(0.2)
     this.shutter.open()
-    this.counter.arm([dwell_s] * 2, [0, 1], trigger)
+    this.counter.arm(PointGates([dwell_s] * 2, [0, 1], trigger))
     for k in range(2):
         if trigger is Trigger.HOST:
             this.counter.trigger()
@@ -221,7 +221,7 @@ def test_waiting_kicks_the_watchdog(rig: Callable, dwell_s: float, trigger: Trig
 def test_a_trip_is_seen_and_answered_while_a_long_block_is_read(rig: Callable) -> None:
     this = rig(latency_s=0.00025, bytes_per_s=25e6)
     this.shutter.open()
-    this.counter.arm([0.001] * 2000, list(range(2000)), Trigger.CLOCK)
+    this.counter.arm(PointGates([0.001] * 2000, list(range(2000)), Trigger.CLOCK))
     this.counter.wait_points(1500, 3.0)
     start_s = this.bench.clock.now()
     this.bench.faults.add(Fault(name="U14", after_s=start_s + 0.03, parameters={"cause": "over_count"}))
@@ -240,7 +240,7 @@ def test_a_trip_is_seen_and_answered_while_a_long_block_is_read(rig: Callable) -
 ])  # fmt: skip
 def test_trigger_and_slot_faults_are_flags_of_their_points(rig: Callable, what: str, flag: HistogramFlag) -> None:
     this = rig()
-    this.counter.arm([0.002] * 10, NUMBERS)
+    this.counter.arm(PointGates([0.002] * 10, NUMBERS))
     this.bench.faults.add(fault("U15", skip=6, what=what))
     histograms = take(this)
     assert [k for k, each in enumerate(histograms) if each.flags] == [6]
@@ -249,7 +249,7 @@ def test_trigger_and_slot_faults_are_flags_of_their_points(rig: Callable, what: 
 
 def test_points_overwritten_before_they_were_read_come_back_empty_and_flagged(rig: Callable) -> None:
     this = rig(bins=64, over_count={"rate_hz": 0})
-    this.counter.arm([10e-6] * 4200, list(range(4200)), Trigger.CLOCK)
+    this.counter.arm(PointGates([10e-6] * 4200, list(range(4200)), Trigger.CLOCK))
     status = this.counter.wait_points(4200, 1.0)
     assert status.lost == 104
     histograms = this.counter.read(0, 200)
@@ -272,7 +272,7 @@ def test_an_instrument_that_may_not_be_opened_says_so(rig: Callable, what: str, 
 def test_an_instrument_that_restarted_between_scans_gets_its_settings_back(rig: Callable) -> None:
     this = rig()
     this.bench.faults.add(fault("U18"))
-    this.counter.arm([0.002] * 10, NUMBERS)
+    this.counter.arm(PointGates([0.002] * 10, NUMBERS))
     check(this, take(this))
     assert "restarted" in this.counter.warnings[0]
 
@@ -282,20 +282,20 @@ def test_a_restart_that_closed_the_shutter_stops_the_scan(rig: Callable) -> None
     this.shutter.open()
     this.bench.faults.add(fault("U18"))
     with pytest.raises(DeviceReset, match="shutter"):
-        this.counter.arm([0.002] * 10, NUMBERS)
+        this.counter.arm(PointGates([0.002] * 10, NUMBERS))
 
 
 def test_an_instrument_that_comes_back_as_another_is_refused(rig: Callable) -> None:
     this = rig()
     this.bench.faults.add(fault("U18", new_identity=True))
     with pytest.raises(WrongDevice):
-        this.counter.arm([0.002] * 10, NUMBERS)
+        this.counter.arm(PointGates([0.002] * 10, NUMBERS))
 
 
 @pytest.mark.parametrize("trigger", [Trigger.HOST, Trigger.CLOCK])
 def test_a_restart_during_a_scan_is_device_reset(rig: Callable, trigger: Trigger) -> None:
     this = rig()
-    this.counter.arm([0.002] * 10, NUMBERS, trigger)
+    this.counter.arm(PointGates([0.002] * 10, NUMBERS, trigger))
     this.bench.faults.add(fault("U18", skip=3 if trigger is Trigger.HOST else 0))
     with pytest.raises(DeviceReset):
         take_all(this, trigger)
@@ -307,12 +307,12 @@ def test_garbled_settings_are_noticed_before_the_gate_opens(rig: Callable) -> No
     this.firmware._parser._handlers["ACQ:DWEL"] = lambda argument: handler(b"9999")
     this.firmware._parser._found.clear()
     with pytest.raises(DeviceReset, match="ACQ:DWEL"):
-        this.counter.arm([0.002] * 10, NUMBERS)
+        this.counter.arm(PointGates([0.002] * 10, NUMBERS))
 
 
 def test_an_unknown_state_is_a_protocol_error(rig: Callable) -> None:
     this = rig()
-    this.counter.arm([0.002] * 10, NUMBERS)
+    this.counter.arm(PointGates([0.002] * 10, NUMBERS))
     this.firmware._parser._handlers["ACQ:STAT?"] = lambda argument: b"PARTY,1,2,3,4"
     this.firmware._parser._found.clear()
     with pytest.raises(ProtocolError, match="PARTY"):

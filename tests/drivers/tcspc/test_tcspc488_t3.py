@@ -8,7 +8,7 @@ import pytest
 
 from nlos.drivers.errors import CommandRejected, LimitError, SafetyTrip
 from nlos.drivers.simulated.faults import Fault
-from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, StopAtCounts, Trigger
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, PointGates, StopAtCounts, Trigger
 
 NUMBERS = list(range(100, 112))
 DWELL_S = 0.004
@@ -20,7 +20,7 @@ def fault(times: int = 1, skip: int = 0, place: str = "records", **parameters: A
 
 
 def take(this: Any, trigger: Trigger) -> list[Histogram]:
-    this.counter.arm([DWELL_S] * 12, NUMBERS, trigger, BLANKING_S if trigger is Trigger.CLOCK else 0.0)
+    this.counter.arm(PointGates([DWELL_S] * 12, NUMBERS, trigger, BLANKING_S if trigger is Trigger.CLOCK else 0.0))
     histograms = []
     for k in range(12):
         if trigger is Trigger.HOST:
@@ -51,15 +51,15 @@ def test_it_says_that_it_lists_and_refuses_what_only_histogram_mode_can(rig: Cal
     assert this.counter.list_mode
     this.counter.configure(HistogramAxis(512, 32e-12), StopAtCounts(5, 0, 512))
     with pytest.raises(LimitError, match="histogram mode"):
-        this.counter.arm([DWELL_S], [0])
+        this.counter.arm(PointGates([DWELL_S], [0]))
     this.counter.configure(HistogramAxis(65536, 32e-12))
     with pytest.raises(LimitError, match="32768 bins"):
-        this.counter.arm([DWELL_S], [0])
+        this.counter.arm(PointGates([DWELL_S], [0]))
 
 
 def test_points_that_are_not_complete_are_not_read(rig: Callable) -> None:
     this = rig(mode="t3")
-    this.counter.arm([DWELL_S] * 2, [0, 1])
+    this.counter.arm(PointGates([DWELL_S] * 2, [0, 1]))
     with pytest.raises(CommandRejected, match="not complete"):
         this.counter.read(0, 1)
 
@@ -83,7 +83,7 @@ LOSSES = {
 @pytest.mark.parametrize("loss", LOSSES)
 def test_a_loss_flags_all_points_that_were_not_complete_and_no_other(rig: Callable, loss: str) -> None:
     this = rig(mode="t3")
-    this.counter.arm([DWELL_S] * 12, NUMBERS, Trigger.CLOCK)
+    this.counter.arm(PointGates([DWELL_S] * 12, NUMBERS, Trigger.CLOCK))
     this.bench.faults.add(LOSSES[loss])
     for k in range(12):
         status = this.counter.wait_points(k + 1, 2.0)
@@ -115,7 +115,7 @@ def test_many_photons_take_several_blocks(rig: Callable) -> None:
     this = rig(mode="t3", over_count={"rate_hz": 0})
     this.light["rate_hz"] = 9e6
     this.shutter.open()
-    this.counter.arm([0.02] * 3, [0, 1, 2], Trigger.CLOCK)
+    this.counter.arm(PointGates([0.02] * 3, [0, 1, 2], Trigger.CLOCK))
     this.bench.clock.sleep(0.1)
     this.counter.wait_points(3, 1.0)
     assert [int(each.counts[0]) for each in this.counter.read(0, 3)] == [180_000] * 3
