@@ -15,17 +15,13 @@ from torch import Tensor, nn
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as BaseSettings
-from nlos.recon.layers.light_cone_layer import LightConeLayer
-from nlos.recon.layers.renderer import Renderer, depth_of, nearness, projected, where_seen
 from nlos.recon.layers.space_depth_attention import CrossDecoder, GlobalEncoder, LocalEncoder
-from nlos.recon.layers.transient_encoder import LeakyBlock, LearnedAverage, TransientEncoder
-from nlos.recon.layers.wiener_features import SNR_FACTORS, bins_together, counted, normalised, rebinned
+from nlos.recon.layers.transient_encoder import LeakyBlock, LearnedAverage
 from nlos.recon.method import MethodResult
-from nlos.recon.methods.lfe import PAPER_SNR, TYPICAL_PULSE_BINS, coarser, min_max, padded_to, with_context
+from nlos.recon.rendered_method import RenderedMethod
 
 DEPTH_STRIDE = 16
 STEM_FEATURES = 3
-NEARNESS_ENDS = (0.13431, 0.88260)  # in wall widths: nearness 1 and 0, the first and last plane in training
 
 
 class Settings(BaseSettings):
@@ -93,19 +89,15 @@ class DepthUpsampling(nn.Module):
         return out
 
 
-class Nlost(nn.Module):
+class Nlost(RenderedMethod):
     """counts (B, 1, T, H, W), exposure (B, H, W) -> albedo (B, H, W), depth_m (B, H, W), volume (B, D, H, W)."""
 
-    snr_factors: Tensor
+    nearness_ends = (0.13431, 0.88260)
 
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
-        super().__init__()
-        self.paper, self.checkpointing, self.width_m = settings.paper, settings.checkpointing, wall.width_m
-        self.together = bins_together(wall, time)
-        coarse, self.stride = coarser(wall, rebinned(time, self.together), settings.lateral_stride)
+        super().__init__(wall, time, STEM_FEATURES, settings.lateral_stride, settings.farthest, settings.paper)
+        self.checkpointing = settings.checkpointing
         stem, channels = STEM_FEATURES + 1, settings.channels
-        self.encoder = TransientEncoder(STEM_FEATURES, self.stride)
-        self.light_cone = LightConeLayer(*coarse, farthest=settings.farthest)
         self.multi_scale = MultiScale(stem, channels)
         self.depth_average = LearnedAverage(channels, channels, (2, 1, 1))
         self.depth_down = nn.Sequential(
@@ -130,14 +122,7 @@ class Nlost(nn.Module):
         self.local_up, self.global_up = DepthUpsampling(channels), DepthUpsampling(channels)
         self.fusion = nn.Conv3d(3 * channels, channels, 3, padding=1)
         self.head = nn.Conv3d(channels, stem, 3, padding=1)
-        maps = 2 * stem
-        if not self.paper:
-            factors = torch.tensor([SNR_FACTORS[k % 2] for k in range(stem)])
-            self.register_buffer("snr_factors", factors, persistent=False)
-            self.log_sharpness = nn.Parameter(torch.full((stem,), 2.5))
-            maps += 2
-        width = None if self.paper else settings.renderer_width
-        self.intensity, self.depth = Renderer(maps, 0, width), Renderer(maps, 1, width)
+        self.intensity, self.depth = self.renderers(settings.renderer_width)
 
     @property
     def depths_m(self) -> Tensor:
@@ -146,34 +131,13 @@ class Nlost(nn.Module):
         return slices[: len(slices) // 2 * 2].reshape(-1, 2).mean(dim=1)
 
     def forward(self, counts: Tensor, exposure: Tensor | None = None) -> MethodResult[Tensor]:
-        seen = counted(counts, exposure, self.together)
+        seen, volume = self.encoded(counts, exposure)
+        refined = self.refine(volume)  # the head begins as a small correction of the light cone's own volumes
+        albedo, depth_m, size = self.rendered(seen, refined)
         rows, cols = counts.shape[3:]
-        if self.paper:
-            x = min_max(seen.rate)
-        else:
-            x = seen.rate * (TYPICAL_PULSE_BINS / seen.net)[:, None, None, None, None]
-        encoded = self.encoder(padded_to(x, self.stride))
-        place = nearness(self.depths_m / self.width_m, NEARNESS_ENDS)
-        ones = torch.ones_like(encoded[:, :, 0, 0, 0], dtype=torch.float32)
-        if self.paper:
-            volume = min_max(F.relu(self.light_cone(encoded, 4 * ones[:, 0], PAPER_SNR * ones)))
-        else:
-            snr = seen.snr[:, None] * self.snr_factors * ones
-            volume = normalised(F.relu(self.light_cone(encoded, seen.exponent, snr))).clamp(max=4)
-        refined = self.refine(volume)
-        if self.paper:
-            maps = projected(refined, None, place)
-        else:
-            # The head begins as a small correction: attention starts from the light cone's own volumes.
-            level = (0.25 * seen.level)[:, None, None, None].expand(-1, 1, *volume.shape[3:])
-            measured = F.interpolate(seen.measured[:, None], size=volume.shape[3:], mode="area")
-            maps = with_context(projected(refined, self.log_sharpness.exp(), place), measured, level)
-        size = (volume.shape[3] * self.stride[1], volume.shape[4] * self.stride[2])
-        albedo = self.intensity(maps, size)[:, :rows, :cols]
-        depth_m = self.width_m * depth_of(self.depth(maps, size)[:, :rows, :cols].float(), NEARNESS_ENDS)
         planes = self.depths_m
         fine = F.interpolate(refined[:, :1].float(), size=(len(planes), *size), mode="trilinear", align_corners=False)
-        return MethodResult(albedo, where_seen(albedo, depth_m, self.training), fine[:, 0, :, :rows, :cols])
+        return MethodResult(albedo, depth_m, fine[:, 0, :, :rows, :cols])
 
     def refine(self, volume: Tensor) -> Tensor:
         """(B, 4, D, H, W) -> the same, through the two branches of attention."""
