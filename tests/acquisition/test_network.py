@@ -6,8 +6,6 @@ import os
 import socket
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,6 +29,7 @@ from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.sample import Sample
 from nlos.acquisition.wall import WallGrid
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
+from tests.acquisition.serving import serving
 
 WALL = WallGrid(1.0, 1.0, 20, 20)
 
@@ -53,20 +52,6 @@ def write(path: Path, count: int = 400) -> Path:
         for number in range(count):
             writer.write(sample(number))
     return path
-
-
-@contextmanager
-def serving(run: Path, port: int = 0) -> Iterator[SampleServer]:
-    server = SampleServer(run, port=port)
-    stop = threading.Event()
-    thread = threading.Thread(target=server.serve, args=(lambda: not stop.is_set(),))
-    thread.start()
-    try:
-        yield server
-    finally:
-        stop.set()
-        thread.join()
-        server.close()
 
 
 def same(one: Path, other: Path) -> bool:

@@ -5,10 +5,8 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +18,6 @@ from nlos.acquisition.network import server as server_module
 from nlos.acquisition.network.far_copy import FarCopy
 from nlos.acquisition.network.messages import decode_plan, encode_plan
 from nlos.acquisition.network.served_copy import copy_served
-from nlos.acquisition.network.server import SampleServer
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.planning.schemes import Scheme
@@ -34,6 +31,7 @@ from nlos.acquisition.scanning.lag import Lag
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.tcspc.counter import StopAtCounts
+from tests.acquisition.serving import serving
 
 SHIPPED = sorted(path.stem for path in (Path(__file__).parents[2] / "configs" / "scan").glob("*.yaml"))
 WALL = {"width_m": 0.3, "height_m": 0.3, "rows": 8, "cols": 8}
@@ -51,28 +49,6 @@ BENCHES = {"S1": "optotune", "S2": "zero_latency", "S3": "multiharp", "continuou
 CONTINUOUS = {"wall": {**WALL, "rows": 24, "cols": 24}, "dwell_ms": 0.2, "continuous": {}}
 CASES = [(scheme, kind) for scheme in ("S1", "S2", "S3") for kind in PLANS]
 CASES.remove(("S3", "stop at counts"))  # the MultiHarp has no such stop
-
-
-@contextmanager
-def serving(run: Path) -> Iterator[SampleServer]:
-    server = SampleServer(run)
-    stop = threading.Event()
-    failed: list[StorageError] = []
-
-    def serve() -> None:
-        try:
-            server.serve(lambda: not stop.is_set())
-        except StorageError as error:
-            failed.append(error)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
-        yield server
-    finally:
-        stop.set()
-        thread.join()
-        server.close()
 
 
 def assert_same(one: Path, other: Path) -> None:
@@ -122,7 +98,7 @@ def test_every_kind_of_plan_is_served_in_every_scheme(
     forced = Scheme.SWEPT if scheme == "continuous lines" else None
     with open_bench(bench_settings(name=BENCHES[scheme])) as bench:
         writer = RecordingWriter.create(run, plan, Header(scan_text=kind))
-        with serving(run) as server:
+        with serving(run, 0, StorageError) as server:
             server.ticket.save(tmp_path / "run.ticket")
             with FarCopy(tmp_path / "run.ticket", far, patience_s=20) as copy:
                 bench.on_event = lambda kind, text: writer.log(kind, text)
@@ -140,7 +116,7 @@ def test_every_kind_of_plan_is_served_in_every_scheme(
 def test_a_copy_ends_as_its_scan_did(status: Status, small_plan: Callable[..., ScanPlan], tmp_path: Path) -> None:
     run = tmp_path / "run.h5"
     RecordingWriter.create(run, small_plan(), Header()).finish(status)
-    with serving(run) as server:
+    with serving(run, 0, StorageError) as server:
         copy_served(server.ticket, tmp_path / "far.h5", patience_s=20)
     assert_same(run, tmp_path / "far.h5")
 
@@ -188,7 +164,7 @@ def soon(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("soon")
 def test_a_killed_scan_is_served_to_its_end_and_again_once_resumed(killed: Path, tmp_path: Path) -> None:
     far, plan = tmp_path / "far.h5", ScanSettings.model_validate_json(SCAN).plan()
-    with serving(killed) as server:
+    with serving(killed, 0, StorageError) as server:
         with pytest.raises(StorageError, match="writer is gone after 19 samples"):
             copy_served(server.ticket, far, patience_s=20)
         assert server.over
@@ -208,7 +184,7 @@ def test_a_killed_scan_is_served_to_its_end_and_again_once_resumed(killed: Path,
 def test_a_recording_that_takes_the_served_ones_place_is_never_mixed_with_it(
     small_plan: Callable[..., ScanPlan], killed: Path, tmp_path: Path
 ) -> None:
-    with serving(killed) as server:
+    with serving(killed, 0, StorageError) as server:
         with pytest.raises(StorageError, match="writer is gone"):
             copy_served(server.ticket, tmp_path / "far.h5", patience_s=20)
         plan = ScanSettings.model_validate_json(SCAN).plan()
@@ -244,7 +220,7 @@ def test_a_killed_copy_is_resumed_without_a_sample_lost(small_plan: Callable[...
     with open_bench(load("bench", "zero_latency", BenchSettings).settings) as bench:
         samples = list(scan(plan, bench))
     writer = RecordingWriter.create(run, plan, Header())
-    with serving(run) as server:
+    with serving(run, 0, StorageError) as server:
         server.ticket.save(tmp_path / "run.ticket")
         for start in range(0, len(plan), 64):
             for sample in samples[start : start + 64]:

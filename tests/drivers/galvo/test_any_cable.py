@@ -4,7 +4,6 @@ Not asked of any link: to survive the same change to a command and to its echo, 
 TriggerScope, a changed digit on its way into a table, which it confirms by counts alone (USB's checksum guards that).
 """
 
-import itertools
 import math
 import os
 from collections.abc import Callable, Iterator
@@ -23,6 +22,7 @@ from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.serial.port import plug, plugged, unplug
 from nlos.drivers.simulated.simulation_settings import SimulationSettings
 from nlos.drivers.simulated.table import SimulatedTable
+from tests.drivers.harms import Harm, Piece, corrupted, interspersed, split
 
 SETTINGS: TypeAdapter[MirrorSettings] = TypeAdapter(MirrorSettings)
 CASES = 2500 if os.environ.get("NLOS_SOAK") else 400  # of each of the two models
@@ -34,35 +34,8 @@ MODELS: dict[str, dict[str, Any]] = {
 }
 TOLERANCE_RAD = {"triggerscope": 5e-5, "optotune": 2.0 * math.radians(1.0)}
 
-Piece = tuple[float, bytes]
-Harm = Callable[[bytes], list[Piece]]
-
 delays = st.sampled_from([0.0, 0.0003, 0.002, 0.05, 0.19, 0.2, 0.21, 0.3, 0.7, 3.0])
 places = st.floats(0, 1, exclude_max=True)
-
-
-def split(cuts: list[float], gap_s: float) -> Harm:
-    def harm(data: bytes) -> list[Piece]:
-        at = sorted({0, len(data), *(int(cut * len(data)) for cut in cuts)})
-        return [(index * gap_s, data[start:end]) for index, (start, end) in enumerate(itertools.pairwise(at))]
-
-    return harm
-
-
-def corrupted(place: float, flip: int) -> Harm:
-    def harm(data: bytes) -> list[Piece]:
-        at = int(place * len(data))
-        return [(0.0, data[:at] + bytes((data[at] ^ flip,)) + data[at + 1 :])]
-
-    return harm
-
-
-def interspersed(place: float, noise: bytes) -> Harm:
-    def harm(data: bytes) -> list[Piece]:
-        at = int(place * len(data))
-        return [(0.0, data[:at] + noise + data[at:])]
-
-    return harm
 
 
 harmless = st.builds(split, st.lists(places, max_size=8), delays)

@@ -4,7 +4,6 @@ Bulk transfers are split, delayed, doubled, lost and changed in either direction
 read back. Not asked of any link: to see a changed digit in a text answer (USB's own checksum guards those).
 """
 
-import itertools
 import os
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -17,40 +16,15 @@ from hypothesis import strategies as st
 
 from nlos.drivers.errors import DeviceError
 from nlos.drivers.tcspc.counter import HistogramAxis, HistogramFlag, PointGates, Trigger
+from tests.drivers.harms import Harm, Piece, corrupted, interspersed, split
 
 CASES = 5000 if os.environ.get("NLOS_SOAK") else 300
 LONGEST_CALL_S = 20.0  # a dozen exchanges, each asked for twice and recovered from
 NUMBERS = [7, 3, 9, 2]
 BINS = 64
 
-Piece = tuple[float, bytes]
-Harm = Callable[[bytes], list[Piece]]
 places = st.floats(0, 1, exclude_max=True)
 delays = st.sampled_from([0.0, 0.001, 0.09, 0.11, 0.2, 0.99, 1.01, 3.0])
-
-
-def split(cuts: list[float], gap_s: float) -> Harm:
-    def harm(data: bytes) -> list[Piece]:
-        at = sorted({0, len(data), *(int(cut * len(data)) for cut in cuts)})
-        return [(index * gap_s, data[start:end]) for index, (start, end) in enumerate(itertools.pairwise(at))]
-
-    return harm
-
-
-def changed(place: float, flip: int) -> Harm:
-    def harm(data: bytes) -> list[Piece]:
-        at = int(place * len(data))
-        return [(0.0, data[:at] + bytes([data[at] ^ flip]) + data[at + 1 :])]
-
-    return harm
-
-
-def interspersed(place: float, noise: bytes) -> Harm:
-    def harm(data: bytes) -> list[Piece]:
-        at = int(place * len(data))
-        return [(0.0, data[:at] + noise + data[at:])]
-
-    return harm
 
 
 harms = st.one_of(
@@ -58,7 +32,7 @@ harms = st.one_of(
     st.builds(lambda delay_s: lambda data: [(delay_s, data)], delays),
     st.builds(lambda delay_s: lambda data: [(0.0, data), (delay_s, data)], delays),
     st.just(lambda data: []),
-    st.builds(changed, places, st.integers(1, 255)),
+    st.builds(corrupted, places, st.integers(1, 255)),
     st.builds(interspersed, places, st.binary(min_size=1, max_size=300)),
 )
 plans = st.dictionaries(st.integers(0, 60), harms, max_size=4)

@@ -1,6 +1,5 @@
 """NANO as it is printed: what its parts start from, what they depend on, and that every reading of it trains."""
 
-import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
@@ -11,19 +10,11 @@ from nlos.recon.layers.rates import rates_of
 from nlos.recon.methods.faithful import Faithful, Settings, brightness, build, halved
 from nlos.recon.methods.nano import Nano
 from nlos.recon.methods.nano import Settings as NanoSettings
+from tests.recon.methods.one_point import shell
 
 WALL = WallGrid(2.0, 2.0, 16, 16)
 TIME = TimeAxis(64, 128e-12)
 SMALL = {"weights": None, "channels": (4, 6, 8), "sfe_bandwidth": 12}
-
-
-def shell(wall: WallGrid, time: TimeAxis, photons: float = 20.0) -> torch.Tensor:
-    """Light of one point half a wall width behind the wall's middle, seen everywhere, and some background."""
-    x, y = np.meshgrid(wall.x_m() - 0.1 * wall.width_m, wall.y_m())
-    path_m = 2 * np.sqrt(x**2 + y**2 + (0.5 * wall.width_m) ** 2)
-    arrival = path_m / 299792458.0 / time.bin_width_s - 0.5
-    rate = photons * np.exp(-0.5 * (np.arange(time.bins)[:, None, None] - arrival) ** 2) + 0.1
-    return torch.from_numpy(np.random.default_rng(1).poisson(rate).astype(np.float32))[None, None]
 
 
 def network(**settings: object) -> Faithful:
