@@ -9,7 +9,7 @@ ROOMS = {
     "Acquisition": [(40, 46), (117, 139), (215, 219)],
     "Calibration": [(50, 59)],
     "Physics reconstruction": [(60, 69), (150, 150)],
-    "Learned reconstruction": [(70, 89), (100, 109), (160, 179)],
+    "Learned reconstruction": [(70, 89), (100, 109), (160, 179), (220, 220)],
     "Watching a scan": [(90, 99)],
 }
 TOP = """# Design

@@ -91,14 +91,14 @@ def software_versions() -> dict[str, str]:
 
 def git_hash() -> str:
     """The commit that this code was checked out from; empty outside a checkout."""
+    return git_says("rev-parse", "HEAD")
+
+
+def git_says(*words: str) -> str:
+    """What git says of the folder that this code is in; empty outside a checkout, and where there is no git."""
     try:
         answer = subprocess.run(
-            ["git", "rev-parse", "HEAD"],
-            cwd=Path(__file__).parent,
-            capture_output=True,
-            text=True,
-            timeout=5.0,
-            check=False,
+            ["git", *words], cwd=Path(__file__).parent, capture_output=True, text=True, timeout=5.0, check=False
         )
     except (OSError, subprocess.TimeoutExpired):
         return ""

@@ -4,6 +4,8 @@ Sources: USBTMC 1.0 sections 3.1.1 and 4.2.1; the order of steps follows the Lin
 """
 
 import array
+from collections.abc import Callable
+from functools import partial
 
 from nlos.drivers.clock import Clock
 from nlos.drivers.errors import DeviceLost, DeviceTimeout
@@ -40,15 +42,8 @@ def abort_bulk_in(pipes: UsbtmcInterface, clock: Clock, tag: int, earlier_tag: i
     if status != bytes([STATUS_SUCCESS]):
         return  # nothing is in progress
     drain(pipes, clock, deadline_s)
-    while True:
-        reply = pipes.control(CHECK_ABORT_BULK_IN_STATUS, 0, 8, STEP_S, pipe="in")
-        if reply[:1] != bytes([STATUS_PENDING]):
-            return
-        _still_time(pipes, clock, deadline_s, "aborting a response")
-        if len(reply) > 1 and reply[1] & 1:
-            drain(pipes, clock, deadline_s)
-        else:
-            clock.sleep(POLL_S)
+    asked = partial(pipes.control, CHECK_ABORT_BULK_IN_STATUS, 0, 8, STEP_S, pipe="in")
+    _drain_while_pending(pipes, clock, deadline_s, asked, "aborting a response")
 
 
 def abort_bulk_out(pipes: UsbtmcInterface, clock: Clock, tag: int, deadline_s: float) -> None:
@@ -70,16 +65,21 @@ def clear(pipes: UsbtmcInterface, clock: Clock, deadline_s: float) -> None:
     status = pipes.control(INITIATE_CLEAR, 0, 1, STEP_S)
     if status[:1] != bytes([STATUS_SUCCESS]):
         raise RecoveryFailed(pipes.device, f"it refused a device clear (status {status.hex() or 'missing'}).")
-    while True:
-        reply = pipes.control(CHECK_CLEAR_STATUS, 0, 2, STEP_S)
-        if reply[:1] != bytes([STATUS_PENDING]):
-            break
-        _still_time(pipes, clock, deadline_s, "clearing its buffers")
+    asked = partial(pipes.control, CHECK_CLEAR_STATUS, 0, 2, STEP_S)
+    _drain_while_pending(pipes, clock, deadline_s, asked, "clearing its buffers")
+    pipes.clear_halt("out")
+
+
+def _drain_while_pending(
+    pipes: UsbtmcInterface, clock: Clock, deadline_s: float, asked: Callable[[], bytes], what: str
+) -> None:
+    """Until the device has done what it was told to: its status says whether it holds bytes that are to be read."""
+    while (reply := asked())[:1] == bytes([STATUS_PENDING]):
+        _still_time(pipes, clock, deadline_s, what)
         if len(reply) > 1 and reply[1] & 1:
             drain(pipes, clock, deadline_s)
         else:
             clock.sleep(POLL_S)
-    pipes.clear_halt("out")
 
 
 def drain(pipes: UsbtmcInterface, clock: Clock, deadline_s: float) -> None:

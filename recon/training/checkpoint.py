@@ -4,12 +4,12 @@ A training state holds weights, their running mean, the optimiser and the place 
 (seed, step) and need no storing.
 """
 
-import subprocess
 from collections.abc import Mapping
-from pathlib import Path
 
 import torch
 from torch import nn
+
+from nlos.acquisition.recording.provenance import git_says
 
 
 def share_parameters(source: nn.Module, target: nn.Module) -> nn.Module:
@@ -42,16 +42,4 @@ def put_optimiser(module: nn.Module, optimiser: torch.optim.Optimizer, tensors: 
 
 def commit() -> str:
     """The commit of the code, with a + if it was changed since; "unknown" outside a repository."""
-    folder = Path(__file__).parent
-    try:
-        run = subprocess.run(
-            ["git", "describe", "--always", "--dirty=+", "--abbrev=12", "--exclude=*"],
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            timeout=10,
-            check=True,
-        )
-    except (OSError, subprocess.SubprocessError):
-        return "unknown"
-    return run.stdout.strip()
+    return git_says("describe", "--always", "--dirty=+", "--abbrev=12", "--exclude=*") or "unknown"

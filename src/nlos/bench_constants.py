@@ -1,13 +1,13 @@
 """A bench's constants: kept by its name, not by folder; the newest, unless the bench has changed since."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from math import degrees
 from pathlib import Path
 
 from nlos.acquisition.planning.aim import Aiming
-from nlos.calibration.bench_facts import Facts, facts_of
+from nlos.calibration.bench_facts import facts_of
 from nlos.calibration.checked import all_checked, load_checked
 from nlos.calibration.constants import BenchConstants
 from nlos.calibration.errors import StaleConstants
@@ -56,22 +56,19 @@ def aiming_constants(given: Path | None, bench_json: str, devices: Mapping[str, 
     `devices`: role -> model and serial; empty where nobody opened them. Raises `ForeignConstants` for named ones of
     other models, `StaleConstants` where the bench has changed since and none are named.
     """
-    name, facts = facts_of(bench_json)
-    if given == NONE:
-        return None
-    if given is not None:
-        return _named(given, devices, facts)
-    for path, constants in all_checked(folder_of(name)) if name else ():
+
+    def chosen(path: Path, constants: BenchConstants, stale: Sequence[str]) -> bool:
         if not constants.aims:
-            continue
-        if stale := constants.stale(devices, facts):
+            return False
+        if stale:
             raise StaleConstants(
-                f"{path}: bench {name} has changed since these constants were measured ({constants.measured_utc}): "
-                f"{'; '.join(stale)}. Scan with --constants none and calibrate again, or take them all the same: "
-                f"--constants {path}"
+                f"{path}: bench {constants.bench} has changed since these constants were measured "
+                f"({constants.measured_utc}): {'; '.join(stale)}. Scan with --constants none and calibrate again, or "
+                f"take them all the same: --constants {path}"
             )
-        return Known(path, constants)
-    return None
+        return True
+
+    return _known(given, bench_json, devices, chosen)
 
 
 def correcting_constants(
@@ -79,25 +76,35 @@ def correcting_constants(
 ) -> Known | None:
     """The constants to correct a scan's counts by: those named, else the newest of its bench for its bin width, that
     hold for the bench as it was in that scan; others are passed over and said. Raises `ForeignConstants`."""
+
+    def chosen(path: Path, constants: BenchConstants, stale: Sequence[str]) -> bool:
+        if abs(constants.bin_width_s / bin_width_s - 1) >= 1e-6:
+            return False
+        if stale:
+            log.info("constants: %s passed over, the bench was another in this scan: %s", path, "; ".join(stale))
+        return not stale
+
+    return _known(given, bench_json, devices, chosen)
+
+
+def _known(
+    given: Path | None,
+    bench_json: str,
+    devices: Mapping[str, str],
+    chosen: Callable[[Path, BenchConstants, Sequence[str]], bool],
+) -> Known | None:
+    """Those named, whatever they are of; else the newest of the bench that are `chosen`, told why they are stale."""
     name, facts = facts_of(bench_json)
     if given == NONE:
         return None
     if given is not None:
-        return _named(given, devices, facts)
+        constants = load_checked(given)
+        constants.refuse_other_models(devices)
+        return Known(given, constants, tuple(constants.stale(devices, facts)))
     for path, constants in all_checked(folder_of(name)) if name else ():
-        if abs(constants.bin_width_s / bin_width_s - 1) >= 1e-6:
-            continue
-        if stale := constants.stale(devices, facts):
-            log.info("constants: %s passed over, the bench was another in this scan: %s", path, "; ".join(stale))
-            continue
-        return Known(path, constants)
+        if chosen(path, constants, constants.stale(devices, facts)):
+            return Known(path, constants)
     return None
-
-
-def _named(path: Path, devices: Mapping[str, str], facts: Facts) -> Known:
-    constants = load_checked(path)
-    constants.refuse_other_models(devices)
-    return Known(path, constants, tuple(constants.stale(devices, facts)))
 
 
 def overrides(constants: BenchConstants, drawn: Aiming) -> list[str]:
