@@ -7,8 +7,8 @@ import usb.core
 import usb.util
 
 from nlos.drivers.device_model import WireLog
-from nlos.drivers.errors import DeviceError, DeviceTimeout, ProtocolError
-from nlos.drivers.link.usbtmc import classify, find_usb
+from nlos.drivers.errors import DeviceTimeout, ProtocolError
+from nlos.drivers.link.usbtmc import classify, closed_unless_opened, find_usb
 
 
 class UsbPipes:
@@ -19,14 +19,8 @@ class UsbPipes:
     ) -> None:
         self.device, self._log, self.closed = device, wire_log, False
         self._usb = find_usb(device, *ids, serial, backend)
-        try:
+        with closed_unless_opened(device, self.close):
             self._bulk, self._command, self._answer = self._claim()
-        except usb.core.USBError as error:
-            self.close()
-            raise classify(device, "opening it", error) from error
-        except DeviceError:
-            self.close()
-            raise
 
     def _claim(self) -> tuple[int, int, int]:
         """Addresses of bulk out, interrupt out and interrupt in."""

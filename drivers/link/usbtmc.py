@@ -8,7 +8,8 @@ import array
 import errno
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -143,6 +144,19 @@ def _describe(found: Any) -> UsbInfo:
     return UsbInfo(found.idVendor, found.idProduct, product, serial, True)
 
 
+@contextmanager
+def closed_unless_opened(device: str, close: Callable[[], None]) -> Iterator[None]:
+    """Claims pipes of a device that is closed again where that fails. Raises `DeviceError`s only."""
+    try:
+        yield
+    except usb.core.USBError as error:
+        close()
+        raise classify(device, "opening it", error) from error
+    except DeviceError:
+        close()
+        raise
+
+
 class UsbtmcInterface:
     """The four pipes of one claimed USBTMC interface. Raises `DeviceError`s only."""
 
@@ -153,14 +167,8 @@ class UsbtmcInterface:
         self._reattach = False
         self.number = self.packet_bytes = self._in = self._out = 0
         self._interrupt: int | None = None
-        try:
+        with closed_unless_opened(device, self.close):
             self._claim()
-        except usb.core.USBError as error:
-            self.close()
-            raise classify(device, "opening it", error) from error
-        except DeviceError:
-            self.close()
-            raise
 
     def _claim(self) -> None:
         interface = usb.util.find_descriptor(

@@ -38,7 +38,7 @@ async function follow() {
   while (!over) {
     if (document.hidden) { await new Promise(done => document.addEventListener("visibilitychange", done, {once: true})); continue; }
     try { const got = await ask("newest?has=" + has); missed = 0; if (got.number) take(got); }
-    catch (error) { if (!(error instanceof TypeError || /^[45]/.test(error.message))) throw error; if (++missed >= 3) { stale("no answer"); banner("The page is no longer told", "Look at the terminal: the program there goes on without this page, or has ended.", "bad"); } await new Promise(done => setTimeout(done, 500)); }
+    catch (error) { if (!(error instanceof TypeError || /^[45]/.test(error.message))) throw error; if (++missed >= 3) { stale("no answer"); banner("The page is no longer told", "Look at the terminal: the program there continues without this page, or has ended.", "bad"); } await new Promise(done => setTimeout(done, 500)); }
   }
 }
 setInterval(() => { if (!over && now && !missed && performance.now() / 1e3 - last_s > STALE_S) { stale("no update"); banner("No update", "The program waits, for an answer at its terminal or for an instrument. What is shown is old.", ""); } }, 250);
