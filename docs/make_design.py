@@ -5,7 +5,7 @@ from pathlib import Path
 DOCS = Path(__file__).parent
 ROOMS = {
     "The house and the command line": [(1, 2), (110, 110)],
-    "Drivers": [(10, 34), (111, 116), (140, 149)],
+    "Drivers": [(10, 34), (111, 116), (140, 149), (221, 221)],
     "Acquisition": [(40, 46), (117, 139), (215, 219)],
     "Calibration": [(50, 59)],
     "Physics reconstruction": [(60, 69), (150, 150)],

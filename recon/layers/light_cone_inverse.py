@@ -33,7 +33,8 @@ class LightConeInverse(nn.Module):
 
     def on_cone(self, light: Tensor) -> Tensor:
         """R_t: over bins of t -> over cells of t^2, (B, C, cells, H, W)."""
-        return self.resampling(light)  # type: ignore[no-any-return]
+        squared: Tensor = self.resampling(light)
+        return squared
 
     def solved(self, on_cone: Tensor, snr: Tensor, spectra: Tensor | None = None) -> Tensor:
         """Over cells of t^2 -> over cells of z^2, (B, V, cells, H, W)."""
