@@ -1,4 +1,4 @@
-"""Makes the screenshots of docs/live-page/ with Chromium: `python docs/make_live_page.py [FOLDER]`, two minutes.
+"""Makes the screenshots of docs/live-page/ with Chromium: `python docs/make_live_page.py [FOLDER]`, minutes.
 
 A recorded scan is written anew, at its own pace, into files that `nlos live` follows; every state is taken at three
 widths, light and dark. Look at each picture before it is kept.

@@ -108,19 +108,24 @@ def test_scans_at_free_positions_are_watched_too(nlos: Nlos, viewing: Viewing, t
         assert viewer.ask("plan?scan=0")["grid"] == [16, 16]
 
 
-def grown(path: Path, plan: ScanPlan, pause_s: float) -> None:
-    """A recording that grows as fast as its watcher may suffer it, events among its samples."""
+FLUSHED_EVERY = 64
+EVENT_EVERY = 512
+
+
+def grown(path: Path, plan: ScanPlan, pause_s: float, written: list[int]) -> None:
+    """A recording that grows as fast as its watcher may suffer it, events among its samples; `written`: how many."""
     rng = np.random.default_rng(1)
     writer = RecordingWriter.create(path, plan, Header())
     for point in plan:
         counts = rng.poisson(0.2, plan.axis.bins).astype(np.uint32)
         histogram = Histogram(counts, plan.axis.bin_width_s, plan.axis.offset_s, point.dwell_s, 10_000,
                               int(counts.sum()), HistogramFlag.NONE, point.number * 1e-3)  # fmt: skip
+        written.append(point.number + 1)
         writer.write(Sample(point, histogram, point.number * 1e-3))
-        if point.number % 64 == 63:
+        if point.number % FLUSHED_EVERY == FLUSHED_EVERY - 1:
             writer.flush()
             time.sleep(pause_s)
-        if point.number % 512 == 5:
+        if point.number % EVENT_EVERY == 5:
             writer.log("note", f"at point {point.number}", point.number * 1e-3)
     writer.finish(Status.COMPLETE)
 
@@ -134,6 +139,8 @@ def test_what_is_polled_hard_is_what_the_file_holds_at_that_moment(viewing: View
     stop = threading.Event()
     states: list[dict[str, object]] = []
     maps: list[tuple[int, np.ndarray]] = []
+    histograms: list[tuple[int, int, np.ndarray]] = []
+    written: list[int] = [0]
     failures: list[BaseException] = []
     with viewing("run.h5", "--method", "lct") as viewer:
 
@@ -143,6 +150,11 @@ def test_what_is_polled_hard_is_what_the_file_holds_at_that_moment(viewing: View
                     states.append(viewer.state())
                     if (rates := viewer.ask("rates")).get("rates_hz"):
                         maps.append((rates["samples"], viewer.array(rates["rates_hz"])))
+                        assert rates["samples"] <= written[-1]
+                        number = min(max(0, rates["samples"] - 1 + len(maps) % 3), len(plan) - 1)  # or still to come
+                        place = int(plan.positions.row[number] * side + plan.positions.col[number])
+                        one = viewer.ask(f"histogram?place={place}")
+                        histograms.append((one["samples"], number, viewer.array(one["counts"])))
             except BaseException as error:
                 failures.append(error)
                 raise
@@ -151,7 +163,7 @@ def test_what_is_polled_hard_is_what_the_file_holds_at_that_moment(viewing: View
         for thread in pollers:
             thread.start()
         try:
-            grown(tmp_path / "run.h5", plan, 0.05)
+            grown(tmp_path / "run.h5", plan, 0.05, written)
         finally:
             stop.set()
             for thread in pollers:
@@ -161,6 +173,7 @@ def test_what_is_polled_hard_is_what_the_file_holds_at_that_moment(viewing: View
         assert last["samples"] == len(plan)
     with Recording.open(tmp_path / "run.h5") as recording:
         records, events = recording.records, recording.events()
+        counts = [sample.histogram.counts for sample in recording.samples()]
     said = [[round(event.bench_s, 3), event.kind, event.text] for event in events]
     rate_hz = (records["total_count"] / records["live_time_s"]).astype(np.float32)
     place = plan.positions.row[records["number"]] * side + plan.positions.col[records["number"]]
@@ -170,11 +183,16 @@ def test_what_is_polled_hard_is_what_the_file_holds_at_that_moment(viewing: View
         expected = np.full(side * side, np.nan, dtype=np.float32)
         expected[place[:samples]] = rate_hz[:samples]
         assert np.array_equal(seen, expected, equal_nan=True), samples
+    for samples, number, seen in histograms:
+        assert np.array_equal(seen, counts[number] if number < samples else np.zeros(len(seen))), (samples, number)
+    assert len({state["samples"] for state in states}) > 10
     for state in states:
         shown, count = state["events"], state["samples"]
         assert isinstance(shown, list)
         assert isinstance(count, int)
         assert shown == said[: len(shown)]
+        # Whatever was said before the flush that brought these samples is there with them.
+        assert len(shown) >= len(range(5, count - FLUSHED_EVERY, EVENT_EVERY))
         if count:
             taken = records["taken_s"][count - 1] + records["live_time_s"][count - 1]
             assert state["elapsed_s"] == pytest.approx(float(taken), abs=1e-9)
