@@ -1,6 +1,7 @@
 """What the keys of `nlos jog` do, and what its screen says."""
 
 import math
+import textwrap
 from collections.abc import Callable
 
 from nlos.by_hand import lines
@@ -73,7 +74,7 @@ class Jog:
             *lines.counts(hand),
         ]  # fmt: skip
         again = [] if self._light_s is None else [_AGAIN.format(seconds=self._light_s)]
-        asked = [self._question, f"> {self._typed}_"] if self._question else [""]
+        asked = [*textwrap.wrap(self._question, max(columns - 1, 20)), f"> {self._typed}_"] if self._question else [""]
         below = [*lines.notes(hand, columns), *asked, *_HELP, *again]
         room = rows - len(shown) - len(below) - 4
         return [*shown, *lines.histogram(hand, columns - 1, min(room, 12), self._logarithmic), *below]
