@@ -7,13 +7,14 @@ import shutil
 import subprocess
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib import colormaps
-from PIL import Image
+from PIL import Image, ImageDraw
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.recording.checked import open_checked
@@ -23,12 +24,14 @@ from nlos.film_memory import FilmMemory
 from nlos.loaded import loaded_frames
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.track import track
+from nlos.recon.tracked_objects import tracked_objects
 from nlos.recon.volume import Reconstruction, response_words
 from nlos.recon.whole_files import whole_files
 from nlos.response import AUTO, ResponseWanted, say_response, with_response
 
 LONGEST_SIDE_PX = 384
-NAMES = ("film.npz", "film.gif", "track.csv", "track.json")
+TRAILS = ("#4cc9f0", "#80ed99", "#f15bb5", "#ffffff")
+NAMES = ("film.npz", "film.gif", "track.csv", "track.json", "objects.csv")
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +51,12 @@ class Film:
     def track(self) -> dict[str, npt.NDArray[Any]]:
         """Centroid, extent and velocity of what is seen, a row a picture; see `recon.track`."""
         found = track(self.albedo, self.depth_m, self.x_m, self.y_m, self.time_s, self.window)
-        return {"frame": self.frame, **{name: column for name, column in found.items() if name != "frame"}}
+        return {**found, "frame": self.frame}
+
+    def objects(self) -> list[dict[str, npt.NDArray[Any]]]:
+        """The same of each object alone, NaN while it is not there; see `recon.tracked_objects`."""
+        found = tracked_objects(self.albedo, self.depth_m, self.x_m, self.y_m, self.time_s, self.window)
+        return [{**each, "frame": self.frame} for each in found]
 
 
 def film_of(
@@ -104,7 +112,8 @@ def film_of(
 
 
 def write_film(folder: Path, film: Film) -> list[Path]:
-    """film.npz (`albedo`, `depth_m`, `frame`, `time_s`, `x_m`, `y_m`), film.gif, track.csv and track.json."""
+    """film.npz (`albedo`, `depth_m`, `frame`, `time_s`, `x_m`, `y_m`), film.gif, track.csv and track.json of all that
+    is seen as one, and objects.csv of each object alone."""
     with whole_files(folder) as fresh:
         _write_film(fresh, film)
     return [folder / name for name in NAMES]
@@ -118,14 +127,30 @@ def _write_film(folder: Path, film: Film) -> None:
     np.savez_compressed(paths[0], **arrays)
     write_gif(paths[1], film)
     columns = film.track()
-    rows = list(zip(*(column.tolist() for column in columns.values()), strict=True))
-    known = [{key: value for key, value in zip(columns, row, strict=True) if not math.isnan(value)} for row in rows]
-    with paths[2].open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(columns))
-        writer.writeheader()
-        writer.writerows(known)
+    known = _rows(columns)
+    _write_csv(paths[2], list(columns), known)
     whole = [dict.fromkeys(columns) | row for row in known]
     paths[3].write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
+    apart = [
+        {"frame": row.pop("frame"), "object": number, **row}
+        for number, each in enumerate(film.objects(), 1)
+        for row in _rows(each)
+        if "x_m" in row
+    ]
+    _write_csv(paths[4], ["frame", "object", *(name for name in columns if name != "frame")], apart)
+
+
+def _rows(columns: Mapping[str, npt.NDArray[Any]]) -> list[dict[str, Any]]:
+    """A dictionary a frame, without what is not known in it."""
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return [{key: value for key, value in zip(columns, row, strict=True) if not math.isnan(value)} for row in rows]
+
+
+def _write_csv(path: Path, names: list[str], rows: list[dict[str, Any]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, names)
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 def write_gif(path: Path, film: Film) -> None:
@@ -155,9 +180,21 @@ def _pace_s(film: Film) -> float:
 
 
 def _drawn(film: Film) -> npt.NDArray[np.uint8]:
-    """RGB pictures (F, R, C, 3), pixels enlarged by a whole number, sides even; the brightest of the film is white."""
+    """RGB pictures (F, R, C, 3), pixels enlarged by a whole number, sides even; the brightest of the film is white. A
+    line behind each object shows where it was."""
     scaled = np.clip(film.albedo / max(float(film.albedo.max()), 1e-30), 0.0, 1.0)
     times = max(LONGEST_SIDE_PX // max(scaled.shape[1:]), 1)
     times += times % 2
     large = scaled.repeat(times, axis=1).repeat(times, axis=2)
-    return np.asarray(colormaps["inferno"](large)[..., :3] * 255).astype(np.uint8)
+    drawn = np.asarray(colormaps["inferno"](large)[..., :3] * 255).astype(np.uint8)
+    for colour, each in zip(cycle(TRAILS), film.objects(), strict=False):
+        col = np.interp(each["x_m"], film.x_m, np.arange(len(film.x_m)))
+        row = np.interp(-each["y_m"], -film.y_m, np.arange(len(film.y_m)))
+        places = np.stack([col, row], axis=1) * times + times / 2
+        for frame in range(1, len(drawn)):
+            way = places[: frame + 1][np.isfinite(places[: frame + 1, 0])]
+            if len(way) > 1 and np.isfinite(places[frame, 0]):
+                picture = Image.fromarray(drawn[frame])
+                ImageDraw.Draw(picture).line([tuple(place) for place in way.tolist()], fill=colour, width=2)
+                drawn[frame] = np.asarray(picture)
+    return drawn

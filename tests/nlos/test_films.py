@@ -28,11 +28,16 @@ PANEL = {"panel_m": (0.2, 0.2), "centre_m": (-0.2, 0.1, 0.7), "path": [{"at_s": 
 
 @pytest.fixture(scope="module", params=[1, 4])
 def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Eight frames of 12 x 12 points, whole and in fourths, of a panel of 20 cm at 26 cm/s."""
-    path = tmp_path_factory.mktemp("film") / "run.h5"
+    """Eight frames, whole and in fourths, of a panel of 20 cm at 26 cm/s."""
+    return filmed(tmp_path_factory.mktemp("film") / "run.h5", request.param, PANEL)
+
+
+def filmed(path: Path, interleave: int, *objects: dict[str, object]) -> Path:
+    """Eight frames of 12 x 12 points, 2.8 s, on the default bench with these objects in place of its own."""
     settings = load("bench", "simulated", BenchSettings).settings
     assert settings.simulation is not None
-    scene = settings.simulation.scene.model_copy(update={"objects": (Surface.model_validate_json(json.dumps(PANEL)),)})
+    surfaces = tuple(Surface.model_validate_json(json.dumps(each)) for each in objects)
+    scene = settings.simulation.scene.model_copy(update={"objects": surfaces})
     simulation = settings.simulation.model_copy(update={"scene": scene})
     words = {
         "wall": {"width_m": 1.0, "height_m": 1.0, "rows": 12, "cols": 12},
@@ -40,7 +45,7 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
         "dwell_ms": 1,
         "histogram": {"bins": 512, "bin_width_ps": 32, "offset_ns": 10},
         "frames": 8,
-        "interleave": request.param,
+        "interleave": interleave,
     }
     plan = ScanSettings.model_validate(words).plan()
     moving = settings.model_copy(update={"simulation": simulation})
@@ -97,6 +102,31 @@ def test_with_a_memory_every_frame_has_a_picture_of_its_own_moment(run: Path) ->
     for axis, column in enumerate(("x_m", "y_m", "z_m")):
         assert np.median(np.abs(found[column] - true[:, axis])[late]) < 0.03
     assert np.median(found["vx_m_per_s"]) == pytest.approx(0.25, rel=0.25)
+
+
+def test_two_objects_have_rows_of_their_own(tmp_path: Path) -> None:
+    """Drawn photon by photon: one moves, another appears and vanishes, each found within two frames and 3 cm."""
+    moving = {
+        "panel_m": (0.2, 0.2),
+        "centre_m": (-0.25, 0.2, 0.6),
+        "path": [{"at_s": 3.0, "centre_m": (0.2, 0.2, 0.6)}],
+    }
+    passing = {"panel_m": (0.2, 0.2), "centre_m": (0.15, -0.25, 0.8), "appears_s": 0.75, "vanishes_s": 2.0}
+    film = film_of(filmed(tmp_path / "two.h5", 1, moving, passing), "lct", {}, constants=Path("none"))
+    found = film.objects()
+    assert len(found) == 2
+    objects = [Surface.model_validate_json(json.dumps(each)) for each in (moving, passing)]
+    for each, one in zip(found, objects, strict=True):
+        there = np.isfinite(each["x_m"])
+        assert np.count_nonzero(there != [one.is_there(time_s) for time_s in film.time_s]) <= 2
+        for axis, column in enumerate(("x_m", "y_m", "z_m")):
+            true = [pose_at(time_s, one.pose, one.path).centre_m[axis] for time_s in film.time_s[there]]
+            assert np.median(np.abs(each[column][there] - true)) < 0.03
+    assert np.nanmedian(found[0]["vx_m_per_s"]) == pytest.approx(0.15, rel=0.2)
+    write_film(tmp_path / "out", film)
+    rows = list(csv.DictReader((tmp_path / "out" / "objects.csv").read_text().splitlines()))
+    assert {row["object"] for row in rows} == {"1", "2"}
+    assert len(rows) == sum(int(np.isfinite(each["x_m"]).sum()) for each in found)
 
 
 def test_a_film_is_told_the_response_as_every_picture_is(run: Path, tmp_path: Path) -> None:
