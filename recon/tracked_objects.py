@@ -38,7 +38,8 @@ class _Followed:
         if not before:
             return self.places_m[last]
         share = (time_s[frame] - time_s[last]) / max(time_s[last] - time_s[before[-1]], 1e-9)
-        return self.places_m[last] + min(share, 1.0) * (self.places_m[last] - self.places_m[before[-1]])
+        way_m = min(share, 1.0) * (self.places_m[last] - self.places_m[before[-1]])
+        return np.asarray(self.places_m[last] + way_m, dtype=np.float64)
 
 
 def tracked_objects(
@@ -86,8 +87,8 @@ def _parts(
     row, col = np.nonzero(seen)
     solid[planes[row, col] - first, row, col] = True
     # Two planes that touch are within a step of one another.
-    wide = np.stack([binary_dilation(plane, np.ones((3, 3)), iterations=reach) for plane in solid])
-    labels, _ = label(wide, np.ones((3, 3, 3)))
+    wide = np.stack([binary_dilation(plane, np.ones((3, 3), np.bool_), iterations=reach) for plane in solid])
+    labels, _ = label(wide, np.ones((3, 3, 3), np.bool_))
     own = np.where(seen, labels[np.clip(planes - first, 0, len(solid) - 1), *np.indices(light.shape)], 0)
     sums = np.bincount(own.ravel(), np.where(seen, light, 0.0).ravel())
     sums[0] = 0.0

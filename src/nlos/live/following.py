@@ -64,7 +64,7 @@ def follow_to_folder(
         replace_pictures(folder, picture, volume)
 
     with local_copy(run, folder) as local:
-        scan = LiveScan(local, [live], constants, on_picture=keep, response=response_wanted(response))
+        scan = LiveScan(local, [live], constants, on_picture=keep, response=response_wanted(response), adds_up=True)
         scan.start()
         try:
             scan.wait()

@@ -7,7 +7,7 @@ from nlos.acquisition.errors import InvalidData as RecordingInvalid
 from nlos.acquisition.recording.recording import Recording
 from nlos.calibration.errors import InvalidData
 from nlos.live.describe import described, packed, solid
-from nlos.live.so_far import gathering_for, scan_of
+from nlos.live.so_far import scan_of, shown_of
 from nlos.recon.errors import ReconError
 from nlos.recon.live import LiveReconstruction
 
@@ -61,7 +61,7 @@ class Frames:
             with Recording.open(self._scan.run) as recording:  # the follower has closed its own handle
                 if recording.header.identity != self._scan.seen.which:
                     return
-                gathering, frame = gathering_for(recording.plan), 0
+                gathering, frame = shown_of(recording.plan), 0
                 for sample in recording.samples():
                     if self._stopped.is_set():
                         return

@@ -27,7 +27,7 @@ from nlos.live.calibrated import Calibrated, calibrated
 from nlos.live.calibration import SampleCalibration
 from nlos.live.rehearsal import rehearse
 from nlos.live.schedule import Coming, Schedule
-from nlos.live.so_far import empty_scan, gathering_for, scan_of
+from nlos.live.so_far import empty_scan, gathering_for, scan_of, shown_of
 from nlos.recon.errors import ReconError, ReconstructionFailed
 from nlos.recon.methods import PLAIN, find
 from nlos.response import AUTO, ResponseWanted, with_response
@@ -65,6 +65,8 @@ class LiveScan:
     """The quickest method first: its picture comes first, and the others' replace it."""
     constants: Path | None = None
     response: ResponseWanted = AUTO
+    adds_up: bool = False
+    """Of a film every picture is of all frames so far, not of the newest visit to every point."""
     first_fraction: float = 0.05
     """Of which part of the plan's points the first picture is."""
     on_picture: Callable[["LivePicture"], None] | None = None
@@ -197,12 +199,15 @@ class LiveScan:
         self._growing = recording.status is Status.RUNNING
         self._empty = empty = empty_scan(recording)
         self._constants = constants_for(empty, self.constants)
-        if self._constants is not None and self._growing and recording.on_grid and not empty.rectified:
+        single = recording.on_grid and (self.adds_up or recording.plan.frames == 1)
+        if self._constants is not None and self._growing and single and not empty.rectified:
             try:
                 self._each = SampleCalibration(recording.plan, self._constants)
             except CalibrationError as error:
                 self._say(f"samples are not corrected one by one: {error}")
-        self.gathering = gathering_for(recording.plan)
+        if not self.adds_up:
+            self._schedule.follow_frames(recording.plan)
+        self.gathering = gathering_for(recording.plan) if self.adds_up else shown_of(recording.plan)
 
     def _paint(self) -> None:
         try:

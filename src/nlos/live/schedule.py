@@ -4,6 +4,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from nlos.acquisition.planning.plan import ScanPlan
 from nlos.live.pace import Pace
 
 QUICK_AFTER_S = 8.0
@@ -34,6 +35,13 @@ class Schedule:
         self.pace = Pace()
         self.skipped = 0
         """Pictures that were due while another was being made."""
+        self._frame: int | None = None
+
+    def follow_frames(self, plan: ScanPlan) -> None:
+        """Of a film the first picture is of a whole scan, and a new one is due with every frame."""
+        if plan.frames > 1:
+            self._frame = max(1, len(plan) // plan.frames)
+            self._first_fraction = plan.cycle / plan.frames
 
     def of(self, method: str) -> int:
         """Of how many samples the newest picture by `method` is; 0 where there is none."""
@@ -87,4 +95,4 @@ class Schedule:
         return max(1, int(self._first_fraction * planned))
 
     def _step(self, planned: int) -> int:
-        return max(1, int(self._every_fraction * planned))
+        return self._frame or max(1, int(self._every_fraction * planned))

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.scanning.free_points import FreePoints
 from nlos.acquisition.scanning.gathering import Gathering
+from nlos.acquisition.scanning.newest_visits import NewestVisits
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.calibration.raw_points import RawPoints
 from nlos.loaded import LoadedScan, as_recorded
@@ -21,6 +22,12 @@ if TYPE_CHECKING:
 def gathering_for(plan: "ScanPlan") -> "Gathering | FreePoints":
     """An empty sum for this plan. Raises `InvalidData` where it would need more than 8 GiB."""
     return Gathering(plan) if plan.positions.on_grid else FreePoints(plan)
+
+
+def shown_of(plan: "ScanPlan") -> "Gathering | FreePoints":
+    """An empty sum of what a viewer shows: of a film the newest visit to every point, else every sample. Raises
+    `InvalidData` as `gathering_for` does."""
+    return NewestVisits(plan) if plan.frames > 1 and plan.positions.on_grid else gathering_for(plan)
 
 
 def new_scan(plan: "ScanPlan", devices: Mapping[str, str], bench_json: str = "{}") -> "LoadedScan":

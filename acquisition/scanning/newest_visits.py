@@ -1,0 +1,20 @@
+"""The newest visit to every point of a film, as samples come: what there is to see now."""
+
+from nlos.acquisition.sample import Sample
+from nlos.acquisition.scanning.gathering import Gathering
+
+
+class NewestVisits(Gathering):
+    """A `Gathering` in which a point that is visited again replaces what it held: of a film, one whole scan that ends
+    with the newest sample. `len` counts all samples that came."""
+
+    def add(self, sample: Sample) -> bool:
+        """Takes one sample of the plan; False where that visit was in already."""
+        point = sample.point
+        if self._have[point.number]:
+            return False
+        place = point.row, point.col
+        self._counts[place] = 0
+        self._live_s[:, point.row, point.col] = 0
+        self.sync_count[place] = self.total_count[place] = 0
+        return super().add(sample)

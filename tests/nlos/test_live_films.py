@@ -1,0 +1,92 @@
+"""A film on the live page: each picture is of the newest visit to every point, one is due with every frame."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.scanning.engine import record, scan
+from nlos.acquisition.scanning.newest_visits import NewestVisits
+from nlos.chain import calibrate_scan
+from nlos.configs.load import load
+from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.live.scan import LiveScan
+from nlos.live.schedule import Schedule
+from nlos.loaded import load_scan, loaded_frames
+from nlos.recon.live import LiveReconstruction
+from nlos.recon.reconstruct import reconstruct
+
+FRAMES, PARTS = 6, 2
+WORDS = {
+    "wall": {"width_m": 1.0, "height_m": 1.0, "rows": 8, "cols": 8},
+    "pattern": "serpentine",
+    "dwell_ms": 4,
+    "histogram": {"bins": 512, "bin_width_ps": 32, "offset_ns": 10},
+    "frames": FRAMES,
+    "interleave": PARTS,
+}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six frames of half of 8 x 8 points of the shipped bench with something that moves."""
+    path = tmp_path_factory.mktemp("live") / "run.h5"
+    plan = ScanSettings.model_validate_json(json.dumps(WORDS)).plan()
+    settings = load("bench", "moving", BenchSettings).settings
+    with open_bench(settings) as bench, RecordingWriter.create(path, plan, Header(), clock=bench.clock) as writer:
+        record(scan(plan, bench), writer)
+    return path
+
+
+def test_newest_visits_are_the_sum_of_the_last_cycle(run: Path) -> None:
+    with Recording.open(run) as recording:
+        newest, samples = NewestVisits(recording.plan), list(recording.samples())
+        each = len(samples) // FRAMES
+        for number, sample in enumerate(samples, 1):
+            assert newest.add(sample)
+            assert not newest.add(sample)
+            if number in (each, 3 * each, len(samples)):
+                last = number // each
+                wanted = recording.transient(range(max(last - PARTS, 0), last))
+                held = newest.transient()
+                assert np.array_equal(held.counts, wanted.counts)
+                assert held.exposure_s == pytest.approx(wanted.exposure_s)
+        assert len(newest) == len(samples)
+
+
+@pytest.mark.parametrize("adds_up", [False, True])
+def test_the_viewer_shows_the_newest_frames_of_a_film_and_a_follower_the_sum(run: Path, adds_up: bool) -> None:
+    """`reconstruct --follow` ends with what `reconstruct` makes of the recording."""
+    live = LiveScan(run, [LiveReconstruction("lct")], constants=Path("none"), adds_up=adds_up)
+    live.start()
+    try:
+        live.wait()
+        assert live.picture is not None
+        assert live.picture.samples == FRAMES * 32
+        with Recording.open(run) as recording:
+            newest = loaded_frames(recording, range(FRAMES - PARTS, FRAMES))
+        pictures = [reconstruct(calibrate_scan(each), "lct").albedo for each in (newest, load_scan(run))]
+        assert np.array_equal(live.picture.reconstruction.albedo, pictures[adds_up])
+        assert not np.array_equal(*pictures)
+    finally:
+        live.stop(30)
+
+
+def test_a_picture_is_due_with_every_frame_and_those_dropped_are_counted() -> None:
+    words = WORDS | {"frames": 1000, "interleave": 1}
+    plan = ScanSettings.model_validate_json(json.dumps(words)).plan()
+    schedule = Schedule(["lct"], 0.05)
+    schedule.follow_frames(plan)
+    planned = len(plan)
+    for _ in range(planned):
+        schedule.pace.saw(0.0)
+    assert schedule.due(63, planned, True, False) is None
+    schedule.made("lct", 64, planned, 0.0, True)
+    assert schedule.skipped == 0
+    schedule.made("lct", 64 * 5, planned, 0.0, True)
+    assert schedule.skipped == 3
