@@ -70,11 +70,12 @@ def reconstruct(
         response_used=rebinned.response is not None and takes,
     )
     refuse_not_finite(result)
-    return replace(result, explained=_explained(rebinned, method, chosen, device)) if explain else result
+    return replace(result, explained=_explained(transient, method, chosen, device)) if explain else result
 
 
 def _explained(transient: Transient, method: str, chosen: Settings, device: str) -> Explained:
-    """What a picture of a part of `transient` explains of the rest; without averages over mirror images, for speed."""
+    """What a picture of a part of `transient`, in the bins that it came in, explains of the rest: added up, a bin's
+    light passes for noise. Without averages over mirror images, for speed."""
     quick = chosen.model_copy(update={"symmetries": False}) if hasattr(chosen, "symmetries") else chosen
     falloff = getattr(chosen, "falloff", None)
 

@@ -30,6 +30,7 @@ PAIRS = [
     )),
     ("scan", ("demo", "--resume"), ("--overwrite",)),
     ("scan", ("demo",), ("--response", "300")),
+    ("scan", ("demo", "--bench", "lab"), ("--scene", NOBODY)),
     ("replay", (NOBODY,), ("--response", "300")),
     ("export", (NOBODY, "--to", "npz"), ("--method", "fk")),
     *(("calibrate", ("--first-light",), each) for each in (

@@ -14,6 +14,7 @@ from nlos.acquisition.planning.preflight import aim_of
 from nlos.acquisition.recording.checked import open_checked
 from nlos.bench_constants import aiming_constants
 from nlos.cli.agreeing import agrees
+from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
 from nlos.configs.load import Loaded, load
 from nlos.drivers.bench import Bench, BenchSettings, open_bench
@@ -66,6 +67,11 @@ def measured_constants(given: Path | None, bench: "Bench", devices: bool = True)
 @contextmanager
 def opened(loaded: "Loaded[BenchSettings]", scene: Path | None = None, quiet: bool = False) -> Iterator["Bench"]:
     """The open bench; `scene` is a recorded scan that replaces a simulated bench's light."""
+    if scene is not None and not loaded.settings.simulated:
+        raise UsageError(
+            f"--scene {scene}: {loaded.path} is a real bench, whose light is its own. Use --scene with a simulated "
+            "bench, or leave it out."
+        )
     latch = TripLatch.of_bench(loaded.settings)
     with (
         wire_logged() as log,

@@ -73,9 +73,10 @@ def export(
 
 
 def _write_scan(run: Path, word: str, target: Path) -> list[str]:
+    frames = 1
     if is_recording(run):
         with open_checked(run) as recording:
-            arrays = arrays_of_recording(recording)
+            arrays, frames = arrays_of_recording(recording), recording.plan.frames
     else:
         arrays = arrays_of_import(read_isolated(run), run)
     if not (arrays.exposure_s > 0).any():
@@ -86,6 +87,8 @@ def _write_scan(run: Path, word: str, target: Path) -> list[str]:
             left_behind = write(arrays, partial)
         except InvalidData as error:
             raise InvalidData(str(error).replace(str(partial), str(target))) from error
+    if frames > 1:
+        left_behind = [*left_behind, f"the {frames} frames, which are added up: `nlos reconstruct --frame` takes one"]
     if arrays.left_aside:
         left_behind = [*left_behind, f"{arrays.left_aside} samples that are damaged or unreadable"]
     return left_behind
