@@ -42,3 +42,25 @@ def test_the_manifest_is_declared_and_names_what_there_is() -> None:
     module, _, name = declared["project"]["entry-points"]["napari.manifest"]["nlos"].partition(":")
     text = (Path(importlib.import_module(module).__file__ or "").parent / name).read_text("utf-8")
     assert f"python_name: {reader.__module__}:{reader.__name__}" in text
+
+
+def test_napari_itself_opens_a_result_by_the_plug_in(tmp_path: Path) -> None:
+    pytest.importorskip("napari", reason="napari is not installed")
+    from napari.components import ViewerModel
+    from npe2 import PluginManager
+
+    PluginManager.instance().discover()
+    wall = WallGrid(2.0, 1.0, 4, 8)
+    albedo = np.ones((4, 8), np.float32)
+    volume = Volume(np.stack([albedo] * 3), np.array([0.5, 0.6, 0.7]), wall)
+    made = Reconstruction(albedo, np.full((4, 8), 0.6, np.float32), wall, "lct", 0.0, {}, volume)
+    write_reconstruction(tmp_path / "reconstruction.h5", made)
+    viewer = ViewerModel()
+    front, depth, solid = viewer.open(str(tmp_path / "reconstruction.h5"), plugin="nlos")
+    assert [layer.name for layer in (front, depth, solid)] == ["LCT front view", "LCT depth (m)", "LCT volume"]
+    assert list(solid.translate) == pytest.approx([0.5, -0.375, -0.875])
+    assert list(solid.scale) == pytest.approx([0.1, 0.25, 0.25])
+    assert [(low, high) for low, high, _ in viewer.dims.range] == [
+        (pytest.approx(0.5), pytest.approx(0.7)), (pytest.approx(-0.375), pytest.approx(0.375)),
+        (pytest.approx(-0.875), pytest.approx(0.875)),
+    ]  # fmt: skip
