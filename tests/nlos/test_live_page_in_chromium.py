@@ -243,6 +243,9 @@ def test_two_scans_are_set_side_by_side_with_their_difference(folder: Path, brow
         titles = page.locator(".panel h2").all_inner_texts()
         assert titles == ["run.h5: front view", "same.h5: front view", "Difference: run.h5 less same.h5",
                           "run.h5: depth", "same.h5: depth"]  # fmt: skip
+        playwright.expect(page.locator(".panel[data-kind=difference] .say")).to_have_text(
+            "LCT of 256 points less LCT of 256 points", timeout=PATIENCE_MS
+        )
         assert page.evaluate(PIXELS, "albedo") == page.evaluate(PIXELS, "albedo1")
         middle = page.evaluate("id => { const p = panels.find(p => p.kind === id); return [...p.picture.albedo].every("
                                "(v, i) => v === p.other.albedo[i]); }", "difference")  # fmt: skip

@@ -48,6 +48,8 @@ class PicturePanel {
   }
   isOld(p) { const state = scans[this.scan].state; return !!p && !!state && frame === null && state.samples - p.samples > .02 * state.planned; }
   about() {
+    const whose = q => `${q.method.toUpperCase()} of ${count(q.samples)} points`;
+    if (this.kind === "difference") return [document.createTextNode(`${whose(this.picture)} less ${whose(this.other)}`)];
     const p = this.picture, state = scans[this.scan].state, since = state.samples - p.samples, old = this.isOld(p), span = document.createElement("span");
     span.className = old ? "stale" : ""; span.textContent = frame === null && old ? `older picture, of ${count(p.samples)} points: ${count(since)} more were taken since` : `of ${count(p.samples)} points`;
     const rest = p.change < 1 && frame === null ? `, changed by ${(100 * p.change).toFixed(1)} % from the previous picture` : "";
