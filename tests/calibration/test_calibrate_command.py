@@ -244,3 +244,14 @@ def test_constants_named_as_a_run_are_called_constants(
     code, told = called(capsys, tmp_path / "c.h5", "-o", tmp_path / "d.h5")
     assert code == 7
     assert "holds a bench's constants" in told["error"]["message"]  # type: ignore[index]
+
+
+def test_the_report_gives_place_and_delay_to_the_digits_of_their_errors(folder: Path, tmp_path: Path) -> None:
+    assert nlos(["report", str(folder / "run.h5"), "-o", str(tmp_path / "r.html")]) == 0
+    text = (tmp_path / "r.html").read_text("utf-8")
+    place = re.search(r"<th>Scanner, from[^<]*</th><td>([^<]*)<", text)
+    delay = re.search(r"<th>Delay of cables[^<]*</th><td>([0-9.-]+) ± ([0-9.]+)<", text)
+    assert place is not None
+    assert delay is not None
+    assert re.fullmatch(r"(-?\d\.\d{5} ± 0\.\d{5}(, )?){3}", place[1])
+    assert abs(float(delay[1]) - 0.35) < 4 * float(delay[2])

@@ -48,6 +48,23 @@ def test_the_delay_is_found_within_20_ps(
     assert said["direct_cps"] == pytest.approx(40e3, rel=0.06)
 
 
+def test_what_the_delay_rests_on_is_said_and_a_wrong_place_shows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    document = yaml.safe_load(bench_file(tmp_path).read_text("utf-8"))
+    document["simulation"]["misalignment"] = {"wall_distance_m": 2.0, "scanner_x_m": 0.0}
+    for distance_m, warned in ((2.0, False), (2.4, True)):
+        document["geometry"]["wall_distance_m"] = distance_m
+        path = tmp_path / "placed.yaml"
+        path.write_text(yaml.safe_dump(document))
+        said = found(capsys, "--bench", str(path))
+        assert any("from place to place" in each for each in said["warnings"]) is warned
+        assert run(["calibrate", "--first-light", "--bench", str(path)]) == 0
+        printed = capsys.readouterr().out
+        assert f"wall_distance_m {distance_m:g}" in printed
+        assert "each millimetre of distance is 6.7 ps" in printed
+
+
 def test_dark_counts_are_kept_apart_from_the_room(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = bench_file(tmp_path, "noisy")  # 2,000 dark counts a second, 20,000 of room light, afterpulses of both
     said = found(capsys, "--bench", str(path))

@@ -17,6 +17,7 @@ from nlos.first_light.measuring import FirstLight, in_the_dark, in_the_light
 
 if TYPE_CHECKING:
     from nlos.drivers.bench import Bench
+    from nlos.drivers.bench_settings import GeometrySettings
 
 
 def first_light(bench: str | None, light: bool, output: Path | None, overwrite: bool) -> None:
@@ -29,6 +30,7 @@ def first_light(bench: str | None, light: bool, output: Path | None, overwrite: 
         closed, dark = in_the_dark(open_bench)
         _agree(open_bench, light)
         found = in_the_light(open_bench, closed, dark)
+    _say_place(table.settings.geometry)
     _tell(found)
     lines = _block(found)
     terminal.result("\nthe bench file's lines:\n" + "\n".join(lines))
@@ -44,11 +46,20 @@ def _agree(bench: "Bench", light: bool) -> None:
         raise LimitError("shutter", "stays closed: no one agreed to light.", "Use --light when it is safe.")
 
 
+def _say_place(geometry: "GeometrySettings") -> None:
+    """What the delay rests on: constants play no part in it."""
+    terminal.result(
+        f"place      by the bench file: wall_distance_m {geometry.wall_distance_m:g}, scanner_x_m "
+        f"{geometry.scanner_x_m:g}, scanner_y_m {geometry.scanner_y_m:g}"
+    )
+
+
 def _tell(found: "FirstLight") -> None:
     plus = "" if found.fwhm_s is None else f", {found.fwhm_s * 1e12:.0f} ps wide (FWHM)"
     terminal.result(
-        f"delay      {found.delay_s * 1e9:+.4f} +- {found.delay_error_s * 1e9:.4f} ns beyond the light's way; the same "
-        f"within {found.spread_s * 1e12:.0f} ps at {len(found.places)} places{plus}",
+        f"delay      {found.delay_s * 1e9:+.4f} +- {found.delay_error_s * 1e9:.4f} ns beyond the light's way, for this "
+        f"place (each millimetre of distance is 6.7 ps); the same within {found.spread_s * 1e12:.0f} ps at "
+        f"{len(found.places)} places{plus}",
         delay_ns=found.delay_s * 1e9, delay_error_ns=found.delay_error_s * 1e9, spread_ns=found.spread_s * 1e9,
         response_fwhm_ps=None if found.fwhm_s is None else found.fwhm_s * 1e12,
     )  # fmt: skip
@@ -78,7 +89,11 @@ def _tell(found: "FirstLight") -> None:
 
 def _block(found: "FirstLight") -> list[str]:
     values = [
-        ("delay_ns", f"{found.delay_s * 1e9:.4f}", f"+- {found.delay_error_s * 1e9:.4f}"),
+        (
+            "delay_ns",
+            f"{found.delay_s * 1e9:.4f}",
+            f"+- {found.delay_error_s * 1e9:.4f}, and 6.7 ps a mm of wall_distance_m",
+        ),
         ("response_fwhm_ps", None if found.fwhm_s is None else f"{found.fwhm_s * 1e12:.0f}.0", "direct peak"),
         ("direct_cps", f"{found.direct.cps:.0f}.0", "from the middle of the area"),
         ("dark_cps", None if found.dark is None else f"{max(found.dark.cps, 0):.0f}.0", "detector covered"),

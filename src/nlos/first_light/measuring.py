@@ -25,6 +25,8 @@ _FINE_BINS = 1024
 """Of 4 ps: finer than any of these detectors, and no finer than what counters sort by."""
 _SPREAD_S = 0.3e-9
 """Delays from several places differ by no more where geometry and aim are right."""
+_SMALLEST_SPREAD_S, _DOUBT = 8e-12, 8.0
+"""Nor by more than this, and than so many standard errors of one place's peak, where they are right to a few mm."""
 _BEFORE_S, _WINDOW_S = 1.0e-9, 16e-9
 """A scan's window begins so much before the earliest direct light, and shows 2.4 m of hidden depth."""
 
@@ -147,6 +149,12 @@ def _judged(
         warnings.append(
             f"the delay differs by {spread_s * 1e9:.2f} ns from place to place: wall_distance_m, the scanner's place "
             "or the mirror's volts per degree are not as the bench file says. Mark spots (`nlos jog`) and calibrate."
+        )
+    elif spread_s > max(_SMALLEST_SPREAD_S, _DOUBT * float(np.median([p.peak.error_s for p in places]))):
+        warnings.append(
+            f"the delay differs by {spread_s * 1e12:.0f} ps from place to place, more than chance: the scanner's place "
+            "or wall_distance_m is some way off, and the delay by 6.7 ps for each millimetre of that. Mark spots "
+            "(`nlos jog`), calibrate --spots, and measure first light again."
         )
     highest = max(p.total.cps for p in places)
     if highest > PILE_UP * bench.settings.laser.repetition_hz:

@@ -22,8 +22,8 @@ _FOUND = {
     "points_off_the_wall_fit": "Points off the fit of the wall",
     "offset_rms_ps": "Time offsets about that fit, RMS (ps)",
     "offset_rms_mm": "The same as a distance (mm)",
-    "scanner_position_m": "Scanner, from the wall's centre: x, y, z (m)",
-    "electronic_delay_ns": "Delay of cables and electronics (ns)",
+    "scanner_position_m": "Scanner, from the wall's centre, by the places aimed at: x, y, z (m)",
+    "electronic_delay_ns": "Delay of cables and electronics for that place (ns)",
     "response_fwhm_ps": "Impulse response, FWHM (ps)",
     "direct_masked_ns": "Direct light masked for (ns)",
     "direct_tail_ps": "Its tail decays in (ps)",
@@ -59,7 +59,7 @@ def _residuals(corrected: "Corrected") -> str:
     from matplotlib.figure import Figure
 
     found = corrected.report()
-    rows = {label: number(found[key]) for key, label in _FOUND.items() if found.get(key) is not None}
+    rows = _figures(corrected)
     offsets = corrected.points.offsets
     if offsets is None:
         return table(rows)
@@ -75,6 +75,19 @@ def _residuals(corrected: "Corrected") -> str:
         title = f"What the wall's fit leaves (ps): {rms_mm:.2f} mm RMS"
         _map(figure, right, residual_ps, title, wall.width_m, wall.height_m)
     return table(rows) + picture(figure, "time offset of every point, and what the wall fit leaves")
+
+
+def _figures(corrected: "Corrected") -> dict[str, str]:
+    """Name and value with its error, to the digits that it has: tenths of a millimetre and of a picosecond count."""
+    found, offsets = corrected.report(), corrected.points.offsets
+    rows = {label: number(found[key]) for key, label in _FOUND.items() if found.get(key) is not None}
+    wall = None if offsets is None else offsets.wall
+    if wall is not None:
+        error = np.sqrt(wall.covariance.diagonal())
+        (x, y, z), (dx, dy, dz) = wall.scanner_position_m, error[:3]
+        rows[_FOUND["scanner_position_m"]] = f"{x:.5f} ± {dx:.5f}, {y:.5f} ± {dy:.5f}, {z:.5f} ± {dz:.5f}"
+        rows[_FOUND["electronic_delay_ns"]] = f"{wall.delay_s * 1e9:.4f} ± {error[3] * 1e9:.4f}"
+    return rows
 
 
 def _map(
