@@ -1,14 +1,18 @@
 """`nlos scan`: acquires a plan on a bench into a recording that nothing can take away."""
 
+from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.recording.checked import open_checked
 from nlos.cli.benches import load_bench
 from nlos.cli.contradictions import refuse_together, refuse_without
+from nlos.cli.exit_codes import UsageError
 from nlos.cli.file_words import Response
 from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.named_files import BenchWord, ScanWord
@@ -86,6 +90,9 @@ def scan(
         "--resume", {"--overwrite": resume and overwrite}, "a recording cannot be both resumed and replaced",
         "Use --resume to keep what it holds, --overwrite to begin again.",
     )  # fmt: skip
+    if resume and output is not None and output.exists():
+        given = {"sample": sample, "operator": operator, "note": note, "tags": tag}
+        _refuse_other_notes(output, {name: getattr(notes, name) for name in given if given[name] is not None})
     seen = reconstruct is not None or weights is not None or live or until is not None
     refuse_without("--response", response != "auto" and not seen, "--reconstruct", "no picture is made")
     seeing: dict[str, object] = {}
@@ -106,3 +113,19 @@ def scan(
     with told(hooks_for(table.settings), target, notes):
         take(wanted, table, target, options)
     return 0
+
+
+def _refuse_other_notes(run: Path, said: Mapping[str, object]) -> None:
+    """Notes are of a recording's beginning: a resumed one keeps them. Raises `UsageError` for others."""
+    try:
+        with open_checked(run) as recording:
+            held = recording.header.notes
+    except InvalidData:  # nothing can be resumed of it: a new recording is begun, with these notes
+        return
+    for name, value in said.items():
+        kept = getattr(held, name)
+        if value != kept:
+            raise UsageError(
+                f"--resume: {run} says {name} {kept!r}, not {value!r}, and keeps what it was begun with. Leave it out, "
+                "or begin a recording of another name."
+            )
