@@ -7,7 +7,7 @@ from nlos.acquisition.recording.recording import Status
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.control import ScanControl, ScanState
 from nlos.drivers.bench import Bench
-from nlos.drivers.errors import DeviceError, SafetyTrip
+from nlos.drivers.errors import DeviceError, Preempted, SafetyTrip
 from nlos.drivers.exit_paths import undisturbed
 
 
@@ -45,6 +45,17 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
     def _status(self, error: BaseException | None) -> Status:
         if self.complete:  # a signal that came after the last sample changes nothing
             return Status.COMPLETE
-        if error is None or isinstance(error, KeyboardInterrupt | SystemExit | GeneratorExit):
-            return Status.INTERRUPTED
-        return Status.STOPPED if isinstance(error, SafetyTrip) else Status.FAILED
+        if isinstance(error, SafetyTrip):
+            return Status.STOPPED
+        return Status.INTERRUPTED if error is None or self._told_to_end(error) else Status.FAILED
+
+    def _told_to_end(self, error: BaseException) -> bool:
+        """Whether a person or the system ended the scan, also where the signal that shut the light broke into an
+        exchange, so that what ends the block is a device's error."""
+        if self._control.wanted or isinstance(error, Preempted):
+            return True
+        while not isinstance(error, KeyboardInterrupt | SystemExit | GeneratorExit):
+            if error.__context__ is None:
+                return False
+            error = error.__context__
+        return True
