@@ -160,3 +160,14 @@ def test_a_recording_keeps_which_it_was_aimed_by(kept: Path) -> None:
         used = json.loads(recording.header.constants_json)
     assert used["bench"] == BENCH["name"]
     assert used["geometry"]["scanner_x_m"] == 0.25
+
+
+@pytest.mark.parametrize(("given", "times"), [("kept", 2), ("none", 0)])
+def test_a_scans_picture_is_corrected_by_what_the_scan_was_given(
+    kept: Path, given: str, times: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    named = str(kept) if given == "kept" else given
+    assert run(["scan", "small.yaml", "-o", "run.h5", "--constants", named, "--reconstruct", "lct", "-v"]) == 0
+    assert capsys.readouterr().err.count(f"constants: {kept}") == times
+    assert run(["live", "run.h5", "--method", "lct", "--constants", named, "--idle-s", "0", "-v"]) == 0
+    assert capsys.readouterr().err.count(f"constants: {kept}") == times // 2

@@ -39,6 +39,9 @@ def live(
     ] = None,
     weights: Weights = None,
     response: Response = "auto",
+    constants: Annotated[
+        Path | None, typer.Option(metavar="CONSTANTS.h5", help="Constants, or none. Default: the bench's newest.")
+    ] = None,
     idle_s: Annotated[
         float | None, typer.Option(metavar="S", help="Stop this many seconds after the scan and the last request.")
     ] = None,
@@ -61,6 +64,7 @@ def live(
             run,
             [LiveReconstruction(each, seeing if each == method else {}) for each in methods],
             first_fraction=0.1,
+            constants=constants,
             response=wanted,
         )
         for run in runs

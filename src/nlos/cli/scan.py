@@ -46,7 +46,9 @@ def scan(
     ] = None,
     constants: Annotated[
         Path | None,
-        typer.Option(metavar="CONSTANTS.h5", help="Constants to aim by, or none. Default: the bench's newest."),
+        typer.Option(
+            metavar="CONSTANTS.h5", help="Constants to aim and to correct by, or none. Default: the bench's newest."
+        ),
     ] = None,
     no_shutter: Annotated[bool, typer.Option("--no-shutter", help="Allow a bench without a shutter.")] = False,
     live: Annotated[

@@ -81,23 +81,26 @@ def take(wanted: Loaded[ScanSettings], table: Loaded[BenchSettings], target: Pat
         notes=options.notes,
     )
     target.parent.mkdir(exist_ok=True)
-    watching = _Watching(options.method, dict(options.seeing), options.live, options.until, options.response)
+    watching = _Watching(
+        options.method, dict(options.seeing), options.live, options.until, options.response, options.constants
+    )
     with Interrupts().caught() as interrupts, opened(table, options.scene) as open_bench:
         request = ScanRequest(plan, wanted.settings.alarms, header, target, resume, overwrite, options.constants)
         _acquire(request, open_bench, interrupts, watching)
     if options.method is not None:
-        _reconstruct(target, options.method, dict(options.seeing), options.response, overwrite)
+        _reconstruct(target, options.method, dict(options.seeing), options.constants, options.response, overwrite)
 
 
 @dataclass(frozen=True)
 class _Watching:
-    """Who looks on: the method, its settings and the response, whether on a page, and when the scan may end."""
+    """Who looks on: the method and all that it is told, whether on a page, and when the scan may end."""
 
     method: str | None
     settings: dict[str, object]
     live: bool
     until: Goal | None
     response: str
+    constants: Path | None
 
     def enough(self, scan: PreparedScan) -> Enough | None:
         """Decides when the picture is good enough. It reads what is there, so it is made before the file is opened."""
@@ -109,14 +112,14 @@ class _Watching:
         return Enough(
             asked.target, asked.plan, devices, self.until, methods_for(self.method)[-1], bench.report,
             watched=not bench.settings.simulated, resumed=asked.resume, settings=self.settings,
-            bench_json=scan.header.bench_json, response=self.response,
+            bench_json=scan.header.bench_json, response=self.response, constants=self.constants,
         )  # fmt: skip
 
     def show(self, scan: PreparedScan) -> None:
         """Starts the page, where one is asked for or the picture is judged while light is on."""
         assert scan.request.target is not None
         if self.live or (self.until is not None and not scan.bench.settings.simulated):
-            start_live(scan.request.target, self.method, self.settings.get("weights"), self.response)
+            start_live(scan.request.target, self.method, self.settings.get("weights"), self.response, self.constants)
 
 
 def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watching: _Watching) -> None:
@@ -193,10 +196,12 @@ def _ask(interrupts: Interrupts, progress: Progress, writer: "RecordingWriter", 
     return going
 
 
-def _reconstruct(run: Path, method: str, settings: dict[str, object], response: str, overwrite: bool) -> None:
+def _reconstruct(
+    run: Path, method: str, settings: dict[str, object], constants: Path | None, response: str, overwrite: bool
+) -> None:
     """The picture of a scan that has just ended. Raises `Stopped`: whatever fails here, the scan is safe."""
     folder = run.with_suffix("")
-    done = reconstruct_file(run, method, settings, folder, response=response, overwrite=overwrite)
+    done = reconstruct_file(run, method, settings, folder, constants=constants, response=response, overwrite=overwrite)
     terminal.result(f"{folder}: {', '.join(files_in(folder))} ({method}, {done.seconds:.2f} s)")
     terminal.log(f"response: {response_words(done)}")
     explained = done.explained or NOT_LOOKED_FOR

@@ -74,6 +74,7 @@ class Enough:
         settings: Mapping[str, object] | None = None,
         bench_json: str = "{}",
         response: str = "auto",
+        constants: Path | None = None,
     ) -> None:
         """Before `run` is opened for writing: where it is `resumed`, what it holds is read here. `watched`: the live
         process of `run` makes the pictures, and its figures are read here."""
@@ -83,7 +84,7 @@ class Enough:
         self.said = ""
         """What was found at the last look."""
         self._goal, self._report, self._devices = goal, report, devices
-        self._bench_json, self._response = bench_json, response_wanted(response)
+        self._bench_json, self._response, self._constants = bench_json, response_wanted(response), constants
         self._state = state_file(run) if watched else None
         self._gathering = gathering_for(plan)
         self._live = LiveReconstruction(method, settings)
@@ -125,7 +126,9 @@ class Enough:
     def _picture(self) -> "LivePicture | None":
         try:
             scan = scan_of(new_scan(self._gathering.plan, self._devices, self._bench_json), self._gathering)
-            transient = with_response(calibrate_scan(scan, constants=constants_for(scan, None)), self._response)
+            transient = with_response(
+                calibrate_scan(scan, constants=constants_for(scan, self._constants)), self._response
+            )
             return self._live.update(transient, len(self._gathering), scan.falloff)
         except (InvalidData, ReconError) as error:
             self._report("until", f"no picture of {len(self._gathering)} points yet: {error}")

@@ -38,7 +38,7 @@ def methods_for(asked: str | None) -> list[str]:
 
 
 def start_live(
-    run: Path, method: str | None, weights: object = None, response: str = "auto"
+    run: Path, method: str | None, weights: object = None, response: str = "auto", constants: Path | None = None
 ) -> "subprocess.Popen[bytes]":
     """Starts the page of `run` and says its address. The scan reads nothing from it and waits for nothing."""
     state_file(run).unlink(missing_ok=True)  # of an earlier scan, whose page was killed
@@ -48,6 +48,7 @@ def start_live(
         command += [] if method is None else ["--method", method]
         command += [] if weights is None else ["--weights", str(weights)]
         command += [] if response == "auto" else ["--response", response]
+        command += [] if constants is None else ["--constants", str(constants)]
         process = subprocess.Popen(
             [*command, "-q"],
             env={**os.environ, SOCKET: str(door.fileno()), TOKEN: token, "OMP_NUM_THREADS": "1"},
