@@ -18,6 +18,7 @@ from nlos.acquisition.scanning.engine import scan
 from nlos.acquisition.scanning.lag import Lag
 from nlos.configs.load import load, names
 from nlos.drivers.bench import Bench, BenchSettings, open_bench
+from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.simulated.bench import Exposure, Gate
 
@@ -84,6 +85,10 @@ def test_the_beam_rests_on_every_point_while_its_gate_is_open(name: str, kind: s
         table = bench.simulated
         table.light = dark
         table.on_gate = lambda gate, beam: gates.append((gate, beam))
+        if plan.stop is not None and mode == "t3":  # records cannot end a point by its counts
+            with pytest.raises(LimitError, match="needs histogram mode"):
+                checked_angles(plan, bench, aim_of(bench))
+            return
         angles = checked_angles(plan, bench, aim_of(bench))
         bound_px = beam_within_px(plan, bench, angles)
         taken = [sample.point.number for sample in scan(plan, bench, scheme=scheme)]
@@ -95,12 +100,19 @@ def test_the_beam_rests_on_every_point_while_its_gate_is_open(name: str, kind: s
                 bound_px
             )
             steps = iter(numbers)
-            assert all(number in steps for number, _ in groupby(taken))
+            places = [_first_at(plan, number) for number in taken]  # frames come to the same points again
+            assert all(number in steps for number, _ in groupby(places))
             return
         seen = {gate.number: (gate, beam) for gate, beam in gates if gate.number is not None}
         assert set(taken) <= set(seen)
         assert not any(seen[number][0].track for number in taken)
         assert max(off_px(plan, bench, number, seen[number][1]) for number in taken) <= bound_px
+
+
+def _first_at(plan: ScanPlan, number: int) -> int:
+    """The first point of the plan that lies where this one does."""
+    x_m, y_m = plan.positions.x_m, plan.positions.y_m
+    return int(np.argmin((x_m - x_m[number]) ** 2 + (y_m - y_m[number]) ** 2))
 
 
 def _nearest(plan: ScanPlan, bench: Bench, beam: MirrorAngles) -> int:
