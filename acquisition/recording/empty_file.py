@@ -31,7 +31,7 @@ def lay_out(target: Path, plan: ScanPlan, header: Header) -> Path:
     points, bins = len(plan), plan.axis.bins
     fresh = target.with_name(f"{target.name}.{secrets.token_hex(8)}.new")
     try:
-        _clear(target)
+        clear(target)
         with open(os.open(fresh, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666), "r+b") as raw:
             shown = HdfBytes(raw.fileno(), str(target))
             with h5py.File(shown, "w", libver=("v110", "v110")) as file:
@@ -102,7 +102,8 @@ def _copied(file: Path, kept: Path, why: Exception) -> Path:
     return kept
 
 
-def _clear(target: Path) -> None:
+def clear(target: Path) -> None:
+    """Deletes what was left half done beside `target`: for whoever holds its lock."""
     for left in target.parent.glob(f"{_escaped(target.name)}.*.new"):
         if re.fullmatch(re.escape(target.name) + _FRESH, left.name) and left.is_file() and not left.is_symlink():
             left.unlink(missing_ok=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from nlos.acquisition.errors import StorageError
 from nlos.acquisition.planning.plan import ScanPlan
-from nlos.acquisition.recording.empty_file import lay_out, put_in_place
+from nlos.acquisition.recording.empty_file import clear, lay_out, put_in_place
 from nlos.acquisition.recording.layout import EVENT_ROWS, RECORD, Status, event_row, sample_crc, status_row
 from nlos.acquisition.recording.open_file import open_scan_file
 from nlos.acquisition.recording.provenance import Header
@@ -76,7 +76,8 @@ class RecordingWriter:
             if path.exists() and not overwrite:
                 raise StorageError(f"{path}: exists. Choose another name, or use --overwrite or --resume.")
             put_in_place(lay_out(path, plan, header), path)
-        except BaseException:
+        except BaseException:  # an interrupt, too, leaves nothing half done
+            clear(path)
             lock.release()
             raise
         return cls(path, lock, clock)

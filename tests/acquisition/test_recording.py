@@ -13,7 +13,9 @@ from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.positions import pixels
 from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.recording import empty_file
 from nlos.acquisition.recording import recording as recording_module
+from nlos.acquisition.recording import writer as writer_module
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.salvage import ResumeRefused, recover, resume, verify
@@ -299,3 +301,16 @@ def test_the_file_format_pages_recipe_reads_a_recording(tmp_path: Path, monkeypa
     assert found["counts"].shape == found["rate"].shape == (17, 64)
     assert (found["counts"][3] == sample_of(plan_of(), 3).histogram.counts).all()
     assert found["x"][16] == plan_of()[16].x_m
+
+
+@pytest.mark.parametrize("step", ["write_plan", "put_in_place"])
+def test_an_interrupt_while_a_recording_is_laid_out_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
+    def interrupted(*arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(empty_file if step == "write_plan" else writer_module, step, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        RecordingWriter.create(tmp_path / "run.h5", plan_of(), HEADER)
+    assert not list(tmp_path.iterdir())
