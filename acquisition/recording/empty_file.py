@@ -5,7 +5,11 @@ import os
 import re
 import secrets
 import shutil
+import signal
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +38,7 @@ def lay_out(target: Path, plan: ScanPlan, header: Header) -> Path:
         clear(target)
         with open(os.open(fresh, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666), "r+b") as raw:
             shown = HdfBytes(raw.fileno(), str(target))
-            with h5py.File(shown, "w", libver=("v110", "v110")) as file:
+            with _interrupts_wait(), h5py.File(shown, "w", libver=("v110", "v110")) as file:
                 file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
                 write_header(file, header.named())
                 write_plan(file, plan)
@@ -60,6 +64,23 @@ def lay_out(target: Path, plan: ScanPlan, header: Header) -> Path:
             "Free disk space, or choose another place with -o."
         ) from error
     return fresh
+
+
+@contextmanager
+def _interrupts_wait() -> Iterator[None]:
+    """While HDF5 writes, a Ctrl-C that would raise an exception waits: HDF5 would call it a failure of the disk."""
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    came: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 def put_in_place(fresh: Path, path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import os
 import re
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.positions import pixels
 from nlos.acquisition.planning.scan_settings import ScanSettings
-from nlos.acquisition.recording import empty_file
+from nlos.acquisition.recording import empty_file, file_bytes
 from nlos.acquisition.recording import recording as recording_module
 from nlos.acquisition.recording import writer as writer_module
 from nlos.acquisition.recording.provenance import Header
@@ -313,4 +314,18 @@ def test_an_interrupt_while_a_recording_is_laid_out_leaves_nothing(
     monkeypatch.setattr(empty_file if step == "write_plan" else writer_module, step, interrupted)
     with pytest.raises(KeyboardInterrupt):
         RecordingWriter.create(tmp_path / "run.h5", plan_of(), HEADER)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupt_while_hdf5_writes_is_no_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    written = file_bytes.write_at
+
+    def interrupted(fd: int, data: bytes | memoryview, place: int) -> None:
+        signal.raise_signal(signal.SIGINT)
+        written(fd, data, place)
+
+    monkeypatch.setattr(file_bytes, "write_at", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        RecordingWriter.create(tmp_path / "run.h5", plan_of(), HEADER)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert not list(tmp_path.iterdir())
