@@ -1,5 +1,6 @@
 """What the methods that solve on the light cone share: the way to it and back, and a response inverted with it."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 import torch
@@ -20,7 +21,7 @@ Invert = Callable[[torch.Tensor, Snr, torch.Tensor | None], torch.Tensor]
 """(light (B, 1, V, H, W), snr one or (B,), spectrum (1, 1, F) of a response or None) -> albedo, all on the cone."""
 
 
-class LightConeMethod(nn.Module):
+class LightConeMethod(nn.Module, ABC):
     """(B, C, T, H, W) counts -> (B, C, D, H, W) albedo, not below 0, one plane a bin: `solved` is what differs."""
 
     takes_response = True
@@ -46,9 +47,9 @@ class LightConeMethod(nn.Module):
         signal, snr = prepare(counts, exposure_s, self.settings, self.time, self.falloff)
         return self.resample.adjoint(self.solved(signal, snr, response)).clamp_(min=0)
 
+    @abstractmethod
     def solved(self, signal: torch.Tensor, snr: Snr, response: torch.Tensor | None) -> torch.Tensor:
         """The albedo on the light cone, (B, C, V, H, W), from the signal over time, (B, C, T, H, W)."""
-        raise NotImplementedError
 
     def inverted(self, signal: torch.Tensor, snr: Snr, response: torch.Tensor | None, invert: Invert) -> torch.Tensor:
         """`invert` of the light on the cone; with a response the sum of it over bands of time."""

@@ -19,7 +19,7 @@ _LEAN_S = 0.25e-9
 """A wall that leans brings light earlier and later by so much; what is farther off is a hidden surface's."""
 _SCALE, _SCALE_SIGMAS, _LEAST_S = 0.1, 5.0, 15e-12
 """Points to the side are farther away: by more than this part more or less, than the geometry says, at so many standard
-errors and by so much time in all, is another wall. A wall that leans makes a slope, which is left out."""
+errors and by so much time in all, is another wall. A wall that leans makes a slope, which does not count."""
 _PART = 0.02
 """Of the direct light that first light found; less has another cause than a dimmer laser."""
 
