@@ -13,27 +13,15 @@ from pathlib import Path
 import h5py
 import numpy as np
 import numpy.typing as npt
+from drawn_scenes import CREATURE, bench, picture_of
 
 from nlos.acquisition.wall import WallGrid
-from nlos.drivers.simulated.surfaces import Surface, surfels
 
 SCAN = """\
 wall: {{width_m: 1.0, height_m: 1.0, rows: 64, cols: 64}}
 pattern: {{kind: coarse_to_fine, batch: 64}}
 dwell_ms: {dwell_ms}
 histogram: {{bins: 1024, bin_width_ps: 16, offset_ns: 10}}
-"""
-BENCH = """\
-name: drawn
-mirror: {{model: triggerscope, port: "sim://triggerscope"}}
-counter: {{model: tcspc488, usb: simulated}}
-shutter: {{model: tcspc488}}
-geometry: {{wall_distance_m: 2.0}}
-simulation:
-  seed: {seed}
-  scene:
-    hidden_cps: 500.0e+3
-    objects: {objects}
 """
 SCENES = {
     "letters": [
@@ -42,7 +30,7 @@ SCENES = {
     ],
     "creature": [
         {
-            "bitmap": ["..#..#..", "..####..", ".######.", "##.##.##", "########", ".#.##.#.", "#......#"],
+            "bitmap": CREATURE,
             "centre_m": [0.0, 0.0, 0.7],
             "height_m": 0.5,
         }
@@ -59,9 +47,12 @@ def main() -> None:
             with tempfile.TemporaryDirectory() as folder:
                 there = Path(folder)
                 (there / "scan.yaml").write_text(SCAN.format(dwell_ms=dwell_ms))
-                (there / "bench.yaml").write_text(BENCH.format(seed=1, objects=json.dumps(objects)))
+                (there / "bench.yaml").write_text(bench(objects, 1, 500e3))
                 whole, early = scan(there, "whole.h5"), scan(there, "early.h5", "--until", "stable")
-                errors = [error(there / run, albedo(objects)) for run in ("whole.h5", "early.h5")]
+                errors = [
+                    error(there / run, picture_of(objects, WallGrid(1.0, 1.0, 64, 64)))
+                    for run in ("whole.h5", "early.h5")
+                ]
             early_s, whole_s = early_s + early["bench_s"], whole_s + whole["bench_s"]
             worse.append(errors[1] / errors[0])
             case = {"scene": name, "dwell_ms": dwell_ms, "points": early["points"], "of": whole["points"]}
@@ -79,17 +70,6 @@ def scan(there: Path, name: str, *options: str) -> dict[str, float]:
     )  # fmt: skip
     answer = json.loads(done.stdout)
     return {"bench_s": float(answer["bench_s"]), "points": answer["points"]}
-
-
-def albedo(objects: list[dict[str, object]]) -> npt.NDArray[np.float64]:
-    """What was drawn, (H, W) on the scanned wall's grid: the reflectance of every pixel."""
-    wall = WallGrid(1.0, 1.0, 64, 64)
-    drawn = surfels([Surface.model_validate_json(json.dumps(o)) for o in objects], 0.001)
-    col = np.floor((drawn.positions_m[:, 0] / wall.width_m + 0.5) * wall.cols).astype(int)
-    row = np.floor((0.5 - drawn.positions_m[:, 1] / wall.height_m) * wall.rows).astype(int)
-    total = np.zeros((wall.rows, wall.cols))
-    np.add.at(total, (row, col), drawn.reflectance_m2)
-    return total * (wall.rows * wall.cols)
 
 
 def error(run: Path, truth: npt.NDArray[np.float64]) -> float:

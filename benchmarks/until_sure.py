@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+from drawn_scenes import CREATURE, bench, picture_of
 
 import nlos
 from nlos.acquisition.wall import WallGrid
-from nlos.drivers.simulated.surfaces import Surface, surfels
 from nlos.recon.predicted_error import relative_error
 
 SCENES, POINTS, WALL_M = 20, 32, 1.0
@@ -27,19 +26,6 @@ pattern: {{kind: coarse_to_fine, batch: 32}}
 dwell_ms: {dwell_ms}
 histogram: {{bins: 1024, bin_width_ps: 16, offset_ns: 10}}
 """
-BENCH = """\
-name: drawn
-mirror: {{model: triggerscope, port: "sim://triggerscope"}}
-counter: {{model: tcspc488, usb: simulated}}
-shutter: {{model: tcspc488}}
-geometry: {{wall_distance_m: 2.0}}
-simulation:
-  seed: {seed}
-  scene:
-    hidden_cps: 100.0e+3
-    objects: {objects}
-"""
-CREATURE = ["..#..#..", "..####..", ".######.", "##.##.##", "########", ".#.##.#.", "#......#"]
 LETTERS = "ACEFHKLNSTUXZ"
 DWELLS_MS = (1, 4, 16)
 
@@ -63,32 +49,20 @@ def drawn(seed: int) -> list[dict[str, Any]]:
     return made
 
 
-def picture_of(objects: list[dict[str, Any]]) -> npt.NDArray[np.float64]:
-    """What was drawn, (H, W) on the scanned wall's grid: the reflectance of every pixel."""
-    wall = WallGrid(WALL_M, WALL_M, POINTS, POINTS)
-    pieces = surfels([Surface.model_validate_json(json.dumps(each)) for each in objects], 0.001)
-    col = np.floor((pieces.positions_m[:, 0] / wall.width_m + 0.5) * wall.cols).astype(int)
-    row = np.floor((0.5 - pieces.positions_m[:, 1] / wall.height_m) * wall.rows).astype(int)
-    inside = (row >= 0) & (row < wall.rows) & (col >= 0) & (col < wall.cols)
-    total = np.zeros((wall.rows, wall.cols))
-    np.add.at(total, (row[inside], col[inside]), pieces.reflectance_m2[inside])
-    return total
-
-
 def case(seed: int, level: float) -> tuple[bool, float]:
     """Whether the level was reached, and the true error then."""
     objects, dwell_ms = drawn(seed), DWELLS_MS[seed % len(DWELLS_MS)]
     with tempfile.TemporaryDirectory() as folder:
         there = Path(folder)
         (there / "scan.yaml").write_text(SCAN.format(dwell_ms=dwell_ms))
-        (there / "bench.yaml").write_text(BENCH.format(seed=seed + 1, objects=json.dumps(objects)))
+        (there / "bench.yaml").write_text(bench(objects, seed + 1, 100e3))
         command = [sys.executable, "-m", "nlos", "scan", "scan.yaml", "--bench", "bench.yaml", "-o", "run.h5", "--json"]
         done = subprocess.run(
             [*command, "--until", f"sure:{level}"], cwd=there, capture_output=True, text=True, check=True, timeout=600
         )
         seen = nlos.reconstruct(nlos.load(there / "run.h5"), method="nano")
     answer = json.loads(done.stdout)
-    true = relative_error(seen.albedo, picture_of(objects))
+    true = relative_error(seen.albedo, picture_of(objects, WallGrid(WALL_M, WALL_M, POINTS, POINTS)))
     found = {"scene": seed, "objects": len(objects), "dwell_ms": dwell_ms, "points": answer["points"]}
     print(json.dumps({**found, **answer["until"], "true_error": round(true, 3)}), file=sys.stderr, flush=True)
     return bool(answer["until"]["reached"]), true
