@@ -40,8 +40,9 @@ class Given:
             return np.transpose(counts, [named.index(letter) for letter in expected])
         if counts.ndim == 3 and not told and _time_seems_first(counts.shape):
             raise InvalidData(
-                f"{place}: has shape {counts.shape}, where [H, W, T] is expected: is time the first axis? Say "
-                "--axes TYX if so, --axes YXT if it is [H, W, T] as it is."
+                f"{place}: has shape {counts.shape}, where [H, W, T] is expected: is time the first axis? "
+                "Store it as [H, W, T] if so; `nlos reconstruct` and `nlos import` also take --axes TYX, and --axes "
+                "YXT if it is [H, W, T] as it is."
             )
         return counts
 
@@ -70,6 +71,11 @@ class Given:
 
 
 NOTHING = Given()
+
+
+def put_there(option: str) -> str:
+    """What to do about a file that does not say something, whichever command meets it."""
+    return f"Put it into the file; `nlos reconstruct` and `nlos import` also take {option}"
 
 
 def _time_seems_first(shape: tuple[int, ...]) -> bool:

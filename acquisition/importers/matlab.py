@@ -16,7 +16,7 @@ from scipy.io.matlab import MatReadError
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.arrays import held_scan
-from nlos.acquisition.importers.given import NOTHING, Given
+from nlos.acquisition.importers.given import NOTHING, Given, put_there
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES, find_dataset, open_hdf5, read_array
 from nlos.acquisition.transient import TimeAxis, Transient
@@ -111,7 +111,7 @@ def _read_own(path: Path, shapes: dict[str, tuple[int, ...]], given: Given) -> I
         ("wall_size_m", "--wall-size-m W or WxH", given.wall_m),
     ):
         if said is None and key not in single and not (key == "wall_size_m" and counts.ndim == 2):
-            raise InvalidData(f"{path}: {key}: is not stored. Say {option}")
+            raise InvalidData(f"{path}: {key}: is not stored. {put_there(option)}")
     sides_m = given.wall_m
     if sides_m is None and "wall_size_m" in single:
         sides_m = float(single["wall_size_m"][0]), float(single["wall_size_m"][-1])

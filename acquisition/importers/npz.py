@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.arrays import held_scan
-from nlos.acquisition.importers.given import NOTHING, Given
+from nlos.acquisition.importers.given import NOTHING, Given, put_there
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES
 from nlos.acquisition.response import stated
@@ -24,7 +24,9 @@ def read_npz(path: Path, given: Given = NOTHING) -> ImportedScan:
     if counts.ndim not in (2, 3):
         raise InvalidData(f"{path}: histograms: has shape {counts.shape}; [H, W, T] or [N, T] is expected")
     if given.bin_width_s is None and "bin_width_s" not in arrays:
-        raise InvalidData(f"{path}: no array 'bin_width_s'. Use --bin-width-ps PS; the file holds {_listed(arrays)}")
+        raise InvalidData(
+            f"{path}: no array 'bin_width_s'; the file holds {_listed(arrays)}. {put_there('--bin-width-ps PS')}"
+        )
     width_s = given.bin_width_s or _number(path, arrays, "bin_width_s")
     start_s = _number(path, arrays, "offset_s") if "offset_s" in arrays else 0.0
     beside = {

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.arrays import held_scan
-from nlos.acquisition.importers.given import NOTHING, Given
+from nlos.acquisition.importers.given import NOTHING, Given, put_there
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, open_hdf5, read_array
 from nlos.acquisition.response import stated
@@ -76,7 +76,7 @@ def _number(file: h5py.File, key: str, option: str | None = None, default: float
     value = file.attrs.get(key, default)
     array = np.asarray(value)
     if value is None or array.size != 1 or array.dtype.kind not in "uifb" or not np.isfinite(array).all():
-        remedy = f". Say {option}" if option else ""
+        remedy = f". {put_there(option)}" if option else ""
         raise InvalidData(f"{file.filename}: attribute {key} must be one finite number (found {value!r}){remedy}")
     return float(array.reshape(()))
 
@@ -89,7 +89,7 @@ def _wall_size(file: h5py.File, needed: bool) -> tuple[float, float] | None:
     if value is None or array.dtype.kind not in "uif" or array.size not in (1, 2):
         raise InvalidData(
             f"{file.filename}: attribute wall_size_m must be one number or width and height (found {value!r}). "
-            "Use --wall-size-m W or WxH"
+            f"{put_there('--wall-size-m W or WxH')}"
         )
     sizes = array.astype(np.float64).ravel()
     if not (np.isfinite(sizes).all() and (sizes > 0).all()):

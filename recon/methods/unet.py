@@ -1,7 +1,10 @@
 """A plain 3D U-Net over Wiener volumes with attention along depth: the simplest learned method, to compare with."""
 
+from typing import Self
+
 import torch
 import torch.nn.functional as F
+from pydantic import model_validator
 from torch import Tensor, nn
 
 from nlos.acquisition.transient import TimeAxis
@@ -29,6 +32,18 @@ class Settings(BaseSettings):
     """Lateral size of the 3D network's grid, a fixed pitch on the wall whatever the scan's."""
     farthest: float = 2.0
     """How deep the network looks, in wall widths."""
+
+    @model_validator(mode="after")
+    def _every_scale_has_points(self) -> Self:
+        if not (self.widths and self.finish_widths):
+            raise ValueError("widths and finish_widths need an entry for every scale, one at least")
+        least = 2 ** (len(self.widths) - 1)
+        if self.core_points < least:
+            raise ValueError(
+                f"{len(self.widths)} widths halve core_points, {self.core_points}, {len(self.widths) - 1} times: take "
+                f"{least} or more, or fewer widths"
+            )
+        return self
 
 
 def build(settings: Settings, wall: WallGrid, time_axis: TimeAxis) -> nn.Module:

@@ -16,7 +16,7 @@ from nlos.recon.training.dataset import sample
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.file_checks import Problem, problems_of_files
 from nlos.recon.training.impulse_responses import read_impulse_response
-from nlos.recon.training.scenes import kinds_to_name
+from nlos.recon.training.scenes import kind_names, kinds_to_name
 from nlos.recon.training.train_settings import GEOMETRY, TrainSettings
 from nlos.recon.weights.files import WeightsError, find_weights, load_weights, read_about
 
@@ -79,10 +79,28 @@ def _of_run(settings: TrainSettings) -> Iterator[Problem]:
         yield ("pooled_share",), f"adds points 2 x 2, which {settings.data.rows} x {settings.data.cols} points are not"
     if settings.tensorboard and find_spec("tensorboard") is None:
         yield ("tensorboard",), "TensorBoard is not installed: pip install 'nlos[tensorboard]', or leave this out"
+    if shared := _shared_scenes(settings):
+        yield shared
     for key in GEOMETRY:
         mine, other = getattr(settings.validation, key), getattr(settings.data, key)
         if mine != other:
             yield ("validation", key), f"must be that of data, {other} (given {mine}); leave it out, it is inherited"
+
+
+def _shared_scenes(settings: TrainSettings) -> Problem | None:
+    """Validation by made scenes that are learned from: those of one seed, among kinds that both draw."""
+    held, learned = settings.validation, settings.data
+    if any(data.files is not None and data.share == 1 for data in (held, learned)):
+        return None
+    if (held.seed, held.held_out) != (learned.seed, learned.held_out):
+        return None
+    kinds = [set(data.kinds or kind_names(data.held_out)) for data in (held, learned)]
+    if not kinds[0] & kinds[1]:
+        return None
+    return ("validation", "seed"), (
+        f"is that of data, {held.seed}, and so are its kinds of scenes: it would judge by scenes that are learned "
+        "from. Say another seed, and `held_out: true` for kinds that are never learned from"
+    )
 
 
 def _of_files(settings: TrainSettings) -> Iterator[Problem]:

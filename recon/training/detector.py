@@ -25,7 +25,8 @@ NotBelow0 = Annotated[float, Field(ge=0)]
 
 
 class DetectorSettings(Settings):
-    """How often which condition occurs. The shares of the conditions, `noisy` being the rest, must not exceed 1."""
+    """How often which condition occurs. `noiseless` and `uniform` exclude one another, so together they are at most 1;
+    the rest has photon noise. All other shares are drawn beside these and beside each other."""
 
     peak_counts_least: Annotated[float, Field(gt=0)] = 0.4
     """Least mean over the wall of each point's highest bin."""

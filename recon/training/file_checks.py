@@ -14,13 +14,13 @@ from nlos.recon.weights.files import WeightsError, find_weights, read_about
 Problem = tuple[tuple[str | int, ...], str]
 """Where in the training file, and what is wrong with what, and what to do."""
 SHOWN = 3
-"""So many files of one kind of trouble are named."""
+"""So many files of one kind of trouble are told with what is wrong; of the others the names alone."""
 
 
 def problems_of_files(settings: TrainSettings) -> Iterator[Problem]:
     """Every file is read, in a child process first, and put on the grid; then those held out are compared with those
     learned from, by what they show. Folders of LFE's set are read when their turn comes."""
-    known: dict[str, dict[str, Path]] = {}
+    known: dict[str, dict[Path, str]] = {}
     for block in ("data", "validation"):
         data: DatasetSettings = getattr(settings, block)
         if data.files is None:
@@ -34,25 +34,34 @@ def problems_of_files(settings: TrainSettings) -> Iterator[Problem]:
             for path in files:
                 try:
                     check_scene(path)
-                    known[block][fingerprint(path)] = path
+                    known[block][path] = fingerprint(path)
                     _fits(path, data)
                 except (OSError, ValueError, InvalidData) as error:
                     wrong.append(f"{path}: {str(error).removeprefix(f'{path}: ')}")
-        for words in wrong[:SHOWN]:
-            yield (block, "files"), words
-        if len(wrong) > SHOWN:
-            yield (block, "files"), f"and {len(wrong) - SHOWN} of {len(files)} more cannot be used"
+        yield from _each_by_name(block, wrong, "cannot be used either")
     held_out = known.get("validation", {})
-    for one in list(held_out.keys() & known.get("data", {}).keys())[:SHOWN]:
-        yield (
-            ("validation", "files"),
-            f"{held_out[one]} shows what {known['data'][one]} shows, which is learned from: hold out other scenes",
-        )
-    for one in list(held_out.keys() & set(_before(settings)))[:SHOWN]:
-        yield (
-            ("validation", "files"),
-            f"{held_out[one]} was learned from by {settings.start_from}, which this begins with",
-        )
+    learned, before = {one: path for path, one in known.get("data", {}).items()}, set(_before(settings))
+    yield from _each_by_name(
+        "validation",
+        [f"{path}: shows what {learned[one]} shows, which is learned from: hold out other scenes"
+         for path, one in held_out.items() if one in learned],
+        "are learned from, too",
+    )  # fmt: skip
+    yield from _each_by_name(
+        "validation",
+        [f"{path}: was learned from by {settings.start_from}, which this begins with"
+         for path, one in held_out.items() if one in before],
+        "were learned from, too",
+    )  # fmt: skip
+
+
+def _each_by_name(block: str, wrong: list[str], others_are: str) -> Iterator[Problem]:
+    """`PATH: what is wrong` of the first few, and the names of all others."""
+    wrong = sorted(wrong)
+    for words in wrong[:SHOWN]:
+        yield (block, "files"), words
+    if others := [words.split(": ", 1)[0] for words in wrong[SHOWN:]]:
+        yield (block, "files"), f"{len(others)} more {others_are}: {', '.join(others)}"
 
 
 def learned_from(settings: TrainSettings) -> list[str]:

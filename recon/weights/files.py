@@ -115,6 +115,8 @@ def put_weights(module: nn.Module, tensors: Mapping[str, torch.Tensor], source: 
 
     Parameters whose names begin with one of the module's `added_later` may be missing, and stay as they were built.
     """
+    if any(name.startswith("average/") for name in tensors):
+        raise WeightsError(f"{source}: is the state of a training. Use weights.safetensors, which lies beside it.")
     own = dict(module.named_parameters())
     later = tuple(getattr(module, "added_later", ()))
     own = {name: parameter for name, parameter in own.items() if name in tensors or not name.startswith(later)}

@@ -59,6 +59,9 @@ def copied(source: Path, target: Path, **changes: Any) -> Path:
     target.write_bytes(source.read_bytes())
     with h5py.File(target, "a") as file:
         for name, value in changes.items():
+            if value is None:
+                del file.attrs[name]
+                continue
             if name in file.attrs or np.ndim(value) == 0:
                 file.attrs[name] = value
                 continue
@@ -238,6 +241,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a truth of another shape": ({"gt_depth": np.ones((4, 4))}, "the truth's arrays are of different shapes"),
     "a truth of nothing": ({"gt_intensity": np.zeros((16, 16))}, "nor 0 everywhere"),
     "light that is not finite": ({"transient": np.full((16, 16, 128), np.nan)}, "finite|not a number"),
+    "a bin of unknown width": ({"bin_width_s": None}, "Put it into the file"),
     "no light": ({"transient": np.zeros((16, 16, 128))}, "not 0 everywhere"),
 }
 
@@ -258,6 +262,17 @@ def test_a_file_that_cannot_be_learned_from_is_named_before_the_first_step(
         raise AssertionError(found[0][1])
 
 
+def test_every_held_out_file_that_is_learned_from_is_named(scenes: Path, tmp_path: Path) -> None:
+    for name in ("a", "b", "c", "d", "e"):
+        (tmp_path / f"{name}.h5").write_bytes((scenes / "0.h5").read_bytes())
+    held_out = f"validation: {{files: {tmp_path}/*.h5, share: 1.0, scenes: 1, degradations: 1}}"
+    text = TEXT.replace("TRAIN", str(scenes / "0.h5"))
+    text = text.replace(next(line for line in text.splitlines() if line.startswith("validation")), held_out)
+    found = problems(settings_of(tmp_path, text))
+    assert [place for place, _ in found] == [("validation", "files")] * 4
+    assert found[3][1] == f"2 more are learned from, too: {tmp_path / 'd.h5'}, {tmp_path / 'e.h5'}"
+
+
 def test_files_that_are_not_there_or_are_no_scenes_are_named(scenes: Path, tmp_path: Path) -> None:
     found = problems(settings_of(tmp_path, TEXT.replace("TRAIN", str(tmp_path / "*.h5"))))
     assert [place for place, _ in found] == [("data", "files")]
@@ -266,4 +281,5 @@ def test_files_that_are_not_there_or_are_no_scenes_are_named(scenes: Path, tmp_p
         (tmp_path / f"{number}.h5").write_bytes((scenes / "0.h5").read_bytes()[:3000])
     found = problems(settings_of(tmp_path, TEXT.replace("TRAIN", str(tmp_path / "*.h5"))))
     assert [str(tmp_path / f"{k}.h5") in words for k, (_, words) in enumerate(found[:3])] == [True] * 3
-    assert found[3][1] == "and 2 of 5 more cannot be used"
+    others = f"{tmp_path / '3.h5'}, {tmp_path / '4.h5'}"
+    assert found[3][1] == f"2 more cannot be used either: {others}"

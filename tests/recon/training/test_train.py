@@ -175,6 +175,8 @@ def test_weights_of_another_network_are_refused_by_name(tmp_path: Path) -> None:
         load_weights(large, str(tmp_path / "w.safetensors"))
     with pytest.raises(WeightsError, match="extra is not of this network"):
         put_weights(small, dict(small.named_parameters()) | {"extra": torch.zeros(1)}, "here")
+    with pytest.raises(WeightsError, match=r"the state of a training. Use weights\.safetensors"):
+        put_weights(small, {"average/weight": torch.zeros(3, 2), "step": torch.zeros(1)}, "state.safetensors")
     (tmp_path / "w.safetensors").write_bytes(b"no weights")
     with pytest.raises(WeightsError, match="not a readable safetensors file"):
         load_weights(small, str(tmp_path / "w.safetensors"))

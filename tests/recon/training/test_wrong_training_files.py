@@ -9,7 +9,7 @@ import pytest
 
 from nlos.configs.load import load, names
 from nlos.recon.errors import InvalidSettings
-from nlos.recon.training.checks import problems, trainable
+from nlos.recon.training.checks import _shared_scenes, problems, trainable
 from nlos.recon.training.run_folder import STATE
 from nlos.recon.training.train import train
 from nlos.recon.training.train_settings import TrainSettings
@@ -42,6 +42,14 @@ WRONG = {
     "another wall for validation": ((VALIDATION, VALIDATION[:-1] + ", wall_width_m: 1.0}"), ":4:", "must be that of"),
     "a kind that does not exist": ((DATA, DATA[:-1] + ", kinds: [dragons]}"), ":3:", "no such kind"),
     "a kind that is held out": ((DATA, DATA[:-1] + ", kinds: [stars]}"), ":3:", "trained on"),
+    "more scales than points": (("widths: [4, 8]", "widths: [4, 8, 8, 8, 8]"), ":2:", "take 16 or more"),
+    "no scales": (("widths: [4, 8],", "widths: [],"), ":2:", "one at least"),
+    "the scenes that are learned from": ((VALIDATION, "validation: {seed: 1, scenes: 2}"), ":4:", "learned from"),
+    "those of the defaults": ((VALIDATION, "validation: {scenes: 2, degradations: 1}"), ":4:", "held_out: true"),
+    "some kinds in common": (
+        (DATA + "\n" + VALIDATION, DATA[:-1] + ", kinds: [letters, wires]}\nvalidation: {scenes: 2, kinds: [wires]}"),
+        ":4:", "learned from",
+    ),
     "no scenes": (("scenes: 4", "scenes: 0"), ":3:", "greater than or equal to 1"),
     "no rows": (("rows: 16", "rows: 0"), ":3:", "data.rows"),
     "bins below 0": (("bins: 64", "bins: -64"), ":3:", "data.bins"),
@@ -91,6 +99,16 @@ def test_a_wrong_training_file_is_refused_with_its_line(
     assert words in said
     assert "Traceback" not in said
     assert not Path("run").exists()
+
+
+@pytest.mark.parametrize(
+    "validation",
+    [{"seed": 2}, {"held_out": True}, {"kinds": ["tubes"]}, {"files": "mine/*.h5", "share": 1.0}],
+    ids=["another seed", "kinds never learned from", "kinds of its own", "files alone"],
+)
+def test_validation_by_other_scenes_is_taken(validation: dict[str, object]) -> None:
+    given = {"method": "unet", "data": {"kinds": ["wires"]}, "validation": validation}
+    assert _shared_scenes(TrainSettings.model_validate_json(json.dumps(given))) is None
 
 
 def test_a_batch_that_ranks_cannot_share_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
