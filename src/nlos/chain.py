@@ -1,7 +1,7 @@
 """From a file or arrays to a picture: read, calibrate, reconstruct, write. What every way to a picture shares."""
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,13 +12,15 @@ from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.bench_constants import correcting_constants
 from nlos.calibration.correct import CorrectedPoints, Report, correct, correct_points
 from nlos.loaded import LoadedScan, load_scan
+from nlos.recipe import Recipe
 from nlos.recon.depth_range import within_depths
 from nlos.recon.errors import InvalidSettings
 from nlos.recon.gridding import grid_samples
 from nlos.recon.methods import find
 from nlos.recon.reconstruct import reconstruct
-from nlos.recon.results import NAMES, write_results
-from nlos.response import AUTO, ResponseWanted, known_response, response_wanted, say_response, with_response
+from nlos.recon.results import write_results
+from nlos.response import known_response, say_response, with_response
+from nlos.results_folder import ResultsFolder
 
 if TYPE_CHECKING:
     from nlos.acquisition.transient import Transient
@@ -151,68 +153,51 @@ def without_first(counts: npt.NDArray[Any], bins: int) -> npt.NDArray[Any]:
 
 def reconstruct_scan(
     scan: LoadedScan,
-    method: str,
-    settings: Mapping[str, object],
+    recipe: Recipe,
     *,
     use_file_offsets: bool = False,
-    constants: Path | None = None,
-    response: ResponseWanted = AUTO,
-    device: str = "cpu",
     stage: Callable[[str], None] = lambda name: None,
     arrivals: "TimeOffsets | None" = None,
 ) -> "Reconstruction":
     """A scan calibrated and reconstructed; the falloff that its file states is used unless the settings say another."""
-    chosen = dict(settings)
-    if scan.falloff is not None and "falloff" in find(method).Settings.model_fields:
+    chosen = dict(recipe.settings)
+    if scan.falloff is not None and "falloff" in find(recipe.method).Settings.model_fields:
         chosen.setdefault("falloff", scan.falloff)
     stage("calibrating")
-    known = constants_for(scan, constants)
-    transient = with_response(calibrate_scan(scan, use_file_offsets, known, arrivals), response)
+    known = constants_for(scan, recipe.constants)
+    transient = with_response(calibrate_scan(scan, use_file_offsets, known, arrivals), recipe.response)
     say_response(transient)
-    stage(f"{method} on {transient.wall.rows} x {transient.wall.cols} x {transient.time.bins}")
-    return replace(reconstruct(transient, method, chosen, device), left_aside=scan.left_aside)
+    stage(f"{recipe.method} on {transient.wall.rows} x {transient.wall.cols} x {transient.time.bins}")
+    return replace(reconstruct(transient, recipe.method, chosen, recipe.device), left_aside=scan.left_aside)
 
 
 def reconstruct_file(
     run: Path,
-    method: str,
-    settings: dict[str, object],
-    folder: Path,
+    recipe: Recipe,
+    results: ResultsFolder,
     *,
-    constants: Path | None = None,
-    response: ResponseWanted | str = AUTO,
-    device: str = "cpu",
-    html: bool = False,
-    volume: bool = True,
-    overwrite: bool = False,
     given: Given = NOTHING,
-    depth_m: tuple[float, float] | None = None,
     frame: int | None = None,
     stage: Callable[[str], None] = lambda name: None,
 ) -> "Reconstruction":
-    """One file to one folder of results. `settings` are the method's, except `offsets=file`; what is `given` goes
-    before what the file says, and `depth_m` (nearest, farthest) limits the result. Of several frames all are added up,
-    or `frame` is taken alone. `stage` is told what begins, `STAGES` times."""
-    for name in (*NAMES, "view3d.html") if html else NAMES:
-        if (folder / name).exists() and not overwrite:
-            raise FileExistsError(f"{folder / name}: exists. Choose another folder with -o, or use --overwrite.")
-    wanted = response_wanted(response)
+    """One file to one folder of results. What is `given` goes before what the file says. Of several frames all are
+    added up, or `frame` is taken alone. `stage` is told what begins, `STAGES` times."""
+    results.check()
     stage(FIRST_STAGE)
     scan, arrivals = load_scan(run, given), None
     if frame is not None:
         whole, scan = scan, load_scan(run, given, range(frame, frame + 1))
-        arrivals = arrivals_of(whole, constants_for(whole, constants))
-    chosen = dict(settings)
+        arrivals = arrivals_of(whole, constants_for(whole, recipe.constants))
+    chosen = dict(recipe.settings)
     offsets = chosen.pop("offsets", None)
     if offsets not in (None, "file"):
         raise InvalidSettings(f"offsets={offsets}: only `offsets=file` is known")
     result = reconstruct_scan(
-        scan, method, chosen, use_file_offsets=offsets == "file", constants=constants, response=wanted, device=device,
-        stage=stage, arrivals=arrivals,
-    )  # fmt: skip
-    if depth_m is not None:
-        result = within_depths(result, *depth_m)
+        scan, replace(recipe, settings=chosen), use_file_offsets=offsets == "file", stage=stage, arrivals=arrivals
+    )
+    if results.depth_m is not None:
+        result = within_depths(result, *results.depth_m)
     result = replace(result, scan=run.name)
     stage("drawing")
-    write_results(folder, result, overwrite=overwrite, keep_volume=volume, html=html)
+    write_results(results.path, result, overwrite=results.overwrite, keep_volume=results.volume, html=results.html)
     return result

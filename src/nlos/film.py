@@ -22,12 +22,13 @@ from nlos.acquisition.recording.frames import frame_table
 from nlos.chain import arrivals_of, calibrate_scan, constants_for
 from nlos.film_memory import FilmMemory
 from nlos.loaded import loaded_frames
+from nlos.recipe import Recipe
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.track import track
 from nlos.recon.tracked_objects import tracked_objects
 from nlos.recon.volume import Reconstruction, response_words
 from nlos.recon.whole_files import whole_files
-from nlos.response import AUTO, ResponseWanted, say_response, with_response
+from nlos.response import say_response, with_response
 
 LONGEST_SIDE_PX = 384
 TRAILS = ("#4cc9f0", "#80ed99", "#f15bb5", "#ffffff")
@@ -61,18 +62,14 @@ class Film:
 
 def film_of(
     run: Path,
-    method: str,
-    settings: Mapping[str, object],
+    recipe: Recipe,
     window: int | None = None,
-    constants: Path | None = None,
-    response: ResponseWanted = AUTO,
-    device: str = "cpu",
     step: Callable[[int], None] = lambda frames: None,
     memory: bool = False,
 ) -> Film:
-    """Every frame of a recording by `method`, each from `window` successive ones: by default as many as it takes for
+    """Every frame of a recording by `recipe`, each from `window` successive ones: by default as many as it takes for
     all points; with a `memory` each from its own light, and that of earlier ones moved along. Aligned by the direct
-    light of all, told the `response` that is wanted. `step` is told how many there will be, after each. Raises
+    light of all. `step` is told how many there will be, after each. Raises
     `InvalidData`."""
     with open_checked(run) as recording:
         plan = recording.plan
@@ -84,7 +81,7 @@ def film_of(
             raise InvalidData(f"{run}: {each} frames to a picture, but it has {plan.frames}")
         table = frame_table(plan, recording.intact_records())
         whole = loaded_frames(recording, None)
-        known = constants_for(whole, constants)
+        known = constants_for(whole, recipe.constants)
         arrivals = arrivals_of(whole, known)
         pictures: list[Reconstruction] = []
         frames, times_s = [], []
@@ -92,12 +89,12 @@ def film_of(
             some = slice(last - each + 1, last + 1)
             if (table.points[some] > 0).all():
                 scan = loaded_frames(recording, range(some.start, some.stop))
-                transient = with_response(calibrate_scan(scan, False, known, arrivals), response)
+                transient = with_response(calibrate_scan(scan, False, known, arrivals), recipe.response)
                 if earlier is not None:
                     transient = earlier.with_earlier(last, transient)
                 if not pictures:
                     say_response(transient)
-                pictures.append(reconstruct(transient, method, settings, device))
+                pictures.append(reconstruct(transient, recipe.method, recipe.settings, recipe.device))
                 frames.append(last)
                 times_s.append(float(np.average(table.mean_s[some], weights=table.live_s[some])))
             step(plan.frames - each + 1)

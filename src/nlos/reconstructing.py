@@ -8,6 +8,7 @@ import numpy.typing as npt
 from nlos.array_scan import Size, scan_from_arrays
 from nlos.chain import reconstruct_scan
 from nlos.picture import Picture
+from nlos.recipe import Recipe
 from nlos.recon.errors import InvalidSettings
 from nlos.response import response_wanted
 from nlos.scan_data import Scan, load
@@ -59,5 +60,4 @@ def reconstruct(
 
         name, chosen = use_weights(weights, method, settings)
     place = None if constants is None else Path(constants)
-    wanted = response_wanted(response)
-    return Picture(reconstruct_scan(loaded, name, chosen, constants=place, response=wanted, device=device))
+    return Picture(reconstruct_scan(loaded, Recipe(name, chosen, place, response_wanted(response), device)))

@@ -21,6 +21,8 @@ from nlos.cli import archive as nlos_archive
 from nlos.cli.archive import files_of, folders_for, reconstruct_archive, worst
 from nlos.cli.archive_task import Task
 from nlos.cli.exit_codes import UsageError
+from nlos.recipe import Recipe
+from nlos.results_folder import ResultsFolder
 
 SOAK = bool(os.environ.get("NLOS_SOAK"))
 
@@ -248,7 +250,7 @@ def test_small_archives_need_no_workers(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(nlos_archive, "STARTUP_S", 600.0)  # a machine that does much else reconstructs slowly
     files = [scan(tmp_path / f"{number}.h5", number) for number in range(4)]
-    tasks = [Task(str(file), file, tmp_path / "out" / file.stem, "lct", {}, {}) for file in files]
+    tasks = [Task(str(file), file, Recipe("lct"), ResultsFolder(tmp_path / "out" / file.stem)) for file in files]
     rows = reconstruct_archive(tasks, tmp_path / "out", "local")
     assert {row["worker"].rpartition(":")[2] for row in rows} == {str(os.getpid())}
     with pytest.raises(FileExistsError):
@@ -263,7 +265,10 @@ def test_the_files_of_a_worker_are_read_by_one_child(tmp_path: Path) -> None:
     pytest.importorskip("distributed", reason="the `cluster` extra is not installed")
     from nlos.cli import archive_on_dask
 
-    tasks = [Task(str(n), scan(tmp_path / f"{n}.h5", n), tmp_path / "out" / str(n), "lct", {}, {}) for n in (1, 2)]
+    tasks = [
+        Task(str(n), scan(tmp_path / f"{n}.h5", n), Recipe("lct"), ResultsFolder(tmp_path / "out" / str(n)))
+        for n in (1, 2)
+    ]
     readers = []
     for task in tasks:
         assert archive_on_dask.attempt_on_worker(task).outcome == "done"

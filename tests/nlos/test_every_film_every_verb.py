@@ -16,6 +16,8 @@ from nlos.cli.app import load_verb
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.loaded import load_scan
+from nlos.recipe import Recipe
+from nlos.results_folder import ResultsFolder
 
 Verb = Callable[..., None]
 BENCHES = {"optotune": 32.0, "simulated": 32.0, "multiharp": 40.0, "helios": 32.0, "timetagger": 32.0}
@@ -79,7 +81,7 @@ def test_a_film_keeps_its_photons_through_every_verb(bench: str, interleave: int
 def test_a_scan_of_few_points_is_explained_by_methods_that_add_bins_up(method: str, tmp_path: Path) -> None:
     """Points 12 cm apart have bins of 128 ps: noise is told from light in the bins that were measured."""
     run = taken(tmp_path, "simulated", 1)
-    done = reconstruct_file(run, method, {}, tmp_path / "out", constants=Path("none"), volume=False)
+    done = reconstruct_file(run, Recipe(method, constants=Path("none")), ResultsFolder(tmp_path / "out", volume=False))
     assert done.explained is not None
     assert done.explained.share is not None
     assert done.explained.share > 0.3, str(done.explained)

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,12 @@ from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.simulated.motion import pose_at
 from nlos.drivers.simulated.surfaces import Surface
 from nlos.film import film_of, write_film, write_mp4
+from nlos.recipe import Recipe
 from nlos.recon.volume import response_words
 from nlos.response import response_wanted
+from nlos.results_folder import ResultsFolder
 
+LCT = Recipe("lct", constants=Path("none"))
 PANEL = {"panel_m": (0.2, 0.2), "centre_m": (-0.2, 0.1, 0.7), "path": [{"at_s": 2.0, "centre_m": (0.3, 0.0, 0.8)}]}
 
 
@@ -55,7 +59,7 @@ def filmed(path: Path, interleave: int, *objects: dict[str, object]) -> Path:
 
 
 def test_a_film_tells_where_a_panel_was_and_how_fast(run: Path, tmp_path: Path) -> None:
-    film = film_of(run, "lct", {}, constants=Path("none"))
+    film = film_of(run, LCT)
     assert len(film.frame) == 9 - film.window
     assert film.frame.tolist() == list(range(film.window - 1, 8))
     found, panel = film.track(), Surface.model_validate_json(json.dumps(PANEL))
@@ -80,7 +84,7 @@ def test_two_frames_to_a_picture_take_out_what_alternates(run: Path) -> None:
             pytest.skip("interleaved frames have no slow direction")
     panel, alternates_m = Surface.model_validate_json(json.dumps(PANEL)), []
     for window in (1, 2):
-        film = film_of(run, "lct", {}, window, Path("none"))
+        film = film_of(run, LCT, window)
         true = np.array([pose_at(time_s, panel.pose, panel.path).centre_m for time_s in film.time_s])
         frame = np.arange(len(film.frame))
         off_m = film.track()["y_m"] - true[:, 1]
@@ -93,7 +97,7 @@ def test_two_frames_to_a_picture_take_out_what_alternates(run: Path) -> None:
 def test_with_a_memory_every_frame_has_a_picture_of_its_own_moment(run: Path) -> None:
     """Also where a frame holds a fourth of the points; and a panel that comes nearer is not seen alternately too high
     and too low."""
-    film = film_of(run, "lct", {}, constants=Path("none"), memory=True)
+    film = film_of(run, LCT, memory=True)
     assert film.frame.tolist() == list(range(8))
     assert film.window >= 1
     found, panel = film.track(), Surface.model_validate_json(json.dumps(PANEL))
@@ -112,7 +116,7 @@ def test_two_objects_have_rows_of_their_own(tmp_path: Path) -> None:
         "path": [{"at_s": 3.0, "centre_m": (0.2, 0.2, 0.6)}],
     }
     passing = {"panel_m": (0.2, 0.2), "centre_m": (0.15, -0.25, 0.8), "appears_s": 0.75, "vanishes_s": 2.0}
-    film = film_of(filmed(tmp_path / "two.h5", 1, moving, passing), "lct", {}, constants=Path("none"))
+    film = film_of(filmed(tmp_path / "two.h5", 1, moving, passing), LCT)
     found = film.objects()
     assert len(found) == 2
     objects = [Surface.model_validate_json(json.dumps(each)) for each in (moving, passing)]
@@ -135,12 +139,11 @@ def test_a_film_is_told_the_response_as_every_picture_is(run: Path, tmp_path: Pa
     said = {"auto": "the scan's own direct peak", "300": "300 ps FWHM, a Gaussian, as given"}
     films = {}
     for word, words in said.items():
-        film = films[word] = film_of(run, "lct", {}, 1, Path("none"), response_wanted(word))
+        told = replace(LCT, response=response_wanted(word))
+        film = films[word] = film_of(run, told, 1)
         assert words in film.response
         frame = int(film.frame[3])
-        one = reconstruct_file(
-            run, "lct", {}, tmp_path / word, constants=Path("none"), response=word, frame=frame, volume=False
-        )
+        one = reconstruct_file(run, told, ResultsFolder(tmp_path / word, volume=False), frame=frame)
         assert np.array_equal(one.albedo, film.albedo[3])
         assert response_words(one) == film.response
     assert not np.array_equal(films["auto"].albedo, films["300"].albedo)
@@ -148,8 +151,8 @@ def test_a_film_is_told_the_response_as_every_picture_is(run: Path, tmp_path: Pa
 
 def test_a_film_that_cannot_be_is_refused(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InvalidData, match="9 frames to a picture, but it has 8"):
-        film_of(run, "lct", {}, 9)
-    film = film_of(run, "lct", {}, 8, constants=Path("none"))
+        film_of(run, LCT, 9)
+    film = film_of(run, LCT, 8)
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(InvalidData, match="no ffmpeg"):
         write_mp4(tmp_path / "film.mp4", film)

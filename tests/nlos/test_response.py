@@ -19,6 +19,7 @@ from nlos.calibration.constants import BenchConstants, Quantity, save
 from nlos.calibration.impulse_response import from_histogram
 from nlos.chain import calibrate_scan, reconstruct_file
 from nlos.loaded import load_scan
+from nlos.recipe import Recipe
 from nlos.recon.errors import InvalidSettings
 from nlos.recon.evaluate import read_scene, transient_of
 from nlos.recon.metrics import image_scores
@@ -28,6 +29,7 @@ from nlos.recon.training.detector import respond
 from nlos.recon.training.rendering import render
 from nlos.recon.training.scenes import front_view, make_scene, surfels
 from nlos.response import known_response, lateral_m, response_wanted, say_response
+from nlos.results_folder import ResultsFolder
 
 BIN_S = 64e-12
 
@@ -194,7 +196,7 @@ def test_the_result_says_what_was_taken(nlos: Nlos, tmp_path: Path) -> None:
     path = plain_file(tmp_path / "a.h5")
     for said, fwhm_ps in (("none", None), ("400", 400), (str(tmp_path / "bench.h5"), 90)):
         folder = tmp_path / f"out{fwhm_ps}"
-        reconstruct_file(path, "lct", {}, folder, response=said)
+        reconstruct_file(path, Recipe("lct", response=response_wanted(said)), ResultsFolder(folder))
         with h5py.File(folder / "reconstruction.h5") as file:
             assert ("response_fwhm_ps" in file.attrs) == (fwhm_ps is not None)
             if fwhm_ps is not None:

@@ -21,7 +21,9 @@ from nlos.live.good_enough import LEVELS, STABLE, SURE, Enough, Goal, parse_unti
 from nlos.live.pace import Pace
 from nlos.live.process import state_file, write_state
 from nlos.live.scan import LiveScan
+from nlos.live.so_far import new_scan
 from nlos.loaded import load_scan
+from nlos.recipe import Recipe
 from nlos.recon.errors import ReconstructionFailed
 from nlos.recon.live import LivePicture, LiveReconstruction
 from nlos.recon.reconstruct import reconstruct
@@ -138,7 +140,12 @@ def test_a_real_bench_reads_the_figures_of_the_live_process(run: Path, monkeypat
     said: list[str] = []
     with Recording.open(run) as recording:
         enough = Enough(
-            run, recording.plan, {}, Goal(STABLE, 0.1), "lct", lambda kind, text: said.append(text), watched=True
+            recording.plan,
+            new_scan(recording.plan, {}),
+            Goal(STABLE, 0.1),
+            Recipe("lct"),
+            lambda kind, text: said.append(text),
+            watched=run,
         )
     assert not enough()  # nobody has said anything
     live = LiveReconstruction("lct")

@@ -46,7 +46,7 @@ def reconstruct_archive(
     Raises `FileExistsError`, unless results may be overwritten or skipped, before anything starts.
     """
     record = ArchiveRecord(output)
-    left = [replace(task, options={**task.options, "overwrite": True}) for task in tasks
+    left = [replace(task, results=replace(task.results, overwrite=True)) for task in tasks
             if not record.has(task, overwrite, skip_existing)]  # fmt: skip
     if len(left) < len(tasks):
         terminal.log(f"{len(tasks) - len(left)} of {len(tasks)} files already exist, skipped")

@@ -72,15 +72,18 @@ def _outcome(future: "Future[Outcome]", task: Task, address: str) -> Outcome:
 
 def _absolute(task: Task) -> Task:
     """The same task for a process with another working directory."""
-    settings, options = dict(task.settings), dict(task.options)
-    weights, constants = settings.get("weights"), options.get("constants")
+    recipe = task.recipe
+    settings, constants, method = dict(recipe.settings), recipe.constants, recipe.method
+    weights = settings.get("weights")
     if isinstance(weights, str) and Path(weights).is_file():
         settings["weights"] = str(Path(weights).resolve())
     if constants is not None and constants != NONE:
-        options["constants"] = constants.resolve()
-    method = str(Path(task.method).expanduser().resolve()) if in_a_file(task.method) else task.method
+        constants = constants.resolve()
+    if in_a_file(method):
+        method = str(Path(method).expanduser().resolve())
+    recipe = replace(recipe, method=method, settings=settings, constants=constants)
     return replace(
-        task, run=task.run.resolve(), folder=task.folder.resolve(), method=method, settings=settings, options=options
+        task, run=task.run.resolve(), recipe=recipe, results=replace(task.results, path=task.results.path.resolve())
     )
 
 

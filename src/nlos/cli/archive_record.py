@@ -40,12 +40,12 @@ class ArchiveRecord:
     def has(self, task: "Task", overwrite: bool, skip_existing: bool) -> bool:
         """Whether the task's results are there and may stay. Raises `FileExistsError` where they may neither stay nor
         be replaced; half a result, of an attempt that was killed, is replaced with `skip_existing`."""
-        there = [name for name in NAMES if (task.folder / name).exists()]
+        there = [name for name in NAMES if (task.results.path / name).exists()]
         if not there or overwrite:
             return False
         if not skip_existing:
             raise FileExistsError(
-                f"{task.folder / there[0]}: exists. Choose another folder with -o, or use --skip-existing or "
+                f"{task.results.path / there[0]}: exists. Choose another folder with -o, or use --skip-existing or "
                 "--overwrite."
             )
         row = self._rows.get(task.file)
@@ -53,10 +53,10 @@ class ArchiveRecord:
             self._rows[task.file] = _row(task, "done", "was there already", 0, None, "")
             return True
         if row is not None and row["outcome"] == "done" and len(there) == len(NAMES):
-            if (row["method"], row["settings"]) != (task.method, _plain(task.settings)):
+            if (row["method"], row["settings"]) != (task.recipe.method, _plain(task.recipe.settings)):
                 raise FileExistsError(
-                    f"{task.folder}: holds a result of {row['method']} by other settings. Choose another folder with "
-                    "-o, or use --overwrite."
+                    f"{task.results.path}: holds a result of {row['method']} by other settings. Choose another "
+                    "folder with -o, or use --overwrite."
                 )
             return True
         return False
@@ -116,7 +116,7 @@ def _figure(row: Row, folder: Path) -> str:
 def _row(task: "Task", outcome: str, reason: str, code: int, seconds: float | None, worker: str) -> Row:
     return {
         "file": task.file, "outcome": outcome, "reason": reason, "code": code, "seconds": seconds, "worker": worker,
-        "folder": str(task.folder), "method": task.method, "settings": _plain(task.settings),
+        "folder": str(task.results.path), "method": task.recipe.method, "settings": _plain(task.recipe.settings),
     }  # fmt: skip
 
 

@@ -6,10 +6,13 @@ import traceback
 from dataclasses import dataclass
 from os import getpid
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
+from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.chain import reconstruct_file
 from nlos.cli.exit_codes import ExitCode, exit_code, missing_extra
+from nlos.recipe import Recipe
+from nlos.results_folder import ResultsFolder
 
 LOCAL = "local"
 """The scheduler that means workers on this machine."""
@@ -22,11 +25,10 @@ class Task:
     file: str
     """As the user named it."""
     run: Path
-    folder: Path
-    method: str
-    settings: dict[str, object]
-    options: dict[str, Any]
-    """Of `nlos.chain.reconstruct_file`."""
+    recipe: Recipe
+    results: ResultsFolder
+    given: Given = NOTHING
+    frame: int | None = None
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ def attempt(task: Task) -> Outcome:
     """What a worker does with one file. It raises nothing: one file's trouble is no other file's."""
     worker, began = f"{socket.gethostname()}:{getpid()}", time.monotonic()
     try:
-        done = reconstruct_file(task.run, task.method, task.settings, task.folder, **task.options)
+        done = reconstruct_file(task.run, task.recipe, task.results, given=task.given, frame=task.frame)
     except Exception as error:  # whatever it is, the other files are done; what was not foreseen is said to be a bug
         code = exit_code(error)
         reason = missing_extra(error) or str(error) or type(error).__name__

@@ -18,6 +18,7 @@ from nlos.cli.contradictions import refuse_without
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.film import frames_counted
 from nlos.cli.terminal import terminal
+from nlos.recipe import Recipe
 from nlos.recon.export_mesh import write_glb, write_obj
 from nlos.recon.export_ply import write_ply
 from nlos.recon.export_vti import write_vti
@@ -98,7 +99,7 @@ def _write_film(run: Path, word: str, target: Path, method: str) -> list[str]:
     from nlos.film import film_of, write_gif, write_mp4
 
     with frames_counted(run) as counted:
-        film = film_of(run, method, {}, step=counted)
+        film = film_of(run, Recipe(method), step=counted)
     with whole_file(target) as partial:
         {"gif": write_gif, "mp4": write_mp4}[word](partial, film)
     return ["brightness only, on one scale: `nlos reconstruct --film` keeps depths and the table of places and speeds"]

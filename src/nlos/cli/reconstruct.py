@@ -1,7 +1,9 @@
 """`nlos reconstruct`: from recordings, or any file that an importer reads, to pictures."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -17,11 +19,13 @@ from nlos.cli.method_settings import Weights, chosen_method, parse_settings
 from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
 from nlos.live.following import follow_to_folder
+from nlos.recipe import Recipe
 from nlos.recon.device import check_device
 from nlos.recon.parts import heard_by
 from nlos.recon.results import NAMES, files_in, read_explained
 from nlos.recon.volume import response_words
 from nlos.response import response_wanted
+from nlos.results_folder import ResultsFolder
 
 
 def reconstruct(
@@ -109,23 +113,24 @@ def reconstruct(
             "a film holds brightness and depth of every frame of a recording, as it is",
             "Leave these out, or reconstruct single frames with --frame K.",
         )  # fmt: skip
-    _check(method, chosen, device, response)
+    _check(method, chosen, device)
+    recipe = Recipe(method, chosen, constants, response_wanted(response), device)
+    results = ResultsFolder(output, volume, html, limits_m, overwrite)
     if follow:
-        _follow(runs, method, chosen, output, constants, response, device, volume, html, overwrite)
+        _follow(runs, recipe, results)
         return
     if film:
         if len(runs) != 1 or runs[0].is_dir():
             raise UsageError("--film: makes a film of one RUN of `nlos scan`. Name one recording.")
-        reconstruct_film(
-            runs[0], method, chosen, output, window, constants, response, device, overwrite, skip_existing, memory
-        )
+        reconstruct_film(runs[0], recipe, results, window=window, memory=memory, skip_existing=skip_existing)
         return
-    options: dict[str, Any] = {
-        "constants": constants, "response": response, "device": device, "html": html, "volume": volume, "given": said,
-        "depth_m": limits_m, "frame": frame,
-    }  # fmt: skip
     if len(runs) > 1 or runs[0].is_dir() or scheduler is not None:
-        _reconstruct_archive(runs, method, chosen, output, options, scheduler, overwrite, skip_existing)
+        files = files_of(runs)
+        tasks = [
+            Task(str(file), file, recipe, replace(results, path=folder), said, frame)
+            for file, folder in zip(files, folders_for(files, output), strict=True)
+        ]
+        _reconstruct_archive(tasks, output, scheduler, overwrite=overwrite, skip_existing=skip_existing)
         return
     if skip_existing and set(NAMES) <= set(files_in(output)):
         terminal.result(f"{output}: already exists, skipped", reconstructions=[])
@@ -147,30 +152,19 @@ def reconstruct(
             progress.step()
 
         with heard_by(part, within=part):
-            done = reconstruct_file(runs[0], method, chosen, output, overwrite=overwrite, stage=stage, **options)
+            done = reconstruct_file(runs[0], recipe, results, given=said, frame=frame, stage=stage)
         progress.step()
     _say(method, [(str(runs[0]), output, done.seconds)])
     terminal.result(f"response: {response_words(done)}", response=response_words(done))
 
 
 def _reconstruct_archive(
-    runs: list[Path],
-    method: str,
-    settings: dict[str, object],
-    output: Path,
-    options: dict[str, Any],
-    scheduler: str | None,
-    overwrite: bool,
-    skip_existing: bool,
+    tasks: Sequence[Task], output: Path, scheduler: str | None, *, overwrite: bool, skip_existing: bool
 ) -> None:
     """Several files, or a folder of them: each has an outcome of its own."""
-    files = files_of(runs)
-    tasks = [
-        Task(str(file), file, folder, method, settings, options)
-        for file, folder in zip(files, folders_for(files, output), strict=True)
-    ]
     rows = reconstruct_archive(tasks, output, scheduler, overwrite=overwrite, skip_existing=skip_existing)
-    _say(method, [(row["file"], Path(row["folder"]), row["seconds"]) for row in rows if row["outcome"] == "done"])
+    done = [(row["file"], Path(row["folder"]), row["seconds"]) for row in rows if row["outcome"] == "done"]
+    _say(tasks[0].recipe.method, done)
     if missing := [row for row in rows if row["outcome"] != "done"]:
         raise Stopped(
             worst(missing),
@@ -200,33 +194,18 @@ def _say(method: str, done: list[tuple[str, Path, float | None]]) -> None:
     ]  # fmt: skip
 
 
-def _check(method: str, settings: dict[str, object], device: str, response: str) -> None:
+def _check(method: str, settings: dict[str, object], device: str) -> None:
     """Refuses what no file can change, before any is read. Raises `InvalidSettings`."""
     from nlos.recon.methods import parse_settings
 
     parse_settings(method, {key: value for key, value in settings.items() if key != "offsets"})
     check_device(device)
-    response_wanted(response)
 
 
-def _follow(
-    runs: list[Path],
-    method: str,
-    settings: dict[str, object],
-    output: Path,
-    constants: Path | None,
-    response: str,
-    device: str,
-    volume: bool,
-    html: bool,
-    overwrite: bool,
-) -> None:
+def _follow(runs: Sequence[Path], recipe: Recipe, results: ResultsFolder) -> None:
     if len(runs) != 1:
         raise UsageError("--follow: follows one RUN. Name one recording.")
-    scan = follow_to_folder(
-        runs[0], method, settings, output, constants=constants, response=response, device=device, volume=volume,
-        html=html, overwrite=overwrite,
-    )  # fmt: skip
+    scan, output = follow_to_folder(runs[0], recipe, results), results.path
     if scan.picture is None:
         raise Stopped(ExitCode.DATA, f"{runs[0]}: the scan ended without a picture. {scan.message}")
     done = scan.picture

@@ -18,9 +18,11 @@ from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.progress import Progress
 from nlos.cli.targets import recording_target
 from nlos.cli.terminal import terminal
+from nlos.recipe import Recipe
 from nlos.recon.methods import find
 from nlos.recon.results import files_in
 from nlos.response import response_wanted
+from nlos.results_folder import ResultsFolder
 
 
 def replay(
@@ -77,7 +79,8 @@ def replay(
     )  # fmt: skip
     if reconstruct is not None:
         folder = (output or run).with_suffix("")
-        reconstruct_file(output or run, reconstruct, settings, folder, response=response, overwrite=overwrite)
+        recipe = Recipe(reconstruct, settings, response=response_wanted(response))
+        reconstruct_file(output or run, recipe, ResultsFolder(folder, overwrite=overwrite))
         names = files_in(folder)
         terminal.result(f"{folder}: {', '.join(names)}", folder=str(folder), files=names)
 

@@ -25,9 +25,13 @@ from nlos.drivers.errors import SafetyTrip
 from nlos.drivers.exit_paths import undisturbed
 from nlos.live.good_enough import Enough, Goal
 from nlos.live.process import methods_for, start_live
+from nlos.live.so_far import new_scan
+from nlos.recipe import Recipe
 from nlos.recon.explained import NOT_LOOKED_FOR
 from nlos.recon.results import files_in
 from nlos.recon.volume import response_words
+from nlos.response import response_wanted
+from nlos.results_folder import ResultsFolder
 from nlos.scan_ending import ScanEnding
 from nlos.scan_preparation import PreparedScan, ScanRequest, prepare
 
@@ -88,7 +92,8 @@ def take(wanted: Loaded[ScanSettings], table: Loaded[BenchSettings], target: Pat
         request = ScanRequest(plan, wanted.settings.alarms, header, target, resume, overwrite, options.constants)
         _acquire(request, open_bench, interrupts, watching)
     if options.method is not None:
-        _reconstruct(target, options.method, dict(options.seeing), options.constants, options.response, overwrite)
+        recipe = Recipe(options.method, options.seeing, options.constants, response_wanted(options.response))
+        _reconstruct(target, recipe, overwrite)
 
 
 @dataclass(frozen=True)
@@ -109,11 +114,13 @@ class _Watching:
         asked, bench = scan.request, scan.bench
         assert asked.target is not None
         devices = {role: f"{who.model} {who.serial}".strip() for role, who in scan.header.devices.items()}
-        return Enough(
-            asked.target, asked.plan, devices, self.until, methods_for(self.method)[-1], bench.report,
-            watched=not bench.settings.simulated, resumed=asked.resume, settings=self.settings,
-            bench_json=scan.header.bench_json, response=self.response, constants=self.constants,
-        )  # fmt: skip
+        recipe = Recipe(methods_for(self.method)[-1], self.settings, self.constants, response_wanted(self.response))
+        nothing_yet = new_scan(asked.plan, devices, scan.header.bench_json)
+        watched = None if bench.settings.simulated else asked.target
+        enough = Enough(asked.plan, nothing_yet, self.until, recipe, bench.report, watched)
+        if asked.resume and asked.target.exists():
+            enough.catch_up(asked.target)
+        return enough
 
     def show(self, scan: PreparedScan) -> None:
         """Starts the page, where one is asked for or the picture is judged while light is on."""
@@ -196,18 +203,16 @@ def _ask(interrupts: Interrupts, progress: Progress, writer: "RecordingWriter", 
     return going
 
 
-def _reconstruct(
-    run: Path, method: str, settings: dict[str, object], constants: Path | None, response: str, overwrite: bool
-) -> None:
+def _reconstruct(run: Path, recipe: Recipe, overwrite: bool) -> None:
     """The picture of a scan that has just ended. Raises `Stopped`: whatever fails here, the scan is safe."""
     folder = run.with_suffix("")
-    done = reconstruct_file(run, method, settings, folder, constants=constants, response=response, overwrite=overwrite)
-    terminal.result(f"{folder}: {', '.join(files_in(folder))} ({method}, {done.seconds:.2f} s)")
+    done = reconstruct_file(run, recipe, ResultsFolder(folder, overwrite=overwrite))
+    terminal.result(f"{folder}: {', '.join(files_in(folder))} ({recipe.method}, {done.seconds:.2f} s)")
     terminal.log(f"response: {response_words(done)}")
     explained = done.explained or NOT_LOOKED_FOR
     terminal.log(f"{folder}: {explained}", -1 if explained.nothing else 0)
     terminal.document["reconstruction"] = {
-        "folder": str(folder), "method": method, "seconds": done.seconds, "files": files_in(folder),
+        "folder": str(folder), "method": recipe.method, "seconds": done.seconds, "files": files_in(folder),
         "explained": explained.share, "explained_error": explained.error,
         "response": response_words(done),
     }  # fmt: skip

@@ -22,6 +22,8 @@ from nlos.doctor.area import area_of, range_m
 from nlos.doctor.findings import Finding, failed, passed, warned
 from nlos.doctor.gates import axis_of, delay_unknown, expected_s
 from nlos.drivers.bench import Bench
+from nlos.recipe import Recipe
+from nlos.results_folder import ResultsFolder
 
 _HALF_M = 0.2
 _SIDE = 4
@@ -99,7 +101,7 @@ def _direct_light(samples: list[Sample], bench: Bench) -> Finding:
 
 def _reconstruction(run: Path, folder: Path, bench: Bench) -> Iterator[Finding]:
     try:
-        done = reconstruct_file(run, "lct", {}, folder / "doctor")
+        done = reconstruct_file(run, Recipe("lct"), ResultsFolder(folder / "doctor"))
     except InvalidData as error:
         yield warned("reconstruction", str(error), delay_unknown(bench))
         return

@@ -12,10 +12,11 @@ from nlos.acquisition.errors import StorageError
 from nlos.acquisition.network.ticket import Ticket
 from nlos.cli.terminal import terminal
 from nlos.live.scan import LiveScan
+from nlos.recipe import Recipe
 from nlos.recon.live import LivePicture, LiveReconstruction
 from nlos.recon.results import NAMES, write_reconstruction
 from nlos.recon.view3d import write_view3d
-from nlos.response import response_wanted
+from nlos.results_folder import ResultsFolder
 from nlos.whole_file import whole_file
 
 if TYPE_CHECKING:
@@ -24,26 +25,17 @@ if TYPE_CHECKING:
 
 def follow_to_folder(
     run: Path,
-    method: str,
-    settings: dict[str, object],
-    folder: Path,
-    *,
-    constants: Path | None = None,
-    response: str = "auto",
-    device: str = "cpu",
-    volume: bool = True,
-    html: bool = False,
-    overwrite: bool = False,
+    recipe: Recipe,
+    results: ResultsFolder,
 ) -> "LiveScan":
     """Follows `run`, or what a ticket says, until the scan ends; the last result is that of the finished recording.
-    confidence.png beside it also says where the picture still changed; `html` adds view3d.html at the end.
+    confidence.png beside it also says where the picture still changed; `results.html` adds view3d.html at the end.
 
-    Raises FileExistsError unless `overwrite`, and what following raises.
+    Raises FileExistsError as `results` says, and what following raises.
     """
-    live = LiveReconstruction(method, settings, device)
-    for name in (*NAMES, "view3d.html") if html else NAMES:
-        if (folder / name).exists() and not overwrite:
-            raise FileExistsError(f"{folder / name}: exists. Choose another folder with -o, or use --overwrite.")
+    live = LiveReconstruction(recipe.method, recipe.settings, recipe.device)
+    results.check()
+    folder = results.path
     if run.suffix == ".ticket":
         Ticket.load(run)
     folder.mkdir(parents=True, exist_ok=True)
@@ -55,22 +47,22 @@ def follow_to_folder(
             replace_all(picture)
 
     def replace_all(picture: "LivePicture") -> None:
-        replace_numbers(folder, picture.reconstruction, volume)
+        replace_numbers(folder, picture.reconstruction, results.volume)
         bound = "" if picture.bound is None else f"error below {picture.bound:.3f}, "
         terminal.log(
             f"{picture.samples} points: change {picture.change:.3f}, photon noise {picture.error:.3f}, {bound}"
             f"{picture.reconstruction.seconds:.2f} s"
         )
-        replace_pictures(folder, picture, volume)
+        replace_pictures(folder, picture, results.volume)
 
     with local_copy(run, folder) as local:
-        scan = LiveScan(local, [live], constants, on_picture=keep, response=response_wanted(response), adds_up=True)
+        scan = LiveScan(local, [live], recipe.constants, on_picture=keep, response=recipe.response, adds_up=True)
         scan.start()
         try:
             scan.wait()
         finally:
             writing.acquire()  # what is being written is written; nobody waits for the painter, which writes no more
-    if html and scan.picture is not None:
+    if results.html and scan.picture is not None:
         with whole_file(folder / "view3d.html") as partial:
             write_view3d(partial, scan.picture.reconstruction)
     return scan

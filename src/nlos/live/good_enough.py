@@ -18,14 +18,16 @@ from nlos.calibration.errors import InvalidData
 from nlos.chain import calibrate_scan, constants_for
 from nlos.cli.exit_codes import UsageError
 from nlos.live.process import read_state, state_file
-from nlos.live.so_far import gathering_for, new_scan, scan_of
+from nlos.live.so_far import gathering_for, scan_of
+from nlos.recipe import Recipe
 from nlos.recon.errors import ReconError
 from nlos.recon.live import GROWTH, LivePicture, LiveReconstruction
-from nlos.response import response_wanted, with_response
+from nlos.response import with_response
 
 if TYPE_CHECKING:
     from nlos.acquisition.planning.plan import ScanPlan
     from nlos.acquisition.sample import Sample
+    from nlos.loaded import LoadedScan
 
 METHOD = "nano"
 SURE, STABLE = "sure", "stable"
@@ -63,38 +65,33 @@ class Enough:
 
     def __init__(
         self,
-        run: Path,
         plan: "ScanPlan",
-        devices: Mapping[str, str],
+        nothing_yet: "LoadedScan",
         goal: Goal,
-        method: str,
+        recipe: Recipe,
         report: Callable[[str, str], None],
-        watched: bool,
-        resumed: bool = False,
-        settings: Mapping[str, object] | None = None,
-        bench_json: str = "{}",
-        response: str = "auto",
-        constants: Path | None = None,
+        watched: Path | None = None,
     ) -> None:
-        """Before `run` is opened for writing: where it is `resumed`, what it holds is read here. `watched`: the live
-        process of `run` makes the pictures, and its figures are read here."""
+        """`nothing_yet`: the scan as it is loaded, without samples. `watched`: the recording whose live process makes
+        the pictures; its figures are read here."""
         self._growth = GROWTH
         self.reached = False
         """Whether the scan, or the first of its passes, ended for being good enough."""
         self.said = ""
         """What was found at the last look."""
-        self._goal, self._report, self._devices = goal, report, devices
-        self._bench_json, self._response, self._constants = bench_json, response_wanted(response), constants
-        self._state = state_file(run) if watched else None
+        self._goal, self._report, self._recipe, self._nothing_yet = goal, report, recipe, nothing_yet
+        self._state = None if watched is None else state_file(watched)
         self._gathering = gathering_for(plan)
-        self._live = LiveReconstruction(method, settings)
+        self._live = LiveReconstruction(recipe.method, recipe.settings)
         self._next = max(1, math.ceil(FIRST_FRACTION * len(plan)))
         self._looked_s = -math.inf
         self._seen = 0
-        if resumed and run.exists():
-            with Recording.open(run) as recording:
-                for sample in recording.samples():
-                    self.add(sample)
+
+    def catch_up(self, run: Path) -> None:
+        """Takes in what a recording that is resumed holds, before it is opened for writing."""
+        with Recording.open(run) as recording:
+            for sample in recording.samples():
+                self.add(sample)
 
     def add(self, sample: "Sample") -> None:
         """One more sample, once it is on its way to the disk."""
@@ -125,9 +122,9 @@ class Enough:
 
     def _picture(self) -> "LivePicture | None":
         try:
-            scan = scan_of(new_scan(self._gathering.plan, self._devices, self._bench_json), self._gathering)
+            scan = scan_of(self._nothing_yet, self._gathering)
             transient = with_response(
-                calibrate_scan(scan, constants=constants_for(scan, self._constants)), self._response
+                calibrate_scan(scan, constants=constants_for(scan, self._recipe.constants)), self._recipe.response
             )
             return self._live.update(transient, len(self._gathering), scan.falloff)
         except (InvalidData, ReconError) as error:

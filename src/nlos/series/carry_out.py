@@ -15,7 +15,9 @@ from nlos.cli.exit_codes import ExitCode, UsageError, exit_code
 from nlos.cli.taking import ScanOptions, require_shutter, take
 from nlos.cli.terminal import terminal
 from nlos.configs.load import Loaded
+from nlos.recipe import Recipe
 from nlos.recon.methods import find
+from nlos.results_folder import ResultsFolder
 from nlos.run_defaults import hooks_for
 from nlos.series import journal as outcomes
 from nlos.series.expand import Run, expand
@@ -159,7 +161,9 @@ def _pictures(series: Series, journal: Journal) -> int:
         if journal.outcome(run.name) != outcomes.DONE or (folder / "reconstruction.h5").exists():
             continue
         try:
-            done = reconstruct_file(path, method, {}, folder, constants=series.constants, overwrite=True)
+            done = reconstruct_file(
+                path, Recipe(method, constants=series.constants), ResultsFolder(folder, overwrite=True)
+            )
         except (ValueError, OSError, RuntimeError) as error:
             journal.add(run.name, outcomes.NO_PICTURE, run.digest, str(error), int(exit_code(error)))
             terminal.log(f"warning: {path}: no picture: {error}")
