@@ -16,7 +16,7 @@ def check_sense(spots: Spots) -> None:
     """Raises `InvalidData`, with what to change, where the beam goes another way than it is sent."""
     if len(spots.x_rad) < 3:
         return
-    if np.linalg.matrix_rank(_sent(spots), tol=1e-6) < 3:
+    if not span_the_wall(spots):
         raise InvalidData("the spots lie on one line, or on one another: mark some to the sides and above as well.")
     (x_by_x, y_by_x), (x_by_y, y_by_y), _ = _straight(spots)
     if abs(x_by_y) > abs(x_by_x) and abs(y_by_x) > abs(y_by_y):
@@ -32,6 +32,11 @@ def check_sense(spots: Spots) -> None:
                 f"mirror block (volts_per_degree, invert_{name}); then mark the spots again, or turn the sign of "
                 f"{name}_deg in the table."
             )
+
+
+def span_the_wall(spots: Spots) -> bool:
+    """Whether there are three that do not lie on one line."""
+    return len(spots.x_rad) >= 3 and int(np.linalg.matrix_rank(_sent(spots), tol=1e-6)) == 3
 
 
 def refuse_other_units(spots: Spots, drawn_m: float) -> None:

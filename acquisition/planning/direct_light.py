@@ -1,6 +1,7 @@
 """When direct light should come at each point of a plan, and whether the plan's time window holds it."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,17 @@ from nlos.drivers.bench_settings import BenchSettings
 BEFORE_S, AFTER_S = 0.2e-9, 0.3e-9
 """What belongs to a direct pulse of 100 ps before and after its maximum."""
 _ROUNDING = 1.0 + 1e-6
+_TURNED = {
+    "x is reversed": (0, -1, 1),
+    "y is reversed": (0, 1, -1),
+    "x and y are reversed": (0, -1, -1),
+    "x and y are swapped": (1, 1, 1),
+    "x and y are swapped and x is reversed": (1, -1, 1),
+    "x and y are swapped and y is reversed": (1, 1, -1),
+    "x and y are swapped and reversed": (1, -1, -1),
+}
+"""How a beam may go that is not sent so: whether the axes are swapped, then each one's sign."""
+_TELLS_S = 15e-12
 
 
 @dataclass(frozen=True)
@@ -24,6 +36,8 @@ class DirectLight:
     period_s: float
     delay_known: bool
     direct_cps: float | None = None
+    turned_s: Mapping[str, npt.NDArray[np.float64]] = field(default_factory=dict)
+    """What is wrong with the axes -> `arrival_s` then, where that tells: the wall leans."""
 
     def seen_at_s(self, plan: ScanPlan) -> npt.NDArray[np.float64]:
         """(N,): when the window meets it, of this pulse or of an earlier one; a window that begins after it meets the
@@ -44,7 +58,23 @@ def expected_direct(plan: ScanPlan, settings: BenchSettings, aim: Aiming) -> Dir
     found, period_s = settings.first_light, 1 / settings.laser.repetition_hz
     delay_s = 0.0 if found is None else found.delay_ns * 1e-9
     arrival_s = (2 * aim.ranges_m(x_rad, y_rad) / SPEED_OF_LIGHT_M_PER_S + delay_s) % period_s
-    return DirectLight(arrival_s, period_s, found is not None, None if found is None else found.direct_cps)
+    direct_cps = None if found is None else found.direct_cps
+    return DirectLight(
+        arrival_s, period_s, found is not None, direct_cps, _turned(aim, x_rad, y_rad, delay_s, period_s)
+    )
+
+
+def _turned(
+    aim: Aiming, x_rad: npt.NDArray[np.float64], y_rad: npt.NDArray[np.float64], delay_s: float, period_s: float
+) -> dict[str, npt.NDArray[np.float64]]:
+    """Only those whose times differ from the drawn ones by more than an offset."""
+    drawn_m, turned = aim.ranges_m(x_rad, y_rad), {}
+    for how, (swapped, x_sign, y_sign) in _TURNED.items():
+        goes = (y_rad, x_rad) if swapped else (x_rad, y_rad)
+        range_m = aim.ranges_m(x_sign * goes[0], y_sign * goes[1])
+        if 2 * np.ptp(range_m - drawn_m) / SPEED_OF_LIGHT_M_PER_S > _TELLS_S:
+            turned[how] = (2 * range_m / SPEED_OF_LIGHT_M_PER_S + delay_s) % period_s
+    return turned
 
 
 def window_warnings(plan: ScanPlan, direct: DirectLight) -> list[str]:

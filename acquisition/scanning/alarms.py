@@ -6,6 +6,7 @@ flutter. Samples taken under an alarm are not kept: their points are taken again
 """
 
 import shutil
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
@@ -74,6 +75,8 @@ class AlarmSettings(Settings):
     """Whether the time window is to hold direct light; false for a detector that is gated to leave it out."""
     on_direct: Action = Field(default=Action.PAUSE, strict=False)
     """No direct light in the first points, or at another time than first light found it."""
+    on_aim: Action = Field(default=Action.PAUSE, strict=False)
+    """A beam that goes elsewhere than it is sent, by what `nlos doctor` or `nlos jog` saw of this bench."""
     min_free_mb: float = Field(default=100.0, ge=0)
     """Free space on the recording's disk below which `on_disk` applies."""
     on_disk: Action = Field(default=Action.ABORT, strict=False)
@@ -107,7 +110,7 @@ class _Level:
 class Alarms:
     """The alarms of one scan on one bench. `folder`: where the recording grows. `direct` says what is wrong with a
     sample's direct light, in words; empty where nothing is known to be. `usual_dark_hz`: what first light counted with
-    the shutter closed."""
+    the shutter closed. `aim`: what is wrong with where the beam goes; empty where nothing is known to be."""
 
     def __init__(
         self,
@@ -117,10 +120,12 @@ class Alarms:
         free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
         direct: Callable[[Sample], str] | None = None,
         usual_dark_hz: float | None = None,
+        aim: str = "",
     ) -> None:
         self._settings, self._repetition_hz, self._folder, self._free = settings, repetition_hz, folder, free_bytes
+        self._aim = aim
         self._direct, self._usual_dark_hz = direct if settings.expect_direct else None, usual_dark_hz
-        self._levels = {name: _Level() for name in ("sync", "count rate", "dark rate", "blank", "disk", "direct")}
+        self._levels: dict[str, _Level] = defaultdict(_Level)
         self._samples = 0
         self._mean_hz = 0.0
         self._blank_s = 0.0
@@ -133,7 +138,12 @@ class Alarms:
     def before(self, bench: Bench) -> Trouble | None:
         """Looks at everything that can be known with the shutter still closed."""
         rates = bench.counter.rates()
-        return self._sync(rates.sync_hz) or self._disk() or self._dark(rates.detector_hz)
+        return self._sync(rates.sync_hz) or self._disk() or self._dark(rates.detector_hz) or self._aimed()
+
+    def _aimed(self) -> Trouble | None:
+        """Said once: whoever continues after that has decided."""
+        said, self._aim = self._aim, ""
+        return self._look("aim", 2.0, said) if said else None
 
     def _dark(self, detector_hz: float) -> Trouble | None:
         """With the shutter closed: by the scan file's limit, else by what is usual on this bench."""
@@ -189,6 +199,7 @@ class Alarms:
             "blank": self._settings.on_blank,
             "disk": self._settings.on_disk,
             "direct": self._settings.on_direct,
+            "aim": self._settings.on_aim,
         }[name]
         return Trouble(name, text, action) if self._levels[name].stands(deviation) else None
 

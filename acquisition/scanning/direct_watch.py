@@ -6,6 +6,7 @@ from nlos.acquisition.direct_peak import direct_peak
 from nlos.acquisition.planning.direct_light import DirectLight
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.sample import Sample
+from nlos.acquisition.scanning.turned_axes import TurnedAxes
 from nlos.drivers.tcspc.counter import HistogramAxis
 
 FIRST_POINTS = 10
@@ -36,12 +37,17 @@ class DirectWatch:
         self._found = self._done = False
         self._sum = np.zeros(plan.axis.bins)
         self._first_s = float(self._seen_at_s.min())
+        self._turned = TurnedAxes(plan, direct)
         self._peaks: list[tuple[int, float, float]] = []
         """Point, when its own direct peak came, and that time's error."""
 
     def look(self, sample: Sample) -> str:
         """What is wrong, in words; empty as long as nothing is known to be."""
-        if self._done or sample.histogram.live_time_s <= 0:
+        if sample.histogram.live_time_s <= 0:
+            return ""
+        if turned := self._turned.look(sample):
+            return turned
+        if self._done:
             return ""
         if self._direct.delay_known and not self._inside.any():
             return self._outside()

@@ -22,6 +22,7 @@ from nlos.acquisition.scanning.control import ScanControl
 from nlos.acquisition.scanning.direct_watch import DirectWatch
 from nlos.acquisition.scanning.engine import scan
 from nlos.acquisition.scanning.lag import Lag
+from nlos.beam_seen import BeamJudged, judge_beam
 from nlos.bench_constants import Known, aiming_constants
 from nlos.drivers.bench import Bench
 from nlos.drivers.bench_settings import BenchSettings
@@ -55,7 +56,7 @@ class PreparedScan:
     choice: Choice
     alarms: Alarms
     warnings: tuple[str, ...] = ()
-    """What is wrong with the plan's time window."""
+    """What is wrong with the plan's time window, and what nobody knows of where the beam goes."""
 
     def begin(self) -> Resumed:
         """The recording to write into. Raises `StorageError`, or `ResumeRefused`, where that cannot be."""
@@ -98,12 +99,14 @@ def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
         check_disk(plan, target, round(request.alarms.min_free_mb * 1e6))
     folder = Path.cwd() if target is None else target.absolute().parent
     direct = None if bench.settings.safety.dry_run else expected_direct(plan, bench.settings, aim)
+    beam = BeamJudged() if direct is None else judge_beam(bench.settings, aim, by_spots=geometry is not None)
     warnings = () if direct is None else tuple(window_warnings(plan, direct))
+    warnings += (beam.warning,) if beam.warning else ()
     for warning in warnings:
         bench.report("warning", warning)
     looks = None if direct is None else DirectWatch(plan, direct).look
     alarms = Alarms(request.alarms, bench.settings.laser.repetition_hz, folder, direct=looks,
-                    usual_dark_hz=usual_dark_hz(bench.settings))  # fmt: skip
+                    usual_dark_hz=usual_dark_hz(bench.settings), aim=beam.wrong)  # fmt: skip
     bench.shutter.arm()
     used = "{}" if known is None else json.dumps(known.constants.summary(), default=str)
     header = replace(

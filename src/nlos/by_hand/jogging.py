@@ -4,9 +4,15 @@ import math
 import textwrap
 from collections.abc import Callable
 
+import numpy as np
+
+from nlos.beam_seen import keep_beam_seen
 from nlos.by_hand import lines
 from nlos.by_hand.hand import Hand
 from nlos.by_hand.marks import Marks
+from nlos.calibration.errors import InvalidData
+from nlos.calibration.geometry_fit import Spots
+from nlos.calibration.spots_sense import check_sense, span_the_wall
 from nlos.drivers.galvo.mirror import MirrorAngles
 
 STEPS_DEG = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
@@ -32,6 +38,8 @@ class Jog:
         self._question, self._typed = "", ""
         self._answered: Callable[[str], str] = lambda text: ""
         self._light_s = light_s
+        self._seen: list[tuple[float, float, float, float]] = []
+        """Commanded angles and the ruler's place, of this session's marks."""
         self._offered: tuple[float, float] | None = None
         self.ended = False
         hand.begin_text = frozenset("gm")
@@ -121,7 +129,21 @@ class Jog:
         if place is None:
             self._hand.note(f"{where}, without a ruler's value: write x_m and y_m into the file")
         else:
-            self._hand.note(where + self._far_off(place))
+            at = self._hand.angles
+            self._seen.append((at.x_rad, at.y_rad, *place))
+            self._hand.note(where + (self._turned() or self._far_off(place)))
+        return ""
+
+    def _turned(self) -> str:
+        """What three marks tell, which scans of this bench are told from now on."""
+        spots = Spots(*np.array(self._seen).T)
+        if not span_the_wall(spots):
+            return ""
+        keep_beam_seen(self._hand.bench.settings, "jog", spots)
+        try:
+            check_sense(spots)
+        except InvalidData as error:
+            return f": {str(error).partition(';')[0]}"
         return ""
 
     def _far_off(self, place: tuple[float, float]) -> str:

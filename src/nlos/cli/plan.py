@@ -26,6 +26,7 @@ from nlos.acquisition.response import Response as InstrumentResponse
 from nlos.acquisition.response import gaussian
 from nlos.acquisition.scanning.light_watch import SHUT_WITHIN_S
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
+from nlos.beam_seen import judge_beam
 from nlos.cli.benches import load_bench, measured_constants, opened, twin
 from nlos.cli.file_words import Response
 from nlos.cli.named_files import BenchWord, ScanWord
@@ -81,11 +82,12 @@ def plan(
         choice = choose(planned, open_bench, angles, links)
         within_px = beam_within_px(planned, open_bench, angles)
         direct = expected_direct(planned, open_bench.settings, aim)
+        beam = judge_beam(table.settings, aim, by_spots=measured is not None)
         expected = told.response if not told.auto else response_of(known) or _simulated(table.settings)
     _tell(planned, choice, refitted(asked.axis, planned.axis))
     _tell_beam(within_px, planned, choice)
     _tell_resolution(planned, expected)
-    warnings = window_warnings(planned, direct)
+    warnings = window_warnings(planned, direct) + [each for each in (beam.wrong, beam.warning) if each]
     for warning in warnings:
         terminal.log(f"warning: {warning}")
     terminal.document["warnings"] = warnings

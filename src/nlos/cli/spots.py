@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nlos.acquisition.planning.preflight import drawn_aim
+from nlos.beam_seen import keep_beam_seen
 from nlos.calibration.geometry import ScannerGeometry
+from nlos.calibration.geometry_fit import Spots
 from nlos.calibration.spots_fit import PlacedScanner, place_from_spots
 from nlos.calibration_input import read_spots
 from nlos.cli.bench_files import check_bench_output, write_bench_file
@@ -17,7 +19,7 @@ from nlos.first_light.bench_lines import with_keys
 from nlos.report.spots_picture import spots_picture
 
 if TYPE_CHECKING:
-    from nlos.calibration.geometry_fit import GeometryFit, Spots
+    from nlos.calibration.geometry_fit import GeometryFit
 
 NAMES = {
     "scanner_x_m": ("the scanner's x", 1.0, "m", "scanner_x_m"),
@@ -39,6 +41,9 @@ def place_scanner(spots: Path, ruler_m: float, bench: str | None, output: Path |
     table, measured = load_bench(bench), read_spots(spots, ruler_m)
     found = place_from_spots(measured, ScannerGeometry(**vars(drawn_aim(table.settings.geometry))))
     _tell(found, measured)
+    kept = found.fit.spots_accepted
+    used = Spots(measured.x_rad[kept], measured.y_rad[kept], measured.x_m[kept], measured.y_m[kept])
+    keep_beam_seen(table.settings, "calibrate --spots", used)
     picture = spots.with_suffix(".png")
     spots_picture(picture, found.fit, measured, allowed=table.settings.geometry.allowed)
     terminal.result(f"{picture}: wall, spots, residuals", picture=str(picture))
@@ -68,7 +73,7 @@ def undetermined_line(name: str, value: float, error: float) -> str:
     return f"{called}: these spots do not determine it{said}"
 
 
-def spots_line(fit: "GeometryFit", spots: "Spots") -> str:
+def spots_line(fit: "GeometryFit", spots: Spots) -> str:
     """How well the spots fit, beside how well they were read."""
     used, rms_mm, ruler_mm = int(fit.spots_accepted.sum()), fit.spots_rms_m * 1e3, spots.error_m * 1e3
     words = f"{used} spots, {rms_mm:.2f} mm RMS off the fit"
@@ -77,7 +82,7 @@ def spots_line(fit: "GeometryFit", spots: "Spots") -> str:
     return f"{words}; errors for a ruler good to {ruler_mm:g} mm (--ruler-mm)"
 
 
-def aside_lines(fit: "GeometryFit", spots: "Spots") -> list[str]:
+def aside_lines(fit: "GeometryFit", spots: Spots) -> list[str]:
     """One for each spot that the others contradict."""
     lines = []
     for row in np.flatnonzero(~fit.spots_accepted):
@@ -89,7 +94,7 @@ def aside_lines(fit: "GeometryFit", spots: "Spots") -> list[str]:
     return lines
 
 
-def _tell(found: "PlacedScanner", spots: "Spots") -> None:
+def _tell(found: "PlacedScanner", spots: Spots) -> None:
     for line, values in fitted_lines(found.fit):
         terminal.result(line, **values)
     said = aside_lines(found.fit, spots)

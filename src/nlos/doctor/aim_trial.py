@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from nlos.beam_seen import FAR_PART, RULER_M, keep_beam_seen
 from nlos.by_hand.opening import aim_in_use
 from nlos.calibration.errors import InvalidData
 from nlos.calibration.geometry_fit import Spots
@@ -19,9 +20,6 @@ from nlos.doctor.hands import hands_for
 from nlos.drivers.bench import Bench
 from nlos.drivers.galvo.mirror import MirrorAngles
 
-_RULER_M = 0.02
-_FAR_PART = 0.03
-"""Of the wall's distance: a scan would be of another part of the wall."""
 _MARK = "Mark nine spots with `nlos jog`; `nlos calibrate --spots FILE` says where the scanner stands."
 
 
@@ -44,17 +42,19 @@ def beam_seen(bench: Bench) -> Iterator[Finding]:
         rows.append((angles.x_rad, angles.y_rad, *seen))
         off_m = max(off_m, (seen[0] - place[0], seen[1] - place[1]), key=lambda each: math.hypot(*each))
     bench.mirror.park()
+    spots = Spots(*np.array(rows).T)
+    keep_beam_seen(bench.settings, "doctor", spots)
     try:
-        check_sense(Spots(*np.array(rows).T))
+        check_sense(spots)
     except InvalidData as error:
         what, _, remedy = str(error).partition(": ")
         yield failed("aim", what, f"{remedy[:1].upper()}{remedy[1:]}")
         return
     distance_m = bench.settings.geometry.wall_distance_m
     said = f"the beam comes {off_m[0]:+.3f}, {off_m[1]:+.3f} m from where it was sent"
-    if math.hypot(*off_m) > _FAR_PART * distance_m:
+    if math.hypot(*off_m) > FAR_PART * distance_m:
         yield failed("aim", f"{said}: the scanner's place or the wall's distance is another", _MARK)
-    elif math.hypot(*off_m) > _RULER_M:
+    elif math.hypot(*off_m) > RULER_M:
         yield warned("aim", said, _MARK)
     else:
         yield passed("aim", f"{said}, at most, at three places")

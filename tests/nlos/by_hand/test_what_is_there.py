@@ -145,6 +145,33 @@ def test_enter_takes_what_the_ruler_says_and_a_beam_that_is_elsewhere_is_said_at
     assert rows == [(0.25, 0.0), (0.25, 0.001)]
 
 
+def test_three_marks_name_a_reversed_axis_and_scans_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = bench_file(tmp_path, {"simulation": {"misalignment": {"x_volts_per_degree": -0.5}}})
+    with at_a_terminal(tmp_path, "jog", "--bench", str(path), "--marks", "spots.csv") as child:
+        child.wait_until(lambda: bool(child.frames), "a screen")
+        for number, (place, shown) in enumerate(
+            (
+                ("0 0", "+0.0000   y   +0.0000 m"),
+                ("0.2 0", "+0.2000   y   +0.0000 m"),
+                ("0 0.2", "+0.0000   y   +0.2000 m"),
+            ),
+            1,
+        ):
+            child.press("g", place, "\r")
+            child.wait_for(shown)
+            child.press("m", "\r")
+            child.wait_for(f"spot {number} in spots.csv")
+        child.wait_for("x is reversed: the beam goes the other way")
+        child.press("q")
+        assert child.ends() == 0
+    assert run(["plan", "demo", "--bench", str(path)]) == 0
+    said = capsys.readouterr().err
+    assert "x is reversed" in said
+    assert "seen by `nlos jog` on" in said
+
+
 def test_tab_gives_as_much_light_again_also_while_the_ruler_is_asked_for(tmp_path: Path) -> None:
     path = bench_file(tmp_path)
     with at_a_terminal(tmp_path, "jog", "--bench", str(path), "--marks", "s.csv", "--light", "0.5") as child:
