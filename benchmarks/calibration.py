@@ -25,7 +25,7 @@ from nlos.calibration import raw_points
 from nlos.calibration.constants import BenchConstants, Quantity
 from nlos.calibration.correct import common_bins, correct_known, correct_points
 from nlos.calibration.detector import undo_dead_time
-from nlos.calibration.measure import measure_constants
+from nlos.calibration.measure import KnownBefore, measure_constants
 from nlos.calibration.raw_points import RawPoints
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.simulated.beam import BeamPath, Misalignment
@@ -131,7 +131,9 @@ def recovered(name: str, detector: DetectorSettings, share: float, seed: int = 5
     measured_dead_time = found.constants.dead_time_s
     if measured_dead_time is None:  # too little light to tell: the data sheet does
         sheet = Quantity(detector.dead_time_ns * 1e-9, 0.0)
-        found = measure_constants([raw, dark], devices={}, sources=[name], measured_utc=DATE, aim=aim, dead_time=sheet)
+        found = measure_constants(
+            [raw, dark], devices={}, sources=[name], measured_utc=DATE, aim=aim, known=KnownBefore(dead_time=sheet)
+        )
     constants, fit = found.constants, found.geometry
     assert fit is not None
     assert constants.dark_hz is not None
@@ -224,7 +226,9 @@ def throughput() -> tuple[float, float]:
     scene = SceneSettings(direct_cps=200e3, ambient_cps=1000.0)
     raw = simulated_run(detector, scene, Misalignment(), Aim(2.0), 32, axis, 8e-3)
     sheet = Quantity(77e-9, 0.0)
-    found = measure_constants([raw], devices={}, sources=[], measured_utc=DATE, aim=Aim(2.0), dead_time=sheet)
+    found = measure_constants(
+        [raw], devices={}, sources=[], measured_utc=DATE, aim=Aim(2.0), known=KnownBefore(dead_time=sheet)
+    )
     bins = common_bins(found.constants, raw.x_m, raw.y_m, axis)
     best = {64: 0.0, 1: 0.0}
     with ProcessPoolExecutor(2) as pool:

@@ -30,17 +30,6 @@ def align_variance(variance: npt.ArrayLike, offset_bins: npt.ArrayLike, bins: in
     return first[:, :-1] * (1 - weight) ** 2 + first[:, 1:] * weight**2
 
 
-def align_by_floor_and_circshift(counts: npt.ArrayLike, offset_bins: npt.ArrayLike, bins: int) -> Counts:
-    """As the public f-k code rectifies: rolled by the floor of the offset, late bins wrapping to the front, cropped.
-
-    For comparison with published results (Lindell 2019, `cnlos_reconstruction.m`); costs up to one bin of accuracy.
-    """
-    recorded = np.asarray(counts)
-    whole, _ = _split(offset_bins, len(recorded))
-    index = (whole[:, None] + np.arange(bins)) % recorded.shape[1]
-    return np.take_along_axis(recorded, index, axis=1).astype(np.float32)
-
-
 def recorded_bins(offset_bins: npt.ArrayLike, record_bins: int, bins: int) -> npt.NDArray[np.bool_]:
     """Where the aligned result rests wholly on recorded bins, shape (N, bins)."""
     offsets = np.asarray(offset_bins, dtype=np.float64)[:, None]

@@ -9,13 +9,12 @@ import numpy.typing as npt
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.calibration import raw_points
-from nlos.calibration.alignment import align, align_by_floor_and_circshift, align_variance, recorded_bins
+from nlos.calibration.alignment import align, align_variance, recorded_bins
 from nlos.calibration.background import Background, before_pulse, subtract
 from nlos.calibration.constants import BenchConstants
 from nlos.calibration.detector import subtract_dark, undo_dead_time
 from nlos.calibration.direct_reflection import DirectLight, find_direct_light, known_direct_light, remove_direct_light
 from nlos.calibration.errors import InvalidData, NoDirectPeak
-from nlos.calibration.impulse_response import ImpulseResponse
 from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.time_offset import TimeOffsets, measure_time_offsets
 
@@ -93,16 +92,13 @@ def correct_points(
     *,
     rectified: bool = False,
     offset_bins: npt.ArrayLike | None = None,
-    response: ImpulseResponse | None = None,
     remove_direct: bool = True,
-    circshift: bool = False,
 ) -> CorrectedPoints:
     """Corrects a scan as a whole; what `constants` do not tell is measured from the scan itself.
 
     `rectified`: time 0 is the direct arrival already; `offset_bins` (N,): the arrivals are known. Otherwise each
-    scan's own direct light tells them, and the constants' arrivals help out where it shows none. `circshift`: align as
-    the public f-k code does. The result keeps the bins that every point recorded. Raises `InvalidData`, naming the
-    first bad point, and `NoDirectPeak`.
+    scan's own direct light tells them, and the constants' arrivals help out where it shows none. The result keeps
+    the bins that every point recorded. Raises `InvalidData`, naming the first bad point, and `NoDirectPeak`.
     """
     raw.check(cut_tops=not rectified)
     counts, variance = undo_dead_time(raw, constants)
@@ -112,8 +108,7 @@ def correct_points(
     elif offset_bins is not None:
         arrival = np.asarray(offset_bins, dtype=np.float64)
     else:
-        if response is None and constants is not None:
-            response = constants.response
+        response = None if constants is None else constants.response
         try:
             offsets = measure_time_offsets(counts, raw.x_m, raw.y_m, raw.time, response, raw.exposure_s > 0)
             arrival = offsets.offset_bins
@@ -125,7 +120,7 @@ def correct_points(
     counts = subtract_dark(counts, raw, constants)
     dark_end = arrival - max(2.0, lead_s / raw.time.bin_width_s)
     background = before_pulse(counts, np.where(np.isfinite(arrival), dark_end, 0))
-    return _finish(raw, counts, variance, arrival, background, None, offsets, remove_direct, circshift)
+    return _finish(raw, _Timed(counts, variance, arrival, background, offsets), remove_direct=remove_direct)
 
 
 def correct(
@@ -134,9 +129,6 @@ def correct(
     *,
     rectified: bool = False,
     offset_bins: npt.ArrayLike | None = None,
-    response: ImpulseResponse | None = None,
-    remove_direct: bool = True,
-    circshift: bool = False,
     sync_count: npt.ArrayLike = 0.0,
     total_count: npt.ArrayLike = 0.0,
 ) -> Corrected:
@@ -146,9 +138,6 @@ def correct(
         constants,
         rectified=rectified,
         offset_bins=None if offset_bins is None else np.asarray(offset_bins).ravel(),
-        response=response,
-        remove_direct=remove_direct,
-        circshift=circshift,
     )
     wall = transient.wall
     shape = (done.time.bins, wall.rows, wall.cols)
@@ -170,7 +159,7 @@ def correct_known(raw: RawPoints, constants: BenchConstants, bins: int | None = 
     rates = [q.value for q in (constants.dark_hz, constants.ambient_hz) if q is not None]
     per_bin = sum(rates) * raw.time.bin_width_s * raw.sync_count
     background = Background(per_bin, np.zeros(len(counts)))
-    return _finish(raw, counts, variance, arrival, background, constants, None, True, False, bins)
+    return _finish(raw, _Timed(counts, variance, arrival, background, None), constants, bins=bins)
 
 
 def correct_sample(sample: Sample, constants: BenchConstants, bins: int) -> CorrectedSample:
@@ -197,29 +186,37 @@ def known_arrival_bins(constants: BenchConstants, x_m: npt.ArrayLike, y_m: npt.A
     return np.asarray((constants.arrivals.at(x_m, y_m) - time.start_s) / time.bin_width_s)
 
 
+@dataclass(frozen=True)
+class _Timed:
+    """Histograms without dead time, not yet shifted, and when direct light arrives in each."""
+
+    counts: npt.NDArray[np.generic]  # (N, T)
+    variance: npt.NDArray[np.generic]  # (N, T)
+    arrival: Floats  # (N,) bins, NaN where it is not known
+    background: Background
+    offsets: TimeOffsets | None  # None where the arrivals were given
+
+
 def _finish(
     raw: RawPoints,
-    counts: npt.NDArray[np.generic],
-    variance: npt.NDArray[np.generic],
-    arrival: Floats,
-    background: Background,
-    known: BenchConstants | None,
-    offsets: TimeOffsets | None,
-    remove_direct: bool,
-    circshift: bool,
+    timed: _Timed,
+    known: BenchConstants | None = None,
+    *,
+    remove_direct: bool = True,
     bins: int | None = None,
 ) -> CorrectedPoints:
-    """Alignment, background and direct light, from arrivals that are known by now."""
-    points, record = counts.shape
+    """Alignment, background and direct light, the last as it is `known`, else looked for."""
+    arrival, background, offsets = timed.arrival, timed.background, timed.offsets
+    points, record = timed.counts.shape
     there = np.isfinite(arrival) & (arrival < record - 1) & (raw.exposure_s > 0)
     if not there.any():
         raise NoDirectPeak(f"at none of {points} points does direct light arrive within the record of {record} bins.")
     arrival = np.where(there, arrival, arrival[there].mean())
     if bins is None:
         bins = _bins_left(raw, arrival, offsets)
-    shift = align_by_floor_and_circshift if circshift else align
-    aligned = subtract(shift(counts, arrival, bins), np.where(np.isfinite(background.error), background.per_bin, 0.0))
-    spread = align_variance(variance, arrival, bins)
+    below = np.where(np.isfinite(background.error), background.per_bin, 0.0)
+    aligned = subtract(align(timed.counts, arrival, bins), below)
+    spread = align_variance(timed.variance, arrival, bins)
     usable = recorded_bins(arrival, record, bins) & there[:, None]
     aligned[~there], spread[~there] = 0, 0
     direct = DirectLight(np.zeros(bins), np.zeros(points), 0, 0.0)

@@ -44,6 +44,19 @@ class Measurement:
         return None if self.placed is None else self.placed.fit
 
 
+@dataclass(frozen=True)
+class KnownBefore:
+    """What is known from elsewhere than the runs. `spots`: where on the wall the beam was seen, for the mirrors' gains;
+    a histogram over the laser's whole period tells the dead time by itself."""
+
+    dead_time: Quantity | None = None
+    response: ImpulseResponse | None = None
+    spots: Spots | None = None
+
+
+NOTHING_KNOWN = KnownBefore()
+
+
 def measure_constants(
     runs: Sequence[RawPoints],
     *,
@@ -51,17 +64,14 @@ def measure_constants(
     sources: Sequence[str],
     measured_utc: str,
     aim: Aim | ScannerGeometry | None = None,
-    dead_time: Quantity | None = None,
-    response: ImpulseResponse | None = None,
-    spots: Spots | None = None,
+    known: KnownBefore = NOTHING_KNOWN,
 ) -> Measurement:
     """Constants from one or more runs of one bench; runs whose counts are flat in time are dark runs.
 
-    `aim`: what the scans were aimed by, for wall distance and tilt: the drawing, or an earlier fit. `dead_time`,
-    `response`: where they are known from elsewhere; a histogram over the laser's whole period tells the dead time by
-    itself. `spots`: where on the wall the beam was seen, for the mirrors' gains. Raises `InvalidData` for bad counts,
-    `NoDirectPeak`, and `PoorCalibration` where the points do not determine the arrivals.
+    `aim`: what the scans were aimed by, for wall distance and tilt: the drawing, or an earlier fit. Raises
+    `InvalidData` for bad counts, `NoDirectPeak`, and `PoorCalibration` where the points do not determine the arrivals.
     """
+    dead_time, response, spots = known.dead_time, known.response, known.spots
     for run in runs:
         run.check()
     flat = [is_flat(run.counts[run.exposure_s > 0]) for run in runs]

@@ -10,9 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from nlos.recon.layers.evidence import evidence
 from nlos.recon.layers.interval_head import KEPT, NOISE, RESPONSE, IntervalHead, RawIntervals
-from nlos.recon.layers.volume_projection import Projection
 from nlos.recon.layers.wiener_volumes import WienerVolumes
 from nlos.recon.predicted_error import ErrorLine
 from nlos.recon.weights.files import OWN_FOLDER, find_weights, put_weights, read_about, read_weights
@@ -104,17 +102,8 @@ def head_in(path: Path) -> CalibratedHead:
     return CalibratedHead(head.eval(), calibration, ErrorLine(**held.about["error"]))
 
 
-def intervals_of(
-    head: CalibratedHead,
-    seen: Projection,
-    volumes: Tensor,
-    conditions: Tensor,
-    maps: Tensor,
-    presence: Tensor,
-    physics: WienerVolumes,
-) -> dict[str, Tensor]:
-    """The fields of `MethodResult.intervals`, (B, H, W) each, from what NANO knows beside its picture."""
-    found = evidence(seen, volumes, conditions, maps, presence, physics.depths)
+def intervals_of(head: CalibratedHead, found: Tensor, presence: Tensor, physics: WienerVolumes) -> dict[str, Tensor]:
+    """The fields of `MethodResult.intervals`, (B, H, W) each, from what NANO knows beside its picture (`evidence`)."""
     made = adjusted(head.network.to(found.device)(found), head.calibration, group_of(found))
     return {
         "albedo_low": made.albedo_low,

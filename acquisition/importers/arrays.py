@@ -1,6 +1,7 @@
 """Histograms and what lies beside them as a scan, on a grid or at free positions: what HDF5, NPZ and MAT share."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,24 +16,34 @@ from nlos.acquisition.wall import WallGrid, grid_around
 Beside = Mapping[str, npt.NDArray[Any] | None]
 
 
+@dataclass(frozen=True)
+class StoredArrays:
+    """Histograms as a file holds them, in its own order, where they are, and what is beside them."""
+
+    name: str
+    """Of the file."""
+    place: str
+    """Within it."""
+    counts: npt.NDArray[Any]
+    beside: Beside
+    """exposure_s, x_m, y_m."""
+
+
 def held_scan(
-    name: str,
-    place: str,
-    counts: npt.NDArray[Any],
-    beside: Beside,
+    stored: StoredArrays,
     bin_width_s: float,
     sides_m: tuple[float, float] | None,
     given: Given,
     start_s: float = 0.0,
 ) -> tuple[Transient | FreePoints, tuple[str, ...]]:
-    """The scan, and what was assumed. `counts` in file order at `place` of file `name`; `beside`: the file's
-    exposure_s, x_m, y_m; `sides_m`: None for a wall around free positions. Raises `InvalidData` naming file, place and
-    reason."""
+    """The scan, and what was assumed. `sides_m`: None for a wall around free positions. Raises `InvalidData` naming
+    file, place and reason."""
+    name, counts, beside = stored.name, stored.counts, stored.beside
     if not 1e-13 <= bin_width_s <= 1e-6:
         raise InvalidData(f"{name}: bin_width_s is {bin_width_s:g} s; expected 1e-13 to 1e-6 s")
     exposure = beside.get("exposure_s")
     told = exposure is not None and counts.shape[:-1] == exposure.shape
-    counts = given.ordered(counts, f"{name}: {place}", told)
+    counts = given.ordered(counts, f"{name}: {stored.place}", told)
     notes = []
     if exposure is None:
         exposure = np.ones(counts.shape[:-1])

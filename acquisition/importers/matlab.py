@@ -15,7 +15,7 @@ from scipy.io import loadmat, whosmat
 from scipy.io.matlab import MatReadError
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.importers.arrays import held_scan
+from nlos.acquisition.importers.arrays import StoredArrays, held_scan
 from nlos.acquisition.importers.given import NOTHING, Given, put_there
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES, find_dataset, open_hdf5, read_array
@@ -124,10 +124,7 @@ def _read_own(path: Path, shapes: dict[str, tuple[int, ...]], given: Given) -> I
     if counts.ndim == 2:  # MATLAB has no arrays of one dimension
         beside = {key: None if values is None else values.ravel() for key, values in beside.items()}
     held, notes = held_scan(
-        str(path),
-        "histograms",
-        counts,
-        beside,
+        StoredArrays(str(path), "histograms", counts, beside),
         given.bin_width_s or float(single["bin_width_s"][0]),
         sides_m,
         given,

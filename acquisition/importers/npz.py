@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.importers.arrays import held_scan
+from nlos.acquisition.importers.arrays import StoredArrays, held_scan
 from nlos.acquisition.importers.given import NOTHING, Given, put_there
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES
@@ -39,7 +39,7 @@ def read_npz(path: Path, given: Given = NOTHING) -> ImportedScan:
         ordered = given.ordered(counts, f"{path}: histograms", told=True)
         rows, cols = ordered.shape[:2]
         sides_m = _extent(path, arrays, "x_m", cols, notes), _extent(path, arrays, "y_m", rows, notes)
-    held, more = held_scan(str(path), "histograms", counts, beside, width_s, sides_m, given, start_s)
+    held, more = held_scan(StoredArrays(str(path), "histograms", counts, beside), width_s, sides_m, given, start_s)
     rectified = "rectified" in arrays and bool(_number(path, arrays, "rectified"))
     known = given.wall_m is not None or counts.ndim == 2 or not notes
     curve = _numbers(path, arrays, "response") if "response" in arrays else None

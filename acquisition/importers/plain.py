@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.importers.arrays import held_scan
+from nlos.acquisition.importers.arrays import StoredArrays, held_scan
 from nlos.acquisition.importers.given import NOTHING, Given, put_there
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, open_hdf5, read_array
@@ -48,7 +48,7 @@ def read_plain(path: Path, dataset: str = "histograms", given: Given = NOTHING) 
         )
     if falloff not in (2, 4):
         raise InvalidData(f"{path}: falloff_exponent_authors is {falloff}; 2 or 4 are known")
-    held, notes = held_scan(str(path), dataset, counts, beside, width_s, sides_m, given)
+    held, notes = held_scan(StoredArrays(str(path), dataset, counts, beside), width_s, sides_m, given)
     if not 0 <= cut < held.time.bins:
         raise InvalidData(f"{path}: direct_cut_bins is {cut}, but histograms have {held.time.bins} bins")
     offsets = beside["time_offset_bins"]

@@ -4,6 +4,7 @@ Time is in metres of optical path; where the paths to and from the scanner are i
 time offsets. Formats: y-tal 0.20 `tal.io`, Galindo et al., "A dataset for benchmarking time-resolved NLOS imaging".
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
@@ -36,7 +37,7 @@ def read_ytal(path: Path) -> ImportedScan:
         origins = [_point(file, name) if legs else np.zeros(3) for name in ("laser_xyz", "sensor_xyz")]
     if sensors.shape != lasers.shape or not np.allclose(sensors, lasers, atol=1e-4):
         raise InvalidData(f"{path}: laser and sensor points differ; only confocal captures can be reconstructed here")
-    return _upright(path, counts, sensors, origins if legs else None, delta_m, start_m, "y-tal HDF5")
+    return _upright(path, _Capture("y-tal HDF5", counts, sensors, origins if legs else None, delta_m, start_m))
 
 
 def read_zaragoza(path: Path) -> ImportedScan:
@@ -56,19 +57,24 @@ def read_zaragoza(path: Path) -> ImportedScan:
         counts = np.moveaxis(data.sum(axis=(2, 4)), 2, 0).swapaxes(1, 2)
     if grid.shape == (3, *counts.shape[1:]):
         grid = np.moveaxis(grid, 0, 2)
-    return _upright(path, counts, grid, origins, delta_m, start_m, "Zaragoza HDF5")
+    return _upright(path, _Capture("Zaragoza HDF5", counts, grid, origins, delta_m, start_m))
 
 
-def _upright(
-    path: Path,
-    counts: npt.NDArray[np.generic],
-    grid: Array,
-    origins: list[Array] | None,
-    delta_m: float,
-    start_m: float,
-    name: str,
-) -> ImportedScan:
-    """Counts (T, A, B) on points (A, B, 3), turned so that rows run down and columns to the right."""
+@dataclass(frozen=True)
+class _Capture:
+    """What either format holds. `origins`: the ends of the paths on our side, where these are within the times."""
+
+    name: str
+    counts: npt.NDArray[np.generic]  # (T, A, B)
+    grid: Array  # (A, B, 3)
+    origins: list[Array] | None
+    delta_m: float
+    start_m: float
+
+
+def _upright(path: Path, capture: _Capture) -> ImportedScan:
+    """The capture turned so that rows run down and columns to the right."""
+    counts, grid, delta_m, start_m = capture.counts, capture.grid, capture.delta_m, capture.start_m
     if grid.shape != (*counts.shape[1:], 3):
         raise InvalidData(f"{path}: {counts.shape[1:]} histograms on a grid of shape {grid.shape}")
     if not (np.isfinite(grid).all() and 1e-6 < delta_m < 100 and np.isfinite(start_m)):
@@ -91,8 +97,8 @@ def _upright(
         raise InvalidData(f"{path}: its points are not a regular grid in a plane z = const")
     width_s = delta_m / SPEED_OF_LIGHT_M_PER_S
     offsets = np.full((rows, cols), -start_m / delta_m)
-    if origins is not None:
-        offsets += sum(np.linalg.norm(grid - origin, axis=2) for origin in origins) / delta_m
+    if capture.origins is not None:
+        offsets += sum(np.linalg.norm(grid - origin, axis=2) for origin in capture.origins) / delta_m
     transient = Transient(
         np.ascontiguousarray(counts, dtype=np.float32),
         np.ones((rows, cols)),
@@ -102,7 +108,12 @@ def _upright(
     rectified = bool((np.abs(offsets) < 1e-6).all())
     notes = ("exposure is not stored; assuming 1 s per point", "scene description and normals are not imported")
     return ImportedScan(
-        transient, name, falloff=4, rectified=rectified, time_offset_bins=None if rectified else offsets, notes=notes
+        transient,
+        capture.name,
+        falloff=4,
+        rectified=rectified,
+        time_offset_bins=None if rectified else offsets,
+        notes=notes,
     )
 
 

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.sample import Sample, ScanPoint
-from nlos.acquisition.scanning.control import ScanControl
 from nlos.acquisition.scanning.light_watch import LightOff, LightWatch
+from nlos.acquisition.scanning.under_way import UnderWay
 from nlos.drivers.bench import Bench
 from nlos.drivers.galvo.mirror import MirrorAngles, OwnClock, OwnSteps, own_clock
 from nlos.drivers.tcspc.counter import WAITING_NUMBER, CounterStatus, HistogramFlag, PointGates, Trigger
@@ -124,15 +124,14 @@ def take(
     bench: Bench,
     points: Sequence[ScanPoint],
     angles: Sequence[MirrorAngles],
-    control: ScanControl,
-    start_s: float,
+    under_way: UnderWay,
     watch: LightWatch,
     sequencer: Sequencer = stepping,
 ) -> Iterator[Sample]:
-    """Takes as many of `points` as one sequence holds; the counter must be configured. Ends early once `control` wants
-    a pause, the markers disagree or `watch` has shut off the light. The shutter is opened here and left to the caller
-    to close."""
-    mirror, counter, clock = bench.mirror, bench.counter, bench.clock
+    """Takes as many of `points` as one sequence holds; the counter must be configured. Ends early once a
+    pause is wanted, the markers disagree or `watch` has shut off the light. The shutter is opened here and left to the
+    caller to close."""
+    mirror, counter, clock, control = bench.mirror, bench.counter, bench.clock, under_way.control
     plan = next_sequence(bench, points, angles, sequencer)
     counter.abort()  # where the sequence before was given up, its clock still runs
     mirror.stop()
@@ -143,7 +142,7 @@ def take(
         own.load_steps(plan.angles, plan.own)
     bench.shutter.open()
     mirror.start()
-    armed_s = clock.now() - start_s
+    armed_s = clock.now() - under_way.start_s
     bench.announce(plan.numbers)
     if own is None or plan.own is None:
         counter.arm(PointGates(plan.dwells_s, plan.numbers, Trigger.CLOCK, plan.blanking_s))

@@ -20,6 +20,7 @@ from nlos.acquisition.scanning.control import ScanControl, ScanState, undeterred
 from nlos.acquisition.scanning.lag import Lag
 from nlos.acquisition.scanning.left_to_take import LeftToTake
 from nlos.acquisition.scanning.light_watch import LightWatch
+from nlos.acquisition.scanning.under_way import UnderWay
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import DeviceError, MirrorDisturbed, SafetyTrip
 from nlos.drivers.galvo.mirror import MirrorAngles
@@ -56,8 +57,8 @@ def scan(
     choice = choose(plan, bench, angles, lag=lag)
     if scheme is not None and scheme is not choice.scheme:
         choice = Choice(scheme, "as asked for", forecast(scheme, plan, bench, angles, lag=lag))
-    run = _Run(plan, bench, angles, dict(taken or {}), control or ScanControl(), alarms, decide, elapsed_s, lag)
-    return run.samples(choice)
+    under_way = UnderWay(control or ScanControl(), bench.clock.now() - elapsed_s, alarms, decide)
+    return _Run(plan, bench, angles, dict(taken or {}), under_way, lag).samples(choice)
 
 
 def record(
@@ -80,15 +81,11 @@ class _Run:
         bench: Bench,
         angles: Sequence[MirrorAngles],
         photons: dict[int, int],
-        control: ScanControl,
-        alarms: Alarms | None,
-        decide: Callable[[], bool] | None,
-        elapsed_s: float,
+        under_way: UnderWay,
         lag: Lag | None,
     ) -> None:
         self._plan, self._bench, self._angles = plan, bench, angles
-        self._control, self._alarms, self._decide = control, alarms, decide
-        self._start_s = bench.clock.now() - elapsed_s
+        self._under_way, self._control, self._alarms = under_way, under_way.control, under_way.alarms
         self._lag = lag
         self._left = LeftToTake(plan, bench, photons)
         self._take: Callable[..., Iterator[Sample]] = stepped.take
@@ -144,9 +141,7 @@ class _Run:
         """By how much the mirror trails continuous lines: as known, or measured now; paused and ended as ever."""
         while self._lag is None and self._control.state is ScanState.RUNNING:
             try:
-                self._lag = lag_trial.measure(
-                    self._plan, self._bench, self._angles, self._control, self._start_s, self._alarms
-                )
+                self._lag = lag_trial.measure(self._plan, self._bench, self._angles, self._under_way)
             except lag_trial.TrialEnded as ended:
                 self._meet(ended.trouble, None)
             if self._lag is None:
@@ -162,7 +157,7 @@ class _Run:
         watch = LightWatch(self._bench, self._alarms, self._left.is_taken_again)
         self._bench.while_waiting = watch.look
         try:
-            source = self._take(self._bench, points, angles, self._control, self._start_s, watch)
+            source = self._take(self._bench, points, angles, self._under_way, watch)
             yield from self._kept(source)
         except MirrorDisturbed as error:
             self._bench.report("warning", f"{error.device}: {error.what}")
@@ -183,7 +178,7 @@ class _Run:
             self._left.took(sample)
             yield sample
             self._bench.check_open()
-            if self._decide is not None and self._decide():
+            if self._under_way.decide is not None and self._under_way.decide():
                 self._end_early(sample.point)
                 return
 

@@ -14,12 +14,13 @@ import numpy.typing as npt
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.scanning import clocked
-from nlos.acquisition.scanning.alarms import Alarms, Trouble
+from nlos.acquisition.scanning.alarms import Trouble
 from nlos.acquisition.scanning.clocked import Settle, Stepping
-from nlos.acquisition.scanning.control import ScanControl, until_interrupted
+from nlos.acquisition.scanning.control import until_interrupted
 from nlos.acquisition.scanning.lag import SIGMAS, Lag, Shift, combined, shift
 from nlos.acquisition.scanning.light_watch import LightWatch
 from nlos.acquisition.scanning.sweeping import SETTLED, Lines, append_line, too_long
+from nlos.acquisition.scanning.under_way import UnderWay
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import DeviceFault, LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles
@@ -102,12 +103,10 @@ def measure(
     plan: ScanPlan,
     bench: Bench,
     angles: Sequence[MirrorAngles],
-    control: ScanControl,
-    start_s: float,
-    alarms: Alarms | None = None,
+    under_way: UnderWay,
 ) -> Lag | None:
-    """The lag on this bench, with a bound in steps of a line of at most `plan.within_px`; None where `control` wants a
-    pause. The counter must be configured; the shutter is left to the caller to close. Raises `TrialEnded` where one of
+    """The lag on this bench, with a bound in steps of a line of at most `plan.within_px`; None where a pause is wanted.
+    The counter must be configured; the shutter is left to the caller to close. Raises `TrialEnded` where one of
     the scan's alarms stands, `LimitError` where the mirror does not follow the plan's lines as closely as that, or
     there is too little light to tell."""
     within_px = plan.within_px
@@ -121,7 +120,7 @@ def measure(
     whole, half = list[Shift](), list[Shift]()
     bound = math.inf
     for turn in range(MOST):
-        samples = _swept_there_and_back(plan, bench, lines, control, start_s, turn, alarms)
+        samples = _swept_there_and_back(plan, bench, lines, under_way, turn)
         if samples is None:
             return None
         ahead, young = samples
@@ -163,18 +162,16 @@ def _swept_there_and_back(
     plan: ScanPlan,
     bench: Bench,
     lines: Lines,
-    control: ScanControl,
-    start_s: float,
+    under_way: UnderWay,
     turn: int,
-    alarms: Alarms | None,
 ) -> tuple[list[Shift], list[Shift]] | None:
     """(of whole lines, of halves), or None where a pause is wanted. Raises `DeviceFault` where steps and points do not
     agree, `SafetyTrip` where there is too much light."""
     most = min(bench.mirror.max_sequence, bench.counter.max_points)
     wanted = trial(plan, lines, bench.mirror.settle_s, most, bench.counter.list_mode, turn)
     for _ in range(ATTEMPTS):
-        samples = _unkept(bench, wanted, control, start_s, alarms)
-        if control.wanted:
+        samples = _unkept(bench, wanted, under_way)
+        if under_way.control.wanted:
             return None
         spoilt = any(sample.histogram.flags & ~HistogramFlag.STOPPED_EARLY for sample in samples)
         if len(samples) == len(wanted.points) and not spoilt:
@@ -191,14 +188,14 @@ def _swept_there_and_back(
     return found[::2], found[1::2]
 
 
-def _unkept(bench: Bench, wanted: Trial, control: ScanControl, start_s: float, alarms: Alarms | None) -> list[Sample]:
+def _unkept(bench: Bench, wanted: Trial, under_way: UnderWay) -> list[Sample]:
     """Samples that no recording keeps, taken under the same watch as any others; fewer where something came between."""
-    watch = LightWatch(bench, alarms, lambda sample: False, trial=True)
+    watch = LightWatch(bench, under_way.alarms, lambda sample: False, trial=True)
     bench.while_waiting = watch.look
     try:
         angles = wanted.made.angles[: len(wanted.points)]
-        source = clocked.take(bench, wanted.points, angles, control, start_s, watch, lambda *_: wanted.made)
-        samples = list(until_interrupted(source, control))
+        source = clocked.take(bench, wanted.points, angles, under_way, watch, lambda *_: wanted.made)
+        samples = list(until_interrupted(source, under_way.control))
     finally:
         bench.while_waiting = lambda: None
     if watch.trip is not None:

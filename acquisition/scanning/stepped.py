@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.scanning.control import ScanControl
 from nlos.acquisition.scanning.light_watch import LightOff, LightWatch
+from nlos.acquisition.scanning.under_way import UnderWay
 from nlos.drivers.bench import Bench
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.tcspc.counter import PointGates
@@ -19,14 +20,13 @@ def take(
     bench: Bench,
     points: Sequence[ScanPoint],
     angles: Sequence[MirrorAngles],
-    control: ScanControl,
-    start_s: float,
+    under_way: UnderWay,
     watch: LightWatch,
 ) -> Iterator[Sample]:
     """Takes `points` in order; the counter must be configured and hold that many. Ends early, without the point under
-    way, once `control` wants a pause or `watch` has shut off the light. The shutter is opened for the first point and
+    way, once a pause is wanted or `watch` has shut off the light. The shutter is opened for the first point and
     left to the caller to close."""
-    mirror, counter, clock = bench.mirror, bench.counter, bench.clock
+    mirror, counter, clock, control = bench.mirror, bench.counter, bench.clock, under_way.control
     numbers = [point.number for point in points]
     bench.announce(numbers)
     counter.arm(PointGates([point.dwell_s for point in points], numbers))
@@ -34,7 +34,7 @@ def take(
     bench.shutter.open()
     for index, point in enumerate(points):
         mirror.wait_settled()
-        taken_s = clock.now() - start_s
+        taken_s = clock.now() - under_way.start_s
         counter.trigger()
         try:
             if not _dwelt(bench, point.dwell_s, control):

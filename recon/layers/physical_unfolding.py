@@ -14,6 +14,8 @@ from nlos.recon.layers.response_condition import ResponseCondition
 from nlos.recon.layers.spectral_resampling import resample_field
 
 Pitch = tuple[float, float, float]
+MAPS = 2
+"""Multipliers of a spectral update that follow the noise."""
 
 
 def small_conv(channels_in: int, channels_out: int, gain: float) -> nn.Conv3d:
@@ -88,7 +90,6 @@ class PhysicalUnfolding(nn.Module):
         iterations: int = 2,
         spectral: int = 2,
         conditions: int = 3,
-        maps: int = 2,
         sfe_bandwidth: int = 0,
     ):
         super().__init__()
@@ -99,10 +100,10 @@ class PhysicalUnfolding(nn.Module):
         self.iterations = nn.ModuleList()
         for scale, width in enumerate(channels):
             with_spectrum = scale >= scales - spectral
-            self.gains.append(noise_gains(conditions, maps) if with_spectrum else nn.Identity())
+            self.gains.append(noise_gains(conditions, MAPS) if with_spectrum else nn.Identity())
             self.iterations.append(
                 nn.ModuleList(
-                    SpectralIteration(width, maps) if with_spectrum else PlainIteration(width)
+                    SpectralIteration(width, MAPS) if with_spectrum else PlainIteration(width)
                     for _ in range(iterations)
                 )
             )
@@ -113,7 +114,7 @@ class PhysicalUnfolding(nn.Module):
         self.refine = nn.ModuleList(ResidualBlock(3, fine) for fine, _ in pairs)
         self.sfe = StochasticFrequencyEncoding(channels[-1], sfe_bandwidth) if sfe_bandwidth else None
         self.spectral = min(spectral, scales)
-        self.response = ResponseCondition(conditions, (channels[0], channels[0], *(maps,) * self.spectral))
+        self.response = ResponseCondition(conditions, (channels[0], channels[0], *(MAPS,) * self.spectral))
 
     def encode_frequencies(self, u: Tensor) -> Tensor:
         """SFE of the coarsest scale, on its spectrum."""

@@ -5,6 +5,7 @@ frequencies; it is built because the paper's tables are about it.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import cast
 
@@ -52,6 +53,21 @@ def whitening(size: Sequence[int], device: torch.device) -> Tensor:
     return (1 + (z.square() + y.square() + x.square()) / 1.5**2).sqrt()
 
 
+@dataclass(frozen=True)
+class Readings:
+    """Where the paper leaves a choice; see the method's settings of the same names."""
+
+    activation: ActivationName = "prelu"
+    operator_activation: ActivationName = "tanh"
+    restriction: Restriction = "stride"
+    prolongation: Prolongation = "insertion"
+    whiten: bool = False
+    sfe_bandwidth: int = 0
+
+
+PUBLISHED = Readings()
+
+
 class SpectralUnfolding(nn.Module):
     """B_p . Phi_eta . B_l (section IV-B2): u^0 = MLP_C(u~^0), J scales of n_j iterations on (u^, F^_st, u_g) each
     restricted for itself, skips upwards, u~ = MLP_C(u^K).
@@ -67,33 +83,31 @@ class SpectralUnfolding(nn.Module):
         iterations: int = 2,
         lifted: int = 4,
         conditions: int = 1,
-        activation: ActivationName = "prelu",
-        operator_activation: ActivationName = "tanh",
-        restriction: Restriction = "stride",
-        prolongation: Prolongation = "insertion",
-        whiten: bool = False,
-        sfe_bandwidth: int = 0,
+        readings: Readings = PUBLISHED,
     ):
         super().__init__()
-        self.whiten = whiten
+        self.whiten, activation, bandwidth = readings.whiten, readings.activation, readings.sfe_bandwidth
         finest = channels[0]
         self.lift = ComplexMLP(1, 2 * finest, finest, activation, start_as_identity=True)
         self.take_guide = ComplexConv3d(1, finest, kernel=1)
         self.take_lifted = ComplexConv3d(lifted, finest, kernel=1) if lifted else None
         self.embeddings = nn.ModuleList(NoiseEmbedding(conditions, width) for width in channels)
         self.iterations = nn.ModuleList(
-            nn.ModuleList(LiteralIteration(width, operator_activation) for _ in range(iterations)) for width in channels
+            nn.ModuleList(LiteralIteration(width, readings.operator_activation) for _ in range(iterations))
+            for width in channels
         )
-        if sfe_bandwidth:
+        if bandwidth:
             del cast(nn.ModuleList, self.iterations[-1])[-1]  # the encoded one is the last of the coarsest scale
         pairs = list(pairwise(channels))
         kinds = 2 + bool(lifted)
         self.restrict = nn.ModuleList(
-            nn.ModuleList(Restrict(fine, coarse, restriction) for _ in range(kinds)) for fine, coarse in pairs
+            nn.ModuleList(Restrict(fine, coarse, readings.restriction) for _ in range(kinds)) for fine, coarse in pairs
         )
-        self.prolong = nn.ModuleList(Prolong(coarse, fine, restriction, prolongation) for fine, coarse in pairs)
+        self.prolong = nn.ModuleList(
+            Prolong(coarse, fine, readings.restriction, readings.prolongation) for fine, coarse in pairs
+        )
         self.aggregate = nn.ModuleList(ComplexConv3d(fine, fine, gain=0.1) for fine, _ in pairs)
-        self.encoded = EncodedIteration(channels[-1], sfe_bandwidth, activation) if sfe_bandwidth else None
+        self.encoded = EncodedIteration(channels[-1], bandwidth, activation) if bandwidth else None
         self.project = ComplexMLP(finest, 2 * finest, 1, activation, start_as_identity=True)
 
     def forward(self, start: Tensor, lifted: Tensor | None, guide: Tensor, eta: Tensor) -> Tensor:

@@ -17,7 +17,7 @@ from nlos.recon.layers.light_cone_inverse import brightest
 from nlos.recon.layers.noise_level import NoiseLevel
 from nlos.recon.layers.rates import rates_of
 from nlos.recon.layers.spectral_scales import Prolongation, Restriction
-from nlos.recon.layers.spectral_unfolding import SpectralUnfolding
+from nlos.recon.layers.spectral_unfolding import Readings, SpectralUnfolding
 from nlos.recon.layers.transient_lifting import LiftingName, TransientLifting
 from nlos.recon.layers.volume_projection import MaximumProjection, Projection
 from nlos.recon.method import MethodResult
@@ -98,12 +98,14 @@ class Faithful(nn.Module):
             settings.channels,
             settings.iterations,
             lifted=4 if self.lifting else 0,
-            activation=settings.activation,
-            operator_activation=settings.operator_activation,
-            restriction=settings.restriction,
-            prolongation=settings.prolongation,
-            whiten=settings.whiten,
-            sfe_bandwidth=settings.sfe_bandwidth if settings.sfe else 0,
+            readings=Readings(
+                activation=settings.activation,
+                operator_activation=settings.operator_activation,
+                restriction=settings.restriction,
+                prolongation=settings.prolongation,
+                whiten=settings.whiten,
+                sfe_bandwidth=settings.sfe_bandwidth if settings.sfe else 0,
+            ),
         )
         self.projection = MaximumProjection(finish=settings.projection)
         for parameter in self.noise_level.parameters():

@@ -13,6 +13,7 @@ from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.intervals import CalibratedHead, head_for, intervals_of
+from nlos.recon.layers.evidence import evidence
 from nlos.recon.layers.lifted_volumes import LiftedVolumes
 from nlos.recon.layers.light_cone_inverse import brightest
 from nlos.recon.layers.noise_level import NoiseLevel
@@ -154,7 +155,8 @@ class Nano(nn.Module):
             depth_m = torch.where(dark, torch.nan, depth_m)
         sure = None
         if self.head_of_intervals is not None and seen.spreads is not None:
-            sure = intervals_of(self.head_of_intervals, seen, volumes, eta, maps, presence, self.physics)
+            found = evidence(seen, volumes, eta, maps, presence, self.physics.depths)
+            sure = intervals_of(self.head_of_intervals, found, presence, self.physics)
         behind = self.physics.slices - seen.volume.shape[1]  # too far for any light
         volume = F.pad(seen.volume * present[..., None], (0, 0, 0, 0, 0, behind))
         return with_intervals(MethodResult(albedo, depth_m, volume), sure)

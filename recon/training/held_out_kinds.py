@@ -15,7 +15,7 @@ def signs(canvas: Canvas, rng: Rng) -> None:
     for k in range(count):
         half = rng.uniform(0.35, 0.7) / max(1.0, 0.6 * count)
         text, font = SIGNS[rng.integers(len(SIGNS))], SIGN_FONTS[rng.integers(len(SIGN_FONTS))]
-        ink = lettering(canvas, text, font, (k - (count - 1) / 2) * 1.9 * half, rng.uniform(-0.3, 0.3), half, 0.0)
+        ink = lettering(canvas, text, font, ((k - (count - 1) / 2) * 1.9 * half, rng.uniform(-0.3, 0.3)), half, 0.0)
         panel(canvas, ink, rng.uniform(0.55, 1.25), (rng.normal(0, 0.2), rng.normal(0, 0.15)), bright(rng))
 
 

@@ -70,7 +70,7 @@ def letters(canvas: Canvas, rng: Rng) -> None:
         text = CHARACTERS[rng.integers(len(CHARACTERS))]
         if not one_sheet:
             depth, slope = rng.uniform(0.55, 1.25), (rng.normal(0, 0.2), rng.normal(0, 0.15))
-        ink = lettering(canvas, text, font, x0 + (k - (count - 1) / 2) * step, y0, half, rng.normal(0, 0.1))
+        ink = lettering(canvas, text, font, (x0 + (k - (count - 1) / 2) * step, y0), half, rng.normal(0, 0.1))
         panel(canvas, ink, depth, slope, bright(rng))
 
 
@@ -97,7 +97,7 @@ def boards(canvas: Canvas, rng: Rng) -> None:
     ink = np.zeros((canvas.y.size, canvas.x.size), np.float32)
     for k in range(count):
         x, text = x0 + (k - (count - 1) / 2) * 2 * wide / count * 0.9, CHARACTERS[rng.integers(len(CHARACTERS))]
-        ink = np.maximum(ink, lettering(canvas, text, font, x, y0, half, rng.normal(0, 0.05)))
+        ink = np.maximum(ink, lettering(canvas, text, font, (x, y0), half, rng.normal(0, 0.05)))
     board = (np.abs(canvas.x[None] - x0) < wide) & (np.abs(canvas.y[:, None] - y0) < high)
     paint = bright(rng) * (1 - rng.uniform(0.5, 1.0) * ink)
     slope = (rng.normal(0, 0.25), rng.normal(0, 0.2))

@@ -39,14 +39,14 @@ def glyph(font: str, character: str) -> Array:
 
 
 def lettering(
-    canvas: Canvas, character: str, font: str, x: float, y: float, half_height: float, angle_rad: float
+    canvas: Canvas, character: str, font: str, centre: tuple[float, float], half_height: float, angle_rad: float
 ) -> Array:
-    """Coverage (M, N) of one character centred at (x, y), `half_height` half-widths of the wall half high."""
+    """Coverage (M, N) of one character around `centre`, `half_height` half-widths of the wall half high."""
     ink = glyph(font, character)
     height, width = ink.shape
     scale = height / (2 * half_height)
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    dx, dy = canvas.x[None, :] - x, canvas.y[:, None] - y
+    dx, dy = canvas.x[None, :] - centre[0], canvas.y[:, None] - centre[1]
     col = (dx * cos + dy * sin) * scale + width / 2 - 0.5
     row = (dx * sin - dy * cos) * scale + height / 2 - 0.5
     padded = np.pad(ink, 1)

@@ -105,7 +105,7 @@ def _calibrated(
         return correct(transient, offset_bins=scan.offset_bins).transient, None
     if arrivals is not None:
         known = correct(
-            transient, constants, offset_bins=arrivals.offset_bins, response=arrivals.response,
+            transient, constants, offset_bins=arrivals.offset_bins,
             sync_count=scan.sync_count, total_count=scan.total_count,
         )  # fmt: skip
         return known.transient, arrivals.response

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from nlos.calibration.alignment import align, align_by_floor_and_circshift, align_variance, recorded_bins
+from nlos.calibration.alignment import align, align_variance, recorded_bins
 
 histograms = arrays(np.uint32, (3, 40), elements=st.integers(0, 5000))
 offsets = arrays(np.float64, (3,), elements=st.floats(-60, 60))
@@ -34,12 +34,6 @@ def test_a_shift_by_whole_bins_changes_no_count(counts: npt.NDArray[np.uint32], 
     for row, offset in enumerate(np.floor(at).astype(int)):
         where = np.flatnonzero(inside[row])
         assert (shifted[row, where] == counts[row, where + offset]).all()
-
-
-@given(histograms, offsets)
-def test_parity_mode_is_floor_and_circular_shift(counts: npt.NDArray[np.uint32], at: npt.NDArray) -> None:
-    public = [np.roll(row, -int(np.floor(o)))[:25] for row, o in zip(counts, at, strict=True)]
-    assert (align_by_floor_and_circshift(counts, at, 25) == np.array(public)).all()
 
 
 @settings(max_examples=5)

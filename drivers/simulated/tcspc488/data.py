@@ -4,7 +4,7 @@ import struct
 from collections.abc import Sequence
 
 from nlos.drivers.simulated.tcspc488.acquisition import Acquisition, Slot
-from nlos.drivers.tcspc.tcspc488.records import encode_record
+from nlos.drivers.tcspc.tcspc488.records import RecordHead, encode_record
 
 
 def answer_block(values: Sequence[int]) -> bytes:
@@ -36,10 +36,11 @@ def answer_records(slots: Sequence[Slot], acquisition: Acquisition, spoil: str =
 
 def _record(slot: Slot, number: int, armed_s: float, wide: bool) -> bytes:
     seen = slot.exposure
-    return encode_record(
+    head = RecordHead(
         number & 0xFFFFFFFF, round((slot.gate.opened_s - armed_s) * 1e9), round(seen.live_s * 1e6),
-        min(seen.total_count, 0xFFFFFFFF), min(seen.sync_count, 0xFFFFFFFF), slot.flags, seen.counts, wide,
+        min(seen.total_count, 0xFFFFFFFF), min(seen.sync_count, 0xFFFFFFFF), slot.flags,
     )  # fmt: skip
+    return encode_record(head, seen.counts, wide)
 
 
 def encode_block(payload: bytes) -> bytes:

@@ -4,12 +4,13 @@ import math
 from collections.abc import Callable
 
 from nlos.drivers.galvo.mirror import MirrorAngles
-from nlos.drivers.galvo.triggerscope.settings import TriggerScopeSettings
+from nlos.drivers.galvo.triggerscope.settings import AxisSettings, TriggerScopeSettings
 from nlos.drivers.simulated.beam import Misalignment
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.servo import GalvoHead, ServoSettings
 
 DACS = 16
+X, Y = AxisSettings(dac=1), AxisSettings(dac=2)
 SPAN_V = {1: (0.0, 5.0), 2: (0.0, 10.0), 3: (-5.0, 5.0), 4: (-10.0, 10.0), 5: (-2.5, 2.5)}
 
 _MARKERS = {1: "marker_1", 2: "marker_2", 3: "marker_4"}  # TTL output -> line, named by its bit
@@ -26,10 +27,8 @@ class Wiring:
         self,
         bench: SimulatedBench,
         *,
-        x_dac: int = 1,
-        y_dac: int = 2,
-        x_volts_per_degree: float = 0.5,
-        y_volts_per_degree: float = 0.5,
+        x: AxisSettings = X,
+        y: AxisSettings = Y,
         servo: ServoSettings | None = None,
         shutter_pin: int | None = None,
     ) -> None:
@@ -37,8 +36,8 @@ class Wiring:
         self.live = True
         """False: the DAC chip was never initialised and puts out nothing."""
         self.log: OutputLog | None = None
-        self.x_dac, self.y_dac = x_dac, y_dac
-        self._volts_per_degree = {x_dac: x_volts_per_degree, y_dac: y_volts_per_degree}
+        self.x_dac, self.y_dac = x.dac, y.dac
+        self._volts_per_degree = {each.dac: each.volts_per_degree for each in (x, y)}
         self._head = GalvoHead(servo) if servo else None
         self._shutter_pin = shutter_pin
         self._range = dict.fromkeys(range(1, DACS + 1), 1)
@@ -51,15 +50,11 @@ class Wiring:
     ) -> "Wiring":
         """The head, markers and shutter that these settings describe, but for what is out of place."""
         off = out_of_place or Misalignment()
-        return cls(
-            bench,
-            x_dac=settings.x.dac,
-            y_dac=settings.y.dac,
-            x_volts_per_degree=off.x_volts_per_degree or settings.x.volts_per_degree,
-            y_volts_per_degree=off.y_volts_per_degree or settings.y.volts_per_degree,
-            servo=bench.servo,
-            shutter_pin=settings.shutter_pin,
+        x, y = (
+            AxisSettings(dac=axis.dac, volts_per_degree=other or axis.volts_per_degree)
+            for axis, other in ((settings.x, off.x_volts_per_degree), (settings.y, off.y_volts_per_degree))
         )
+        return cls(bench, x=x, y=y, servo=bench.servo, shutter_pin=settings.shutter_pin)
 
     def power_up(self) -> None:
         """Ranges 0 to 5 V, code 0, every pin low."""

@@ -6,6 +6,7 @@ u16 flags, u16 bins (0 for 65536), then one u16 or u32 per bin, then the CRC-32 
 
 import struct
 import zlib
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,27 +25,28 @@ def record_bytes(bins: int, wide: bool) -> int:
     return HEADER_BYTES + bins * (4 if wide else 2) + _CRC.size
 
 
-def encode_record(
-    number: int,
-    opened_ns: int,
-    live_us: int,
-    total_count: int,
-    sync_count: int,
-    flags: int,
-    counts: npt.NDArray[np.uint32],
-    wide: bool,
-) -> bytes:
+class RecordHead(NamedTuple):
+    """What a record says of its histogram, in the order in which it says it."""
+
+    number: int
+    opened_ns: int
+    live_us: int
+    total_count: int
+    sync_count: int
+    flags: int
+
+
+def encode_record(head: RecordHead, counts: npt.NDArray[np.uint32], wide: bool) -> bytes:
     """One record. Counts above 65535 saturate in the narrow format, and the flag says so."""
+    flags = head.flags
     if wide:
         payload = counts.astype("<u4", copy=False).tobytes()
     else:
         if counts.size and counts.max() > 0xFFFF:
             flags |= HistogramFlag.SATURATED
         payload = np.minimum(counts, 0xFFFF).astype("<u2").tobytes()
-    head = _HEADER.pack(
-        MAGIC, number, opened_ns, live_us, total_count, sync_count, flags & _KNOWN_FLAGS, counts.size & 0xFFFF
-    )
-    return b"".join((head, payload, _CRC.pack(zlib.crc32(payload, zlib.crc32(head)))))
+    begin = _HEADER.pack(MAGIC, *head[:-1], flags & _KNOWN_FLAGS, counts.size & 0xFFFF)
+    return b"".join((begin, payload, _CRC.pack(zlib.crc32(payload, zlib.crc32(begin)))))
 
 
 def decode_record(record: memoryview, number: int, axis: HistogramAxis, wide: bool) -> Histogram:
@@ -55,7 +57,8 @@ def decode_record(record: memoryview, number: int, axis: HistogramAxis, wide: bo
     size = record_bytes(axis.bins, wide)
     if len(record) != size:
         raise ValueError(f"record of {len(record)} bytes; {axis.bins} bins make {size}")
-    magic, point, opened_ns, live_us, total, syncs, flags, bins = _HEADER.unpack_from(record)
+    magic, *held, bins = _HEADER.unpack_from(record)
+    head = RecordHead(*held)
     if magic != MAGIC:
         raise ValueError(f"record begins with {magic:#010x} instead of 'TC48'")
     (checksum,) = _CRC.unpack_from(record, size - _CRC.size)
@@ -63,15 +66,16 @@ def decode_record(record: memoryview, number: int, axis: HistogramAxis, wide: bo
         raise ValueError("checksum of the record is wrong")
     if bins != axis.bins & 0xFFFF:
         raise ValueError(f"record has {bins} bins instead of {axis.bins}")
-    if point != number:
-        raise ValueError(f"record is that of point {point} instead of {number}")
-    if flags & ~_KNOWN_FLAGS:
-        raise ValueError(f"record has unknown flags {flags:#06x}")
+    if head.number != number:
+        raise ValueError(f"record is that of point {head.number} instead of {number}")
+    if head.flags & ~_KNOWN_FLAGS:
+        raise ValueError(f"record has unknown flags {head.flags:#06x}")
     counts = np.frombuffer(record, "<u4" if wide else "<u2", axis.bins, HEADER_BYTES).astype(np.uint32)
     counts.flags.writeable = False
     return Histogram(
-        counts, axis.bin_width_s, axis.offset_s, live_us * 1e-6, syncs, total, HistogramFlag(flags), opened_ns * 1e-9
-    )
+        counts, axis.bin_width_s, axis.offset_s, head.live_us * 1e-6, head.sync_count, head.total_count,
+        HistogramFlag(head.flags), head.opened_ns * 1e-9,
+    )  # fmt: skip
 
 
 def missing_histogram(axis: HistogramAxis, flags: HistogramFlag) -> Histogram:

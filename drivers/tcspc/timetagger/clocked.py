@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.drivers.errors import LimitError
-from nlos.drivers.tcspc.counter import HistogramAxis
+from nlos.drivers.tcspc.counter import HistogramAxis, PointGates
 from nlos.drivers.tcspc.t3 import T3Events, T3Format
 from nlos.drivers.tcspc.t3_points import PointHistograms, StepMarkers, steps_by_times
 from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
@@ -94,9 +94,15 @@ class ByFlim:
     """The vendor's library sorts: a pixel begins `blanking` after a step marker and ends a dwell later."""
 
     def __init__(
-        self, tagger: Tagger, settings: TimeTaggerSettings, axis: HistogramAxis, period: Period,
-        points: int, dwell_s: float, blanking_s: float, clock: "PixelClock",
-    ) -> None:  # fmt: skip
+        self,
+        tagger: Tagger,
+        settings: TimeTaggerSettings,
+        axis: HistogramAxis,
+        period: Period,
+        gates: PointGates,
+        clock: PixelClock,
+    ) -> None:
+        points, dwell_s, blanking_s = len(gates.dwells_s), gates.dwells_s[0], gates.blanking_s
         self._tagger, self._points = tagger, points
         self._step_ps, self._clock = round(clock.period_s / PS), clock
         step = tagger.measurement("Combiner", list(settings.markers[:2]))
@@ -159,17 +165,22 @@ class ByTags:
     """This program sorts: every photon, laser pulse and marker is a tag of `TimeTagStream`."""
 
     def __init__(
-        self, tagger: Tagger, settings: TimeTaggerSettings, axis: HistogramAxis, period: Period,
-        points: int, dwell_s: float, blanking_s: float, clock: "PixelClock",
-    ) -> None:  # fmt: skip
+        self,
+        tagger: Tagger,
+        settings: TimeTaggerSettings,
+        axis: HistogramAxis,
+        period: Period,
+        gates: PointGates,
+        clock: PixelClock,
+    ) -> None:
         self._tagger, self._settings, self._period = tagger, settings, period
         self._step_ps, self._width_ps = round(clock.period_s / PS), round(axis.bin_width_s / PS)
         self._clock = clock
         channels = [settings.sync.channel, settings.detector.channel, *settings.markers]
         self._stream = tagger.measurement("TimeTagStream", _MOST_TAGS, channels)
-        dwells = np.full(points, round(dwell_s / PS), np.int64)
-        self._markers = StepMarkers(dwells, round(blanking_s / PS), _STEP_MARKERS)
-        self._histograms = PointHistograms(points, period.bins, self._markers, disorder=_DISORDER_PS)
+        dwells = np.full(len(gates.dwells_s), round(gates.dwells_s[0] / PS), np.int64)
+        self._markers = StepMarkers(dwells, round(gates.blanking_s / PS), _STEP_MARKERS)
+        self._histograms = PointHistograms(len(dwells), period.bins, self._markers, disorder=_DISORDER_PS)
         self._sync_ps = self._until_ps = np.iinfo(np.int64).min // 2
 
     @property

@@ -136,9 +136,9 @@ class TimeTagger:
         self._armed_s = self._clock.now()
         if trigger is not Trigger.HOST:
             kind: type[ByTags | ByFlim] = ByTags if self._settings.mode == "list" else ByFlim
-            points, dwell_s, step_s = len(dwells_s), dwells_s[0], gates.step_s or dwells_s[0] + blanking_s
+            step_s = gates.step_s or dwells_s[0] + blanking_s
             clock = PixelClock(self.tagger, self._settings.pixel_clock if trigger is Trigger.CLOCK else None, step_s)
-            made = kind(self.tagger, self._settings, axis, self._period, points, dwell_s, blanking_s, clock)
+            made = kind(self.tagger, self._settings, axis, self._period, gates, clock)
             self._clocked = made
             self._running = True
             self._clocked.begin()

@@ -12,7 +12,7 @@ from nlos.calibration.checked import response_checked
 from nlos.calibration.constants import BenchConstants, Quantity, save
 from nlos.calibration.errors import PoorCalibration
 from nlos.calibration.geometry_fit import RULER_M
-from nlos.calibration.measure import measure_constants
+from nlos.calibration.measure import KnownBefore, measure_constants
 from nlos.calibration.spots_sense import check_sense
 from nlos.calibration_input import common_bench, common_devices, load_run, read_spots, refuse_unmeant_darkness
 from nlos.cli.calibration_lines import result_lines, warnings_of
@@ -98,22 +98,28 @@ def calibrate(
         "RUN", {"--bench": bench is not None, "--light": light}, "a RUN names its bench itself, and needs no light",
         "Use them with --first-light.",
     )  # fmt: skip
-    _from_runs(runs, output, dead_time_ns, response, spots, ruler_m, wall_size_m, dark, overwrite)
+    if output is not None:
+        _refuse_to_replace(output, overwrite)
+    known = KnownBefore(
+        None if dead_time_ns is None else Quantity(dead_time_ns * 1e-9, 0.0),
+        None if response is None else response_checked(response),
+        None if spots is None else read_spots(spots, ruler_m),
+    )
+    if known.spots is not None:
+        check_sense(known.spots)
+    _from_runs(runs, known, output, wall_size_m=wall_size_m, dark=dark, overwrite=overwrite)
 
 
 def _from_runs(
     runs: list[Path],
+    known: KnownBefore,
     output: Path | None,
-    dead_time_ns: float | None,
-    response: Path | None,
-    spots: Path | None,
-    ruler_m: float,
+    *,
     wall_size_m: float | None,
     dark: bool,
     overwrite: bool,
 ) -> None:
-    if output is not None:
-        _refuse_to_replace(output, overwrite)
+    measured_spots = known.spots
     loaded = []
     with Progress(len(runs), what="calibrate", unit="runs") as progress:
         for run in runs:
@@ -124,9 +130,6 @@ def _from_runs(
     bench, facts = common_bench(runs, [one.bench_json for one in loaded])
     target = output or (folder_of(bench) if bench else Path("constants")) / f"{runs[0].stem}.h5"
     _refuse_to_replace(target, overwrite)
-    measured_spots = None if spots is None else read_spots(spots, ruler_m)
-    if measured_spots is not None:
-        check_sense(measured_spots)
     points = sum(len(one.raw.counts) for one in loaded)
     terminal.log(f"fitting the direct light of {points} points")
     found = measure_constants(
@@ -135,9 +138,7 @@ def _from_runs(
         sources=[str(run) for run in runs],
         measured_utc=datetime.now(UTC).isoformat(timespec="seconds"),
         aim=next((one.aim for one in loaded if one.aim is not None), None),
-        dead_time=None if dead_time_ns is None else Quantity(dead_time_ns * 1e-9, 0.0),
-        response=None if response is None else response_checked(response),
-        spots=measured_spots,
+        known=known,
     )
     if found.raw is None and not dark:
         refuse_unmeant_darkness(runs, loaded)

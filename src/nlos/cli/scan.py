@@ -87,7 +87,8 @@ def scan(
             "it makes a series, which knows only -o, --reconstruct, --constants, --no-shutter and notes",
             "Leave these out; the same command resumes a series, `nlos reconstruct` takes the others afterwards.",
         )  # fmt: skip
-        return swept(wanted, table, sweep, notes, output, reconstruct, constants, no_shutter)
+        options = ScanOptions(notes, reconstruct, constants=constants)
+        return swept(wanted, table, sweep, options, output, no_shutter)
     refuse_together(
         "--resume", {"--overwrite": resume and overwrite}, "a recording cannot be both resumed and replaced",
         "Use --resume to keep what it holds, --overwrite to begin again.",

@@ -8,8 +8,8 @@ from typing import Any
 import yaml
 
 from nlos.acquisition.planning.scan_settings import ScanSettings
-from nlos.acquisition.recording.run_notes import RunNotes
 from nlos.cli.exit_codes import UsageError
+from nlos.cli.taking import ScanOptions
 from nlos.cli.terminal import terminal
 from nlos.configs.load import Loaded, load
 from nlos.drivers.bench_settings import BenchSettings
@@ -22,21 +22,20 @@ def swept(
     scan: Loaded[ScanSettings],
     bench: Loaded[BenchSettings],
     sweep: Sequence[str],
-    notes: RunNotes,
+    options: ScanOptions,
     output: Path | None,
-    method: str | None,
-    constants: Path | None,
     no_shutter: bool,
 ) -> int:
     """Writes FOLDER/queue.yaml and carries it out; over the same file it resumes. Returns the exit code."""
+    notes, constants = options.notes, options.constants
     folder = output or dated_name(bench.settings, f"{scan.path.stem}-sweep", notes.sample, datetime.now()).with_suffix(
         ""
     )
     content: dict[str, Any] = {
         "bench": str(bench.path.absolute()),
         "folder": ".",
-        **{key: value for key, value in (("reconstruct", method), ("sample", notes.sample), ("note", notes.note),
-                                         ("operator", notes.operator)) if value is not None},
+        **{key: value for key, value in (("reconstruct", options.method), ("sample", notes.sample),
+                                         ("note", notes.note), ("operator", notes.operator)) if value is not None},
         "tags": list(notes.tags),
         "no_shutter": no_shutter,
         "runs": [{"scan": str(scan.path.absolute()), "sweep": dict(_values(each) for each in sweep)}],

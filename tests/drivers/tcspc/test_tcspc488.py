@@ -20,7 +20,7 @@ from nlos.drivers.simulated.usb.backend import SimulatedUsb
 from nlos.drivers.tcspc.counter import HistogramAxis, HistogramFlag, PointGates, StopAtCounts
 from nlos.drivers.tcspc.tcspc488.counter import open_tcspc488
 from nlos.drivers.tcspc.tcspc488.messages import decode_rates
-from nlos.drivers.tcspc.tcspc488.records import decode_record, encode_record, record_bytes
+from nlos.drivers.tcspc.tcspc488.records import RecordHead, decode_record, encode_record, record_bytes
 from nlos.drivers.tcspc.tcspc488.settings import Tcspc488Settings
 
 NUMBERS = [5, 3, 70_000, 4, 1]
@@ -219,7 +219,7 @@ RECORDS = st.tuples(
 def test_a_record_comes_back_and_no_changed_bit_goes_unnoticed(record: tuple, random: object) -> None:
     number, opened_ns, live_us, total, syncs, flags, bins, wide = record
     counts = np.arange(bins, dtype=np.uint32)
-    data = encode_record(number, opened_ns, live_us, total, syncs, flags, counts, wide)
+    data = encode_record(RecordHead(number, opened_ns, live_us, total, syncs, flags), counts, wide)
     assert len(data) == record_bytes(bins, wide)
     axis = HistogramAxis(bins, 32e-12)
     histogram = decode_record(memoryview(data), number, axis, wide)

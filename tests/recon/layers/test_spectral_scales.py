@@ -7,7 +7,7 @@ import torch
 
 from nlos.recon.layers.complex_convolution import ComplexConv3d, first_kept
 from nlos.recon.layers.spectral_scales import AXES, Prolong, Restrict, inserted, shifted, unshifted
-from nlos.recon.layers.spectral_unfolding import SpectralUnfolding
+from nlos.recon.layers.spectral_unfolding import Readings, SpectralUnfolding
 
 SIZES = range(5, 65)
 
@@ -112,7 +112,8 @@ READINGS = [
 
 def unfolding(**reading: object) -> SpectralUnfolding:
     torch.manual_seed(0)
-    return SpectralUnfolding((4, 6, 8), **reading)  # type: ignore[arg-type]
+    sizes = {name: reading.pop(name) for name in ("lifted", "iterations") if name in reading}
+    return SpectralUnfolding((4, 6, 8), **sizes, readings=Readings(**reading))  # type: ignore[arg-type]
 
 
 def fields(size: tuple[int, int, int], lifted: int) -> list[torch.Tensor | None]:

@@ -1,0 +1,18 @@
+"""What every part of a scan under way is told: who may pause it, what may end it, and when its time began."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from nlos.acquisition.scanning.alarms import Alarms
+from nlos.acquisition.scanning.control import ScanControl
+
+
+@dataclass(frozen=True)
+class UnderWay:
+    """`start_s`: the bench's clock when the scan's own was 0. `decide` is asked after every sample whether the scan may
+    end early."""
+
+    control: ScanControl
+    start_s: float = 0.0
+    alarms: Alarms | None = None
+    decide: Callable[[], bool] | None = None
