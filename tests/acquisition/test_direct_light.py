@@ -4,31 +4,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 
 from nlos.__main__ import run
 from nlos.acquisition.planning.direct_light import expected_direct, window_warnings
 from nlos.acquisition.planning.preflight import aim_of, fitted
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording.recording import Recording
-from nlos.configs.load import find, load, names
+from nlos.configs.load import load, names
 from nlos.drivers.bench import BenchSettings, open_bench
+from tests.changed_bench import bench_file
 
 WALL = "wall: {width_m: 0.6, height_m: 0.6, rows: 8, cols: 8}\npattern: serpentine\ndwell_ms: 8\n"
-
-
-def bench_file(folder: Path, **changes: Any) -> str:
-    document = yaml.safe_load(find("bench", "simulated").read_text("utf-8"))
-    document["simulation"]["scene"]["surfel_m"] = 0.1
-    for key, value in changes.items():
-        place = document
-        *above, last = key.split("__")
-        for each in above:
-            place = place.setdefault(each, {})
-        place[last] = value
-    path = folder / "bench.yaml"
-    path.write_text(yaml.safe_dump(document), "utf-8")
-    return str(path)
 
 
 def scan_file(folder: Path, histogram: str) -> str:
@@ -55,7 +41,7 @@ def test_shipped_scans_see_direct_light_on_the_shipped_benches(scan: str) -> Non
     [
         (
             "bins: 1024, bin_width_ps: 16, offset_ns: 10",
-            {"geometry__wall_distance_m": 1.5},
+            {"geometry.wall_distance_m": 1.5},
             "cuts off direct light at",
         ),
         ("bins: 1024, bin_width_ps: 16, offset_ns: 20", {}, "misses direct light: it comes 13.3"),
@@ -69,18 +55,18 @@ def test_shipped_scans_see_direct_light_on_the_shipped_benches(scan: str) -> Non
 def test_windows_are_held_against_the_period_and_the_wall(
     tmp_path: Path, histogram: str, bench: dict[str, Any], said: str
 ) -> None:
-    found = warnings(bench_file(tmp_path, **bench), scan_file(tmp_path, histogram))
+    found = warnings(bench_file(tmp_path, bench), scan_file(tmp_path, histogram))
     assert [said in each for each in found] == ([True] if said else [])
 
 
 @pytest.mark.parametrize(
     ("bench", "said"),
     [
-        ({"simulation__scene__delay_ns": 47.0}, "no direct light in the first 10 points"),
-        ({"simulation__scene__direct_cps": 0.0, "simulation__scene__objects": []}, "no direct light in the first 10"),
+        ({"simulation.scene.delay_ns": 47.0}, "no direct light in the first 10 points"),
+        ({"simulation.scene.direct_cps": 0.0, "simulation.scene.objects": []}, "no direct light in the first 10"),
         ({"first_light": {"delay_ns": 2.35}}, "comes -2.00 ns from where it should"),
-        ({"first_light": {"delay_ns": 0.35}, "simulation__misalignment__wall_distance_m": 2.4}, "comes +2.7"),
-        ({"first_light": {"delay_ns": 0.35}, "simulation__scene__direct_cps": 0.0}, "direct light"),
+        ({"first_light": {"delay_ns": 0.35}, "simulation.misalignment.wall_distance_m": 2.4}, "comes +2.7"),
+        ({"first_light": {"delay_ns": 0.35}, "simulation.scene.direct_cps": 0.0}, "direct light"),
     ],
 )
 def test_a_scan_whose_direct_light_is_not_where_it_should_be_stops_in_its_first_points(
@@ -88,7 +74,7 @@ def test_a_scan_whose_direct_light_is_not_where_it_should_be_stops_in_its_first_
 ) -> None:
     target = tmp_path / "run.h5"
     scan = scan_file(tmp_path, "bins: 1024, bin_width_ps: 16, offset_ns: 10")
-    assert run(["scan", scan, "--bench", bench_file(tmp_path, **bench), "-o", str(target)]) == 5
+    assert run(["scan", scan, "--bench", bench_file(tmp_path, bench), "-o", str(target)]) == 5
     assert said in capsys.readouterr().err
     with Recording.open(target) as recording:
         assert len(list(recording.samples())) <= 10
@@ -99,11 +85,11 @@ def test_a_scan_whose_direct_light_is_not_where_it_should_be_stops_in_its_first_
 def test_a_bench_that_is_as_it_was_goes_on(tmp_path: Path, delay_ns: float | None) -> None:
     changes = {} if delay_ns is None else {"first_light": {"delay_ns": delay_ns}}
     scan = scan_file(tmp_path, "bins: 1024, bin_width_ps: 16, offset_ns: 10")
-    assert run(["scan", scan, "--bench", bench_file(tmp_path, **changes), "-o", str(tmp_path / "run.h5")]) == 0
+    assert run(["scan", scan, "--bench", bench_file(tmp_path, changes), "-o", str(tmp_path / "run.h5")]) == 0
 
 
 def test_what_is_wrong_with_a_window_is_kept_with_the_recording(tmp_path: Path) -> None:
     scan, target = scan_file(tmp_path, "bins: 8192, bin_width_ps: 16"), tmp_path / "run.h5"
-    assert run(["scan", scan, "--bench", bench_file(tmp_path), "-o", str(target)]) == 0
+    assert run(["scan", scan, "--bench", bench_file(tmp_path, {}), "-o", str(target)]) == 0
     with Recording.open(target) as recording:
         assert any("longer than the laser's period" in warning for warning in recording.header.warnings)

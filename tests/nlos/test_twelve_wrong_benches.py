@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
 from nlos.__main__ import run
 from nlos.acquisition.recording.recording import Recording
@@ -16,8 +15,9 @@ from nlos.bench_constants import folder_of
 from nlos.calibration.bench_facts import facts_of
 from nlos.calibration.constants import Arrivals, BenchConstants, save
 from nlos.calibration.geometry import ScannerGeometry
-from nlos.configs.load import find, load
+from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings
+from tests.changed_bench import bench_file
 
 WALL = "wall: {width_m: 0.6, height_m: 0.6, rows: 8, cols: 8}\npattern: serpentine\ndwell_ms: 8\n"
 WINDOW = "histogram: {bins: 1024, bin_width_ps: 16, offset_ns: 10}\n"
@@ -104,20 +104,6 @@ CASES = {
 }  # fmt: skip
 
 
-def bench_file(folder: Path, wrong: Wrong) -> str:
-    document = yaml.safe_load(find("bench", wrong.bench).read_text("utf-8"))
-    document["simulation"]["scene"]["surfel_m"] = 0.1
-    for key, value in wrong.changes.items():
-        place = document
-        *above, last = key.split(".")
-        for each in above:
-            place = place.setdefault(each, {})
-        place[last] = value
-    path = folder / "bench.yaml"
-    path.write_text(yaml.safe_dump(document), "utf-8")
-    return str(path)
-
-
 @pytest.mark.parametrize("name", CASES)
 def test_a_wrong_bench_is_named_in_its_first_ten_points_or_before(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -125,7 +111,7 @@ def test_a_wrong_bench_is_named_in_its_first_ten_points_or_before(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("nlos.doctor.small_scan.find_spec", lambda module: None)  # no picture of 4 x 4 points
     wrong = CASES[name]
-    bench = bench_file(tmp_path, wrong)
+    bench = bench_file(tmp_path, wrong.changes, wrong.bench)
     Path("scan.yaml").write_text(WALL + wrong.histogram)
     words = {
         "scan": ["scan", "scan.yaml", "-o", "run.h5"], "plan": ["plan", "scan.yaml"], "doctor": ["doctor"],
@@ -209,7 +195,7 @@ def test_stale_constants_are_named_before_the_first_point(
                        geometry=ScannerGeometry(2.0), geometry_errors={"x_gain": 1e-4, "wall_distance_m": 1e-3},
                        bench=name, bench_facts=facts), folder_of(name) / "spots.h5",
     )  # fmt: skip
-    bench = bench_file(tmp_path, Wrong({"geometry.wall_distance_m": 1.9}))
+    bench = bench_file(tmp_path, {"geometry.wall_distance_m": 1.9})
     Path("scan.yaml").write_text(WALL + WINDOW)
     assert run(["scan", "scan.yaml", "-o", "run.h5", "--bench", bench]) == 7
     assert "wall_distance_m 2 then, 1.9 now" in capsys.readouterr().err
@@ -218,8 +204,8 @@ def test_stale_constants_are_named_before_the_first_point(
 
 def test_a_bench_that_is_as_its_file_says_is_scanned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    bench = bench_file(tmp_path, Wrong({"first_light": LIT, "simulation.misalignment.wall_yaw_deg": 3.0,
-                                        "simulation.misalignment.x_gain": 1.03}))  # fmt: skip
+    bench = bench_file(tmp_path, {"first_light": LIT, "simulation.misalignment.wall_yaw_deg": 3.0,
+                                        "simulation.misalignment.x_gain": 1.03})  # fmt: skip
     Path("scan.yaml").write_text(WALL + WINDOW)
     assert run(["scan", "scan.yaml", "-o", "run.h5", "--bench", bench]) == 0
 
@@ -228,7 +214,7 @@ def test_a_detector_that_is_gated_to_leave_direct_light_out_is_scanned_where_the
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    bench = bench_file(tmp_path, Wrong({"first_light": LIT}))
+    bench = bench_file(tmp_path, {"first_light": LIT})
     late = WALL + "histogram: {bins: 512, bin_width_ps: 16, offset_ns: 17}\n"
     Path("scan.yaml").write_text(late)
     assert run(["scan", "scan.yaml", "-o", "run.h5", "--bench", bench]) == 5

@@ -27,11 +27,11 @@ from nlos.drivers.tcspc.picoquant.library import (
 )
 from nlos.drivers.tcspc.picoquant.setup import AxisCodes, axis_codes, set_up_inputs, set_up_markers
 from nlos.drivers.tcspc.time_axis import cannot_stop, nearest_axis
+from nlos.drivers.tcspc.watched_sleep import sleep_until
 
 MODE_HISTOGRAM, MODE_T3 = 0, 3
 _RATES_SETTLE_S = 0.2
 _POLL_S = 0.002
-_WATCH_S = 0.01
 _MOST_POINTS = 65_536
 
 
@@ -155,7 +155,7 @@ class Picoquant:
             if not self._running:
                 raise CommandRejected(self._device, f"{count} points wanted, {self._triggered} triggered.", "Trigger.")
             due_s = self._started_s + self._dwells_s[self._triggered - 1]
-            self._watch_until(min(due_s, deadline_s))
+            sleep_until(self._clock, min(due_s, deadline_s), self._while_running)
             while not self._library.integer("CTCStatus"):
                 if self._clock.now() >= deadline_s:
                     self._stop()
@@ -167,19 +167,12 @@ class Picoquant:
 
     def rest(self, seconds: float) -> bool:
         if self._running and not self._library.integer("CTCStatus"):
-            self._watch_until(self._clock.now() + seconds)
+            sleep_until(self._clock, self._clock.now() + seconds, self._while_running)
             return True
         return False
 
     def meanwhile(self, look: Callable[[], None]) -> None:
         self._meanwhile = look
-
-    def _watch_until(self, when_s: float) -> None:
-        """Sleeps, with an eye on what the instrument has to say."""
-        while (left_s := when_s - self._clock.now()) > _WATCH_S:
-            self._clock.sleep(_WATCH_S)
-            self._while_running()
-        self._clock.sleep(left_s)
 
     def _while_running(self) -> int:
         """What has to be done while a point is being measured; how much of it there was."""

@@ -26,6 +26,7 @@ from nlos.drivers.tcspc.time_axis import cannot_stop, nearest_whole_ps
 from nlos.drivers.tcspc.timetagger.clocked import ByFlim, ByTags, Clocked, Period, PixelClock
 from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
 from nlos.drivers.tcspc.timetagger.tagger import PS, Tagger, load_package
+from nlos.drivers.tcspc.watched_sleep import sleep_until
 
 _MOST_POINTS = 65_536
 _MOST_BINS = 1 << 20
@@ -180,7 +181,7 @@ class TimeTagger:
             if not self._running:
                 raise CommandRejected(self._device, f"{count} points wanted, {self._triggered} triggered.", "Trigger.")
             due_s = self._started_s + self._dwells_s[self._triggered - 1]
-            self._watch_until(min(due_s, deadline_s))
+            sleep_until(self._clock, min(due_s, deadline_s), self._meanwhile)
             while self.tagger.call("isRunning", self._histogram.isRunning):
                 if self._clock.now() >= deadline_s:
                     self.abort()
@@ -195,18 +196,12 @@ class TimeTagger:
 
     def rest(self, seconds: float) -> bool:
         if self._clocked is None and self._running and self.tagger.call("isRunning", self._histogram.isRunning):
-            self._watch_until(self._clock.now() + seconds)
+            sleep_until(self._clock, self._clock.now() + seconds, self._meanwhile)
             return True
         return False
 
     def meanwhile(self, look: Callable[[], None]) -> None:
         self._meanwhile = look
-
-    def _watch_until(self, when_s: float) -> None:
-        while (left_s := when_s - self._clock.now()) > _WATCH_S:
-            self._clock.sleep(_WATCH_S)
-            self._meanwhile()
-        self._clock.sleep(left_s)
 
     def _finish(self) -> Histogram:
         axis, period = self._configured(), self._period
