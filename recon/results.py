@@ -25,6 +25,7 @@ from nlos.acquisition.recording.plausible import json_object
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData
 from nlos.recon.explained import NOT_LOOKED_FOR, Explained
+from nlos.recon.uncertainty_picture import uncertainty_picture
 from nlos.recon.view3d import write_view3d
 from nlos.recon.volume import Intervals, Reconstruction, Volume, refuse_not_finite, response_words
 from nlos.recon.whole_files import whole_files
@@ -56,7 +57,6 @@ def write_results(
     anything is written.
     """
     from nlos.recon.pictures import albedo_picture, confidence_picture, depth_picture, slices_picture
-    from nlos.recon.uncertainty_picture import uncertainty_picture
 
     refuse_not_finite(reconstruction)
     paths = [folder / name for name in NAMES]

@@ -21,6 +21,7 @@ from nlos.recon.layers.spectral_unfolding import Readings, SpectralUnfolding
 from nlos.recon.layers.transient_lifting import LiftingName, TransientLifting
 from nlos.recon.layers.volume_projection import MaximumProjection, Projection
 from nlos.recon.method import MethodResult
+from nlos.recon.weights.files import put_part, with_weights
 
 MIDDLE_NOISE = -1.0
 LEAST = 1e-12
@@ -183,8 +184,6 @@ def scaled(x: Tensor, like: Tensor) -> Tensor:
 
 def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Faithful:
     """The network for this wall and time axis; raises WeightsError if the weights are not of this shape."""
-    from nlos.recon.weights.files import put_part, with_weights
-
     assert isinstance(settings, Settings)
     network = Faithful(settings, wall, time_axis)
     if settings.noise_weights is not None:

@@ -15,6 +15,7 @@ from nlos.configs.settings import Settings as BaseSettings
 from nlos.recon.layers.renderer import enlarged
 from nlos.recon.method import MethodResult
 from nlos.recon.rendered_method import RenderedMethod
+from nlos.recon.weights.files import with_weights
 
 
 class Settings(BaseSettings):
@@ -36,8 +37,6 @@ class Settings(BaseSettings):
 
 def build(settings: Settings, wall: WallGrid, time_axis: TimeAxis) -> nn.Module:
     """The network for this wall and time axis; raises WeightsError if the weights are not of this shape."""
-    from nlos.recon.weights.files import with_weights
-
     return with_weights(LearnedFeatureEmbeddings(settings, wall, time_axis), settings.weights)
 
 

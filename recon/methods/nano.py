@@ -28,6 +28,7 @@ from nlos.recon.layers.wiener_volumes import SLICE, TRAINED_SLICES, VOLUMES, Wie
 from nlos.recon.memory import cube_bytes
 from nlos.recon.method import MethodResult
 from nlos.recon.method import sure as with_intervals
+from nlos.recon.weights.files import holds, put_part, with_weights
 
 POINTS = 32  # per wall width: the operator's own pitch, whatever the scan's
 CONDITIONS = 3
@@ -281,8 +282,6 @@ def to_grid(field: Tensor, size: tuple[int, int, int], highest: bool = False) ->
 
 def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
     """The operator for this wall and time axis; raises WeightsError if the weights are not of this shape."""
-    from nlos.recon.weights.files import holds, put_part, with_weights
-
     assert isinstance(settings, Settings)
     network = Nano(settings, wall, time_axis)
     if settings.noise_weights is not None:

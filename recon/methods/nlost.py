@@ -19,6 +19,7 @@ from nlos.recon.layers.space_depth_attention import CrossDecoder, GlobalEncoder,
 from nlos.recon.layers.transient_encoder import LeakyBlock, LearnedAverage
 from nlos.recon.method import MethodResult
 from nlos.recon.rendered_method import RenderedMethod
+from nlos.recon.weights.files import with_weights
 
 DEPTH_STRIDE = 16
 STEM_FEATURES = 3
@@ -49,8 +50,6 @@ class Settings(BaseSettings):
 
 def build(settings: Settings, wall: WallGrid, time_axis: TimeAxis) -> nn.Module:
     """The network for this wall and time axis; raises WeightsError if the weights are not of this shape."""
-    from nlos.recon.weights.files import with_weights
-
     return with_weights(Nlost(settings, wall, time_axis), settings.weights)
 
 

@@ -15,6 +15,7 @@ from nlos.recon.layers.unet import UNet
 from nlos.recon.layers.volume_projection import AttentionProjection
 from nlos.recon.layers.wiener_features import SNR_FACTORS, WienerFeatures
 from nlos.recon.method import MethodResult
+from nlos.recon.weights.files import with_weights
 
 
 class Settings(BaseSettings):
@@ -48,8 +49,6 @@ class Settings(BaseSettings):
 
 def build(settings: Settings, wall: WallGrid, time_axis: TimeAxis) -> nn.Module:
     """The network for this wall and time axis; raises WeightsError if the weights are not of this shape."""
-    from nlos.recon.weights.files import with_weights
-
     return with_weights(UNetMethod(settings, wall, time_axis), settings.weights)
 
 

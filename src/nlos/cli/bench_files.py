@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
+from nlos.whole_file import whole_file
 
 if TYPE_CHECKING:
     from nlos.configs.load import Loaded
@@ -25,7 +26,6 @@ def write_bench_file(text: str, table: "Loaded[BenchSettings]", output: Path | N
     """The new text of `table` to `output`; without one it is only read once more, and the way to write it is said."""
     from nlos.configs.load import parse
     from nlos.drivers.bench_settings import BenchSettings
-    from nlos.whole_file import whole_file
 
     parse(text, str(output or table.path), BenchSettings)
     if output is None:

@@ -18,11 +18,12 @@ from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
 from nlos.configs.load import Loaded, load
 from nlos.drivers.bench import Bench, BenchSettings, open_bench
+from nlos.drivers.simulated.recorded import RecordedScan
+from nlos.drivers.simulated.simulation_settings import SimulationSettings
 from nlos.drivers.trip_latch import TripLatch
 
 if TYPE_CHECKING:
     from nlos.calibration.constants import BenchConstants
-    from nlos.drivers.simulated.recorded import RecordedScan
 
 DEFAULT_BENCH = "simulated"
 
@@ -34,8 +35,6 @@ def load_bench(word: str | None) -> "Loaded[BenchSettings]":
 
 def twin(loaded: "Loaded[BenchSettings]") -> "Loaded[BenchSettings]":
     """A simulated bench with the limits, geometry and settling of this one; a simulated bench is its own twin."""
-    from nlos.drivers.simulated.simulation_settings import SimulationSettings
-
     bench = loaded.settings
     if bench.simulated:
         return loaded
@@ -101,8 +100,6 @@ def wire_logged() -> Iterator[Callable[[str, str, bytes], None] | None]:
 def _scene(path: Path | None) -> "RecordedScan | None":
     if path is None:
         return None
-
-    from nlos.drivers.simulated.recorded import RecordedScan
 
     with open_checked(path) as recording:
         rows = [(sample.point, sample.histogram) for sample in recording.samples()]

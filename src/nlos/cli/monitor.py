@@ -12,7 +12,7 @@ import typer
 
 from nlos.by_hand import lines
 from nlos.by_hand.opening import in_hand
-from nlos.by_hand.row import COLUMNS
+from nlos.by_hand.row import COLUMNS, row
 from nlos.by_hand.screen import screen_of_terminal
 from nlos.by_hand.viewer import Viewer, viewer
 from nlos.cli.benches import load_bench
@@ -46,8 +46,6 @@ def monitor(
 ) -> None:
     """Shows what the counter sees, more than ten times a second on a terminal and as a line a second elsewhere. Light
     only for --light seconds, or while SPACE is held. `q` ends."""
-    from nlos.by_hand.row import row
-
     window = _window(gate)
     if log is not None and log.exists() and not overwrite:
         raise FileExistsError(f"{log}: exists. Choose another name, or use --overwrite.")
@@ -81,8 +79,6 @@ def monitor(
 
 
 def _updates(hand: "Hand", until_s: float, write: "Writer", page: "Viewer | None") -> Iterator[None]:
-    from nlos.by_hand.row import row
-
     while time.monotonic() < until_s:
         hand.update()
         write(row(hand))

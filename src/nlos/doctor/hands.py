@@ -4,6 +4,7 @@ from typing import Protocol
 
 from nlos.cli.agreeing import answer, somebody_is_there
 from nlos.cli.terminal import terminal
+from nlos.doctor.gates import axis_of, gates
 from nlos.drivers.bench import Bench
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.faults import Fault
@@ -116,8 +117,6 @@ class PersonsHands:
             f"After Enter the beam is on for {_LOOK_S:g} s at ({x_m:+.3f}, {y_m:+.3f}) m: mark where it comes."
         ):
             return None
-        from nlos.doctor.gates import axis_of, gates
-
         bench.counter.configure(axis_of(bench))
         bench.shutter.release()
         bench.shutter.open()

@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlos.acquisition.errors import InvalidData, StorageError
-from nlos.acquisition.errors import InvalidData as RecordingInvalid
 from nlos.acquisition.recording.follow import follow
 from nlos.acquisition.recording.recording import Event, Recording, Status
 from nlos.calibration.errors import CalibrationError
+from nlos.calibration.errors import InvalidData as InvalidCalibration
 from nlos.chain import constants_for
 from nlos.cli.terminal import terminal
 from nlos.live.calibrated import Calibrated, calibrated
@@ -248,8 +248,6 @@ class LiveScan:
 
     def _picture(self, live: "LiveReconstruction", count: int, painted: int) -> int:
         """One picture, of how many samples it returns: a slower method's of those of the quickest one's."""
-        from nlos.calibration.errors import InvalidData
-
         known = self._calibrated
         fresh = live is self.lives[0] or self.read
         try:
@@ -264,7 +262,7 @@ class LiveScan:
             picture = live.update(known.transient, count, known.falloff)
             told = replace(picture.reconstruction, left_aside=self.left_aside, scan=self.run.name)
             picture = replace(picture, reconstruction=told)
-        except (InvalidData, RecordingInvalid, ReconError) as error:
+        except (InvalidCalibration, InvalidData, ReconError) as error:
             self._say(f"no picture of {count} points yet: {error}")
         else:
             self.latest = {**self.latest, live.method: picture}
