@@ -132,7 +132,7 @@ def test_a_scan_says_that_nobody_has_seen_the_beam_and_what_was_seen_where_someb
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("nlos.doctor.small_scan.find_spec", lambda module: None)
     wrong = CASES[name]
-    bench = bench_file(tmp_path, wrong)
+    bench = bench_file(tmp_path, wrong.changes, wrong.bench)
     Path("scan.yaml").write_text(WALL + WINDOW)
     never = "nobody has seen where this bench's beam goes"
     assert run(["plan", "scan.yaml", "--bench", bench]) == 0
@@ -163,7 +163,7 @@ def test_what_was_seen_holds_until_the_bench_file_changes(
     monkeypatch.setattr("nlos.doctor.small_scan.find_spec", lambda module: None)
     aside = {"simulation.misalignment.scanner_x_m": 0.25}
     Path("scan.yaml").write_text(WALL + WINDOW)
-    assert run(["doctor", "--bench", bench_file(tmp_path, Wrong(aside))]) == 3
+    assert run(["doctor", "--bench", bench_file(tmp_path, aside)]) == 3
     capsys.readouterr()
     for changes, said in (
         ({"geometry.scanner_x_m": 0.25}, ""),
@@ -173,7 +173,7 @@ def test_what_was_seen_holds_until_the_bench_file_changes(
             "mirror.x.volts_per_degree 0.5 then",
         ),
     ):
-        bench = bench_file(tmp_path, Wrong(aside | changes))
+        bench = bench_file(tmp_path, aside | changes)
         assert run(["plan", "scan.yaml", "--bench", bench]) == 0
         warned = capsys.readouterr().err
         assert said in warned
