@@ -3,6 +3,7 @@ that the drivers put right by themselves."""
 
 import os
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any
 
 import pytest
@@ -12,9 +13,12 @@ from nlos.cli.terminal import terminal
 from nlos.doctor import small_scan
 from nlos.doctor.examination import Visit, examine
 from nlos.doctor.findings import Finding
-from nlos.drivers.bench import BenchSettings
+from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.drivers.galvo.models import MIRRORS
 from nlos.drivers.simulated.fault_catalogue import tables
 from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.serial.faults import FAULTS as SERIAL
+from nlos.drivers.tcspc.models import COUNTERS
 
 ROWS = {row.name: row for rows in tables().values() for row in rows}
 BUILT_IN = {name for name, row in ROWS.items() if row.parameters.startswith("built in")}
@@ -34,6 +38,10 @@ class Case:
     parameters: dict[str, Any] = field(default_factory=dict)
     beside: tuple[Fault, ...] = ()
     counter: dict[str, Any] = field(default_factory=dict)
+
+    def elsewhere(self, line: str) -> "Case":
+        """The same, seen in another line, where it is the end of the examination."""
+        return replace(self, line=line, verdict="FAIL")
 
 
 def _optotune(line: str | None, **words: Any) -> Case:
@@ -95,6 +103,14 @@ REPEATED = {
     "A4": Case("repeats"),
     "B5": _optotune("repeats", parameters={"place": "damaged"}),
 }
+BENCHES = ("simulated", "zero_latency", "noisy", "moving", "drawn", "optotune", "multiharp", "timetagger", "helios")
+"""All that ship with a simulation."""
+ELSEWHERE = {
+    **{("optotune", name): Case("mirror") for name in ("G1", "G2", "G4", "G5", "G6", "G9")},  # met as it moves
+    **{("optotune", name): CASES[name].elsewhere("dark histogram") for name in ("U2", "U12", "U14", "U15", "U20")},
+    ("multiharp", "U20"): Case(None, parameters={"place": "marker"}),
+}
+"""What another bench than a fault's own says: one whose mirror cannot step by itself has no line of markers."""
 SAMPLE = ("G8", "G10", "A6", "B6", "U11", "U12", "U14", "V3")
 """One of each kind: what every change is tested with."""
 
@@ -129,15 +145,49 @@ def test_every_fault_has_its_case() -> None:
 @pytest.mark.soak
 @pytest.mark.parametrize("name", CASES if SOAK else SAMPLE)
 def test_the_right_line_says_so(name: str) -> None:
-    case = CASES[name]
+    check(CASES[name], name)
+
+
+def check(case: Case, name: str) -> None:
+    """Examines the bench with the fault; the line says so, or where there is none, nothing does."""
     fault = Fault(name=name, after_s=case.after_s, times=case.times, parameters=case.parameters)
-    findings = thorough(settings_of(case, fault, *case.beside))
+    beside = [each.model_copy(update={"after_s": case.after_s}) for each in case.beside]
+    findings = thorough(settings_of(case, fault, *beside))
     said = [(each.verdict, each.what) for each in findings if each.verdict in ("WARN", "FAIL")]
     if case.line is not None:
         assert (case.verdict, case.line) in said, said
     else:
         healthy = [(each.verdict, each.what) for each in thorough(settings_of(case))]
         assert set(said) <= set(healthy), said
+
+
+def crossed() -> list[tuple[str, str]]:
+    """Every bench that ships, and every fault that what it names can commit."""
+    found = []
+    for bench in BENCHES:
+        settings = load_bench(bench).settings
+        rows = [*MIRRORS[settings.mirror.model].faults, *COUNTERS[settings.counter.model].faults]
+        names = {row.name for row in (*rows, *(SERIAL if settings.mirror.cable == "serial" else ()))} - BUILT_IN
+        if settings.counter.model == "picoquant":
+            names.add("U20")
+        found += [(bench, name) for name in sorted(names)]
+    return found
+
+
+@cache
+def opened_s(bench: str) -> float:
+    """What the bench's clock says once it is open."""
+    with open_bench(load_bench(bench).settings) as table:
+        return table.clock.now()
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(("bench", "name"), crossed() if SOAK else [("timetagger", "A6"), ("optotune", "U14")])
+def test_on_every_bench_the_right_line_says_so(bench: str, name: str) -> None:
+    case = ELSEWHERE.get((bench, name), CASES[name])
+    later_s = 0.5 if case.after_s == 0.5 else 0.005
+    after_s = AS_OPENED if case.after_s == AS_OPENED else opened_s(bench) + later_s
+    check(replace(case, bench=bench, after_s=after_s), name)
 
 
 @pytest.mark.soak
