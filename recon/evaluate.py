@@ -5,9 +5,7 @@ attributes as in `acquisition/importers/plain.py`, and the truth on the same gri
 `gt_mask`.
 """
 
-import resource
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +25,7 @@ from nlos.recon.fingerprint import fingerprint_of
 from nlos.recon.interval_scores import interval_scores
 from nlos.recon.methods import find
 from nlos.recon.metrics import depth_scores, image_scores
+from nlos.recon.peak_memory import forget_peak, peak_rss_mb
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.subsets import measured_points
 from nlos.recon.volume import Reconstruction, response_words
@@ -243,7 +242,7 @@ def _run(
 ) -> tuple[Row, Reconstruction]:
     if scene.falloff is not None and "falloff" in find(one.method).Settings.model_fields:
         settings = {"falloff": scene.falloff, **settings}
-    _forget_peak()
+    forget_peak()
     try:
         done = reconstruct(transient, one.method, settings, device)
     except ReconError as error:
@@ -260,7 +259,7 @@ def _run(
         explained_error=nan if told is None or told.error is None else told.error,
         **interval_scores(done.albedo, done.depth_m, done.intervals, scene.intensity, scene.depth_m, scene.mask),
         seconds=done.seconds,
-        peak_rss_mb=_peak_rss_mb(),
+        peak_rss_mb=peak_rss_mb(),
     )
     light = Reconstruction(done.albedo, done.depth_m, done.wall, done.method, done.seconds, done.settings)
     return row, light
@@ -273,19 +272,3 @@ def _mean_psnr(runs: list[tuple[Row, Reconstruction]]) -> float:
 def as_json(rows: list[Row]) -> list[dict[str, Any]]:
     """The rows as plain values; NaN (no depth at all) becomes null."""
     return [{key: None if value != value else value for key, value in asdict(row).items()} for row in rows]
-
-
-def _forget_peak() -> None:
-    """Linux: resets the peak of resident memory. Elsewhere the peak stays that of the whole process."""
-    with suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")
-
-
-def _peak_rss_mb() -> float:
-    try:
-        for line in Path("/proc/self/status").read_text().splitlines():
-            if line.startswith("VmHWM:"):
-                return float(line.split()[1]) / 1024
-    except OSError:
-        pass
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

@@ -1,11 +1,10 @@
 """A trial of a training: what it takes on this machine, measured by a few steps that are thrown away."""
 
-import resource
-import sys
 import time
 
 import torch
 
+from nlos.recon.peak_memory import peak_rss_mb
 from nlos.recon.training.batches import batch_at
 from nlos.recon.training.train import build, device_here, objective
 from nlos.recon.training.train_settings import TrainSettings
@@ -32,10 +31,9 @@ def trial(settings: TrainSettings, seen: int = 0) -> dict[str, float]:
         making.append((made - began) / settings.batch)
         learning.append((time.perf_counter() - made) / settings.batch)
     each_s = max(min(making), min(learning))
-    kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1024 if sys.platform == "darwin" else 1)
     return {
         "parameters": sum(p.numel() for p in model.parameters() if p.requires_grad),
-        "peak_rss_mb": kib / 1024,
+        "peak_rss_mb": peak_rss_mb(),
         "seconds_to_make_a_sample": min(making),
         "seconds_to_learn_from_it": min(learning),
         "seconds_per_sample": each_s,

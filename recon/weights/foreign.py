@@ -7,6 +7,7 @@ whatever a forged file does to that reader, it does it over there. Shapes are ch
 import subprocess
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from pickle import UnpicklingError
 
@@ -69,7 +70,8 @@ def _child(source: str, destination: str) -> int:
         import resource
 
         for limit, value in ((resource.RLIMIT_AS, MEMORY_BYTES), (resource.RLIMIT_FSIZE, LARGEST_FILE_BYTES)):
-            resource.setrlimit(limit, (value, value))
+            with suppress(ValueError):  # macOS takes none below what a process has been given already
+                resource.setrlimit(limit, (value, value))
     try:
         save_file(_tensors(torch.load(source, map_location="cpu", weights_only=True)), destination)
     except (UnpicklingError, ValueError, RuntimeError, EOFError, OSError, KeyError, TypeError, AttributeError) as error:

@@ -5,7 +5,6 @@ through one slot, and one that nobody took in time is replaced by the next.
 """
 
 import json
-import os
 import secrets
 import socket
 import subprocess
@@ -18,7 +17,7 @@ from typing import Any
 from nlos.by_hand.hand import Hand
 from nlos.by_hand.shown import shown
 from nlos.cli.terminal import terminal
-from nlos.live.process import SOCKET, TOKEN, listening
+from nlos.live.process import check_pages, listening, page_process
 
 _NICENESS = 5
 """So much less than this program gets: a besieged page takes a quarter of a core that both want."""
@@ -65,16 +64,8 @@ class Viewer:
             self._changed.notify()
 
     def _start(self) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "nlos.by_hand.page"],
-            env={**os.environ, SOCKET: str(self._door.fileno()), TOKEN: self._token},
-            pass_fds=[self._door.fileno()],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
-        os.setpriority(os.PRIO_PROCESS, self._process.pid, os.getpriority(os.PRIO_PROCESS, 0) + _NICENESS)
+        command = [sys.executable, "-P", "-m", "nlos.by_hand.page"]
+        self._process = page_process(command, self._door, self._token, _NICENESS, subprocess.PIPE)
         self._thread.start()
 
     def _hand_on(self) -> None:
@@ -99,6 +90,7 @@ def viewer(wanted: bool, port: int) -> Iterator[Viewer | None]:
     if not wanted:
         yield None
         return
+    check_pages("--live")
     page = Viewer(listening(port))
     terminal.log(f"live: {page.url}", -1)
     terminal.document["live"] = {"url": page.url}

@@ -19,7 +19,7 @@ from nlos.cli.named_files import BenchWord, ScanWord
 from nlos.cli.taking import ScanOptions, require_shutter, take
 from nlos.configs.load import load
 from nlos.live.good_enough import SURE, check_sure, parse_until
-from nlos.live.process import methods_for
+from nlos.live.process import check_pages, methods_for
 from nlos.recon.methods import find
 from nlos.response import response_wanted
 from nlos.run_defaults import dated_name, hooks_for, notes_for
@@ -105,6 +105,8 @@ def scan(
         find(reconstruct)
     response_wanted(response)
     goal = None if until is None else parse_until(until)
+    if live or (goal is not None and not table.settings.simulated):
+        check_pages("--live" if live else "--until")
     if live or goal is not None:
         best = methods_for(reconstruct)[-1]
         if goal is not None and goal.word == SURE:

@@ -6,6 +6,7 @@ import secrets
 import socket
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,19 +50,37 @@ def start_live(
         command += [] if weights is None else ["--weights", str(weights)]
         command += [] if response == "auto" else ["--response", response]
         command += [] if constants is None else ["--constants", str(constants)]
-        process = subprocess.Popen(
-            [*command, "-q"],
-            env={**os.environ, SOCKET: str(door.fileno()), TOKEN: token, "OMP_NUM_THREADS": "1"},
-            pass_fds=[door.fileno()],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
-        os.setpriority(os.PRIO_PROCESS, process.pid, NICENESS)
+        process = page_process([*command, "-q"], door, token, NICENESS)
         url = f"http://127.0.0.1:{door.getsockname()[1]}/{token}/"
     terminal.log(f"live: {url}", -1)
     terminal.document["live"] = {"url": url, "pid": process.pid}
+    return process
+
+
+def check_pages(option: str) -> None:
+    """That a page can be watched from a process of its own here. Raises `UsageError`: Windows hands no open socket to a
+    child."""
+    if not hasattr(os, "setpriority"):
+        raise UsageError(
+            f"{option}: needs Linux or macOS. Leave it out; `nlos live RUN` in another window shows a recording that "
+            "grows."
+        )
+
+
+def page_process(
+    command: Sequence[str], door: socket.socket, token: str, niceness: int, stdin: int = subprocess.DEVNULL
+) -> "subprocess.Popen[bytes]":
+    """The process of a page, which is handed the socket it listens on, computes on one core, and gives way."""
+    process = subprocess.Popen(
+        command,
+        env={**os.environ, SOCKET: str(door.fileno()), TOKEN: token, "OMP_NUM_THREADS": "1"},
+        pass_fds=[door.fileno()],
+        stdin=stdin,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    os.setpriority(os.PRIO_PROCESS, process.pid, os.getpriority(os.PRIO_PROCESS, 0) + niceness)
     return process
 
 
