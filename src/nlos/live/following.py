@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlos.acquisition.errors import StorageError
-from nlos.acquisition.network.ticket import Ticket
 from nlos.cli.terminal import terminal
 from nlos.live.scan import LiveScan
 from nlos.recipe import Recipe
@@ -37,6 +36,8 @@ def follow_to_folder(
     results.check()
     folder = results.path
     if run.suffix == ".ticket":
+        from nlos.acquisition.network.ticket import Ticket  # needs the extra `live`
+
         Ticket.load(run)
     folder.mkdir(parents=True, exist_ok=True)
 

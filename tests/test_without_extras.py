@@ -1,0 +1,29 @@
+"""Who installed no extra has every command that needs none: each module above the rooms is imported without them."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from tests.test_house_rules import files
+
+EXTRAS = ("torch", "safetensors", "zmq", "tensorboard", "xarray", "distributed", "dask", "mkdocs", "IPython", "napari")
+
+CODE = """
+import importlib, sys
+for name in {extras!r}:
+    sys.modules[name] = None
+for name in {ours!r}:
+    importlib.import_module(name)
+"""
+
+
+def test_every_command_is_there_without_extras() -> None:
+    ours = [
+        file.removeprefix("src/").removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+        for file, _ in files()
+        if file.startswith("src/nlos/") and not file.endswith("__main__.py")
+    ]
+    assert "nlos.cli.reconstruct" in ours
+    command = [sys.executable, "-c", CODE.format(extras=EXTRAS, ours=ours)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=Path(__file__).parent)
+    assert done.returncode == 0, done.stderr[-2000:]
