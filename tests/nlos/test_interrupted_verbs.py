@@ -47,13 +47,20 @@ VERBS: dict[str, tuple[str, tuple[tuple[str, ...], ...]]] = {
     "figure": ("figure seen -o new.pdf", (("new.pdf",),)),
     "replay": ("replay run.h5 --speed max -o new.h5", (("new.h5",),)),
     "plan": ("plan scan.yaml --picture new.png", (("new.png",),)),
+    "recover": ("recover run.h5 -o new.h5", (("new.h5",),)),
+    "glb": ("export seen/reconstruction.h5 --to glb -o new.glb", (("new.glb",),)),
+    "runs": ("runs --page new.html", (("new.html",),)),
+    "first light": ("calibrate --first-light -o new.yaml", (("new.yaml",),)),
+    "doctor": ("doctor --thorough --light -o new.html", (("new.html",),)),
+    "live": ("live run.h5", ()),
 }
 """Name -> the command, and its files in groups: of a group all are new, or all are old."""
 CASES = [(verb, 0) for verb in ("reconstruct", "evaluate", "import", "calibrate")]
-CASES += [pytest.param(verb, k, marks=pytest.mark.soak) for verb in VERBS for k in range(1, 31 if SOAK else 2)]
+CASES += [pytest.param(verb, k, marks=pytest.mark.soak) for verb in VERBS for k in range(1, 61 if SOAK else 2)]
 NEEDS = {
     "film": ("film.h5", "scan film.yaml -o film.h5"),
     "vti": ("seen", "reconstruct run.h5 -o seen"),
+    "glb": ("seen", "reconstruct run.h5 -o seen"),
     "figure": ("seen", "reconstruct run.h5 -o seen"),
 }
 """What some verbs work on, and how it is made."""
@@ -115,10 +122,12 @@ def names_in(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*")}
 
 
-def wait(folder: Path, child: "subprocess.Popen[str]", before: set[str], draw: random.Random, longest_s: float) -> None:
-    """Until a moment of the drawing's choice: any, or shortly after the command began to write."""
+def wait(
+    folder: Path, child: "subprocess.Popen[str]", before: set[str], draw: random.Random, longest_s: float, writes: bool
+) -> None:
+    """Until a moment of the drawing's choice: any, or shortly after the command began to write, where it writes."""
     began_s = time.monotonic()
-    if draw.random() < 0.4:
+    if not writes or draw.random() < 0.4:
         time.sleep(draw.uniform(0.3, longest_s))
         return
     while child.poll() is None and names_in(folder) == before and time.monotonic() - began_s < 60:
@@ -132,13 +141,13 @@ def test_ctrl_c_leaves_nothing_half_written(tmp_path: Path, inputs: Path, verb: 
     draw = random.Random(f"{verb} {seed}")
     if verb in NEEDS and not (inputs / NEEDS[verb][0]).exists():
         nlos(inputs, NEEDS[verb][1])
-    there_before = verb != "plan" and draw.random() < 0.5
+    there_before = verb not in ("plan", "live") and draw.random() < 0.5
     before = ready(inputs, tmp_path, groups, there_before)
     command = [sys.executable, "-m", "nlos", *words.split(), *(["--overwrite"] if there_before else [])]
     child = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
                              stdin=subprocess.DEVNULL)  # fmt: skip
     try:
-        wait(tmp_path, child, before, draw, 4.0)
+        wait(tmp_path, child, before, draw, 4.0, bool(groups))
         if child.poll() is None:
             child.send_signal(signal.SIGINT)
         said = child.communicate(timeout=60)[1]
