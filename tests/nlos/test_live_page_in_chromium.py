@@ -14,8 +14,10 @@ from typing import Any
 import matplotlib
 import numpy as np
 import pytest
+import yaml
 from matplotlib.colors import Normalize
 
+from nlos.configs.load import find
 from nlos.recon.pictures import BACKGROUND
 from nlos.recon.results import read_reconstruction
 from nlos.recon.seen import depth_limits, depth_opacity, visible_depth
@@ -242,7 +244,7 @@ def test_two_scans_are_set_side_by_side_with_their_difference(folder: Path, brow
         page.wait_for_selector("#difference[aria-pressed=true]")
         titles = page.locator(".panel h2").all_inner_texts()
         assert titles == ["run.h5: front view", "same.h5: front view", "Difference: run.h5 less same.h5",
-                          "run.h5: depth", "same.h5: depth"]  # fmt: skip
+                          "run.h5: depth", "same.h5: depth", "Depth difference: run.h5 less same.h5"]  # fmt: skip
         playwright.expect(page.locator(".panel[data-kind=difference] .say")).to_have_text(
             "LCT of 256 points less LCT of 256 points", timeout=PATIENCE_MS
         )
@@ -252,6 +254,58 @@ def test_two_scans_are_set_side_by_side_with_their_difference(folder: Path, brow
         assert middle is True
         assert complaints == []
         page.close()
+
+
+def test_the_depths_of_two_scans_are_compared_where_both_have_one(folder: Path, browser: Any) -> None:
+    """One flat object, 60 mm farther from the wall in the second scan."""
+    for name, z_m in (("near", 0.6), ("far", 0.66)):
+        bench = yaml.safe_load(find("bench", "simulated").read_text("utf-8"))
+        bench["simulation"]["scene"]["objects"] = [{"letter": "I", "centre_m": [0.0, 0.0, z_m], "height_m": 0.6}]
+        (folder / f"{name}.yaml").write_text(yaml.safe_dump(bench))
+        nlos(folder, "scan", "scan.yaml", "--bench", f"{name}.yaml", "-o", f"{name}.h5", "--overwrite")
+    with viewed(folder, "near.h5", "far.h5", "--method", "lct") as url:
+        page, complaints = opened(browser, url)
+        page.wait_for_selector("#slider", state="visible")
+        page.keyboard.press("2")
+        page.keyboard.press("d")
+        deeper = page.locator(".panel[data-kind=deeper]")
+        playwright.expect(deeper.locator(".say")).to_contain_text("red: the first is farther away", timeout=PATIENCE_MS)
+        assert page.locator(".panel h2").all_inner_texts()[-1] == "Depth difference: near.h5 less far.h5"
+        spot = page.evaluate("""() => { const p = panels[2], ink = [...p.picture.albedo].map((_, i) =>
+          Math.min(inkOf(p.picture, i), inkOf(p.other, i))), i = ink.indexOf(Math.max(...ink));
+          const [x, y, w, h] = p.frame.box;
+          return [x + (i % 16 + .5) * w / 16, y + (Math.floor(i / 16) + .5) * h / 16]; }""")
+        box = page.locator("#deeper").bounding_box()
+        page.mouse.move(box["x"] + spot[0], box["y"] + spot[1])
+        playwright.expect(deeper.locator(".say")).to_contain_text("nearer", timeout=PATIENCE_MS)
+        said = re.search(r"depths (\S+) and (\S+) m, the first (\S+) mm nearer", deeper.locator(".say").inner_text())
+        assert said is not None
+        assert float(said[3]) == pytest.approx(60.0, abs=10.0)
+        colour = "([x, y]) => [...$('deeper').getContext('2d').getImageData(x, y, 1, 1).data]"
+        red, _, blue, _ = page.evaluate(colour, spot)
+        assert blue > red + 50  # nearer
+        left, top, *_ = page.evaluate("panels[2].frame.box")
+        corner = page.evaluate(colour, [left + 3, top + 3])
+        assert corner[:3] == [150, 150, 150]
+        assert complaints == []
+        page.close()
+
+
+def test_a_page_that_was_hidden_goes_on_where_somebody_looks_again(viewer: str, browser: Any) -> None:
+    page, complaints = opened(browser, viewer)
+    page.wait_for_selector("#slider", state="visible")
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.evaluate("() => { window.unseen = true; Object.defineProperty(document, 'hidden', {get: () => unseen}); }")
+    page.wait_for_timeout(2_000)
+    asked.clear()
+    page.wait_for_timeout(2_000)
+    assert asked == []
+    page.evaluate("() => { window.unseen = false; document.dispatchEvent(new Event('visibilitychange')); }")
+    page.wait_for_timeout(300)
+    assert len([url for url in asked if url.endswith("/state")]) == 1
+    assert complaints == []
+    page.close()
 
 
 def test_a_report_needs_nothing_but_itself_and_prints(folder: Path, browser: Any) -> None:

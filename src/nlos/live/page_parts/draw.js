@@ -59,7 +59,7 @@ function axes(g, frame, wall) {
 function colourBar(g, x, y, h, low, high, colour, label) {
   for (let i = 0; i < h; i++) { g.fillStyle = `rgb(${colour(1 - i / h).map(Math.round)})`; g.fillRect(x, y + i, 12, 1.5); }
   g.strokeStyle = inks.dim; g.strokeRect(x - .5, y - .5, 13, h + 1); g.fillStyle = inks.dim; g.textAlign = "left"; g.textBaseline = "middle";
-  const [marks, digits] = ticks(Math.min(low, high), Math.max(low, high), Math.max(2, h / 45));
+  const [marks, digits] = ticks(Math.min(low, high), Math.max(low, high), Math.max(4, h / 45));
   for (const v of marks) { const py = y + h * (1 - (v - low) / (high - low || 1)); g.fillText(fixed(v, digits), x + 17, py); }
   g.save(); g.translate(x + 57, y + h / 2); g.rotate(-Math.PI / 2); g.textAlign = "center"; g.fillText(label, 0, 0); g.restore();
 }

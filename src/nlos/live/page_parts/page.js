@@ -22,18 +22,18 @@ async function refresh(number, state) {
 function arrange() {
   const view = document.body.dataset.view, wide = innerWidth, kinds = view !== "both" ? [view] : scans.length > 1 ? ["front"] : wide >= 1700 ? ["front", "depth", "turn"] : wide >= 1100 || wide <= 900 ? ["front", "depth"] : ["front"];
   const of = kind => scans.map((_, i) => [kind, i]), two = scans.length > 1, wanted = two ? of(kinds[0]) : kinds.map(kind => [kind, 0]);
-  if (two && compared && view !== "turn") wanted.push(["difference", 0]);
-  const across = wanted.length; if (two && view === "both" && wide > 900) wanted.push(...of("depth")); $("views").style.setProperty("--across", across);
+  const against = two && compared && view !== "turn"; if (against) wanted.push([kinds[0] === "depth" ? "deeper" : "difference", 0]);
+  const across = wanted.length; if (two && view === "both" && wide > 900) wanted.push(...of("depth"), ...(against ? [["deeper", 0]] : [])); $("views").style.setProperty("--across", across);
   const key = JSON.stringify(wanted); if (key === shape) return; shape = key;
   panels = wanted.map(([kind, scan]) => kind === "turn" ? new TurnPanel(scan) : new PicturePanel(kind, scan)); $("views").replaceChildren(...panels.map(p => p.box));
 }
 function draw() {
-  readInks(); arrange(); const pictures = scans.map(best), span = depthSpan(pictures), samePlace = pictures.length > 1 && pictures[0] && pictures[1] && pictures[0].albedo.length === pictures[1].albedo.length;
+  readInks(); arrange(); const pictures = scans.map(best), span = depthSpan(pictures), on = p => String([p.wall, p.albedo.shape]), samePlace = pictures.length > 1 && pictures[0] && pictures[1] && on(pictures[0]) === on(pictures[1]);
   const same = draw.span && Math.abs(draw.span[0] - span[0]) + Math.abs(draw.span[1] - span[1]) < 1e-9; if (!same) draw.span = span;
   for (const panel of panels) {
-    const p = pictures[panel.scan], name = {front: "Front view", depth: "Depth", turn: "3D", difference: "Difference"}[panel.kind], state = scans[panel.scan].state;
-    panel.title.textContent = scans.length > 1 ? (panel.kind === "difference" ? `Difference: ${scans[0].state.run} less ${scans[1].state.run}` : `${state.run}: ${name.toLowerCase()}`) : name + (panel.kind === "turn" ? "" : ", seen from the wall");
-    panel.empty.textContent = p ? "" : waitingFor(state); panel.box.classList.toggle("old", !!panel.isOld && panel.isOld(p)); panel.draw(panel.kind === "difference" && !samePlace ? null : p, panel.kind === "front" ? [0, 1] : draw.span, pictures[1]);
+    const against = panel.kind === "difference" || panel.kind === "deeper", p = against && !samePlace ? null : pictures[panel.scan], name = {front: "Front view", depth: "Depth", turn: "3D", difference: "Difference", deeper: "Depth difference"}[panel.kind], state = scans[panel.scan].state;
+    panel.title.textContent = scans.length > 1 ? (against ? `${name}: ${scans[0].state.run} less ${scans[1].state.run}` : `${state.run}: ${name.toLowerCase()}`) : name + (panel.kind === "turn" ? "" : ", seen from the wall");
+    panel.empty.textContent = p ? "" : against && pictures.every(q => q) ? "these pictures are of walls or grids of different sizes" : waitingFor(state); panel.box.classList.toggle("old", !!panel.isOld && panel.isOld(p)); panel.draw(p, panel.kind === "front" ? [0, 1] : panel.kind === "deeper" && p ? deeperSpan(p, pictures[1]) : draw.span, pictures[1]);
   }
   for (const known of scans) if (frame !== null && known.frameRates[frame]) { known.rates = known.frameRates[frame]; known.back = true; }
   map.draw(); histogram.draw(); const newest = pictures[0]; if (newest) document.body.dataset.picture = newest.samples, document.body.dataset.method = newest.method;
@@ -73,14 +73,14 @@ function tell() {
   const of = frame === null ? state.samples : state.frames[frame]; $("first").textContent = (of ? `after ${count(of)} of ${count(state.samples)} points` : "being made") + (parts < state.frames.length ? ` (${parts} of ${state.frames.length} steps ready)` : "");
   $("overlay").setAttribute("aria-pressed", overlaid); $("difference").setAttribute("aria-pressed", compared); $("play").lastChild.textContent = playing ? " Stop" : " Play";
 }
-let busy = false, missed = 0;
-async function tick() {
-  if (busy || document.hidden) return; busy = true;
+let busy = false, missed = 0, timer = 0;
+async function tick() { // nothing is asked while nobody looks; whoever looks again is told at once
+  clearTimeout(timer); if (busy || document.hidden) return; busy = true;
   try {
     const got = await ask("state"); gone = false; missed = 0; for (let i = 0; i < got.scans.length; i++) await refresh(i, got.scans[i]);
     if (frame === null) await histogram.ask(); tell(); draw();
   } catch (error) { if (!(error instanceof TypeError || /^[45]/.test(error.message))) throw error; gone = ++missed >= 3; if (!gone) return; if (scans.length) tell(); else { $("status").textContent = "no answer; the viewer has ended"; banner({events: []}); } }
-  finally { busy = false; setTimeout(tick, gone || (scans.length && scans.every(s => s.state.over && s.state.frames_version >= s.state.frames.length * s.state.methods.length)) ? 1500 : scans.some(s => s.state.coming && s.state.coming.making) ? 120 : 350); }
+  finally { busy = false; timer = setTimeout(tick, gone || (scans.length && scans.every(s => s.state.over && s.state.frames_version >= s.state.frames.length * s.state.methods.length)) ? 1500 : scans.some(s => s.state.coming && s.state.coming.making) ? 120 : 350); }
 }
 function seek(value) { $("time").value = value; frame = value >= +$("time").max ? null : value - 1; if (frame === null) for (const s of scans) s.back = true; tell(); draw(); }
 function play() { if (playing) { clearInterval(playing); playing = null; } else { if (+$("time").value >= +$("time").max) seek(1); playing = setInterval(() => { const at = +$("time").value + 1; seek(at); if (at >= +$("time").max) play(); }, 180); } tell(); }
@@ -98,5 +98,6 @@ addEventListener("keydown", e => {
   else if (e.key === "l") $("scale").click(); else if (e.key === "?") $("keys").showModal(); else if (e.key === "Escape") { histogram.pinned = null; histogram.ask(); map.draw(); }
   else if (over && e.key === " ") { e.preventDefault(); play(); } else if (over && e.target !== $("time") && e.key === "ArrowLeft") seek(Math.max(1, +$("time").value - 1)); else if (over && e.target !== $("time") && e.key === "ArrowRight") seek(Math.min(+$("time").max, +$("time").value + 1));
 });
-const fitted = new ResizeObserver(() => { if (scans.length) draw(); }); for (const id of ["views", "map", "histo"]) fitted.observe($(id)); // a banner that comes or goes leaves them another size matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { if (scans.length) draw(); }); document.addEventListener("visibilitychange", tick);
+const fitted = new ResizeObserver(() => { if (scans.length) draw(); }); for (const id of ["views", "map", "histo"]) fitted.observe($(id)); // a banner that comes or goes leaves them another size
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { if (scans.length) draw(); }); document.addEventListener("visibilitychange", tick);
 readInks(); tick();

@@ -7,6 +7,12 @@ function depthSpan(pictures) {
   for (const p of pictures) if (p && p.depth_m) for (let i = 0; i < p.depth_m.length; i++) if (p.albedo[i] >= .1 && Number.isFinite(p.depth_m[i])) seen.push(p.depth_m[i]);
   let [low, high] = quantiles(seen, .02, .98); const pad = Math.max(.02, .05 * (high - low)); return [Math.max(0, low - pad), high + pad];
 }
+const NEITHER = [150, 150, 150]; // where one of two pictures has no depth; no colour of a difference is that grey
+const inkOf = (p, i) => Number.isFinite(p.depth_m[i]) ? fade(p.albedo[i]) * (p.seen ? p.seen[i] : 1) : 0;
+function deeperSpan(one, other) { // alike to both sides, wide enough for all but a fiftieth
+  const off = []; for (let i = 0; i < one.depth_m.length; i++) if (inkOf(one, i) > .3 && inkOf(other, i) > .3) off.push(Math.abs(one.depth_m[i] - other.depth_m[i]));
+  const most = Math.max(.01, off.length ? quantiles(off, .98)[0] : 0); return [-most, most];
+}
 class PicturePanel {
   constructor(kind, scan) {
     this.kind = kind; this.scan = scan; this.box = document.createElement("section"); this.box.className = "panel"; this.box.dataset.kind = kind;
@@ -22,12 +28,15 @@ class PicturePanel {
     const [bx, by, bw, bh] = this.frame.box, [low, high] = limits, e = PAPER; g.save();
     if (this.kind === "front") image(g, picture.albedo, rows, cols, this.frame.box, gray);
     else if (this.kind === "depth") image(g, picture.depth_m, rows, cols, this.frame.box, (v, i) => {
-      const k = Number.isFinite(v) ? fade(picture.albedo[i]) * (picture.seen ? picture.seen[i] : 1) : 0, c = k ? viridis(1 - (v - low) / (high - low || 1)) : e; return c.map((x, j) => e[j] + (x - e[j]) * k); });
+      const k = inkOf(picture, i), c = k ? viridis(1 - (v - low) / (high - low || 1)) : e; return c.map((x, j) => e[j] + (x - e[j]) * k); });
+    else if (this.kind === "deeper") image(g, picture.depth_m, rows, cols, this.frame.box, (v, i) => {
+      const k = Math.min(inkOf(picture, i), inkOf(other, i)), c = k ? redBlue(.5 + .5 * (v - other.depth_m[i]) / high) : NEITHER; return c.map((x, j) => NEITHER[j] + (x - NEITHER[j]) * k); });
     else image(g, picture.albedo, rows, cols, this.frame.box, (v, i) => redBlue(.5 + .5 * (v - other.albedo[i])));
     g.restore(); axes(g, this.frame, wall);
     const bar = tall ? (...what) => flatBar(g, bx, by + bh + 44, bw, ...what) : (...what) => colourBar(g, bx + bw + 12, by, bh, ...what);
     if (this.kind === "depth") bar(low, high, v => viridis(1 - v), "depth from the wall (m)");
     else if (this.kind === "front") bar(0, 1, gray, "brightness (relative)");
+    else if (this.kind === "deeper") bar(low, high, v => redBlue(v), "difference (m)");
     else bar(-1, 1, redBlue, "first less second");
     if (overlaid) this.points(g); this.other = other; this.readOut();
   }
@@ -43,12 +52,17 @@ class PicturePanel {
     const [rows, cols] = p.albedo.shape, [x, y] = this.cursor ? this.frame.metres(...this.cursor) : [NaN, NaN];
     const col = Math.floor((x / p.wall[0] + .5) * cols), row = Math.floor((.5 - y / p.wall[1]) * rows), i = row * cols + col;
     if (!(row >= 0 && row < rows && col >= 0 && col < cols)) { this.say.replaceChildren(...this.about()); return; }
-    const d = p.depth_m[i], value = this.kind === "difference" ? `difference ${(p.albedo[i] - this.other.albedo[i]).toFixed(3)}` : `brightness ${p.albedo[i].toFixed(3)}, ` + (Number.isFinite(d) ? `depth ${d.toFixed(3)} m` : "no depth") + (p.seen ? `, a surface at ${(100 * p.seen[i]).toFixed(0)} %` : "");
+    const d = p.depth_m[i], value = this.kind === "deeper" ? this.deeper(d, this.other.depth_m[i]) : this.kind === "difference" ? `difference ${(p.albedo[i] - this.other.albedo[i]).toFixed(3)}` : `brightness ${p.albedo[i].toFixed(3)}, ` + (Number.isFinite(d) ? `depth ${d.toFixed(3)} m` : "no depth") + (p.seen ? `, a surface at ${(100 * p.seen[i]).toFixed(0)} %` : "");
     this.say.textContent = `x ${x.toFixed(3)} m, y ${y.toFixed(3)} m: ${value}`;
+  }
+  deeper(d, other) {
+    if (!Number.isFinite(d) || !Number.isFinite(other)) return "no depth in one of them";
+    return `depths ${d.toFixed(3)} and ${other.toFixed(3)} m, the first ${fixed(1e3 * Math.abs(d - other), 1)} mm ${d > other ? "farther away" : "nearer"}`;
   }
   isOld(p) { const state = scans[this.scan].state; return !!p && !!state && frame === null && state.samples - p.samples > .02 * state.planned; }
   about() {
     const whose = q => `${q.method.toUpperCase()} of ${count(q.samples)} points`;
+    if (this.kind === "deeper") { const [one, other] = [whose(this.picture), whose(this.other)]; return [document.createTextNode(`${one === other ? one : `${one} less ${other}`}; red: the first is farther away`)]; }
     if (this.kind === "difference") return [document.createTextNode(`${whose(this.picture)} less ${whose(this.other)}`)];
     const p = this.picture, state = scans[this.scan].state, since = state.samples - p.samples, old = this.isOld(p), span = document.createElement("span");
     span.className = old ? "stale" : ""; span.textContent = frame === null && old ? `older picture, of ${count(p.samples)} points: ${count(since)} more were taken since` : `of ${count(p.samples)} points`;
