@@ -1,10 +1,13 @@
-"""Rules of the house that no linter checks: attributes are born in `__init__`, broad excepts have a reason, and nothing
-of our own is pickled."""
+"""Rules of the house that no linter checks: attributes are born in `__init__`, broad excepts have a reason, nothing of
+our own is pickled, functions take few values, and no instrument is known by name above the drivers."""
 
 import ast
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+
+from nlos.drivers.galvo.models import MIRRORS
+from nlos.drivers.tcspc.models import COUNTERS
 
 TOP = Path(__file__).parents[1]
 PLACES = ("configs", "drivers", "acquisition", "calibration", "recon", "src/nlos", "studies")
@@ -14,6 +17,26 @@ BROAD = {
     "recon/own_methods.py": "a method of somebody else may raise anything; its file and line are told",
     "src/nlos/cli/archive_task.py": "one file's bug, told with its traceback, must not cost a night's other files",
 }
+
+MOST_PARAMETERS = 6
+MORE = {
+    "src/nlos/acquiring.py": {"scan"},
+    "src/nlos/reconstructing.py": {"reconstruct"},
+    "src/nlos/array_scan.py": {"scan_from_arrays"},
+    "acquisition/scanning/engine.py": {"scan"},
+    "drivers/bench.py": {"__init__"},
+    "drivers/link/serial_line.py": {"open"},
+    "drivers/simulated/timetagger/flim.py": {"__init__"},
+    "drivers/simulated/usb/backend.py": {"ctrl_transfer"},
+    "drivers/simulated/usb/pipes.py": {"ctrl_transfer"},
+    "recon/evaluate.py": {"evaluate"},
+    "recon/tracked_objects.py": {"_alone"},
+    "recon/training/run_folder.py": {"about_run"},
+    "recon/training/shapes.py": {"turned"},
+    "recon/training/train.py": {"_train"},
+}
+"""Doors whose parameters are options by name, signatures of others' (pyusb, Time Tagger), and what is left to shorten;
+beside the verbs, whose parameters are the command line's options."""
 
 
 def files() -> Iterator[tuple[str, ast.Module]]:
@@ -106,3 +129,27 @@ def test_only_weights_from_outside_are_unpickled() -> None:
         if isinstance(node.value, ast.Name) and (node.value.id, node.attr) in {("torch", "save"), ("torch", "load")}
     }
     assert found == {"recon/weights/foreign.py"}
+
+
+def test_functions_take_few_parameters() -> None:
+    many: dict[str, set[str]] = {}
+    for file, tree in files():
+        verb = Path(file).stem.rstrip("_") if file.startswith("src/nlos/cli/") else ""
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef) and node.name.rstrip("_") != verb:
+                asked = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+                if len([each for each in asked if each.arg not in ("self", "cls")]) > MOST_PARAMETERS:
+                    many.setdefault(file, set()).add(node.name)
+    assert many == MORE, "values that belong together are one value; what is short again leaves the list"
+
+
+def test_no_instrument_is_known_by_name_above_the_drivers() -> None:
+    models = {*MIRRORS, *COUNTERS}
+    named = [
+        f"{file}:{node.lineno}: {node.value}"
+        for file, tree in files()
+        if not file.startswith("drivers/")
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and node.value in models
+    ]
+    assert named == []

@@ -107,10 +107,22 @@ class _Level:
         return self.raised
 
 
+@dataclass(frozen=True)
+class Expected:
+    """What is known of a bench before a scan. `direct` says what is wrong with a sample's direct light, in words; empty
+    where nothing is known to be. `usual_dark_hz`: what first light counted with the shutter closed. `aim`: what is
+    wrong with where the beam goes; empty where nothing is known to be."""
+
+    direct: Callable[[Sample], str] | None = None
+    usual_dark_hz: float | None = None
+    aim: str = ""
+
+
+NOTHING = Expected()
+
+
 class Alarms:
-    """The alarms of one scan on one bench. `folder`: where the recording grows. `direct` says what is wrong with a
-    sample's direct light, in words; empty where nothing is known to be. `usual_dark_hz`: what first light counted with
-    the shutter closed. `aim`: what is wrong with where the beam goes; empty where nothing is known to be."""
+    """The alarms of one scan on one bench. `folder`: where the recording grows."""
 
     def __init__(
         self,
@@ -118,13 +130,11 @@ class Alarms:
         repetition_hz: float,
         folder: Path | None = None,
         free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
-        direct: Callable[[Sample], str] | None = None,
-        usual_dark_hz: float | None = None,
-        aim: str = "",
+        expected: Expected = NOTHING,
     ) -> None:
         self._settings, self._repetition_hz, self._folder, self._free = settings, repetition_hz, folder, free_bytes
-        self._aim = aim
-        self._direct, self._usual_dark_hz = direct if settings.expect_direct else None, usual_dark_hz
+        self._aim, self._usual_dark_hz = expected.aim, expected.usual_dark_hz
+        self._direct = expected.direct if settings.expect_direct else None
         self._levels: dict[str, _Level] = defaultdict(_Level)
         self._samples = 0
         self._mean_hz = 0.0

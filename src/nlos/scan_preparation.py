@@ -17,7 +17,7 @@ from nlos.acquisition.recording.salvage import Resumed
 from nlos.acquisition.recording.salvage import resume as resumed
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.sample import Sample
-from nlos.acquisition.scanning.alarms import Alarms, AlarmSettings
+from nlos.acquisition.scanning.alarms import Alarms, AlarmSettings, Expected
 from nlos.acquisition.scanning.control import ScanControl
 from nlos.acquisition.scanning.direct_watch import DirectWatch
 from nlos.acquisition.scanning.engine import scan
@@ -105,8 +105,8 @@ def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
     for warning in warnings:
         bench.report("warning", warning)
     looks = None if direct is None else DirectWatch(plan, direct).look
-    alarms = Alarms(request.alarms, bench.settings.laser.repetition_hz, folder, direct=looks,
-                    usual_dark_hz=usual_dark_hz(bench.settings), aim=beam.wrong)  # fmt: skip
+    expected = Expected(looks, usual_dark_hz=usual_dark_hz(bench.settings), aim=beam.wrong)
+    alarms = Alarms(request.alarms, bench.settings.laser.repetition_hz, folder, expected=expected)
     bench.shutter.arm()
     used = "{}" if known is None else json.dumps(known.constants.summary(), default=str)
     header = replace(

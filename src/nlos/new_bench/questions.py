@@ -43,8 +43,8 @@ Asking = Callable[[Answers], Question | None]
 def questions(found: Detected, simulated: bool) -> "list[Asking]":
     """Each takes the answers so far; None: there is nothing to ask."""
     mirrors, counters = tuple(MIRRORS), tuple(COUNTERS)
-    first_mirror = (*found.mirrors, "triggerscope")[0]
-    first_counter = (*found.counters, "tcspc488")[0]
+    first_mirror = (*found.mirrors, *mirrors)[0]
+    first_counter = (*found.counters, *counters)[0]
 
     def mirror_of(said: Answers) -> type[DeviceSettings]:
         return MIRRORS[said["mirror"]].settings
