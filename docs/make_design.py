@@ -1,16 +1,20 @@
 """Makes docs/design.md, the decisions by room: `python docs/make_design.py`."""
 
+import re
 from pathlib import Path
 
 DOCS = Path(__file__).parent
 ROOMS = {
-    "The house and the command line": [(1, 2), (110, 110)],
-    "Drivers": [(10, 34), (111, 116), (140, 149), (221, 221)],
-    "Acquisition": [(40, 46), (117, 139), (215, 219)],
-    "Calibration": [(50, 59)],
-    "Physics reconstruction": [(60, 69), (150, 150)],
-    "Learned reconstruction": [(70, 89), (100, 109), (160, 179), (220, 220)],
+    "The house and the command line": [(1, 2), (110, 110), (151, 151), (180, 180), (236, 236), (260, 269)],
+    "Drivers": [(10, 34), (111, 116), (140, 149), (152, 154), (210, 211), (221, 221), (230, 234)],
+    "Acquisition": [(40, 46), (117, 139), (159, 159), (195, 195), (198, 198), (225, 229), (247, 247)],
+    "Calibration": [(50, 59), (197, 197), (255, 259)],
+    "At the bench: first light, aiming by hand, the doctor": [(156, 157), (190, 194), (196, 196), (240, 244)],
+    "Physics reconstruction": [(60, 69), (150, 150), (158, 158), (184, 184)],
+    "Learned reconstruction": [(70, 89), (100, 109), (160, 179), (181, 183), (185, 189), (200, 204), (220, 220)],
+    "What a picture explains, and how sure it is": [(205, 209), (235, 235), (245, 246)],
     "Watching a scan": [(90, 99)],
+    "Scenes that move": [(215, 219), (250, 254)],
 }
 TOP = """# Design
 
@@ -59,7 +63,7 @@ def page() -> str:
 
 def _line(number: int, path: Path) -> str:
     title = path.read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ").replace("`", "")
-    return f"- [{number:03d}](decisions/{path.name}) {title}"
+    return f"- [{number:03d}](decisions/{path.name}) {re.sub(r'^[0-9]+[.:]? ', '', title)}"
 
 
 if __name__ == "__main__":
