@@ -11,7 +11,7 @@ from nlos.drivers.device_model import WireLog
 from nlos.drivers.errors import BenchClosed, DeviceError
 from nlos.drivers.events import EventLog, OnEvent
 from nlos.drivers.exit_paths import ExitPaths
-from nlos.drivers.galvo.mirror import GalvoMirror
+from nlos.drivers.galvo.mirror import GalvoMirror, MirrorAngles
 from nlos.drivers.galvo.models import MIRRORS, open_mirror
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.safety import GuardedShutter
@@ -59,11 +59,11 @@ class Bench:
         if self.closed:
             raise BenchClosed("bench", f"{self.settings.name} was closed; this scan cannot continue.")
 
-    def announce(self, numbers: Sequence[int]) -> None:
+    def announce(self, numbers: Sequence[int], places: Sequence[MirrorAngles] = ()) -> None:
         """Tells a simulated bench which points of a plan are armed next: their photons follow from their numbers, which
-        few counters can stamp. A real bench is told nothing."""
+        few counters can stamp, and where they are, if a mirror may miss steps. A real bench is told nothing."""
         if self.simulated is not None:
-            self.simulated.turns.announce(numbers)
+            self.simulated.turns.announce(numbers, places)
 
     @property
     def identities(self) -> tuple[DeviceIdentity, ...]:

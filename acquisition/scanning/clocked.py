@@ -143,7 +143,7 @@ def take(
     bench.shutter.open()
     mirror.start()
     armed_s = clock.now() - under_way.start_s
-    bench.announce(plan.numbers)
+    bench.announce(plan.numbers, plan.angles)
     if own is None or plan.own is None:
         counter.arm(PointGates(plan.dwells_s, plan.numbers, Trigger.CLOCK, plan.blanking_s))
     else:

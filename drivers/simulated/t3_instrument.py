@@ -145,6 +145,7 @@ class T3Instrument:
             pulses.append(moving + self._pulse(settled_s))
             delays.append(delays_moving)
             settled_s += slice_s
+        self._number = self._bench.turns.number_at(at_rest)
         for resting, delays_resting in self._resting(settled_s, start_s, until_s):
             settled = resting >= self._pulse(settled_s)
             pulses.append(resting[settled])
