@@ -22,6 +22,7 @@ from nlos.acquisition.recording.file_bytes import HdfBytes
 from nlos.acquisition.recording.header import FORMAT, VERSION, write_header, write_plan
 from nlos.acquisition.recording.layout import EVENT, EVENT_ROWS, RECORD, STATUS, Status
 from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.shown_to_hdf5 import shown_to_hdf5
 
 _FRESH = r"\.[0-9a-f]{16}\.new"
 
@@ -38,7 +39,7 @@ def lay_out(target: Path, plan: ScanPlan, header: Header) -> Path:
         clear(target)
         with open(os.open(fresh, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666), "r+b") as raw:
             shown = HdfBytes(raw.fileno(), str(target))
-            with _interrupts_wait(), h5py.File(shown, "w", libver=("v110", "v110")) as file:
+            with _interrupts_wait(), shown_to_hdf5(shown, "w") as file:
                 file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
                 write_header(file, header.named())
                 write_plan(file, plan)

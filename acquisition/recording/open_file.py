@@ -6,7 +6,6 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from nlos.acquisition.errors import InvalidData, StorageError
@@ -15,6 +14,7 @@ from nlos.acquisition.recording.file_bytes import HdfBytes
 from nlos.acquisition.recording.header import has_identity, plain_dataset, read_header, read_plan
 from nlos.acquisition.recording.layout import EVENT, EVENT_ROWS, RECORD, STATUS
 from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.shown_to_hdf5 import shown_to_hdf5
 from nlos.acquisition.recording.stored_rows import StoredRows
 
 
@@ -52,7 +52,7 @@ def open_scan_file(path: Path, *, writable: bool = False) -> ScanFile:
 def _read(path: Path, handle: io.FileIO) -> ScanFile:
     shown = HdfBytes(handle.fileno(), str(path))
     try:
-        with h5py.File(shown, "r") as file:
+        with shown_to_hdf5(shown, "r") as file:
             header, plan = read_header(file), read_plan(file, os.fstat(handle.fileno()).st_size)
             points, bins = len(plan), plan.axis.bins
             found = ScanFile(

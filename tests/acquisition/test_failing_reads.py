@@ -4,6 +4,8 @@ import ctypes
 import errno
 import multiprocessing
 import os
+import subprocess
+import sys
 from collections.abc import Callable
 from itertools import count
 from pathlib import Path
@@ -67,3 +69,35 @@ def test_a_recording_of_which_any_one_read_fails_is_refused_and_the_process_live
         once = outcome(run_path, lambda _, first=first, asked=asked: first <= next(asked) < first + READ_TRIES)
         assert once == REFUSED, f"read {first} of {len(places)}"
     assert outcome(run_path, lambda place: False) == OPENED
+
+
+KEPT = """\
+import itertools, os, sys
+from pathlib import Path
+from nlos.acquisition.errors import StorageError
+from nlos.acquisition.recording.open_file import open_scan_file
+
+reads, pread, good = itertools.count(), os.pread, int(sys.argv[2])
+
+def fails(fd, size, place):
+    if next(reads) >= good:
+        raise OSError(5, "Input/output error")
+    return pread(fd, size, place)
+
+os.pread = fails
+try:
+    open_scan_file(Path(sys.argv[1]))
+except StorageError as error:
+    sys.kept = error
+"""
+
+
+@pytest.mark.parametrize("good", [1, 3])
+def test_an_error_that_is_kept_until_the_process_ends_does_not_crash_it(
+    run_path: Path, small_plan: Callable[..., ScanPlan], good: int
+) -> None:
+    RecordingWriter.create(run_path, small_plan(4, 4), Header()).finish(Status.INTERRUPTED)
+    ended = subprocess.run(
+        [sys.executable, "-c", KEPT, run_path, str(good)], capture_output=True, text=True, timeout=60
+    )
+    assert (ended.returncode, ended.stderr) == (0, "")
