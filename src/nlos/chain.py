@@ -83,6 +83,8 @@ def _calibrated(
 ) -> "tuple[Transient, ImpulseResponse | None]":
     """And the response that the scan's own direct light showed, where it was looked for."""
     transient = scan.transient
+    if use_file_offsets:
+        _check_file_offsets(scan)
     if scan.points is not None:
         points = scan.points
         if scan.rectified and scan.direct_cut_bins is not None:
@@ -99,20 +101,27 @@ def _calibrated(
         return cut_direct(transient, scan.direct_cut_bins), None
     if scan.rectified:
         return correct(transient, rectified=True).transient, None
-    if use_file_offsets:
-        if scan.offset_bins is None:
-            raise InvalidSettings("offsets=file: the file has no time_offset_bins")
-        return correct(transient, offset_bins=scan.offset_bins).transient, None
-    if arrivals is not None:
+    if use_file_offsets or arrivals is not None:
+        of_a_whole = None if use_file_offsets else arrivals
         known = correct(
-            transient, constants, offset_bins=arrivals.offset_bins,
+            transient, constants, offset_bins=scan.offset_bins if of_a_whole is None else of_a_whole.offset_bins,
             sync_count=scan.sync_count, total_count=scan.total_count,
         )  # fmt: skip
-        return known.transient, arrivals.response
+        return known.transient, None if of_a_whole is None else of_a_whole.response
     corrected = correct(transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
     hear(corrected.points)
     _log_calibration(corrected.report())
     return corrected.transient, _own(corrected.points)
+
+
+def _check_file_offsets(scan: LoadedScan) -> None:
+    """Raises `InvalidSettings` where a file's offsets are to be used, and it has none, or nothing to shift by them."""
+    if scan.points is not None:
+        raise InvalidSettings("offsets=file: the points are at free positions, offsets are of a grid. Leave it out.")
+    if scan.rectified:
+        raise InvalidSettings("offsets=file: time 0 is the wall already, there is nothing to shift. Use --raw as well.")
+    if scan.offset_bins is None:
+        raise InvalidSettings("offsets=file: the file has no time_offset_bins. Leave it out.")
 
 
 def _own(points: "CorrectedPoints") -> "ImpulseResponse | None":
