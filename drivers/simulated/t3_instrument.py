@@ -154,9 +154,9 @@ class T3Instrument:
         self._done_s = until_s
 
     def _moves_s(self, since_s: float, most_s: float) -> float:
-        """How much of the time after `since_s` the beam, which moves then, is still moving."""
+        """How much of the time after `since_s` the beam is still moving, or rests where another step will find it."""
         at_rest = self._bench.beam_at(since_s + most_s)
-        if self._bench.beam_at(since_s + most_s + _INSTANT_S) != at_rest:
+        if self._bench.beam_at(since_s) == at_rest or self._bench.beam_at(since_s + most_s + _INSTANT_S) != at_rest:
             return most_s
         least_s = 0.0
         while most_s - least_s > _INSTANT_S:
