@@ -11,6 +11,7 @@ from nlos.recon.method import MethodResult
 from nlos.recon.noise import estimate, without_background
 from nlos.recon.physics_settings import PUBLISHED_SNR, PhysicsSettings
 from nlos.recon.transport.falloff import Falloff
+from nlos.recon.transport.response_over_time import without_response
 
 
 def prepare(
@@ -19,12 +20,14 @@ def prepare(
     settings: PhysicsSettings,
     time: TimeAxis,
     falloff: Falloff | None,
+    response: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, float | torch.Tensor]:
     """Counts (B, C, T, H, W) as signal alone with its falloff undone, and the snr.
 
     Exposure is divided out, the background subtracted, points that were not measured are interpolated; how much of the
     falloff is undone, as far as there is light, and the snr follow from the noise found. Under the authors' conventions
-    nothing is subtracted, all falloff undone, and the snr theirs.
+    nothing is subtracted, all falloff undone, and the snr theirs. A `response` (B, K) is undone along time, before the
+    falloff: for methods that have no place for it among their own steps.
     """
     rates = equally_exposed(counts, exposure_s)
     noise = estimate(rates, None if exposure_s is None else exposure_s > 0, time)
@@ -32,6 +35,8 @@ def prepare(
     found: float | torch.Tensor = noise.snr() if physical else PUBLISHED_SNR
     snr = found if settings.snr is None else settings.snr
     signal = without_background(rates, noise.background) if physical else rates.clone()
+    if response is not None:
+        signal = _without_response(signal, exposure_s, response)
     if falloff is not None:
         weights = falloff.weights(noise.undone() if physical else None)
         if physical:  # beyond the last light there is only noise, which must not be made the brightest of all
@@ -41,6 +46,17 @@ def prepare(
     if exposure_s is not None:
         signal = fill_unmeasured(signal, exposure_s > 0)
     return signal, snr
+
+
+def _without_response(signal: torch.Tensor, exposure_s: torch.Tensor | None, response: torch.Tensor) -> torch.Tensor:
+    """(B, C, T, H, W), each sample's response (B, K) undone along time."""
+    measured = torch.ones_like(signal[:, 0, 0], dtype=torch.bool) if exposure_s is None else exposure_s > 0
+    taps = response.expand(len(signal), -1).cpu().double().numpy()
+    undone = [
+        np.stack([without_response(each.cpu().numpy(), there.cpu().numpy(), numbers) for each in sample])
+        for sample, there, numbers in zip(signal.detach(), measured, taps, strict=True)
+    ]
+    return torch.from_numpy(np.stack(undone)).to(signal)
 
 
 def seen_in(volume: torch.Tensor, depths_m: npt.NDArray[np.float64]) -> MethodResult[torch.Tensor]:

@@ -17,6 +17,8 @@ from nlos.recon.transport.fk_migration import FkMigration
 class Migration(nn.Module):
     """(B, C, T, H, W) counts -> (B, C, D, H, W) squared magnitude. Source: Lindell et al., ACM TOG 38(4), 2019."""
 
+    takes_response = True
+
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
         super().__init__()
         self.settings, self.time = settings, time
@@ -24,13 +26,18 @@ class Migration(nn.Module):
         self.falloff = Falloff(time, settings.falloff, settings.conventions)
         self.migrate = FkMigration(wall, time, settings.conventions)
 
-    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> MethodResult[torch.Tensor]:
+    def forward(
+        self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None
+    ) -> MethodResult[torch.Tensor]:
         """The volume, its front view and its depth map."""
-        return seen_in(self.volume(counts, exposure_s), self.depths_m)
+        return seen_in(self.volume(counts, exposure_s, response), self.depths_m)
 
-    def volume(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
-        """The intensity of the migrated wave, whose amplitude at the wall is the root of the counts."""
-        signal, _ = prepare(counts, exposure_s, self.settings, self.time, self.falloff)
+    def volume(
+        self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None
+    ) -> torch.Tensor:
+        """The intensity of the migrated wave, whose amplitude at the wall is the root of the counts; a `response`
+        (B, K) is undone along time first: the root would not let the wave's own steps hold it."""
+        signal, _ = prepare(counts, exposure_s, self.settings, self.time, self.falloff, response)
         amplitude = signal.clamp_(min=0).sqrt_()
         field: torch.Tensor = self.migrate(amplitude)
         return field.real.square().addcmul_(field.imag, field.imag)

@@ -7,7 +7,7 @@ import torch
 from pydantic import Field
 from torch import nn
 
-from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.errors import InvalidSettings
@@ -22,6 +22,8 @@ from nlos.recon.transport.phasor_field import KEPT_FILTER_BYTES, ConfocalRsd, fr
 from nlos.recon.transport.resampling import LightConeResampling
 from nlos.recon.transport.virtual_wave import VirtualWave
 
+KEPT = 0.45  # of a wave's amplitude that a response must leave; 0.4 and 0.5 serve as well
+
 
 class Settings(PhysicsSettings):
     """Settings of the phasor field. It has no inverse filter: `snr` changes nothing."""
@@ -31,7 +33,8 @@ class Settings(PhysicsSettings):
     variant: Literal["rsd", "light_cone"] = "rsd"
     """The exact confocal propagator, or the approximation in light-cone space (the authors' conventions use that)."""
     wavelength_m: Annotated[float, Field(gt=0)] | None = None
-    """Of the virtual wave, along the light's path; four wall pixels unless given."""
+    """Of the virtual wave, along the light's path; four wall pixels unless given, more where the instrument's response
+    would not leave enough of these."""
     cycles: Annotated[float, Field(ge=1, le=50)] | None = None
     """In the pulse; 4 unless given, 5 as published. Fewer see finer depth, more suppress noise."""
     planes: Annotated[int, Field(ge=2)] = 128
@@ -61,6 +64,8 @@ class Settings(PhysicsSettings):
 class Camera(nn.Module):
     """(B, C, T, H, W) counts -> (B, C, D, H, W) magnitude of the exact propagator's field."""
 
+    takes_response = True
+
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
         super().__init__()
         self.settings, self.time = settings, time
@@ -71,40 +76,73 @@ class Camera(nn.Module):
             raise InvalidSettings(f"near_m is {near_m:g} m and far_m {far_m:g} m; near must lie before far")
         self.depths_m = np.linspace(near_m, far_m, min(settings.planes, time.bins))
         self.falloff = Falloff(time, settings.falloff)
-        self.propagate = ConfocalRsd(wall, time, self.depths_m, _wavelength_m(settings, wall), _cycles(settings))
+        self.wall, self.wavelength_m = wall, _wavelength_m(settings, wall)
+        self.propagate = self._propagator(self.wavelength_m)
+        self.slower: tuple[float, ConfocalRsd] | None = None
 
-    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> MethodResult[torch.Tensor]:
+    def forward(
+        self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None
+    ) -> MethodResult[torch.Tensor]:
         """The volume, its front view and its depth map."""
-        return seen_in(self.volume(counts, exposure_s), self.depths_m)
+        return seen_in(self.volume(counts, exposure_s, response), self.depths_m)
 
-    def volume(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
-        """The magnitude of the field in focus."""
+    def volume(
+        self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None
+    ) -> torch.Tensor:
+        """The magnitude of the field in focus; where a `response` (B, K) is told, of a wave that it leaves standing."""
         signal, _ = prepare(counts, exposure_s, self.settings, self.time, self.falloff)
-        field: torch.Tensor = self.propagate(signal)
-        return field.abs()
+        if response is None:
+            field: torch.Tensor = self.propagate(signal)
+            return field.abs()
+        told = zip(signal, response.expand(len(signal), -1), strict=True)
+        return torch.cat([self._where_told(taps)(one[None]).abs() for one, taps in told])
+
+    def _where_told(self, taps: torch.Tensor) -> ConfocalRsd:
+        """The propagator of a wave that a response (K,) leaves standing; the last one is kept."""
+        wavelength_m = _wavelength_left_m(self.settings, self.wall, self.time, taps)
+        if wavelength_m == self.wavelength_m:
+            return self.propagate
+        if self.slower is None or self.slower[0] != wavelength_m:
+            self.slower = wavelength_m, self._propagator(wavelength_m)
+        return self.slower[1]
+
+    def _propagator(self, wavelength_m: float) -> ConfocalRsd:
+        return ConfocalRsd(self.wall, self.time, self.depths_m, wavelength_m, _cycles(self.settings))
 
 
 class LightConeCamera(nn.Module):
     """(B, C, T, H, W) counts -> (B, C, D, H, W) magnitude, back-projected on the light cone. Falloff is left alone."""
 
+    takes_response = True
+
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
         super().__init__()
         self.settings, self.time = settings, time
         self.depths_m = depths_m(time, settings.conventions)
-        self.wave = VirtualWave(time, _wavelength_m(settings, wall), _cycles(settings), settings.conventions)
+        self.wall = wall
         self.resample = LightConeResampling(time, settings.conventions)
         self.cone = LightConeConvolution(wall, time, settings.conventions)
 
-    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> MethodResult[torch.Tensor]:
+    def forward(
+        self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None
+    ) -> MethodResult[torch.Tensor]:
         """The volume, its front view and its depth map."""
-        return seen_in(self.volume(counts, exposure_s), self.depths_m)
+        return seen_in(self.volume(counts, exposure_s, response), self.depths_m)
 
-    def volume(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
-        """The magnitude on the light cone, resampled to depth."""
+    def volume(
+        self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None
+    ) -> torch.Tensor:
+        """The magnitude on the light cone, resampled to depth; of a wave that a `response` (B, K) leaves standing."""
         signal, _ = prepare(counts, exposure_s, self.settings, self.time, None)
-        phasors = self.wave(signal)
+        told = [None] * len(signal) if response is None else list(response.expand(len(signal), -1))
+        phasors = torch.cat([self._wave(taps)(one[None]) for one, taps in zip(signal, told, strict=True)])
         real, imaginary = (self.cone.adjoint(self.resample(part)) for part in (phasors.real, phasors.imag))
         return self.resample.adjoint(torch.hypot(real, imaginary))
+
+    def _wave(self, taps: torch.Tensor | None) -> VirtualWave:
+        settings = self.settings
+        wavelength_m = _wavelength_left_m(settings, self.wall, self.time, taps)
+        return VirtualWave(self.time, wavelength_m, _cycles(settings), settings.conventions)
 
 
 def build(settings: AnySettings, wall: WallGrid, time: TimeAxis) -> nn.Module:
@@ -127,6 +165,21 @@ def _wavelength_m(settings: Settings, wall: WallGrid) -> float:
     if settings.conventions == "authors":
         return 4 * wall.width_m / (wall.cols - 1)
     return 4 * max(wall.width_m / wall.cols, wall.height_m / wall.rows)
+
+
+def _wavelength_left_m(settings: Settings, wall: WallGrid, time: TimeAxis, taps: torch.Tensor | None) -> float:
+    """The wave's length, longer where a response (K,) would leave less than `KEPT` of it: there is then nothing but
+    noise in it. Never so long that the pulse does not fit the time axis; as given, where it is given."""
+    wavelength_m = _wavelength_m(settings, wall)
+    if taps is None or settings.wavelength_m is not None or settings.conventions == "authors":
+        return wavelength_m
+    shares = taps.cpu().double().numpy()
+    bin_m = SPEED_OF_LIGHT_M_PER_S * time.bin_width_s
+    place_m = (np.arange(len(shares)) - len(shares) // 2) * bin_m
+    longest_m = 2 * range_m(time, "physical") / _cycles(settings)
+    lengths_m = np.geomspace(wavelength_m, max(longest_m, wavelength_m), 200)
+    left = np.abs(np.exp(-2j * np.pi * place_m / lengths_m[:, None]) @ shares)
+    return float(lengths_m[int(np.argmax(left >= KEPT))] if (left >= KEPT).any() else lengths_m[-1])
 
 
 def _cycles(settings: Settings) -> float:

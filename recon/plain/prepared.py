@@ -8,14 +8,20 @@ from nlos.recon.gridding import filled
 from nlos.recon.noise import background_and_quality, best_snr, first_lit_bin, part_undone
 from nlos.recon.physics_settings import PUBLISHED_SNR, PhysicsSettings
 from nlos.recon.transport.falloff_weights import falloff_weights
+from nlos.recon.transport.response_over_time import without_response
 
 Cube = npt.NDArray[np.float32]
 
 
 def prepare(
-    counts: Cube, exposure_s: npt.NDArray[np.float64], settings: PhysicsSettings, time: TimeAxis
+    counts: Cube,
+    exposure_s: npt.NDArray[np.float64],
+    settings: PhysicsSettings,
+    time: TimeAxis,
+    response: npt.NDArray[np.float64] | None = None,
 ) -> tuple[Cube, float]:
-    """Signal (T, H, W) with its falloff undone and gaps filled, and the snr; see `recon.physics.prepare`."""
+    """Signal (T, H, W) with its falloff, and a `response` (K,), undone and gaps filled, and the snr; see
+    `recon.physics.prepare`."""
     measured = exposure_s > 0
     rates = counts
     if not (exposure_s == exposure_s[0, 0]).all():
@@ -28,6 +34,8 @@ def prepare(
     signal = rates.copy()
     if physical:
         signal[first_lit_bin(rates[None, None]) :] -= np.float32(background)
+    if response is not None:
+        signal = without_response(signal, measured, response)
     weights = falloff_weights(time, settings.falloff * undone, settings.conventions)
     if physical:
         weights = weights[np.minimum(np.arange(time.bins), end - 1)]

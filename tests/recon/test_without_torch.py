@@ -54,6 +54,20 @@ def test_numpy_gives_what_torch_gives(name: str, settings: dict[str, object], ki
         assert np.abs(ours - theirs).max() <= 1e-5 * theirs.max()
 
 
+@pytest.mark.parametrize("kind", ["even", "sparse"])
+@pytest.mark.parametrize("name", PLAIN)
+def test_numpy_undoes_a_response_as_torch_does(name: str, kind: str) -> None:
+    counts, exposure_s = scene(kind)
+    method, taps = find(name), np.array([0.0, 0.3, 0.4, 0.2, 0.1])
+    with torch.inference_mode():
+        expected = method.build(method.Settings(), WALL, TIME)(
+            torch.from_numpy(counts)[None, None], torch.from_numpy(exposure_s)[None], torch.from_numpy(taps)[None]
+        )
+    found = import_module(f"nlos.recon.plain.{name}").build(method.Settings(), WALL, TIME)(counts, exposure_s, taps)
+    theirs = expected.albedo[0].numpy()
+    assert np.abs(found.albedo - theirs).max() <= 1e-5 * theirs.max()
+
+
 def test_the_command_line_reconstructs_where_torch_is_not_installed(tmp_path: Path) -> None:
     counts, _ = scene("even")
     with h5py.File(tmp_path / "scan.h5", "w") as file:
