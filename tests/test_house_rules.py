@@ -1,13 +1,10 @@
 """Rules of the house that no linter checks: attributes are born in `__init__`, broad excepts have a reason, nothing of
-our own is pickled, functions take few values, and no instrument is known by name above the drivers."""
+our own is pickled, and functions take few values."""
 
 import ast
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-
-from nlos.drivers.galvo.models import MIRRORS
-from nlos.drivers.tcspc.models import COUNTERS
 
 TOP = Path(__file__).parents[1]
 PLACES = ("configs", "drivers", "acquisition", "calibration", "recon", "src/nlos", "studies")
@@ -141,15 +138,3 @@ def test_functions_take_few_parameters() -> None:
                 if len([each for each in asked if each.arg not in ("self", "cls")]) > MOST_PARAMETERS:
                     many.setdefault(file, set()).add(node.name)
     assert many == MORE, "values that belong together are one value; what is short again leaves the list"
-
-
-def test_no_instrument_is_known_by_name_above_the_drivers() -> None:
-    models = {*MIRRORS, *COUNTERS}
-    named = [
-        f"{file}:{node.lineno}: {node.value}"
-        for file, tree in files()
-        if not file.startswith("drivers/")
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Constant) and node.value in models
-    ]
-    assert named == []

@@ -20,8 +20,8 @@ from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.serial.port import plug, plugged, unplug
 from nlos.drivers.simulated.triggerscope.firmware import TriggerScopeFirmware
 from nlos.drivers.simulated.triggerscope.left_overs import HALF_LINES, LEFT_OVERS
-from nlos.drivers.simulated.triggerscope.output_watch import OutputWatch
 from nlos.drivers.simulated.triggerscope.wiring import Wiring
+from tests.drivers.output_watch import OutputWatch
 
 SHUTTER = 9
 PATH = [MirrorAngles(0.1, -0.05), MirrorAngles(-0.2, 0.15), MirrorAngles(0.0, 0.1)]

@@ -11,8 +11,8 @@ from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.serial.port import plug, plugged, unplug
 from nlos.drivers.simulated.triggerscope.firmware import V4, V4B, TriggerScopeFirmware
 from nlos.drivers.simulated.triggerscope.left_overs import HALF_LINES, LEFT_OVERS
-from nlos.drivers.simulated.triggerscope.output_watch import OutputWatch
 from nlos.drivers.simulated.triggerscope.wiring import Wiring
+from tests.drivers.output_watch import OutputWatch
 
 BOARDS = {"TriggerScope_V4B": V4B, "TriggerScope_V4": V4}
 SHUTTER = 9
