@@ -1,7 +1,18 @@
 """`nlos`, and `python -m nlos`: runs a verb and turns every error into a sentence and an exit code."""
 
 import os
+import signal
 import sys
+
+if (__name__ == "__main__" or os.path.basename(sys.argv[0]) in ("nlos", "nlos.exe")) and (
+    signal.getsignal(signal.SIGINT) is signal.default_int_handler
+):
+    # Until `main` begins nothing is open that could be left half done, and a Ctrl-C that falls into an import is
+    # printed as an error of the program, or forgotten by Python.
+    signal.signal(signal.SIGINT, lambda number, frame: os._exit(130))
+    _starting = signal.getsignal(signal.SIGINT)
+else:
+    _starting = None
 
 if __name__ == "__main__" and not sys.flags.safe_path:
     del sys.path[0]  # `python -m` puts the current folder first: a numpy.py in it is no part of this program
@@ -30,6 +41,8 @@ def main() -> None:
     escape_what_is_printed()
     try:
         never_lose_an_interrupt()
+        if _starting is not None and signal.getsignal(signal.SIGINT) is _starting:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
         code = run(sys.argv[1:])
     except KeyboardInterrupt:
         code = 130
