@@ -33,9 +33,10 @@ function turnable(canvas, paper) {
     if (self.mode === "surface" && scene.quads) drawSurface(g, project, shade); else if (self.mode === "slices" && scene.volume) drawSlices(g, project); else drawPoints(g, project, shade, scale);
     corners.forEach(([x, y], i) => { const [u, v] = corners[(i + 1) % 4]; line([x, y, 0], [u, v, 0], ink.dim, 1.5); });
     g.fillStyle = ink.dim; g.font = "12px system-ui, sans-serif"; g.textAlign = "left"; g.textBaseline = "alphabetic";
-    const label = (text, at) => { const p = project(...at); g.fillText(text, p[0] + 4, p[1] - 4); };
-    label(`wall, ${wide.toFixed(2)} x ${high.toFixed(2)} m`, [-X, -Y, 0]); label("y+", [-X, Y, 0]); label("x+", [X, -Y, 0]); label("z, from the wall", [X, -Y, far]);
-    const step = far > 1.4 ? .5 : far > .8 ? .25 : .1; for (let z = 2 * step; z <= far + 1e-9; z += step) { line([X, -Y, z], [X, -Y - .02 * high, z], ink.dim); const p = project(X, -Y - .03 * high, z); g.fillText(`${z.toFixed(2)} m`, p[0] + 2, p[1] + 12); }
+    const label = (text, at, down = -4) => { const p = project(...at); g.fillText(text, p[0] + 4, p[1] + down); };
+    label(`wall, ${wide.toFixed(2)} x ${high.toFixed(2)} m`, [-X, -Y, 0], 14); label("y+", [-X, Y, 0]); label("x+", [X, -Y, 0]); label("z, from the wall", [X, -Y, far]);
+    const [nearer, farther] = [project(X, -Y, 0), project(X, -Y, far)], apart = Math.hypot(nearer[0] - farther[0], nearer[1] - farther[1]) / far;
+    const step = [.1, .25, .5, 1, 2].find(s => s * apart > 52) || 5; for (let z = step; z <= far + 1e-9; z += step) { line([X, -Y, z], [X, -Y - .02 * high, z], ink.dim); const p = project(X, -Y - .03 * high, z); g.fillText(`${z.toFixed(2)} m`, p[0] + 2, p[1] + 12); }
     readOut();
   }
   function drawPoints(g, project, shade, scale) {
