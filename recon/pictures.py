@@ -34,8 +34,8 @@ def draw_albedo(reconstruction: Reconstruction, figure: Figure, axes: Axes) -> N
         reconstruction.albedo / brightest(reconstruction), cmap="gray", vmin=0, vmax=1,
         extent=extent(reconstruction), interpolation="nearest",
     )  # fmt: skip
-    figure.colorbar(drawn, ax=axes, label="brightness (relative)", shrink=0.85)
-    _hatched(axes, reconstruction)
+    doubt = ", hatched: likely no surface" if _hatched(axes, reconstruction) else ""
+    figure.colorbar(drawn, ax=axes, label=f"brightness (relative){doubt}", shrink=0.85)
     _label(axes, f"{reconstruction.method.upper()}: front view")
     _scale_bar(axes, reconstruction, "white")
 
@@ -155,15 +155,16 @@ def _single(reconstruction: Reconstruction, path: Path, draw: Callable[[Reconstr
     save_picture(figure, path)
 
 
-def _hatched(axes: Axes, reconstruction: Reconstruction) -> None:
-    """Hatches over what is drawn though there is more likely no surface than one."""
+def _hatched(axes: Axes, reconstruction: Reconstruction) -> bool:
+    """Hatches over what is drawn though there is more likely no surface than one; whether there is any such."""
     sure = reconstruction.intervals
     if sure is None:
-        return
+        return False
     doubtful = (sure.seen < DOUBTFUL) & (reconstruction.albedo > FAINT * brightest(reconstruction))
     if doubtful.any():
         y_m, x_m = reconstruction.wall.y_m(), reconstruction.wall.x_m()
         axes.contourf(x_m, y_m, doubtful.astype(float), levels=[0.5, 1.5], colors="none", hatches=["////"])
+    return bool(doubtful.any())
 
 
 def _scale_bar(axes: Axes, reconstruction: Reconstruction, colour: str) -> None:

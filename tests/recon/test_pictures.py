@@ -14,11 +14,11 @@ from PIL import Image
 from nlos.__main__ import run
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.pictures import depth_picture, si, small_print
+from nlos.recon.pictures import depth_picture, si, small_print, summary_figure
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.results import write_results
 from nlos.recon.seen import FAINT, FULL, depth_limits, depth_opacity, depth_span, visible_depth
-from nlos.recon.volume import Reconstruction
+from nlos.recon.volume import Intervals, Reconstruction
 
 WALL = WallGrid(1.0, 1.0, 32, 32)
 
@@ -51,6 +51,16 @@ def test_faint_speckle_does_not_stretch_the_colours() -> None:
     assert depth_limits([nothing]) == pytest.approx((0.0, 1.028))
     assert depth_span([nothing]) is None
     assert depth_limits([made(), replace(made(), depth_m=made().depth_m + 1)])[1] == pytest.approx(1.95, abs=0.1)
+
+
+def test_hatches_are_explained_where_there_are_any() -> None:
+    sure = np.where(made().albedo > 0, 0.9, 0.0).astype(np.float32)
+    doubted = sure.copy()
+    doubted[20:24, 4:8] = 0.2
+    for seen, explained in ((sure, False), (doubted, True)):
+        told = replace(made(), intervals=Intervals(*(made().albedo,) * 2, *(made().depth_m,) * 2, seen))
+        labels = [axes.get_ylabel() for axes in summary_figure(told).axes]
+        assert any("hatched: likely no surface" in label for label in labels) is explained
 
 
 def test_a_depth_picture_is_grey_beside_the_scene(tmp_path: Path) -> None:

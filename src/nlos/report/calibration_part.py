@@ -22,7 +22,7 @@ _FOUND = {
     "points_off_the_wall_fit": "Points off the fit of the wall",
     "offset_rms_ps": "Time offsets about that fit, RMS (ps)",
     "offset_rms_mm": "The same as a distance (mm)",
-    "scanner_position_m": "Scanner, from the wall's centre, by the places aimed at: x, y, z (m)",
+    "scanner_position_m": "Scanner, from the wall's centre: x, y, z (mm)",
     "electronic_delay_ns": "Delay of cables and electronics for that place (ns)",
     "response_fwhm_ps": "Impulse response, FWHM (ps)",
     "direct_masked_ns": "Direct light masked for (ns)",
@@ -85,7 +85,9 @@ def _figures(corrected: "Corrected") -> dict[str, str]:
     if wall is not None:
         error = np.sqrt(wall.covariance.diagonal())
         (x, y, z), (dx, dy, dz) = wall.scanner_position_m, error[:3]
-        rows[_FOUND["scanner_position_m"]] = f"{x:.5f} ± {dx:.5f}, {y:.5f} ± {dy:.5f}, {z:.5f} ± {dz:.5f}"
+        rows[_FOUND["scanner_position_m"]] = ", ".join(
+            f"{1e3 * at_m:.2f} ± {1e3 * error_m:.2f}" for at_m, error_m in ((x, dx), (y, dy), (z, dz))
+        )
         rows[_FOUND["electronic_delay_ns"]] = f"{wall.delay_s * 1e9:.4f} ± {error[3] * 1e9:.4f}"
     return rows
 
