@@ -19,6 +19,7 @@ import pytest
 
 from nlos.cli import archive as nlos_archive
 from nlos.cli.archive import files_of, folders_for, reconstruct_archive, worst
+from nlos.cli.archive_on_dask import connected
 from nlos.cli.archive_task import Task
 from nlos.cli.exit_codes import UsageError
 from nlos.recipe import Recipe
@@ -243,6 +244,24 @@ def test_no_scheduler_is_a_deadline_passed(tmp_path: Path) -> None:
     done = nlos(tmp_path, "reconstruct", "0.h5", "1.h5", "-o", "out", "--scheduler", f"tcp://127.0.0.1:{free_port()}")
     assert done.returncode == 9
     assert "no Dask scheduler answers" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_address_that_is_none_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="the `cluster` extra is not installed")
+    for address in ("tcp://127.0.0.1", "127.0.0.1:many", "tcp://:8786"):
+        with pytest.raises(UsageError, match="tcp://HOST:PORT is expected"), connected(address):
+            pass
+
+
+def test_an_encrypted_scheduler_needs_certificates() -> None:
+    dask = pytest.importorskip("dask", reason="the `cluster` extra is not installed")
+    with socket.socket() as door, dask.config.set({"distributed.comm.tls.ca-file": None}):
+        door.bind(("127.0.0.1", 0))
+        door.listen()
+        address = f"tls://127.0.0.1:{door.getsockname()[1]}"
+        with pytest.raises(UsageError, match="names no certificates"), connected(address):
+            pass
 
 
 def test_small_archives_need_no_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -251,12 +270,12 @@ def test_small_archives_need_no_workers(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(nlos_archive, "STARTUP_S", 600.0)  # a machine that does much else reconstructs slowly
     files = [scan(tmp_path / f"{number}.h5", number) for number in range(4)]
     tasks = [Task(str(file), file, Recipe("lct"), ResultsFolder(tmp_path / "out" / file.stem)) for file in files]
-    rows = reconstruct_archive(tasks, tmp_path / "out", "local")
+    rows = reconstruct_archive(tasks, tmp_path / "out", "local").rows
     assert {row["worker"].rpartition(":")[2] for row in rows} == {str(os.getpid())}
     with pytest.raises(FileExistsError):
         reconstruct_archive(tasks, tmp_path / "out", None)
     (tmp_path / "0.h5").write_bytes(b"")
-    rows = reconstruct_archive(tasks, tmp_path / "out", None, overwrite=True)
+    rows = reconstruct_archive(tasks, tmp_path / "out", None, overwrite=True).rows
     assert [row["outcome"] for row in rows] == ["failed", "done", "done", "done"]
     assert worst([row for row in rows if row["code"]]) == 7
 

@@ -6,6 +6,7 @@ that port belongs on loopback or a private network.
 
 import logging
 import os
+import socket
 import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
@@ -13,32 +14,35 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
 
 from nlos.acquisition.importers.isolated import IsolatedReader, reading_by
 from nlos.bench_constants import NONE
 from nlos.cli.archive_task import LOCAL, Outcome, Task, attempt
-from nlos.cli.exit_codes import ExitCode, Stopped
+from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.recon.own_methods import in_a_file
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
+log = logging.getLogger(__name__)
 _of_thread = threading.local()
 ANSWERS_S = 10
 """A scheduler that does not answer for this long does not exist, or has gone."""
 
 
-def on_workers(tasks: Sequence[Task], address: str) -> Iterator[Outcome]:
+def on_workers(client: "Client", tasks: Sequence[Task], address: str) -> Iterator[Outcome]:
     """One outcome a task as they come. A task whose worker died is taken up by another, until Dask holds the task for
-    the reason (`distributed.scheduler.allowed-failures`); one that failed is not tried again. Raises `Stopped` where
-    no scheduler answers at the beginning; where it goes later, what it had is unfinished."""
+    the reason (`distributed.scheduler.allowed-failures`); one that failed is not tried again. Where the scheduler
+    goes, what it had is unfinished."""
     from distributed import as_completed
 
-    with connected(address) as client:
-        futures = {client.submit(attempt_on_worker, _absolute(task), pure=False): task for task in tasks}
-        waiting = as_completed(futures)
-        for future in waiting:
-            yield _outcome(future, futures[future], address)
+    if not client.scheduler_info().get("workers"):
+        log.warning("the scheduler %s has no workers yet; waiting for them", address)
+    futures = {client.submit(attempt_on_worker, _absolute(task), pure=False): task for task in tasks}
+    waiting = as_completed(futures)
+    for future in waiting:
+        yield _outcome(future, futures[future], address)
 
 
 def attempt_on_worker(task: Task) -> Outcome:
@@ -90,6 +94,8 @@ def _absolute(task: Task) -> Task:
 @contextmanager
 def connected(address: str) -> Iterator["Client"]:
     """A client of the scheduler at `address`; `local` starts one worker process a core. Raises `Stopped`."""
+    if address != LOCAL:
+        _refuse_silence(address)
     from distributed import Client, LocalCluster
 
     for name in list(logging.root.manager.loggerDict):  # what became of files is said in lines of their own
@@ -105,8 +111,38 @@ def connected(address: str) -> Iterator["Client"]:
     try:
         client = Client(address, timeout=ANSWERS_S)
     except (OSError, ValueError) as error:
-        raise Stopped(ExitCode.DEADLINE, f"--scheduler {address}: no Dask scheduler answers ({error})") from error
+        raise _no_answer(address, error) from error
+    except TypeError as error:  # Dask's own, for an address without the certificates that it needs
+        raise UsageError(
+            f"--scheduler {address}: Dask's configuration names no certificates for it (distributed.comm.tls)"
+        ) from error
     try:
         yield client
     finally:
         client.close(timeout=ANSWERS_S)
+
+
+def _refuse_silence(address: str) -> None:
+    """Asks for a connection, before anything is loaded or written. Raises `Stopped` where nobody takes it; an address
+    that is no host and port is left to Dask."""
+    place = urlsplit(address if "://" in address else f"tcp://{address}")
+    try:
+        host, port = place.hostname, place.port
+    except ValueError as error:
+        raise UsageError(f"--scheduler {address}: {error}. tcp://HOST:PORT is expected, or `local`.") from error
+    if place.scheme not in ("tcp", "tls"):
+        return
+    if not host or not port:
+        raise UsageError(f"--scheduler {address}: tcp://HOST:PORT is expected, or `local` for workers on this machine.")
+    try:
+        socket.create_connection((host, port), ANSWERS_S / 2).close()
+    except OSError as error:
+        raise _no_answer(address, error) from error
+
+
+def _no_answer(address: str, error: Exception) -> Stopped:
+    return Stopped(
+        ExitCode.DEADLINE,
+        f"--scheduler {address}: no Dask scheduler answers ({error}). Is `dask scheduler` running there? Nothing was "
+        "written.",
+    )

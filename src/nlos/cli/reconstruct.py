@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from nlos.chain import FIRST_STAGE, STAGES, reconstruct_file
-from nlos.cli.archive import files_of, folders_for, reconstruct_archive, worst
-from nlos.cli.archive_record import RECORD
+from nlos.cli.archive import ended, files_of, folders_for, reconstruct_archive
+from nlos.cli.archive_record import MADE
 from nlos.cli.archive_task import Task
 from nlos.cli.contradictions import refuse_together, refuse_without
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
@@ -162,15 +162,12 @@ def _reconstruct_archive(
     tasks: Sequence[Task], output: Path, scheduler: str | None, *, overwrite: bool, skip_existing: bool
 ) -> None:
     """Several files, or a folder of them: each has an outcome of its own."""
-    rows = reconstruct_archive(tasks, output, scheduler, overwrite=overwrite, skip_existing=skip_existing)
-    done = [(row["file"], Path(row["folder"]), row["seconds"]) for row in rows if row["outcome"] == "done"]
-    _say(tasks[0].recipe.method, done)
-    if missing := [row for row in rows if row["outcome"] != "done"]:
-        raise Stopped(
-            worst(missing),
-            f"{len(missing)} of {len(rows)} files without a result, the others are done; {output / RECORD} says why. "
-            "The same command with --skip-existing takes these again.",
-        )
+    archived = reconstruct_archive(tasks, output, scheduler, overwrite=overwrite, skip_existing=skip_existing)
+    told = archived.rows if terminal.verbosity > 0 else archived.now
+    method = tasks[0].recipe.method
+    _say(method, [(row["file"], output / row["folder"], row["seconds"]) for row in told if row["outcome"] in MADE])
+    if stopped := ended(archived.rows, output):
+        raise stopped
 
 
 def _say(method: str, done: list[tuple[str, Path, float | None]]) -> None:

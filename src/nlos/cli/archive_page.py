@@ -1,0 +1,38 @@
+"""index.html of an archive: every picture small, what is wrong with which, and why the others are missing."""
+
+from html import escape
+from typing import Any
+
+STYLE = (
+    "body{font:15px system-ui;margin:2em;background:#111;color:#ddd}main{display:flex;flex-wrap:wrap;gap:1em}"
+    "figure{margin:0;width:220px}img{width:100%;background:#000}a{color:inherit}td{padding:.2em 1em .2em 0;"
+    "vertical-align:top}small{color:#999}.partial img{outline:3px solid #e6a817}.partial b{color:#e6a817}"
+)
+
+
+def page(rows: list[dict[str, Any]]) -> str:
+    """The gallery of an archive's rows; `folder` in each is relative to the page."""
+    shown = [row for row in rows if row["outcome"] in ("done", "partial")]
+    missing = [row for row in rows if row["outcome"] not in ("done", "partial")]
+    partial = sum(row["outcome"] == "partial" for row in shown)
+    title = f"{len(shown)} of {len(rows)} files" + (f", {partial} of them partial" if partial else "")
+    reasons = "".join(f"<tr><td>{escape(row['file'])}<td>{escape(row['reason'])}" for row in missing)
+    table = f"<h2>Without a result</h2><table>{reasons}</table>" if missing else ""
+    return (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{len(shown)} reconstructions</title>'
+        f"<style>{STYLE}</style><h1>{title}</h1>{table}<main>{''.join(map(_figure, shown))}</main></html>\n"
+    )
+
+
+def _figure(row: dict[str, Any]) -> str:
+    where = escape(row["folder"])
+    took = "" if row["seconds"] is None else f", {row['seconds']:.1f} s"
+    partial = row["outcome"] == "partial"
+    said = f"<br><b>partial: {escape(row['reason'])}</b>" if partial else ""
+    return (
+        f"<figure{' class=partial' if partial else ''}>"
+        f'<a href="{where}/"><img loading="lazy" src="{where}/albedo.png" alt="front view">'
+        f'<img loading="lazy" src="{where}/depth.png" alt="depth"></a>'
+        f"<figcaption>{escape(row['file'])}<br><small>{escape(row['method'])}{took}</small>{said}</figcaption>"
+        "</figure>"
+    )
