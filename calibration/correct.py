@@ -46,7 +46,7 @@ class CorrectedPoints:
         rms_s = offsets.rms_bins * width if offsets and wall else None
         measured = self.exposure_s > 0
         return {
-            "points": len(self.counts),
+            "points": int(measured.sum()),
             "points_without_direct_peak": int((~offsets.found & measured).sum()) if offsets else None,
             "points_off_the_wall_fit": int((offsets.stray & measured).sum()) if offsets and wall else None,
             "offset_rms_bins": offsets.rms_bins if offsets and wall else None,

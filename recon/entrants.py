@@ -4,6 +4,7 @@ import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from nlos.acquisition.transient import Transient
 from nlos.recon.errors import InvalidSettings
 from nlos.recon.methods import find, parse_settings
 from nlos.recon.own_methods import in_a_file, name_of
@@ -55,6 +56,15 @@ def choices(
     parse_settings(method, own)
     tuned = issubclass(known, PhysicsSettings) and known.has_inverse_filter and not fixed and "snr" not in own
     return [{**own, "snr": snr} for snr in SNR_CHOICES] if tuned else [own]
+
+
+def unlike_trained(one: Entrant, transient: Transient, falloff: float | None) -> str:
+    """Where a scan lies outside of what an entrant's own weights were trained on, in words."""
+    if "weights" not in one.settings:
+        return ""
+    from nlos.recon.weights.outside import outside_range
+
+    return outside_range(one.settings["weights"], transient, falloff)
 
 
 def learned_from(one: Entrant) -> frozenset[str]:

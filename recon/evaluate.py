@@ -19,7 +19,7 @@ from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, needed_array
 from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.conditions import NOISELESS, parsed, slowed
-from nlos.recon.entrants import Entrant, check_known, choices, entrant, learned_from
+from nlos.recon.entrants import Entrant, check_known, choices, entrant, learned_from, unlike_trained
 from nlos.recon.errors import InvalidData, InvalidSettings, ReconError
 from nlos.recon.fingerprint import fingerprint_of
 from nlos.recon.interval_scores import interval_scores
@@ -141,6 +141,9 @@ def evaluate(
             total -= each * (len(scenes) - len(having))
         transients = [response(transient_of(scene, condition)) for scene in having]
         for one in entrants:
+            if unlike := unlike_trained(one, transients[0], having[0].falloff):
+                notes.append(f"{one.name}, {condition}: {unlike}")
+                say(notes[-1])
             best: list[tuple[Row, Reconstruction]] = []
             for chosen in choices(one.method, settings or {}, fixed, one.settings):
                 runs = []
@@ -150,7 +153,7 @@ def evaluate(
                     step(done, total, f"{condition}, {one.name}, {scene.name}")
                 if not best or _mean_psnr(runs) > _mean_psnr(best):
                     best = runs
-            say(f"{condition:18} {one.name:16} psnr {_mean_psnr(best):6.2f} dB  {best[0][0].settings.get('snr', '')}")
+            say(f"{condition:18} {one.name:16} psnr {_mean_psnr(best):6.2f} dB{_tried(best[0][0])}")
             for row, picture in best:
                 rows.append(row)
                 pictures[row.scene, row.method, row.condition] = picture
@@ -263,6 +266,10 @@ def _run(
     )
     light = Reconstruction(done.albedo, done.depth_m, done.wall, done.method, done.seconds, done.settings)
     return row, light
+
+
+def _tried(row: Row) -> str:
+    return "" if row.settings.get("snr") is None else f"  at snr {row.settings['snr']:g}"
 
 
 def _mean_psnr(runs: list[tuple[Row, Reconstruction]]) -> float:

@@ -168,6 +168,8 @@ def _unique(items: Iterable[T]) -> list[T]:
 
 def _settings(row: Row) -> str:
     told = {key: value for key, value in row.settings.items() if value is not None}
+    if "weights" in told:  # which know the architecture
+        told = {key: told[key] for key in ("weights", "snr", "falloff", "response") if key in told}
     return ", ".join(
         f"{key} {value:g}" if isinstance(value, float) else f"{key} {value}" for key, value in told.items()
     )

@@ -122,6 +122,10 @@ def _run(path: Path, sha256: str) -> ModuleType:
         with _refused(str(path), str(path)):
             spec.loader.exec_module(module)
         _check(module, str(path))
+        if not (module.__doc__ or "").strip():
+            raise InvalidSettings(
+                f'{path}:1: the file does not say what it is: begin it with a line like """What it sees by."""'
+            )
     except BaseException:
         del sys.modules[name]
         raise
@@ -138,7 +142,8 @@ def _refused(whose: str, file: str) -> Iterator[None]:
     except (Exception, SystemExit) as error:  # importing it runs it, and it may raise anything, or try to end
         if _is_extra(error):
             raise
-        raise InvalidSettings(f"{_place(error, file) or whose}: {type(error).__name__}: {error}") from error
+        said = str(error).split("\n\nFor further information", 1)[0]  # pydantic's, with a web address
+        raise InvalidSettings(f"{_place(error, file) or whose}: {type(error).__name__}: {said}") from error
 
 
 def _is_extra(error: BaseException) -> bool:

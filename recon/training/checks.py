@@ -10,12 +10,13 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.errors import InvalidSettings, ReconError
+from nlos.recon.errors import InvalidSettings, ReconError, ReconstructionFailed
 from nlos.recon.methods import find, usable
 from nlos.recon.training.dataset import sample
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.file_checks import Problem, problems_of_files
 from nlos.recon.training.impulse_responses import read_impulse_response
+from nlos.recon.training.memory import out_of_memory_in_words, too_large
 from nlos.recon.training.scenes import kind_names, kinds_to_name
 from nlos.recon.training.train_settings import GEOMETRY, TrainSettings
 from nlos.recon.weights.files import WeightsError, find_weights, load_weights, read_about
@@ -29,6 +30,8 @@ def problems(settings: TrainSettings) -> list[Problem]:
     found = [*_of_method(settings), *_of_run(settings), *_of_files(settings)]
     for block in ("data", "validation"):
         found += _of_data(getattr(settings, block), block)
+    if not found and (why := too_large(settings)) is not None:
+        found.append((("data",), why))
     if not found:
         found += problems_of_files(settings)
     if not found:
@@ -171,11 +174,15 @@ def _of_network(settings: TrainSettings) -> Iterator[Problem]:
 
     wall, time = settings.data.wall, settings.data.time
     try:
-        model = build(settings, wall, time)
+        with out_of_memory_in_words(settings):
+            model = build(settings, wall, time)
         if settings.pooled_share:
             build(settings, WallGrid(wall.width_m, wall.height_m, wall.rows // 2, wall.cols // 2), time)
     except WeightsError as error:
         yield ("method_settings", "noise_weights"), str(error)
+        return
+    except ReconstructionFailed as error:
+        yield ("data",), str(error)
         return
     except (ReconError, ValueError, RuntimeError, IndexError, ZeroDivisionError, AssertionError) as error:
         grid = f"{wall.rows} x {wall.cols} points, {time.bins} bins"

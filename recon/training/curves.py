@@ -6,8 +6,11 @@ import math
 from pathlib import Path
 from typing import Any
 
-NO_CURVES = ("step", "seconds", "samples", "minutes", "finished", "validation")
 VALIDATED = "validation "
+NO_CURVES = (
+    "step", "seconds", "samples", "minutes", "finished", "data_wait", f"{VALIDATED}lct_psnr", f"{VALIDATED}margin_db",
+)  # fmt: skip
+"""Known at the end alone; the light cone's PSNR is a line beside the network's."""
 
 
 def curves_of(log: Path) -> dict[str, tuple[list[int], list[float]]]:
@@ -23,14 +26,15 @@ def curves_of(log: Path) -> dict[str, tuple[list[int], list[float]]]:
 
 
 def rows_of(log: Path) -> list[dict[str, Any]]:
-    """The log's lines; what validation found is `validation NAME`."""
-    rows = []
+    """A row a step, of all the log's lines about it; what validation found is `validation NAME`."""
+    rows: dict[int, dict[str, Any]] = {}
     for line in log.read_text(encoding="utf-8").splitlines():
         if line.endswith("}"):
             row = json.loads(line)
             checked = {f"{VALIDATED}{name}": value for name, value in row.pop("validation", {}).items()}
-            rows.append(row | checked)
-    return rows
+            row.pop("best", None)
+            rows[row["step"]] = {**rows.get(row["step"], {}), **row, **checked}
+    return [rows[step] for step in sorted(rows)]
 
 
 def draw(log: Path) -> None:
@@ -55,6 +59,10 @@ def draw(log: Path) -> None:
         axes = figure.add_subplot(lines, columns, place, title=name, xlabel="step")
         axes.plot(steps, values, marker="." if len(steps) < 40 else None, linewidth=0.9)
         finite = [value for value in values if math.isfinite(value)]
+        rivals = [row[f"{VALIDATED}lct_psnr"] for row in rows if f"{VALIDATED}lct_psnr" in row]
+        if name == f"{VALIDATED}psnr" and rivals:
+            axes.axhline(rivals[-1], color="0.5", linestyle="--", label="light cone")
+            axes.legend(fontsize=7)
         if not name.startswith(VALIDATED) and finite and min(finite) > 0 and max(finite) > 20 * min(finite):
             axes.set_yscale("log")
         axes.grid(alpha=0.3)

@@ -20,6 +20,8 @@ def read_impulse_response(path: Path, bin_width_s: float) -> npt.NDArray[np.floa
     background (median) is taken off; what stays below a hundredth of the peak at either end is cut. Raises ValueError
     for a file without a pulse.
     """
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
     with h5py.File(path) as file:
         name = next((name for name in ("histogram", "counts", "sum") if name in file), None)
         if name is None or not ("bin_width_s" in file.attrs or "time_s" in file):

@@ -17,7 +17,7 @@ class Log:
         if active:
             path.parent.mkdir(parents=True, exist_ok=True)
             lines = path.read_text().splitlines() if path.exists() else []
-            kept = [line for line in lines if line.endswith("}") and json.loads(line)["step"] <= step]
+            kept = [line for line in lines if line.endswith("}") and step and json.loads(line)["step"] <= step]
             path.write_text("".join(line + "\n" for line in kept))
 
     def terms(

@@ -16,7 +16,7 @@ from nlos.recon.errors import InvalidSettings, ReconstructionFailed
 from nlos.recon.training.architecture import method_settings
 from nlos.recon.training.checkpoint import commit, optimiser_tensors, put_optimiser
 from nlos.recon.training.train_settings import TrainSettings
-from nlos.recon.weights.described import range_of
+from nlos.recon.weights.described import parent_of, range_of
 from nlos.recon.weights.files import put_weights, read_about, read_weights, save
 
 STATE, WEIGHTS, LOG = "state.safetensors", "weights.safetensors", "log.jsonl"
@@ -33,7 +33,8 @@ def about_run(
 ) -> dict[str, Any]:
     """What weights of this step say about themselves; `before` is what those said that the run began with, and
     `learned_from` the fingerprints of scenes on disk."""
-    return {
+    parent = {} if settings.start_from is None else {"parent": parent_of(settings.start_from)}
+    return parent | {
         "method": settings.method,
         "architecture": method_settings(settings).model_dump(mode="json"),
         "range": range_of(settings.data.model_dump(mode="json")),
@@ -77,17 +78,37 @@ def keep_best(
 ) -> None:
     """The weights to use become these where validation finds them better than those before, or is no judge of them.
 
-    The light cone's figures on the same scenes are known at the end alone: the best weights get them then.
+    The light cone's figures on the same scenes are known at the end alone: the best weights get them then, and the
+    last figures of the run.
     """
     path, figures = folder / WEIGHTS, about["validation"]
+    ended = {"last": {"samples": about["samples"], **figures}} if "lct_psnr" in figures else {}
     best = read_about(path).get("validation", {}) if path.exists() else {}
     if not judged or not figures["psnr"] < best.get("psnr", -math.inf):
-        save_weights(folder, model, average, about)
-    elif "lct_psnr" in figures:
+        save_weights(folder, model, average, about | ended)
+    elif ended:
         held = read_weights(path)
         lct = figures["lct_psnr"]
-        save(path, held.tensors, held.about | {"validation": {
+        save(path, held.tensors, held.about | ended | {"licence": about["licence"], "validation": {
             **best, "lct_psnr": lct, "margin_db": best["psnr"] - lct}})  # fmt: skip
+
+
+def ended_run(folder: Path, settings: TrainSettings, step: int) -> dict[str, Any] | None:
+    """The summary of a run that is over and stays as it is; None where something is left to do."""
+    log = folder / LOG
+    if step < settings.steps or not (log.exists() and (folder / WEIGHTS).exists()):
+        return None
+    last = log.read_text(encoding="utf-8").splitlines()[-1:]
+    summary = json.loads(last[0]) if last and last[0].endswith("}") else {}
+    if not summary.get("finished") or read_about(folder / WEIGHTS).get("licence") != settings.licence:
+        return None
+    return dict(summary)
+
+
+def best_of(folder: Path) -> dict[str, Any]:
+    """Of the weights in `folder`: their step and what validation found."""
+    about = read_about(folder / WEIGHTS)
+    return {"step": about["step"], "samples": about["samples"], **about["validation"]}
 
 
 def _averaged(model: nn.Module, average: list[torch.Tensor]) -> dict[str, torch.Tensor]:

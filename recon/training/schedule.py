@@ -15,6 +15,13 @@ def learning_rate(settings: TrainSettings, step: int) -> float:
     return settings.last_rate + (settings.learning_rate - settings.last_rate) * (1 + math.cos(math.pi * done)) / 2
 
 
+def whole_batches(settings: TrainSettings) -> str:
+    """What to know where the samples are no whole number of batches: empty where they are."""
+    if settings.samples % settings.batch == 0:
+        return ""
+    return f"; {settings.samples:,} samples are no whole batches of {settings.batch}: {settings.seen:,} are seen"
+
+
 def validation_steps(steps: int) -> set[int]:
     """When a network in training is validated: early and often at first, then at every fifth of the way."""
     return {math.ceil(steps * part) for part in (0.02, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8)}

@@ -42,13 +42,15 @@ from nlos.recon.training.run_folder import (
     WEIGHTS,
     about_run,
     alone_in,
+    best_of,
+    ended_run,
     keep_best,
     not_finite,
     resume_run,
     save_state,
     save_weights,
 )
-from nlos.recon.training.schedule import learning_rate, validation_steps
+from nlos.recon.training.schedule import learning_rate, validation_steps, whole_batches
 from nlos.recon.training.told import told
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.validation import validate
@@ -123,7 +125,9 @@ def _train(
     step, spent_s = resume_run(settings, folder, model, optimiser, average, learned)
     log = Log(folder / LOG, step, rank == 0, settings.tensorboard)
     count = sum(p.numel() for p in parameters)
-    report(f"{settings.method}: {count:,} parameters, from step {step} of {settings.steps}")
+    report(f"{settings.method}: {count:,} parameters, from step {step} of {settings.steps}" + whole_batches(settings))
+    if (ended := ended_run(folder, settings, step)) is not None:
+        return ended
     started = saved = clock.monotonic()
     saving_s = 0.0
     elapsed, late, skipped = spent_s, False, 0
@@ -142,6 +146,10 @@ def _train(
         keep_best(folder, model, average, about, judged=getattr(model, "training_loss", None) is None)
         return figures
 
+    if rank == 0 and step == 0 and settings.start_from is not None:
+        figures = check()
+        log.line({"step": 0, "seconds": clock.monotonic() - started, "validation": figures})
+        report(f"before the first step, {settings.start_from}: " + _told(figures))
     workers = workers_for(settings, (settings.steps - step) * settings.batch, world, device)
     with Feed(settings, part, step, workers) as feed:
         while step < settings.steps and not late:
@@ -209,7 +217,7 @@ def _train(
     summary["data_wait"] = share
     if rank == 0:
         figures = check(against_lct=True)
-        summary |= {"validation": figures, "finished": step == settings.steps}
+        summary |= {"validation": figures, "finished": step == settings.steps, "best": best_of(folder)}
         log.line(summary)
         report(f"{summary['minutes']:.1f} min, {summary['samples']} samples: " + _told(figures))
         draw(folder / LOG)

@@ -35,7 +35,7 @@ class TrainSettings(Settings):
     seed: Annotated[int, Field(ge=0)] = 1
     """Of the order of samples and of the first weights."""
     samples: Annotated[int, Field(ge=1)] = 6000
-    """How many samples are seen."""
+    """How many samples are seen; rounded up to whole batches."""
     batch: Annotated[int, Field(ge=1, le=4096)] = 2
     """Samples a step."""
     learning_rate: Above0 = 2e-3
@@ -65,7 +65,7 @@ class TrainSettings(Settings):
     checkpoint_minutes: Above0 = 0.5
     """Between two states on disk; more where saving one would take over a twentieth of the time."""
     max_minutes: Above0 | None = None
-    """Stops there; the same command resumes."""
+    """Stops after the step under way then, and validates; the same command resumes."""
     workers: Annotated[int, Field(ge=0, le=256)] | None = None
     """Processes that make samples, each on one core; by default 1 on a CPU, the spare cores beside a GPU, and none for
     short runs. The run is the same."""
@@ -92,3 +92,8 @@ class TrainSettings(Settings):
     @property
     def steps(self) -> int:
         return -(-self.samples // self.batch)
+
+    @property
+    def seen(self) -> int:
+        """Samples at the end: whole batches."""
+        return self.steps * self.batch

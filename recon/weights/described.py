@@ -5,6 +5,7 @@ Written by training into the file's `about`, next to what older files already ho
 `validation` (figures on scenes of kinds never trained on); `range` (points, wall, bins, response, photons); `licence`.
 """
 
+import hashlib
 import json
 import logging
 from collections.abc import Mapping
@@ -16,7 +17,15 @@ from pydantic import ValidationError
 
 from nlos.recon.methods import catalogue, find
 from nlos.recon.own_methods import in_a_file, name_of
-from nlos.recon.weights.files import OWN_FOLDER, STUDIES, WeightsError, find_weights, read_about
+from nlos.recon.weights.files import (
+    OWN_FOLDER,
+    STUDIES,
+    WeightsError,
+    find_weights,
+    is_training_state,
+    read_about,
+    refuse_training_state,
+)
 
 log = logging.getLogger(__name__)
 OF_TRAINING = ("weights", "noise_weights")
@@ -42,6 +51,7 @@ def describe_weights(name: str, file: str | None = None) -> Description:
     Raises `WeightsError` for a file that does not say so, or that says what no method of the catalogue is.
     """
     path = find_weights(name)
+    refuse_training_state(path)
     about = read_about(path)
     method = about.get("method")
     if isinstance(method, str) and in_a_file(method):
@@ -111,7 +121,8 @@ def summary(name: str) -> dict[str, Any]:
     about = read_about(path)
     trained = about.get("settings", {})
     data = trained.get("data", about.get("data", "not stated")) if isinstance(trained, dict) else "not stated"
-    found: dict[str, Any] = {"format": "training state" if path.stem == "state" else "weights"}
+    state = is_training_state(path)
+    found: dict[str, Any] = {"format": "training state" if state else "weights"}
     found["method"] = about.get("method", "not stated")
     if found["method"] in catalogue():
         found["architecture"] = {
@@ -123,12 +134,28 @@ def summary(name: str) -> dict[str, Any]:
     if about.get("learned_from"):
         found["scenes on disk"] = len(about["learned_from"])
     found["for how long"] = how_long(about)
-    found["validation"] = about.get("validation", "not stated")
+    found["validation"] = "of the weights: see weights.safetensors" if state else about.get("validation", "not stated")
+    if (last := about.get("last")) is not None:
+        found["at the run's end"] = f"{last['samples']:,} samples, psnr {last['psnr']:.3f}"
+    if (parent := about.get("parent")) is not None:
+        found["begun with"] = f"{parent['name']}, licence {parent['licence']}, sha256 {parent['sha256'][:12]}"
     found["range"] = about.get("range") or (range_of(data) if isinstance(data, dict) else "not stated")
-    shipped = path.parent in (OWN_FOLDER, STUDIES)
-    found["licence"] = about.get("licence", PROJECT_LICENCE if shipped else "not stated")
+    found["licence"] = licence_of(path, about)
     found["made by"] = {key: about[key] for key in ("commit", "torch", "device", "threads") if key in about}
     return found
+
+
+def licence_of(path: Path, about: Mapping[str, Any]) -> str:
+    """How others may use weights: what their file says; what ships has the project's licence."""
+    shipped = path.parent in (OWN_FOLDER, STUDIES)
+    return str(about.get("licence", PROJECT_LICENCE if shipped else "not stated"))
+
+
+def parent_of(name: str) -> dict[str, str]:
+    """What weights say of those that they began with: name, licence and content. Raises `WeightsError`."""
+    path = find_weights(name)
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    return {"name": name, "licence": licence_of(path, read_about(path)), "sha256": digest}
 
 
 def how_long(about: Mapping[str, Any]) -> str:
@@ -137,7 +164,9 @@ def how_long(about: Mapping[str, Any]) -> str:
         return "not stated"
     before = about.get("samples_before", 0)
     after = f", after {before:,} samples and {about.get('hours_before', 0.0):.2f} hours of others" if before else ""
-    return f"{about['samples']:,} samples in {about.get('step', 0):,} steps, {about.get('hours', 0.0):.2f} hours{after}"
+    steps = about.get("step", 0)
+    steps_ = f"{steps:,} step" + ("" if steps == 1 else "s")
+    return f"{about['samples']:,} samples in {steps_}, {about.get('hours', 0.0):.2f} hours{after}"
 
 
 def range_of(data: Mapping[str, Any]) -> dict[str, str]:

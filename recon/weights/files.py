@@ -86,6 +86,23 @@ def read_about(path: Path) -> dict[str, Any]:
     return about if isinstance(about, dict) else {}
 
 
+def is_training_state(path: Path) -> bool:
+    """Whether a file is what a training resumes from, and not its weights."""
+    if path.suffix in SUFFIXES:
+        return False
+    try:
+        with safe_open(path, framework="pt") as file:
+            return any(name.startswith("average/") for name in file.keys())  # noqa: SIM118 - not a mapping
+    except (SafetensorError, OSError):
+        return False
+
+
+def refuse_training_state(path: Path) -> None:
+    """Raises WeightsError for what a training resumes from."""
+    if is_training_state(path):
+        raise WeightsError(f"{path} is the state of a training. Use weights.safetensors, which lies beside it.")
+
+
 def holds(name: str, prefix: str) -> bool:
     """Whether the weights `name` have parameters whose names begin with `prefix`. Raises WeightsError."""
     return any(tensor.startswith(prefix) for tensor in read_weights(find_weights(name)).tensors)
@@ -97,6 +114,7 @@ def load_weights(module: nn.Module, name: str) -> dict[str, Any]:
     Raises WeightsError unless every parameter is there in its shape.
     """
     path = find_weights(name)
+    refuse_training_state(path)
     weights = read_weights(path)
     put_weights(module, weights.tensors, str(path))
     return weights.about
@@ -115,8 +133,6 @@ def put_weights(module: nn.Module, tensors: Mapping[str, torch.Tensor], source: 
 
     Parameters whose names begin with one of the module's `added_later` may be missing, and stay as they were built.
     """
-    if any(name.startswith("average/") for name in tensors):
-        raise WeightsError(f"{source}: is the state of a training. Use weights.safetensors, which lies beside it.")
     own = dict(module.named_parameters())
     later = tuple(getattr(module, "added_later", ()))
     own = {name: parameter for name, parameter in own.items() if name in tensors or not name.startswith(later)}

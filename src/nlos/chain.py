@@ -176,8 +176,19 @@ def reconstruct_scan(
     known = constants_for(scan, recipe.constants)
     transient = with_response(calibrate_scan(scan, use_file_offsets, known, arrivals), recipe.response)
     say_response(transient)
+    if unlike := _unlike_trained(chosen.get("weights"), transient, scan.falloff):
+        log.warning("%s", unlike)
     stage(f"{recipe.method} on {transient.wall.rows} x {transient.wall.cols} x {transient.time.bins}")
     return replace(reconstruct(transient, recipe.method, chosen, recipe.device), left_aside=scan.left_aside)
+
+
+def _unlike_trained(weights: object, transient: "Transient", falloff: float | None) -> str:
+    """Where the scan lies outside of what weights of one's own were trained on, in words."""
+    if weights is None:
+        return ""
+    from nlos.recon.weights.outside import outside_range
+
+    return outside_range(weights, transient, falloff)
 
 
 def reconstruct_file(

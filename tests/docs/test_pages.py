@@ -83,3 +83,14 @@ def test_every_extra_of_the_package_is_in_the_table() -> None:
     rows = [line for line in (DOCS / "index.md").read_text(encoding="utf-8").splitlines() if line.startswith("| `")]
     named = {name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])}
     assert named == set(project["optional-dependencies"])
+
+
+def test_every_column_of_an_evaluation_is_explained() -> None:
+    from dataclasses import fields
+
+    from nlos.recon.evaluate import Row
+
+    page = (DOCS / "howto" / "judging.md").read_text(encoding="utf-8")
+    figures = page[page.index("## What the figures mean") :]
+    assert [field.name for field in fields(Row) if f"`{field.name}`" not in figures] == []
+    assert "`NAME~300ps`" in page

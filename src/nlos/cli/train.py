@@ -35,7 +35,8 @@ def train(
 ) -> None:
     """Train a learned method; an interrupted run resumes from its last checkpoint."""
     from nlos.recon.training import train as training
-    from nlos.recon.training.run_folder import STATE
+    from nlos.recon.training.memory import out_of_memory_in_words
+    from nlos.recon.training.run_folder import STATE, WEIGHTS
     from nlos.recon.training.train_settings import TrainSettings
     from nlos.recon.weights.files import read_about
 
@@ -62,7 +63,8 @@ def train(
         def told(step: int, steps: int, loss: float) -> None:
             progress.step(note=f", loss {loss:.4g}")
 
-        summary = training.train(settings, folder, say, progress=told, overwrite=overwrite)
+        with out_of_memory_in_words(settings):
+            summary = training.train(settings, folder, say, progress=told, overwrite=overwrite)
     if _rank():
         return
     if "signal" in summary:
@@ -74,7 +76,14 @@ def train(
         )
     figures = ", ".join(f"{name} {value:.3f}" for name, value in summary.get("validation", {}).items())
     state = "done" if summary.get("finished") else "stopped; the same command resumes"
-    terminal.result(f"{folder}: {state}; {summary['samples']} samples; {figures}", folder=str(folder), **summary)
+    terminal.result(
+        f"{folder}: {state}; {summary['samples']} samples; at the end {figures}", folder=str(folder), **summary
+    )
+    if (best := summary.get("best")) is not None:
+        terminal.result(
+            f"{folder / WEIGHTS}: the best on validation, of step {best['step']} of {settings.steps}: "
+            f"psnr {best['psnr']:.3f}"
+        )
 
 
 def _rank() -> int:
@@ -93,21 +102,30 @@ def _refuse_problems(loaded: "Loaded[TrainSettings]") -> None:
 
 
 def _spoken(hours: float) -> str:
-    return f"{hours:.1f} hours" if hours >= 1 else f"{60 * hours:.1f} minutes"
+    if hours >= 1:
+        return f"{hours:.1f} hours"
+    return f"{60 * hours:.1f} minutes" if hours >= 1 / 60 else f"{3600 * hours:.0f} seconds"
 
 
 def _say_trial(settings: "TrainSettings", folder: Path, anew: bool) -> None:
+    from nlos.recon.training.memory import out_of_memory_in_words
     from nlos.recon.training.run_folder import STATE
+    from nlos.recon.training.schedule import whole_batches
     from nlos.recon.training.trial import trial
     from nlos.recon.weights.files import read_about
 
     there = folder / STATE
     seen = int(read_about(there).get("samples", 0)) if there.exists() and not anew else 0
-    found = trial(settings, seen)
+    with out_of_memory_in_words(settings):
+        found = trial(settings, seen)
     resumes = f", {seen:,} of them seen" if seen else ""
-    terminal.result(f"{settings.method}: {found['parameters']:,} parameters, {settings.samples:,} samples{resumes}")
+    terminal.result(
+        f"{settings.method}: {found['parameters']:,} parameters, {settings.samples:,} samples{resumes}"
+        f"{whole_batches(settings)}"
+    )
     terminal.result(
         f"{found['seconds_to_make_a_sample']:.2f} s to make a sample, {found['seconds_to_learn_from_it']:.2f} s to "
-        f"learn from it, {found['peak_rss_mb']:.0f} MB; about {_spoken(found['hours_left'])} to the end here",
+        f"learn from it, {found['seconds_of_validation']:.1f} s to validate, {found['peak_rss_mb']:.0f} MB; about "
+        f"{_spoken(found['hours_left'])} to the end on this machine as busy as now",
         **found,
     )

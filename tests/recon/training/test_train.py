@@ -19,6 +19,7 @@ from nlos.recon.training.schedule import learning_rate
 from nlos.recon.training.ship import ship
 from nlos.recon.training.train import train
 from nlos.recon.training.train_settings import TrainSettings
+from nlos.recon.weights.described import describe_weights, summary
 from nlos.recon.weights.files import WeightsError, load_weights, put_weights, read_weights, save
 
 TINY: dict[str, Any] = {"rows": 16, "cols": 16, "bins": 64, "bin_width_ps": 256.0}
@@ -175,8 +176,12 @@ def test_weights_of_another_network_are_refused_by_name(tmp_path: Path) -> None:
         load_weights(large, str(tmp_path / "w.safetensors"))
     with pytest.raises(WeightsError, match="extra is not of this network"):
         put_weights(small, dict(small.named_parameters()) | {"extra": torch.zeros(1)}, "here")
+    save(tmp_path / "s.safetensors", {"average/weight": torch.zeros(3, 2)}, {"method": "unet"})
     with pytest.raises(WeightsError, match=r"the state of a training. Use weights\.safetensors"):
-        put_weights(small, {"average/weight": torch.zeros(3, 2), "step": torch.zeros(1)}, "state.safetensors")
+        load_weights(small, str(tmp_path / "s.safetensors"))
+    with pytest.raises(WeightsError, match="the state of a training"):
+        describe_weights(str(tmp_path / "s.safetensors"))
+    assert summary(str(tmp_path / "s.safetensors"))["format"] == "training state"
     (tmp_path / "w.safetensors").write_bytes(b"no weights")
     with pytest.raises(WeightsError, match="not a readable safetensors file"):
         load_weights(small, str(tmp_path / "w.safetensors"))

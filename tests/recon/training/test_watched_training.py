@@ -22,6 +22,7 @@ from nlos.recon.training.curves import curves_of
 from nlos.recon.training.run_folder import LOG, STATE, WEIGHTS, alone_in
 from nlos.recon.training.schedule import validation_steps
 from nlos.recon.training.train_settings import TrainSettings
+from nlos.recon.weights import described
 from nlos.recon.weights.files import read_about, read_weights
 
 TEXT = {
@@ -154,7 +155,10 @@ def test_the_log_is_a_table_and_every_curve_is_seen(tmp_path: Path, cache: Path)
     assert [row["step"] for row in rows if row["loss"]] == [str(step) for step in range(1, 21)]
     assert {"loss", "rate", "gradient_norm", "validation psnr", "validation depth_mad_m"} <= rows[0].keys()
     curves = curves_of(tmp_path / LOG)
-    assert {"loss", "rate", "gradient_norm", "validation psnr", "validation lct_psnr"} <= curves.keys()
+    assert {"loss", "rate", "gradient_norm", "validation psnr"} <= curves.keys()
+    assert not {"data_wait", "validation lct_psnr"} & curves.keys(), "known once, they are no curves"
+    assert [row["step"] for row in rows] == [str(step) for step in range(1, 21)], "a row a step, whatever it says"
+    assert rows[-1]["validation lct_psnr"]
     picture = matplotlib.image.imread(tmp_path / "loss.png")[..., :3]
     blue = np.abs(picture - np.array([0x1F, 0x77, 0xB4]) / 255).max(axis=2) < 0.02
     columns, rows_of_panels = 3, -(-len(curves) // 3)
@@ -180,3 +184,39 @@ def test_off_a_terminal_progress_is_a_line_with_rate_loss_and_time_left(
     assert "s left" in said
     with pytest.raises(InvalidSettings, match="has seen 8 already"):
         training.train(settings(cache, samples=2), tmp_path / "run", quiet)
+
+
+def test_a_finished_run_is_left_as_it_is_and_says_its_best(
+    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from nlos.__main__ import run
+
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path, cache, samples=13, batch=4)
+    assert run(["train", "a.yaml", "-o", "run"]) == 0
+    first = capsys.readouterr()
+    assert "13 samples are no whole batches of 4: 16 are seen" in first.err
+    best = read_about(tmp_path / "run" / WEIGHTS)
+    assert f"run/weights.safetensors: the best on validation, of step {best['step']} of 4: psnr" in first.out
+    assert best["last"]["samples"] == 16
+    before = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "run").iterdir() if path.name != LOG}
+    assert run(["train", "a.yaml", "-o", "run"]) == 0
+    assert capsys.readouterr().out == first.out
+    after = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "run").iterdir() if path.name != LOG}
+    assert {name: at for name, at in after.items() if name in before} == before
+
+
+def test_what_it_begins_with_is_judged_first_and_named(tmp_path: Path, cache: Path) -> None:
+    training.train(settings(cache, samples=4, licence="CC0-1.0"), tmp_path / "a", quiet)
+    start = str(tmp_path / "a" / WEIGHTS)
+    told: list[str] = []
+    wrecked = settings(cache, samples=8, start_from=start, learning_rate=0.1, last_rate=0.1)
+    summary = training.train(wrecked, tmp_path / "b", told.append)
+    assert any(line.startswith(f"before the first step, {start}: psnr") for line in told)
+    lines = [json.loads(line) for line in (tmp_path / "b" / LOG).read_text().splitlines()]
+    assert lines[0]["step"] == 0
+    about = read_about(tmp_path / "b" / WEIGHTS)
+    assert (about["step"], about["validation"]["psnr"]) == (0, lines[0]["validation"]["psnr"]), "it began best"
+    assert summary["best"]["step"] == 0
+    assert about["parent"]["licence"] == "CC0-1.0"
+    assert described.summary(str(tmp_path / "b" / WEIGHTS))["begun with"].startswith(f"{start}, licence CC0-1.0")

@@ -6,11 +6,14 @@ import sys
 from pathlib import Path
 
 import pytest
+import torch
 
 from nlos.configs.load import load, names
-from nlos.recon.errors import InvalidSettings
+from nlos.recon.errors import InvalidSettings, ReconstructionFailed
 from nlos.recon.training.checks import _shared_scenes, problems, trainable
+from nlos.recon.training.memory import least_bytes, out_of_memory_in_words, too_large
 from nlos.recon.training.run_folder import STATE
+from nlos.recon.training.schedule import validation_steps
 from nlos.recon.training.train import train
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.weights.files import read_about
@@ -53,6 +56,8 @@ WRONG = {
     "no scenes": (("scenes: 4", "scenes: 0"), ":3:", "greater than or equal to 1"),
     "no rows": (("rows: 16", "rows: 0"), ":3:", "data.rows"),
     "bins below 0": (("bins: 64", "bins: -64"), ":3:", "data.bins"),
+    "more than any machine holds": (("rows: 16, cols: 16, bins: 64", "rows: 1024, cols: 1024, bins: 65536"), ":3:",
+                                    "GiB at the least"),
     "a bin of no width": (("bin_width_ps: 256.0", "bin_width_ps: 0.0"), ":3:", "data.bin_width_ps"),
     "a time axis before the scenes": (("bins: 64", "bins: 8"), ":3:", "bins are needed"),
     "a wall of no size": ((DATA, DATA[:-1] + ", wall_width_m: 0.0}"), ":3:", "data.wall_width_m"),
@@ -109,6 +114,29 @@ def test_a_wrong_training_file_is_refused_with_its_line(
 def test_validation_by_other_scenes_is_taken(validation: dict[str, object]) -> None:
     given = {"method": "unet", "data": {"kinds": ["wires"]}, "validation": validation}
     assert _shared_scenes(TrainSettings.model_validate_json(json.dumps(given))) is None
+
+
+def test_a_training_larger_than_what_is_free_is_refused_before_anything_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.yaml").write_text(GOOD)
+    settings = load("train", str(tmp_path / "a.yaml"), TrainSettings).settings
+    monkeypatch.setattr("nlos.recon.training.memory.available_bytes", lambda: least_bytes(settings))
+    assert too_large(settings) is None
+    monkeypatch.setattr("nlos.recon.training.memory.available_bytes", lambda: least_bytes(settings) - 1)
+    monkeypatch.setattr("nlos.recon.training.checks.sample", None)
+    ((place, words),) = problems(settings)
+    assert place == ("data",)
+    assert "a batch of 2 of 16 x 16 points x 64 bins takes" in words
+
+
+def test_an_allocator_that_gives_up_is_told_in_words(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text(GOOD)
+    settings = load("train", str(tmp_path / "a.yaml"), TrainSettings).settings
+    with pytest.raises(ReconstructionFailed, match="memory ran out"), out_of_memory_in_words(settings):
+        torch.empty(1 << 50)
+    with pytest.raises(RuntimeError, match="another"), out_of_memory_in_words(settings):
+        raise RuntimeError("another")
 
 
 def test_a_batch_that_ranks_cannot_share_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -171,5 +199,8 @@ def test_check_says_size_memory_and_hours_and_takes_no_step(tmp_path: Path) -> N
     assert said["parameters"] > 1000
     assert said["peak_rss_mb"] > 50
     assert said["seconds_per_sample"] > 0
-    assert said["hours_left"] == pytest.approx(4 * said["seconds_per_sample"] / 3600)
+    validations = len(validation_steps(2))
+    assert said["hours_left"] == pytest.approx(
+        (4 * said["seconds_per_sample"] + validations * said["seconds_of_validation"]) / 3600
+    )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.yaml"]

@@ -81,7 +81,7 @@ def test_weights_say_on_what_how_long_how_good_for_what_and_under_which_licence(
     found = summary(str(path))
     assert found["format"] == "weights"
     assert found["trained on"]["scenes"] == 2
-    assert found["for how long"].startswith("2 samples in 1 steps")
+    assert found["for how long"].startswith("2 samples in 1 step, ")
     assert {"psnr", "depth_mad_m", "lct_psnr"} <= found["validation"].keys()
     assert found["range"]["points"] == "16 x 16, 125 mm apart on 2 m"
     assert found["range"]["bins"] == "64 of 256 ps, 16.384 ns"
