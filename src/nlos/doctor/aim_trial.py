@@ -47,8 +47,8 @@ def beam_seen(bench: Bench) -> Iterator[Finding]:
     try:
         check_sense(spots)
     except InvalidData as error:
-        what, _, remedy = str(error).partition(": ")
-        yield failed("aim", what, f"{remedy[:1].upper()}{remedy[1:]}")
+        what, _, remedy = str(error).partition(";")[0].partition(": ")
+        yield failed("aim", what, f"{remedy[:1].upper()}{remedy[1:].rstrip('.')}, and let the doctor look again.")
         return
     distance_m = bench.settings.geometry.wall_distance_m
     said = f"the beam comes {off_m[0]:+.3f}, {off_m[1]:+.3f} m from where it was sent"
