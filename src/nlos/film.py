@@ -157,10 +157,16 @@ def write_gif(path: Path, film: Film) -> None:
     images[0].save(path, "GIF", save_all=True, append_images=images[1:], duration=pace_ms, loop=0)
 
 
-def write_mp4(path: Path, film: Film) -> None:
-    """The same by the computer's ffmpeg. Raises `InvalidData` where there is none, or it fails."""
+def ffmpeg() -> str:
+    """Where the computer's ffmpeg is. Raises `InvalidData` where there is none."""
     if (encoder := shutil.which("ffmpeg")) is None:
         raise InvalidData("mp4: there is no ffmpeg on this computer. Install it, or export gif.")
+    return encoder
+
+
+def write_mp4(path: Path, film: Film) -> None:
+    """The same by the computer's ffmpeg. Raises `InvalidData` where there is none, or it fails."""
+    encoder = ffmpeg()
     drawn = _drawn(film)
     rows, cols = drawn.shape[1:3]
     command = [

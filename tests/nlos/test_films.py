@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.engine import record, scan
 from nlos.chain import reconstruct_file
+from nlos.cli.app import load_verb
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.simulated.motion import pose_at
@@ -156,3 +158,22 @@ def test_a_film_that_cannot_be_is_refused(run: Path, tmp_path: Path, monkeypatch
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(InvalidData, match="no ffmpeg"):
         write_mp4(tmp_path / "film.mp4", film)
+
+
+@pytest.mark.parametrize("formats", ["gif,mp4", "npz,gif,mp4", "npz,ply"])
+def test_formats_of_which_one_cannot_be_written_leave_no_file(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, formats: str
+) -> None:
+    there = tmp_path / "run.h5"
+    shutil.copyfile(run, there)
+    monkeypatch.setenv("PATH", str(tmp_path))  # no ffmpeg
+    with pytest.raises(Exception, match=r"no ffmpeg|not a reconstruction"):
+        load_verb("export").main([str(there), "--to", formats], standalone_mode=False)
+    assert [path.name for path in tmp_path.iterdir()] == ["run.h5"]
+
+
+def test_a_film_is_exported_with_its_scan(run: Path, tmp_path: Path) -> None:
+    there = tmp_path / "run.h5"
+    shutil.copyfile(run, there)
+    load_verb("export").main([str(there), "--to", "gif,npz"], standalone_mode=False)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.gif", "run.h5", "run.npz"]

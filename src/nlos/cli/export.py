@@ -1,7 +1,8 @@
 """`nlos export`: a recording or a reconstruction in other people's formats."""
 
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -24,6 +25,9 @@ from nlos.recon.export_ply import write_ply
 from nlos.recon.export_vti import write_vti
 from nlos.recon.results import read_reconstruction
 from nlos.whole_file import whole_file
+
+if TYPE_CHECKING:
+    from nlos.film import Film
 
 SCAN_FORMATS = {"npz": ".npz", "mat": ".mat", "ytal": ".hdf5", "ptu": ".ptu"}
 HELD = "Of scans mat, npz, ytal, ptu; of pictures ply, obj, glb, vti; of films gif, mp4."
@@ -60,20 +64,28 @@ def export(
             raise UsageError(f"{target}: is the file that is exported; choose another name with -o")
         if target.exists() and not overwrite:
             raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --overwrite.")
-    written = []
+    film = _film(run, method or "lct", words) if set(words) & set(FILM_FORMATS) else None
+    left_behind = {}
+    with ExitStack() as together:  # a format that cannot be written leaves none of the others either
+        for word, target in targets.items():
+            partial = together.enter_context(whole_file(target))
+            if word in FILM_FORMATS:
+                assert film is not None
+                left_behind[word] = _write_film(film, word, partial)
+            elif word in SCAN_FORMATS:
+                left_behind[word] = _write_scan(run, word, partial, target)
+            else:
+                left_behind[word] = _write_picture(run, word, partial)
     for word, target in targets.items():
-        if word in FILM_FORMATS:
-            left_behind = _write_film(run, word, target, method or "lct")
-        else:
-            left_behind = _write_scan(run, word, target) if word in SCAN_FORMATS else _write_picture(run, word, target)
         terminal.result(f"{target}: written as {word}")
-        for note in left_behind:
+        for note in left_behind[word]:
             terminal.log(f"  {note}")
-        written.append({"format": word, "file": str(target), "left_behind": left_behind})
-    terminal.document["exported"] = written
+    terminal.document["exported"] = [
+        {"format": word, "file": str(target), "left_behind": left_behind[word]} for word, target in targets.items()
+    ]
 
 
-def _write_scan(run: Path, word: str, target: Path) -> list[str]:
+def _write_scan(run: Path, word: str, partial: Path, target: Path) -> list[str]:
     frames = 1
     if is_recording(run):
         with open_checked(run) as recording:
@@ -83,11 +95,10 @@ def _write_scan(run: Path, word: str, target: Path) -> list[str]:
     if not (arrays.exposure_s > 0).any():
         raise InvalidData(f"{run}: no point of it was measured; there is nothing to export")
     write = {"npz": write_npz, "mat": write_matlab, "ytal": write_ytal, "ptu": write_ptu}[word]
-    with whole_file(target) as partial:
-        try:
-            left_behind = write(arrays, partial)
-        except InvalidData as error:
-            raise InvalidData(str(error).replace(str(partial), str(target))) from error
+    try:
+        left_behind = write(arrays, partial)
+    except InvalidData as error:
+        raise InvalidData(str(error).replace(str(partial), str(target))) from error
     if frames > 1:
         left_behind = [*left_behind, f"the {frames} frames, which are added up: `nlos reconstruct --frame` takes one"]
     if arrays.left_aside:
@@ -95,19 +106,24 @@ def _write_scan(run: Path, word: str, target: Path) -> list[str]:
     return left_behind
 
 
-def _write_film(run: Path, word: str, target: Path, method: str) -> list[str]:
-    from nlos.film import film_of, write_gif, write_mp4
+def _film(run: Path, method: str, words: list[str]) -> "Film":
+    from nlos.film import ffmpeg, film_of
 
+    if "mp4" in words:
+        ffmpeg()  # before minutes of pictures
     with frames_counted(run) as counted:
-        film = film_of(run, Recipe(method), step=counted)
-    with whole_file(target) as partial:
-        {"gif": write_gif, "mp4": write_mp4}[word](partial, film)
+        return film_of(run, Recipe(method), step=counted)
+
+
+def _write_film(film: "Film", word: str, partial: Path) -> list[str]:
+    from nlos.film import write_gif, write_mp4
+
+    {"gif": write_gif, "mp4": write_mp4}[word](partial, film)
     return ["brightness only, on one scale: `nlos reconstruct --film` keeps depths and the table of places and speeds"]
 
 
-def _write_picture(run: Path, word: str, target: Path) -> list[str]:
+def _write_picture(run: Path, word: str, partial: Path) -> list[str]:
     check_isolated(run, "nlos.recon.results:read_reconstruction")
     result = read_reconstruction(run)
-    with whole_file(target) as partial:
-        {"ply": write_ply, "obj": write_obj, "glb": write_glb, "vti": write_vti}[word](partial, result)
+    {"ply": write_ply, "obj": write_obj, "glb": write_glb, "vti": write_vti}[word](partial, result)
     return [] if word == "vti" else ["the front surface only: what lies behind it stays in the volume"]
