@@ -4,6 +4,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from nlos.recon.layers.residual_block import ResidualBlock
+from nlos.recon.layers.small_convolution import SmallConv3d
 from nlos.recon.layers.unet import UNet
 
 
@@ -18,7 +19,7 @@ class LocalLifting(nn.Module):
     def __init__(self, channels: int = 1, hidden: tuple[int, ...] = (16, 24)):
         super().__init__()
         wide = 4 * channels
-        self.expand = nn.Conv3d(channels, wide, 3, stride=(2, 1, 1), padding=1)
+        self.expand = SmallConv3d(channels, wide, 3, stride=(2, 1, 1), padding=1)
         self.residual = ResidualBlock(3, wide)
         self.temporal = UNet(1, 9 * wide, 9 * wide, hidden)
         self.mlp = nn.Sequential(nn.Conv3d(wide, 2 * wide, 1), nn.GELU(), nn.Conv3d(2 * wide, wide, 1))

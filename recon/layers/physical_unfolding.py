@@ -11,6 +11,7 @@ from nlos.recon.layers.frequency_encoding import StochasticFrequencyEncoding
 from nlos.recon.layers.physical_multiplier import PhysicalMultiplier
 from nlos.recon.layers.residual_block import ResidualBlock
 from nlos.recon.layers.response_condition import ResponseCondition
+from nlos.recon.layers.small_convolution import SmallConv3d
 from nlos.recon.layers.spectral_resampling import resample_field
 
 Pitch = tuple[float, float, float]
@@ -94,8 +95,8 @@ class PhysicalUnfolding(nn.Module):
     ):
         super().__init__()
         scales = len(channels)
-        self.lift_u = nn.Conv3d(features, channels[0], 3, padding=1)
-        self.lift_g = nn.Conv3d(features, channels[0], 3, padding=1)
+        self.lift_u = SmallConv3d(features, channels[0], 3, padding=1)
+        self.lift_g = SmallConv3d(features, channels[0], 3, padding=1)
         self.gains = nn.ModuleList()
         self.iterations = nn.ModuleList()
         for scale, width in enumerate(channels):

@@ -5,6 +5,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from nlos.recon.layers.residual_block import CONVOLUTIONS
+from nlos.recon.layers.small_convolution import SmallConv3d
 
 Stride = tuple[int, int, int]
 SLOPE = 0.2
@@ -28,7 +29,7 @@ class LearnedAverage(nn.Module):
 
     def __init__(self, channels_in: int, channels_out: int, stride: Stride) -> None:
         super().__init__()
-        self.convolution = nn.Conv3d(channels_in, channels_out, 3, stride=stride, padding=1, bias=False)
+        self.convolution = SmallConv3d(channels_in, channels_out, 3, stride=stride, padding=1, bias=False)
         with torch.no_grad():
             kernel = torch.zeros(3, 3, 3)
             taps = tuple(slice(1, 1 + step) for step in stride)
@@ -49,7 +50,7 @@ class TransientEncoder(nn.Module):
     def __init__(self, features: int, stride: Stride, blocks: int = 2) -> None:
         super().__init__()
         self.average = LearnedAverage(1, 1, stride)
-        self.stem = nn.Conv3d(1, features, 3, stride=stride, padding=1)
+        self.stem = SmallConv3d(1, features, 3, stride=stride, padding=1)
         self.blocks = nn.Sequential(*[LeakyBlock(3, features) for _ in range(blocks)])
 
     def forward(self, x: Tensor) -> Tensor:

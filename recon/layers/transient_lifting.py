@@ -7,6 +7,7 @@ from torch import Tensor, nn
 
 from nlos.recon.layers.global_lifting import GlobalLifting
 from nlos.recon.layers.local_lifting import LocalLifting
+from nlos.recon.layers.small_convolution import SmallConv3d
 
 LiftingName = Literal["none", "mlp", "global", "local", "both"]
 
@@ -27,7 +28,7 @@ class TransientLifting(nn.Module):
             self.paths.append(GlobalLifting())
         if kind in ("local", "both"):
             self.paths.append(LocalLifting())
-        self.fuse = nn.Conv3d(4 * len(self.paths), 4, 3, padding=1)
+        self.fuse = SmallConv3d(4 * len(self.paths), 4, 3, padding=1)
 
     def forward(self, tau: Tensor) -> Tensor:
         out: Tensor = self.fuse(torch.cat([path(tau) for path in self.paths], dim=1))
