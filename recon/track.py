@@ -7,8 +7,9 @@ Floats = npt.NDArray[np.float64]
 
 SEEN = 0.25
 """Of a frame's brightest pixel: what is dimmer is not taken for the object."""
-FITTED = 5
-"""Frames around each one through which a straight line gives its velocity."""
+FITTED, MOST_FITTED, FITTED_S = 5, 9, 0.8
+"""Frames around each one through which a straight line gives its velocity: those of so many seconds, but at least and
+at most so many."""
 COLUMNS = (
     "frame", "time_s", "x_m", "y_m", "z_m", "x_error_m", "y_error_m", "z_error_m",
     "width_m", "height_m", "depth_m",
@@ -27,7 +28,7 @@ def track(
     """`COLUMNS`, each (F,); NaN where nothing is seen, or too few frames are around.
 
     Centroids are weighted by brightness. Extents are those of an even bar with the same variance. Velocity is the slope
-    of a straight line through the nearest `FITTED` frames; errors are standard errors from how all frames scatter about
+    of a straight line through the nearest frames; errors are standard errors from how all frames scatter about
     their lines, so what does not move evenly has larger ones. `window`: of how many frames each picture is the sum;
     neighbours share photons then, and errors are larger by its root.
     """
@@ -49,6 +50,12 @@ def track(
     return dict(zip(COLUMNS, columns, strict=True))
 
 
+def fitted(time_s: Floats) -> int:
+    """How many frames at these moments give a velocity."""
+    pace_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else FITTED_S
+    return min(max(FITTED, 2 * round(FITTED_S / max(pace_s, 1e-6) / 2) + 1), MOST_FITTED)
+
+
 def _lines(places: Floats, time_s: Floats) -> tuple[Floats, Floats, Floats]:
     """Slopes (3, F), the scatter of single places about the lines (3,), and the lines' lever (3, F): the root of the
     sum of squared times about their mean."""
@@ -56,7 +63,7 @@ def _lines(places: Floats, time_s: Floats) -> tuple[Floats, Floats, Floats]:
     squares, freedom = np.zeros(3), 0.0
     seen = np.flatnonzero(np.isfinite(places[0]))
     for frame in seen:
-        near = seen[np.argsort(np.abs(seen - frame), kind="stable")[:FITTED]]
+        near = seen[np.argsort(np.abs(seen - frame), kind="stable")[: fitted(time_s)]]
         if len(near) < 3:
             continue
         times = time_s[near] - time_s[near].mean()

@@ -1,5 +1,6 @@
 """Several objects in a film: where each is, how large and how fast, from when to when it is there."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,13 +27,13 @@ FEWEST = 3
 
 
 @dataclass
-class _Followed:
+class Followed:
     """One object: the part of each frame that is it."""
 
     parts: dict[int, npt.NDArray[np.bool_]] = field(default_factory=dict)
     places_m: dict[int, Floats] = field(default_factory=dict)
 
-    def expected_m(self, frame: int, time_s: Floats) -> Floats:
+    def expected_m(self, frame: int, time_s: Mapping[int, float]) -> Floats:
         """Where it should be by its last two places, no farther ahead than it was seen to go."""
         *before, last = sorted(self.places_m)
         if not before:
@@ -40,6 +41,49 @@ class _Followed:
         share = (time_s[frame] - time_s[last]) / max(time_s[last] - time_s[before[-1]], 1e-9)
         way_m = min(share, 1.0) * (self.places_m[last] - self.places_m[before[-1]])
         return np.asarray(self.places_m[last] + way_m, dtype=np.float64)
+
+
+class ObjectTracker:
+    """Fed with the pictures of a film in the order of time, knows which part of each is which object.
+
+    What of a frame belongs together is connected, but for small gaps, without steps in depth; from frame to frame it is
+    what lies nearest to where it was expected (Kuhn's assignment, 1955). Two that touch are one as long as they do.
+    """
+
+    def __init__(self, x_m: Floats, y_m: Floats, kept: int | None = None) -> None:
+        """Of `kept` frames, all unless given, places are remembered."""
+        self._x_m, self._y_m, self._kept = x_m, y_m, kept
+        self._side_m = float(max(np.ptp(x_m), np.ptp(y_m)))
+        self.time_s: dict[int, float] = {}
+        self.followed: list[Followed] = []
+        self._frame = -1
+
+    def add(self, light: npt.NDArray[np.floating], depth: npt.NDArray[np.floating], time_s: float) -> None:
+        """The next picture (H, W), its depths NaN where nothing is seen, and its moment."""
+        self._frame = frame = self._frame + 1
+        self.time_s[frame] = time_s
+        parts = _parts(light, depth, self._side_m)
+        places_m = [_place_m(np.where(part, light, 0.0), depth, self._x_m, self._y_m) for part in parts]
+        still = [each for each in self.followed if frame - max(each.places_m) <= MISSED]
+        expected = [each.expected_m(frame, self.time_s) for each in still]
+        off_m = np.array([[np.linalg.norm(a - b) for b in places_m] for a in expected]).reshape(len(still), len(parts))
+        pairs = zip(*linear_sum_assignment(off_m), strict=True)
+        known = {int(part): still[who] for who, part in pairs if off_m[who, part] < FASTEST * self._side_m}
+        for number, (part, place_m) in enumerate(zip(parts, places_m, strict=True)):
+            if number not in known:
+                known[number] = Followed()
+                self.followed.append(known[number])
+            known[number].parts[frame], known[number].places_m[frame] = part, place_m
+        if self._kept is not None:
+            self._forget(frame - self._kept)
+
+    def _forget(self, frame: int) -> None:
+        """That frame, and objects that were not seen since."""
+        self.time_s.pop(frame, None)
+        for each in self.followed:
+            each.parts.pop(frame, None)
+            each.places_m.pop(frame, None)
+        self.followed = [each for each in self.followed if each.places_m]
 
 
 def tracked_objects(
@@ -50,27 +94,14 @@ def tracked_objects(
     time_s: Floats,
     window: int = 1,
 ) -> list[dict[str, Floats]]:
-    """For each object `track` of its light alone, (F,) each, NaN in frames where it is not seen; in the order in which
-    they appear. What of a frame belongs together is connected, but for small gaps, without steps in depth; from frame
-    to frame it is what lies nearest to where it was expected (Kuhn's assignment, 1955). Two that touch are one as long
-    as they do."""
-    side_m = float(max(np.ptp(x_m), np.ptp(y_m)))
-    followed: list[_Followed] = []
-    for frame, (light, depth) in enumerate(zip(albedo, depth_m, strict=True)):
-        parts = _parts(light, depth, side_m)
-        places_m = [_place_m(np.where(part, light, 0.0), depth, x_m, y_m) for part in parts]
-        still = [each for each in followed if frame - max(each.places_m) <= MISSED]
-        expected = [each.expected_m(frame, time_s) for each in still]
-        off_m = np.array([[np.linalg.norm(a - b) for b in places_m] for a in expected]).reshape(len(still), len(parts))
-        pairs = zip(*linear_sum_assignment(off_m), strict=True)
-        known = {int(part): still[who] for who, part in pairs if off_m[who, part] < FASTEST * side_m}
-        for number, (part, place_m) in enumerate(zip(parts, places_m, strict=True)):
-            if number not in known:
-                known[number] = _Followed()
-                followed.append(known[number])
-            known[number].parts[frame], known[number].places_m[frame] = part, place_m
+    """For each object that an `ObjectTracker` finds `track` of its light alone, (F,) each, NaN in frames where it is
+    not seen; in the order in which they appear."""
+    tracker = ObjectTracker(x_m, y_m)
+    for light, depth, at_s in zip(albedo, depth_m, time_s, strict=True):
+        tracker.add(light, depth, float(at_s))
     fewest = min(FEWEST, len(albedo))
-    return [_alone(each, albedo, depth_m, x_m, y_m, time_s, window) for each in followed if len(each.parts) >= fewest]
+    found = [each for each in tracker.followed if len(each.parts) >= fewest]
+    return [_alone(each, albedo, depth_m, x_m, y_m, time_s, window) for each in found]
 
 
 def _parts(
@@ -102,7 +133,7 @@ def _place_m(light: npt.NDArray[np.floating], depth: npt.NDArray[np.floating], x
 
 
 def _alone(
-    one: _Followed,
+    one: Followed,
     albedo: npt.NDArray[np.floating],
     depth_m: npt.NDArray[np.floating],
     x_m: Floats,

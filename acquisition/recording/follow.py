@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from nlos.acquisition.errors import InvalidData, StorageError
+from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.checked import open_checked
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer_lock import is_locked
@@ -11,6 +12,9 @@ from nlos.acquisition.sample import Sample
 from nlos.drivers.clock import Clock, SystemClock
 
 POLL_S = 0.2
+LOOKS_A_FRAME = 5
+"""Of a film: how often the file is looked at while a frame is taken, if that is more often."""
+FASTEST_POLL_S = 0.01
 LAST_LOOKS = 5
 """How often a row that is not intact is looked at again before it counts as damaged."""
 LEFT_ALONE_S = 5.0
@@ -69,7 +73,14 @@ def follow(
                     raise StorageError(
                         f"{path}: its writer is gone after {given} samples. Use --resume or `nlos recover`."
                     )
-                clock.sleep(POLL_S)
+                clock.sleep(_pause_s(recording.plan))
+
+
+def _pause_s(plan: ScanPlan) -> float:
+    """How long to wait for more of a recording."""
+    if plan.frames == 1:
+        return POLL_S
+    return min(POLL_S, max(plan.dwell_total_s / plan.frames / LOOKS_A_FRAME, FASTEST_POLL_S))
 
 
 def _opened(path: Path, patience_s: float, clock: Clock, given: int) -> Recording:

@@ -50,16 +50,25 @@ class LightMemory:
 
     def add(self, frame: Moments) -> Transient:
         """The light at the mean moment of `frame`, the newest one."""
+        self.watch(frame)
+        return added(*self.light())
+
+    def watch(self, frame: Moments) -> None:
+        """Takes the newest frame, and finds how what is seen has moved."""
         self._compare(frame)
-        moments_s = np.array([held.mean_s for _, held, _ in self._held])
         self.weights = self._weights()
+
+    def light(self) -> tuple[list[Moments], list[float]]:
+        """The light of each frame that counts, moved to where what it shows was at the mean moment of the newest one,
+        which is the last, and how much it counts."""
+        moments_s = np.array([held.mean_s for _, held, _ in self._held])
         depth_m = self._depth_m()
         brought = []
         for (number, held, _), weight in zip(self._held, self.weights, strict=True):
             if weight > 0:
                 by_m = -along(self.path_m, moments_s, held.taken_s)
                 brought.append((moved(held, by_m, depth_m, number), float(weight)))
-        return added([each for each, _ in brought], [weight for _, weight in brought])
+        return [each for each, _ in brought], [weight for _, weight in brought]
 
     def _compare(self, frame: Moments) -> None:
         """Adds the frame, compares it with those before, and finds the path."""

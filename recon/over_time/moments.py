@@ -1,6 +1,7 @@
 """The points of one frame with the moments at which each was exposed, and their light moved to another moment."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +25,7 @@ class Moments:
     wall: WallGrid
     time: TimeAxis
 
-    @property
+    @cached_property
     def mean_s(self) -> float:
         """The mean moment of exposure."""
         return float(np.average(self.taken_s, weights=self.exposure_s))

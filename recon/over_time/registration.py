@@ -51,7 +51,7 @@ class Registration:
     def seen(self, points: Moments) -> Seen:
         """What these points show."""
         rng = np.random.default_rng(len(points.x_m))
-        drawn = rng.binomial(np.floor(np.maximum(points.counts, 0)).astype(np.int64), 0.5).astype(np.float32)
+        drawn = rng.binomial(np.rint(np.maximum(points.counts, 0)).astype(np.int64), 0.5).astype(np.float32)
         counts, half = (self._on_grid(replace(points, counts=each)) for each in (points.counts, drawn))
         parts = [self._volume(each) for each in (half, counts - half)]
         norm = float(np.sqrt((parts[0] ** 2).sum() * (parts[1] ** 2).sum()))

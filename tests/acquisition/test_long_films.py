@@ -26,7 +26,7 @@ from nlos.drivers.bench import BenchSettings, open_bench
 from tests.acquisition.killed_scans import Acknowledging
 
 SOAK = os.environ.get("NLOS_SOAK") == "1"
-FRAMES, PARTS, POINTS = (10_000, 4, 16) if SOAK else (32, 4, 16)
+FRAMES, PARTS, POINTS = 10_000 if SOAK else 64, 4, 4
 KILLS = 8 if SOAK else 1
 DEADLINE_S = 4 * 3600 if SOAK else 120
 GROWTH_BYTES = 8 << 20
@@ -47,7 +47,7 @@ class _Watched(Acknowledging):
     def write(self, sample: object) -> None:
         super().write(sample)  # type: ignore[arg-type]
         self._written += 1
-        if self._written % 64 == 0:
+        if self._written % 8 == 0:
             part = sample.point.number * len(self._most) // self._planned  # type: ignore[attr-defined]
             self._most[part] = max(self._most[part], _resident_bytes())
 
@@ -72,7 +72,7 @@ def _take(
 def test_a_film_of_very_many_frames(
     bench_settings: Callable[..., BenchSettings], small_plan: Callable[..., ScanPlan], tmp_path: Path
 ) -> None:
-    plan = small_plan(8, 8, frames=FRAMES, interleave=PARTS, dwell_ms=0.4)
+    plan = small_plan(4, 4, frames=FRAMES, interleave=PARTS, dwell_ms=0.4)
     settings, killed, whole = bench_settings(name="simulated"), tmp_path / "killed.h5", tmp_path / "whole.h5"
     assert (plan.frames, len(plan)) == (FRAMES, FRAMES * POINTS)
     until = time.monotonic() + DEADLINE_S

@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from nlos.live.describe import described, packed, solid
+from nlos.live.file_seen import Seen
 from nlos.live.frames import FRAMES, Frames
-from nlos.live.scan import LiveScan, Seen
+from nlos.live.scan import LiveScan
 
 if TYPE_CHECKING:
     from nlos.recon.live import LivePicture
@@ -51,6 +52,11 @@ class ScanAnswers:
             done, elapsed_s = len(scan.gathering), scan.elapsed_s
             detections, live_s = (sum(each) for each in zip(*scan.recent, strict=True)) if scan.recent else (0, 0.0)
         planned = len(seen.plan)
+        if scan.film is not None:
+            answer["film"] = {
+                "frame": scan.film.shown_frame + 1, "frames": seen.plan.frames, "pictures": scan.pictures,
+                "dropped": scan.skipped, "objects": scan.film.trails.told,
+            }  # fmt: skip
         return answer | {
             "samples": done, "planned": planned, "status": _status(scan, seen), "light": _light(seen),
             "started_utc": seen.started_utc, "notes": dict(seen.notes), "elapsed_s": elapsed_s,

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from nlos.calibration.constants import BenchConstants
     from nlos.calibration.correct import CorrectedPoints
     from nlos.loaded import LoadedScan
+    from nlos.recon.over_time.half_grid import HalfGrid
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,8 @@ class Calibrated:
     transient: "Transient"
     falloff: int | None
     zero: TimeZero
+    of_film: "HalfGrid | None" = None
+    """The same, where it is a frame of a film."""
 
 
 def calibrated(

@@ -11,20 +11,22 @@ last sample is in, the last picture is that of the finished recording.
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.recording.follow import follow
-from nlos.acquisition.recording.recording import Event, Recording, Status
+from nlos.acquisition.recording.recording import Recording, Status
 from nlos.calibration.errors import CalibrationError
 from nlos.calibration.errors import InvalidData as InvalidCalibration
 from nlos.chain import constants_for
 from nlos.cli.terminal import terminal
 from nlos.live.calibrated import Calibrated, calibrated
 from nlos.live.calibration import SampleCalibration
+from nlos.live.file_seen import Seen
+from nlos.live.film import LiveFilm
 from nlos.live.rehearsal import rehearse
 from nlos.live.schedule import Coming, Schedule
 from nlos.live.so_far import empty_scan, gathering_for, scan_of, shown_of
@@ -33,27 +35,12 @@ from nlos.recon.methods import PLAIN, find
 from nlos.response import AUTO, ResponseWanted, with_response
 
 if TYPE_CHECKING:
-    from nlos.acquisition.planning.plan import ScanPlan
     from nlos.acquisition.scanning.free_points import FreePoints
     from nlos.acquisition.scanning.gathering import Gathering
     from nlos.calibration.constants import BenchConstants
     from nlos.live.time_zero import TimeZero
     from nlos.loaded import LoadedScan
     from nlos.recon.live import LivePicture, LiveReconstruction
-
-
-@dataclass(frozen=True)
-class Seen:
-    """What the file said of itself when it was last looked at."""
-
-    plan: "ScanPlan"
-    status: "Status"
-    events: tuple["Event", ...]
-    started_utc: str
-    which: str
-    """The recording's identity: the file may be another one by now."""
-    notes: Mapping[str, str] = field(default_factory=dict)
-    """What a person said of the run, by name."""
 
 
 @dataclass
@@ -104,6 +91,7 @@ class LiveScan:
         self._constants: BenchConstants | None = None
         self._each: SampleCalibration | None = None
         self._calibrated: Calibrated | None = None
+        self.film: LiveFilm | None = None
         self._schedule = Schedule([live.method for live in self.lives], self.first_fraction)
         self._threads = [threading.Thread(target=target, daemon=True) for target in (self._follow, self._paint)]
 
@@ -164,8 +152,11 @@ class LiveScan:
             for sample in follow(self.run, patience_s=self.patience_s, look=self._look):
                 assert self.gathering is not None
                 with self.lock:
-                    if self.gathering.add(sample) and self._each is not None:
-                        self._each.add(sample)
+                    if self.gathering.add(sample):
+                        if self._each is not None:
+                            self._each.add(sample)
+                        if self.film is not None:
+                            self.film.add(sample)
                     self.recent.append((sample.histogram.total_count, sample.histogram.live_time_s))
                     self.elapsed_s = max(self.elapsed_s, sample.taken_s + sample.histogram.live_time_s)
                 self._schedule.pace.saw(time.monotonic())
@@ -176,6 +167,8 @@ class LiveScan:
             self.error = error
             self._say(str(error))
         finally:
+            if self.film is not None:
+                self.film.finish()
             self.read = True
             self._news.set()
 
@@ -185,14 +178,7 @@ class LiveScan:
             self._begin(recording)
         if recording.status is not Status.RUNNING and (len(self.gathering or ()) or not len(recording)):
             self.left_aside = recording.left_aside()
-        self.seen = Seen(
-            recording.plan,
-            recording.status,
-            tuple(recording.events()),
-            recording.header.started_utc,
-            recording.header.identity,
-            recording.header.notes.shown(),
-        )
+        self.seen = Seen.of(recording)
 
     def _begin(self, recording: "Recording") -> None:
         # Of a finished recording there is one picture, not one in passing.
@@ -207,6 +193,8 @@ class LiveScan:
                 self._say(f"samples are not corrected one by one: {error}")
         if not self.adds_up:
             self._schedule.follow_frames(recording.plan)
+            if recording.plan.frames > 1 and recording.on_grid and not empty.rectified:
+                self.film = LiveFilm(recording.plan, self._constants, self.response)
         self.gathering = gathering_for(recording.plan) if self.adds_up else shown_of(recording.plan)
 
     def _paint(self) -> None:
@@ -219,11 +207,11 @@ class LiveScan:
                 self._news.wait(0.2)
                 self._news.clear()
                 last = self.read
-                count, planned = len(self.gathering or ()), self._planned
+                count, planned = self._count, self._planned
                 due = self._schedule.due(count, planned, self._growing, last)
                 if due is not None:
                     self._paint_next(next(live for live in self.lives if live.method == due), count)
-                elif last and self._schedule.done(len(self.gathering or ())):
+                elif last and self._schedule.done(self._count):
                     self.over = True
                     return
                 self.coming = self._schedule.coming(count, planned, self._growing, last) if planned else None
@@ -235,6 +223,11 @@ class LiveScan:
                     f"{self.run.name}: the pictures stopped because of a bug. The scan and its samples are not affected"
                 )
             self._ended.set()
+
+    @property
+    def _count(self) -> int:
+        """Samples that there may be a picture of: of a film those up to the end of its newest frame."""
+        return len(self.gathering or ()) if self.film is None else self.film.samples
 
     @property
     def _planned(self) -> int:
@@ -259,7 +252,12 @@ class LiveScan:
             ):
                 known = self._calibrated = self._calibrate()
             count = known.samples
-            picture = live.update(known.transient, count, known.falloff)
+            if self.film is None or known.of_film is None:
+                picture = live.update(known.transient, count, known.falloff)
+            else:
+                picture = live.of_film(known.of_film, count, known.falloff)
+                if live is self.lives[-1]:
+                    self.film.shown(picture.reconstruction)
             told = replace(picture.reconstruction, left_aside=self.left_aside, scan=self.run.name)
             picture = replace(picture, reconstruction=told)
         except (InvalidCalibration, InvalidData, ReconError) as error:
@@ -274,12 +272,19 @@ class LiveScan:
     def _calibrate(self) -> "Calibrated":
         assert self.gathering is not None
         whole = self.read
+        if self.film is not None:
+            return self.film.calibrated(self.read, self._gathered)
         with self.lock:
             count, scan = len(self.gathering), scan_of(self.empty, self.gathering)
             corrected = None if self._each is None or whole else with_response(self._each.transient(), self.response)
         if corrected is None or self._each is None:
             return calibrated(scan, count, whole, self._constants, self.response)
         return Calibrated(count, whole, corrected, scan.falloff, self._each.zero)
+
+    def _gathered(self) -> "LoadedScan":
+        assert self.gathering is not None
+        with self.lock:
+            return scan_of(self.empty, self.gathering)
 
     def _say(self, message: str) -> None:
         self.message = message

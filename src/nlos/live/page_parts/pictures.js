@@ -1,6 +1,7 @@
 // The panels with pictures: front view, depth, difference; axes, colour bar, value under the cursor, scan points.
 const FAINT = FAINT_AT, FULL = FULL_AT; // depth has no colour below FAINT of the brightest point, and its full colour from FULL on
 const PAPER = [224, 224, 224]; // as in depth.png: the far end of the colours is dark, and to be told from nothing
+const TRAILS = ["#4cc9f0", "#80ed99", "#f15bb5", "#ffffff"]; // as in film.gif
 const fade = a => a < FAINT ? 0 : Math.min(1, .1 + .9 * (a - FAINT) / (FULL - FAINT));
 function depthSpan(pictures) {
   const seen = [];
@@ -38,7 +39,15 @@ class PicturePanel {
     else if (this.kind === "front") bar(0, 1, gray, "brightness (relative)");
     else if (this.kind === "deeper") bar(low, high, v => redBlue(v), "difference (m)");
     else bar(-1, 1, redBlue, "first less second");
+    if (this.kind !== "difference") this.trails(g);
     if (overlaid) this.points(g); this.other = other; this.readOut();
+  }
+  trails(g) { // of a film: where its objects were, a ring where each is now, and how fast
+    const film = scans[this.scan].state.film; if (!film || frame !== null) return; g.save(); g.lineWidth = 2; g.textBaseline = "bottom"; g.textAlign = "left";
+    film.objects.forEach((one, k) => { g.strokeStyle = g.fillStyle = TRAILS[k % TRAILS.length]; g.beginPath(); one.x_m.forEach((x, i) => g.lineTo(...this.frame.at(x, one.y_m[i]))); g.stroke();
+      const [px, py] = this.frame.at(one.x_m[one.x_m.length - 1], one.y_m[one.y_m.length - 1]), v = one.velocity_m_per_s; g.beginPath(); g.arc(px, py, 5, 0, 7); g.stroke();
+      if (v.every(c => c !== null)) g.fillText(`${Math.hypot(...v).toFixed(2)} m/s`, px + 8, py - 4); });
+    g.restore();
   }
   points(g) {
     const known = scans[this.scan]; if (!known.plan || !known.rates) return; const {x, y, order} = known.plan, size = Math.max(1.2, Math.min(3, this.frame.scale * known.pitch * .22));

@@ -1,0 +1,164 @@
+"""A film while it is scanned: the newest frame that is over, with the light of those before it moved along."""
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.acquisition.planning.exposure import unbiased_live_s
+from nlos.acquisition.transient import TimeAxis
+from nlos.calibration.correct import CorrectedPoints, correct_points, known_arrival_bins
+from nlos.calibration.raw_points import RawPoints
+from nlos.chain import calibrate_scan
+from nlos.live.calibrated import Calibrated
+from nlos.live.time_zero import TimeZero
+from nlos.live.trails import Trails
+from nlos.recon.over_time.half_grid import HalfGrid, on_half_grid
+from nlos.recon.over_time.memory import LightMemory
+from nlos.recon.over_time.moments import Moments
+from nlos.recon.volume import Reconstruction
+from nlos.response import ResponseWanted, with_response
+
+if TYPE_CHECKING:
+    from nlos.acquisition.planning.plan import ScanPlan
+    from nlos.acquisition.response import Response
+    from nlos.acquisition.sample import Sample
+    from nlos.calibration.constants import BenchConstants
+    from nlos.loaded import LoadedScan
+
+BACKLOG = 8
+"""Frames that wait at most for a picture: the oldest are dropped, and their light is not remembered."""
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """What a frame, of far fewer photons than a whole scan, is aligned by."""
+
+    arrival_bins: npt.NDArray[np.float64]  # (H * W,)
+    response: "Response | None"
+    bins: int
+    """That all points have behind their direct light."""
+
+
+class LiveFilm:
+    """Samples come in the follower's thread, light is asked for in the painter's. A frame is over once all of its
+    points are in, or one of a later frame is; points taken again later come too late."""
+
+    def __init__(self, plan: "ScanPlan", constants: "BenchConstants | None", response: ResponseWanted) -> None:
+        self._plan, self._constants, self._wanted = plan, constants, response
+        self._planned = np.bincount(plan.pass_, minlength=plan.frames)
+        self._lock = threading.Lock()
+        self._coming: list[Sample] = []
+        self._frame = -1
+        self._waiting: deque[tuple[int, list[Sample]]] = deque(maxlen=BACKLOG)
+        self._came = 0
+        self._alignment: Alignment | None = None
+        self._memory: LightMemory | None = None
+        self._light: HalfGrid | None = None
+        self._falloff: int | None = None
+        self.samples = 0
+        """That had come when the newest frame was over."""
+        self.shown_frame = -1
+        """The newest one that there is a picture of."""
+        self.trails = Trails()
+        self._zero: TimeZero | None = None
+        self._newest = -1, 0.0  # frame with light, and the mean moment of its exposure
+
+    def add(self, sample: "Sample") -> None:
+        """One sample of the plan."""
+        frame = sample.point.pass_
+        with self._lock:
+            if frame > self._frame:
+                self._end()
+                self._frame = frame
+            self._came += 1
+            if frame == self._frame:
+                self._coming.append(sample)
+                if len(self._coming) == self._planned[frame]:
+                    self._end()
+
+    def finish(self) -> None:
+        """No sample will come any more."""
+        with self._lock:
+            self._end()
+            self.samples = self._came
+
+    def _end(self) -> None:
+        if self._coming:
+            self._waiting.append((self._frame, self._coming))
+            self._coming, self.samples = [], self._came
+
+    def calibrated(self, whole: bool, gathered: "Callable[[], LoadedScan]") -> Calibrated:
+        """The light of the newest frame that is over, with what those before it add: aligned by the direct light of the
+        first whole scan that is `gathered`. Raises what calibrating raises."""
+        count = self.samples
+        scan = None if self._alignment is not None else gathered()
+        if scan is not None:
+            self._align(scan)
+            self._falloff = scan.falloff
+        with self._lock:
+            waiting = list(self._waiting)
+            self._waiting.clear()
+        for frame, samples in waiting:
+            moments = self._moments(samples)
+            self._memory = self._memory or LightMemory(moments.wall, moments.time)
+            self._memory.watch(moments)
+            self._newest = frame, moments.mean_s
+        assert self._memory is not None
+        assert self._alignment is not None
+        assert self._zero is not None
+        if waiting or self._light is None:
+            held = on_half_grid(*self._memory.light())
+            self._light = replace(held, light=replace(held.light, response=self._alignment.response))
+        return Calibrated(count, whole, self._light.light, self._falloff, self._zero, self._light)
+
+    def shown(self, picture: Reconstruction) -> None:
+        """A picture of the newest frame was made."""
+        self.shown_frame, moment_s = self._newest
+        self.trails.add(picture, moment_s)
+
+    def _align(self, scan: "LoadedScan") -> None:
+        found: list[CorrectedPoints] = []
+        transient = with_response(calibrate_scan(scan, constants=self._constants, hear=found.append), self._wanted)
+        if found[0].offsets is not None:
+            arrival_bins = found[0].offsets.offset_bins
+        else:
+            assert self._constants is not None
+            x_m, y_m = (grid.reshape(-1) for grid in np.meshgrid(scan.transient.wall.x_m(), scan.transient.wall.y_m()))
+            arrival_bins = known_arrival_bins(self._constants, x_m, y_m, scan.transient.time)
+        self._alignment = Alignment(arrival_bins, transient.response, transient.time.bins)
+        self._zero = TimeZero.of(scan, found[0], self._constants)
+
+    def _moments(self, samples: "list[Sample]") -> Moments:
+        """The frame's points, calibrated; those where no direct light is known are not in it."""
+        known, plan = self._alignment, self._plan
+        assert known is not None
+        samples = sorted(samples, key=lambda each: (each.point.row, each.point.col))  # as they lie on a grid
+        number = np.array([each.point.number for each in samples])
+        row, col = plan.positions.row[number], plan.positions.col[number]
+        held = [each.histogram for each in samples]
+        live_s = unbiased_live_s(
+            np.array([each.live_time_s for each in held]),
+            np.array([each.flags for each in held], dtype=np.uint16), plan.stop,
+        )  # fmt: skip
+        raw = RawPoints(
+            np.stack([each.counts for each in held]).astype(np.float32),
+            plan.wall.x_m()[col], plan.wall.y_m()[row], live_s,
+            np.array([each.sync_count for each in held], dtype=np.float64),
+            np.array([each.total_count for each in held], dtype=np.float64),
+            TimeAxis(plan.axis.bins, plan.axis.bin_width_s, plan.axis.offset_s),
+        )  # fmt: skip
+        done = correct_points(raw, self._constants, offset_bins=known.arrival_bins[row * plan.wall.cols + col])
+        taken_s = np.array([each.taken_s + each.histogram.live_time_s / 2 for each in samples])
+        used = done.exposure_s > 0
+        counts = np.zeros((int(used.sum()), known.bins), dtype=np.float32)
+        shared = min(known.bins, done.time.bins)
+        counts[:, :shared] = done.counts[used, :shared]
+        return Moments(
+            raw.x_m[used], raw.y_m[used], counts, done.exposure_s[used], taken_s[used], plan.wall,
+            replace(done.time, bins=known.bins),
+        )  # fmt: skip
