@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Any, Self
 from nlos.cli.archive_inputs import changed
 from nlos.cli.archive_made_with import differences, made_with
 from nlos.cli.archive_page import page
+from nlos.cli.archive_task import Outcome
 from nlos.cli.terminal import terminal
 from nlos.recon.results import NAMES
 
 if TYPE_CHECKING:
-    from nlos.cli.archive_task import Outcome, Task
+    from nlos.cli.archive_task import Task
 
 Row = dict[str, Any]
 RECORD, PAGE = "archive.json", "index.html"
@@ -56,7 +57,9 @@ class ArchiveRecord:
             if _newer(task.run, task.results.path / NAMES[0]):
                 terminal.log(f"{task.file}: newer than its result, done again")
                 return False
-            self._rows[task.results.path.name] = _row(task, "done", "was there already", 0, None, "", None)
+            self._rows[task.results.path.name] = _row(
+                task, Outcome(task.file, "done", "was there already", 0, None, "")
+            )
             return True
         if row["outcome"] not in MADE:
             return False
@@ -97,14 +100,13 @@ class ArchiveRecord:
         """These are done now. Until they are, each is unfinished, whatever ends this process."""
         self.folder.mkdir(parents=True, exist_ok=True)
         for task in tasks:
-            self._rows[task.results.path.name] = _row(task, "unfinished", "its turn did not come", 130, None, "", None)
+            to_come = Outcome(task.file, "unfinished", "its turn did not come", 130, None, "")
+            self._rows[task.results.path.name] = _row(task, to_come)
         self.write()
 
-    def add(self, task: "Task", outcome: "Outcome") -> None:
+    def add(self, task: "Task", outcome: Outcome) -> None:
         """One more file has an outcome."""
-        self._rows[task.results.path.name] = _row(
-            task, outcome.outcome, outcome.reason, outcome.code, outcome.seconds, outcome.worker, outcome.source
-        )
+        self._rows[task.results.path.name] = _row(task, outcome)
         if time.monotonic() - self._written_s > EVERY_S:
             self.write()
 
@@ -130,18 +132,11 @@ class ArchiveRecord:
         _replace(self.folder / PAGE, page(self._in_order()))
 
 
-def _row(
-    task: "Task",
-    outcome: str,
-    reason: str,
-    code: int,
-    seconds: float | None,
-    worker: str,
-    source: dict[str, Any] | None,
-) -> Row:
+def _row(task: "Task", outcome: Outcome) -> Row:
     return {
-        "file": task.file, "outcome": outcome, "reason": reason, "code": code, "seconds": seconds, "worker": worker,
-        "folder": task.results.path.name, **made_with(task), "input": source,
+        "file": task.file, "outcome": outcome.outcome, "reason": outcome.reason, "code": outcome.code,
+        "seconds": outcome.seconds, "worker": outcome.worker, "folder": task.results.path.name, **made_with(task),
+        "input": outcome.source,
     }  # fmt: skip
 
 

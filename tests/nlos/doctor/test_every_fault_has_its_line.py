@@ -108,6 +108,8 @@ BENCHES = ("simulated", "zero_latency", "noisy", "moving", "drawn", "optotune", 
 ELSEWHERE = {
     **{("optotune", name): Case("mirror") for name in ("G1", "G2", "G4", "G5", "G6", "G9")},  # met as it moves
     **{("optotune", name): CASES[name].elsewhere("dark histogram") for name in ("U2", "U12", "U14", "U15", "U20")},
+    ("timetagger", "T2"): CASES["T2"].elsewhere("counter"),
+    ("helios", "U15"): CASES["U15"].elsewhere("dark histogram"),
     ("multiharp", "U20"): Case(None, parameters={"place": "marker"}),
 }
 """What another bench than a fault's own says: one whose mirror cannot step by itself has no line of markers."""
