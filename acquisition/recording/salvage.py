@@ -13,7 +13,7 @@ from nlos.acquisition.importers.isolated import ReaderDied
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.checked import check_recording, open_checked
 from nlos.acquisition.recording.condition import Condition, listed
-from nlos.acquisition.recording.empty_file import keep_as, put_in_place
+from nlos.acquisition.recording.empty_file import clear, keep_as, put_in_place
 from nlos.acquisition.recording.frames import frame_table
 from nlos.acquisition.recording.layout import Status
 from nlos.acquisition.recording.provenance import Header
@@ -91,6 +91,9 @@ def recover(path: Path, target: Path, *, overwrite: bool = False) -> int:
             fresh, samples = _copied(recording, target)
         put_in_place(fresh, target)
         return samples
+    except BaseException:  # an interrupt, too, leaves nothing half done
+        clear(target)
+        raise
     finally:
         lock.release()
 
@@ -137,6 +140,7 @@ def resume(
                     return _resumed(recording, lock, clock)
         return Resumed(RecordingWriter.create(path, plan, header, clock=clock, lock=lock), {}, 0.0)
     except BaseException:
+        clear(path)
         lock.release()
         raise
 

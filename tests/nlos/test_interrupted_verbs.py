@@ -19,8 +19,10 @@ import pytest
 from PIL import Image
 
 from nlos.acquisition.importers.magic import is_recording
+from nlos.acquisition.recording import salvage
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.salvage import verify
+from nlos.acquisition.recording.writer import RecordingWriter
 from tests.recon.test_evaluate import make_scene
 
 SOAK = os.environ.get("NLOS_SOAK") == "1"
@@ -191,3 +193,31 @@ def test_ctrl_c_while_the_program_is_loaded_ends_it_in_silence() -> None:
     command = [sys.executable, "-P", "-c", IMPORTED]
     child = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert (child.returncode, child.stdout, child.stderr) == (130, "", "")
+
+
+@pytest.mark.parametrize("verb", ["recover", "resume"])
+def test_ctrl_c_when_a_copy_is_about_to_take_its_place_leaves_nothing_of_it(
+    tmp_path: Path, inputs: Path, verb: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(fresh: Path, path: Path) -> None:
+        assert fresh.exists()
+        raise KeyboardInterrupt
+
+    run = tmp_path / "run.h5"
+    with Recording.open(inputs / "run.h5") as whole:
+        with RecordingWriter.create(run, whole.plan, whole.header) as writer:
+            for sample in list(whole.samples())[:5]:
+                writer.write(sample)
+        plan, header = whole.plan, whole.header
+    with h5py.File(run, "r+") as file:  # a row that resuming leaves out
+        file["samples/counts"][2] += 1
+    before = run.read_bytes()
+    monkeypatch.setattr(salvage, "put_in_place", interrupted)
+    act = {
+        "recover": lambda: salvage.recover(run, tmp_path / "new.h5"),
+        "resume": lambda: salvage.resume(run, plan, header),
+    }[verb]
+    with pytest.raises(KeyboardInterrupt):
+        act()
+    assert run.read_bytes() == before
+    assert names_in(tmp_path) - {"run.h5.damaged"} == {"run.h5"}
