@@ -66,6 +66,8 @@ class TimeTagger:
         self._taken: list[Histogram] = []
         self._triggered = 0
         self._armed_s = self._started_s = 0.0
+        self._zero_s: float | None = None
+        """Of the instrument's own time, when it was armed; its tags count from when it was opened."""
         self._running = False
         self._meanwhile: Callable[[], None] = lambda: None
 
@@ -134,7 +136,7 @@ class TimeTagger:
         bins = max(first + axis.bins, -(-round(1 / (sync_hz * PS)) // width_ps))
         self._period = Period(sync_hz, first, bins)
         self._dwells_s, self._taken, self._triggered = dwells_s, [], 0
-        self._armed_s = self._clock.now()
+        self._armed_s, self._zero_s = self._clock.now(), None
         if trigger is not Trigger.HOST:
             kind: type[ByTags | ByFlim] = ByTags if self._settings.mode == "list" else ByFlim
             step_s = gates.step_s or dwells_s[0] + blanking_s
@@ -173,6 +175,9 @@ class TimeTagger:
                     raise self._late(f"{clocked.complete} of {count} points complete", timeout_s)
                 self._clock.sleep(min(_WATCH_S, deadline_s - self._clock.now()))
             done = clocked.complete
+            if self._zero_s is None and done:  # what its own time was when it was armed, to within a look and a step
+                _, opened_s, _ = clocked.point(done - 1)
+                self._zero_s = opened_s + self._dwells_s[done - 1] - (self._clock.now() - self._armed_s)
             if done >= len(self._dwells_s):
                 self._end()
             seen, due = clocked.steps()
@@ -233,7 +238,8 @@ class TimeTagger:
         for point in range(first, first + count):
             counts, opened_s, lost = clocked.point(point)
             flags = HistogramFlag.DATA_LOST if lost else HistogramFlag.NONE
-            taken.append(self._made(counts, 0.0 if lost else self._dwells_s[point], flags, opened_s))
+            live_s = 0.0 if lost else self._dwells_s[point]
+            taken.append(self._made(counts, live_s, flags, opened_s - (self._zero_s or 0.0)))
         return taken
 
     def _end(self) -> None:
