@@ -101,7 +101,8 @@ def watched(run: Path, grows: Path, method: str) -> dict[str, Any]:
         browser.close()
     viewer.send_signal(signal.SIGINT)
     viewer.wait(60)
-    running = [(count, at_s) for count, at_s in noted if count % POINTS == 0 and count < FRAMES * POINTS]
+    first_s = dict(reversed(noted))  # a picture is drawn again as the page changes
+    running = [(count, first_s[count]) for count in sorted(first_s) if count < FRAMES * POINTS]
     if not running:
         return {"frames_per_s": 0.0, "latency_ms": None, "dropped": FRAMES, "due": FRAMES, "cpu_s": None}
     due = FRAMES - running[0][0] // POINTS  # from the first picture by this method on

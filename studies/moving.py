@@ -95,15 +95,15 @@ def mean_peak(scene: int) -> float:
 class Film:
     """The frames of one scene, drawn as they are asked for."""
 
-    def __init__(self, scene: int) -> None:
-        self.scene, self.objects = scene, objects(scene)
+    def __init__(self, scene: int, shown: tuple[Surface, ...] | None = None) -> None:
+        self.scene, self.objects = scene, shown or objects(scene)
         self._scenery = Scenery(self.objects, 0.004)
         row, col = np.divmod(np.arange(WALL.rows * WALL.cols), WALL.cols)
         self._part = bayer(SIDE)[row % SIDE, col % SIDE]
         middle_s = FRAMES * POINTS * DWELL_S / 2
-        shown = [self._expected(self._light(1.0), int(point), middle_s) for point in np.flatnonzero(self._part == 0)]
+        bright = [self._expected(self._light(1.0), int(point), middle_s) for point in np.flatnonzero(self._part == 0)]
         dark = self._expected(self._light(0.0), 0, 0.0)
-        self._seen = self._light(mean_peak(scene) / float(np.mean([(each - dark).max() for each in shown])))
+        self._seen = self._light(mean_peak(scene) / float(np.mean([(each - dark).max() for each in bright])))
 
     def frame(self, number: int) -> Moments:
         """Every other one backwards."""

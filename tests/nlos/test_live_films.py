@@ -116,8 +116,14 @@ def test_frames_that_wait_for_too_long_are_dropped_and_late_points_are_too_late(
         assert live.samples == 2 * each
         assert live.calibrated(True, lambda: load_scan(run)).samples == 2 * each
         light = HalfGrid(load_scan(run).transient, recording.plan.wall)
-        live.shown(LiveReconstruction("lct").of_film(light, 1).reconstruction)
-        assert live.shown_frame == 1
+        picture = LiveReconstruction("lct").of_film(light, 1).reconstruction
+        live.shown(picture)
+        assert (live.shown_frame, live.dropped) == (1, 0)
+        for sample in samples[2 * each : 5 * each]:
+            live.add(sample)
+        assert live.calibrated(False, lambda: load_scan(run)).samples == 5 * each
+        live.shown(picture)
+        assert (live.shown_frame, live.dropped) == (4, 2)
 
 
 def test_a_picture_is_due_with_every_frame_and_those_dropped_are_counted() -> None:

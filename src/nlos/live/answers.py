@@ -55,7 +55,7 @@ class ScanAnswers:
         if scan.film is not None:
             answer["film"] = {
                 "frame": scan.film.shown_frame + 1, "frames": seen.plan.frames, "pictures": scan.pictures,
-                "dropped": scan.skipped, "objects": scan.film.trails.told,
+                "dropped": scan.film.dropped, "objects": scan.film.trails.told,
             }  # fmt: skip
         return answer | {
             "samples": done, "planned": planned, "status": _status(scan, seen), "light": _light(seen),

@@ -64,6 +64,8 @@ class LiveFilm:
         """That had come when the newest frame was over."""
         self.shown_frame = -1
         """The newest one that there is a picture of."""
+        self.dropped = 0
+        """Frames that got no picture, since the first that did."""
         self.trails = Trails()
         self._zero: TimeZero | None = None
         self._newest = -1, 0.0  # frame with light, and the mean moment of its exposure
@@ -118,7 +120,8 @@ class LiveFilm:
 
     def shown(self, picture: Reconstruction) -> None:
         """A picture of the newest frame was made."""
-        self.shown_frame, moment_s = self._newest
+        before, (self.shown_frame, moment_s) = self.shown_frame, self._newest
+        self.dropped += max(self.shown_frame - before - 1, 0) if before >= 0 else 0
         self.trails.add(picture, moment_s)
 
     def _align(self, scan: "LoadedScan") -> None:
