@@ -94,6 +94,8 @@ def report(error: BaseException, words: Sequence[str] = ()) -> int:
         return int(error.exit_code)
     code = ExitCode.INTERRUPTED if type(error).__name__ == "Abort" else exit_code(error)
     message = missing_extra(error) or str(error)
+    if code == ExitCode.BUG and follows_an_interrupt(error):
+        code, message = ExitCode.INTERRUPTED, ""
     if code == ExitCode.DATA:
         message = with_its_file(message, words)
     if code == ExitCode.BUG:
@@ -106,6 +108,14 @@ def report(error: BaseException, words: Sequence[str] = ()) -> int:
         if terminal.verbosity > 0:
             traceback.print_exception(error)
     return ended(message, error, int(code))
+
+
+def follows_an_interrupt(error: BaseException) -> bool:
+    """Whether a Ctrl-C is behind it: a library that it broke into says so in an error of its own."""
+    seen: BaseException | None = error
+    while seen is not None and not isinstance(seen, KeyboardInterrupt):
+        seen = seen.__cause__ or seen.__context__
+    return seen is not None
 
 
 def with_its_file(message: str, words: Sequence[str]) -> str:

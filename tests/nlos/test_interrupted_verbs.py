@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from nlos.__main__ import report
 from nlos.acquisition.importers.magic import is_recording
 from nlos.acquisition.recording import salvage
 from nlos.acquisition.recording.recording import Recording
@@ -221,3 +222,13 @@ def test_ctrl_c_when_a_copy_is_about_to_take_its_place_leaves_nothing_of_it(
         act()
     assert run.read_bytes() == before
     assert names_in(tmp_path) - {"run.h5.damaged"} == {"run.h5"}
+
+
+def test_an_error_that_a_library_makes_of_ctrl_c_is_an_interrupt(capsys: pytest.CaptureFixture[str]) -> None:
+    """As when a C extension's first import is broken into."""
+    wrapped = SystemError("initialization raised unreported exception")
+    wrapped.__cause__ = KeyboardInterrupt()
+    assert report(wrapped) == 130
+    assert capsys.readouterr().err == "nlos: interrupted\n"
+    assert report(SystemError("of its own")) == 1
+    assert "this is a bug" in capsys.readouterr().err
