@@ -17,6 +17,7 @@ from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.film_memory import FilmMemory
 from nlos.live.film import LiveFilm
+from nlos.live.pace import Pace
 from nlos.live.scan import LiveScan
 from nlos.live.schedule import Schedule
 from nlos.loaded import load_scan, loaded_frames
@@ -139,3 +140,13 @@ def test_a_picture_is_due_with_every_frame_and_those_dropped_are_counted() -> No
     assert schedule.skipped == 0
     schedule.made("lct", 64 * 5, planned, 0.0, True)
     assert schedule.skipped == 3
+
+
+def test_thousands_of_samples_a_second_are_counted_in_few_entries() -> None:
+    pace = Pace()
+    for sample in range(10_000):
+        pace.saw(sample * 0.4e-3)
+    assert len(pace._came) <= Pace.OVER_S / Pace.TOGETHER_S + 1
+    assert pace.left_s(2500, 4.0) == pytest.approx(1.0, rel=0.02)
+    assert pace.left_s(1, 4.0 + 1.9) > 1e-3
+    assert pace.left_s(1, 7.0) == float("inf")

@@ -8,16 +8,21 @@ class Pace:
     """How fast samples come, over the last seconds, and how long a picture of each method takes."""
 
     OVER_S = 2.0
+    TOGETHER_S = 0.02
+    """Samples within so long are one entry: of thousands a second, a few entries are looked at for every one."""
 
     def __init__(self) -> None:
-        self._came_s: deque[float] = deque()
+        self._came: deque[tuple[float, int]] = deque()  # when the first of an entry came, and how many
         self._took_s: dict[str, float] = {}
 
     def saw(self, now_s: float) -> None:
         """One more sample."""
-        self._came_s.append(now_s)
-        while now_s - self._came_s[0] > self.OVER_S:
-            self._came_s.popleft()
+        if self._came and now_s - self._came[-1][0] < self.TOGETHER_S:
+            self._came[-1] = (self._came[-1][0], self._came[-1][1] + 1)
+        else:
+            self._came.append((now_s, 1))
+        while now_s - self._came[0][0] > self.OVER_S:
+            self._came.popleft()
 
     def took(self, method: str, seconds: float) -> None:
         """A picture was made in so many seconds."""
@@ -29,5 +34,5 @@ class Pace:
 
     def left_s(self, samples: int, now_s: float) -> float:
         """How long so many more take, at least; infinite while none come."""
-        came_s = [at_s for at_s in tuple(self._came_s) if now_s - at_s <= self.OVER_S]
-        return samples * (now_s - came_s[0]) / len(came_s) if came_s else math.inf
+        came = [entry for entry in tuple(self._came) if now_s - entry[0] <= self.OVER_S]
+        return samples * (now_s - came[0][0]) / sum(count for _, count in came) if came else math.inf
