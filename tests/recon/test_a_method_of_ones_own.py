@@ -12,7 +12,7 @@ import nlos
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.cli.exit_codes import exit_code
-from nlos.recon.errors import ReconError
+from nlos.recon.errors import InvalidSettings, ReconError
 from nlos.recon.evaluate import evaluate
 from nlos.recon.live import LiveReconstruction
 from nlos.recon.methods import catalogue, find, parse_settings, usable
@@ -149,3 +149,19 @@ def test_a_package_brings_its_own(scan: Transient, tmp_path: Path, monkeypatch: 
         find("torn")
     for name in [name for name in sys.modules if re.match("acme_(deep|torn)", name)]:
         del sys.modules[name]
+
+
+def test_a_file_that_does_not_say_what_it_is_and_an_untyped_setting_are_told_without_an_address(tmp_path: Path) -> None:
+    silent = tmp_path / "silent.py"
+    silent.write_text("\n".join(TEXT.split("\n")[1:]), encoding="utf-8")
+    assert TEXT.startswith('"""')
+    with pytest.raises(InvalidSettings, match=r"silent\.py:1: the file does not say what it is"):
+        find(str(silent))
+    untyped = tmp_path / "untyped.py"
+    untyped.write_text(
+        '"""Nothing."""\nfrom nlos.configs.settings import Settings as Base\n\nclass Settings(Base):\n    power = 2\n',
+        encoding="utf-8",
+    )
+    with pytest.raises(InvalidSettings, match=r"untyped\.py:4: ") as refused:
+        find(str(untyped))
+    assert "http" not in str(refused.value)

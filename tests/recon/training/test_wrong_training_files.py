@@ -75,7 +75,7 @@ WRONG = {
     "a loss below 0": (("samples: 4", "samples: 4\nloss: {depth: -1.0}"), ":6:", "loss.depth"),
     "weights that are not there": (("samples: 4", "samples: 4\nstart_from: no.safetensors"), ":6:", "no w"),
     "weights of another network": (("samples: 4", "samples: 4\nstart_from: lfe"), ":6:", "of the method lfe"),
-    "a response that is not there": ((DATA, DATA[:-1] + ", impulse_responses: [no.h5]}"), ":3:", "cannot be used"),
+    "a response that is not there": ((DATA, DATA[:-1] + ", impulse_responses: [no.h5]}"), ":3:", "no.h5: no such file"),
     "a response that is none": ((DATA, DATA[:-1] + ", impulse_responses: [good.yaml]}"), ":3:", "cannot be used"),
     "shares above 1": ((DATA, DATA[:-1] + ", detector: {noiseless: 0.7, uniform: 0.7}}"), ":3:", "more than 1"),
     "counts upside down": ((DATA, DATA[:-1] + ", detector: {peak_counts_least: 900.0}}"), ":3:", "peak_counts_most"),
