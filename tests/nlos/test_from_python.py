@@ -125,6 +125,7 @@ def test_files_and_the_command_line_give_the_same_picture(tmp_path: Path) -> Non
 
 
 def test_a_picture_shows_saves_and_becomes_an_xarray(tmp_path: Path) -> None:
+    pytest.importorskip("xarray", reason="the `xarray` extra is not installed")
     picture = nlos.reconstruct(point_scene(), wall=1.0, bin_width=BIN_S)
     assert picture._repr_png_().startswith(b"\x89PNG")
     assert len(repr(picture)) < 120
@@ -168,6 +169,7 @@ def test_a_bench_without_a_shutter_asks_first() -> None:
 
 
 def test_every_method_says_what_may_be_set() -> None:
+    pytest.importorskip("torch", reason="the `recon` extra is not installed")
     for method in nlos.methods().values():
         for setting in method.settings.values():
             assert setting.type
