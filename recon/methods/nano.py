@@ -14,6 +14,7 @@ from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.intervals import CalibratedHead, head_for, intervals_of
 from nlos.recon.layers.evidence import evidence
+from nlos.recon.layers.fine_detail import halves, holding, in_the_large, with_detail
 from nlos.recon.layers.lifted_volumes import LiftedVolumes
 from nlos.recon.layers.light_cone_inverse import brightest
 from nlos.recon.layers.noise_level import NoiseLevel
@@ -110,6 +111,7 @@ class Nano(nn.Module):
         self.pitch = (2 * pitch[0], wall.rows * pitch[1] / rows, wall.cols * pitch[2] / cols)
 
         self.head_of_intervals: CalibratedHead | None = None
+        self.halved: list[Nano] = []  # the same for half the points a side, where that sees better in the large
         self.noise_level = NoiseLevel()
         self.lifted = None
         if settings.lifting != "none":
@@ -143,6 +145,7 @@ class Nano(nn.Module):
     def forward(
         self, counts: Tensor, exposure: Tensor | None = None, response: Tensor | None = None
     ) -> MethodResult[Tensor]:
+        coarse = None if self.training else in_the_large(self.halved, counts, exposure, response)
         volumes, eta, maps, lifted, presence = self.prepared(counts, exposure, response)
         if self.settings.symmetries and not self.training:
             seen = self.over_symmetries(volumes, eta, maps, lifted)
@@ -151,13 +154,13 @@ class Nano(nn.Module):
         present = presence[:, None, None]
         albedo, depth_m = seen.albedo * present, seen.depth * self.physics.unit_m
         if not self.training:  # a picture's brightest point is 1 and its darkest 0, by definition
-            albedo = albedo.clamp(0, 1)
+            albedo = with_detail(coarse, albedo.clamp(0, 1))
             dark = albedo < DIMMEST * albedo.amax(dim=(1, 2), keepdim=True).clamp(min=1e-12)
             depth_m = torch.where(dark, torch.nan, depth_m)
         sure = None
         if self.head_of_intervals is not None and seen.spreads is not None:
             found = evidence(seen, volumes, eta, maps, presence, self.physics.depths)
-            sure = intervals_of(self.head_of_intervals, found, presence, self.physics)
+            sure = holding(intervals_of(self.head_of_intervals, found, presence, self.physics), albedo)
         behind = self.physics.slices - seen.volume.shape[1]  # too far for any light
         volume = F.pad(seen.volume * present[..., None], (0, 0, 0, 0, 0, behind))
         return with_intervals(MethodResult(albedo, depth_m, volume), sure)
@@ -290,4 +293,5 @@ def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
     if settings.weights is not None:  # weights that were never told a response are better off without
         network.takes_response = holds(settings.weights, TOLD)
     network.head_of_intervals = head_for(settings.weights)
+    network.halved = halves(network, wall, lambda coarser: build(settings, coarser, time_axis))
     return network
