@@ -1,74 +1,36 @@
 """A disk that gives one part of a recording and not another: it cannot be read, which is said; the process lives."""
 
-import ctypes
-import errno
-import multiprocessing
+import json
 import os
 import subprocess
 import sys
 from collections.abc import Callable
-from itertools import count
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from nlos.acquisition.errors import StorageError
 from nlos.acquisition.planning.plan import ScanPlan
-from nlos.acquisition.recording.file_bytes import READ_TRIES
-from nlos.acquisition.recording.open_file import open_scan_file
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Status
 from nlos.acquisition.recording.writer import RecordingWriter
+from tests.acquisition.failing_reads import OPENED, REFUSED
 
-FORK = multiprocessing.get_context("fork")
-REFUSED, OPENED, ELSE = 3, 4, 5
+PROGRAM = Path(__file__).with_name("failing_reads.py")
 pytestmark = pytest.mark.skipif(not hasattr(os, "pread"), reason="it is pread that fails here")
-_pread: Any = getattr(os, "pread", None)
-
-
-def outcome(path: Path, fails: Callable[[int], bool]) -> int | None:
-    """How a process ends that opens the file where a read at some places fails."""
-
-    def pread(fd: int, size: int, place: int) -> bytes:
-        if fails(place):
-            raise OSError(errno.EIO, os.strerror(errno.EIO))
-        return bytes(_pread(fd, size, place))
-
-    def child() -> None:
-        os.pread, code = pread, ELSE
-        try:
-            open_scan_file(path).handle.close()
-            code = OPENED
-        except StorageError as error:
-            code = REFUSED if "cannot be read" in str(error) else ELSE
-        finally:
-            ctypes.CDLL(None).exit(code)  # as a process ends: with what the C libraries do last
-
-    process = FORK.Process(target=child)
-    process.start()
-    process.join(30)
-    process.kill()
-    process.join()
-    return process.exitcode
 
 
 def test_a_recording_of_which_any_one_read_fails_is_refused_and_the_process_lives(
-    run_path: Path, small_plan: Callable[..., ScanPlan], monkeypatch: pytest.MonkeyPatch
+    run_path: Path, small_plan: Callable[..., ScanPlan]
 ) -> None:
     """For good, or until it is asked for again."""
     RecordingWriter.create(run_path, small_plan(4, 4), Header()).finish(Status.INTERRUPTED)
-    places: list[int] = []
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "pread", lambda fd, size, place: places.append(place) or _pread(fd, size, place))
-        open_scan_file(run_path).handle.close()
-    for_good = {bad: outcome(run_path, lambda place, bad=bad: place == bad) for bad in set(places)}
-    assert set(for_good.values()) == {REFUSED}, for_good
-    for first in range(len(places)):
-        asked = count()
-        once = outcome(run_path, lambda _, first=first, asked=asked: first <= next(asked) < first + READ_TRIES)
-        assert once == REFUSED, f"read {first} of {len(places)}"
-    assert outcome(run_path, lambda place: False) == OPENED
+    ended = subprocess.run([sys.executable, "-P", PROGRAM, run_path], capture_output=True, text=True, timeout=120)
+    assert ended.returncode == 0, ended.stderr
+    found = json.loads(ended.stdout)
+    assert len(found["for_good"]) > 3
+    assert set(found["for_good"].values()) == {REFUSED}, found
+    assert set(found["once"]) == {REFUSED}, found
+    assert found["sound"] == OPENED
 
 
 KEPT = """\
