@@ -109,13 +109,14 @@ class SampleServer:
         self.answers += 1
 
     def _reply(self, request: Request) -> list[bytes]:
+        seen, status = self._recording, self._recording.status  # before its rows: a scan may end between two looks
         self._look()
         recording = self._recording
         if request.want == "plan":
             return encode_plan(request.id, recording.plan, recording.header)
         bins = recording.plan.axis.bins
         most = max(1, min(request.most, MAX_BLOCK_BYTES // (bins * 4)))
-        over = self.over
+        over = self.left or (recording is seen and status is not Status.RUNNING)
         self._look_further(recording, request.first + most, over)
         rows = self._intact[request.first : request.first + most]
         if rows:
@@ -123,12 +124,11 @@ class SampleServer:
         else:
             counts = np.zeros((0, bins), np.uint32)
         last = over and request.first + len(rows) >= len(self._intact) and self._looked_at >= len(recording)
-        status = Status.FAILED if self.left else recording.status
         events = tuple(recording.events()[request.log :])
         return encode_block(
             request.id,
             Block(self._which, request.first, recording.records[rows], counts, events, request.log,
-                  status if last else None, self.left),
+                  (Status.FAILED if self.left else status) if last else None, self.left),
         )  # fmt: skip
 
     def _look_further(self, recording: Recording, wanted: int, over: bool) -> None:

@@ -83,6 +83,33 @@ def test_every_shipped_plan_crosses_the_wire(name: str) -> None:
     assert decode_plan(encode_plan(1, plan, Header(scan_text=name))) == (plan, Header(scan_text=name))
 
 
+def test_a_scan_that_ends_while_the_server_looks_is_copied_whole(
+    bench_settings: Callable[..., BenchSettings], small_plan: Callable[..., ScanPlan], tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """All samples and the end come between the server's look at the rows and its answer."""
+    run, far, plan = tmp_path / "run.h5", tmp_path / "far.h5", small_plan(dwell_ms=1)
+    with open_bench(bench_settings()) as bench:
+        samples = list(scan(plan, bench))
+    writer = RecordingWriter.create(run, plan, Header())
+    refresh, looks = Recording.refresh, list[int]()
+
+    def slowly(recording: Recording) -> int:
+        found = refresh(recording)
+        looks.append(found)
+        if recording.path == run and len(looks) > 3 and not writer.acknowledged:
+            for sample in samples:
+                writer.write(sample)
+            writer.finish(Status.COMPLETE)
+        return found
+
+    monkeypatch.setattr(Recording, "refresh", slowly)
+    with serving(run, 0, StorageError) as server:
+        assert copy_served(server.ticket, far, patience_s=20) == len(plan)
+    monkeypatch.undo()
+    assert_same(run, far)
+
+
 @pytest.mark.parametrize(("scheme", "kind"), [*CASES, ("continuous lines", "serpentine")])
 def test_every_kind_of_plan_is_served_in_every_scheme(
     scheme: str, kind: str, bench_settings: Callable[..., BenchSettings], small_plan: Callable[..., ScanPlan],

@@ -253,5 +253,5 @@ def test_the_report_gives_place_and_delay_to_the_digits_of_their_errors(folder: 
     delay = re.search(r"<th>Delay of cables[^<]*</th><td>([0-9.-]+) ± ([0-9.]+)<", text)
     assert place is not None
     assert delay is not None
-    assert re.fullmatch(r"(-?\d\.\d{5} ± 0\.\d{5}(, )?){3}", place[1])
+    assert re.fullmatch(r"(-?\d+\.\d{2} ± \d+\.\d{2}(, )?){3}", place[1])  # mm
     assert abs(float(delay[1]) - 0.35) < 4 * float(delay[2])
