@@ -1,30 +1,27 @@
 """What the methods that solve on the light cone share: the way to it and back, and a response inverted with it."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable
 
 import torch
-from torch import nn
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.method import MethodResult
-from nlos.recon.physics import prepare, seen_in
+from nlos.recon.physics import prepare
 from nlos.recon.physics_settings import LightConeSettings
 from nlos.recon.transport.conventions import depths_m
 from nlos.recon.transport.falloff import Falloff
 from nlos.recon.transport.light_cone import LightConeConvolution, Snr
 from nlos.recon.transport.resampling import LightConeResampling
 from nlos.recon.transport.response_bands import BANDS, bands_of
+from nlos.recon.volume_method import VolumeMethod
 
 Invert = Callable[[torch.Tensor, Snr, torch.Tensor | None], torch.Tensor]
 """(light (B, 1, V, H, W), snr one or (B,), spectrum (1, 1, F) of a response or None) -> albedo, all on the cone."""
 
 
-class LightConeMethod(nn.Module, ABC):
+class LightConeMethod(VolumeMethod):
     """(B, C, T, H, W) counts -> (B, C, D, H, W) albedo, not below 0, one plane a bin: `solved` is what differs."""
-
-    takes_response = True
 
     def __init__(self, settings: LightConeSettings, wall: WallGrid, time: TimeAxis) -> None:
         super().__init__()
@@ -33,12 +30,6 @@ class LightConeMethod(nn.Module, ABC):
         self.falloff = Falloff(time, settings.falloff, settings.conventions)
         self.resample = LightConeResampling(time, settings.conventions)
         self.cone = LightConeConvolution(wall, time, settings.conventions, settings.tile)
-
-    def forward(
-        self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None
-    ) -> MethodResult[torch.Tensor]:
-        """The volume, its front view and its depth map."""
-        return seen_in(self.volume(counts, exposure_s, response), self.depths_m)
 
     def volume(
         self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None

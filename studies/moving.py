@@ -6,11 +6,8 @@ sixteenth, and makes the page; `python -m studies.moving ROWS.jsonl 0 1 2 ...` m
 to take up.
 """
 
-import json
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,6 +27,7 @@ from nlos.recon.metrics import image_scores
 from nlos.recon.over_time.memory import LightMemory
 from nlos.recon.over_time.moments import Moments, added
 from nlos.recon.reconstruct import reconstruct
+from studies.by_scene import run
 
 Floats = npt.NDArray[np.float64]
 
@@ -214,22 +212,5 @@ def _difference(rows: list[dict[str, Any]], left: str, right: str) -> str:
     return f"{np.mean(each):+.2f} ± {np.std(each, ddof=1) / np.sqrt(len(each)):.2f} dB of {len(each)}"
 
 
-def main() -> None:
-    """Measures and writes."""
-    target = Path(sys.argv[1])
-    if target.suffix == ".jsonl":
-        with target.open("a", encoding="utf-8") as file:
-            for scene in map(int, sys.argv[2:]):
-                for row in measured(scene):
-                    file.write(json.dumps(row) + "\n")
-                    file.flush()
-        return
-    rows = [json.loads(line) for each in sys.argv[2:] for line in Path(each).read_text(encoding="utf-8").splitlines()]
-    missing = [scene for scene in (*MOVING, *STILL) if scene not in {row["scene"] for row in rows}]
-    rows += [row for scene in missing for row in measured(scene)]
-    rows.sort(key=lambda row: (row["scene"], row["frame"]))
-    target.write_text(page(rows), encoding="utf-8")
-
-
 if __name__ == "__main__":
-    main()
+    run(measured, (*MOVING, *STILL), page)

@@ -6,12 +6,9 @@ after the film has begun; 256 points of 0.4 ms a frame out of 64 x 64, each fram
 `python -m studies.tracking ROWS.jsonl 0 1 2 ...` measures these scenes alone, for the page to take up.
 """
 
-import json
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +20,7 @@ from nlos.recon.live import LiveReconstruction
 from nlos.recon.over_time.half_grid import on_half_grid
 from nlos.recon.over_time.memory import LightMemory
 from nlos.recon.tracked_objects import tracked_objects
+from studies.by_scene import run
 from studies.moving import DWELL_S, POINTS, TIME, WALL, Film, mean_peak, response
 
 Floats = npt.NDArray[np.float64]
@@ -162,21 +160,5 @@ def page(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main() -> None:
-    """Measures and writes."""
-    target = Path(sys.argv[1])
-    if target.suffix == ".jsonl":
-        with target.open("a", encoding="utf-8") as file:
-            for scene in map(int, sys.argv[2:]):
-                for row in measured(scene):
-                    file.write(json.dumps(row) + "\n")
-                    file.flush()
-        return
-    rows = [json.loads(line) for each in sys.argv[2:] for line in Path(each).read_text(encoding="utf-8").splitlines()]
-    done = {row["scene"] for row in rows}
-    rows += [row for scene in SCENES if scene not in done for row in measured(scene)]
-    target.write_text(page(rows), encoding="utf-8")
-
-
 if __name__ == "__main__":
-    main()
+    run(measured, SCENES, page)

@@ -45,7 +45,7 @@ def in_the_large(
 
 
 def with_detail(coarse: Tensor | None, fine: Tensor) -> Tensor:
-    """`fine` (B, H, W), but as `coarse` (B, H / 2, W / 2) wherever that can tell; 1 at the brightest point."""
+    """`fine` (B, H, W), but as `coarse` (B, H / 2, W / 2) wherever that can tell; as bright at its brightest."""
     if coarse is None:
         return fine
     strengths = _strength(coarse)

@@ -1,23 +1,20 @@
 """f-k migration: runs the measured light back as a wave; robust for glossy and mixed surfaces."""
 
 import torch
-from torch import nn
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
-from nlos.recon.method import MethodResult
-from nlos.recon.physics import prepare, seen_in
+from nlos.recon.physics import prepare
 from nlos.recon.plain.fk import Settings
 from nlos.recon.transport.conventions import depths_m
 from nlos.recon.transport.falloff import Falloff
 from nlos.recon.transport.fk_migration import FkMigration
+from nlos.recon.volume_method import VolumeMethod
 
 
-class Migration(nn.Module):
+class Migration(VolumeMethod):
     """(B, C, T, H, W) counts -> (B, C, D, H, W) squared magnitude. Source: Lindell et al., ACM TOG 38(4), 2019."""
-
-    takes_response = True
 
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
         super().__init__()
@@ -25,12 +22,6 @@ class Migration(nn.Module):
         self.depths_m = depths_m(time, settings.conventions)
         self.falloff = Falloff(time, settings.falloff, settings.conventions)
         self.migrate = FkMigration(wall, time, settings.conventions)
-
-    def forward(
-        self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None
-    ) -> MethodResult[torch.Tensor]:
-        """The volume, its front view and its depth map."""
-        return seen_in(self.volume(counts, exposure_s, response), self.depths_m)
 
     def volume(
         self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None

@@ -294,4 +294,6 @@ def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
         network.takes_response = holds(settings.weights, TOLD)
     network.head_of_intervals = head_for(settings.weights)
     network.halved = halves(network, wall, lambda coarser: build(settings, coarser, time_axis))
+    for half in network.halved:
+        half.head_of_intervals = None  # nobody asks how sure it is
     return network

@@ -21,6 +21,7 @@ from nlos.recon.transport.light_cone import LightConeConvolution
 from nlos.recon.transport.phasor_field import KEPT_FILTER_BYTES, ConfocalRsd, frequencies_per_m
 from nlos.recon.transport.resampling import LightConeResampling
 from nlos.recon.transport.virtual_wave import VirtualWave
+from nlos.recon.volume_method import VolumeMethod
 
 KEPT = 0.45  # of a wave's amplitude that a response must leave; 0.4 and 0.5 serve as well
 
@@ -61,10 +62,8 @@ class Settings(PhysicsSettings):
         return {f"wavelength_m={other.wavelength_m:g}": other.bytes_needed(wall, time) for other in longer}
 
 
-class Camera(nn.Module):
+class Camera(VolumeMethod):
     """(B, C, T, H, W) counts -> (B, C, D, H, W) magnitude of the exact propagator's field."""
-
-    takes_response = True
 
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
         super().__init__()
@@ -79,12 +78,6 @@ class Camera(nn.Module):
         self.wall, self.wavelength_m = wall, _wavelength_m(settings, wall)
         self.propagate = self._propagator(self.wavelength_m)
         self.slower: tuple[float, ConfocalRsd] | None = None
-
-    def forward(
-        self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None
-    ) -> MethodResult[torch.Tensor]:
-        """The volume, its front view and its depth map."""
-        return seen_in(self.volume(counts, exposure_s, response), self.depths_m)
 
     def volume(
         self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None
@@ -113,36 +106,24 @@ class Camera(nn.Module):
 class LightConeCamera(nn.Module):
     """(B, C, T, H, W) counts -> (B, C, D, H, W) magnitude, back-projected on the light cone. Falloff is left alone."""
 
-    takes_response = True
-
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
         super().__init__()
         self.settings, self.time = settings, time
         self.depths_m = depths_m(time, settings.conventions)
-        self.wall = wall
+        self.wave = VirtualWave(time, _wavelength_m(settings, wall), _cycles(settings), settings.conventions)
         self.resample = LightConeResampling(time, settings.conventions)
         self.cone = LightConeConvolution(wall, time, settings.conventions)
 
-    def forward(
-        self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None
-    ) -> MethodResult[torch.Tensor]:
+    def forward(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> MethodResult[torch.Tensor]:
         """The volume, its front view and its depth map."""
-        return seen_in(self.volume(counts, exposure_s, response), self.depths_m)
+        return seen_in(self.volume(counts, exposure_s), self.depths_m)
 
-    def volume(
-        self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None
-    ) -> torch.Tensor:
-        """The magnitude on the light cone, resampled to depth; of a wave that a `response` (B, K) leaves standing."""
+    def volume(self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None) -> torch.Tensor:
+        """The magnitude on the light cone, resampled to depth."""
         signal, _ = prepare(counts, exposure_s, self.settings, self.time, None)
-        told = [None] * len(signal) if response is None else list(response.expand(len(signal), -1))
-        phasors = torch.cat([self._wave(taps)(one[None]) for one, taps in zip(signal, told, strict=True)])
+        phasors = self.wave(signal)
         real, imaginary = (self.cone.adjoint(self.resample(part)) for part in (phasors.real, phasors.imag))
         return self.resample.adjoint(torch.hypot(real, imaginary))
-
-    def _wave(self, taps: torch.Tensor | None) -> VirtualWave:
-        settings = self.settings
-        wavelength_m = _wavelength_left_m(settings, self.wall, self.time, taps)
-        return VirtualWave(self.time, wavelength_m, _cycles(settings), settings.conventions)
 
 
 def build(settings: AnySettings, wall: WallGrid, time: TimeAxis) -> nn.Module:
@@ -167,11 +148,11 @@ def _wavelength_m(settings: Settings, wall: WallGrid) -> float:
     return 4 * max(wall.width_m / wall.cols, wall.height_m / wall.rows)
 
 
-def _wavelength_left_m(settings: Settings, wall: WallGrid, time: TimeAxis, taps: torch.Tensor | None) -> float:
+def _wavelength_left_m(settings: Settings, wall: WallGrid, time: TimeAxis, taps: torch.Tensor) -> float:
     """The wave's length, longer where a response (K,) would leave less than `KEPT` of it: there is then nothing but
     noise in it. Never so long that the pulse does not fit the time axis; as given, where it is given."""
     wavelength_m = _wavelength_m(settings, wall)
-    if taps is None or settings.wavelength_m is not None or settings.conventions == "authors":
+    if settings.wavelength_m is not None:
         return wavelength_m
     shares = taps.cpu().double().numpy()
     bin_m = SPEED_OF_LIGHT_M_PER_S * time.bin_width_s

@@ -255,7 +255,8 @@ def test_told_beats_untold_where_the_detector_is_slow(
 
 
 @pytest.mark.parametrize("method", ["fk", "phasor"])
-def test_a_wave_told_of_a_slow_detector_sees_more(method: str) -> None:
+@pytest.mark.parametrize("kept", [1, 3])  # of the points, one in so many at random
+def test_a_wave_told_of_a_slow_detector_sees_more(method: str, kept: int) -> None:
     data = DatasetSettings(rows=32, cols=32, bins=128, bin_width_ps=96.0)
     better_db = []
     for number in range(3):
@@ -264,7 +265,8 @@ def test_a_wave_told_of_a_slow_detector_sees_more(method: str) -> None:
         response = gaussian(700e-12, "known")
         spread = respond(clean, response.taps(data.time.bin_width_s))
         counts = np.random.default_rng(1).poisson(20 / spread.max(axis=0).mean() * spread + 0.1).astype(np.float32)
-        slow = Transient(counts, np.ones((32, 32)), data.wall, data.time)
+        exposure = (np.random.default_rng(2).random((32, 32)) < 1 / kept).astype(float)
+        slow = Transient(counts * exposure.astype(np.float32), exposure, data.wall, data.time)
         truth = front_view(scene, data.wall).intensity
         untold, told, wrong = (
             reconstruct(replace(slow, response=known), method, explain=False).albedo
@@ -289,6 +291,14 @@ def test_an_instant_response_changes_nothing(method: str, slow_scene: tuple[Tran
     assert np.array_equal(told.depth_m, untold.depth_m, equal_nan=True)
     assert told.response_used or method == "nano"
     assert not untold.response_used
+
+
+def test_the_phasor_fields_approximation_is_not_told(slow_scene: tuple[Transient, Transient, np.ndarray]) -> None:
+    _, slow, _ = slow_scene
+    variant = {"variant": "light_cone"}
+    told = reconstruct(replace(slow, response=gaussian(300e-12, "known")), "phasor", variant, explain=False)
+    assert not told.response_used
+    assert np.array_equal(told.albedo, reconstruct(slow, "phasor", variant, explain=False).albedo)
 
 
 def test_weights_that_were_never_told_a_response_are_not_told_one(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import tempfile
 import time
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parents[3]))  # -P: nothing is imported from the folder that one stands in
+sys.path.append(str(Path(__file__).parents[3]))  # with -P, nothing is imported from the current folder
 
 from tests.left_behind import MARK, Held
 

@@ -1,13 +1,16 @@
 """A wall finer than NANO learned on: in the large as the halved scan's picture, with its own detail."""
 
 import numpy as np
+import pytest
 import torch
 
-from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.response import gaussian
+from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.layers.fine_detail import in_the_large, with_detail
 from nlos.recon.methods import nano
 from nlos.recon.metrics import image_scores
+from nlos.recon.reconstruct import reconstruct
 from nlos.recon.training.dataset import DatasetSettings
 from nlos.recon.training.rendering import render
 from nlos.recon.training.scenes import front_view, make_scene, surfels
@@ -65,3 +68,26 @@ def test_a_finer_scan_is_no_worse_where_both_can_tell() -> None:
         picture = torch.nn.functional.adaptive_avg_pool2d(first[None], 48)[0].numpy()
         seen_db[side] = image_scores(picture, front_view(scene, points(48).wall).intensity)["psnr"]
     assert seen_db[96] > seen_db[48] - 0.1
+
+
+@pytest.mark.parametrize("told", [False, True])
+@pytest.mark.parametrize("exposure", ["even", "uneven", "a twelfth missing"])
+def test_a_fine_walls_intervals_hold_its_picture(told: bool, exposure: str) -> None:
+    data = DatasetSettings(rows=96, cols=96, bins=96, bin_width_ps=160.0)
+    scene = make_scene(21, 5, data.wall)
+    clean = render(surfels(scene, np.random.default_rng(0)), data.wall, data.time).numpy()
+    draw = np.random.default_rng(2)
+    dwell = {
+        "even": np.ones((96, 96)),
+        "uneven": draw.uniform(0.3, 2, (96, 96)),
+        "a twelfth missing": (draw.random((96, 96)) > 1 / 12).astype(float),
+    }[exposure]
+    counts = draw.poisson((8 / clean.max(axis=0).mean() * clean + 0.05) * dwell).astype(np.float32)
+    response = gaussian(300e-12, "told") if told else None
+    seen = reconstruct(Transient(counts, dwell, data.wall, data.time, response), "nano", explain=False)
+    assert seen.intervals is not None
+    assert seen.response_used is told
+    assert (seen.intervals.albedo_low <= seen.albedo).all()
+    assert (seen.intervals.albedo_high >= seen.albedo).all()
+    assert 0 <= seen.albedo.min() < seen.albedo.max() <= 1
+    assert image_scores(seen.albedo, front_view(scene, data.wall).intensity)["psnr"] > 15
