@@ -8,14 +8,7 @@ from pathlib import Path
 
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.errors import LimitError
-
-STATE = "NLOS_STATE"
-"""Environment variable: the folder of what outlasts a program; `~/.local/state/nlos` where it is not set."""
-
-
-def state_folder() -> Path:
-    """Where what outlasts a program is kept."""
-    return Path(os.environ.get(STATE) or Path.home() / ".local" / "state" / "nlos")
+from nlos.drivers.state_folder import state_folder
 
 
 def file_word(name: str) -> str:

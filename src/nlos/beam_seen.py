@@ -19,7 +19,8 @@ from nlos.calibration.errors import InvalidData
 from nlos.calibration.geometry_fit import Spots
 from nlos.calibration.spots_sense import check_sense, span_the_wall
 from nlos.drivers.bench_settings import BenchSettings
-from nlos.drivers.trip_latch import file_word, state_folder
+from nlos.drivers.state_folder import state_folder
+from nlos.drivers.trip_latch import file_word
 from nlos.whole_file import whole_file
 
 RULER_M = 0.02

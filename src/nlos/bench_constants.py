@@ -12,7 +12,8 @@ from nlos.calibration.checked import all_checked, load_checked
 from nlos.calibration.constants import BenchConstants
 from nlos.calibration.errors import StaleConstants
 from nlos.calibration.geometry import ScannerGeometry
-from nlos.drivers.trip_latch import file_word, state_folder
+from nlos.drivers.state_folder import state_folder
+from nlos.drivers.trip_latch import file_word
 
 log = logging.getLogger(__name__)
 

@@ -5,12 +5,15 @@ import re
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from nlos.acquisition.recording.run_notes import RunNotes
 from nlos.cli.exit_codes import UsageError
 from nlos.configs.load import ConfigError, parse
-from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.run_defaults import HookSettings, RunDefaults
+
+if TYPE_CHECKING:
+    from nlos.drivers.bench_settings import BenchSettings
 
 CONFIG = "NLOS_CONFIG"
 """Environment variable: the folder of a person's own defaults; `~/.config/nlos` where it is not set."""
@@ -29,7 +32,7 @@ def own_defaults() -> RunDefaults:
 
 
 def notes_for(
-    bench: BenchSettings, sample: str | None, operator: str | None, note: str | None, tags: Sequence[str]
+    bench: "BenchSettings", sample: str | None, operator: str | None, note: str | None, tags: Sequence[str]
 ) -> RunNotes:
     """Raises `UsageError` for what a recording does not keep."""
     own, its = own_defaults(), bench.runs
@@ -50,18 +53,18 @@ def _first(given: str | None, *defaults: str) -> str:
     return given if given is not None else next((text for text in defaults if text), "")
 
 
-def hooks_for(bench: BenchSettings) -> HookSettings:
+def hooks_for(bench: "BenchSettings") -> HookSettings:
     """The bench's, else one's own."""
     return bench.runs.hooks or own_defaults().hooks
 
 
-def data_folder(bench: BenchSettings | None = None) -> Path | None:
+def data_folder(bench: "BenchSettings | None" = None) -> Path | None:
     """Where runs are kept; None: nobody said, so in the current folder."""
     said = (bench.runs.folder if bench is not None else "") or own_defaults().folder
     return Path(said).expanduser() if said else None
 
 
-def dated_name(bench: BenchSettings, scan: str, sample: str, now: datetime) -> Path:
+def dated_name(bench: "BenchSettings", scan: str, sample: str, now: datetime) -> Path:
     """What a scan without a name of its own is called: day, time, scan and sample, in the data folder by days."""
     folder, words = data_folder(bench), [word for word in (file_word(scan), file_word(sample)) if word]
     if folder is None:

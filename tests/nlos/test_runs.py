@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import subprocess
+import sys
 from datetime import datetime
 from pathlib import Path
 
@@ -137,6 +139,21 @@ def test_the_index_follows_the_files(tmp_path: Path) -> None:
     with RunsIndex(data) as index:
         index.update()
         assert index.search() == before
+
+
+def test_a_search_loads_nothing_that_only_reading_needs(tmp_path: Path) -> None:
+    recording(tmp_path / "a.h5", NOTES)
+    with RunsIndex(tmp_path) as index:
+        index.update()
+    asked = (
+        "import sys\nfrom nlos.__main__ import run\n"
+        f"assert run(['runs', 'hat', '--folder', {str(tmp_path)!r}]) == 0\n"
+        "print([name for name in ('numpy', 'h5py', 'yaml', 'nlos.drivers.bench') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "1 of 1 runs" in done.stdout
+    assert done.stdout.splitlines()[-1] == "[]"
 
 
 SEARCHES = {

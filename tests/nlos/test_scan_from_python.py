@@ -9,7 +9,8 @@ from nlos.__main__ import run
 from nlos.acquisition.errors import StorageError
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.drivers.errors import SafetyTrip
-from nlos.drivers.trip_latch import STATE, TripLatch
+from nlos.drivers.state_folder import STATE
+from nlos.drivers.trip_latch import TripLatch
 
 SCAN, BENCH = "five_by_five", "zero_latency"
 

@@ -8,9 +8,7 @@ import typer
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.targets import page_target
 from nlos.cli.terminal import terminal
-from nlos.run_defaults import data_folder
 from nlos.runs.index import SORTS, Run, RunsIndex
-from nlos.runs.page import write_page
 
 _LONGEST = 40
 _HEADS = ("started", "status", "points", "sample", "operator", "tags", "path", "note")
@@ -37,7 +35,7 @@ def runs(
 ) -> None:
     """Lists recordings below a folder, the latest first. The index is made from the files and brought up to date
     first; deleting it loses nothing."""
-    where = folder or data_folder() or Path()
+    where = folder or _data_folder() or Path()
     if not where.is_dir():
         raise FileNotFoundError(f"{where}: no such folder")
     if sort not in SORTS:
@@ -56,8 +54,16 @@ def runs(
         for run in found
     ]
     if page is not None:
+        from nlos.runs.page import write_page
+
         write_page(page, where, found, " ".join(words or []))
         terminal.result(str(page), page=str(page))
+
+
+def _data_folder() -> Path | None:
+    from nlos.run_defaults import data_folder  # reads YAML, which takes longer than a search
+
+    return data_folder()
 
 
 def _show(found: "list[Run]") -> None:

@@ -8,29 +8,18 @@ import hashlib
 import json
 import os
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing
+from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from nlos.acquisition.errors import InvalidData, StorageError
-from nlos.acquisition.importers.isolated import IsolatedReader
-from nlos.acquisition.importers.magic import is_recording
-from nlos.drivers.trip_latch import state_folder
-from nlos.runs.query import condition, local_time
+from nlos.acquisition.errors import StorageError
+from nlos.drivers.state_folder import state_folder
+from nlos.runs.query import condition
 
-_READER = "nlos.acquisition.recording.summary:summarise"
 _VERSION = 2
-_BATCH = 500
-_READERS, _WORTH_A_READER = 4, 50
-"""Children that read side by side, each worth its start from so many files on."""
-Stamp = tuple[int, int, int]
-"""Size, time of change, inode."""
-Row = tuple[tuple[Any, ...], str]
-"""What is searched of a run, and its summary."""
 UNREADABLE, OTHER = "unreadable", "other"
 """Of a recording that cannot be read; of another file that is called .h5 and is not shown."""
 _SCHEMA = """
@@ -130,45 +119,17 @@ class RunsIndex:
             for table in ("runs", "summaries"):
                 self._base.executemany(f"DELETE FROM {table} WHERE path = ?", gone)
         unreadable = 0
-        many = min(_READERS, os.cpu_count() or 1, 1 + len(fresh) // _WORTH_A_READER)
-        with ExitStack() as stack:
-            readers = [stack.enter_context(IsolatedReader()) for _ in range(many)]
-            threads = stack.enter_context(ThreadPoolExecutor(many, thread_name_prefix="runs"))
-            for first in range(0, len(fresh), _BATCH):
-                batch = fresh[first : first + _BATCH]
-                parts = [threads.submit(self._rows, reader, batch[i::many], there) for i, reader in enumerate(readers)]
-                rows = [row for part in parts for row in part.result()]
-                unreadable += sum(row[4] == UNREADABLE for row, _ in rows)
+        if fresh:
+            from nlos.runs.reading import read_in_batches  # NumPy and HDF5: nothing that a search needs
+
+            marks = ", ".join("?" * len(_COLUMNS))
+            for rows in read_in_batches(self.folder, {path: there[path] for path in fresh}):
+                unreadable += sum(row[_COLUMNS.index("kind")] == UNREADABLE for row, _ in rows)
                 with self._base:
-                    marks = ", ".join("?" * len(_COLUMNS))
                     self._base.executemany(f"INSERT OR REPLACE INTO runs VALUES ({marks})", [row for row, _ in rows])
                     summaries = [(row[0], summary) for row, summary in rows]
                     self._base.executemany("INSERT OR REPLACE INTO summaries VALUES (?, ?)", summaries)
         return Changes(len(fresh), len(gone), unreadable)
-
-    def _rows(self, reader: IsolatedReader, paths: Sequence[str], there: Mapping[str, Stamp]) -> list[Row]:
-        return [self._row(reader, path, there[path]) for path in paths]
-
-    def _row(self, reader: IsolatedReader, path: str, stamp: Stamp) -> Row:
-
-        full, kind = self.folder / path, "recording"
-        try:
-            if not is_recording(full):
-                raise InvalidData("another HDF5 file")
-            said = reader.ask(full, _READER)
-        except (InvalidData, StorageError, OSError) as error:
-            kind = UNREADABLE if _may_be_one(full) else OTHER
-            said = {"status": UNREADABLE, "trouble": str(error)}
-        started = local_time(str(said.get("started_utc", "")))
-        told = [str(said.get(name, "")) for name in ("sample", "operator", "note")]
-        tags, bench = " ".join(said.get("tags", [])), str(said.get("bench", ""))
-        words = " ".join([path, started, *told, tags, bench, str(said.get("status")), str(said.get("pattern", "")),
-                          *said.get("devices", [])]).casefold()  # fmt: skip
-        row = (
-            path, *stamp, kind, started, said.get("status"), said.get("points"), said.get("planned"),
-            said.get("photons"), said.get("live_s"), *told, tags, bench, words,
-        )  # fmt: skip
-        return row, json.dumps(said)
 
     def search(
         self, words: Sequence[str] = (), sort: str = "started", reverse: bool = True, limit: int | None = None
@@ -185,14 +146,6 @@ class RunsIndex:
     def count(self) -> int:
         """How many runs there are in all."""
         return int(self._base.execute("SELECT count(*) FROM runs WHERE kind != ?", (OTHER,)).fetchone()[0])
-
-
-def _may_be_one(path: Path) -> bool:
-    """Whether a file that cannot be read was meant to be a recording."""
-    try:
-        return is_recording(path)
-    except (OSError, InvalidData):
-        return True
 
 
 def _recordings(folder: Path) -> Iterator[tuple[str, os.stat_result]]:
