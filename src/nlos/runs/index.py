@@ -17,11 +17,9 @@ from typing import Any, Self
 
 from nlos.acquisition.errors import StorageError
 from nlos.drivers.state_folder import state_folder
-from nlos.runs.query import condition
+from nlos.runs.query import OTHER, UNREADABLE, condition
 
 _VERSION = 2
-UNREADABLE, OTHER = "unreadable", "other"
-"""Of a recording that cannot be read; of another file that is called .h5 and is not shown."""
 _SCHEMA = """
 CREATE TABLE runs (
     path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, inode INTEGER, kind TEXT, started TEXT, status TEXT,

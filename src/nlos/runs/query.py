@@ -5,6 +5,8 @@ from datetime import datetime
 
 from nlos.cli.exit_codes import UsageError
 
+UNREADABLE, OTHER = "unreadable", "other"
+"""Of a recording that cannot be read; of another file that is called .h5 and is not shown."""
 FIELDS = {"sample", "operator", "note", "bench", "status", "path"}
 """`sample:hat`: the word in that field alone."""
 

@@ -11,8 +11,7 @@ from typing import Any
 from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.importers.isolated import IsolatedReader
 from nlos.acquisition.importers.magic import is_recording
-from nlos.runs.index import OTHER, UNREADABLE
-from nlos.runs.query import local_time
+from nlos.runs.query import OTHER, UNREADABLE, local_time
 
 _READER = "nlos.acquisition.recording.summary:summarise"
 _BATCH = 500
