@@ -44,7 +44,8 @@ class DatasetSettings(Settings):
     detector: DetectorSettings = DetectorSettings()
     """How scenes are measured."""
     files: Annotated[str, Field(min_length=1)] | None = None
-    """Pattern of scenes on disk with their truth, `mine/*.h5`; see Train your own."""
+    """Pattern of scenes on disk with their truth, `mine/*.h5`, or a part of LFE's set, `lfe/0:train`; see Train your
+    own."""
     share: Annotated[float, Field(gt=0, le=1)] = 0.5
     """Of the samples that come from `files`; the others are made."""
 

@@ -22,6 +22,7 @@ WALL_WIDTH_M = 2.0
 TRAINED_MODELS = 250
 LUMINANCE = np.array([0.299, 0.587, 0.114], np.float32)
 Kind = Literal["confocal", "detector"]
+Part = Literal["train", "test"]
 
 
 @dataclass(frozen=True)
@@ -62,11 +63,10 @@ class LfeScene:
         raise FileNotFoundError(f"{self.folder} holds no {pattern}; is it a scene of the LFE set, fully unpacked?")
 
 
-def lfe_scenes(root: Path, part: Literal["train", "test"], shininess: int = 0) -> Iterator[LfeScene]:
-    """The scenes of one part: models in descending order, the first 250 to train, the others to test, as published."""
-    top = root / str(shininess)
-    models = sorted((path for path in top.iterdir() if path.is_dir()), reverse=True)
-    chosen = models[:TRAINED_MODELS] if part == "train" else models[TRAINED_MODELS:]
-    for model in chosen:
+def lfe_scenes(top: Path, part: Part) -> Iterator[LfeScene]:
+    """The scenes of one part of root/<shininess>: models in descending order, the first 250 to train, the others to
+    test, as published. None where there is no such folder."""
+    models = sorted((path for path in top.glob("*") if path.is_dir()), reverse=True)
+    for model in models[:TRAINED_MODELS] if part == "train" else models[TRAINED_MODELS:]:
         for folder in sorted(model.glob("shine_*")):
             yield LfeScene(folder, model.name)

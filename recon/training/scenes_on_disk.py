@@ -22,7 +22,7 @@ from nlos.acquisition.importers.untrusted_hdf5 import needed_array, open_hdf5
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.fingerprint import fingerprint_of
-from nlos.recon.training.lfe_set import LfeScene
+from nlos.recon.training.lfe_set import LfeScene, lfe_scenes
 from nlos.recon.training.shapes import Array
 
 NOISELESS, COUNTED, TRUTH = "transient", "histograms", ".truth.h5"
@@ -49,7 +49,11 @@ class SceneOnDisk:
 
 
 def scene_files(pattern: str) -> list[Path]:
-    """What a pattern (`*`, `?`, `[...]`, `**` for any folders) finds, in the order of the names."""
+    """What a pattern (`*`, `?`, `[...]`, `**` for any folders) finds, in the order of the names; of a folder of LFE's
+    set, `lfe/0:train` and `lfe/0:test` are the parts that were published."""
+    top, _, part = pattern.rpartition(":")
+    if part in ("train", "test"):
+        return sorted(scene.folder for scene in lfe_scenes(Path(top), part))  # type: ignore[arg-type]
     found = sorted(Path(name) for name in glob.glob(pattern, recursive=True))
     return [path for path in found if not path.name.endswith(TRUTH)]
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from nlos.recon.training.lfe_set import lfe_scenes
 from nlos.recon.training.radiance import read_radiance
+from nlos.recon.training.scenes_on_disk import scene_files
 
 HEADER = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n"
 
@@ -90,7 +91,7 @@ def scene_folder(root: Path, model: str) -> Path:
 
 def test_a_scene_becomes_a_transient_with_its_axes(tmp_path: Path) -> None:
     scene_folder(tmp_path, "m1")
-    (scene,) = lfe_scenes(tmp_path, "train")
+    (scene,) = lfe_scenes(tmp_path / "0", "train")
     transient = scene.transient(bins=40)
     assert transient.counts.shape == (40, 16, 16)
     assert transient.time.bin_width_s == pytest.approx(33.356e-12, rel=1e-4)
@@ -103,8 +104,11 @@ def test_a_scene_becomes_a_transient_with_its_axes(tmp_path: Path) -> None:
         scene.transient("detector", bins=40)
 
 
-def test_models_split_as_published(tmp_path: Path) -> None:
+def test_models_split_as_published_in_a_training_file(tmp_path: Path) -> None:
     for k in range(252):
         (tmp_path / "0" / f"{k:04d}" / "shine_0").mkdir(parents=True)
-    assert [scene.model for scene in lfe_scenes(tmp_path, "test")] == ["0001", "0000"]
-    assert len(list(lfe_scenes(tmp_path, "train"))) == 250
+    held_out, learned = scene_files(f"{tmp_path}/0:test"), scene_files(f"{tmp_path}/0:train")
+    assert [path.parent.name for path in held_out] == ["0000", "0001"]
+    assert len(learned) == 250
+    assert scene_files(f"{tmp_path}/0/*/shine_*") == sorted(held_out + learned)
+    assert scene_files(f"{tmp_path}/1:train") == []
