@@ -66,6 +66,14 @@ class Reconstruction:
     explained: Explained | None = None
     """How much of light that it was not made from the picture accounts for."""
 
+    def middle_depths_m(self) -> tuple[float, float] | None:
+        """Nearest and farthest of the middle 96 % of the depths that are there; None where nothing is seen."""
+        depths_m = self.depth_m[np.isfinite(self.depth_m)]
+        if not depths_m.size:
+            return None
+        near_m, far_m = np.quantile(depths_m, (0.02, 0.98))
+        return float(near_m), float(far_m)
+
 
 def refuse_not_finite(reconstruction: Reconstruction) -> None:
     """Raises `ReconstructionFailed` for a picture or volume with numbers that are not finite, saying how many.

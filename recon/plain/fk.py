@@ -7,11 +7,9 @@ import numpy.typing as npt
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.front_view import depth_map, front_view
-from nlos.recon.method import MethodResult
 from nlos.recon.physics_settings import PhysicsSettings
 from nlos.recon.plain.prepared import Cube, prepare
-from nlos.recon.transport.conventions import depths_m
+from nlos.recon.plain.volume_method import PlainVolumeMethod
 from nlos.recon.transport.stolt import StoltMigration
 
 
@@ -22,22 +20,12 @@ class Settings(PhysicsSettings):
     cubes: ClassVar[float] = 8.5
 
 
-class PlainMigration:
+class PlainMigration(PlainVolumeMethod):
     """Counts (T, H, W) and exposure (H, W) -> squared magnitude (D, H, W). Source: Lindell et al., ACM TOG 2019."""
 
-    takes_response = True
-
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
-        self.settings, self.time = settings, time
-        self.depths_m = depths_m(time, settings.conventions)
+        super().__init__(settings, time)
         self.wave = StoltMigration(wall, time, settings.conventions)
-
-    def __call__(
-        self, counts: Cube, exposure_s: npt.NDArray[np.float64], response: npt.NDArray[np.float64] | None = None
-    ) -> MethodResult[Cube]:
-        """The volume, its front view and its depth map."""
-        volume = self.volume(counts, exposure_s, response)
-        return MethodResult(front_view(volume), depth_map(volume, self.depths_m), volume)
 
     def volume(
         self, counts: Cube, exposure_s: npt.NDArray[np.float64], response: npt.NDArray[np.float64] | None = None

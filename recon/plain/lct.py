@@ -8,11 +8,9 @@ import scipy.sparse
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.front_view import depth_map, front_view
-from nlos.recon.method import MethodResult
 from nlos.recon.physics_settings import LightConeSettings
 from nlos.recon.plain.prepared import Cube, prepare
-from nlos.recon.transport.conventions import depths_m
+from nlos.recon.plain.volume_method import PlainVolumeMethod
 from nlos.recon.transport.light_cone_filter import LightConeFilter
 from nlos.recon.transport.resampling_matrix import resampling_matrix
 from nlos.recon.transport.response_bands import BANDS, bands_of, gain_of_both
@@ -24,23 +22,15 @@ class Settings(LightConeSettings):
     told_cubes: ClassVar[float] = 2.1
 
 
-class PlainLightConeTransform:
+class PlainLightConeTransform(PlainVolumeMethod):
     """Counts (T, H, W) and exposure (H, W) -> albedo (D, H, W), a plane a bin. Source: O'Toole et al., Nature 2018."""
 
-    takes_response = True
+    settings: Settings
 
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
-        self.settings, self.time = settings, time
-        self.depths_m = depths_m(time, settings.conventions)
+        super().__init__(settings, time)
         self.matrix = resampling_matrix(time, settings.conventions).astype(np.float32)
         self.filter = LightConeFilter(wall, time, settings.conventions, settings.tile)
-
-    def __call__(
-        self, counts: Cube, exposure_s: npt.NDArray[np.float64], response: npt.NDArray[np.float64] | None = None
-    ) -> MethodResult[Cube]:
-        """The volume, its front view and its depth map."""
-        volume = self.volume(counts, exposure_s, response)
-        return MethodResult(front_view(volume), depth_map(volume, self.depths_m), volume)
 
     def volume(
         self, counts: Cube, exposure_s: npt.NDArray[np.float64], response: npt.NDArray[np.float64] | None = None

@@ -134,11 +134,9 @@ class Picture:
 
     def __repr__(self) -> str:
         rows, cols = self.albedo.shape
-        seen = np.isfinite(self.depth_m)
-        depths = "nothing seen"
-        if seen.any():
-            near, far = np.quantile(self.depth_m[seen], (0.02, 0.98))
-            depths = f"surfaces from {near:.2f} to {far:.2f} m"
+        depths, middle = "nothing seen", self.reconstruction.middle_depths_m()
+        if middle is not None:
+            depths = f"surfaces from {middle[0]:.2f} to {middle[1]:.2f} m"
         told = self.reconstruction.explained
         light = f", {told}" if told is not None and told.share is not None else ""
         return f"<nlos.Picture by {self.method}: {rows} x {cols}, {depths}{light}, {self.seconds:.2f} s>"

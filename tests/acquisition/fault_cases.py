@@ -3,7 +3,7 @@
 import json
 import random
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -15,8 +15,10 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.salvage import verify
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings
+from nlos.drivers.errors import DeviceError
 from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.triggerscope.left_overs import HALF_LINES, LEFT_OVERS
 
@@ -105,13 +107,14 @@ def drawn(chance: random.Random) -> tuple[str, list[list[Fault]]]:
 
 
 @cache
-def plan(name: str) -> ScanPlan:
+def plan(name: str, rows: int = 6, cols: int = 6, dwell_ms: float = 2.0, frames: int = 1) -> ScanPlan:
     width_ps = 40.0 if name == "multiharp" else 32.0
     return ScanSettings.model_validate(
         {
-            "wall": {"width_m": 0.6, "height_m": 0.6, "rows": 6, "cols": 6},
+            "wall": {"width_m": 0.6, "height_m": 0.6, "rows": rows, "cols": cols},
             "pattern": {"kind": "serpentine"},
-            "dwell_ms": 2.0,
+            "dwell_ms": dwell_ms,
+            "frames": frames,
             "histogram": {"bins": 512, "bin_width_ps": width_ps, "offset_ns": 8.0},
         }
     ).plan()
@@ -147,3 +150,28 @@ def acknowledged(path: Path) -> dict[int, bytes]:
             return {sample.point.number: sample.histogram.counts.tobytes() for sample in first}
     except (InvalidData, FileNotFoundError):
         return {}
+
+
+def resumed_until_complete(
+    path: Path,
+    attempt: Callable[[list[Fault]], None],
+    rounds: list[list[Fault]],
+    after_each: Callable[[dict[int, bytes]], None],
+) -> None:
+    """Each round meets its faults. One that ends with a device's error is resumed: then what was acknowledged before
+    still stands, and `after_each` judges what is acknowledged now. In the end the recording is complete."""
+    safe: dict[int, bytes] = {}
+    for faults in [*rounds, [], []]:  # at the end the person has fixed what broke
+        try:
+            attempt(faults)
+        except DeviceError:
+            now = acknowledged(path)
+            assert safe.items() <= now.items()
+            after_each(now)
+            safe = now
+            continue
+        break
+    else:
+        pytest.fail("it did not even end with the faults gone")
+    assert verify(path).complete
+    assert safe.items() <= acknowledged(path).items()

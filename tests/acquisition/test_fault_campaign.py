@@ -11,12 +11,18 @@ import pytest
 
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
-from nlos.acquisition.recording.salvage import resume, verify
+from nlos.acquisition.recording.salvage import resume
 from nlos.acquisition.scanning.engine import record, scan
 from nlos.drivers.bench import open_bench
-from nlos.drivers.errors import DeviceError
 from nlos.drivers.simulated.faults import Fault
-from tests.acquisition.fault_cases import acknowledged, cuts_off_the_shutter, drawn, patience, plan, settings
+from tests.acquisition.fault_cases import (
+    cuts_off_the_shutter,
+    drawn,
+    patience,
+    plan,
+    resumed_until_complete,
+    settings,
+)
 
 pytestmark = pytest.mark.usefixtures("one_child_reads")
 SCANS = 2000 if os.environ.get("NLOS_SOAK") == "1" else 16
@@ -57,19 +63,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def check(path: Path, expected: dict[int, bytes], name: str, rounds: list[list[Fault]]) -> None:
     """Nothing acknowledged is lost or changes in any round; in the end all is as expected."""
-    safe = dict[int, bytes]()
-    for faults in [*rounds, [], []]:  # at the end the person has fixed what broke
-        try:
-            go_on(path, name, faults)
-        except DeviceError:
-            now = acknowledged(path)
-            assert safe.items() <= now.items() <= expected.items()
-            safe = now
-            continue
-        break
-    else:
-        pytest.fail("it did not even end with the faults gone")
-    assert verify(path).complete
+
+    def as_expected(now: dict[int, bytes]) -> None:
+        assert now.items() <= expected.items()
+
+    resumed_until_complete(path, lambda faults: go_on(path, name, faults), rounds, as_expected)
     assert counts(path) == expected
 
 

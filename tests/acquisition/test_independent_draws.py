@@ -5,27 +5,17 @@ import numpy.typing as npt
 import pytest
 
 from nlos.acquisition.planning.plan import ScanPlan
-from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.planning.schemes import Scheme
 from nlos.acquisition.scanning.engine import scan
 from nlos.drivers.bench import open_bench
 from nlos.drivers.tcspc.counter import HistogramAxis, PointGates
-from tests.acquisition.fault_cases import BENCHES, settings
+from tests.acquisition.fault_cases import BENCHES, plan, settings
 
 GATES, DWELL_S = 40, 0.05
 
 
 def _film(name: str) -> ScanPlan:
-    width_ps = 40.0 if name == "multiharp" else 32.0
-    return ScanSettings.model_validate(
-        {
-            "wall": {"width_m": 0.6, "height_m": 0.6, "rows": 3, "cols": 4},
-            "pattern": {"kind": "serpentine"},
-            "dwell_ms": 4.0,
-            "frames": 3,
-            "histogram": {"bins": 512, "bin_width_ps": width_ps, "offset_ns": 8.0},
-        }
-    ).plan()
+    return plan(name, rows=3, cols=4, dwell_ms=4.0, frames=3)
 
 
 def _counts(name: str, scheme: Scheme | None, taken: dict[int, int]) -> dict[int, npt.NDArray[np.uint32]]:
@@ -39,17 +29,17 @@ def _counts(name: str, scheme: Scheme | None, taken: dict[int, int]) -> dict[int
 @pytest.mark.parametrize("scheme", [None, Scheme.STEPPED])
 def test_frames_are_draws_of_their_own_and_resumed_ones_the_same(name: str, scheme: Scheme | None) -> None:
     """Squares of what two frames differ by, over what they hold together: 1 of two Poisson draws, 0 of a copy."""
-    plan, whole = _film(name), _counts(name, scheme, {})
-    frames = np.zeros((3, len(plan) // 3, plan.axis.bins), np.int64)
-    place = {where: k for k, where in enumerate(sorted(set(zip(plan.positions.x_m, plan.positions.y_m, strict=True))))}
+    film, whole = _film(name), _counts(name, scheme, {})
+    frames = np.zeros((3, len(film) // 3, film.axis.bins), np.int64)
+    place = {where: k for k, where in enumerate(sorted(set(zip(film.positions.x_m, film.positions.y_m, strict=True))))}
     for number, counts in whole.items():
-        where = place[plan.positions.x_m[number], plan.positions.y_m[number]]
-        frames[plan.pass_[number], where] = counts
+        where = place[film.positions.x_m[number], film.positions.y_m[number]]
+        frames[film.pass_[number], where] = counts
     for one, other in ((0, 1), (1, 2), (0, 2)):
         apart = ((frames[one] - frames[other]) ** 2).sum() / (frames[one] + frames[other]).sum()
         assert 0.8 < apart < 1.2
     rest = _counts(name, scheme, dict.fromkeys(range(17), 0))
-    assert set(rest) == set(range(17, len(plan)))
+    assert set(rest) == set(range(17, len(film)))
     assert all(np.array_equal(counts, whole[number]) for number, counts in rest.items())
 
 

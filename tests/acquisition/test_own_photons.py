@@ -15,10 +15,9 @@ import pytest
 from nlos.acquisition.planning.preflight import aim_of, checked_angles
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
-from nlos.acquisition.recording.salvage import resume, verify
+from nlos.acquisition.recording.salvage import resume
 from nlos.acquisition.scanning.engine import record, scan
 from nlos.drivers.bench import open_bench
-from nlos.drivers.errors import DeviceError
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.simulated import instruments
 from nlos.drivers.simulated.bench import Gate
@@ -26,7 +25,15 @@ from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.t3_instrument import T3Instrument
 from nlos.drivers.tcspc.picoquant import t3
 from tests.acquisition.coded_light import CodedLight, Spelled, code, expected, read
-from tests.acquisition.fault_cases import BENCHES, acknowledged, cuts_off_the_shutter, drawn, patience, plan, settings
+from tests.acquisition.fault_cases import (
+    BENCHES,
+    cuts_off_the_shutter,
+    drawn,
+    patience,
+    plan,
+    resumed_until_complete,
+    settings,
+)
 
 pytestmark = pytest.mark.usefixtures("one_child_reads")
 SOAK = os.environ.get("NLOS_SOAK") == "1"
@@ -83,24 +90,12 @@ def wrong_samples(path: Path, name: str) -> list[str]:
 
 def scan_to_the_end(path: Path, name: str, rounds: list[list[Fault]], monkeypatch: pytest.MonkeyPatch) -> None:
     """Each round meets its faults; a round that ends with a device's error is followed by `--resume`."""
-    safe: dict[int, bytes] = {}
-    for faults in [*rounds, [], []]:
-        try:
-            take(path, name, faults, monkeypatch)
-        except DeviceError:
-            if path.exists():
-                assert wrong_samples(path, name) == []
-            now = acknowledged(path)
-            assert {number: now.get(number) for number in safe} == safe
-            safe = now
-            continue
-        break
-    else:
-        pytest.fail("it did not even end with the faults gone")
-    assert verify(path).complete
+
+    def own(now: dict[int, bytes]) -> None:
+        assert not path.exists() or wrong_samples(path, name) == []
+
+    resumed_until_complete(path, lambda faults: take(path, name, faults, monkeypatch), rounds, own)
     assert wrong_samples(path, name) == []
-    now = acknowledged(path)
-    assert {number: now.get(number) for number in safe} == safe
 
 
 @pytest.mark.parametrize("name", BENCHES)

@@ -4,8 +4,6 @@ import json
 import os
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -22,20 +20,14 @@ from nlos.cli.exit_codes import Stopped
 from nlos.recipe import Recipe
 from nlos.response import response_wanted
 from nlos.results_folder import ResultsFolder
+from tests import scan_texts
 from tests.nlos.test_archives import scan
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of 8 x 8 points."""
-    folder = tmp_path_factory.mktemp("recorded")
-    (folder / "scan.yaml").write_text(
-        "wall: {width_m: 1.0, height_m: 1.0, rows: 8, cols: 8}\npattern: serpentine\ndwell_ms: 4\n"
-        "histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}\n"
-    )
-    words = [sys.executable, "-m", "nlos", "scan", "scan.yaml", "-o", "run.h5"]
-    subprocess.run(words, cwd=folder, check=True, capture_output=True, timeout=120)
-    return folder / "run.h5"
+    return scan_texts.recorded(tmp_path_factory.mktemp("recorded"), scan_texts.EIGHT_BY_EIGHT)
 
 
 @pytest.fixture

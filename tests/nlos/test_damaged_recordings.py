@@ -14,6 +14,7 @@ import pytest
 from nlos.acquisition.recording.open_file import open_scan_file
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.salvage import verify
+from tests.scan_texts import EIGHT_BY_EIGHT, recorded
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
 DAMAGED = 3
@@ -33,12 +34,7 @@ VERBS = {
 def scanned(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a scan of 8 x 8 points, three rows of it damaged."""
     folder = tmp_path_factory.mktemp("scanned")
-    (folder / "scan.yaml").write_text(
-        "wall: {width_m: 1.0, height_m: 1.0, rows: 8, cols: 8}\npattern: serpentine\ndwell_ms: 4\n"
-        "histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}\n"
-    )
-    subprocess.run(["nlos", "scan", "scan.yaml", "-o", "run.h5"], cwd=folder, check=True, env=ENV, capture_output=True)
-    file = open_scan_file(folder / "run.h5", writable=True)
+    file = open_scan_file(recorded(folder, EIGHT_BY_EIGHT), writable=True)
     with file.handle:
         for row in range(10, 10 + DAMAGED):
             file.counts.write(row, file.counts.read(row, row + 1)[0] + np.uint32(1))

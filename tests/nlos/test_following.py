@@ -15,15 +15,9 @@ import pytest
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.gathering import Gathering
+from tests.scan_texts import COARSE_TO_FINE
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
-
-COARSE_TO_FINE = """\
-wall: {width_m: 1.0, height_m: 1.0, rows: 16, cols: 16}
-pattern: {kind: coarse_to_fine, batch: 8}
-dwell_ms: 20
-histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
-"""
 
 
 @pytest.fixture

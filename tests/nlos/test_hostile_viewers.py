@@ -20,16 +20,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nlos.live.web import MOST_CONNECTIONS, Refused, parse
+from tests.scan_texts import COARSE_TO_FINE
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
 Viewing = Callable[..., AbstractContextManager[Any]]
 SOAK = bool(os.environ.get("NLOS_SOAK"))
-SCAN = """\
-wall: {width_m: 1.0, height_m: 1.0, rows: 16, cols: 16}
-pattern: {kind: coarse_to_fine, batch: 8}
-dwell_ms: 20
-histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
-"""
 ROUNDS = 500 if SOAK else 20
 IDLE = 1500 if SOAK else 300
 PICTURES = 2000 if SOAK else 200
@@ -174,7 +169,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 
 @pytest.mark.parametrize("how", ["killed", "deleted", "replaced"] if SOAK else ["killed"])
 def test_a_viewer_that_lost_its_scan_says_so_and_ends(nlos: Nlos, viewing: Viewing, tmp_path: Path, how: str) -> None:
-    (tmp_path / "scan.yaml").write_text(SCAN)
+    (tmp_path / "scan.yaml").write_text(COARSE_TO_FINE)
     assert nlos("scan", "scan.yaml", "-o", "run.h5").returncode == 0
     writer = subprocess.Popen(
         [sys.executable, "-c", KILLED], cwd=tmp_path, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True

@@ -21,16 +21,11 @@ from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.sample import Sample
 from nlos.drivers.tcspc.counter import Histogram, HistogramFlag
+from tests.scan_texts import COARSE_TO_FINE
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
 Viewing = Callable[..., AbstractContextManager[Any]]
 SOAK = bool(os.environ.get("NLOS_SOAK"))
-SCAN = """\
-wall: {width_m: 1.0, height_m: 1.0, rows: 16, cols: 16}
-pattern: {kind: coarse_to_fine, batch: 8}
-dwell_ms: 20
-histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
-"""
 FREE = """\
 wall: {width_m: 1.0, height_m: 1.0, rows: 16, cols: 16}
 pattern: {kind: circle, points: 90, radius_m: 0.4}
@@ -40,7 +35,7 @@ histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
 
 
 def test_the_page_is_read_only_and_sealed(nlos: Nlos, viewing: Viewing, tmp_path: Path) -> None:
-    (tmp_path / "scan.yaml").write_text(SCAN)
+    (tmp_path / "scan.yaml").write_text(COARSE_TO_FINE)
     assert nlos("scan", "scan.yaml", "-o", "run.h5").returncode == 0
     with viewing("run.h5") as viewer:
         state = viewer.waits(lambda state: state["over"])
@@ -77,7 +72,7 @@ def test_the_page_is_read_only_and_sealed(nlos: Nlos, viewing: Viewing, tmp_path
 
 def test_a_finished_scan_is_shown_along_its_time(nlos: Nlos, viewing: Viewing, tmp_path: Path) -> None:
     """Frames are made once, by LCT first, whoever asks for what; each is what a scan of so many points looks like."""
-    (tmp_path / "scan.yaml").write_text(SCAN)
+    (tmp_path / "scan.yaml").write_text(COARSE_TO_FINE)
     assert nlos("scan", "scan.yaml", "-o", "run.h5").returncode == 0
     with viewing("run.h5", "--method", "lct") as viewer:
         state = viewer.waits(lambda state: all(state["frames"]))
@@ -92,7 +87,7 @@ def test_a_finished_scan_is_shown_along_its_time(nlos: Nlos, viewing: Viewing, t
 
 def test_scans_at_free_positions_are_watched_too(nlos: Nlos, viewing: Viewing, tmp_path: Path) -> None:
     (tmp_path / "free.yaml").write_text(FREE)
-    (tmp_path / "scan.yaml").write_text(SCAN)
+    (tmp_path / "scan.yaml").write_text(COARSE_TO_FINE)
     for name in ("free", "scan"):
         assert nlos("scan", f"{name}.yaml", "-o", f"{name}.h5").returncode == 0
     with viewing("scan.h5", "free.h5", "--method", "lct") as viewer:
@@ -199,7 +194,7 @@ def test_what_is_polled_hard_is_what_the_file_holds_at_that_moment(viewing: View
 
 
 def test_a_scan_ends_when_its_picture_is_good_enough_and_says_so(nlos: Nlos, tmp_path: Path) -> None:
-    (tmp_path / "scan.yaml").write_text(SCAN)
+    (tmp_path / "scan.yaml").write_text(COARSE_TO_FINE)
     assert nlos("scan", "scan.yaml", "--until", "soon").returncode == 2
     answers = [nlos("scan", "scan.yaml", "-o", name, "--until", "stable:0.5", "--json") for name in ("a.h5", "b.h5")]
     taken = [json.loads(done.stdout)["points"] for done in answers if done.returncode == 0]

@@ -27,21 +27,16 @@ from nlos.recipe import Recipe
 from nlos.recon.errors import ReconstructionFailed
 from nlos.recon.live import LivePicture, LiveReconstruction
 from nlos.recon.reconstruct import reconstruct
+from tests.scan_texts import COARSE_TO_FINE
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
 
-SCAN = """\
-wall: {width_m: 1.0, height_m: 1.0, rows: 16, cols: 16}
-pattern: {kind: coarse_to_fine, batch: 8}
-dwell_ms: 20
-histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
-"""
-TWO_PASS = SCAN + "exposure: {kind: two_pass, counts: 100000, again_ms: 20}\n"
+TWO_PASS = COARSE_TO_FINE + "exposure: {kind: two_pass, counts: 100000, again_ms: 20}\n"
 
 
 @pytest.fixture
 def run(nlos: Nlos, tmp_path: Path) -> Path:
-    (tmp_path / "scan.yaml").write_text(SCAN)
+    (tmp_path / "scan.yaml").write_text(COARSE_TO_FINE)
     done = nlos("scan", "scan.yaml", "-o", "run.h5")
     assert done.returncode == 0, done.stderr
     return tmp_path / "run.h5"
@@ -164,7 +159,7 @@ def test_a_real_bench_reads_the_figures_of_the_live_process(run: Path, monkeypat
 
 
 def test_a_scan_ends_once_its_error_is_surely_small_enough(nlos: Nlos, tmp_path: Path) -> None:
-    (tmp_path / "scan.yaml").write_text(SCAN)
+    (tmp_path / "scan.yaml").write_text(COARSE_TO_FINE)
     refused = nlos("scan", "scan.yaml", "-o", "lct.h5", "--until", "sure", "--reconstruct", "lct")
     assert refused.returncode == 2
     assert "do not say how far they may be off" in refused.stderr

@@ -20,6 +20,7 @@ from nlos.drivers.galvo.helios import wire
 from nlos.drivers.galvo.helios.sequence import marked, most_steps, own_steps, pace
 from nlos.drivers.galvo.helios.settings import PRODUCT_ID, VENDOR_ID, HeliosSettings
 from nlos.drivers.galvo.mirror import MirrorAngles, OwnSteps
+from nlos.drivers.galvo.timed_mirror import TimedMirror
 from nlos.drivers.galvo.whereabouts import Whereabouts
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.link.usb_pipes import UsbPipes
@@ -32,10 +33,11 @@ _STEPS = "Use a scheme in which the host steps it."
 _STALE = 8
 
 
-class Helios:
+class Helios(TimedMirror):
     """A `GalvoMirror` that takes no trigger: stepped by the host or, as an `OwnClock`, by itself."""
 
     max_sequence = 0
+    _settings: HeliosSettings
 
     def __init__(self, settings: HeliosSettings, clock: Clock, pipes: UsbPipes) -> None:
         self.warnings = [f"{DEVICE}: nothing reads back where this mirror points."]
@@ -68,13 +70,6 @@ class Helios:
             pipes.close()
             raise
 
-    def check(self, angles: MirrorAngles) -> None:
-        """Raises `LimitError` when `angles` is beyond the head or the DAC."""
-        self._codes(angles)
-
-    def settle_s(self, start: MirrorAngles, end: MirrorAngles) -> float:
-        return self._settings.settle.settle_s(start, end)
-
     def begin_move(self, angles: MirrorAngles) -> None:
         """Both axes in one frame of one point, which is repeated until the next."""
         codes = self._codes(angles)
@@ -82,13 +77,6 @@ class Helios:
         with self._place.motion():
             self._hold(codes)
             self._arrive(angles)
-
-    def wait_settled(self) -> None:
-        self._clock.sleep(self._settled_at_s - self._clock.now())
-
-    def move_to(self, angles: MirrorAngles) -> None:
-        self.begin_move(angles)
-        self.wait_settled()
 
     def load(self, sequence: Sequence[MirrorAngles]) -> None:
         raise LimitError(DEVICE, "this mirror cannot step by itself to a trigger.", _STEPS)

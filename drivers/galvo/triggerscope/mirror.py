@@ -17,6 +17,7 @@ from nlos.drivers.errors import (
 )
 from nlos.drivers.galvo.axis_codes import axis_codes
 from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.timed_mirror import TimedMirror
 from nlos.drivers.galvo.triggerscope import wire
 from nlos.drivers.galvo.triggerscope.controller import DEVICE, REOPEN, Controller
 from nlos.drivers.galvo.triggerscope.set_up import centre, disarm, ranges, set_up
@@ -33,8 +34,10 @@ _PARKINGS = 6  # replies that are seconds late come within so many attempts
 _LATE = (DeviceTimeout, ProtocolError, DeviceReset, CommandRejected, MirrorDisturbed)
 
 
-class TriggerScope:
+class TriggerScope(TimedMirror):
     """A `GalvoMirror`. `warnings` holds what a person should know and the recording should keep."""
+
+    _settings: TriggerScopeSettings
 
     def __init__(self, settings: TriggerScopeSettings, clock: Clock, controller: Controller) -> None:
         self.warnings: list[str] = []
@@ -86,13 +89,6 @@ class TriggerScope:
     def max_sequence(self) -> int:
         return wire.STATES
 
-    def check(self, angles: MirrorAngles) -> None:
-        """Raises `LimitError` when `angles` is beyond the head or the DACs."""
-        self._codes(angles)
-
-    def settle_s(self, start: MirrorAngles, end: MirrorAngles) -> float:
-        return self._settings.settle.settle_s(start, end)
-
     def begin_move(self, angles: MirrorAngles) -> None:
         """Sets one axis after the other: the beam's way is L-shaped."""
         codes = self._codes(angles)
@@ -100,13 +96,6 @@ class TriggerScope:
         with self._motion():
             self._send([wire.set_code(dac, code) for dac, code in zip(self._dacs, codes, strict=True)])
             self._arrive(angles)
-
-    def wait_settled(self) -> None:
-        self._clock.sleep(self._settled_at_s - self._clock.now())
-
-    def move_to(self, angles: MirrorAngles) -> None:
-        self.begin_move(angles)
-        self.wait_settled()
 
     def load(self, sequence: Sequence[MirrorAngles]) -> None:
         """Uploads positions and the TTL masks that mark them. Where the controller kept other counts than were sent,

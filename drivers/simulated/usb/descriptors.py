@@ -26,13 +26,13 @@ def device_descriptor(usb: UsbDescription, address: int, port: int) -> SimpleNam
     )  # fmt: skip
 
 
-def configuration_descriptor(index: int) -> SimpleNamespace:
+def configuration_descriptor(index: int, total_bytes: int = 39, most_ma: int = 100) -> SimpleNamespace:
     """USB 2.0, table 9-10: one interface."""
     if index != 0:
         raise IndexError(f"no configuration {index}")
     return SimpleNamespace(
-        bLength=9, bDescriptorType=2, wTotalLength=39, bNumInterfaces=1, bConfigurationValue=1,
-        iConfiguration=0, bmAttributes=0x80, bMaxPower=50, extra_descriptors=[],
+        bLength=9, bDescriptorType=2, wTotalLength=total_bytes, bNumInterfaces=1, bConfigurationValue=1,
+        iConfiguration=0, bmAttributes=0x80, bMaxPower=most_ma // 2, extra_descriptors=[],
     )  # fmt: skip
 
 

@@ -10,7 +10,12 @@ import usb.backend
 import usb.core
 
 from nlos.drivers.simulated.bench import SimulatedBench
-from nlos.drivers.simulated.usb.descriptors import UsbDescription, device_descriptor, string_descriptor
+from nlos.drivers.simulated.usb.descriptors import (
+    UsbDescription,
+    configuration_descriptor,
+    device_descriptor,
+    string_descriptor,
+)
 
 BULK_OUT, INTERRUPT_OUT, INTERRUPT_IN = 0x02, 0x06, 0x83
 _PIPES = ((BULK_OUT, 2, 64), (INTERRUPT_OUT, 3, 32), (INTERRUPT_IN, 3, 32))
@@ -63,12 +68,7 @@ class SimulatedPipes(usb.backend.IBackend):  # type: ignore[misc]
         return device_descriptor(self.device.usb, 2, 1)
 
     def get_configuration_descriptor(self, dev: object, config: int) -> SimpleNamespace:
-        if config != 0:
-            raise IndexError(f"no configuration {config}")
-        return SimpleNamespace(
-            bLength=9, bDescriptorType=2, wTotalLength=48, bNumInterfaces=1, bConfigurationValue=1,
-            iConfiguration=0, bmAttributes=0x80, bMaxPower=250, extra_descriptors=[],
-        )  # fmt: skip
+        return configuration_descriptor(config, total_bytes=48, most_ma=500)
 
     def get_interface_descriptor(self, dev: object, intf: int, alt: int, config: int) -> SimpleNamespace:
         if intf != 0 or alt > 1:

@@ -27,6 +27,7 @@ from nlos.drivers.tcspc.picoquant.library import (
 )
 from nlos.drivers.tcspc.picoquant.setup import AxisCodes, axis_codes, set_up_inputs, set_up_markers
 from nlos.drivers.tcspc.time_axis import cannot_stop, nearest_axis
+from nlos.drivers.tcspc.unwatched import UnwatchedCounter
 from nlos.drivers.tcspc.watched_sleep import sleep_until
 
 MODE_HISTOGRAM, MODE_T3 = 0, 3
@@ -35,11 +36,10 @@ _POLL_S = 0.002
 _MOST_POINTS = 65_536
 
 
-class Picoquant:
+class Picoquant(UnwatchedCounter):
     """A `HistogramCounter`. Points are started by the host; the instrument has neither watchdog nor shutter output."""
 
     has_pixel_clock = False
-    has_watchdog = False
     list_mode = False
     counts_markers = False
     max_points = _MOST_POINTS
@@ -229,17 +229,6 @@ class Picoquant:
             return CountRates(*(float(self._library.integer("GetCountRate", each)) for each in (0, 1)))
         sync = self._library.integer("GetSyncRate")
         return CountRates(float(sync), float(self._library.integer("GetCountRate", channel)))
-
-    def arm_watchdog(self, timeout_s: float) -> None:
-        """There is none; only turning it off is possible."""
-        if timeout_s:
-            raise LimitError(self._device, "it has no watchdog.", "Set watchdog_s: 0.0 in the bench file.")
-
-    def kick(self) -> None:
-        """There is no watchdog to kick."""
-
-    def clear_trip(self) -> None:
-        """The instrument latches none."""
 
     def close(self) -> None:
         try:

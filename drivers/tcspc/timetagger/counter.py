@@ -26,6 +26,7 @@ from nlos.drivers.tcspc.time_axis import cannot_stop, nearest_whole_ps
 from nlos.drivers.tcspc.timetagger.clocked import ByFlim, ByTags, Clocked, Period, PixelClock
 from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
 from nlos.drivers.tcspc.timetagger.tagger import PS, Tagger, load_package
+from nlos.drivers.tcspc.unwatched import UnwatchedCounter
 from nlos.drivers.tcspc.watched_sleep import sleep_until
 
 _MOST_POINTS = 65_536
@@ -35,11 +36,10 @@ _POLL_S = 0.002
 _WATCH_S = 0.01
 
 
-class TimeTagger:
+class TimeTagger(UnwatchedCounter):
     """A `HistogramCounter` without watchdog or shutter output. With `pixel_clock` it steps the mirror and sorts photons
     by the mirror's markers."""
 
-    has_watchdog = False
     max_points = _MOST_POINTS
 
     def __init__(self, settings: TimeTaggerSettings, clock: Clock, tagger: Tagger) -> None:
@@ -258,17 +258,6 @@ class TimeTagger:
         if self._running:
             return CountRates(self._period.sync_hz, self.tagger.detector_hz())
         return self.tagger.rates()
-
-    def arm_watchdog(self, timeout_s: float) -> None:
-        """There is none; only turning it off is possible."""
-        if timeout_s:
-            raise LimitError(self._device, "it has no watchdog.", "Set watchdog_s: 0.0 in the bench file.")
-
-    def kick(self) -> None:
-        """There is no watchdog to kick."""
-
-    def clear_trip(self) -> None:
-        """The instrument latches none."""
 
     def close(self) -> None:
         if self.tagger.closed:

@@ -1,9 +1,9 @@
 """Text from files and file names, made safe to print: what would command a terminal is shown, not sent."""
 
-import io
 import re
 import sys
-from typing import Any, TextIO
+
+from nlos.cli.passing_stream import PassingStream
 
 _COMMANDS = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f"  # control characters but tab and line feed
@@ -27,34 +27,12 @@ def _written(found: re.Match[str]) -> str:
     return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
 
 
-class EscapedStream(io.TextIOBase):
+class EscapedStream(PassingStream):
     """A text stream whose every write is `escaped`; `sent` is the stream below, for what has to move the cursor."""
-
-    def __init__(self, sent: TextIO) -> None:
-        self.sent = sent
 
     def write(self, text: str) -> int:
         self.sent.write(escaped(text))
         return len(text)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.sent, name)
-
-    def flush(self) -> None:
-        self.sent.flush()
-
-    def isatty(self) -> bool:
-        return self.sent.isatty()
-
-    def fileno(self) -> int:
-        return self.sent.fileno()
-
-    def close(self) -> None:
-        """Leaves the process's own stream open."""
-
-    @property
-    def encoding(self) -> str:  # type: ignore[override]
-        return self.sent.encoding
 
 
 def escape_what_is_printed() -> None:

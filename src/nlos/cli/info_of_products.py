@@ -56,11 +56,10 @@ def _of_constants(path: Path) -> dict[str, Any]:
 def _of_result(path: Path) -> dict[str, Any]:
     held = read_reconstruction(path)
     rows, cols = held.albedo.shape
-    seen = np.isfinite(held.depth_m)
-    depths = "nothing seen"
-    if seen.any():
-        near_m, far_m = np.quantile(held.depth_m[seen], (0.02, 0.98))
-        depths = f"{near_m:.3f} to {far_m:.3f} m over {seen.mean():.0%} of the pixels"
+    depths, middle = "nothing seen", held.middle_depths_m()
+    if middle is not None:
+        share = np.isfinite(held.depth_m).mean()
+        depths = f"{middle[0]:.3f} to {middle[1]:.3f} m over {share:.0%} of the pixels"
     volume = held.volume
     return {
         "format": "reconstruction",

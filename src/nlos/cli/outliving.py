@@ -4,28 +4,25 @@ A pipe whose reader went, a full device, a terminal that hung up, a stream close
 these is a reason to end a scan in its middle.
 """
 
-import io
 import os
 import sys
-from typing import Any, TextIO
+
+from nlos.cli.passing_stream import PassingStream
 
 
-class OutlivingStream(io.TextIOBase):
+class OutlivingStream(PassingStream):
     """A text stream that sends to nowhere once what it sends to is gone."""
-
-    def __init__(self, sent: TextIO) -> None:
-        self._sent = sent
 
     def write(self, text: str) -> int:
         try:
-            self._sent.write(text)
+            self.sent.write(text)
         except (OSError, ValueError):  # ValueError: closed
             self._send_to_nowhere()
         return len(text)
 
     def flush(self) -> None:
         try:
-            self._sent.flush()
+            self.sent.flush()
         except (OSError, ValueError):
             self._send_to_nowhere()
 
@@ -33,29 +30,16 @@ class OutlivingStream(io.TextIOBase):
         """What is still buffered goes there too, also when the interpreter flushes for the last time."""
         try:
             nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, self._sent.fileno())
+            os.dup2(nowhere, self.sent.fileno())
             os.close(nowhere)
         except (OSError, ValueError):
-            self._sent = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - as long as the process
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._sent, name)
+            self.sent = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - as long as the process
 
     def isatty(self) -> bool:
         try:
-            return self._sent.isatty()
+            return self.sent.isatty()
         except (OSError, ValueError):
             return False
-
-    def fileno(self) -> int:
-        return self._sent.fileno()
-
-    def close(self) -> None:
-        """Leaves the process's own stream open."""
-
-    @property
-    def encoding(self) -> str:  # type: ignore[override]
-        return self._sent.encoding
 
 
 def outlive_terminal() -> None:

@@ -27,9 +27,9 @@ from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.optotune import pro_mode
 from nlos.drivers.simulated.optotune.firmware import OptotuneFirmware
 from nlos.drivers.simulated.serial.port import plug, plugged, unplug
+from tests.drivers.later import AFTER_OPENING_S, later
 
 ASIDE = MirrorAngles(0.1, -0.05)
-AFTER_OPENING_S = 1.0
 Lab = Callable[..., tuple[SimulatedBench, Optotune]]
 
 
@@ -49,10 +49,6 @@ def lab(dark_bench: Callable[..., SimulatedBench]) -> Lab:
         return bench, mirror
 
     return make
-
-
-def later(name: str, **parameters: object) -> Fault:
-    return Fault(name=name, after_s=AFTER_OPENING_S, parameters=parameters)
 
 
 @pytest.mark.parametrize("size", [1, 7, 512])

@@ -26,10 +26,10 @@ from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.serial.port import plug, plugged, unplug
 from nlos.drivers.simulated.triggerscope.firmware import TriggerScopeFirmware
 from nlos.drivers.simulated.triggerscope.wiring import Wiring
+from tests.drivers.later import AFTER_OPENING_S, later
 
 ASIDE = MirrorAngles(0.1, -0.05)
 ELSEWHERE = MirrorAngles(-0.2, 0.15)
-AFTER_OPENING_S = 0.05
 Lab = Callable[..., tuple[SimulatedBench, TriggerScope]]
 
 
@@ -47,10 +47,6 @@ def lab(dark_bench: Callable[..., SimulatedBench]) -> Lab:
         return bench, mirror
 
     return make
-
-
-def later(name: str, **parameters: object) -> Fault:
-    return Fault(name=name, after_s=AFTER_OPENING_S, parameters=parameters)
 
 
 def assert_frozen_but_parks(bench: SimulatedBench, mirror: TriggerScope) -> None:

@@ -1,0 +1,37 @@
+"""A mirror that does not say where it is: it has settled when its settle model says so."""
+
+from abc import ABC, abstractmethod
+
+from nlos.drivers.clock import Clock
+from nlos.drivers.galvo.block import MirrorBlock
+from nlos.drivers.galvo.mirror import MirrorAngles
+
+
+class TimedMirror(ABC):
+    """The part of a `GalvoMirror` that waits by the clock. Whatever moves the mirror sets `_settled_at_s`."""
+
+    _settings: MirrorBlock
+    _clock: Clock
+    _settled_at_s: float
+
+    def check(self, angles: MirrorAngles) -> None:
+        """Raises `LimitError` when `angles` is beyond the head or the DAC."""
+        self._codes(angles)
+
+    def settle_s(self, start: MirrorAngles, end: MirrorAngles) -> float:
+        return self._settings.settle.settle_s(start, end)
+
+    def wait_settled(self) -> None:
+        self._clock.sleep(self._settled_at_s - self._clock.now())
+
+    def move_to(self, angles: MirrorAngles) -> None:
+        self.begin_move(angles)
+        self.wait_settled()
+
+    @abstractmethod
+    def begin_move(self, angles: MirrorAngles) -> None:
+        """Sends the mirror on its way and returns at once."""
+
+    @abstractmethod
+    def _codes(self, angles: MirrorAngles) -> tuple[int, int]:
+        """The codes of both axes. Raises `LimitError`."""

@@ -1,0 +1,26 @@
+"""Scan files that several tests use, and a recording made by one of them."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+COARSE_TO_FINE = """\
+wall: {width_m: 1.0, height_m: 1.0, rows: 16, cols: 16}
+pattern: {kind: coarse_to_fine, batch: 8}
+dwell_ms: 20
+histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
+"""
+EIGHT_BY_EIGHT = """\
+wall: {width_m: 1.0, height_m: 1.0, rows: 8, cols: 8}
+pattern: serpentine
+dwell_ms: 4
+histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
+"""
+
+
+def recorded(folder: Path, text: str) -> Path:
+    """Writes `scan.yaml` to the folder and scans it on the simulated bench: `run.h5`."""
+    (folder / "scan.yaml").write_text(text)
+    words = [sys.executable, "-m", "nlos", "scan", "scan.yaml", "-o", "run.h5"]
+    subprocess.run(words, cwd=folder, check=True, capture_output=True, timeout=120)
+    return folder / "run.h5"
