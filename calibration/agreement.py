@@ -55,8 +55,8 @@ def disagreements(placed: PlacedScanner, landed: Landed, aimed: WallTiming, raw:
         off_m = float(np.hypot(landed.x_m - raw.x_m, landed.y_m - raw.y_m).max())
         if off_m > _BESIDE_M:
             found.append(
-                f"this scan landed up to {off_m * 1e3:.0f} mm beside where it was aimed: its picture lies as much "
-                "beside. Scan again with these constants"
+                f"this scan landed up to {off_m * 1e3:.0f} mm from where it was aimed, and its picture is off by as "
+                "much. Scan again with these constants"
             )
     elif landed.wall is not None:
         by_angles, by_places = float(landed.wall.scanner_position_m[2]), float(aimed.scanner_position_m[2])

@@ -98,7 +98,7 @@ def place_with_run(spots: Spots, times: DirectTimes, start: ScannerGeometry) -> 
         if best is not None and full.fit.misfit + FREED * (count + 1) >= best[0]:
             break  # no fit has a smaller misfit than the one with everything free
     if best is None:
-        raise InvalidData("spots and arrivals together determine no place: mark spots further to the sides.")
+        raise InvalidData("spots and arrivals together do not determine the place: mark spots further to the sides.")
     _refuse_no_fit(best[1].fit)
     as_told = replace(start, **TURNS_AS_TOLD)
     return replace(
@@ -149,7 +149,7 @@ def poorly_determined(fit: GeometryFit) -> list[str]:
 def _refuse_no_fit(fit: GeometryFit) -> None:
     if not fit.spots_rms_m <= WIDEST_M:
         raise InvalidData(
-            f"the spots scatter by {fit.spots_rms_m * 1e3:.0f} mm RMS about the best plane wall: this is no geometry. "
+            f"the spots scatter by {fit.spots_rms_m * 1e3:.0f} mm RMS about the best plane wall: no geometry fits. "
             "x_deg and y_deg are the angles sent (optical, twice the mechanical), x_m and y_m metres from the wall's "
             "centre; check the mirror's volts_per_degree, and that neither scanner nor wall was moved in between."
         )

@@ -34,7 +34,7 @@ def with_plug_ins(
         try:
             model = _loaded(point, block)
             if model.name in models:
-                raise ValueError(f"there is a model {model.name} already")
+                raise ValueError(f"a model {model.name} already exists")
         except _BROKEN as error:
             package = point.dist.name if point.dist else "an unnamed package"
             _log.warning(

@@ -57,7 +57,7 @@ class Explained:
         return f"EXPLAINS NOTHING of the light ({figure})" if self.nothing else f"explains {figure} of the light"
 
 
-NOT_LOOKED_FOR = Explained(None, None, "it was not looked for")
+NOT_LOOKED_FOR = Explained(None, None, "it was not computed")
 
 
 def explained_light(
@@ -76,14 +76,14 @@ def explained_light(
     parts = split(prepare(coarser(transient)), unit)
     for part in (parts.seen, parts.judging):
         if not part.counts.sum(dtype=np.float64) > 0:
-            return Explained(None, None, "too few photons to leave some out", clock.perf_counter() - began)
+            return Explained(None, None, "too few photons to hold some out", clock.perf_counter() - began)
     try:
         albedo, depth_m = see(parts.seen)
     except ReconError as error:
         return Explained(None, None, f"no picture of a part of the scan: {error}", clock.perf_counter() - began)
     share, spread, note = _judge(parts, albedo, depth_m, falloffs)
     if unit != 1.0:
-        note = "; ".join(word for word in (note, "these are no photon counts: noise is estimated from them") if word)
+        note = "; ".join(word for word in (note, "these are not photon counts: their noise is estimated") if word)
     return Explained(share, spread, note, clock.perf_counter() - began)
 
 

@@ -22,11 +22,10 @@ def in_frames(positions: Positions, visits: Visits, frames: int, parts: Parts) -
     """
     if parts > frames:
         raise PlanRefused(
-            f"{frames} frames take {frames} of interleave: {parts} parts, the others never; raise frames or lower "
-            "interleave"
+            f"{frames} frames visit only {frames} of interleave: {parts} parts; raise frames or lower interleave"
         )
     if len(visits.index) < parts:
-        raise PlanRefused(f"{len(visits.index)} points make no {parts} parts; lower interleave")
+        raise PlanRefused(f"{len(visits.index)} points cannot be divided into {parts} parts; lower interleave")
     part = part_of(positions.take(visits.index), parts)
     members = [np.flatnonzero(part == each) for each in range(parts)]
     order = [members[frame % parts][:: -1 if frame % 2 else 1] for frame in range(frames)]

@@ -28,7 +28,7 @@ def json_object(place: str, text: str) -> dict[str, Any]:
     try:
         found = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InvalidData(f"{place}: is no JSON that can be read ({str(error)[:80]})") from error
+        raise InvalidData(f"{place}: is not readable JSON ({str(error)[:80]})") from error
     if not isinstance(found, dict):
         raise InvalidData(f"{place}: is not a JSON object but {type(found).__name__}")
     return found
@@ -63,7 +63,7 @@ def check_plan(name: str, plan: ScanPlan) -> None:
         (on_grid | off_grid, f"lies outside the grid of {wall.rows} x {wall.cols}"),
         (np.isfinite(places.x_m) & np.isfinite(places.y_m), "has a position that is not finite"),
         (plan.dwell_s <= LONGEST_S, "has a dwell of more than three years"),
-        ((plan.pass_ >= 0) & (plan.pass_ < len(plan)), "is in a pass that there is not"),
+        ((plan.pass_ >= 0) & (plan.pass_ < len(plan)), "is in a pass that does not exist"),
     ):
         if not good.all():
             raise InvalidData(f"{name}: plan: point {int(np.argmin(good))} {what}")

@@ -112,9 +112,9 @@ class DirectWatch:
         walls = np.abs(late_s - np.median(late_s)) < _LEAN_S
         if walls.sum() < len(points) / 2:
             return (
-                f"what comes first in the time window comes as no wall's light comes, {np.ptp(late_s) * 1e9:.2f} ns "
-                "earlier and later from point to point: direct light comes before the window, or not at all (`nlos "
-                "calibrate --first-light` finds it)"
+                f"the first light in the time window varies by {np.ptp(late_s) * 1e9:.2f} ns from point to point, "
+                "as no wall's light does: direct light comes before the window, or not at all (`nlos calibrate "
+                "--first-light` finds it)"
             )
         if walls.sum() < FIRST_POINTS - 2:
             return ""
@@ -138,6 +138,6 @@ class DirectWatch:
             return ""
         return (
             f"direct light from the sides comes later than from ahead by {scale:.2f} +- {error:.2f} times what "
-            "geometry.wall_distance_m and the mirror's volts per degree say: the wall is as many times farther away, "
-            "or the beam goes farther aside. Mark spots (`nlos jog`), then `nlos calibrate --spots`"
+            "geometry.wall_distance_m and the mirror's volts per degree say: the wall is that many times farther away, "
+            "or the beam is deflected that much farther. Mark spots (`nlos jog`), then `nlos calibrate --spots`"
         )

@@ -57,9 +57,9 @@ class TurnedAxes:
         if off_s[how] * _BETTER > drawn_s:
             return ""
         return (
-            f"direct light comes earlier and later from point to point as if {how} ({off_s[how] * 1e12:.0f} ps RMS off "
-            f"that, {drawn_s * 1e12:.0f} ps off the bench file's geometry): or the wall leans another way than "
-            "geometry.wall_pitch_deg and wall_yaw_deg say. `nlos doctor` asks where the beam comes"
+            f"direct light arrives earlier or later from point to point as if {how} ({off_s[how] * 1e12:.0f} ps RMS "
+            f"off that, {drawn_s * 1e12:.0f} ps off the bench file's geometry): or the wall leans differently than "
+            "geometry.wall_pitch_deg and wall_yaw_deg say. `nlos doctor` asks where the beam lands"
         )
 
     def _off_s(self, late_s: npt.NDArray[np.float64]) -> float:

@@ -120,7 +120,7 @@ def recover(pipes: UsbtmcInterface, clock: Clock, tag: int, earlier_tag: int, ti
             clear(pipes, clock, clock.now() + timeout_s)
         except (DeviceTimeout, PipeHalted) as error:
             raise DeviceLost(
-                pipes.device, "it does not recover, not even from a port reset.", "Switch it off and on."
+                pipes.device, "it does not recover, even after a port reset.", "Switch it off and on."
             ) from error
 
 

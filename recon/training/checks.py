@@ -102,7 +102,7 @@ def _shared_scenes(settings: TrainSettings) -> Problem | None:
         return None
     return ("validation", "seed"), (
         f"is that of data, {held.seed}, and so are its kinds of scenes: it would judge by scenes that are learned "
-        "from. Say another seed, and `held_out: true` for kinds that are never learned from"
+        "from. Give another seed, and `held_out: true` for kinds that are never learned from"
     )
 
 

@@ -70,7 +70,7 @@ def _rebinned(light: Array, own: TimeAxis, wanted: TimeAxis, counted: bool) -> A
     reached_s = own.bins * own.bin_width_s
     if counted and reached_s < 0.999 * wanted.bins * wanted.bin_width_s:
         raise ValueError(f"its counts end after {reached_s * 1e9:g} ns, and data continues to "
-                         f"{wanted.bins * wanted.bin_width_s * 1e9:g} ns: say fewer `bins`")  # fmt: skip
+                         f"{wanted.bins * wanted.bin_width_s * 1e9:g} ns: set fewer `bins`")  # fmt: skip
     if whole:
         factor = round(ratio)
         needed = wanted.bins * factor

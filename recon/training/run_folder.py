@@ -137,7 +137,7 @@ def resume_run(
         )
     if settings.steps < int(state.about["step"]):
         raise InvalidSettings(
-            f"samples: {folder} has seen {state.about['samples']:,} already. Say as many or more, "
+            f"samples: {folder} has seen {state.about['samples']:,} already. Ask for as many or more, "
             "or choose another folder."
         )
 

@@ -38,8 +38,8 @@ def outside_range(name: object, transient: Transient, falloff: float | None = No
     if not found:
         return ""
     return (
-        f"{path}: this scan is not like those that the weights were trained on: {'; '.join(found)}. How good they are "
-        "there `nlos evaluate` can tell."
+        f"{path}: this scan is not like those that the weights were trained on: {'; '.join(found)}. `nlos evaluate` "
+        "can tell how good they are there."
     )
 
 

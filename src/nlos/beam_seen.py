@@ -27,7 +27,7 @@ RULER_M = 0.02
 """What nobody's ruler is off by."""
 FAR_PART = 0.03
 """Of the wall's distance: a scan would be of another part of the wall."""
-_LOOK = "`nlos doctor` asks, with light, where it comes at three places; three marks in `nlos jog` tell as well"
+_LOOK = "`nlos doctor` asks, with light, where it lands at three places; three marks in `nlos jog` tell as well"
 log = logging.getLogger(__name__)
 
 
@@ -72,8 +72,8 @@ def judge_beam(settings: BenchSettings, aim: Aiming, by_spots: bool = False) -> 
         if by_spots:
             return BeamJudged()
         return BeamJudged(
-            warning="nobody has seen where this bench's beam goes: reversed or swapped axes, or a scanner aside, "
-            f"change no arrival time and turn or shift the picture. {_LOOK}"
+            warning="nobody has seen where this bench's beam goes: reversed or swapped axes, or a scanner off to "
+            f"the side, change no arrival time but turn or shift the picture. {_LOOK}"
         )
     now = _facts(settings)
     if changed := changes(_of("mirror", then), _of("mirror", now)):
@@ -82,7 +82,7 @@ def judge_beam(settings: BenchSettings, aim: Aiming, by_spots: bool = False) -> 
     try:
         check_sense(spots)
     except InvalidData as error:
-        return BeamJudged(wrong=f"{str(error).partition(';')[0]}, and let `nlos doctor` look again ({seen})")
+        return BeamJudged(wrong=f"{str(error).partition(';')[0]}, and run `nlos doctor` again ({seen})")
     return _judged_by_place(settings, aim, spots, seen, changes(_of("geometry", then), _of("geometry", now)))
 
 
@@ -92,7 +92,7 @@ def _judged_by_place(settings: BenchSettings, aim: Aiming, spots: Spots, seen: s
     off_m = by_size[int(0.75 * (len(by_size) - 1))]  # a quarter of a long table may be mistyped
     if math.hypot(*off_m) <= RULER_M:
         return BeamJudged()
-    text = f"the beam comes {off_m[0]:+.3f}, {off_m[1]:+.3f} m from where it is sent, {seen}"
+    text = f"the beam lands {off_m[0]:+.3f}, {off_m[1]:+.3f} m from where it is sent, {seen}"
     if moved:
         return BeamJudged(warning=f"{text}, before the bench file changed: {'; '.join(moved)}. {_LOOK}")
     text += ". Mark nine spots with `nlos jog`; `nlos calibrate --spots FILE` says where the scanner stands"

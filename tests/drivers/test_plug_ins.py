@@ -109,7 +109,7 @@ def test_their_settings_and_shutter_are_in_the_schema_and_in_what_a_wrong_word_i
         ("broken = no_such_module:MIRROR", "No module named 'no_such_module'"),
         ("broken = acme_optics:AcmeMirror", "is not an nlos.drivers.device_model.DeviceModel"),
         ("broken = acme_optics:COUNTER", "does not derive from nlos.drivers.galvo.block.MirrorBlock"),
-        ("twice = acme_optics:MIRROR", "there is a model acme_galvo already"),
+        ("twice = acme_optics:MIRROR", "a model acme_galvo already exists"),
     ],
 )
 def test_a_package_that_cannot_be_used_is_named_and_the_others_still_work(lab: Path, line: str, why: str) -> None:

@@ -50,11 +50,11 @@ CASES = {
         "the time window holds no direct light: it comes 60.",
     ),
     "wall farther away": Wrong({"simulation.misalignment.wall_distance_m": 2.4}, "than from ahead by 1.2"),
-    "wall nearer": Wrong({"simulation.misalignment.wall_distance_m": 1.42}, "as no wall's light comes"),
+    "wall nearer": Wrong({"simulation.misalignment.wall_distance_m": 1.42}, "as no wall's light does"),
     "wall nearer, seen": Wrong({"simulation.misalignment.wall_distance_m": 1.42}, "or the wall's distance is another",
                                "doctor", 3),
     "wall nearer, since first light": Wrong(
-        {"simulation.misalignment.wall_distance_m": 1.42, "first_light": LIT}, "as no wall's light comes"
+        {"simulation.misalignment.wall_distance_m": 1.42, "first_light": LIT}, "as no wall's light does"
     ),
     "wall since first light": Wrong(
         {"simulation.misalignment.wall_distance_m": 2.4, "first_light": LIT}, " ns from where it should"
@@ -143,7 +143,7 @@ def test_a_scan_says_that_nobody_has_seen_the_beam_and_what_was_seen_where_someb
         assert any(never in warning for warning in recording.header.warnings)
     assert run(["doctor", "--bench", bench]) == 3
     capsys.readouterr()
-    named = {"side": "the beam comes +0.250, +0.000 m from where it is sent"}.get(name, wrong.said)
+    named = {"side": "the beam lands +0.250, +0.000 m from where it is sent"}.get(name, wrong.said)
     assert run(["plan", "scan.yaml", "--bench", bench]) == 0
     assert named in capsys.readouterr().err
     assert run(["scan", "scan.yaml", "-o", "seen.h5", "--bench", bench]) == 5

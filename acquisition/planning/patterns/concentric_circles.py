@@ -24,7 +24,7 @@ class ConcentricCircles(Settings):
         """From the innermost circle outwards, each turn in the other direction. Raises `PlanRefused` for fewer points
         than circles."""
         if self.count < self.circles:
-            raise PlanRefused(f"{self.count} points do not reach for {self.circles} circles")
+            raise PlanRefused(f"{self.count} points are too few for {self.circles} circles")
         radius_m = min(wall.width_m, wall.height_m) / 2 * np.arange(1, self.circles + 1) / self.circles
         until = np.round(np.cumsum(radius_m) / radius_m.sum() * (self.count - self.circles)).astype(int)
         counts = 1 + np.diff(until, prepend=0)

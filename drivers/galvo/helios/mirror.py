@@ -154,7 +154,7 @@ class Helios(TimedMirror):
                 unasked = self._pipes.answer(0.001)
             except DeviceTimeout:
                 return
-            raise DeviceReset(DEVICE, f"said {unasked.hex()} unasked.", REOPEN)
+            raise DeviceReset(DEVICE, f"sent {unasked.hex()} without being asked.", REOPEN)
 
     def park(self) -> None:
         """Stopped, dark, shutter pin low, then centred and held. After an error, this does not make it usable again."""
@@ -182,7 +182,11 @@ class Helios(TimedMirror):
 
     def _send(self, frame: bytes) -> None:
         if self._ask(wire.STATUS)[1:2] != b"\x01":
-            raise DeviceFault(DEVICE, "it still has a frame that it was not sent.", "Close other programs that use it.")
+            raise DeviceFault(
+                DEVICE,
+                "it is still playing a frame that this program did not send.",
+                "Close other programs that use it.",
+            )
         self._pipes.send(frame, self._settings.timeout_s)
 
     def _arrive(self, angles: MirrorAngles) -> None:

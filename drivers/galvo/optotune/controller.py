@@ -49,9 +49,11 @@ class Controller:
         asks = (b"GETID\r\n", b"GETVERSION\r\n", b"GETSN\r\n")
         first, (model, version, serial) = ([self._line.exchange(ask) for ask in asks] for _ in range(2))
         if first != [model, version, serial] or {b"OK", b"NO", b"ERROR"} & set(first):
-            raise ProtocolError(DEVICE, f"it named itself {first!r}, then {[model, version, serial]!r}.", REOPEN)
+            raise ProtocolError(
+                DEVICE, f"it identified itself as {first!r}, then as {[model, version, serial]!r}.", REOPEN
+            )
         if wire.names_model(model) != self.model:  # one bit tells the two apart, and they have other registers
-            raise ProtocolError(DEVICE, f"it named itself {self.model}, then {model!r}.", REOPEN)
+            raise ProtocolError(DEVICE, f"it identified itself as {self.model}, then as {model!r}.", REOPEN)
         return DeviceIdentity("optotune", "Optotune", model.decode(), serial.decode(), version.decode())
 
     def set_position(self, x: float, y: float) -> None:

@@ -23,7 +23,7 @@ _SEEN_S = 1.0
 _LAST_WORD_S = 1.5
 _KILLED = (
     "The program was killed: the light may be on",
-    "Nobody commands the shutter now. Look at the laser, then say `nlos shutter close`.",
+    "Nobody commands the shutter now. Look at the laser, then run `nlos shutter close`.",
     "bad",
 )
 

@@ -40,7 +40,7 @@ def watch_first_moves(bench: PartialBench) -> None:
                 -9,
             )
             if answer() != "":
-                raise DeviceFault(who, "its first moves were not wanted.", "Start again when somebody can look.")
+                raise DeviceFault(who, "its first moves were declined.", "Start again when somebody can look.")
             for _ in range(_BLINKS):
                 for target in (angles, MirrorAngles(0.0, 0.0)):
                     mirror.move_to(target)
@@ -55,6 +55,6 @@ def watch_first_moves(bench: PartialBench) -> None:
     mirror.trust()
     terminal.log(
         "Seen to move: trusted until this command ends. `allow_unverified_dac: true` in the bench file lets scans "
-        "trust it as well; better to put the SD card right.",
+        "trust it as well; better to fix the SD card.",
         -9,
     )

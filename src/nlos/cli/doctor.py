@@ -41,7 +41,8 @@ def doctor(
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing page.")] = False,
     clear_trip: Annotated[
-        str | None, typer.Option(metavar="WHO", help="Clear a latched trip, in the name of who found its cause.")
+        str | None,
+        typer.Option(metavar="WHO", help="Clear a latched trip, in the name of the person who found its cause."),
     ] = None,
 ) -> int:
     """PASS, WARN or FAIL for everything that a scan needs, SKIP for what cannot be examined; exits with 3 after a FAIL.

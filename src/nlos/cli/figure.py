@@ -22,7 +22,7 @@ def figure(
         float, typer.Option(min=40, max=400, help="A column of many journals is 89 mm wide, a page 178.")
     ] = 178.0,
     titles: Annotated[
-        str | None, typer.Option(help="One a result, separated by commas; default: scan and method.")
+        str | None, typer.Option(help="One per result, separated by commas. Default: scan and method.")
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:

@@ -13,7 +13,7 @@ from nlos.series.sweep import load_queue
 def queue(
     file: Annotated[Path, typer.Argument(metavar="FILE.yaml", help="Which scans, and what an alarm does to the rest.")],
     plan: Annotated[bool, typer.Option("--plan", help="Check and forecast all of it; take nothing.")] = False,
-    retry: Annotated[bool, typer.Option("--retry", help="Take up again what an alarm ended.")] = False,
+    retry: Annotated[bool, typer.Option("--retry", help="Resume what an alarm ended.")] = False,
 ) -> int:
     """Takes every scan of a queue file. Called again it resumes: after Ctrl-C, an alarm, a full disk, a power cut. What
     is done stays; what was cut off is resumed; recordings, not the journal, have the last word."""

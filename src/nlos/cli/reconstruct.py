@@ -59,17 +59,20 @@ def reconstruct(
     response: Response = "auto",
     depth_m: Depths = None,
     frame: Annotated[
-        int | None, typer.Option(metavar="K", min=0, help="Of a scan of several frames this one. Default: all, summed.")
+        int | None,
+        typer.Option(metavar="K", min=0, help="Of a scan of several frames, this one. Default: all, summed."),
     ] = None,
     film: Annotated[
         bool,
         typer.Option("--film", help="Every frame of RUN: film.npz, film.gif, and its track as a table."),
     ] = False,
     window: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Of a film: frames to a picture. Default: all points once.")
+        int | None,
+        typer.Option(metavar="N", min=1, help="With --film: frames per picture. Default: all points once."),
     ] = None,
     memory: Annotated[
-        bool, typer.Option("--memory", help="Of a film: pictures of one frame and the light of earlier ones, moved.")
+        bool,
+        typer.Option("--memory", help="With --film: each picture from one frame and earlier ones' light, moved."),
     ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
     skip_existing: Annotated[
@@ -104,7 +107,7 @@ def reconstruct(
     if follow:
         refuse_together(
             "--follow", {"--film": film, **of_files, "--skip-existing": skip_existing, "--set offsets": offsets},
-            "a scan that is being recorded says itself what it is, and is followed as one picture",
+            "a scan that is being recorded describes itself, and is followed as one picture",
             "Use --follow alone, then reconstruct the finished recording with these.",
         )  # fmt: skip
     if film:

@@ -26,7 +26,7 @@ def runs(
     ] = None,
     sort: Annotated[str, typer.Option(metavar="FIELD", help="started, sample, operator, photons, ...")] = "started",
     ascending: Annotated[bool, typer.Option("--ascending", help="The smallest or oldest first.")] = False,
-    limit: Annotated[int, typer.Option(min=1, help="At most so many.")] = 50,
+    limit: Annotated[int, typer.Option(min=1, help="At most this many.")] = 50,
     rebuild: Annotated[bool, typer.Option("--rebuild", help="Read every file again.")] = False,
     page: Annotated[
         Path | None, typer.Option(metavar="F.html", help="Write them as a page with thumbnails as well.")

@@ -64,7 +64,9 @@ def scan(
     ] = None,
     weights: Weights = None,
     response: Response = "auto",
-    sample: Annotated[str | None, typer.Option(metavar="TEXT", help="What is behind the corner; kept with it.")] = None,
+    sample: Annotated[
+        str | None, typer.Option(metavar="TEXT", help="What is behind the corner; stored in the recording.")
+    ] = None,
     operator: Annotated[str | None, typer.Option(metavar="NAME", help="Who measures.")] = None,
     note: Annotated[str | None, typer.Option(metavar="TEXT", help="Anything worth finding again.")] = None,
     tag: Annotated[list[str] | None, typer.Option(metavar="WORD", help="May be given again; `nlos runs WORD`.")] = None,

@@ -55,7 +55,7 @@ def serve(
         server.ticket.withdraw(ticket)
         for number, handler in previous.items():
             signal.signal(number, handler)
-    terminal.log(f"{run}: {server.answers} questions answered")
+    terminal.log(f"{run}: {server.answers} requests answered")
 
 
 class _Idle:

@@ -26,7 +26,7 @@ def train(
         Path | None, typer.Option("-o", "--output", metavar="DIR", help="Where the run lives; runs/train/NAME.")
     ] = None,
     check: Annotated[
-        bool, typer.Option("--check", help="Everything but the training: is the file right, and what it will take.")
+        bool, typer.Option("--check", help="Everything but the training: is the file right, and what will it take?")
     ] = False,
     max_minutes: Annotated[
         float | None, typer.Option(min=0.0, help="Stop after this long; the same command resumes.")

@@ -37,7 +37,7 @@ def beam_seen(bench: Bench) -> Iterator[Finding]:
         seen = hands.spot(bench, place)
         if seen is None:
             bench.mirror.park()
-            yield skipped("aim", "nobody measured where the beam comes on the wall; `nlos jog` marks spots")
+            yield skipped("aim", "nobody measured where the beam lands on the wall; `nlos jog` marks spots")
             return
         rows.append((angles.x_rad, angles.y_rad, *seen))
         off_m = max(off_m, (seen[0] - place[0], seen[1] - place[1]), key=lambda each: math.hypot(*each))
@@ -48,10 +48,10 @@ def beam_seen(bench: Bench) -> Iterator[Finding]:
         check_sense(spots)
     except InvalidData as error:
         what, _, remedy = str(error).partition(";")[0].partition(": ")
-        yield failed("aim", what, f"{remedy[:1].upper()}{remedy[1:].rstrip('.')}, and let the doctor look again.")
+        yield failed("aim", what, f"{remedy[:1].upper()}{remedy[1:].rstrip('.')}, and run the doctor again.")
         return
     distance_m = bench.settings.geometry.wall_distance_m
-    said = f"the beam comes {off_m[0]:+.3f}, {off_m[1]:+.3f} m from where it was sent"
+    said = f"the beam lands {off_m[0]:+.3f}, {off_m[1]:+.3f} m from where it was sent"
     if math.hypot(*off_m) > FAR_PART * distance_m:
         yield failed("aim", f"{said}: the scanner's place or the wall's distance is another", _MARK)
     elif math.hypot(*off_m) > RULER_M:

@@ -114,7 +114,7 @@ class PersonsHands:
     def spot(self, bench: Bench, place: tuple[float, float]) -> tuple[float, float] | None:
         x_m, y_m = place
         if not _asked(
-            f"After Enter the beam is on for {_LOOK_S:g} s at ({x_m:+.3f}, {y_m:+.3f}) m: mark where it comes."
+            f"After Enter the beam is on for {_LOOK_S:g} s at ({x_m:+.3f}, {y_m:+.3f}) m: mark where it lands."
         ):
             return None
         bench.counter.configure(axis_of(bench))

@@ -21,7 +21,7 @@ _DWELL_S = 0.05
 _MOVES_S = 0.3
 _BY_HAND_S = 60.0
 _LOOK_S = 0.01
-_OFF = "Switch the laser off by hand, and do not use this bench until this is put right."
+_OFF = "Switch the laser off by hand, and do not use this bench until this is fixed."
 
 
 def light_is_on(bench: Bench) -> str:

@@ -37,7 +37,7 @@ def why_silent(block: DeviceSettings, error: DeviceError, ports: list[PortInfo] 
     if owners := owners_of(port):
         return f"{port} is owned by another program, {', '.join(owners)}: end it, it takes the answers."
     if isinstance(error, DeviceBusy):
-        return f"who holds {port} is another user's program: `sudo fuser -v {port}` names it."
+        return f"{port} is held by another user's program: `sudo fuser -v {port}` names it."
     if said := _wrong_port(block, available_ports() if ports is None else ports):
         return said
     heard = _heard(port)

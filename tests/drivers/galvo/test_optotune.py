@@ -180,7 +180,7 @@ def test_a_controller_that_names_itself_otherwise_the_second_time_is_not_believe
     bench = dark_bench()
     unplug("wavering")
     url = plug("wavering", device, bench)
-    with pytest.raises(ProtocolError, match="named itself MR-E-3, then b'MR-E-2'"):
+    with pytest.raises(ProtocolError, match="identified itself as MR-E-3, then as b'MR-E-2'"):
         Optotune.open(OptotuneSettings(model="optotune", port=url), bench.clock)
 
 
