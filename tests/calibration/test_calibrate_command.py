@@ -187,7 +187,7 @@ def test_a_mistyped_spot_is_named_by_its_line_and_other_units_are_refused(
         code, told = called(capsys, *arguments, "--spots", table)
         assert code == 0, told
         (said,) = told["warnings"]  # type: ignore[misc]
-        assert re.search(r"spots\.csv:7: left aside, .* mm in x and \+23\d\d mm in y", str(said))
+        assert re.search(r"spots\.csv:7: excluded, .* mm in x and \+23\d\d mm in y", str(said))
         assert told["geometry"]["wall_distance_m"] == pytest.approx(2.0, abs=3e-3)  # type: ignore[index]
     code, told = called(
         capsys, folder / "run.h5", "-o", tmp_path / "d.h5", "--spots", write_spots(tmp_path / "mm.csv", factor=1000.0)

@@ -54,7 +54,7 @@ def _of_recording(recording: "Recording") -> dict[str, Any]:
         "format": "recording",
         "status": recording.status.name.lower(),
         "points": f"{len(records)} of {len(plan)}" + (f", {left_aside} more skipped" if left_aside else ""),
-        "left aside": left_aside,
+        "skipped": left_aside,
         "identity": header.identity,
         "wall": f"{plan.wall.width_m:g} x {plan.wall.height_m:g} m, {plan.wall.rows} x {plan.wall.cols}",
         **_of_frames(recording, records),

@@ -70,6 +70,6 @@ def _of_result(path: Path) -> dict[str, Any]:
         "depths": depths,
         "volume": "none" if volume is None else f"{len(volume.depths_m)} planes to {volume.depths_m[-1]:.3f} m",
         "weights": held.weights_sha256 or "none",
-        "left aside": held.left_aside,
+        "skipped samples": held.left_aside,
         "explained": "not computed" if held.explained is None else str(held.explained),
     }

@@ -88,7 +88,7 @@ def aside_lines(fit: "GeometryFit", spots: Spots) -> list[str]:
     for row in np.flatnonzero(~fit.spots_accepted):
         off_mm = fit.spot_residual_m[row] * 1e3
         lines.append(
-            f"{spots.name(int(row))}: left aside, {off_mm[0]:+.0f} mm in x and {off_mm[1]:+.0f} mm in y from where the "
+            f"{spots.name(int(row))}: excluded, {off_mm[0]:+.0f} mm in x and {off_mm[1]:+.0f} mm in y from where the "
             "other spots put it; correct it, or mark it again"
         )
     return lines

@@ -36,7 +36,7 @@ def spots_picture(
     residuals.axvline(0, color="0.8", zorder=0)
     residuals.scatter(off_mm[:, 0], off_mm[:, 1], s=18, color="tab:red")
     reach = max(float(np.abs(off_mm).max(initial=0)) * 1.2, 0.5)
-    aside = f"; {(~used).sum()} left aside" if not used.all() else ""
+    aside = f"; {(~used).sum()} excluded" if not used.all() else ""
     residuals.set(
         xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="x, measured less fitted (mm)",
         ylabel="y (mm)", title=f"{len(off_mm)} spots, {fit.spots_rms_m * 1e3:.2f} mm RMS off the fit{aside}",
@@ -70,7 +70,7 @@ def _draw_wall(
     panel.plot(x_m, y_m, "o", mfc="none", color="tab:blue", label="fitted")
     panel.plot(spots.x_m[used], spots.y_m[used], "x", color="tab:red", label="measured")
     if not used.all():
-        panel.plot(x_m[~used], y_m[~used], "s", mfc="none", ms=11, color="tab:red", label="left aside")
+        panel.plot(x_m[~used], y_m[~used], "s", mfc="none", ms=11, color="tab:red", label="excluded")
     panel.quiver(x_m[used], y_m[used], *(off_m[used] * times).T, angles="xy", scale_units="xy", scale=1,
                  color="tab:red", width=0.004)  # fmt: skip
     panel.set(
