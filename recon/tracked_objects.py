@@ -33,6 +33,11 @@ class Followed:
     parts: dict[int, npt.NDArray[np.bool_]] = field(default_factory=dict)
     places_m: dict[int, Floats] = field(default_factory=dict)
 
+    def mask(self, shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
+        """Which pixels of a film of that shape (F, H, W) are it."""
+        nowhere = np.zeros(shape[1:], dtype=np.bool_)
+        return np.stack([self.parts.get(frame, nowhere) for frame in range(shape[0])])
+
     def expected_m(self, frame: int, time_s: Mapping[int, float]) -> Floats:
         """Where it should be by its last two places, no farther ahead than it was seen to go."""
         *before, last = sorted(self.places_m)
@@ -101,7 +106,11 @@ def tracked_objects(
         tracker.add(light, depth, float(at_s))
     fewest = min(FEWEST, len(albedo))
     found = [each for each in tracker.followed if len(each.parts) >= fewest]
-    return [_alone(each, albedo, depth_m, x_m, y_m, time_s, window) for each in found]
+    rows = []
+    for each in found:
+        own = each.mask(albedo.shape)
+        rows.append(track(np.where(own, albedo, 0.0), np.where(own, depth_m, np.nan), x_m, y_m, time_s, window))
+    return rows
 
 
 def _parts(
@@ -130,16 +139,3 @@ def _place_m(light: npt.NDArray[np.floating], depth: npt.NDArray[np.floating], x
     weight = light / light.sum()
     across, down = np.meshgrid(x_m, y_m)
     return np.array([float((weight * each).sum()) for each in (across, down, np.nan_to_num(depth))])
-
-
-def _alone(
-    one: Followed,
-    albedo: npt.NDArray[np.floating],
-    depth_m: npt.NDArray[np.floating],
-    x_m: Floats,
-    y_m: Floats,
-    time_s: Floats,
-    window: int,
-) -> dict[str, Floats]:
-    own = np.stack([one.parts.get(frame, np.zeros(albedo.shape[1:], dtype=np.bool_)) for frame in range(len(albedo))])
-    return track(np.where(own, albedo, 0.0), np.where(own, depth_m, np.nan), x_m, y_m, time_s, window)

@@ -27,13 +27,9 @@ MORE = {
     "drivers/simulated/usb/backend.py": {"ctrl_transfer"},
     "drivers/simulated/usb/pipes.py": {"ctrl_transfer"},
     "recon/evaluate.py": {"evaluate"},
-    "recon/tracked_objects.py": {"_alone"},
-    "recon/training/run_folder.py": {"about_run"},
-    "recon/training/shapes.py": {"turned"},
-    "recon/training/train.py": {"_train"},
 }
-"""Doors whose parameters are options by name, signatures of others' (pyusb, Time Tagger), and what is left to shorten;
-beside the verbs, whose parameters are the command line's options."""
+"""Doors whose parameters are options by name, signatures of others' (pyusb, Time Tagger), a bench's parts and a port's
+settings; beside the verbs, whose parameters are the command line's options."""
 
 
 def files() -> Iterator[tuple[str, ast.Module]]:

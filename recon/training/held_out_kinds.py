@@ -4,7 +4,7 @@ import numpy as np
 
 from nlos.recon.training.kinds import Kind, Rng, bright, place, small_turn, smooth_noise
 from nlos.recon.training.lettering import SIGN_FONTS, lettering
-from nlos.recon.training.shapes import Canvas, box, ellipsoid, height_field, panel, polyline, tube, turned
+from nlos.recon.training.shapes import Canvas, Turned, box, ellipsoid, height_field, panel, polyline, tube, turned
 
 SIGNS = "&%?@#§$£€¥ΔΣΩΨΞΦπλγ∂∇∫√∞⊕⊗→↑↔♣♠♥♦"
 
@@ -53,7 +53,8 @@ def stacks(canvas: Canvas, rng: Rng) -> None:
         height = half * rng.uniform(0.15, 0.5)
         radii = half * rng.uniform(0.15, 0.6) * np.linspace(1.0, rng.uniform(0.2, 1.0), 12)
         middle = bottom + height / 2
-        turned(canvas, (x - np.sin(angle) * middle, y + np.cos(angle) * middle, z), radii, height, angle, 0.0, albedo)
+        centre = (x - np.sin(angle) * middle, y + np.cos(angle) * middle, z)
+        turned(canvas, centre, Turned(radii, height, angle, 0.0), albedo)
         bottom += height
     ellipsoid(canvas, (x - np.sin(angle) * half, y + np.cos(angle) * half, z), (0.15, 0.15, 0.15), np.eye(3), albedo)
 

@@ -10,6 +10,7 @@ from nlos.recon.training.lettering import LETTER_FONTS, lettering
 from nlos.recon.training.shapes import (
     Array,
     Canvas,
+    Turned,
     box,
     ellipsoid,
     height_field,
@@ -146,7 +147,7 @@ def vessels(canvas: Canvas, rng: Rng) -> None:
         x, y, z, half = place(rng)
         radii = np.interp(np.linspace(0, 1, 40), np.linspace(0, 1, 6), rng.uniform(0.1, 1.0, 6))
         radii = gaussian_filter(radii, rng.uniform(0.5, 4)) * half * rng.uniform(0.3, 0.7)
-        turned(canvas, (x, y, z), radii, 2 * half, rng.normal(0, 0.5), rng.normal(0, 0.25), bright(rng))
+        turned(canvas, (x, y, z), Turned(radii, 2 * half, rng.normal(0, 0.5), rng.normal(0, 0.25)), bright(rng))
 
 
 def bodies(canvas: Canvas, rng: Rng) -> None:

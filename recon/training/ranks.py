@@ -2,18 +2,29 @@
 
 import math
 import os
+from dataclasses import dataclass
 
 import torch
 import torch.distributed as dist
 from torch import nn
 
 
-def join() -> tuple[int, int]:
-    """This process's number and how many there are, once they know each other."""
+@dataclass(frozen=True)
+class Place:
+    """This process's number and how many there are."""
+
+    rank: int = 0
+    world: int = 1
+
+
+def join() -> Place:
+    """This process's place, once all know each other; the only one where none were started by torchrun."""
+    if "RANK" not in os.environ:
+        return Place()
     dist.init_process_group("nccl" if torch.cuda.is_available() else "gloo")
     if torch.cuda.is_available():
         torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
-    return dist.get_rank(), dist.get_world_size()
+    return Place(dist.get_rank(), dist.get_world_size())
 
 
 def everywhere(here: bool, world: int, device: str) -> bool:

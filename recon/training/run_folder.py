@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,17 +23,25 @@ from nlos.recon.weights.files import put_weights, read_about, read_weights, save
 STATE, WEIGHTS, LOG = "state.safetensors", "weights.safetensors", "log.jsonl"
 
 
+@dataclass(frozen=True)
+class BegunWith:
+    """`before`: what the weights said of themselves that the run began with; `learned_from`: the fingerprints of scenes
+    on disk."""
+
+    before: Mapping[str, Any]
+    learned_from: list[str]
+
+
 def about_run(
     settings: TrainSettings,
     model: nn.Module,
     step: int,
     seconds: float,
-    before: Mapping[str, Any],
     validation: Mapping[str, float],
-    learned_from: list[str],
+    begun_with: BegunWith,
 ) -> dict[str, Any]:
-    """What weights of this step say about themselves; `before` is what those said that the run began with, and
-    `learned_from` the fingerprints of scenes on disk."""
+    """What weights of this step say about themselves."""
+    before = begun_with.before
     parent = {} if settings.start_from is None else {"parent": parent_of(settings.start_from)}
     return parent | {
         "method": settings.method,
@@ -41,7 +50,7 @@ def about_run(
         "licence": settings.licence,
         "settings": settings.model_dump(mode="json"),
         "validation": dict(validation),
-        "learned_from": learned_from,
+        "learned_from": begun_with.learned_from,
         "step": step,
         "samples": step * settings.batch,
         "hours": seconds / 3600,

@@ -148,19 +148,22 @@ def ellipsoid(canvas: Canvas, centre: Vector, half: Vector, rotation: npt.NDArra
     put(canvas, at, np.where(root > 0, z + centre[2], np.inf).astype(np.float32), normal, albedo)
 
 
-def turned(
-    canvas: Canvas,
-    centre: Vector,
-    profile: npt.NDArray[np.float64],
-    length: float,
-    angle_rad: float,
-    lean: float,
-    albedo: float,
-) -> None:
+@dataclass(frozen=True)
+class Turned:
     """A body of revolution: radii `profile` (K,) along an axis of `length`, turned by `angle_rad` in the view plane.
 
     `lean` is dz/d(axis), a shear: the axis points away from the wall without leaving the closed form.
     """
+
+    profile: npt.NDArray[np.float64]
+    length: float
+    angle_rad: float
+    lean: float
+
+
+def turned(canvas: Canvas, centre: Vector, body: Turned, albedo: float) -> None:
+    """Draws a body of revolution."""
+    profile, length, angle_rad, lean = body.profile, body.length, body.angle_rad, body.lean
     reach = float(np.hypot(length / 2, profile.max()))
     at = window(canvas, centre[0] - reach, centre[0] + reach, centre[1] - reach, centre[1] + reach)
     if at is None:

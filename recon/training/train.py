@@ -35,11 +35,12 @@ from nlos.recon.training.file_checks import learned_from
 from nlos.recon.training.interruption import Asked, caught
 from nlos.recon.training.log import Log
 from nlos.recon.training.losses import losses
-from nlos.recon.training.ranks import everywhere, join, mean_of_all, step_together
+from nlos.recon.training.ranks import Place, everywhere, join, mean_of_all, step_together
 from nlos.recon.training.run_folder import (
     LOG,
     STATE,
     WEIGHTS,
+    BegunWith,
     about_run,
     alone_in,
     best_of,
@@ -85,31 +86,26 @@ def train(
     Raises InvalidSettings if `folder` holds a run of other settings or another process trains there, WeightsError for
     weights that do not fit, ReconstructionFailed for a loss that is not finite.
     """
-    rank, world = (0, 1) if "RANK" not in os.environ else join()
-    if rank:
+    place = join()
+    if place.rank:
         report, progress = _silent, None
     try:
-        with alone_in(folder, rank), caught() as asked:
-            if overwrite and rank == 0:
+        with alone_in(folder, place.rank), caught() as asked:
+            if overwrite and place.rank == 0:
                 for name in (STATE, WEIGHTS, LOG):
                     (folder / name).unlink(missing_ok=True)
-            if world > 1:
+            if place.world > 1:
                 dist.barrier()
-            return _train(settings, folder, report, progress, asked, rank, world)
+            return _train(settings, folder, report, progress, asked, place)
     finally:
-        if world > 1:
+        if place.world > 1:
             dist.destroy_process_group()
 
 
 def _train(
-    settings: TrainSettings,
-    folder: Path,
-    report: Report,
-    progress: Progress | None,
-    asked: Asked,
-    rank: int,
-    world: int,
+    settings: TrainSettings, folder: Path, report: Report, progress: Progress | None, asked: Asked, place: Place
 ) -> dict[str, Any]:
+    rank, world = place.rank, place.world
     torch.manual_seed(settings.seed)
     if settings.batch % world:
         raise InvalidSettings(f"a batch of {settings.batch} does not divide among {world} processes")
@@ -122,6 +118,7 @@ def _train(
     )
     average = [p.detach().clone() for p in parameters]
     learned = learned_from(settings)
+    begun_with = BegunWith(before, learned)
     step, spent_s = resume_run(settings, folder, model, optimiser, average, learned)
     log = Log(folder / LOG, step, rank == 0, settings.tensorboard)
     count = sum(p.numel() for p in parameters)
@@ -135,14 +132,14 @@ def _train(
 
     def keep_state() -> None:
         if rank == 0:
-            about = about_run(settings, model, step, elapsed, before, {}, learned)
+            about = about_run(settings, model, step, elapsed, {}, begun_with)
             save_state(folder, model, optimiser, average, about)
             if not (folder / WEIGHTS).exists():
                 save_weights(folder, model, average, about)
 
     def check(against_lct: bool = False) -> dict[str, float]:
         figures: dict[str, float] = _with(average, parameters, lambda: validate(model, settings, device, against_lct))
-        about = about_run(settings, model, step, elapsed, before, figures, learned)
+        about = about_run(settings, model, step, elapsed, figures, begun_with)
         keep_best(folder, model, average, about, judged=getattr(model, "training_loss", None) is None)
         return figures
 
