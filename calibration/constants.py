@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset
-from nlos.acquisition.recording.plausible import json_object
+from nlos.acquisition.recording.validation import json_object
 from nlos.calibration.arrivals import Arrivals
 from nlos.calibration.bench_facts import Facts, changes
 from nlos.calibration.errors import ForeignConstants, InvalidData, PoorCalibration

@@ -6,7 +6,7 @@ import numpy.typing as npt
 from nlos.calibration.afterpulsing import subtract_afterpulses
 from nlos.calibration.background import subtract
 from nlos.calibration.constants import BenchConstants
-from nlos.calibration.pile_up import correct_free_running
+from nlos.calibration.dead_time import correct_free_running
 from nlos.calibration.raw_points import RawPoints
 
 WHOLE_PERIOD = 0.01

@@ -21,7 +21,7 @@ import numpy as np
 
 from nlos.acquisition.importers.imported import LARGEST_WALL_M
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, needed_array, open_hdf5
-from nlos.acquisition.recording.plausible import json_object
+from nlos.acquisition.recording.validation import json_object
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData
 from nlos.recon.explained import NOT_LOOKED_FOR, Explained

@@ -16,9 +16,9 @@ from pydantic import Field, ValidationError
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.header import COLUMNS
-from nlos.acquisition.recording.plausible import MAX_BINS, MAX_POINTS
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import EVENT_ROWS, RECORD, Event, Status
+from nlos.acquisition.recording.validation import MAX_BINS, MAX_POINTS
 from nlos.configs.settings import Settings
 
 MAX_ROWS = 256

@@ -10,8 +10,8 @@ import numpy as np
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.positions import Positions
-from nlos.acquisition.recording.plausible import check_geometry, check_plan, chunks_fit, json_object, json_texts
 from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.validation import check_geometry, check_plan, chunks_fit, json_object, json_texts
 from nlos.acquisition.wall import WallGrid
 from nlos.drivers.tcspc.counter import HistogramAxis, StopAtCounts
 

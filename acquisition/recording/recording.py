@@ -34,7 +34,7 @@ from nlos.acquisition.recording.condition import Condition, RowState
 from nlos.acquisition.recording.frames import rows_of
 from nlos.acquisition.recording.layout import EVENT, EVENT_ROWS, RECORD, Event, Status, sample_crc
 from nlos.acquisition.recording.open_file import ScanFile, open_scan_file
-from nlos.acquisition.recording.plausible import check_status, plausible_rows
+from nlos.acquisition.recording.validation import check_status, plausible_rows
 from nlos.acquisition.sample import Sample
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.drivers.tcspc.counter import Histogram, HistogramFlag

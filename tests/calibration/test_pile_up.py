@@ -2,8 +2,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from nlos.calibration.dead_time import correct_free_running
 from nlos.calibration.errors import SaturatedBins
-from nlos.calibration.pile_up import correct_free_running
 
 
 def photons_per_pulse(bins: int, share: float) -> npt.NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Photons that the detector missed because it was still blind from an earlier one: pile-up and dead time, undone.
+"""Dead time and pile-up undone: the photons that the detector missed because it was still blind from an earlier one.
 
 A histogram's bin can only hold photons of those laser pulses in which the detector was live at that bin. Dividing by
 the number of live pulses instead of all pulses gives the photon rate back; a bin that was live L times and clicked

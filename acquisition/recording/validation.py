@@ -1,4 +1,4 @@
-"""What a scan file may say: whatever one states passes here before anybody computes with it.
+"""What a scan file may say, validated: whatever one states passes here before anybody computes with it.
 
 Checksums tell what was damaged on the way; a file that somebody made states what it likes under checksums that fit.
 """
