@@ -33,11 +33,17 @@ files         devices         replay, follow         the physics can use     beh
 | bytes to and from an instrument | `drivers/galvo/<model>/wire.py`, `drivers/tcspc/<model>/` |
 | the other end of the cable | `drivers/simulated/<model>/`; what can go wrong there: [Faults](faults.md) |
 | which points, in which order, for how long | `acquisition/planning/` |
+| which scheme a scan is taken by, and how long that takes | `acquisition/planning/schemes.py` |
 | the scan itself, its schemes and alarms | `acquisition/scanning/` |
-| the file, and how it survives everything | `acquisition/recording/` |
-| dead time, time zero, direct light | `calibration/`; their order: `calibration/correct.py` |
+| the file, and how it survives everything | `acquisition/recording/`; what it may say: `validation.py` there |
+| a trip that outlasts the program | `drivers/trip_latch.py` |
+| a new counter or mirror | a folder in `drivers/tcspc/` or `galvo/`, a line in `models.py` there; or a plug-in |
+| dead time, time zero, direct light | `calibration/`, a file each; their order: `correct.py` there |
 | an operator of light transport | `recon/transport/`; a method: `recon/methods/` |
+| what counts as seen in a picture | `recon/seen.py` |
 | what a verb does | `src/nlos/cli/<verb>.py` |
+| what the live page shows, and its controls | `src/nlos/live/page_parts/` |
+| what the wheel holds | `pyproject.toml`; the sdist: `MANIFEST.in` |
 
 ## Decisions
 

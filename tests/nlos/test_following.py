@@ -15,17 +15,14 @@ import pytest
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.gathering import Gathering
-from tests.scan_texts import COARSE_TO_FINE
+from tests.scan_texts import COARSE_TO_FINE, recorded
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
 
 
 @pytest.fixture
-def run(nlos: Nlos, tmp_path: Path) -> Path:
-    (tmp_path / "scan.yaml").write_text(COARSE_TO_FINE)
-    done = nlos("scan", "scan.yaml", "-o", "run.h5")
-    assert done.returncode == 0, done.stderr
-    return tmp_path / "run.h5"
+def run(tmp_path: Path) -> Path:
+    return recorded(tmp_path, COARSE_TO_FINE)
 
 
 def albedo(folder: Path) -> np.ndarray:

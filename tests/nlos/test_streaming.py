@@ -27,7 +27,7 @@ from nlos.recipe import Recipe
 from nlos.recon.errors import ReconstructionFailed
 from nlos.recon.live import LivePicture, LiveReconstruction
 from nlos.recon.reconstruct import reconstruct
-from tests.scan_texts import COARSE_TO_FINE
+from tests.scan_texts import COARSE_TO_FINE, recorded
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -35,11 +35,8 @@ TWO_PASS = COARSE_TO_FINE + "exposure: {kind: two_pass, counts: 100000, again_ms
 
 
 @pytest.fixture
-def run(nlos: Nlos, tmp_path: Path) -> Path:
-    (tmp_path / "scan.yaml").write_text(COARSE_TO_FINE)
-    done = nlos("scan", "scan.yaml", "-o", "run.h5")
-    assert done.returncode == 0, done.stderr
-    return tmp_path / "run.h5"
+def run(tmp_path: Path) -> Path:
+    return recorded(tmp_path, COARSE_TO_FINE)
 
 
 def test_samples_corrected_one_by_one_add_up_to_all_corrected_at_once(nlos: Nlos, run: Path, tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.helios.firmware import HeliosFirmware
 from nlos.drivers.simulated.usb.pipes import SimulatedPipes
+from tests.drivers.galvo.calls_in_time import each_call_in_time
 
 CASES = 2500 if os.environ.get("NLOS_SOAK") else 250
 SETTINGS = HeliosSettings(model="helios", usb="simulated", markers="colours", timeout_s=0.2)
@@ -92,13 +93,17 @@ class HarmedPipes(SimulatedPipes):
         return harm
 
 
-def carry_out(bench: SimulatedBench, mirror: Helios, call: tuple[str, Any]) -> Callable[[], bool]:
-    """Makes the call; what is returned says whether it did what it says."""
+def carry_out(bench: SimulatedBench, mirror: Helios, call: tuple[str, Any]) -> Callable[[], None]:
+    """Makes the call; what is returned asserts that it did what it says."""
     word, argument = call
     seen: list[MirrorAngles] = []
 
-    def near(beam: MirrorAngles, angles: MirrorAngles) -> bool:
-        return math.hypot(beam.x_rad - angles.x_rad, beam.y_rad - angles.y_rad) < TOLERANCE_RAD
+    def near(beam: MirrorAngles, angles: MirrorAngles) -> None:
+        assert math.hypot(beam.x_rad - angles.x_rad, beam.y_rad - angles.y_rad) < TOLERANCE_RAD
+
+    def all_near() -> None:
+        for beam, angles in zip(seen, argument, strict=True):
+            near(beam, angles)
 
     if word == "move":
         mirror.move_to(argument)
@@ -116,10 +121,10 @@ def carry_out(bench: SimulatedBench, mirror: Helios, call: tuple[str, Any]) -> C
             seen.append(bench.beam_at(bench.clock.now() + 0.9 * steps.step_s))
         bench.clock.sleep(2 * steps.step_s)
         mirror.stop()
-        return lambda: all(near(*each) for each in zip(seen, argument, strict=True))
+        return all_near
     bench.clock.sleep(argument)
     mirror.look()
-    return lambda: True
+    return lambda: None
 
 
 @pytest.mark.soak
@@ -148,15 +153,8 @@ def test_each_call_does_what_it_says_or_raises_a_named_error_in_time(
         return
     if spare_opening:
         cable.count, cable.plan = 0, plan
-    for call in script:
-        began_s = bench.clock.now()
-        try:
-            done = carry_out(bench, mirror, call)
-        except DeviceError:
-            done = None
-        waited_s = {"wait": 1.0, "sequence": 45 * 0.03}.get(call[0], 0.0)
-        assert bench.clock.now() - began_s < LONGEST_CALL_S + waited_s
-        assert done is None or done()
+    waits_s = {"wait": 1.0, "sequence": 45 * 0.03}
+    each_call_in_time(bench, script, lambda call: carry_out(bench, mirror, call), LONGEST_CALL_S, waits_s)
     mirror.close()
     assert not firmware.erased
     assert not firmware.shutter_pin
