@@ -73,6 +73,8 @@ def _default(field: FieldInfo) -> str:
 def _yaml(value: Any) -> str:
     if value is None:
         return "none"
+    if value == "":
+        return '""'
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, list | tuple):

@@ -21,11 +21,13 @@ TOP = """# Design
 Data moves through the rooms from left to right. A room imports only those to its left, which a test enforces.
 
 ```
-configs/      drivers/        acquisition/           calibration/            recon/
-YAML     ->   bytes <->  ->   plan, scan, record ->  raw counts -> counts -> transient -> what is
-files         devices         replay, follow         the physics can use     behind the corner
+configs/   drivers/     acquisition/    calibration/       recon/
+YAML    -> bytes <-> -> plan, scan,  -> raw counts ->   -> transient
+files      devices      record,         counts for         -> what is
+                        replay          the physics        hidden
 
-            nlos   the API and the command line: the only room that knows all the others
+     nlos   the API and the command line: the only room that knows
+            all the others
 ```
 
 | you look for | it is in |

@@ -21,7 +21,7 @@ def pages() -> dict[str, str]:
         "bench.md": _file("bench", "Bench files", "What `--bench BENCH` reads."),
         "queue.md": _file("queue", "Queue files", "What `nlos queue FILE` reads."),
         "defaults.md": _file(
-            "defaults", "A person's defaults", "`~/.config/nlos/defaults.yaml`: what every scan of yours says."
+            "defaults", "Personal defaults", "`~/.config/nlos/defaults.yaml`: what applies to every scan of yours."
         ),
         "train.md": _file("train", "Training files", "What `nlos train CONFIG` reads."),
     }
