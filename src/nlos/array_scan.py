@@ -108,7 +108,7 @@ def _refuse_bad(counts: npt.NDArray[Any]) -> None:
     if bad.any():
         place = tuple(int(i) for i in np.argwhere(bad)[0])
         raise InvalidData(
-            f"histograms{list(place)} is {counts[place]:g}, {what}, and {int(bad.sum())} values of {bad.size} are. "
+            f"histograms{list(place)} is {counts[place]:g}: {what} ({int(bad.sum())} of {bad.size} values). "
             "Set a point that was not measured to 0 and say so by exposure=... (0 there)."
         )
 

@@ -110,7 +110,11 @@ class Picture:
 
         Raises `FileExistsError` unless `overwrite`, before anything is written.
         """
-        return write_results(Path(folder), self.reconstruction, overwrite=overwrite)
+        try:
+            return write_results(Path(folder), self.reconstruction, overwrite=overwrite)
+        except FileExistsError as error:
+            said = str(error).replace("use --overwrite", "pass overwrite=True")
+            raise FileExistsError(said) from None
 
     def to_xarray(self) -> "xarray.Dataset":
         """The arrays with named axes (z, y, x) in metres. Needs the package xarray."""
