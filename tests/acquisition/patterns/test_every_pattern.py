@@ -206,7 +206,7 @@ def test_a_bad_list_is_refused_by_file_and_line(tmp_path: Path, text: str, place
         (RandomPixels(points=65), "more than 8 x 8"),
         (BlueNoise(points=65), "more than 8 x 8"),
         (Circle(points=9, radius_m=0.6), "leaves the wall"),
-        (ConcentricCircles(circles=5, points=4), "do not reach"),
+        (ConcentricCircles(circles=5, points=4), "too few for"),
         (ArchimedeanSpiral(dr_m=1e-5), "too many"),
         (FermatSpiral(dr_m=1e-4), "more than a million"),
     ],
