@@ -82,7 +82,7 @@ def test_bayer_is_the_published_matrix() -> None:
     ("words", "why"),
     [
         ({"frames": 4, "interleave": 16}, "raise frames"),
-        ({"frames": 64, "interleave": 64}, "make no 64 parts"),
+        ({"frames": 64, "interleave": 64}, "cannot be divided into 64 parts"),
         ({"frames": 2, "exposure": {"kind": "two_pass", "counts": 5, "again_ms": 1}}, "no second pass"),
         ({"frames": 100_000, "histogram": {"bins": 4096, "bin_width_ps": 16}}, "fewer frames"),
     ],
