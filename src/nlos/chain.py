@@ -21,6 +21,7 @@ from nlos.recon.reconstruct import reconstruct
 from nlos.recon.results import write_results
 from nlos.response import known_response, say_response, with_response
 from nlos.results_folder import ResultsFolder
+from nlos.said_once import Tell
 
 if TYPE_CHECKING:
     from nlos.acquisition.transient import Transient
@@ -36,14 +37,14 @@ FIRST_STAGE, STAGES = "reading", 4
 """A file is read, calibrated, reconstructed and drawn."""
 
 
-def constants_for(scan: LoadedScan, given: Path | None) -> "BenchConstants | None":
+def constants_for(scan: LoadedScan, given: Path | None, tell: Tell = log.log) -> "BenchConstants | None":
     """The constants named, or the newest of this scan's bench that hold for it. Raises `ForeignConstants`."""
     known = correcting_constants(given, scan.bench_json, scan.devices, scan.transient.time.bin_width_s)
     if known is None:
         return None
-    log.info("%s", known.said())
+    tell(logging.INFO, "%s", known.said())
     if known.warning:
-        log.warning("%s", known.warning)
+        tell(logging.WARNING, "%s", known.warning)
     return known.constants
 
 
@@ -53,7 +54,7 @@ def arrivals_of(scan: LoadedScan, constants: "BenchConstants | None" = None) -> 
     if scan.rectified or scan.points is not None:
         return None
     done = correct(scan.transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
-    _log_calibration(done.report())
+    _tell_calibration(done.report(), log.log)
     return done.points.offsets
 
 
@@ -63,14 +64,15 @@ def calibrate_scan(
     constants: "BenchConstants | None" = None,
     arrivals: "TimeOffsets | None" = None,
     hear: "Callable[[CorrectedPoints], None]" = lambda done: None,
+    tell: Tell = log.log,
 ) -> "Transient":
     """The transient that the physics can use: time 0 at the direct arrival, direct light removed, and what is known of
     the instrument's response. `arrivals`: of the direct light, where they are known. `hear` is told what was found of
-    a scan that had to be aligned.
+    a scan that had to be aligned, `tell` how well, in words: `SaidOnce` for one that is looked at again and again.
 
     A rectified file that states its cut gets that cut; in one that states none, direct light is looked for.
     """
-    transient, own = _calibrated(scan, use_file_offsets, constants, arrivals, hear)
+    transient, own = _calibrated(scan, use_file_offsets, constants, arrivals, hear, tell)
     return replace(transient, response=known_response(scan, constants, own))
 
 
@@ -80,6 +82,7 @@ def _calibrated(
     constants: "BenchConstants | None",
     arrivals: "TimeOffsets | None",
     hear: "Callable[[CorrectedPoints], None]",
+    tell: Tell,
 ) -> "tuple[Transient, ImpulseResponse | None]":
     """And the response that the scan's own direct light showed, where it was looked for."""
     transient = scan.transient
@@ -92,7 +95,7 @@ def _calibrated(
         done = correct_points(points, constants, rectified=scan.rectified, remove_direct=scan.direct_cut_bins is None)
         if not scan.rectified:
             hear(done)
-            _log_calibration(done.report())
+            _tell_calibration(done.report(), tell)
         gridded = grid_samples(
             scan.points.x_m, scan.points.y_m, done.counts, done.exposure_s, transient.wall, done.time
         )
@@ -110,7 +113,7 @@ def _calibrated(
         return known.transient, None if of_a_whole is None else of_a_whole.response
     corrected = correct(transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
     hear(corrected.points)
-    _log_calibration(corrected.report())
+    _tell_calibration(corrected.report(), tell)
     return corrected.transient, _own(corrected.points)
 
 
@@ -128,20 +131,23 @@ def _own(points: "CorrectedPoints") -> "ImpulseResponse | None":
     return None if points.offsets is None else points.offsets.response
 
 
-def _log_calibration(report: "Report") -> None:
+def _tell_calibration(report: "Report", tell: Tell) -> None:
     rms_bins, points = report["offset_rms_bins"], report["points"]
     assert isinstance(points, int)
     if not isinstance(rms_bins, float):
         if points >= 9:
-            log.info(
-                "calibrated: no plane wall explains the arrivals at %d points; each was aligned by its own", points
+            tell(
+                logging.INFO,
+                "calibrated: no plane wall explains the arrivals at %d points; each was aligned by its own",
+                points,
             )
         return
     masked_ns = report["direct_masked_ns"]
     masked = f"direct light masked up to {masked_ns:.2f} ns" if masked_ns else "no bins masked for direct light"
-    log.info("calibrated: offsets to %.1f ps RMS of the wall fit, %s", report["offset_rms_ps"], masked)
+    tell(logging.INFO, "calibrated: offsets to %.1f ps RMS of the wall fit, %s", report["offset_rms_ps"], masked)
     if rms_bins > 1:
-        log.warning(
+        tell(
+            logging.WARNING,
             "arrivals scatter by %.1f bins about a plane wall. Is this a raw scan, does its time window hold the "
             "direct light, is the wall plane? `nlos calibrate` draws them.",
             rms_bins,

@@ -125,6 +125,8 @@ def test_a_first_pass_that_is_good_enough_makes_room_for_the_second(nlos: Nlos, 
     verdicts = [text for kind, text in events if kind == "until" and "is good enough: change" in text]
     assert len(verdicts) == 2 or len(numbers) == 2 * np.count_nonzero(numbers < 256)
     assert json.loads(done.stdout)["points"] == len(numbers)
+    assert sum(kind == "until" for kind, _ in events) > 2
+    assert done.stderr.count("calibrated: ") == 2, "once while it is looked at, and once of the whole scan"
 
 
 def test_a_real_bench_reads_the_figures_of_the_live_process(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:

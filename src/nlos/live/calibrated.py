@@ -1,10 +1,12 @@
 """What pictures in passing are made of: the samples so far, calibrated as `reconstruct` would."""
 
+import logging
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from nlos.live.time_zero import TimeZero
 from nlos.response import ResponseWanted, with_response
+from nlos.said_once import Tell
 
 if TYPE_CHECKING:
     from nlos.acquisition.transient import Transient
@@ -12,6 +14,8 @@ if TYPE_CHECKING:
     from nlos.calibration.correct import CorrectedPoints
     from nlos.loaded import LoadedScan
     from nlos.recon.over_time.half_grid import HalfGrid
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -28,12 +32,18 @@ class Calibrated:
 
 
 def calibrated(
-    scan: "LoadedScan", samples: int, whole: bool, constants: "BenchConstants | None", response: ResponseWanted
+    scan: "LoadedScan",
+    samples: int,
+    whole: bool,
+    constants: "BenchConstants | None",
+    response: ResponseWanted,
+    tell: Tell,
 ) -> Calibrated:
-    """Raises what calibrating raises."""
+    """`tell` is told how well, in words; of the whole scan it is said in any case. Raises what calibrating raises."""
     from nlos.chain import calibrate_scan
 
     found: list[CorrectedPoints] = []
-    transient = with_response(calibrate_scan(scan, constants=constants, hear=found.append), response)
+    told = log.log if whole else tell
+    transient = with_response(calibrate_scan(scan, constants=constants, hear=found.append, tell=told), response)
     zero = TimeZero.of(scan, found[0] if found else None, constants)
     return Calibrated(samples, whole, transient, scan.falloff, zero)

@@ -23,6 +23,7 @@ from nlos.recipe import Recipe
 from nlos.recon.errors import ReconError
 from nlos.recon.live import GROWTH, LivePicture, LiveReconstruction
 from nlos.response import with_response
+from nlos.said_once import SaidOnce
 
 if TYPE_CHECKING:
     from nlos.acquisition.planning.plan import ScanPlan
@@ -86,6 +87,7 @@ class Enough:
         self._next = max(1, math.ceil(FIRST_FRACTION * len(plan)))
         self._looked_s = -math.inf
         self._seen = 0
+        self._tell = SaidOnce()
 
     def catch_up(self, run: Path) -> None:
         """Takes in what a recording that is resumed holds, before it is opened for writing."""
@@ -123,9 +125,8 @@ class Enough:
     def _picture(self) -> "LivePicture | None":
         try:
             scan = scan_of(self._nothing_yet, self._gathering)
-            transient = with_response(
-                calibrate_scan(scan, constants=constants_for(scan, self._recipe.constants)), self._recipe.response
-            )
+            constants = constants_for(scan, self._recipe.constants, self._tell)
+            transient = with_response(calibrate_scan(scan, constants=constants, tell=self._tell), self._recipe.response)
             return self._live.update(transient, len(self._gathering), scan.falloff)
         except (InvalidData, ReconError) as error:
             self._report("until", f"no picture of {len(self._gathering)} points yet: {error}")

@@ -33,6 +33,7 @@ from nlos.live.so_far import empty_scan, gathering_for, scan_of, shown_of
 from nlos.recon.errors import ReconError, ReconstructionFailed
 from nlos.recon.methods import PLAIN, find
 from nlos.response import AUTO, ResponseWanted, with_response
+from nlos.said_once import SaidOnce
 
 if TYPE_CHECKING:
     from nlos.acquisition.scanning.free_points import FreePoints
@@ -86,7 +87,7 @@ class LiveScan:
 
     def __post_init__(self) -> None:
         self._stopped, self._news, self._ended = threading.Event(), threading.Event(), threading.Event()
-        self._growing = True
+        self._growing, self._tell = True, SaidOnce()
         self._empty: LoadedScan | None = None
         self._constants: BenchConstants | None = None
         self._each: SampleCalibration | None = None
@@ -139,7 +140,7 @@ class LiveScan:
     def calibrated(self, scan: "LoadedScan") -> "Calibrated":
         """What `reconstruct` would work on. Raises what calibrating raises."""
         assert self.gathering is not None
-        return calibrated(scan, len(self.gathering), self.read, self._constants, self.response)
+        return calibrated(scan, len(self.gathering), self.read, self._constants, self.response, self._tell)
 
     @property
     def empty(self) -> "LoadedScan":
@@ -278,7 +279,7 @@ class LiveScan:
             count, scan = len(self.gathering), scan_of(self.empty, self.gathering)
             corrected = None if self._each is None or whole else with_response(self._each.transient(), self.response)
         if corrected is None or self._each is None:
-            return calibrated(scan, count, whole, self._constants, self.response)
+            return calibrated(scan, count, whole, self._constants, self.response, self._tell)
         return Calibrated(count, whole, corrected, scan.falloff, self._each.zero)
 
     def _gathered(self) -> "LoadedScan":
