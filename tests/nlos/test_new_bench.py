@@ -1,6 +1,9 @@
 """`nlos new bench`: whatever is answered, a file that loads, says what every line means, and hears its own pulses."""
 
 import itertools
+import os
+import pty
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -12,6 +15,7 @@ from nlos.configs.load import ConfigError, load, parse
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.galvo.models import MIRRORS
 from nlos.drivers.tcspc.models import COUNTERS
+from nlos.new_bench.asking import answers
 from nlos.new_bench.detection import Detected, devices_of
 from nlos.new_bench.questions import questions
 from nlos.new_bench.writing import bench_text, blocks_of
@@ -106,3 +110,39 @@ def test_degrees_say_of_what_they_are() -> None:
             continue
         words = " ".join(cells).lower()
         assert any(word in words for word in ("mechanical", "optical", "edge", "beam")), line
+
+
+@pytest.fixture
+def at_a_terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], None]]:
+    """Lines typed at a terminal, a real one; what is typed beyond the last line is the end of it."""
+    inner, outer = pty.openpty()
+    with os.fdopen(outer) as typed:
+        monkeypatch.setattr("sys.stdin", typed)
+
+        def type_in(text: str) -> None:
+            os.write(inner, text.encode())
+
+        yield type_in
+    os.close(inner)
+
+
+def test_on_a_terminal_one_goes_back_and_what_was_typed_is_kept(
+    at_a_terminal: Callable[[str], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    # wrong answers; twice back, to another mirror, which has no volts; the first question has none before it
+    at_a_terminal("acme\noptotune\n<\n<\ntriggerscope\n0.25\n9\n<\n\n" + "\n" * 30)
+    said = answers(questions(NOTHING, True), {})
+    assert said["mirror"] == "triggerscope"
+    assert (said["volts_per_degree"], said["max_mechanical_deg"]) == ("0.25", "9")
+    assert said == answered(True, mirror="triggerscope", volts_per_degree="0.25", max_mechanical_deg="9")
+    words = capsys.readouterr().err
+    assert "'acme' is not one of triggerscope" in words
+    assert "this is the first question" in words
+    assert "goes back" in words
+
+
+def test_a_terminal_that_ends_writes_nothing(at_a_terminal: Callable[[str], None], tmp_path: Path) -> None:
+    at_a_terminal("optotune\n\x04")
+    with pytest.raises(UsageError, match="Nothing was written"):
+        new("bench", tmp_path / "b.yaml", None, [], True, False, False)
+    assert not list(tmp_path.iterdir())

@@ -1,6 +1,5 @@
 """`nlos new bench`: asks, looks at what is plugged in, writes a commented bench file and ends with the doctor."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -10,8 +9,9 @@ from pydantic import ValidationError
 from nlos.cli.doctor import doctor
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
+from nlos.new_bench.asking import answers
 from nlos.new_bench.detection import detect
-from nlos.new_bench.questions import Question, questions
+from nlos.new_bench.questions import questions
 from nlos.new_bench.writing import bench_text, blocks_of
 
 
@@ -35,14 +35,7 @@ def new(
         raise UsageError(f"new {what}: only `nlos new bench` is known")
     if output.exists() and not overwrite:
         raise FileExistsError(f"{output}: exists. Choose another name with -o, or use --overwrite.")
-    given = dict(_split(each) for each in answer or [])
-    said: dict[str, str] = {}
-    for ask in questions(detect(), simulated):
-        question = ask(said)
-        if question is not None:
-            said[question.key] = _answer(question, given.pop(question.key, None))
-    if given:
-        raise UsageError(f"--answer {', '.join(given)}: no such question; the questions are: {', '.join(said)}")
+    said = answers(questions(detect(), simulated), dict(_split(each) for each in answer or []))
     try:
         text = bench_text(blocks_of(name or output.stem, said, simulated))
     except ValidationError as error:
@@ -62,27 +55,3 @@ def _split(text: str) -> tuple[str, str]:
     if not equals:
         raise UsageError(f"--answer {text}: write KEY=VALUE")
     return key, value
-
-
-def _answer(question: "Question", given: str | None) -> str:
-    """As given, as typed, or the default. Raises `UsageError` where nobody is there to ask."""
-    if given is not None:
-        if why := question.refusal(given):
-            raise UsageError(f"--answer {question.key}: {why}")
-        return given
-    if not sys.stdin.isatty():
-        if question.default is None:
-            raise UsageError(f"no answer to: {question.text}. Use --answer {question.key}=...")
-        return question.default
-    words = f" ({', '.join(question.choices)})" if question.choices else ""
-    default = "" if question.default is None else f" [{question.default}]"
-    while True:
-        print(f"{question.text}{words}{default}: ", end="", file=sys.stderr, flush=True)
-        line = sys.stdin.readline()
-        if not line:
-            raise UsageError(f"no answer to: {question.text}")
-        typed = line.strip() or question.default or ""
-        why = question.refusal(typed)
-        if not why:
-            return typed
-        print(f"  {why}", file=sys.stderr)
