@@ -45,6 +45,8 @@ class DeviceModel(Generic[Device]):
     """Settings -> whether it is plugged in. Opens nothing."""
     faults: Sequence[FaultRow] = ()
     """What its firmware can do wrong when a bench file asks for it, beside the faults of a serial line."""
+    pulled: str = "G8"
+    """Which fault is its cable pulled: a serial line's, or one of its own."""
     shutters: Mapping[str, ShutterOutput] = field(default_factory=dict)
     """Word in a bench file's `shutter` block -> the output of this device that it means."""
 

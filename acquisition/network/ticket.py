@@ -1,5 +1,9 @@
-"""A ticket: where a served recording is, which one, and the keys without which nobody is answered."""
+"""A ticket: where a served recording is, which one, and the keys without which nobody is answered.
 
+It ends with a checksum: a damaged one is refused here, and nobody is called at a damaged address.
+"""
+
+import hashlib
 import json
 import os
 import secrets
@@ -14,6 +18,7 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.network.address import check_endpoint
 
 _KEY_LENGTH = 40  # a CurveZMQ key in Z85 (RFC 26/CURVEZMQ, RFC 32/Z85)
+_CHECK = "check"
 _KEYS = ("server_public", "client_public", "client_secret")
 
 
@@ -42,7 +47,7 @@ class Ticket:
                 ) from error
         fresh = path.with_name(f"{path.name}.{secrets.token_hex(4)}.new")
         with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
-            json.dump({"nlos": "ticket", **asdict(self)}, file, indent=1)
+            json.dump({"nlos": "ticket", **asdict(self), _CHECK: self._check()}, file, indent=1)
         fresh.replace(path)
 
     def withdraw(self, path: Path) -> None:
@@ -60,12 +65,12 @@ class Ticket:
             raise FileNotFoundError(f"{path}: no such file. `nlos serve RUN` writes it while it serves.")
         try:
             with path.open("rb") as file:
-                stored = json.loads(file.read(4096))
+                stored = json.loads(file.read(4096), object_pairs_hook=_each_once)
         except (ValueError, RecursionError) as error:
             raise InvalidData(f"{path}: not a ticket ({error})") from error
         if not isinstance(stored, dict) or stored.pop("nlos", None) != "ticket":
             raise InvalidData(f"{path}: not a ticket. `nlos serve RUN` writes one.")
-        names = [field.name for field in fields(cls)]
+        check, names = stored.pop(_CHECK, None), [field.name for field in fields(cls)]
         if set(stored) != set(names) or not all(isinstance(stored[name], str) for name in names):
             raise InvalidData(f"{path}: a ticket has {', '.join(names)}. `nlos serve RUN` writes one.")
         try:
@@ -75,7 +80,19 @@ class Ticket:
                     raise ValueError(f"{key} is not a key of {_KEY_LENGTH} characters")
         except (ValueError, KeyError, struct.error) as error:
             raise InvalidData(f"{path}: address or keys are damaged ({error}). Copy the ticket again.") from error
-        return cls(**stored)
+        ticket = cls(**stored)
+        if check != ticket._check():
+            raise InvalidData(f"{path}: is damaged: its checksum is another's. Copy the ticket again.")
+        return ticket
+
+    def _check(self) -> str:
+        return hashlib.sha256(json.dumps(asdict(self)).encode()).hexdigest()[:16]
+
+
+def _each_once(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    if len(dict(pairs)) < len(pairs):
+        raise ValueError("a word stands in it twice")
+    return dict(pairs)
 
 
 def new_keys() -> tuple[str, str]:

@@ -209,9 +209,28 @@ GOOD = {
     ],
 )  # fmt: skip
 def test_what_is_no_ticket_is_refused(change: "str | dict[str, object]", tmp_path: Path) -> None:
+    path, words = tmp_path / "bad.ticket", {key: value for key, value in GOOD.items() if key != "nlos"}
+    if isinstance(change, str):
+        path.write_text(change)
+    else:
+        Ticket(**words).save(path)  # its checksum is right where it is a ticket at all
+        if change.keys() <= words.keys():
+            Ticket(**{**words, **change}).save(path)
+        else:
+            path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
+    with pytest.raises(InvalidData, match=r"bad\.ticket") as refused:
+        Ticket.load(path)
+    assert "checksum" not in str(refused.value)
+
+
+@pytest.mark.parametrize("key", GOOD)
+def test_a_ticket_with_one_letter_changed_is_refused_before_anybody_is_called(key: str, tmp_path: Path) -> None:
     path = tmp_path / "bad.ticket"
-    path.write_text(change if isinstance(change, str) else json.dumps({**GOOD, **change}))
-    with pytest.raises(InvalidData, match=r"bad\.ticket"):
+    Ticket(**{key: value for key, value in GOOD.items() if key != "nlos"}).save(path)
+    stored = json.loads(path.read_text())
+    stored[key] = stored[key][:-1] + ("1" if stored[key][-1] != "1" else "2")
+    path.write_text(json.dumps(stored))
+    with pytest.raises(InvalidData, match=r"bad\.ticket.*(checksum|not a ticket)"):
         Ticket.load(path)
 
 

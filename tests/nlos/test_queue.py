@@ -105,7 +105,7 @@ def test_an_alarm_a_kill_and_a_full_disk_leave_an_outcome_for_every_scan(nlos: R
         assert len(index.search([today, "operator:ada", "tag:night"])) == SCANS
         assert [each.status for each in index.search(["status:stopped"])] == ["stopped"]
         before = index.search()
-        index.rebuild()
+        index.update(afresh=True)
         assert index.search() == before
 
 

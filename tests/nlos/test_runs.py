@@ -1,9 +1,12 @@
 """Runs are found again: what was said of them is kept with them, and the index is what the files say."""
 
 import json
+import os
 import shutil
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from datetime import datetime
 from pathlib import Path
 
@@ -132,7 +135,7 @@ def test_the_index_follows_the_files(tmp_path: Path) -> None:
         assert (changes.read, changes.gone) == (2, 2)
         before = index.search()
         assert {each.path for each in before} == {"b/moved.h5", "b/stopped.h5", "damaged.h5", "new.h5"}
-        assert index.rebuild().read == 6
+        assert index.update(afresh=True).read == 6
         assert index.search() == before
         place = index.place
     place.write_bytes(b"this is no database" * 100)
@@ -154,6 +157,40 @@ def test_a_search_loads_nothing_that_only_reading_needs(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "1 of 1 runs" in done.stdout
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="file names are Unicode there")
+def test_a_name_that_is_no_unicode_is_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    whole = recording(tmp_path / "whole.h5", NOTES)
+    shutil.copyfile(whole, tmp_path / os.fsdecode(b"caf\xe9.h5"))
+    for _ in range(2):
+        assert run(["runs", "--folder", str(tmp_path), "--page", str(tmp_path / "p.html"), "--overwrite"]) == 0
+        assert "2 of 2 runs" in capsys.readouterr().out
+    with RunsIndex(tmp_path) as index:
+        assert index.update().read == 0
+        assert {each.path for each in index.search(["path:.h5"])} == {"whole.h5", "caf\\udce9.h5"}
+
+
+def test_what_is_damaged_in_the_index_is_made_again_and_never_shown(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    for name in ("a", "b", "c"):
+        recording(data / f"{name}.h5", RunNotes.of(f"sample {name}"))
+    with RunsIndex(data) as index:
+        index.update()
+        right, place = index.search(), index.place
+    harms = (
+        "UPDATE runs SET sample = 'another' WHERE path = 'b.h5'", "UPDATE summaries SET summary = '[]'",
+        "DELETE FROM summaries WHERE path = 'a.h5'", "UPDATE runs SET path = 'd.h5' WHERE path = 'c.h5'",
+        "UPDATE runs SET words = CAST(x'ff' AS TEXT)", "ALTER TABLE runs RENAME COLUMN points TO pints",
+        "DROP TABLE summaries", "PRAGMA user_version = 7",
+    )  # fmt: skip
+    for harm in harms:
+        with closing(sqlite3.connect(place, isolation_level=None)) as base:
+            base.execute(harm)
+        with RunsIndex(data) as index:
+            index.update()
+            assert index.search() == right, harm
+            assert index.update().read == 0, harm
 
 
 SEARCHES = {

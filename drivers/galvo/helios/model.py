@@ -26,5 +26,5 @@ def _backend(settings: HeliosSettings, table: SimulatedTable) -> SimulatedPipes:
 
 
 HELIOS: DeviceModel[GalvoMirror] = DeviceModel(
-    settings=HeliosSettings, open=Helios.open, firmware=_backend, look_for=_look_for, faults=FAULTS
-)
+    settings=HeliosSettings, open=Helios.open, firmware=_backend, look_for=_look_for, faults=FAULTS, pulled="H3"
+)  # fmt: skip

@@ -90,21 +90,25 @@ class PixelClock:
             self._tagger.set("xtra_setAuxOut", self._number, on)
 
 
+@dataclass(frozen=True)
+class Stepped:
+    """Points that a clock steps: how they are wired, what is histogrammed of each, and when it is due."""
+
+    settings: TimeTaggerSettings
+    axis: HistogramAxis
+    period: Period
+    gates: PointGates
+    clock: PixelClock
+
+
 class ByFlim:
     """The vendor's library sorts: a pixel begins `blanking` after a step marker and ends a dwell later."""
 
-    def __init__(
-        self,
-        tagger: Tagger,
-        settings: TimeTaggerSettings,
-        axis: HistogramAxis,
-        period: Period,
-        gates: PointGates,
-        clock: PixelClock,
-    ) -> None:
+    def __init__(self, tagger: Tagger, stepped: Stepped) -> None:
+        axis, period, gates, settings = stepped.axis, stepped.period, stepped.gates, stepped.settings
         points, dwell_s, blanking_s = len(gates.dwells_s), gates.dwells_s[0], gates.blanking_s
         self._tagger, self._points = tagger, points
-        self._step_ps, self._clock = round(clock.period_s / PS), clock
+        self._step_ps, self._clock = round(stepped.clock.period_s / PS), stepped.clock
         step = tagger.measurement("Combiner", list(settings.markers[:2]))
         channel = tagger.call("getChannel", step.getChannel)
         begin = tagger.measurement("DelayedChannel", channel, round(blanking_s / PS))
@@ -164,18 +168,11 @@ class ByFlim:
 class ByTags:
     """This program sorts: every photon, laser pulse and marker is a tag of `TimeTagStream`."""
 
-    def __init__(
-        self,
-        tagger: Tagger,
-        settings: TimeTaggerSettings,
-        axis: HistogramAxis,
-        period: Period,
-        gates: PointGates,
-        clock: PixelClock,
-    ) -> None:
+    def __init__(self, tagger: Tagger, stepped: Stepped) -> None:
+        axis, period, gates, settings = stepped.axis, stepped.period, stepped.gates, stepped.settings
         self._tagger, self._settings, self._period = tagger, settings, period
-        self._step_ps, self._width_ps = round(clock.period_s / PS), round(axis.bin_width_s / PS)
-        self._clock = clock
+        self._step_ps, self._width_ps = round(stepped.clock.period_s / PS), round(axis.bin_width_s / PS)
+        self._clock = stepped.clock
         channels = [settings.sync.channel, settings.detector.channel, *settings.markers]
         self._stream = tagger.measurement("TimeTagStream", _MOST_TAGS, channels)
         dwells = np.full(len(gates.dwells_s), round(gates.dwells_s[0] / PS), np.int64)

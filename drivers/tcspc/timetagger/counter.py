@@ -23,7 +23,7 @@ from nlos.drivers.tcspc.counter import (
     Trigger,
 )
 from nlos.drivers.tcspc.time_axis import cannot_stop, nearest_whole_ps
-from nlos.drivers.tcspc.timetagger.clocked import ByFlim, ByTags, Clocked, Period, PixelClock
+from nlos.drivers.tcspc.timetagger.clocked import ByFlim, ByTags, Clocked, Period, PixelClock, Stepped
 from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
 from nlos.drivers.tcspc.timetagger.tagger import PS, Tagger, load_package
 from nlos.drivers.tcspc.unwatched import UnwatchedCounter
@@ -141,7 +141,7 @@ class TimeTagger(UnwatchedCounter):
             kind: type[ByTags | ByFlim] = ByTags if self._settings.mode == "list" else ByFlim
             step_s = gates.step_s or dwells_s[0] + blanking_s
             clock = PixelClock(self.tagger, self._settings.pixel_clock if trigger is Trigger.CLOCK else None, step_s)
-            made = kind(self.tagger, self._settings, axis, self._period, gates, clock)
+            made = kind(self.tagger, Stepped(self._settings, axis, self._period, gates, clock))
             self._clocked = made
             self._running = True
             self._clocked.begin()

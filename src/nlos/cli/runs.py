@@ -43,7 +43,7 @@ def runs(
     if page is not None and page_target(page).exists() and not overwrite:
         raise FileExistsError(f"{page}: exists. Choose another name, or use --overwrite.")
     with RunsIndex(where) as index:
-        changes = index.rebuild() if rebuild else index.update()
+        changes = index.update(afresh=rebuild)
         found, every = index.search(words or [], sort, not ascending, limit), index.count()
     if changes.unreadable:
         terminal.log(f"warning: {changes.unreadable} recordings cannot be read: `nlos runs status:unreadable`")

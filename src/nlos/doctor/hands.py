@@ -6,6 +6,7 @@ from nlos.cli.agreeing import answer, somebody_is_there
 from nlos.cli.terminal import terminal
 from nlos.doctor.gates import axis_of, gates
 from nlos.drivers.bench import Bench
+from nlos.drivers.galvo.models import MIRRORS
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.faults import Fault
 
@@ -83,7 +84,8 @@ class SimulatedHands:
         return None if seen is None else (round(seen[0], 3), round(seen[1], 3))
 
     def pull_mirror_cable(self) -> bool:
-        self._table.faults.add(Fault(name="G8", after_s=self._table.clock.now() + _PULLED_AFTER_S))
+        name = MIRRORS[self._settings.mirror.model].pulled
+        self._table.faults.add(Fault(name=name, after_s=self._table.clock.now() + _PULLED_AFTER_S))
         return True
 
     def replug(self) -> bool:

@@ -22,11 +22,13 @@ from nlos.doctor.area import area_of, range_m
 from nlos.doctor.findings import Finding, failed, passed, warned
 from nlos.doctor.gates import axis_of, delay_unknown, expected_s
 from nlos.drivers.bench import Bench
+from nlos.drivers.tcspc.counter import HistogramAxis
 from nlos.recipe import Recipe
 from nlos.results_folder import ResultsFolder
 
 _HALF_M = 0.2
 _SIDE = 4
+_NEAR_S = 1.2e-9
 _FAR_NS = 1.0
 """So far from where it should be, light may be that of a hidden surface, or the delay another one."""
 
@@ -77,12 +79,8 @@ def _scanned(bench: Bench, folder: Path) -> Iterator[Finding]:
 
 def _direct_light(samples: list[Sample], bench: Bench) -> Finding:
     """Whether the first arrival is about where the wall is."""
-    late_ns: list[float] = []
     axis = axis_of(bench)
-    for sample in samples:
-        h, p = sample.histogram, sample.point
-        if (peak := direct_peak(h.counts, axis)) is not None:
-            late_ns.append((peak.time_s - expected_s(bench, range_m(bench, (p.x_m, p.y_m)))) * 1e9)
+    late_ns = _late_ns(samples, bench, axis)
     if len(late_ns) < len(samples) / 2:
         start_ns, end_ns = axis.offset_s * 1e9, (axis.offset_s + axis.bins * axis.bin_width_s) * 1e9
         said = (
@@ -97,6 +95,23 @@ def _direct_light(samples: list[Sample], bench: Bench) -> Finding:
     if abs(middle) > _FAR_NS:
         return warned("direct light", said, delay_unknown(bench))
     return passed("direct light", said)
+
+
+def _late_ns(samples: list[Sample], bench: Bench, axis: HistogramAxis) -> list[float]:
+    """How much later than due the direct peaks come, where one stands out. Where a surface returns more light than the
+    wall, the peak that most points have is looked for beside it."""
+    due_s = [expected_s(bench, range_m(bench, (each.point.x_m, each.point.y_m))) for each in samples]
+    found = [direct_peak(each.histogram.counts, axis) for each in samples]
+    late_s = [np.nan if peak is None else peak.time_s - due for peak, due in zip(found, due_s, strict=True)]
+    middle_s = float(np.nanmedian(late_s)) if any(found) else 0.0
+    for k, sample in enumerate(samples):
+        if late_s[k] > middle_s + _NEAR_S:
+            first = max(0, round((due_s[k] + middle_s - _NEAR_S - axis.offset_s) / axis.bin_width_s))
+            counts = sample.histogram.counts[first : first + round(2 * _NEAR_S / axis.bin_width_s)]
+            start_s = axis.offset_s + first * axis.bin_width_s
+            if (early := direct_peak(counts, HistogramAxis(len(counts), axis.bin_width_s, start_s))) is not None:
+                late_s[k] = early.time_s - due_s[k]
+    return [late * 1e9 for late in late_s if np.isfinite(late)]
 
 
 def _reconstruction(run: Path, folder: Path, bench: Bench) -> Iterator[Finding]:

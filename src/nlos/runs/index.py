@@ -1,7 +1,8 @@
 """The index of a folder of recordings: SQLite beside no data, made from the files alone and never believed over them.
 
 It lies in the state folder, one file a data folder; deleting it loses nothing. Files are told apart by size, time and
-inode: those that have changed are read again, by a child, and those that are gone are dropped.
+inode: those that have changed are read again, by a child, and those that are gone are dropped. An index
+that is damaged is made anew.
 """
 
 import hashlib
@@ -9,7 +10,6 @@ import json
 import os
 import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -17,20 +17,9 @@ from typing import Any, Self
 
 from nlos.acquisition.errors import StorageError
 from nlos.drivers.state_folder import state_folder
+from nlos.runs.database import COLUMNS, check_pages, checksum, drop, is_in_use, keep, made, opened, stamps, storable
 from nlos.runs.query import OTHER, UNREADABLE, condition
 
-_VERSION = 2
-_SCHEMA = """
-CREATE TABLE runs (
-    path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, inode INTEGER, kind TEXT, started TEXT, status TEXT,
-    points INTEGER, planned INTEGER, photons INTEGER, live_s REAL, sample TEXT, operator TEXT, note TEXT, tags TEXT,
-    bench TEXT, words TEXT
-) WITHOUT ROWID;
-CREATE TABLE summaries (path TEXT PRIMARY KEY, summary TEXT);
-CREATE INDEX by_start ON runs (started);
-"""
-_COLUMNS = ("path", "size", "mtime_ns", "inode", "kind", "started", "status", "points", "planned", "photons", "live_s",
-            "sample", "operator", "note", "tags", "bench", "words")  # fmt: skip
 SORTS = ("started", "path", "status", "points", "photons", "live_s", "sample", "operator", "bench")
 
 
@@ -61,7 +50,10 @@ class RunsIndex:
         self.folder = folder.resolve()
         name = hashlib.sha256(str(self.folder).encode()).hexdigest()[:16]
         self.place = place or state_folder() / "runs" / f"{name}.sqlite"
-        self._base = self._opened()
+        try:
+            self._base = opened(self.place)
+        except (OSError, sqlite3.Error) as error:
+            raise self._trouble("kept there", error) from error
 
     def __enter__(self) -> Self:
         return self
@@ -71,79 +63,77 @@ class RunsIndex:
     ) -> None:
         self._base.close()
 
-    def _opened(self) -> sqlite3.Connection:
-        try:
-            self.place.parent.mkdir(parents=True, exist_ok=True)
-            base = sqlite3.connect(self.place, timeout=30.0)
-            try:
-                if base.execute("PRAGMA user_version").fetchone()[0] == _VERSION:
-                    base.execute("SELECT path FROM runs LIMIT 1").fetchone()
-                    return base
-            except sqlite3.DatabaseError as error:
-                if isinstance(error, sqlite3.OperationalError) and "locked" in str(error):
-                    base.close()
-                    raise
-            base.close()
-            for left in (self.place, *self.place.parent.glob(f"{self.place.name}-*")):
-                left.unlink(missing_ok=True)
-            base = sqlite3.connect(self.place, timeout=30.0)
-            base.executescript(f"{_SCHEMA}PRAGMA user_version = {_VERSION};")
-            return base
-        except (OSError, sqlite3.Error) as error:
-            raise StorageError(f"{self.place}: the index of runs cannot be kept there ({error})") from error
+    def _trouble(self, what: str, error: Exception) -> StorageError:
+        return StorageError(f"{self.place}: the index of runs cannot be {what} ({error})")
 
-    def rebuild(self) -> Changes:
-        """From the files alone."""
-        with self._base:
-            self._base.execute("DELETE FROM runs")
-            self._base.execute("DELETE FROM summaries")
-        return self.update()
-
-    def update(self) -> Changes:
-        """Reads what is new or has changed, and drops what is gone. Raises `StorageError`."""
+    def update(self, afresh: bool = False) -> Changes:
+        """Reads what is new or has changed - `afresh`: everything - and drops what is gone. Raises `StorageError`."""
         try:
+            if not afresh:
+                try:
+                    return self._update()
+                except sqlite3.DatabaseError as error:
+                    if is_in_use(error):
+                        raise
+            self._base.close()
+            self._base = made(self.place)
             return self._update()
-        except sqlite3.Error as error:
-            raise StorageError(f"{self.place}: the index of runs cannot be written ({error})") from error
+        except (OSError, sqlite3.Error) as error:
+            raise self._trouble("written", error) from error
 
     def _update(self) -> Changes:
-        # One that was being written may have been killed since: its file does not show that.
-        asked = "SELECT path, size, mtime_ns, inode, status = 'running' FROM runs"
-        known = {path: () if running else tuple(stamp) for path, *stamp, running in self._base.execute(asked)}
-        there = {path: (stat.st_size, stat.st_mtime_ns, stat.st_ino) for path, stat in _recordings(self.folder)}
-        gone = [(path,) for path in known.keys() - there.keys()]
+        known = stamps(self._base)
+        named = {storable(path): (path, stat) for path, stat in _recordings(self.folder)}
+        there = {path: (stat.st_size, stat.st_mtime_ns, stat.st_ino) for path, (_, stat) in named.items()}
+        gone = known.keys() - there.keys()
         fresh = sorted(path for path, stamp in there.items() if known.get(path) != stamp)
+        if gone or fresh:
+            check_pages(self._base)
         with self._base:
-            for table in ("runs", "summaries"):
-                self._base.executemany(f"DELETE FROM {table} WHERE path = ?", gone)
+            drop(self._base, gone)
         unreadable = 0
         if fresh:
             from nlos.runs.reading import read_in_batches  # NumPy and HDF5: nothing that a search needs
 
-            marks = ", ".join("?" * len(_COLUMNS))
-            for rows in read_in_batches(self.folder, {path: there[path] for path in fresh}):
-                unreadable += sum(row[_COLUMNS.index("kind")] == UNREADABLE for row, _ in rows)
+            for found in read_in_batches(self.folder, {named[path][0]: there[path] for path in fresh}):
+                unreadable += sum(row[COLUMNS.index("kind")] == UNREADABLE for row, _ in found)
                 with self._base:
-                    self._base.executemany(f"INSERT OR REPLACE INTO runs VALUES ({marks})", [row for row, _ in rows])
-                    summaries = [(row[0], summary) for row, summary in rows]
-                    self._base.executemany("INSERT OR REPLACE INTO summaries VALUES (?, ?)", summaries)
+                    keep(self._base, found)
         return Changes(len(fresh), len(gone), unreadable)
 
     def search(
         self, words: Sequence[str] = (), sort: str = "started", reverse: bool = True, limit: int | None = None
     ) -> list[Run]:
         """Recordings that every word fits, the latest first unless told. Raises `UsageError` for a word that means
-        nothing."""
+        nothing, `StorageError`."""
         where, values = condition(words)
         order = f"{sort} {'DESC' if reverse else 'ASC'}, path {'DESC' if reverse else 'ASC'}"
         found = f"SELECT * FROM runs WHERE kind != ? AND {where} ORDER BY {order} LIMIT ?"
-        asked = f"SELECT path, started, status, summary FROM ({found}) JOIN summaries USING (path) ORDER BY {order}"
-        with closing(self._base.execute(asked, (OTHER, *values, -1 if limit is None else limit))) as rows:
-            return [Run(path, started, status, json.loads(summary)) for path, started, status, summary in rows]
+        asked = (
+            "SELECT path, started, status, summary, summary_crc "
+            f"FROM ({found}) LEFT JOIN summaries USING (path) ORDER BY {order}"
+        )
+        given = (OTHER, *values, -1 if limit is None else limit)
+        try:
+            try:
+                return [_run(*row) for row in self._base.execute(asked, given).fetchall()]
+            except sqlite3.DatabaseError as error:
+                if is_in_use(error):
+                    raise
+            self.update(afresh=True)
+            return [_run(*row) for row in self._base.execute(asked, given).fetchall()]
+        except sqlite3.Error as error:
+            raise self._trouble("read", error) from error
 
     def count(self) -> int:
         """How many runs there are in all."""
         return int(self._base.execute("SELECT count(*) FROM runs WHERE kind != ?", (OTHER,)).fetchone()[0])
+
+
+def _run(path: str, started: str, status: str, summary: str | None, crc: int | None) -> Run:
+    if summary is None or checksum(summary) != crc:
+        raise sqlite3.DatabaseError(f"the summary of {path} is damaged")
+    return Run(path, started, status, json.loads(summary))
 
 
 def _recordings(folder: Path) -> Iterator[tuple[str, os.stat_result]]:

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.importers.isolated import IsolatedReader
 from nlos.acquisition.importers.magic import is_recording
+from nlos.runs.database import Row
 from nlos.runs.query import OTHER, UNREADABLE, local_time
 
 _READER = "nlos.acquisition.recording.summary:summarise"
@@ -19,8 +19,6 @@ _READERS, _WORTH_A_READER = 4, 50
 """Children that read side by side, each worth its start from so many files on."""
 Stamp = tuple[int, int, int]
 """Size, time of change, inode."""
-Row = tuple[tuple[Any, ...], str]
-"""What is searched of a run, in the order of the index's columns, and its summary."""
 
 
 def read_in_batches(folder: Path, fresh: Mapping[str, Stamp]) -> Iterator[list[Row]]:
