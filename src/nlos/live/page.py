@@ -16,7 +16,7 @@ from nlos.live.web import Answer, Request
 from nlos.recon.seen import FAINT, FULL, SOLID
 
 STYLES = ("colours.css", "page.css")
-SCRIPTS = ("draw.js", "pictures.js", "turning.js", "histogram.js", "map.js", "page.js")
+SCRIPTS = ("draw.js", "pictures.js", "turning.js", "histogram.js", "map.js", "slider.js", "page.js")
 """One page is made of these; each is short, and they share one scope in this order."""
 
 

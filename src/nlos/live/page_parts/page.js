@@ -1,6 +1,6 @@
 // What the page knows of each scan, how it asks for more, and what it says about it.
 const WORDS = {waiting: "Waiting for the scan's file", running: "Scanning", paused: "Paused", complete: "Scan complete", interrupted: "Ended early by a person", stopped: "Stopped by an alarm", failed: "Failed", lost: "The scan was killed"};
-let scans = [], panels = [], chosen = 0, overlaid = false, compared = false, method = null, frame = null, gone = false, playing = null, shape = "";
+let scans = [], panels = [], chosen = 0, overlaid = false, compared = false, method = null, frame = null, gone = false, shape = "";
 const panelName = (kind, scan) => (kind === "front" ? "albedo" : kind === "turn" ? "volume" : kind) + (scan ? scan : "");
 function opened(p) { return p && p.albedo ? {...p, albedo: unpacked(p.albedo), depth_m: unpacked(p.depth_m), points: unpacked(p.points), seen: p.seen && unpacked(p.seen)} : null; }
 function best(known) { // the newest picture of the best method that has one
@@ -70,9 +70,8 @@ function tell() {
   $("alarms").hidden = !state.alarms; $("alarms").lastElementChild.textContent = state.alarms; banner(state); $("difference").hidden = scans.length < 2;
   const key = state.events.length + "/" + (state.events_before || 0); if (tell.events !== key + chosen) { tell.events = key + chosen; $("earlier").textContent = state.events_before ? `and ${count(state.events_before)} before` : "";
     $("events").replaceChildren(...state.events.slice().reverse().map(e => { const tr = document.createElement("tr"); tr.className = e[1]; e.forEach((t, i) => { const td = document.createElement("td"); td.textContent = i ? t : fixed(t, 2) + " s"; tr.append(td); }); return tr; })); }
-  const over = scans.every(s => s.state.over), parts = scans[chosen].frames.filter(f => f).length; $("slider").hidden = !over; $("time").max = state.frames.length;
-  const of = frame === null ? state.samples : state.frames[frame]; $("first").textContent = (of ? `after ${count(of)} of ${count(state.samples)} points` : "being made") + (parts < state.frames.length ? ` (${parts} of ${state.frames.length} steps ready)` : "");
-  $("overlay").setAttribute("aria-pressed", overlaid); $("difference").setAttribute("aria-pressed", compared); $("play").lastChild.textContent = playing ? " Stop" : " Play";
+  tellSlider(scans[chosen]);
+  $("overlay").setAttribute("aria-pressed", overlaid); $("difference").setAttribute("aria-pressed", compared);
 }
 let busy = false, missed = 0, timer = 0;
 async function tick() { // nothing is asked while nobody looks; whoever looks again is told at once
@@ -83,21 +82,19 @@ async function tick() { // nothing is asked while nobody looks; whoever looks ag
   } catch (error) { if (!(error instanceof TypeError || /^[45]/.test(error.message))) throw error; gone = ++missed >= 3; if (!gone) return; if (scans.length) tell(); else { $("status").textContent = "no answer; the viewer has ended"; banner({events: []}); } }
   finally { busy = false; timer = setTimeout(tick, gone || (scans.length && scans.every(s => s.state.over && s.state.frames_version >= s.state.frames.length * s.state.methods.length)) ? 1500 : scans.some(s => s.state.film && !s.state.over) ? 40 : scans.some(s => s.state.coming && s.state.coming.making) ? 120 : 350); }
 }
-function seek(value) { $("time").value = value; frame = value >= +$("time").max ? null : value - 1; if (frame === null) for (const s of scans) s.back = true; tell(); draw(); }
-function play() { if (playing) { clearInterval(playing); playing = null; } else { if (+$("time").value >= +$("time").max) seek(1); playing = setInterval(() => { const at = +$("time").value + 1; seek(at); if (at >= +$("time").max) play(); }, 180); } tell(); }
 function look(view) { document.body.dataset.view = view; draw(); }
 function flip(name) { if (name === "overlay") overlaid = !overlaid; else compared = !compared; tell(); draw(); }
 function other() { const names = scans[chosen].state.methods; method = method === null ? names[0] : names[names.indexOf(method) + 1] || null; tell(); draw(); }
 function theme() { const root = document.documentElement, dark = matchMedia("(prefers-color-scheme: dark)").matches, now = root.dataset.theme || (dark ? "dark" : "light"); root.dataset.theme = now === "dark" ? "light" : "dark"; draw(); }
 document.querySelectorAll("#tabs button[data-view]").forEach(b => b.addEventListener("click", () => look(b.dataset.view)));
 for (const name of ["overlay", "difference"]) $(name).addEventListener("click", () => flip(name));
-$("method").addEventListener("click", other); $("theme").addEventListener("click", theme); $("play").addEventListener("click", play); $("time").addEventListener("input", () => seek(+$("time").value));
+$("method").addEventListener("click", other); $("theme").addEventListener("click", theme);
 $("help").addEventListener("click", () => $("keys").showModal()); $("closekeys").addEventListener("click", () => $("keys").close());
 addEventListener("keydown", e => {
-  if (e.ctrlKey || e.metaKey || e.altKey || $("keys").open) return; const views = {1: "front", 2: "depth", 3: "turn", 4: "both"}, over = !$("slider").hidden;
+  if (e.ctrlKey || e.metaKey || e.altKey || $("keys").open) return; const views = {1: "front", 2: "depth", 3: "turn", 4: "both"};
   if (views[e.key]) look(views[e.key]); else if (e.key === "o") flip("overlay"); else if (e.key === "d" && scans.length > 1) flip("difference"); else if (e.key === "m") other(); else if (e.key === "v") showNext(); else if (e.key === "t") theme();
   else if (e.key === "l") $("scale").click(); else if (e.key === "?") $("keys").showModal(); else if (e.key === "Escape") { histogram.pinned = null; histogram.ask(); map.draw(); }
-  else if (over && e.key === " ") { e.preventDefault(); play(); } else if (over && e.target !== $("time") && e.key === "ArrowLeft") seek(Math.max(1, +$("time").value - 1)); else if (over && e.target !== $("time") && e.key === "ArrowRight") seek(Math.min(+$("time").max, +$("time").value + 1));
+  else sliderKey(e);
 });
 const fitted = new ResizeObserver(() => { if (scans.length) draw(); }); for (const id of ["views", "map", "histo"]) fitted.observe($(id)); // a banner that comes or goes leaves them another size
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { if (scans.length) draw(); }); document.addEventListener("visibilitychange", tick);
