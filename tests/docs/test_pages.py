@@ -14,9 +14,12 @@ from nlos.configs.describe import describe
 from nlos.schemas import blocks, model_of
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = sorted(path.relative_to(DOCS).as_posix() for path in DOCS.glob("howto/*.md"))
+SHOWN = {path.relative_to(DOCS.parent).as_posix(): path.read_text(encoding="utf-8")
+         for path in (*DOCS.glob("*.md"), *DOCS.glob("howto/*.md"), DOCS.parent / "README.md")}  # fmt: skip
+PAGES = sorted(name for name, text in SHOWN.items() if re.search(r"^```(sh|python)\n", text, re.M))
+PAGES.remove("docs/tutorial.md")  # a test of its own: it is run at the top of a clone
 SOAK = bool(os.environ.get("NLOS_SOAK"))
-LONG = ("howto/archives.md", "howto/judging.md", "howto/runs.md", "howto/training.md")
+LONG = tuple(f"docs/howto/{name}.md" for name in ("archives", "judging", "runs", "training"))
 """A third to half a minute each; whole in `make soak`."""
 BLOCK = re.compile(r"^(<!-- not run: [^\n]* -->\n)?```(sh|python)\n(.*?)^```", re.S | re.M)
 
@@ -29,17 +32,27 @@ def test_every_block_of_a_page_runs(page: str, tmp_path: Path) -> None:
 
 @pytest.mark.soak
 @pytest.mark.skipif(not SOAK, reason="the blocks that take a minute: make soak")
-@pytest.mark.parametrize("page", [page for page in PAGES if "make soak" in (DOCS / page).read_text(encoding="utf-8")])
+@pytest.mark.parametrize("page", [page for page in PAGES if "make soak runs" in SHOWN[page]])
 def test_every_long_block_of_a_page_runs(page: str, tmp_path: Path) -> None:
     run_page(page, tmp_path, long=True)
 
 
+@pytest.mark.parametrize("page", SHOWN)
+def test_no_command_stands_where_nothing_runs_it(page: str) -> None:
+    """Neither in a block without a language nor in an indented one."""
+    text = re.sub(r"^ *```[a-z]+\n.*?^ *```", "", SHOWN[page], flags=re.S | re.M)
+    plain = "\n".join(re.findall(r"^```\n(.*?)^```", text, re.S | re.M) + re.findall(r"^    .*", text, re.M))
+    assert not re.findall(r"^ *(?:nlos [a-z]+ |python -|import |from [a-z.]+ import |with ).*", plain, re.M)
+
+
 def run_page(page: str, tmp_path: Path, long: bool) -> None:
-    text = (DOCS / page).read_text(encoding="utf-8")
+    text = SHOWN[page]
     shown = text.count("\n```sh\n") + text.count("\n```python\n")
     found = BLOCK.findall(text)
     assert len(found) == shown, "a block that this test does not see"
-    script = ["set -euo pipefail", "touch blocks.py"]
+    array = "import numpy as np\nhistograms = np.random.default_rng(0).poisson(0.5, (16, 16, 128))\n"
+    (tmp_path / "blocks.py").write_text(array if page == "README.md" else "")  # the README's is the reader's own
+    script = ["set -euo pipefail"]
     for skipped, language, code in found:
         if skipped and not (long and "make soak" in skipped):
             continue
