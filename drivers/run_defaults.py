@@ -45,7 +45,7 @@ class HookSettings(Settings):
 
 
 class RunDefaults(Settings):
-    """What is said of every run unless the command line says otherwise; tags are added to."""
+    """What applies to every run unless the command line says otherwise; tags add up."""
 
     sample: str = ""
     """What is behind the corner."""
