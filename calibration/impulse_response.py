@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
+ROWS_AT_ONCE = 2048
 
 
 @dataclass(frozen=True)
@@ -80,14 +81,26 @@ def vertex(before: float, top: float, after: float) -> float:
 def stack(counts: npt.ArrayLike, arrival_bins: npt.ArrayLike, before: int, after: int, oversampling: int) -> Floats:
     """Sum of histograms (N, T) around their arrivals (N,), `oversampling` steps a bin, shape ((before + after) *
     oversampling,): arrivals that differ by fractions of a bin let the sum resolve finer than one."""
-    recorded = np.asarray(counts)
-    record = recorded.shape[1]
-    total = np.zeros((before + after) * oversampling + 1)
-    edges = np.arange(len(total)) / oversampling - before
-    for histogram, arrival in zip(recorded, np.asarray(arrival_bins, dtype=np.float64), strict=True):
-        low = max(int(np.floor(arrival)) - before - 1, 0)
-        high = min(int(np.ceil(arrival)) + after + 1, record)
-        if high > low:
-            running = np.concatenate([[0.0], np.cumsum(histogram[low:high], dtype=np.float64)])
-            total += np.interp(arrival + edges, np.arange(low, high + 1), running)
-    return np.diff(total)
+    recorded, arrivals = np.asarray(counts), np.asarray(arrival_bins, dtype=np.float64)
+    whole = np.floor(arrivals).astype(np.int64)
+    steps = np.arange(oversampling) / oversampling
+    total = np.zeros((before + after + 1, oversampling))
+    for start in range(0, len(whole), ROWS_AT_ONCE):
+        rows = slice(start, start + ROWS_AT_ONCE)
+        held = windows(recorded[rows], whole[rows] - before, before + after + 2)
+        running = np.pad(np.cumsum(held, axis=1), ((0, 0), (1, 0)))  # up to whole bins; linear between them
+        past = (arrivals - whole)[rows, None] + steps  # (N, oversampling), below 2: bins from those to the steps
+        next_bin = past >= 1
+        part = past - next_bin
+        weights = np.where(next_bin, 0, 1 - part), np.where(next_bin, 1 - part, part), np.where(next_bin, part, 0)
+        for ahead, weight in enumerate(weights):
+            total += running[:, ahead : ahead + len(total)].T @ weight
+    return np.diff(total.reshape(-1)[: (before + after) * oversampling + 1])
+
+
+def windows(recorded: npt.NDArray[np.generic], first: npt.NDArray[np.int64], length: int) -> Floats:
+    """`length` bins from `first` on, shape (N, length), 0 outside of the record."""
+    index = first[:, None] + np.arange(length)
+    inside = (index >= 0) & (index < recorded.shape[1])
+    taken = np.take_along_axis(recorded, np.clip(index, 0, recorded.shape[1] - 1), axis=1)
+    return np.where(inside, taken, 0).astype(np.float64)

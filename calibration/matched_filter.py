@@ -3,28 +3,26 @@
 import numpy as np
 import numpy.typing as npt
 
-from nlos.calibration.impulse_response import ImpulseResponse
+from nlos.calibration.impulse_response import ROWS_AT_ONCE, ImpulseResponse, windows
 
 Floats = npt.NDArray[np.float64]
 FINE_STEPS = 8
 """Trial shifts a bin; the vertex of a parabola resolves finer."""
-ROWS_AT_ONCE = 2048
 DETECTION_NEARBY = 4.0
 """Gain in log-likelihood from which on a pulse is believed within the few bins that are searched."""
 
 
 def boxcar_arrival(recorded: npt.NDArray[np.generic], background: Floats, box: int) -> tuple[Floats, Floats]:
     """Centre of the fullest `box` bins of each point, and by how much it beats the background in log-likelihood."""
-    arrival, gain = np.zeros(len(recorded)), np.zeros(len(recorded))
-    for row, histogram in enumerate(recorded):
-        running = np.concatenate([[0.0], np.cumsum(histogram, dtype=np.float64)])
-        sums = running[box:] - running[:-box]
-        top = int(np.argmax(sums))
-        expected = box * background[row]
-        if sums[top] > expected:
-            gain[row] = sums[top] * np.log(sums[top] / expected) - (sums[top] - expected)
-        arrival[row] = top + box / 2
-    return arrival, gain
+    top, held = np.zeros(len(recorded), dtype=np.int64), np.zeros(len(recorded))
+    for start in range(0, len(recorded), ROWS_AT_ONCE):
+        rows = slice(start, start + ROWS_AT_ONCE)
+        running = np.pad(np.cumsum(recorded[rows], axis=1, dtype=np.float64), ((0, 0), (1, 0)))
+        sums = running[:, box:] - running[:, :-box]
+        top[rows], held[rows] = sums.argmax(axis=1), sums.max(axis=1)
+    expected = box * background
+    gain = held * np.log(np.maximum(held, expected) / expected) - (held - expected)
+    return top.astype(np.float64) + box / 2, np.where(held > expected, gain, 0.0)
 
 
 def match(
@@ -42,13 +40,13 @@ def match(
     length = before + after + 2 * radius
     shares = template.in_bins(-(before + radius + shifts) * width, length, width)  # (S, length)
     whole = np.floor(centre).astype(np.int64)
-    signal = float(np.median(_windows(recorded, whole - before - radius, length).sum(axis=1) - length * background))
+    signal = float(np.median(windows(recorded, whole - before - radius, length).sum(axis=1) - length * background))
     floor = max(float(np.median(background)) / max(signal, 1e-9), 1e-3 * float(shares.max()))
     weights = np.log1p(shares / floor).T  # (length, S)
     arrival, error, inside = np.zeros(len(whole)), np.zeros(len(whole)), np.zeros(len(whole), bool)
     for start in range(0, len(whole), ROWS_AT_ONCE):
         rows = slice(start, start + ROWS_AT_ONCE)
-        score = _windows(recorded[rows], whole[rows] - before - radius, length) @ weights
+        score = windows(recorded[rows], whole[rows] - before - radius, length) @ weights
         arrival[rows], error[rows], inside[rows] = _best(score, shifts)
     arrival += whole
     held = window_counts(recorded, arrival, np.zeros_like(background), template, width)
@@ -84,18 +82,10 @@ def window_counts(
     before, after = _support(template, width)
     known = np.isfinite(at)
     whole = np.floor(np.where(known, at, 0)).astype(np.int64)
-    total = _windows(recorded, whole - before, before + after).sum(axis=1) - (before + after) * background
+    total = windows(recorded, whole - before, before + after).sum(axis=1) - (before + after) * background
     return np.where(known, total, np.nan)
 
 
 def _support(template: ImpulseResponse, width: float) -> tuple[int, int]:
     """Bins before and after the arrival that the response reaches into."""
     return int(np.ceil(-template.start_s / width)) + 1, int(np.ceil(template.end_s / width)) + 1
-
-
-def _windows(recorded: npt.NDArray[np.generic], first: npt.NDArray[np.int64], length: int) -> Floats:
-    """`length` bins from `first` on, shape (N, length), 0 outside of the record."""
-    index = first[:, None] + np.arange(length)
-    inside = (index >= 0) & (index < recorded.shape[1])
-    taken = np.take_along_axis(recorded, np.clip(index, 0, recorded.shape[1] - 1), axis=1)
-    return np.where(inside, taken, 0).astype(np.float64)

@@ -1,5 +1,6 @@
 """Pictures of a scan while it runs: the same reconstruction as of a finished one, and how far it can be trusted."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -11,7 +12,7 @@ from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, Transient
 from nlos.recon.methods import find, parse_settings
 from nlos.recon.over_time.half_grid import HalfGrid
 from nlos.recon.predicted_error import said_by
-from nlos.recon.reconstruct import reconstruct
+from nlos.recon.reconstruct import explained, reconstruct
 from nlos.recon.volume import Reconstruction
 
 Picture = npt.NDArray[np.float32]
@@ -30,7 +31,8 @@ class LivePicture:
     after scaling both to their best fit; 1 where there is none. `error`: its expected relative error from the number
     of photons alone (Poisson). `confidence` (H, W), 0 to 1: measured here, still where it was in the picture before,
     with light enough. `bound`: the relative error that nine of ten such front views stay below, by the method's own
-    intervals; None where it has none.
+    intervals; None where it has none. More light of a scene that does not move takes nothing away from what an earlier
+    picture was sure of: the bound is the least so far, which is also what `scan --until sure` ends by.
     """
 
     reconstruction: Reconstruction
@@ -54,12 +56,24 @@ class LiveReconstruction:
         parse_settings(method, self.settings)
         self._device = device
         self._earlier: list[tuple[int, Picture]] = []
+        self._bound = math.inf
         self._knows_falloff = "falloff" in find(method).Settings.model_fields
 
     def update(self, transient: Transient, samples: int, falloff: int | None = None) -> LivePicture:
         """The picture of `transient`, which holds `samples` samples; `falloff` where its file says one, for methods
-        that have it. Raises what `reconstruct` raises."""
-        return self._judged(transient, reconstruct(transient, self.method, self._set(falloff), self._device), samples)
+        that have it. How much light it explains is not looked for: see `explained`. Raises what `reconstruct` raises.
+        """
+        made = reconstruct(transient, self.method, self._set(falloff), self._device, explain=False)
+        picture = self._judged(transient, made, samples)
+        if picture.bound is None:
+            return picture
+        self._bound = min(self._bound, picture.bound)
+        return replace(picture, bound=self._bound)
+
+    def explained(self, picture: LivePicture, transient: Transient, falloff: int | None = None) -> LivePicture:
+        """The same picture, and how much of the light of `transient`, which it was made from, it explains."""
+        share = explained(transient, self.method, self._set(falloff), self._device)
+        return replace(picture, reconstruction=replace(picture.reconstruction, explained=share))
 
     def of_film(self, seen: HalfGrid, samples: int, falloff: int | None = None) -> LivePicture:
         """The same of a frame, for speed on half the grid, without averages over mirror images, without a look at how

@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 @contextmanager
-def heard_by(listener: Heard, within: Heard | None = None) -> Iterator[None]:
+def heard_by(listener: Heard | None, within: Heard | None = None) -> Iterator[None]:
     """While the block lasts, `listener` is told of every part that is done, in this thread, and `within` of every round
     of a long loop inside one."""
     tokens = _heard.set(listener), _within.set(within)

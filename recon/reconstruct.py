@@ -70,12 +70,15 @@ def reconstruct(
         response_used=rebinned.response is not None and takes,
     )
     refuse_not_finite(result)
-    return replace(result, explained=_explained(transient, method, chosen, device)) if explain else result
+    return replace(result, explained=explained(transient, method, settings, device)) if explain else result
 
 
-def _explained(transient: Transient, method: str, chosen: Settings, device: str) -> Explained:
+def explained(
+    transient: Transient, method: str, settings: Mapping[str, object] | None = None, device: str = "cpu"
+) -> Explained:
     """What a picture of a part of `transient`, in the bins that it came in, explains of the rest: added up, a bin's
-    light passes for noise. Without averages over mirror images, for speed."""
+    light passes for noise. Without averages over mirror images, for speed. Raises `InvalidSettings`."""
+    chosen = parse_settings(method, dict(settings or {}))
     quick = chosen.model_copy(update={"symmetries": False}) if hasattr(chosen, "symmetries") else chosen
     falloff = getattr(chosen, "falloff", None)
 

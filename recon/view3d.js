@@ -16,20 +16,27 @@ function turnable(canvas, paper) {
   self.show = next => { scene = next; planes = {}; self.redraw(); };
   self.redraw = () => { if (!waiting) { waiting = true; requestAnimationFrame(() => { waiting = false; draw(); }); } };
   self.say = () => {};
-  const depthColour = (t, light) => { const at = Math.min(.9999, Math.max(t, 0)) * (stops.length - 1), k = at | 0; return stops[k].map((c, i) => Math.round((c + (stops[k + 1][i] - c) * (at - k)) * light)); };
+  const mixed = (a, b, part) => a.map((c, i) => c + (b[i] - c) * part), luma = c => (.299 * c[0] + .587 * c[1] + .114 * c[2]) / 255;
+  const depthColour = t => { const at = Math.min(.9999, Math.max(t, 0)) * (stops.length - 1), k = at | 0; return mixed(stops[k], stops[k + 1], at - k); };
+  // What is far is no dimmer than what is near: a colour that would drown in the page is made lighter, or darker.
+  const LIGHT_ENOUGH = .6, DARK_ENOUGH = .5;
+  const readable = (c, ground) => { const l = luma(c); return luma(ground) < .5 ? mixed(c, [255, 255, 255], Math.max(0, (LIGHT_ENOUGH - l) / (1 - l))) : mixed(c, [0, 0, 0], Math.max(0, 1 - DARK_ENOUGH / l)); };
   function draw() {
     const ratio = window.devicePixelRatio || 1, w = canvas.clientWidth, h = canvas.clientHeight, ink = paper();
     if (canvas.width !== Math.round(w * ratio) || canvas.height !== Math.round(h * ratio)) { canvas.width = Math.round(w * ratio); canvas.height = Math.round(h * ratio); }
     const g = canvas.getContext("2d"); g.setTransform(ratio, 0, 0, ratio, 0, 0); g.fillStyle = ink.back; g.fillRect(0, 0, w, h); projected = [];
+    const ground = [1, 3, 5].map(i => parseInt(g.fillStyle.slice(i, i + 2), 16)); // a canvas says colours as #rrggbb
     if (!scene) return;
-    const {points, wall, near} = scene, far = self.mode === "slices" && scene.volume ? Math.max(scene.far, scene.depths[1]) : scene.far, [wide, high] = wall, middle = far / 2, scale = Math.min(w, h) / Math.hypot(wide, high, far) * zoom * 1.15;
+    const {wall} = scene, far = self.mode === "slices" && scene.volume ? Math.max(scene.far, scene.depths[1]) : scene.far, [wide, high] = wall, middle = far / 2, scale = Math.min(w, h) / Math.hypot(wide, high, far) * zoom * 1.15;
     const ct = Math.cos(turn), st = Math.sin(turn), cp = Math.cos(tilt), sp = Math.sin(tilt);
     // The viewer stands at the wall and looks towards +z; x goes right, y up. Bigger third coordinate: farther away.
     const project = (x, y, z) => { const dz = z - middle, x1 = ct * x + st * dz, z1 = -st * x + ct * dz; return [w / 2 + x1 * scale + shift[0], h / 2 - (cp * y + sp * z1) * scale + shift[1], -sp * y + cp * z1]; };
     const line = (a, b, style, wideness) => { const p = project(...a), q = project(...b); g.strokeStyle = style; g.lineWidth = wideness || 1; g.beginPath(); g.moveTo(p[0], p[1]); g.lineTo(q[0], q[1]); g.stroke(); };
     const X = wide / 2, Y = high / 2, corners = [[-X, -Y], [X, -Y], [X, Y], [-X, Y]];
     corners.forEach(([x, y], i) => { const [u, v] = corners[(i + 1) % 4]; line([x, y, far], [u, v, far], ink.grid); line([x, y, 0], [x, y, far], ink.grid); });
-    const shade = (z, v) => { const t = far > near ? (z - near) / (far - near) : 0, k = self.coloured ? depthColour(t, .3 + .7 * Math.sqrt(v)) : [0, 0, 0].map(() => Math.round(255 * (.2 + .8 * Math.sqrt(v)))); return `rgb(${k})`; };
+    // Brightness is albedo's alone: what is faint comes near the page's own colour, whether that is dark or light.
+    const plain = luma(ground) < .5 ? [255, 255, 255] : [0, 0, 0];
+    const shade = (z, v, facing = 1) => { const [low, top] = [scene.near, scene.far], t = top > low ? (z - low) / (top - low) : 0, c = self.coloured ? readable(depthColour(t), ground) : plain; return `rgb(${mixed(ground, c, (.2 + .8 * Math.sqrt(v)) * (.4 + .6 * facing)).map(Math.round)})`; };
     if (self.mode === "surface" && scene.quads) drawSurface(g, project, shade); else if (self.mode === "slices" && scene.volume) drawSlices(g, project); else drawPoints(g, project, shade, scale);
     corners.forEach(([x, y], i) => { const [u, v] = corners[(i + 1) % 4]; line([x, y, 0], [u, v, 0], ink.dim, 1.5); });
     g.fillStyle = ink.dim; g.font = "12px system-ui, sans-serif"; g.textAlign = "left"; g.textBaseline = "alphabetic";
@@ -52,11 +59,10 @@ function turnable(canvas, paper) {
     for (const [k, , v] of faces) {
       const [a, b, d] = [k[0], k[1], k[3]], u = [0, 1, 2].map(i => s[4 * b + i] - s[4 * a + i]), t = [0, 1, 2].map(i => s[4 * d + i] - s[4 * a + i]);
       const n = [u[1] * t[2] - u[2] * t[1], u[2] * t[0] - u[0] * t[2], u[0] * t[1] - u[1] * t[0]], facing = Math.abs(n[2] * .85 + n[1] * .4 + n[0] * .3) / (Math.hypot(...n) || 1);
-      g.fillStyle = g.strokeStyle = shade(s[4 * a + 2], Math.min(1, (.25 + .75 * facing) * (.4 + .6 * v))); g.lineWidth = .7; g.beginPath(); k.forEach((j, i) => i ? g.lineTo(at[j][0], at[j][1]) : g.moveTo(at[j][0], at[j][1])); g.closePath(); g.fill(); g.stroke();
+      g.fillStyle = g.strokeStyle = shade(s[4 * a + 2], v, facing); g.lineWidth = .7; g.beginPath(); k.forEach((j, i) => i ? g.lineTo(at[j][0], at[j][1]) : g.moveTo(at[j][0], at[j][1])); g.closePath(); g.fill(); g.stroke();
     }
-    k4(s, at);
+    at.forEach((p, i) => { if (s[4 * i + 3] >= self.threshold) projected.push([i, ...p]); });
   }
-  function k4(s, at) { at.forEach((p, i) => { if (s[4 * i + 3] >= self.threshold) projected.push([i, ...p]); }); }
   // A slice of the volume is a parallelogram on the screen: one affine transformation.
   function drawSlices(g, project) {
     const {volume, wall, depths} = scene, [D, H, W] = volume.shape, [X, Y] = [wall[0] / 2, wall[1] / 2], [z0, z1] = depths;

@@ -7,7 +7,7 @@ import pytest
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.calibration.errors import NoDirectPeak, ShutterClosed
-from nlos.calibration.impulse_response import from_histogram
+from nlos.calibration.impulse_response import from_histogram, stack
 from nlos.calibration.time_offset import TimeOffsets, measure_time_offsets
 from tests.calibration.conftest import RawScan, make_raw_scan
 
@@ -22,6 +22,18 @@ def measure(scan: RawScan, **more: object) -> TimeOffsets:
 
 def rms(off: np.ndarray) -> float:
     return float(np.sqrt(np.mean((off - off.mean()) ** 2)))
+
+
+@pytest.mark.parametrize(("points", "bins"), [(1, 30), (7, 60), (2500, 90)])
+def test_stacked_histograms_are_those_read_one_by_one_between_the_bins(points: int, bins: int) -> None:
+    rng = np.random.default_rng(points)
+    counts = rng.poisson(0.5, (points, bins)).astype(np.uint32)
+    arrivals = rng.uniform(-20, bins + 20, points)  # some off the record
+    arrivals[0] = 12.0
+    steps = np.arange(4 * 25 + 1) / 4 - 5
+    running = np.pad(np.cumsum(counts, axis=1), ((0, 0), (1, 0))).astype(float)
+    each = [np.interp(at + steps, np.arange(bins + 1), row) for at, row in zip(arrivals, running, strict=True)]
+    np.testing.assert_allclose(stack(counts, arrivals, 5, 20, 4), np.diff(np.sum(each, axis=0)), rtol=0, atol=1e-8)
 
 
 def test_offsets_are_found_to_a_fraction_of_a_bin(raw_scan: RawScan) -> None:

@@ -138,6 +138,15 @@ def wait(
     time.sleep(draw.choice((0.0, 0.003, 0.03, 0.1, 0.3)))
 
 
+def ended(child: "subprocess.Popen[str]") -> str:
+    """What a child said until it ended; of one that does not, where its threads stand."""
+    try:
+        return child.communicate(timeout=60)[1]
+    except subprocess.TimeoutExpired:
+        child.send_signal(signal.SIGABRT)
+        pytest.fail(f"did not end: {child.communicate(timeout=10)[1]}")
+
+
 @pytest.mark.parametrize(("verb", "seed"), CASES)
 def test_ctrl_c_leaves_nothing_half_written(tmp_path: Path, inputs: Path, verb: str, seed: int) -> None:
     words, groups = VERBS[verb]
@@ -148,12 +157,12 @@ def test_ctrl_c_leaves_nothing_half_written(tmp_path: Path, inputs: Path, verb: 
     before = ready(inputs, tmp_path, groups, there_before)
     command = [sys.executable, "-m", "nlos", *words.split(), *(["--overwrite"] if there_before else [])]
     child = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-                             stdin=subprocess.DEVNULL)  # fmt: skip
+                             stdin=subprocess.DEVNULL, env={**os.environ, "PYTHONFAULTHANDLER": "1"})  # fmt: skip
     try:
         wait(tmp_path, child, before, draw, 4.0, bool(groups))
         if child.poll() is None:
             child.send_signal(signal.SIGINT)
-        said = child.communicate(timeout=60)[1]
+        said = ended(child)
     finally:
         child.kill()
         child.wait()

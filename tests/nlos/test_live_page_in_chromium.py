@@ -204,6 +204,45 @@ def test_nothing_is_cut_off_at_any_width(viewer: str, browser: Any, width: int, 
     page.close()
 
 
+SOLID = """async () => {
+  const canvas = Object.assign(document.createElement("canvas"), {style: "width:200px;height:200px"}); document.body.append(canvas);
+  const view = turnable(canvas, () => ({back: inks.card, dim: inks.card, grid: inks.card})), seen = [];
+  for (const [depth, albedo] of [[.6, 1], [.8, 1], [1, 1], [1, .2]]) {
+    view.show({points: Float32Array.of(0, 0, depth, albedo), wall: [1, 1], near: .6, far: 1, pitch: .2});
+    await new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)));
+    const {data} = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height), ground = data.slice(0, 3);
+    let most = [...ground]; const away = c => Math.abs(c[0] - ground[0]) + Math.abs(c[1] - ground[1]) + Math.abs(c[2] - ground[2]);
+    for (let i = 0; i < data.length; i += 4) if (away(data.slice(i, i + 3)) > away(most)) most = [...data.slice(i, i + 3)];
+    seen.push([[...ground], most]);
+  }
+  canvas.remove(); return seen; }"""  # noqa: E501
+
+
+def contrast(one: list[int], other: list[int]) -> float:
+    """The contrast ratio of two colours, 1 to 21 (WCAG 2.1)."""
+
+    def luminance(colour: list[int]) -> float:
+        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in (v / 255 for v in colour)]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    low, high = sorted((luminance(one), luminance(other)))
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_in_3d_what_is_far_is_as_readable_as_what_is_near_and_only_the_faint_is_pale(
+    viewer: str, browser: Any, scheme: str
+) -> None:
+    page = browser.new_page(color_scheme=scheme)
+    page.set_default_timeout(PATIENCE_MS)
+    page.goto(viewer)
+    page.wait_for_selector("body[data-picture]")
+    near, between, far, faint = (contrast(ground, seen) for ground, seen in page.evaluate(SOLID))
+    assert min(near, between, far) > 3.0  # what graphics need (WCAG 2.1, 1.4.11)
+    assert 1.0 < faint < 0.75 * far
+    page.close()
+
+
 def test_a_scan_under_way_shows_what_comes_next_and_its_end(folder: Path, browser: Any) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "nlos", "live", "grows.h5", "--method", "lct"],

@@ -38,7 +38,8 @@ class ScanAnswers:
             "alarms": 0, "status": "waiting", "lost": scan.error is not None or scan.broke_off,
             "frames": self._frames.samples, "frames_version": self._frames.version,
             "pictures": {
-                method: {"samples": p.samples, "change": p.change, "error": p.error}
+                method: {"samples": p.samples, "change": p.change, "error": p.error,
+                         "explained": p.reconstruction.explained is not None}
                 for method, p in scan.latest.items()
             },
         }  # fmt: skip

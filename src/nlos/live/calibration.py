@@ -1,5 +1,6 @@
 """Samples corrected one by one as they come, where the bench's constants are known: what pictures in passing show."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from nlos.acquisition.planning.exposure import unbiased_live_s
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.calibration.correct import common_bins, correct_sample
-from nlos.calibration.errors import NoDirectPeak
+from nlos.calibration.errors import CalibrationError, NoDirectPeak
 from nlos.live.time_zero import TimeZero
 from nlos.response import response_of
 
@@ -34,6 +35,19 @@ class SampleCalibration:
         self._response = response_of(constants)
         self.zero = TimeZero.known(constants, plan.positions.x_m, plan.positions.y_m)
         """When direct light arrives."""
+
+    @classmethod
+    def where_known(
+        cls, plan: "ScanPlan", constants: "BenchConstants | None", say: Callable[[str], None]
+    ) -> "SampleCalibration | None":
+        """None without constants, and where they do not do for this plan, which is said."""
+        if constants is None:
+            return None
+        try:
+            return cls(plan, constants)
+        except CalibrationError as error:
+            say(f"samples are not corrected one by one: {error}")
+            return None
 
     def add(self, sample: "Sample") -> None:
         """Corrects one sample of the plan and adds it; a point off the record of the histogram stays unmeasured."""

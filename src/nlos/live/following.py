@@ -45,19 +45,23 @@ def follow_to_folder(
 
     def keep(picture: "LivePicture") -> None:
         with writing:
-            replace_all(picture)
+            replace_numbers(folder, picture.reconstruction, results.volume)
+            bound = "" if picture.bound is None else f"error below {picture.bound:.3f}, "
+            terminal.log(
+                f"{picture.samples} points: change {picture.change:.3f}, photon noise {picture.error:.3f}, {bound}"
+                f"{picture.reconstruction.seconds:.2f} s"
+            )
 
-    def replace_all(picture: "LivePicture") -> None:
-        replace_numbers(folder, picture.reconstruction, results.volume)
-        bound = "" if picture.bound is None else f"error below {picture.bound:.3f}, "
-        terminal.log(
-            f"{picture.samples} points: change {picture.change:.3f}, photon noise {picture.error:.3f}, {bound}"
-            f"{picture.reconstruction.seconds:.2f} s"
-        )
-        replace_pictures(folder, picture, results.volume)
+    def keep_explained(picture: "LivePicture") -> None:
+        with writing:
+            replace_numbers(folder, picture.reconstruction, results.volume)
+            replace_pictures(folder, picture, results.volume)
 
     with local_copy(run, folder) as local:
-        scan = LiveScan(local, [live], recipe.constants, on_picture=keep, response=recipe.response, adds_up=True)
+        scan = LiveScan(
+            local, [live], recipe.constants, on_picture=keep, on_explained=keep_explained, response=recipe.response,
+            adds_up=True,
+        )  # fmt: skip
         scan.start()
         try:
             scan.wait()

@@ -70,7 +70,9 @@ class Frames:
                         self._keep_rates(frame, gathering)
                         try:
                             scan = scan_of(self._scan.empty, gathering)
-                            picture = live.update(self._scan.calibrated(scan).transient, len(gathering), scan.falloff)
+                            transient = self._scan.calibrated(scan).transient
+                            picture = live.update(transient, len(gathering), scan.falloff)
+                            picture = live.explained(picture, transient, scan.falloff)
                             self.pictures[frame], self.solids[frame] = described(picture), solid(picture)
                         except (InvalidData, ReconError) as error:
                             if self.pictures[frame] is None:

@@ -1,6 +1,7 @@
 """One picture of next to nothing before the first photon: so that the first real one waits for no library to load."""
 
 import contextlib
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -11,8 +12,18 @@ from nlos.chain import calibrate_scan
 from nlos.live.describe import described
 from nlos.loaded import LoadedScan
 from nlos.recon.live import LiveReconstruction
+from nlos.recon.methods import PLAIN, find
 
 SIDE, BINS = 8, 128
+
+
+def get_ready(lives: Sequence["LiveReconstruction"]) -> None:
+    """Loads what the methods need, which takes seconds, while the first points are taken. Of a network nothing is
+    rehearsed: its first picture of anything would keep the real one waiting."""
+    for live in lives:
+        find(live.method)
+    if lives[0].method in PLAIN:
+        rehearse(lives[0])
 
 
 def rehearse(live: "LiveReconstruction") -> None:
@@ -28,4 +39,5 @@ def rehearse(live: "LiveReconstruction") -> None:
     scan = LoadedScan(transient, {}, exposed * 0, exposed * 0, False, None, None, None)
     with contextlib.suppress(CalibrationError):  # its libraries are loaded all the same
         calibrate_scan(scan)
-    described(LiveReconstruction(live.method, live.settings).update(transient, SIDE * SIDE))
+    rehearsed = LiveReconstruction(live.method, live.settings)
+    described(rehearsed.explained(rehearsed.update(transient, SIDE * SIDE), transient))

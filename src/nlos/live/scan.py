@@ -5,13 +5,14 @@ thread has the only handle; everybody else asks for what it has seen. When pictu
 pictures are skipped - and counted -, never samples.
 
 Where the bench's constants are known, pictures in passing are of samples corrected one by one as they came. When the
-last sample is in, the last picture is that of the finished recording.
+last sample is in, what is being made is given up, and the last picture is that of the finished recording.
 """
 
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,11 +28,11 @@ from nlos.live.calibrated import Calibrated, calibrated
 from nlos.live.calibration import SampleCalibration
 from nlos.live.file_seen import Seen
 from nlos.live.film import LiveFilm
-from nlos.live.rehearsal import rehearse
+from nlos.live.overtaken import Overtaken, given_up_once
+from nlos.live.rehearsal import get_ready
 from nlos.live.schedule import Coming, Schedule
 from nlos.live.so_far import empty_scan, gathering_for, scan_of, shown_of
 from nlos.recon.errors import ReconError, ReconstructionFailed
-from nlos.recon.methods import PLAIN, find
 from nlos.response import AUTO, ResponseWanted, with_response
 from nlos.said_once import SaidOnce
 
@@ -42,6 +43,8 @@ if TYPE_CHECKING:
     from nlos.live.time_zero import TimeZero
     from nlos.loaded import LoadedScan
     from nlos.recon.live import LivePicture, LiveReconstruction
+
+Tell = Callable[["LivePicture"], None]
 
 
 @dataclass
@@ -57,8 +60,10 @@ class LiveScan:
     """Of a film every picture is of all frames so far, not of the newest visit to every point."""
     first_fraction: float = 0.05
     """Of which part of the plan's points the first picture is."""
-    on_picture: Callable[["LivePicture"], None] | None = None
+    on_picture: Tell | None = None
     """Called with every picture by the last of the methods."""
+    on_explained: Tell | None = None
+    """Called with the same picture once it is known how much light it explains."""
     patience_s: float = 60.0
     """How long the recording may take to appear."""
     seen: Seen | None = None
@@ -187,11 +192,8 @@ class LiveScan:
         self._empty = empty = empty_scan(recording)
         self._constants = constants_for(empty, self.constants)
         single = recording.on_grid and (self.adds_up or recording.plan.frames == 1)
-        if self._constants is not None and self._growing and single and not empty.rectified:
-            try:
-                self._each = SampleCalibration(recording.plan, self._constants)
-            except CalibrationError as error:
-                self._say(f"samples are not corrected one by one: {error}")
+        if self._growing and single and not empty.rectified:
+            self._each = SampleCalibration.where_known(recording.plan, self._constants, self._say)
         if not self.adds_up:
             self._schedule.follow_frames(recording.plan)
             if recording.plan.frames > 1 and recording.on_grid and not empty.rectified:
@@ -200,10 +202,7 @@ class LiveScan:
 
     def _paint(self) -> None:
         try:
-            for live in self.lives:
-                find(live.method)  # loads its libraries, which takes seconds, while the first points are taken
-            if self.lives[0].method in PLAIN:  # a network's first picture of anything would keep the real one waiting
-                rehearse(self.lives[0])
+            get_ready(self.lives)
             while not self._stopped.is_set():
                 self._news.wait(0.2)
                 self._news.clear()
@@ -237,8 +236,9 @@ class LiveScan:
     def _paint_next(self, live: "LiveReconstruction", count: int) -> None:
         began_s, expected_s = time.monotonic(), self._schedule.pace.picture_s(live.method)
         self.coming = Coming(live.method, count, True, expected_s or None)
-        count = self._picture(live, count, self._schedule.of(live.method))
-        self._schedule.made(live.method, count, self._planned, time.monotonic() - began_s, self._growing)
+        with suppress(Overtaken):
+            count = self._picture(live, count, self._schedule.of(live.method))
+            self._schedule.made(live.method, count, self._planned, time.monotonic() - began_s, self._growing)
 
     def _picture(self, live: "LiveReconstruction", count: int, painted: int) -> int:
         """One picture, of how many samples it returns: a slower method's of those of the quickest one's."""
@@ -254,7 +254,8 @@ class LiveScan:
                 known = self._calibrated = self._calibrate()
             count = known.samples
             if self.film is None or known.of_film is None:
-                picture = live.update(known.transient, count, known.falloff)
+                with given_up_once(lambda: self.read and not known.whole):
+                    picture = live.update(known.transient, count, known.falloff)
             else:
                 picture = live.of_film(known.of_film, count, known.falloff)
                 if live is self.lives[-1]:
@@ -263,12 +264,19 @@ class LiveScan:
             picture = replace(picture, reconstruction=told)
         except (InvalidCalibration, InvalidData, ReconError) as error:
             self._say(f"no picture of {count} points yet: {error}")
-        else:
-            self.latest = {**self.latest, live.method: picture}
-            self.pictures, self.message = self.pictures + 1, ""
-            if self.on_picture is not None and live is self.lives[-1]:
-                self.on_picture(picture)
+            return count
+        self.pictures, self.message = self.pictures + 1, ""
+        self._show(live, picture, self.on_picture)
+        if self.film is None or known.of_film is None:  # after the picture, which nobody should have to wait for
+            with given_up_once(lambda: self.read and not known.whole):
+                picture = live.explained(picture, known.transient, known.falloff)
+            self._show(live, picture, self.on_explained)
         return count
+
+    def _show(self, live: "LiveReconstruction", picture: "LivePicture", tell: Tell | None) -> None:
+        self.latest = {**self.latest, live.method: picture}
+        if tell is not None and live is self.lives[-1]:
+            tell(picture)
 
     def _calibrate(self) -> "Calibrated":
         assert self.gathering is not None

@@ -14,7 +14,7 @@ async function refresh(number, state) {
     if (p.places) { known.plan = {x: unpacked(p.x_m), y: unpacked(p.y_m), order: unpacked(p.order), wall: p.wall, grid: p.grid, start: p.start_ns, bin: p.bin_ns, window: p.window}; known.pitch = Math.sqrt(p.wall[0] * p.wall[1] / p.places); }
   }
   if (state.samples && frame === null && (state.samples !== before || !known.rates || known.back)) { const r = await ask(`rates?scan=${number}`); known.back = false; if (r.rates_hz) { known.rates = unpacked(r.rates_hz); known.ratesOf = r.samples; } }
-  for (const m of state.methods) { const p = state.pictures[m]; if (p && (!known.pictures[m] || known.pictures[m].samples !== p.samples)) { const got = opened(await ask(`picture?scan=${number}&method=${m}`)); if (got) known.pictures[m] = got; } }
+  for (const m of state.methods) { const p = state.pictures[m]; if (p && (!known.pictures[m] || known.pictures[m].samples !== p.samples || (p.explained && !known.pictures[m].explained))) { const got = opened(await ask(`picture?scan=${number}&method=${m}`)); if (got) known.pictures[m] = got; } }
   if (state.over && known.frameVersion !== state.frames_version) for (let k = 0; k < state.frames.length; k++) if (state.frames[k] && (known.frameSeen[k] || "") !== state.frames[k] + "/" + (state.frames_version > k + state.frames.length)) {
     const p = opened(await ask(`picture?scan=${number}&frame=${k}`)); if (p) known.frames[k] = {...p, frame: k}; const r = await ask(`rates?scan=${number}&frame=${k}`); if (r.rates_hz) known.frameRates[k] = unpacked(r.rates_hz); known.frameSeen[k] = state.frames[k] + "/" + (state.frames_version > k + state.frames.length); }
   known.frameVersion = state.frames_version;
@@ -23,7 +23,7 @@ function arrange() {
   const view = document.body.dataset.view, wide = innerWidth, kinds = view !== "both" ? [view] : scans.length > 1 ? ["front"] : wide >= 1700 ? ["front", "depth", "turn"] : wide >= 1100 || wide <= 900 ? ["front", "depth"] : ["front"];
   const of = kind => scans.map((_, i) => [kind, i]), two = scans.length > 1, wanted = two ? of(kinds[0]) : kinds.map(kind => [kind, 0]);
   const against = two && compared && view !== "turn"; if (against) wanted.push([kinds[0] === "depth" ? "deeper" : "difference", 0]);
-  const across = wanted.length; if (two && view === "both" && wide > 900) wanted.push(...of("depth"), ...(against ? [["deeper", 0]] : [])); $("views").style.setProperty("--across", across);
+  const across = wanted.length; if (two && view === "both" && wide > 900) wanted.push(...of("depth"), ...(against ? [["deeper", 0]] : [])); $("views").style.setProperty("--across", across); $("views").classList.toggle("first", !two && across === 3 && innerHeight >= 950); // the other two one above the other beside it
   const key = JSON.stringify(wanted); if (key === shape) return; shape = key;
   panels = wanted.map(([kind, scan]) => kind === "turn" ? new TurnPanel(scan) : new PicturePanel(kind, scan)); $("views").replaceChildren(...panels.map(p => p.box));
 }

@@ -76,7 +76,7 @@ class PicturePanel {
     const p = this.picture, state = scans[this.scan].state, since = state.samples - p.samples, old = this.isOld(p), span = document.createElement("span");
     span.className = old ? "stale" : ""; span.textContent = frame === null && old ? `older picture, of ${count(p.samples)} points: ${count(since)} more were taken since` : `of ${count(p.samples)} points`;
     const rest = p.change < 1 && frame === null ? `, changed by ${(100 * p.change).toFixed(1)} % from the previous picture` : "";
-    const bound = p.bound === null || p.bound >= 1 ? "" : `, error below ${(100 * p.bound).toFixed(0)} % in nine cases of ten`;
+    const bound = p.bound === null || p.bound >= 1 ? "" : `, error below ${(100 * p.bound).toFixed(0)} % of its strength in nine cases of ten`;
     const said = document.createElement("span"); said.className = p.explains_nothing ? "nothing" : ""; said.textContent = p.explained ? `, ${p.explained}` : "";
     return [document.createTextNode(`${p.method.toUpperCase()} `), span, document.createTextNode(rest + bound), said];
   }

@@ -1,0 +1,140 @@
+"""The last picture of a scan comes as soon as it can: nothing that is thrown away, or may come later, is before it."""
+
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nlos.acquisition.recording.recording import Recording, Status
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.transient import Transient
+from nlos.chain import calibrate_scan
+from nlos.live.overtaken import Overtaken, given_up_once
+from nlos.live.scan import LiveScan
+from nlos.loaded import load_scan
+from nlos.recon.live import LivePicture, LiveReconstruction
+from nlos.recon.reconstruct import reconstruct
+
+SCAN = """\
+wall: {width_m: 1.0, height_m: 1.0, rows: 16, cols: 16}
+pattern: {kind: coarse_to_fine, batch: 8}
+dwell_ms: 20
+histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
+"""
+SLOW = '''\
+"""A minute a picture, as long as points are missing."""
+
+import time
+
+import torch
+from torch import nn
+
+from nlos.configs.settings import Settings as AnySettings
+from nlos.recon.method import MethodResult
+from nlos.recon.parts import counted
+
+
+class Settings(AnySettings):
+    """Nothing to set."""
+
+
+class Slow(nn.Module):
+    def forward(self, counts, exposure_s=None):
+        for _ in counted(range(6000), 6000, "rounds"):
+            if (exposure_s > 0).all():
+                break
+            time.sleep(0.01)
+        brightest = counts[:, 0].amax(dim=1).clamp(min=0)
+        return MethodResult(brightest, torch.full_like(brightest, torch.nan))
+
+
+def build(settings, wall, time):
+    return Slow()
+'''
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("scanned")
+    (folder / "scan.yaml").write_text(SCAN)
+    command = [sys.executable, "-m", "nlos", "scan", "scan.yaml", "-o", "run.h5", "-q"]
+    subprocess.run(command, cwd=folder, check=True, timeout=300, stdout=subprocess.DEVNULL)
+    return folder / "run.h5"
+
+
+def test_a_picture_in_passing_is_given_up_once_the_scan_has_ended(run: Path, tmp_path: Path) -> None:
+    (tmp_path / "slow.py").write_text(SLOW)
+    pictures: list[LivePicture] = []
+    grows = tmp_path / "grows.h5"
+    watched = LiveScan(grows, [LiveReconstruction(str(tmp_path / "slow.py"))], on_picture=pictures.append)
+    with Recording.open(run) as recording:
+        writer = RecordingWriter.create(grows, recording.plan, recording.header)
+        samples = list(recording.samples())
+        for sample in samples[:128]:
+            writer.write(sample)
+        writer.flush()
+        watched.start()
+        deadline_s = time.monotonic() + 60
+        while not (watched.coming and watched.coming.making) and time.monotonic() < deadline_s:
+            time.sleep(0.01)
+        for sample in samples[128:]:
+            writer.write(sample)
+        writer.finish(Status.COMPLETE)
+    waiter = threading.Thread(target=watched.wait, daemon=True)
+    waiter.start()
+    waiter.join(45)
+    watched.stop(5)
+    assert [picture.samples for picture in pictures] == [256]
+    assert watched.over
+
+
+def test_how_much_light_a_picture_explains_is_told_after_the_picture(run: Path) -> None:
+    came: list[tuple[str, LivePicture]] = []
+    watched = LiveScan(
+        run, [LiveReconstruction("lct")], on_picture=lambda picture: came.append(("picture", picture)),
+        on_explained=lambda picture: came.append(("explained", picture)),
+    )  # fmt: skip
+    watched.start()
+    watched.wait()
+    (first, picture), (second, explained) = came
+    assert (first, second) == ("picture", "explained")
+    assert picture.reconstruction.explained is None
+    np.testing.assert_array_equal(picture.reconstruction.albedo, explained.reconstruction.albedo)
+    batch = reconstruct(calibrate_scan(load_scan(run)), "lct").explained
+    assert batch is not None
+    assert explained.reconstruction.explained is not None
+    assert explained.reconstruction.explained.share == pytest.approx(batch.share, abs=1e-6)
+    assert watched.latest["lct"] is explained
+
+
+def test_what_is_given_up_leaves_nothing_behind_in_the_next_picture(run: Path) -> None:
+    transient = calibrate_scan(load_scan(run))
+    whole = reconstruct(transient, "nano", explain=False)
+    rounds = 0
+
+    def after_two() -> bool:
+        nonlocal rounds
+        rounds += 1
+        return rounds > 2
+
+    with pytest.raises(Overtaken), given_up_once(after_two):
+        reconstruct(transient, "nano", explain=False)
+    assert rounds == 3
+    np.testing.assert_array_equal(reconstruct(transient, "nano", explain=False).albedo, whole.albedo)
+
+
+def test_what_an_earlier_picture_was_sure_of_stays_so(run: Path) -> None:
+    scan = calibrate_scan(load_scan(run))
+    kept = np.zeros((16, 16), dtype=np.float32)
+    kept[::4, ::4] = 1
+    few = Transient(scan.counts * kept, scan.exposure_s * kept, scan.wall, scan.time, scan.response)
+    live = LiveReconstruction("nano")
+    first, own = live.update(scan, 200).bound, LiveReconstruction("nano").update(few, 256).bound
+    assert first is not None
+    assert own is not None
+    assert own > first  # by itself this picture is less sure
+    assert live.update(few, 256).bound == first
