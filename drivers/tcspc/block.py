@@ -21,6 +21,8 @@ class CounterBlock(DeviceSettings):
 
     usual_pulse: ClassVar[Pulse] = "nim"
     """What detectors in front of such a counter mostly put out."""
+    usual_mode: ClassVar[str | None] = None
+    """Its `mode` in a new bench file, where that is not its default."""
     listed_point_s: ClassVar[float] = 0.0
     """How much later than the gate closes a point started by the host is known to be complete."""
     listing_begins_s: ClassVar[float] = 0.0

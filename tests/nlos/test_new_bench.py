@@ -9,16 +9,21 @@ from pathlib import Path
 import pytest
 import yaml
 
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.scanning.alarms import AlarmSettings
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.new import new
-from nlos.configs.load import ConfigError, load, parse
+from nlos.configs.load import ConfigError, load, names, parse
 from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.models import MIRRORS
 from nlos.drivers.tcspc.models import COUNTERS
 from nlos.new_bench.asking import answers
 from nlos.new_bench.detection import Detected, devices_of
 from nlos.new_bench.questions import questions
 from nlos.new_bench.writing import bench_text, blocks_of
+from nlos.scan_preparation import ScanRequest, prepare
 
 NOTHING = Detected((), (), ())
 KINDS = [(word, device) for word, model in COUNTERS.items() for device in devices_of(model.settings) or ("",)]
@@ -72,6 +77,23 @@ def test_a_counter_with_its_defaults_hears_laser_and_detector(counter: str, devi
         rates = bench.counter.rates()
     assert rates.sync_hz == pytest.approx(10e6, rel=1e-3)
     assert rates.detector_hz > 0
+
+
+@pytest.mark.parametrize(
+    ("counter", "device", "mirror"),
+    [(*kind, mirror) for kind, mirror in zip(KINDS, itertools.cycle(("optotune", "helios")))],
+)
+def test_every_shipped_scan_plans_on_what_is_written(counter: str, device: str, mirror: str, tmp_path: Path) -> None:
+    said = answered(True, mirror=mirror, counter=counter, device=device)
+    with open_bench(parse(bench_text(blocks_of("mine", said, True)), "mine.yaml", BenchSettings)) as bench:
+        for name in names("scan"):
+            plan = load("scan", name, ScanSettings).settings.plan()
+            request = ScanRequest(plan, AlarmSettings(), Header(), tmp_path / "run.h5")
+            if plan.stop is not None and counter != "tcspc488":  # the others have no such thing
+                with pytest.raises(LimitError, match="two_pass"):
+                    prepare(request, bench)
+            else:
+                assert len(prepare(request, bench).request.plan) == len(plan)
 
 
 def test_off_a_terminal_defaults_are_taken_and_what_has_none_is_asked_for(tmp_path: Path) -> None:

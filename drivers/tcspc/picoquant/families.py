@@ -100,6 +100,9 @@ class PicoquantSettings(CounterBlock):
     listing_begins_s: ClassVar[float] = 0.009
     listing_ends_s: ClassVar[float] = 0.0068
 
+    usual_mode: ClassVar[str | None] = "t3"
+    """A point of histogram mode lasts whole milliseconds and is started by the host."""
+
     model: Literal["picoquant"]
     device: Device
     """Which family of instruments, each with a library of its own."""

@@ -60,6 +60,8 @@ def _counter(said: Mapping[str, str], simulated: bool) -> dict[str, Any]:
     counter: dict[str, Any] = {"model": said["counter"], **_address("counter", said, simulated)}
     if "device" in said:
         counter["device"] = said["device"]
+    if settings.usual_mode is not None:
+        counter["mode"] = settings.usual_mode
     if "input" in settings.model_fields:
         counter["input"] = int(said["detector_input"])
     for role in ("sync", "detector"):
