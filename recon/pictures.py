@@ -1,4 +1,4 @@
-"""Pictures of a reconstruction: front view, depth and slices, with axes in metres."""
+"""Pictures of a reconstruction: front view and depth, with axes in metres."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -94,31 +94,6 @@ def confidence_picture(reconstruction: Reconstruction, path: Path) -> None:
     )
     figure.colorbar(drawn, ax=axes, label="confidence (0 to 1)", shrink=0.85)
     _label(axes, "where the wall was measured")
-    save_picture(figure, path)
-
-
-def slices_picture(reconstruction: Reconstruction, path: Path) -> None:
-    """Three slices through the brightest voxel - from the front, from above, from the side - as PNG.
-
-    Raises `InvalidData` where the reconstruction holds no volume.
-    """
-    volume = reconstruction.volume
-    if volume is None:
-        raise InvalidData(f"this {reconstruction.method} reconstruction holds no volume. Make it without --no-volume.")
-    plane, row, col = (int(i) for i in np.unravel_index(int(volume.albedo.argmax()), volume.albedo.shape))
-    left, right, bottom, top = extent(reconstruction)
-    near, far = float(volume.depths_m[0]), float(volume.depths_m[-1])
-    x_m, y_m, z_m = volume.wall.x_m()[col], volume.wall.y_m()[row], volume.depths_m[plane]
-    brightest = float(volume.albedo.max()) or 1.0
-    figure = Figure(figsize=(11, 4), layout="constrained")
-    views = (
-        (volume.albedo[plane], (left, right, bottom, top), f"front, z = {z_m:.3f} m", "x (m)", "y (m)"),
-        (volume.albedo[:, row], (left, right, far, near), f"from above, y = {y_m:.3f} m", "x (m)", "z (m)"),
-        (volume.albedo[:, :, col].T, (near, far, bottom, top), f"from the side, x = {x_m:.3f} m", "z (m)", "y (m)"),
-    )
-    for axes, (image, sides, title, across, up) in zip(figure.subplots(1, 3), views, strict=True):
-        axes.imshow(image / brightest, cmap="gray", vmin=0, vmax=1, extent=sides, interpolation="nearest")
-        axes.set(title=title, xlabel=across, ylabel=up)
     save_picture(figure, path)
 
 

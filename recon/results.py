@@ -56,7 +56,8 @@ def write_results(
     Raises FileExistsError unless `overwrite`, and ReconstructionFailed for a result that is not finite, before
     anything is written.
     """
-    from nlos.recon.pictures import albedo_picture, confidence_picture, depth_picture, slices_picture
+    from nlos.recon.pictures import albedo_picture, confidence_picture, depth_picture
+    from nlos.recon.slices_picture import slices_picture
 
     refuse_not_finite(reconstruction)
     paths = [folder / name for name in NAMES]

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 
 from nlos.recon.errors import InvalidData
 from nlos.recon.pictures import BACKGROUND, extent, save_picture, small_print
@@ -15,6 +16,7 @@ from nlos.recon.seen import brightest
 from nlos.recon.volume import Reconstruction
 
 NARROWEST_M, WIDEST_M = 0.002, 0.5
+SHRUNK = 0.75  # a colour bar to the height of its picture
 
 
 def uncertainty_picture(reconstruction: Reconstruction, path: Path) -> None:
@@ -33,13 +35,13 @@ def draw_uncertainty(reconstruction: Reconstruction, figure: Figure) -> None:
     assert sure is not None
     left, middle, right = figure.subplots(1, 3)
     shown = left.imshow(sure.seen, cmap="gray", vmin=0, vmax=1, extent=extent(reconstruction), interpolation="nearest")
-    figure.colorbar(shown, ax=left, label="probability of a surface", shrink=0.85)
+    figure.colorbar(shown, ax=left, label="probability of a surface", shrink=SHRUNK)
     left.set(title="is there a surface?", xlabel="x (m)", ylabel="y (m)")
     wide = (sure.albedo_high - sure.albedo_low) / brightest(reconstruction)
-    _faded(middle, figure, reconstruction, wide, Normalize(0, 1, clip=True), "width over the brightest point")
+    _faded(middle, figure, reconstruction, wide, Normalize(0, 1, clip=True), "how wide (1: the brightest point)")
     middle.set(title="brightness: 90 % interval")
     deep = np.clip(sure.depth_high_m - sure.depth_low_m, NARROWEST_M, WIDEST_M) * 100
-    _faded(right, figure, reconstruction, deep, LogNorm(NARROWEST_M * 100, WIDEST_M * 100, clip=True), "width (cm)")
+    _faded(right, figure, reconstruction, deep, LogNorm(NARROWEST_M * 100, WIDEST_M * 100, clip=True), "how wide (cm)")
     right.set(title="depth: 90 % interval")
 
 
@@ -52,4 +54,5 @@ def _faded(
     colour = colours(scale(values))[..., :3]
     axes.imshow(ink * colour + (1 - ink) * BACKGROUND, extent=extent(reconstruction), interpolation="nearest")
     axes.set(xlabel="x (m)")
-    figure.colorbar(ScalarMappable(scale, colours), ax=axes, label=name, shrink=0.85)
+    bar = figure.colorbar(ScalarMappable(scale, colours), ax=axes, label=name, shrink=SHRUNK)
+    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, place: f"{value:g}"))

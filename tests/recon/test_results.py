@@ -18,8 +18,9 @@ from nlos.recon.export_mesh import write_glb, write_obj
 from nlos.recon.export_ply import write_ply
 from nlos.recon.export_vti import write_vti
 from nlos.recon.front_view import depth_map, front_view
-from nlos.recon.pictures import confidence_picture, slices_picture
+from nlos.recon.pictures import confidence_picture
 from nlos.recon.results import read_reconstruction, write_results
+from nlos.recon.slices_picture import slices_picture
 from nlos.recon.view3d import write_view3d
 from nlos.recon.volume import Reconstruction, Volume
 

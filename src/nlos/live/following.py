@@ -83,7 +83,8 @@ def replace_numbers(folder: Path, reconstruction: "Reconstruction", keep_volume:
 
 def replace_pictures(folder: Path, picture: "LivePicture", keep_volume: bool) -> None:
     """The pictures, in the same way."""
-    from nlos.recon.pictures import albedo_picture, confidence_picture, depth_picture, slices_picture
+    from nlos.recon.pictures import albedo_picture, confidence_picture, depth_picture
+    from nlos.recon.slices_picture import slices_picture
 
     result = picture.reconstruction
     draw = [(albedo_picture, NAMES[1]), (depth_picture, NAMES[2])]

@@ -11,6 +11,8 @@ from nlos.report.html import folded, picture, table
 if TYPE_CHECKING:
     from nlos.acquisition.recording.recording import Recording
 
+SHORT = 12
+
 
 @dataclass(frozen=True)
 class ScanPart:
@@ -101,4 +103,5 @@ def _events(recording: "Recording") -> str:
         f"<tr><td>{event.bench_s:.3f} s</td><th>{escape(event.kind)}</th><td>{escape(event.text)}</td></tr>"
         for event in recording.events()
     )
-    return f"<h2>Events</h2><table>{lines}</table>" if lines else "<h2>Events</h2><p>None.</p>"
+    short = ' class="short"' if lines.count("<tr>") <= SHORT else ""  # a short table is printed on one page
+    return f"<h2>Events</h2><table{short}>{lines}</table>" if lines else "<h2>Events</h2><p>None.</p>"
