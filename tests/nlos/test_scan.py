@@ -25,6 +25,10 @@ def test_a_scan_is_recorded_exported_and_not_taken_twice(nlos: Nlos, small: Path
     assert (tmp_path / "run.h5").read_bytes() == before
     assert nlos("verify", "run.h5").returncode == 0
     assert nlos("export", "run.h5", "--to", "npz", "-o", "run.npz").returncode == 0
+    refused = nlos("export", "run.h5", "--to", "mat,ply")
+    assert refused.returncode == 7
+    assert "run.h5: is a recording, and ply is a format of pictures" in refused.stderr
+    assert not (tmp_path / "run.mat").exists()
     exported = np.load(tmp_path / "run.npz")
     assert exported["histograms"].shape == (4, 4, 1024)
     assert np.allclose(exported["exposure_s"], 2e-3)

@@ -123,6 +123,11 @@ def _write_film(film: "Film", word: str, partial: Path) -> list[str]:
 
 
 def _write_picture(run: Path, word: str, partial: Path) -> list[str]:
+    if is_recording(run):
+        raise InvalidData(
+            f"{run}: is a recording, and {word} is a format of pictures. Export the reconstruction.h5 that "
+            f"`nlos reconstruct` makes of it; a recording becomes {', '.join((*SCAN_FORMATS, *FILM_FORMATS))}."
+        )
     check_isolated(run, "nlos.recon.results:read_reconstruction")
     result = read_reconstruction(run)
     {"ply": write_ply, "obj": write_obj, "glb": write_glb, "vti": write_vti}[word](partial, result)
