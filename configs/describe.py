@@ -24,6 +24,10 @@ UNITS = {
 }  # fmt: skip
 
 
+KIND = "kind"
+"""The key that tells blocks apart of which a file names one: its word has to be written, though the class knows it."""
+
+
 @dataclass(frozen=True)
 class Setting:
     """One key."""
@@ -51,6 +55,9 @@ def describe(model: type[BaseModel]) -> dict[str, Setting]:
     for name, field in model.model_fields.items():
         key = field.alias or name
         meaning = meanings.get(name) or meanings.get(key, "")
+        if key == KIND:
+            found[key] = Setting(key, _type(field.annotation), "", "", "", "The word that chooses this block.")
+            continue
         found[key] = Setting(key, _type(field.annotation), _unit(key), _default(field), _range(field), meaning)
     return found
 

@@ -89,7 +89,7 @@ class LaserSettings(Settings):
     name: str = ""
     """Goes into the recording."""
     repetition_hz: float = Field(default=10e6, ge=1e3, le=1e9)
-    """Pulses a second; the counter's sync rate is checked against it."""
+    """Pulses per second; the counter's sync rate is checked against it."""
     wavelength_nm: float | None = Field(default=None, gt=0)
     """Goes into the recording."""
     power_mw: float | None = Field(default=None, ge=0)
@@ -116,7 +116,7 @@ class BenchSettings(Settings):
     first_light: FirstLightSettings | None = None
     """What `nlos calibrate --first-light` found."""
     runs: RunDefaults = RunDefaults()
-    """What is said of every run: operator, tags, data folder, who is told at the end."""
+    """What applies to every run: operator, tags, data folder, who is told at the end."""
     alignment: AlignmentSettings = AlignmentSettings()
     """How much light there is while somebody aims by hand."""
     arm: ArmSettings | None = None

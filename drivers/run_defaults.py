@@ -30,7 +30,7 @@ class HookSettings(Settings):
     webhook: str | None = None
     """Address to which both are posted as JSON."""
     mail: MailSettings | None = None
-    """Mails both."""
+    """Sends both by mail."""
     deadline_s: float = Field(default=30.0, ge=0.1, le=600)
     """How long each may take; it is ended then, and the next run begins."""
 

@@ -111,7 +111,7 @@ class ByDistance(_Exposure):
     z_m: float = Field(gt=0)
     """Its depth behind the wall."""
     falloff: Literal[2, 4] = 4
-    """4 for diffuse, 2 for retroreflective surfaces: dwell makes up for it."""
+    """4 for diffuse, 2 for retroreflective surfaces: the dwell compensates for it."""
 
     def weights(self, positions: Positions, wall: WallGrid) -> Floats:
         """r^falloff."""

@@ -24,7 +24,7 @@ class Misalignment(Settings):
     x_volts_per_degree: float | None = Field(default=None, ge=-10, le=10)
     """What the x axis behind a TriggerScope really takes, negative where it is mounted the other way round."""
     y_volts_per_degree: float | None = Field(default=None, ge=-10, le=10)
-    """The same of the y axis."""
+    """The same for the y axis."""
     axes_swapped: bool = False
     """Whether the cables to the head are exchanged: told to turn x, it turns y."""
     x_gain: float = Field(default=1.0, gt=0)

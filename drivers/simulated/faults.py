@@ -21,7 +21,7 @@ class Fault(Settings):
     after_s: float = Field(default=0.0, ge=0)
     """Bench time before which it does not strike."""
     skip: int = Field(default=0, ge=0)
-    """Occasions that it lets pass."""
+    """How many occasions it skips."""
     times: int = Field(default=1, ge=1)
     """How often it strikes."""
     parameters: dict[str, Any] = Field(default_factory=dict)

@@ -30,7 +30,7 @@ class SceneSettings(Settings):
     direct_cps: float = Field(default=40e3, ge=0)
     """Light scattered once, at the wall, with the beam undeflected."""
     hidden_cps: float = Field(default=500e3, ge=0)
-    """What one square metre of white, facing the wall 1 m in front of the spot, would give as a point."""
+    """What one square metre of white that faces the wall 1 m in front of the spot would give, were it a point."""
     ambient_cps: float = Field(default=500.0, ge=0)
     """Stray light that is not from the laser."""
     delay_ns: float = 0.0

@@ -20,7 +20,7 @@ class SimulationSettings(Settings):
     detector: DetectorSettings = DetectorSettings()
     """The single-photon detector."""
     misalignment: Misalignment = Misalignment()
-    """How the real bench differs from the drawing."""
+    """How the simulated bench differs from what the bench file says."""
     servo: ServoSettings = ServoSettings()
     """The galvo head that really moves the beam; the mirror's `settle` is what plans it."""
     serial_latency_ms: float = Field(default=1.0, ge=0, le=1000)

@@ -14,7 +14,7 @@ class DatasetSettings(Settings):
     """Which samples: geometry, how many scenes, of which kinds, how measured. Equal settings mean equal samples."""
 
     seed: Annotated[int, Field(ge=0)] = 1
-    """Of the scenes."""
+    """Seed of the scenes."""
     scenes: Annotated[int, Field(ge=1)] = 2000
     """How many different scenes."""
     degradations: Annotated[int, Field(ge=1, le=64)] = 3
@@ -47,7 +47,7 @@ class DatasetSettings(Settings):
     """Pattern of scenes on disk with their truth, `mine/*.h5`, or a part of LFE's set, `lfe/0:train`; see Train your
     own."""
     share: Annotated[float, Field(gt=0, le=1)] = 0.5
-    """Of the samples that come from `files`; the others are made."""
+    """Share of the samples that come from `files`; the others are generated."""
 
     @property
     def wall(self) -> WallGrid:

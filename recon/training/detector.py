@@ -41,7 +41,7 @@ class DetectorSettings(Settings):
     uneven_dwell: Share = 0.15
     """Share with dwells that differ."""
     sparsest_step: Annotated[int, Field(ge=2, le=32)] = 4
-    """Points a side of which the sparsest scans keep one: 2, 4 and, doubling, up to this."""
+    """The sparsest scans keep one point in this many along each side: 2, 4 and, doubling, up to this."""
     jitter_fwhm_most_ps: NotBelow0 = 120.0
     """Widest response of ordinary detectors."""
     slow: Share = 0.0

@@ -22,7 +22,7 @@ class LossSettings(Settings):
     picture: NotBelow0 = 10.0
     """Weight of the square error of the front view."""
     log_picture: NotBelow0 = 0.0
-    """Of the logarithm of each picture's square error, halfway between its own and its best scale: mean decibels."""
+    """Weight of the mean logarithm of the pictures' square errors, halfway between own and best scale: decibels."""
     depth: NotBelow0 = 0.3
     """Weight of the depth error, where there is a surface."""
     total_variation: NotBelow0 = 0.0

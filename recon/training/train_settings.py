@@ -33,15 +33,15 @@ class TrainSettings(Settings):
     loss: LossSettings = LossSettings()
     """What is minimised."""
     seed: Annotated[int, Field(ge=0)] = 1
-    """Of the order of samples and of the first weights."""
+    """Seed of the order of samples and of the first weights."""
     samples: Annotated[int, Field(ge=1)] = 6000
     """How many samples are seen; rounded up to whole batches."""
     batch: Annotated[int, Field(ge=1, le=4096)] = 2
-    """Samples a step."""
+    """Samples per step."""
     learning_rate: Above0 = 2e-3
-    """After the warm-up."""
+    """Learning rate after the warm-up."""
     last_rate: Above0 = 4e-5
-    """At the end."""
+    """Learning rate at the end."""
     warm_up_steps: Annotated[int, Field(ge=0)] = 100
     """Steps over which the rate rises."""
     schedule: Literal["cosine", "exponential"] = "cosine"
@@ -59,11 +59,11 @@ class TrainSettings(Settings):
     pooled_share: Share = 0.0
     """Part of the steps that see wall points added 2 x 2: a scan on half the grid."""
     precision: Literal["auto", "float32", "bf16"] = "auto"
-    """Of the arithmetic; bf16 on GPUs that have it by default."""
+    """Precision of the arithmetic; bf16 on GPUs that have it by default."""
     start_from: str | None = None
     """Weights to begin with: a file, or a name of those that ship. Their architecture comes with them."""
     checkpoint_minutes: Above0 = 0.5
-    """Between two states on disk; more where saving one would take over a twentieth of the time."""
+    """Minutes between two states on disk; more where saving one would take over a twentieth of the time."""
     max_minutes: Above0 | None = None
     """Stops after the step under way then, and validates; the same command resumes."""
     workers: Annotated[int, Field(ge=0, le=256)] | None = None

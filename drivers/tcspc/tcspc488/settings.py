@@ -40,7 +40,7 @@ class OverCount(Settings):
     """The instrument closes the shutter when the detector's rate stays above `rate_hz` for `time_ms`."""
 
     rate_hz: int = Field(default=5_000_000, ge=0, le=1_000_000_000)
-    """Detections a second; 0: never."""
+    """Detections per second; 0: never."""
     time_ms: int = Field(default=10, ge=1, le=1000)
     """How long the rate may be exceeded."""
 

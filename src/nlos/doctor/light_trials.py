@@ -90,7 +90,7 @@ def beam_corners(bench: Bench) -> Iterator[Finding]:
     wanted_s = np.array([expected_s(bench, range_m(bench, place)) for place in places])
     late_ns = (found_s - wanted_s) * 1e9
     spread = float(late_ns.max() - late_ns.min())
-    said = f"direct light {np.median(late_ns):+.2f} ns from where the wall is, alike within {spread:.2f} ns"
+    said = f"direct light {np.median(late_ns):+.2f} ns from where the wall is, the same within {spread:.2f} ns"
     moved, should = float(found_s[1:].max() - found_s[0]), float(wanted_s[1:].max() - wanted_s[0])
     if should > 0.2e-9 and moved < 0.4 * should:
         yield failed("beam", f"{said}: it does not follow the mirror's commands",

@@ -17,9 +17,9 @@ class QueuedScan(Settings):
     scan: str
     """A scan file, relative to the queue file, or a name in configs/scan."""
     bench: str | None = None
-    """Another bench than the queue's."""
+    """A bench other than the queue's."""
     set: dict[str, Value] = Field(default_factory=dict)
-    """Keys of the scan file that are other here: `{dwell_ms: 4, wall.rows: 32}`."""
+    """Keys of the scan file that differ here: `{dwell_ms: 4, wall.rows: 32}`."""
     sweep: dict[str, tuple[Value, ...]] = Field(default_factory=dict)
     """Keys of the scan file and the values that they take in turn."""
     repeat: int = Field(default=1, ge=1, le=1000)
