@@ -184,6 +184,11 @@ def test_what_is_damaged_in_the_index_is_made_again_and_never_shown(tmp_path: Pa
         "UPDATE runs SET words = CAST(x'ff' AS TEXT)", "ALTER TABLE runs RENAME COLUMN points TO pints",
         "DROP TABLE summaries", "PRAGMA user_version = 7",
     )  # fmt: skip
+    schema = place.read_bytes()
+    place.write_bytes(schema.replace(b"CREATE TABLE runs", b"CREATE TABLE \xdd\xddns"))
+    with RunsIndex(data) as index:
+        index.update()
+        assert index.search() == right
     for harm in harms:
         with closing(sqlite3.connect(place, isolation_level=None)) as base:
             base.execute(harm)

@@ -16,6 +16,8 @@ Row = tuple[tuple[Any, ...], str]
 """What is searched of a run, in the order of `COLUMNS`, and its summary."""
 COLUMNS = ("path", "size", "mtime_ns", "inode", "kind", "started", "status", "points", "planned", "photons", "live_s",
            "sample", "operator", "note", "tags", "bench", "words")  # fmt: skip
+DAMAGED = (sqlite3.DatabaseError, UnicodeDecodeError)
+"""What a damaged file raises: the second where SQLite's own words quote bytes of it that are no text."""
 _VERSION = 3
 _SCHEMA = """
 CREATE TABLE runs (
@@ -36,7 +38,7 @@ def opened(place: Path) -> sqlite3.Connection:
     try:
         if base.execute("PRAGMA user_version").fetchone() == (_VERSION,) and _has_our_tables(base):
             return base
-    except sqlite3.DatabaseError as error:
+    except DAMAGED as error:
         if is_in_use(error):
             base.close()
             raise
@@ -99,7 +101,7 @@ def check_pages(base: sqlite3.Connection) -> None:
         raise sqlite3.DatabaseError(str(said))
 
 
-def is_in_use(error: sqlite3.DatabaseError) -> bool:
+def is_in_use(error: Exception) -> bool:
     """Whether another program has kept us waiting, which says nothing about the file."""
     return isinstance(error, sqlite3.OperationalError) and "locked" in str(error)
 

@@ -17,7 +17,19 @@ from typing import Any, Self
 
 from nlos.acquisition.errors import StorageError
 from nlos.drivers.state_folder import state_folder
-from nlos.runs.database import COLUMNS, check_pages, checksum, drop, is_in_use, keep, made, opened, stamps, storable
+from nlos.runs.database import (
+    COLUMNS,
+    DAMAGED,
+    check_pages,
+    checksum,
+    drop,
+    is_in_use,
+    keep,
+    made,
+    opened,
+    stamps,
+    storable,
+)
 from nlos.runs.query import OTHER, UNREADABLE, condition
 
 SORTS = ("started", "path", "status", "points", "photons", "live_s", "sample", "operator", "bench")
@@ -72,7 +84,7 @@ class RunsIndex:
             if not afresh:
                 try:
                     return self._update()
-                except sqlite3.DatabaseError as error:
+                except DAMAGED as error:
                     if is_in_use(error):
                         raise
             self._base.close()
@@ -117,7 +129,7 @@ class RunsIndex:
         try:
             try:
                 return [_run(*row) for row in self._base.execute(asked, given).fetchall()]
-            except sqlite3.DatabaseError as error:
+            except DAMAGED as error:
                 if is_in_use(error):
                     raise
             self.update(afresh=True)

@@ -1,6 +1,8 @@
 """One small good file of every kind that some verb reads, and the verbs that read it."""
 
 import shutil
+import socket
+from collections.abc import Sequence
 from pathlib import Path
 
 import h5py
@@ -13,9 +15,11 @@ from nlos.acquisition.exporters.scan_arrays import arrays_of_import
 from nlos.acquisition.exporters.ytal import write_ytal
 from nlos.acquisition.importers.formats import read_any
 from nlos.acquisition.importers.to_recording import write_recording
+from nlos.acquisition.network.ticket import Ticket, new_keys
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.recon.weights.files import find_weights
+from nlos.runs.index import RunsIndex
 
 SHARED = Path(__file__).parents[4] / "shared" / "data" / "tcspc"
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -44,11 +48,31 @@ SCENE = (("evaluate", "--methods", "backprojection", "--conditions", "transient"
 YAML = (("plan",), ("devices", "--bench"))
 BENCH = (("plan", "demo", "--bench"), ("devices", "--bench"))
 WEIGHTS = (("reconstruct", "good.h5", "--method", "lfe", "--overwrite", "--weights"),)
+TICKET = (("reconstruct", "--method", "backprojection", "--follow", "-o", "far", "--overwrite"), ("info",),
+          ("serve", "good.h5", "--idle-s", "0"))  # fmt: skip
+RUNS = (("runs", "--folder", "shelf"), ("runs", "--folder", "shelf", "--rebuild"), ("runs", "cap", "--folder", "shelf"))
 KINDS = (
     "plain", "npz", "mat", "ytal", "ptu", "mat73", "plain_free", "recording", "killed", "free_recording", "picture",
     "constants", "response", "spots", "scene", "scan_yaml", "bench_yaml", "queue_yaml", "train_yaml", "weights", "phd",
     "t3r", "pt3", "ht3", "ptu_t2",
 )  # fmt: skip
+
+
+KEPT = ("ticket", "runs_index")
+"""What programs keep for each other: of a served recording, and of a folder of recordings."""
+
+
+def laid(folder: Path, kind: str, path: Path, words: Sequence[str], raw: bytes) -> tuple[str, ...]:
+    """The command that reads `raw` instead of the good file at `path`; puts it where the command looks for it."""
+    if kind == "runs_index":
+        path.write_bytes(raw)
+        return tuple(words)
+    if words[0] == "serve" and kind == "ticket":
+        (folder / "good.ticket").write_bytes(raw)
+        return tuple(words)
+    damaged = folder / f"damaged{path.suffix}"
+    damaged.write_bytes(raw)
+    return (*words, damaged.name)
 
 
 def verbs_of(kind: str) -> tuple[tuple[str, ...], ...]:
@@ -57,7 +81,7 @@ def verbs_of(kind: str) -> tuple[tuple[str, ...], ...]:
     special |= {"constants": CONSTANTS, "response": CONSTANTS, "spots": SPOTS, "scene": SCENE, "scan_yaml": YAML}
     special |= {"bench_yaml": BENCH, "queue_yaml": (("queue", "--plan"),), "weights": WEIGHTS}
     special |= {"train_yaml": (("train", "--check", "-o", "trained", "--overwrite"),)}
-    return special.get(kind, FOREIGN)
+    return (special | {"ticket": TICKET, "runs_index": RUNS}).get(kind, FOREIGN)
 
 
 def make(folder: Path) -> dict[str, Path]:
@@ -126,7 +150,25 @@ def make(folder: Path) -> dict[str, Path]:
         if (SHARED / name).is_file() and (SHARED / name).stat().st_size:
             kinds[kind] = folder / name
             shutil.copyfile(SHARED / name, kinds[kind])
-    return {kind: kinds[kind] for kind in KINDS if kind in kinds}
+    kinds |= _kept(folder)
+    return {kind: kinds[kind] for kind in (*KINDS, *KEPT) if kind in kinds}
+
+
+def _kept(folder: Path) -> dict[str, Path]:
+    """A ticket that nobody answers any more, and the index of three recordings, one of them of a killed scan."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+    with Recording.open(folder / "good.h5") as recording:
+        identity = recording.header.identity
+    keys = new_keys()
+    Ticket(f"tcp://127.0.0.1:{port}", keys[0], *new_keys(), identity).save(folder / "run.ticket")
+    (folder / "shelf" / "cap").mkdir(parents=True)
+    for name in ("free_recording", "good", "killed"):
+        shutil.copyfile(folder / f"{name}.h5", folder / "shelf" / ("cap" if name == "good" else "") / f"{name}.h5")
+    with RunsIndex(folder / "shelf") as index:
+        index.update()
+    return {"ticket": folder / "run.ticket", "runs_index": index.place}
 
 
 def _settings(folder: Path) -> dict[str, Path]:

@@ -22,9 +22,9 @@ recording is whole, or `recover` and `replay` make a copy, every sample in it is
 place.
 
 "Read": exit code 0. The damage is where the verb does not look, or rows with damage are set aside and counted, or the
-file (text, tables of numbers without a checksum) means something else now. The other columns are
-exit codes. Where a column holds every case, the verb refuses undamaged files of that kind, too: `verify` of what is no
-recording, `calibrate` of a curve without a wall.
+file (text, tables of numbers without a checksum) means something else now; a damaged index of runs is made anew, and
+`runs` says what the recordings do. The other columns are exit codes. Where a column holds every case, the verb refuses
+undamaged files of that kind, too: `verify` of what is no recording, `calibrate` of a curve without a wall.
 
 *This page is made by `python -m tests.nlos.strangers.outcome_table` from the reports of the campaign
 ([campaigns](campaigns.md)); a test holds its sample against it.*

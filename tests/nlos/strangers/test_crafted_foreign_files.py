@@ -1,9 +1,9 @@
-"""Foreign files that somebody made: NPZ, MAT, y-tal and PTU with parts that are not as they should be."""
+"""Foreign files that somebody made: NPZ, MAT, y-tal and PicoQuant's with parts that are not as they should be."""
 
 import json
 import os
-import struct
 from collections.abc import Callable, Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,8 @@ import h5py
 import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
+
+from tests.nlos.strangers import crafted_picoquant
 
 SOAK = bool(os.environ.get("NLOS_SOAK"))
 ARRAYS: dict[str, Any] = {
@@ -26,40 +28,6 @@ ARRAYS: dict[str, Any] = {
     "infinite": np.full((6, 5, 256), np.inf),
     "of another size": np.ones((3, 7, 9)),
 }
-HEADER_END = b"Header_End".ljust(32, b"\0")
-IMAGE = ("ImgHdr_Dimensions", "ImgHdr_PixX", "ImgHdr_PixY", "ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame",
-         "ImgHdr_Ident", "ImgHdr_BiDirect", "ImgHdr_SinCorrection", "ImgHdr_MaxFrames")  # fmt: skip
-INTEGERS = (0, -1, 1, 2**31, 2**62)
-REALS = (0.0, -1.0, float("nan"), 1e300, 1e-300)
-_INT, _FLOAT = 0x10000008, 0x20000008
-
-
-def tags(raw: bytes) -> Iterator[tuple[int, bytes, int]]:
-    """Where each 48-byte tag of a PTU's header begins, its name and its type (PicoQuant's Unified TTTR format)."""
-    at = 16
-    while raw[at : at + 32] != HEADER_END:
-        kind, value = struct.unpack_from("<Iq", raw, at + 36)
-        yield at, raw[at : at + 32].rstrip(b"\0"), kind
-        at += 48 + (value if kind in (0x2001FFFF, 0x4001FFFF, 0x4002FFFF, 0xFFFFFFFF) else 0)
-
-
-def ptus(raw: bytes) -> Iterator[tuple[str, bytes]]:
-    """Each number of the header at each extreme; then the tags of an image scanned before 2014, in every state."""
-    for at, name, kind in tags(raw):
-        values = [struct.pack("<q", v) for v in INTEGERS] if kind == _INT else [struct.pack("<d", v) for v in REALS]
-        for value in values if kind in (_INT, _FLOAT) else []:
-            yield f"{name.decode()} {value.hex()}", raw[: at + 40] + value + raw[at + 48 :]
-    end = raw.index(HEADER_END)
-    for name in IMAGE:
-        for value in INTEGERS:
-            rest = [(other, 1 if other != "ImgHdr_Dimensions" else 3) for other in IMAGE if other != name]
-            made = b"".join(
-                each.encode().ljust(32, b"\0") + struct.pack("<iIq", -1, _INT, number)
-                for each, number in [*rest, (name, value)]
-            )
-            yield f"image with {name} {value}", raw[:end] + made + raw[end:]
-    for length in (16, 40, end, end + 48, end + 50):
-        yield f"cut at {length}", raw[:length]
 
 
 def npzs(whole: Path, target: Path) -> Iterator[str]:
@@ -103,28 +71,83 @@ def ytals(whole: Path, target: Path) -> Iterator[str]:
             yield f"{name} {what}"
 
 
-def ptu_files(whole: Path, target: Path) -> Iterator[str]:
-    for what, raw in ptus(whole.read_bytes()):
-        target.write_bytes(raw)
-        yield what
+def made_of(craft: Callable[[bytes], Iterator[tuple[str, bytes]]]) -> Callable[[Path, Path], Iterator[str]]:
+    """The same for one that makes bytes of bytes."""
+
+    def files(whole: Path, target: Path) -> Iterator[str]:
+        for what, raw in craft(whole.read_bytes()):
+            target.write_bytes(raw)
+            yield what
+
+    return files
 
 
-MADE: dict[str, Callable[[Path, Path], Iterator[str]]] = {"npz": npzs, "mat": mats, "ytal": ytals, "ptu": ptu_files}
+MADE: dict[str, tuple[str, Callable[[Path, Path], Iterator[str]]]] = {
+    "npz": ("npz", npzs), "mat": ("mat", mats), "ytal": ("ytal", ytals),
+    "ptu numbers": ("ptu", made_of(crafted_picoquant.numbers)), "ptu types": ("ptu", made_of(crafted_picoquant.types)),
+    "ptu lists": ("ptu", made_of(crafted_picoquant.lists)), "ptu records": ("ptu", made_of(crafted_picoquant.records)),
+    "ptu t2": ("ptu_t2", made_of(crafted_picoquant.records)),
+    **{kind: (kind, made_of(crafted_picoquant.older)) for kind in ("phd", "t3r", "pt3", "ht3")},
+}  # fmt: skip
+"""What is made -> the kind of file that it is made of, and how."""
+WHOLE = ("npz", "mat", "ytal")
+"""Every file of these is given to every verb; the many of the others to `import`, and to another verb in turn."""
+EVERY = {"ptu types": 80, "ptu lists": 6, "ptu records": 12, "ptu t2": 30} | dict.fromkeys(
+    ("phd", "t3r", "pt3", "ht3"), 400
+)
+"""Of how many files `make test` tries one."""
+
+
+TOGETHER = [[made] for made in MADE] if SOAK else [list(WHOLE), [made for made in MADE if made not in WHOLE]]
+"""What is tried by one process."""
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("kind", MADE)
+@pytest.mark.parametrize("together", TOGETHER, ids=" and ".join)
 def test_what_somebody_made_in_another_format_ends_with_a_reason_that_names_it(
-    kinds, verbs, commands, tmp_path: Path, kind: str
+    kinds, verbs, commands, tmp_path: Path, together: list[str]
 ) -> None:
-    chosen, bad = verbs(kind), []
-    target = tmp_path / f"made{kinds[kind].suffix}"
-    every = 1 if SOAK else {"npz": 25, "mat": 25, "ytal": 25, "ptu": 25}[kind]
-    for index, what in enumerate(MADE[kind](kinds[kind], target)):
-        if index % every:
-            continue
-        for words in chosen if SOAK else [chosen[index // every % len(chosen)]]:
-            outcome = commands.run([*words, target.name])
-            if outcome.is_a_bug or (outcome.code == 7 and target.name not in outcome.text):
-                bad.append((what, json.dumps(outcome.words), outcome.code, outcome.text[-600:]))
+    bad = []
+    for made in together:
+        kind, files = MADE[made]
+        if kind not in kinds:
+            continue  # ../shared is absent
+        imports, *others = sorted(verbs(kind), key=lambda words: words[0] != "import")
+        target, every = tmp_path / f"made{kinds[kind].suffix}", 1 if SOAK else EVERY.get(made, 25)
+        for number, what in enumerate(islice(files(kinds[kind], target), 0, None, every)):
+            if not SOAK:
+                given = [(imports, *others)[number % len(verbs(kind))]]
+            else:
+                given = [imports, *(others if made in WHOLE else [others[number % len(others)]])]
+            for words in given:
+                outcome = commands.run([*words, target.name])
+                if outcome.is_a_bug or (outcome.code == 7 and target.name not in outcome.text):
+                    bad.append((what, json.dumps(outcome.words), outcome.code, outcome.text[-600:]))
+                    print(*bad[-1], flush=True)
     assert bad == []
+
+
+def photon_hdf5(path: Path) -> None:
+    """A measurement of single photons as Photon-HDF5 lays it out (photon-hdf5.github.io), which holds no histograms."""
+    with h5py.File(path, "w") as file:
+        file.attrs.update({"format_name": b"Photon-HDF5", "format_version": b"0.5", "title": b"A measurement"})
+        photons, rng = file.create_group("photon_data"), np.random.default_rng(0)
+        photons["timestamps"] = np.sort(rng.integers(0, 2**40, 5000))
+        photons["nanotimes"], photons["detectors"] = rng.integers(0, 4096, 5000, np.uint16), np.zeros(5000, np.uint8)
+        photons["timestamps_specs/timestamps_unit"] = 1e-8
+        photons["nanotimes_specs/tcspc_unit"] = 16e-12
+        file["setup/num_pixels"], file["acquisition_duration"] = 1, 10.0
+
+
+def test_a_format_that_is_not_read_is_refused_by_name_by_every_verb(verbs, commands, tmp_path: Path) -> None:
+    paths = [tmp_path / f"stranger{suffix}" for suffix in (".sdt", ".spc", ".ttbin", ".png", ".zip")]
+    for path, raw in zip(paths, crafted_picoquant.OTHERS.values(), strict=True):
+        path.write_bytes(raw)
+    photon_hdf5(tmp_path / "photons.h5")
+    for path in (*paths, tmp_path / "photons.h5"):
+        for words in verbs("ptu"):
+            outcome = commands.run([*words, path.name])
+            told = words[0] == "info" and path.suffix == ".h5"  # what is in an HDF5 file is shown, whatever it is
+            assert outcome.code == (0 if told else 7), outcome
+            assert path.name in outcome.text
+            assert not outcome.is_a_bug, outcome
