@@ -111,6 +111,14 @@ def test_how_much_light_a_picture_explains_is_told_after_the_picture(run: Path) 
     assert watched.latest["lct"] is explained
 
 
+def test_what_has_no_rounds_is_given_up_when_it_is_done() -> None:
+    over = False
+    with pytest.raises(Overtaken), given_up_once(lambda: over):
+        over = True
+    with pytest.raises(Overtaken), given_up_once(lambda: over):
+        pytest.fail("begun though the scan has ended")
+
+
 def test_what_is_given_up_leaves_nothing_behind_in_the_next_picture(run: Path) -> None:
     transient = calibrate_scan(load_scan(run))
     whole = reconstruct(transient, "nano", explain=False)

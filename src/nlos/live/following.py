@@ -13,6 +13,7 @@ from nlos.cli.terminal import terminal
 from nlos.live.scan import LiveScan
 from nlos.recipe import Recipe
 from nlos.recon.live import LivePicture, LiveReconstruction
+from nlos.recon.parts import counted
 from nlos.recon.results import NAMES, write_reconstruction
 from nlos.recon.view3d import write_view3d
 from nlos.results_folder import ResultsFolder
@@ -91,7 +92,7 @@ def replace_pictures(folder: Path, picture: "LivePicture", keep_volume: bool) ->
     if keep_volume and result.volume is not None:
         draw.append((slices_picture, "slices.png"))
     with tempfile.TemporaryDirectory(dir=folder, prefix=".next-") as fresh:
-        for drawn, name in draw:
+        for drawn, name in counted(draw, len(draw), "pictures"):
             drawn(result, Path(fresh) / name)
         confidence_picture(replace(result, confidence=picture.confidence), Path(fresh) / "confidence.png")
         for image in Path(fresh).iterdir():

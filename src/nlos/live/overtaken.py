@@ -12,8 +12,8 @@ class Overtaken(Exception):
 
 @contextmanager
 def given_up_once(overtaken: Callable[[], bool]) -> Iterator[None]:
-    """What a method computes within the block ends with `Overtaken` after the plane, iteration or mirror image in which
-    `overtaken` came true."""
+    """What a method computes within the block, or anything else that counts its rounds, ends with `Overtaken` after the
+    plane, iteration, mirror image or drawing in which `overtaken` came true; and so does the block itself."""
 
     def look(done: int = 0, total: int = 0, name: str = "") -> None:
         if overtaken():
@@ -22,3 +22,4 @@ def given_up_once(overtaken: Callable[[], bool]) -> Iterator[None]:
     look()
     with heard_by(None, within=look):
         yield
+    look()

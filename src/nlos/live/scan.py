@@ -269,8 +269,7 @@ class LiveScan:
         self._show(live, picture, self.on_picture)
         if self.film is None or known.of_film is None:  # after the picture, which nobody should have to wait for
             with given_up_once(lambda: self.read and not known.whole):
-                picture = live.explained(picture, known.transient, known.falloff)
-            self._show(live, picture, self.on_explained)
+                self._show(live, live.explained(picture, known.transient, known.falloff), self.on_explained)
         return count
 
     def _show(self, live: "LiveReconstruction", picture: "LivePicture", tell: Tell | None) -> None:
