@@ -98,14 +98,16 @@ class SimulatedBench:
         clock: VirtualClock | None = None,
         faults: FaultPlan | None = None,
         servo: ServoSettings | None = None,
+        shutterless: bool = False,
     ) -> None:
+        """`shutterless`: nothing stands in the laser's way, whatever any drive line does."""
         self.clock = clock or VirtualClock()
         self.faults = faults or FaultPlan()
         self.servo = servo or ServoSettings()
         self.interlock_closed = True
         self.on_gate: Callable[[Gate, MirrorAngles], None] | None = None
         """A witness: told of every gate of a measurement and of the mean place of the beam while it is open."""
-        self._shutter_open = False
+        self._shutterless = self._shutter_open = shutterless
         self.light = light
         """What the detector sees; a test may change it in the middle of a scan."""
         self._x = Swing(0.0, 0.0, 0.0, 0.0)
@@ -172,6 +174,8 @@ class SimulatedBench:
 
     def set_shutter(self, is_open: bool) -> None:
         """The shutter's drive line changed. An open interlock loop keeps it closed."""
+        if self._shutterless:
+            return
         self._catch_up()
         self._shutter_open = is_open and self.interlock_closed
         self.witness(self.clock.now(), f"shutter {'open' if self._shutter_open else 'closed'}")

@@ -44,7 +44,7 @@ def plug_in(
     if simulation is None:
         raise ValueError("the bench file has no simulation block")
     light, faults = light_of(settings, scene), FaultPlan(simulation.faults)
-    bench = SimulatedBench(light, clock, faults, simulation.servo)
+    bench = SimulatedBench(light, clock, faults, simulation.servo, settings.shutter.model == "none")
     table = SimulatedTable(bench, simulation, settings.laser.repetition_hz)
     with ExitStack() as stack:
         if simulation.witness is not None:
