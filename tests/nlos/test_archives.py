@@ -19,7 +19,7 @@ import pytest
 
 from nlos.cli import archive as nlos_archive
 from nlos.cli.archive import files_of, folders_for, reconstruct_archive, worst
-from nlos.cli.archive_on_dask import connected
+from nlos.cli.archive_on_dask import connected, dask_setup
 from nlos.cli.archive_task import Task
 from nlos.cli.exit_codes import UsageError
 from nlos.recipe import Recipe
@@ -56,6 +56,15 @@ def nlos(folder: Path, *words: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(
         command, cwd=folder, capture_output=True, text=True, timeout=1500 if SOAK else 500, check=False
     )
+
+
+def any_left(group: int) -> bool:
+    """Whether there is a process of this group."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
 
 
 def record(folder: Path) -> dict[str, dict[str, Any]]:
@@ -235,6 +244,54 @@ def test_a_scheduler_that_dies_is_said_so_and_nothing_is_lost(tmp_path: Path) ->
     after = times(tmp_path / "out")
     assert len(after) == count
     assert all(after[name] == before[name] for name in kept)
+
+
+@pytest.mark.soak
+@pytest.mark.skipif(not SOAK, reason="half a minute: make soak")
+@pytest.mark.skipif(os.name != "posix", reason="Ctrl-C goes to a process group")
+def test_ctrl_c_at_workers_of_ones_own_keeps_what_is_done_and_leaves_no_process(tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="the `cluster` extra is not installed")
+    archive(tmp_path / "in", 60, points=16, bins=128)
+    (tmp_path / "at_once.py").write_text(
+        "import sys\n"
+        "if __name__ == '__main__':\n"
+        "    import nlos.cli.archive\n"
+        "    from nlos.__main__ import main\n"
+        "    nlos.cli.archive.STARTUP_S = 0.0\n"
+        "    sys.argv = 'nlos reconstruct in -o out --no-volume --scheduler local'.split()\n"
+        "    main()\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "at_once.py"], cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        deadline = time.monotonic() + 120
+        while len(list((tmp_path / "out").glob("*/depth.png"))) < 12 and time.monotonic() < deadline:
+            time.sleep(0.02)
+        os.killpg(process.pid, signal.SIGINT)
+        said = process.communicate(timeout=60)[1]
+    assert process.returncode == 130, said
+    assert "interrupted: " in said.splitlines()[-1]
+    assert "Traceback" not in said
+    assert "distributed" not in said
+    deadline = time.monotonic() + 10  # what read files for a worker ends with it
+    while any_left(process.pid):
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    rows = record(tmp_path / "out")
+    assert len(rows) == 65
+    known = {name for name, row in rows.items() if row["outcome"] == "done"}
+    assert known
+    assert known <= set(times(tmp_path / "out"))
+    assert "unfinished" in {row["outcome"] for row in rows.values()}
+
+
+def test_a_worker_started_here_leaves_ctrl_c_to_the_command() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        dask_setup(None)  # type: ignore[arg-type]
+        assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_no_scheduler_is_a_deadline_passed(tmp_path: Path) -> None:

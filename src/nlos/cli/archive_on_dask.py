@@ -6,6 +6,7 @@ that port belongs on loopback or a private network.
 
 import logging
 import os
+import signal
 import socket
 import threading
 from collections.abc import Iterator, Sequence
@@ -23,7 +24,7 @@ from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.recon.own_methods import in_a_file
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client, Future, Worker
 
 log = logging.getLogger(__name__)
 _of_thread = threading.local()
@@ -98,14 +99,10 @@ def connected(address: str) -> Iterator["Client"]:
         _refuse_silence(address)
     from distributed import Client, LocalCluster
 
-    for name in list(logging.root.manager.loggerDict):  # what became of files is said in lines of their own
-        if name.partition(".")[0] in ("distributed", "asyncio", "tornado"):
-            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    _silence_dask()
     if address == LOCAL:
-        with (
-            LocalCluster(n_workers=cores(), threads_per_worker=1, dashboard_address=None) as cluster,
-            Client(cluster) as client,
-        ):
+        each = {"threads_per_worker": 1, "preload": __name__}
+        with LocalCluster(n_workers=cores(), dashboard_address=None, **each) as cluster, Client(cluster) as client:
             yield client
         return
     try:
@@ -120,6 +117,20 @@ def connected(address: str) -> Iterator["Client"]:
         yield client
     finally:
         client.close(timeout=ANSWERS_S)
+
+
+def dask_setup(worker: "Worker") -> None:
+    """Called by Dask in each worker that this command started. A terminal sends Ctrl-C to them, too: the command alone
+    decides what ends, and says so."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _silence_dask()
+
+
+def _silence_dask() -> None:
+    """What became of files is said in lines of our own."""
+    for name in list(logging.root.manager.loggerDict):
+        if name.partition(".")[0] in ("distributed", "asyncio", "tornado"):
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
 
 
 def _refuse_silence(address: str) -> None:
