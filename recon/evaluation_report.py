@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from nlos.recon.evaluate import Evaluation, Row, as_json
+from nlos.recon.evaluate import Evaluation, Row, Scene, as_json
 from nlos.recon.results import software
 from nlos.recon.seen import visible_depth
 from nlos.recon.whole_files import whole_files
@@ -130,8 +130,7 @@ def gallery(evaluation: Evaluation, path: Path) -> None:
     grid = figure.subplots(len(pairs), columns, squeeze=False)
     for line, (condition, name) in zip(grid, pairs, strict=True):
         scene = truth[name]
-        seen = scene.depth_m[scene.mask]
-        span = (float(seen.min()) - 0.05, float(seen.max()) + 0.05) if seen.size else (0.0, 1.0)
+        span = depth_span_m(scene)
         _intensity(line[0], scene.intensity)
         _depth(line[1], np.where(scene.mask, scene.depth_m, np.nan), span)
         line[0].set_ylabel(f"{name}\n{condition}", fontsize=6)
@@ -148,6 +147,12 @@ def gallery(evaluation: Evaluation, path: Path) -> None:
         grid[0][2 * k + 1].set_title("depth", fontsize=8)
     FigureCanvasAgg(figure)
     figure.savefig(path, dpi=110, metadata={"Software": "nlos"})
+
+
+def depth_span_m(scene: Scene) -> tuple[float, float]:
+    """The ends of the depth colours in a scene's line of the gallery: 5 cm beyond its true depths."""
+    seen = scene.depth_m[scene.mask]
+    return (float(seen.min()) - 0.05, float(seen.max()) + 0.05) if seen.size else (0.0, 1.0)
 
 
 def _intensity(axes: Axes, image: npt.NDArray[np.float32]) -> None:

@@ -1,7 +1,7 @@
 """The front surface as OBJ and GLB (glTF 2.0): meshes with normals, for whoever draws, prints or animates.
 
-Both formats are right-handed with y up, and ours is not (x right, y up, z away from the wall): z is written negative,
-so that what is right stays right.
+Viewers of both formats look along -z with x right and y up: z is written negative, so that the mesh looks as the front
+view does. That is what a mirror in the wall's place shows; the object itself is its mirror image.
 """
 
 import json

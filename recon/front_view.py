@@ -1,4 +1,4 @@
-"""What one sees of a volume from the wall: its brightest voxel along every line of sight, and how deep it lies."""
+"""A volume as one sees it who looks towards the wall: its brightest voxels, and their depth."""
 
 import numpy as np
 import numpy.typing as npt

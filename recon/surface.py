@@ -15,7 +15,7 @@ class Surface:
 
     points_m: npt.NDArray[np.float32]  # (N, 3): x, y, z from the wall
     albedo: npt.NDArray[np.float32]  # (N,), 0 to 1
-    quads: npt.NDArray[np.int32]  # (M, 4), counter-clockwise seen from the wall
+    quads: npt.NDArray[np.int32]  # (M, 4), counter-clockwise in the front view
 
 
 def front_surface(reconstruction: Reconstruction) -> Surface:

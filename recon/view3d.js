@@ -29,7 +29,7 @@ function turnable(canvas, paper) {
     if (!scene) return;
     const {wall} = scene, far = self.mode === "slices" && scene.volume ? Math.max(scene.far, scene.depths[1]) : scene.far, [wide, high] = wall, middle = far / 2, scale = Math.min(w, h) / Math.hypot(wide, high, far) * zoom * 1.15;
     const ct = Math.cos(turn), st = Math.sin(turn), cp = Math.cos(tilt), sp = Math.sin(tilt);
-    // The viewer stands at the wall and looks towards +z; x goes right, y up. Bigger third coordinate: farther away.
+    // The viewer looks towards the wall as into a mirror: x goes right, y up, +z away. Bigger third coordinate: farther away.
     const project = (x, y, z) => { const dz = z - middle, x1 = ct * x + st * dz, z1 = -st * x + ct * dz; return [w / 2 + x1 * scale + shift[0], h / 2 - (cp * y + sp * z1) * scale + shift[1], -sp * y + cp * z1]; };
     const line = (a, b, style, wideness) => { const p = project(...a), q = project(...b); g.strokeStyle = style; g.lineWidth = wideness || 1; g.beginPath(); g.moveTo(p[0], p[1]); g.lineTo(q[0], q[1]); g.stroke(); };
     const X = wide / 2, Y = high / 2, corners = [[-X, -Y], [X, -Y], [X, Y], [-X, Y]];

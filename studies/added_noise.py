@@ -19,7 +19,7 @@ from nlos.recon.metrics import correlation
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.weights.files import place_of
 
-SCENES = ("otoole_s_u", "otoole_resolution_40cm", "statue_full")
+SCENES = {"otoole_s_u": "S and U", "otoole_resolution_40cm": "chart", "statue_full": "statue"}
 METHODS = ("lct", "fk", "phasor", "lfe", "nano", "faithful")
 AMPLITUDES = (0.0, 10.0, 30.0, 100.0)
 WHITE = 255.0
@@ -62,7 +62,7 @@ def main(data: Path, picture: Path) -> None:
     for line, (scene, amplitude) in zip(grid, rows, strict=True):
         transient, falloff = behind_direct_light(data / f"{scene}.h5")
         noisy = with_noise(transient, amplitude) if amplitude else transient
-        line[0].set_ylabel(f"{scene[:12]}\na = {amplitude:g}", fontsize=6)
+        line[0].set_ylabel(f"{SCENES[scene]}\na = {amplitude:g}", fontsize=6)
         kept = []
         for axes, method in zip(line, methods, strict=True):
             seen = front_view(noisy, method, falloff)

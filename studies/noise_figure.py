@@ -106,7 +106,11 @@ def measure(path: Path, count: int = SCANS, weights: str | None = None) -> dict[
     axes.plot(outside.true, outside.estimated, "x", label="photons, beyond the training range")
     ends = [-2.5, 0.5]
     axes.plot(ends, ends, "k", lw=0.8)
-    axes.set(xlabel="true noise level, log10", ylabel="estimated", title="Noise level estimation, held-out kinds")
+    axes.set(
+        xlabel="true noise per bin over the mean peak, log10",
+        ylabel="estimated, log10 of the same",
+        title="Held-out kinds",
+    )
     axes.legend()
     path.parent.mkdir(parents=True, exist_ok=True)
     drawing.savefig(path, dpi=80)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import nlos
 
-SCENES = {"otoole_s_u": "letters", "otoole_resolution_40cm": "chart", "statue_full": "statue"}
+SCENES = {"otoole_s_u": "S and U", "otoole_resolution_40cm": "chart", "statue_full": "statue"}
 SIDE = 16
 
 

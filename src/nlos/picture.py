@@ -22,7 +22,7 @@ Floats = npt.NDArray[np.float64]
 class Picture:
     """Front view and depth map of what is behind the corner, and the volume where the method has one.
 
-    Row 0 is the top (y+), column 0 the left (x-), seen from the wall.
+    Row 0 is the top (y+), column 0 the left (x-), looking towards the wall.
     """
 
     def __init__(self, reconstruction: Reconstruction) -> None:

@@ -16,7 +16,7 @@ Floats = npt.NDArray[np.float64]
 class Scan:
     """A scan before calibration: what was counted at which point of the wall, for how long.
 
-    Row 0 is the top (y+), column 0 the left (x-), seen from the wall. `nlos.reconstruct(scan)` calibrates it.
+    Row 0 is the top (y+), column 0 the left (x-), looking towards the wall. `nlos.reconstruct(scan)` calibrates it.
     """
 
     def __init__(self, loaded: LoadedScan, source: str) -> None:

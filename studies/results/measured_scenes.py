@@ -84,6 +84,7 @@ def draw(found: dict[str, Kept], path: Path) -> None:
 def measured_scenes(data: Path, methods: Sequence[str], pictures: Path) -> str:
     """Draws every scene into `pictures`; returns the Markdown that shows them."""
     lines = [
+        "Front views, each over its own 99.9th percentile. "
         "Light of retroreflective scenes is told to every method that can use it. Fewer points are a regular subset of "
         "the scan's own; fewer photons are its own, thinned. Numbers: correlation with the method's own full scan. "
         "That says how little a picture changes, not how right it is: a method that always blurs has a high one. "

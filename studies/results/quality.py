@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.recon.evaluate import Evaluation, Row, Scene, as_json, evaluate, find_scenes
-from nlos.recon.evaluation_report import gallery
+from nlos.recon.evaluation_report import depth_span_m, gallery
 from nlos.recon.metrics import image_scores
 from nlos.recon.volume import Reconstruction
 from studies.results.kept import BASE, WEIGHTS_OF, kept, of_files, of_method, weights_path
@@ -100,6 +100,17 @@ def draw_gallery(quality: Quality, methods: Sequence[str], conditions: Sequence[
         pictures[key] = Reconstruction(*quality.arrays[key], wall, row.method, row.seconds)
     path.parent.mkdir(parents=True, exist_ok=True)
     gallery(Evaluation(rows, quality.scenes, pictures), path)
+
+
+def gallery_caption(scenes: Sequence[Scene]) -> str:
+    """What `draw_gallery` shows, by which colours."""
+    spans = ", ".join("{} {:.2f} to {:.2f} m".format(scene.name, *depth_span_m(scene)) for scene in scenes)
+    return (
+        "counts_p5 (5 counts in a point's brightest bin on average), front view and depth by each method. Front views: "
+        "each over its own 99.9th percentile. Depths: metres from the wall, yellow is near, dark blue is far, grey "
+        "is where nothing is seen; the colours of a row end 5 cm before the nearest and 5 cm behind the farthest "
+        f"true point of its scene: {spans}."
+    )
 
 
 def _quiet(_: str) -> None:

@@ -119,7 +119,7 @@ def _label(result: "Reconstruction") -> str:
 def _hero(result: "Reconstruction") -> str:
     from nlos.recon.pictures import summary_figure
 
-    drawn = picture(summary_figure(result), f"{result.method.upper()}: front view and depth, seen from the wall")
+    drawn = picture(summary_figure(result), f"{result.method.upper()}: front view and depth, looking towards the wall")
     return f'<div class="hero">{drawn}</div>'
 
 
