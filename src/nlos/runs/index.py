@@ -1,8 +1,8 @@
 """The index of a folder of recordings: SQLite beside no data, made from the files alone and never believed over them.
 
 It lies in the state folder, one file a data folder; deleting it loses nothing. Files are told apart by size, time and
-inode: those that have changed are read again, by a child, and those that are gone are dropped. An index
-that is damaged is made anew.
+inode: those that have changed are read again, by a child, and those that are gone are dropped. A damaged index is made
+anew.
 """
 
 import hashlib
