@@ -6,6 +6,7 @@ widths, light and dark. Look at each picture before it is kept.
 
 import contextlib
 import io
+import itertools
 import shutil
 import signal
 import subprocess
@@ -14,10 +15,12 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
@@ -35,7 +38,7 @@ pattern: {kind: coarse_to_fine, batch: 64}
 dwell_ms: 8
 histogram: {bins: 1024, bin_width_ps: 16, offset_ns: 10}
 """
-ALARM = "blank: no photons for 2 s where there were 84 thousand a second: is the laser on? "
+DARK_SAMPLES = 1  # 8 ms without a photon where hundreds are expected are enough for the alarm
 
 
 class Bench:
@@ -48,15 +51,29 @@ class Bench:
         self.count, self._now_s = 0, 0.0
         self.says("shutter", "opened")
 
-    def takes(self, part: float, slower: float = 1.0) -> None:
-        """Samples up to this part of the points, at their own pace or so many times slower."""
+    def takes(self, part: float) -> None:
+        """Samples up to this part of the points, at their own pace."""
         began_s, before_s = time.monotonic(), self._now_s
         while self.count < part * self._total:
             sample = next(self._samples)
             self._writer.write(sample)
             self.count, self._now_s = self.count + 1, sample.taken_s
-            time.sleep(max(0.0, began_s + slower * (self._now_s - before_s) - time.monotonic()))
+            time.sleep(max(0.0, began_s + self._now_s - before_s - time.monotonic()))
         self._writer.flush()
+
+    def goes_dark(self) -> None:
+        """Samples without a photon, until the alarm that a scan raises of them has paused it."""
+        expected = 0.0
+        for sample in itertools.islice(self._samples, DARK_SAMPLES):
+            counted = sample.histogram
+            expected += counted.total_count
+            dark = replace(counted, counts=np.zeros_like(counted.counts), total_count=0)
+            self._writer.write(replace(sample, histogram=dark))
+            self.count, self._now_s = self.count + 1, sample.taken_s
+        trouble = f"no photon where {expected:.0f} were expected"
+        self.says("alarm", f"blank: {trouble}. The light is off and the scan is paused.")
+        self.says("shutter", "closed: alarm: blank")
+        self.says("scan", f"paused: alarm: {trouble}")
 
     def says(self, kind: str, text: str) -> None:
         self._writer.log(kind, text, self._now_s)
@@ -78,8 +95,14 @@ def main(folder: Path) -> None:
         with Recording.open(there / "run.h5") as recording:
             with viewer(there / "scan.h5") as (_, url):
                 watched(recording, there / "scan.h5", pages(browser, url), folder)
-            with viewer(there / "killed.h5") as (process, url):
-                bench, shown = Bench(recording, there / "killed.h5"), pages(browser, url)
+            with viewer(there / "dark.h5") as (_, url):
+                bench, shown = Bench(recording, there / "dark.h5"), pages(browser, url)
+                bench.takes(0.5)
+                bench.goes_dark()
+                seen(shown, bench.count)
+                taken(shown, folder, "alarm")
+            with viewer(there / "lamp.h5") as (process, url):
+                bench, shown = Bench(recording, there / "lamp.h5"), pages(browser, url)
                 bench.takes(0.3)
                 seen(shown, 1)
                 process.kill()
@@ -91,27 +114,19 @@ def main(folder: Path) -> None:
 def watched(recording: Recording, grows: Path, shown: dict[tuple[int, str], Page], folder: Path) -> None:
     """One scan from its first points to its end."""
     bench = Bench(recording, grows)
-    bench.takes(0.03)
-    going_on = threading.Thread(target=bench.takes, args=(0.09, 6.0))
+    bench.takes(0.02)
+    going_on = threading.Thread(target=bench.takes, args=(0.095,))
     going_on.start()
     taken(shown, folder, "before")
     going_on.join()
     bench.takes(0.11)
-    seen(shown, 1)
+    seen(shown, 2)  # NANO's: LCT's would be replaced while the widths are taken one by one
     taken(shown, folder, "tenth")
     bench.takes(0.3)
     bench.says("shutter", "closed: Ctrl-C")
     bench.says("scan", "paused: Ctrl-C")
     seen(shown, bench.count)
     taken(shown, folder, "paused")
-    bench.says("scan", "resumed")
-    bench.says("shutter", "opened")
-    bench.takes(0.5)
-    bench.says("alarm", f"{ALARM}The light is off and the scan is paused.")
-    bench.says("shutter", "closed: alarm")
-    bench.says("scan", f"paused: alarm: {ALARM.removeprefix('blank: ').strip()}")
-    seen(shown, bench.count)
-    taken(shown, folder, "alarm")
     bench.says("scan", "resumed")
     bench.says("shutter", "opened")
     bench.takes(1.0)
@@ -167,10 +182,11 @@ def seen(shown: dict[tuple[int, str], Page], samples: int) -> None:
 
 
 def taken(shown: dict[tuple[int, str], Page], folder: Path, state: str) -> None:
-    """Screenshots of what every page shows now."""
+    """Screenshots of what every page shows now; written once all are taken, as that takes longer than they do."""
     time.sleep(1)
-    for (width, scheme), page in shown.items():
-        with Image.open(io.BytesIO(page.screenshot(full_page=width < 900))) as image:
+    made = {which: page.screenshot(full_page=which[0] < 900) for which, page in shown.items()}
+    for (width, scheme), picture in made.items():
+        with Image.open(io.BytesIO(picture)) as image:
             image.convert("RGB").save(folder / f"{state}-{width}-{scheme}.webp", lossless=True, quality=100, method=6)
 
 
