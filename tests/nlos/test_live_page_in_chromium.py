@@ -340,8 +340,8 @@ def test_a_page_that_was_hidden_goes_on_where_somebody_looks_again(viewer: str, 
     asked.clear()
     page.wait_for_timeout(2_000)
     assert asked == []
-    page.evaluate("() => { window.unseen = false; document.dispatchEvent(new Event('visibilitychange')); }")
-    page.wait_for_timeout(300)
+    with page.expect_request(lambda request: request.url.endswith("/state")):
+        page.evaluate("() => { window.unseen = false; document.dispatchEvent(new Event('visibilitychange')); }")
     assert len([url for url in asked if url.endswith("/state")]) == 1
     assert complaints == []
     page.close()
