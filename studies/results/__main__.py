@@ -137,6 +137,7 @@ def page(data: Path, docs: Path) -> str:
             f"R² = {levels.figures['r_squared']:.4f} on {noise_figure.SCANS} scans of held-out kinds inside the "
             "training range.\n\n"
             "![noise level](results/noise_level.png)\n",
+            "Both axes: log10 of the standard deviation of a bin's counts over the signal's mean peak.\n",
             table(
                 ["peak counts, beyond the training range", "true level, log10", "estimated"],
                 [[peak, f"{a:.2f}", f"{b:.2f}"] for peak, (a, b) in levels.figures["beyond"].items()],
