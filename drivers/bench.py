@@ -11,15 +11,15 @@ from nlos.drivers.device_model import WireLog
 from nlos.drivers.errors import BenchClosed, DeviceError
 from nlos.drivers.events import EventLog, OnEvent
 from nlos.drivers.exit_paths import ExitPaths
+from nlos.drivers.galvo.known_mirrors import MIRRORS, open_mirror
 from nlos.drivers.galvo.mirror import GalvoMirror, MirrorAngles
-from nlos.drivers.galvo.models import MIRRORS, open_mirror
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.safety import GuardedShutter
 from nlos.drivers.shutter import LaserShutter, NoShutter
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.recorded import RecordedScan
 from nlos.drivers.tcspc.counter import HistogramCounter
-from nlos.drivers.tcspc.models import COUNTERS, open_counter
+from nlos.drivers.tcspc.known_counters import COUNTERS, open_counter
 from nlos.drivers.trip_latch import TripLatch
 
 __all__ = ["Bench", "BenchSettings", "WireLog", "open_bench"]

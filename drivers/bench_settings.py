@@ -9,12 +9,12 @@ from nlos.drivers.alignment_settings import AlignmentSettings
 from nlos.drivers.arm_settings import ArmSettings
 from nlos.drivers.errors import LimitError
 from nlos.drivers.first_light_settings import FirstLightSettings
-from nlos.drivers.galvo.models import MIRRORS, MirrorSettings
+from nlos.drivers.galvo.known_mirrors import MIRRORS, MirrorSettings
 from nlos.drivers.run_defaults import RunDefaults
 from nlos.drivers.safety_settings import SafetySettings
 from nlos.drivers.simulated.fault_catalogue import names
 from nlos.drivers.simulated.simulation_settings import SimulationSettings
-from nlos.drivers.tcspc.models import COUNTERS, CounterSettings
+from nlos.drivers.tcspc.known_counters import COUNTERS, CounterSettings
 
 if TYPE_CHECKING:
     ShutterWord = str

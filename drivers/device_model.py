@@ -29,8 +29,9 @@ class ShutterOutput:
 
 @dataclass(frozen=True)
 class DeviceModel(Generic[Device]):
-    """A model is found by the registry (`drivers/galvo/models.py`, `drivers/tcspc/models.py`) or, in a package of its
-    own, by an entry point in the group `nlos.mirrors` or `nlos.counters` that names an object of this class."""
+    """A model is found by the registry (`drivers/galvo/known_mirrors.py`, `drivers/tcspc/known_counters.py`) or, in a
+    package of its own, by an entry point in the group `nlos.mirrors` or `nlos.counters` that names an object of this
+    class."""
 
     settings: type[DeviceSettings]
     """Its block in a bench file; what `model` says there is the word by which it is known."""

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.planning.plan import ScanPlan
-from nlos.acquisition.recording.checked import open_checked
+from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer_lock import is_locked
 from nlos.acquisition.sample import Sample

@@ -1,4 +1,4 @@
-"""What a crash left: verified, recovered into a new file, or resumed."""
+"""What a crash left: recovered into a new file, or resumed."""
 
 import json
 from collections.abc import Mapping
@@ -6,17 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.importers.isolated import ReaderDied
 from nlos.acquisition.planning.plan import ScanPlan
-from nlos.acquisition.recording.checked import check_recording, open_checked
-from nlos.acquisition.recording.condition import Condition, listed
+from nlos.acquisition.recording.condition import listed
 from nlos.acquisition.recording.empty_file import clear, keep_as, put_in_place
-from nlos.acquisition.recording.frames import frame_table
 from nlos.acquisition.recording.layout import Status
 from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.read_by_child import check_recording, open_checked
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.rescue import copied
 from nlos.acquisition.recording.writer import RecordingWriter
@@ -29,53 +26,6 @@ _SHOWN = 60
 
 class ResumeRefused(InvalidData):
     """The recording was made with another plan, other constants or other devices, or it is another run's."""
-
-
-@dataclass(frozen=True)
-class Verification:
-    """What `verify` found: in which condition the rows are, and plan numbers stored twice or not at all."""
-
-    status: Status
-    planned: int
-    rows: Condition
-    repeated: tuple[int, ...]
-    missing: tuple[int, ...]
-    frames: int = 1
-    complete_frames: int = 0
-
-    @property
-    def written(self) -> int:
-        """Samples that were acknowledged or are intact."""
-        return self.rows.samples
-
-    @property
-    def corrupt(self) -> tuple[int, ...]:
-        """Rows that are known not to be what was measured."""
-        return self.rows.damaged
-
-    @property
-    def intact(self) -> bool:
-        """Whether every sample that was taken is what was measured."""
-        return not self.rows.left_aside and not self.repeated
-
-    @property
-    def complete(self) -> bool:
-        """Whether every planned sample is there, and what was measured."""
-        return self.intact and not self.missing
-
-
-def verify(path: Path) -> Verification:
-    """Checks every sample's CRC. Raises `InvalidData` where `path` is no scan file, `StorageError` where the disk does
-    not say."""
-    with Recording.open(path) as recording:
-        missing = tuple(recording.missing())
-        condition = recording.condition()
-        aside = [*condition.damaged, *condition.unread, *condition.unacknowledged]
-        numbers, times = np.unique(np.delete(recording.records["number"], aside), return_counts=True)
-        repeated = tuple(numbers[times > 1].tolist())
-        frames, table = recording.plan.frames, frame_table(recording.plan, recording.intact_records())
-        planned = len(recording.plan)
-        return Verification(recording.status, planned, condition, repeated, missing, frames, table.complete)
 
 
 def recover(path: Path, target: Path, *, overwrite: bool = False) -> int:

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from nlos.drivers.device_model import DeviceModel
-from nlos.drivers.galvo.models import MIRRORS
+from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.simulated.fault_row import FaultRow
 from nlos.drivers.simulated.serial.faults import FAULTS as SERIAL
-from nlos.drivers.tcspc.models import COUNTERS
+from nlos.drivers.tcspc.known_counters import COUNTERS
 
 
 def tables() -> dict[str, Sequence[FaultRow]]:

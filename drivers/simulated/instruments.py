@@ -11,7 +11,7 @@ from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.clock import VirtualClock
 from nlos.drivers.device_model import DeviceModel
 from nlos.drivers.device_settings import DeviceSettings
-from nlos.drivers.galvo.models import MIRRORS
+from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.simulated.beam import BeamPath, Misalignment
 from nlos.drivers.simulated.bench import Light, SimulatedBench
 from nlos.drivers.simulated.faults import FaultPlan
@@ -21,7 +21,7 @@ from nlos.drivers.simulated.serial.port import plug, unplug
 from nlos.drivers.simulated.table import SimulatedTable
 from nlos.drivers.simulated.usb.backend import SimulatedUsb
 from nlos.drivers.simulated.usb.pipes import SimulatedPipes
-from nlos.drivers.tcspc.models import COUNTERS
+from nlos.drivers.tcspc.known_counters import COUNTERS
 
 
 @dataclass(frozen=True)

@@ -63,12 +63,12 @@ def find(name: str) -> Method:
             f"there is no method '{name}'; " + (f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}")
         )
     if name in PLAIN and not torch_is_installed():
-        return cast(Method, importlib.import_module(f"nlos.recon.plain.{name}"))
+        return cast(Method, importlib.import_module(f"nlos.recon.without_torch.{name}"))
     return cast(Method, importlib.import_module(f"{__name__}.{name}"))
 
 
 def torch_is_installed() -> bool:
-    """Without it, the methods in `recon/plain` reconstruct all the same."""
+    """Without it, the methods in `recon/without_torch` reconstruct all the same."""
     return find_spec("torch") is not None
 
 

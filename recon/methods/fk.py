@@ -6,11 +6,11 @@ from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.physics import prepare
-from nlos.recon.plain.fk import Settings
 from nlos.recon.transport.conventions import depths_m
 from nlos.recon.transport.falloff import Falloff
 from nlos.recon.transport.fk_migration import FkMigration
 from nlos.recon.volume_method import VolumeMethod
+from nlos.recon.without_torch.fk import Settings
 
 
 class Migration(VolumeMethod):

@@ -6,8 +6,8 @@ from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.light_cone_method import LightConeMethod
-from nlos.recon.plain.lct import Settings
 from nlos.recon.transport.light_cone import Snr
+from nlos.recon.without_torch.lct import Settings
 
 
 class LightConeTransform(LightConeMethod):

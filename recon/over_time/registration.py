@@ -9,7 +9,7 @@ from scipy.fft import irfftn, rfftn
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.over_time.moments import Moments
-from nlos.recon.plain.lct import PlainLightConeTransform, Settings
+from nlos.recon.without_torch.lct import PlainLightConeTransform, Settings
 
 Floats = npt.NDArray[np.float64]
 ACROSS = 32

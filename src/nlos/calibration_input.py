@@ -15,7 +15,7 @@ from nlos.acquisition.importers.isolated import read_isolated
 from nlos.acquisition.importers.magic import is_recording
 from nlos.acquisition.importers.to_recording import said_by_source
 from nlos.acquisition.planning.aim import Aim
-from nlos.acquisition.recording.checked import open_checked
+from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.calibration.bench_facts import Facts, changes, facts_of
 from nlos.calibration.constants import geometry_of
 from nlos.calibration.errors import ForeignConstants, InvalidData, ShutterClosed

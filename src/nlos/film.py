@@ -17,8 +17,8 @@ from matplotlib import colormaps
 from PIL import Image, ImageDraw
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.recording.checked import open_checked
 from nlos.acquisition.recording.frames import frame_table
+from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.chain import arrivals_of, calibrate_scan, constants_for
 from nlos.film_memory import FilmMemory
 from nlos.loaded import loaded_frames

@@ -16,8 +16,8 @@ from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.isolated import read_isolated
 from nlos.acquisition.importers.magic import is_recording
 from nlos.acquisition.importers.to_recording import said_by_source
-from nlos.acquisition.recording.checked import open_checked
 from nlos.acquisition.recording.frames import rows_of
+from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.response import Response, from_json
 from nlos.acquisition.transient import Transient

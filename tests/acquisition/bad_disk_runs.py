@@ -14,8 +14,8 @@ import nlos.cli.scan
 import nlos.cli.verify
 import nlos.series.sweep
 from nlos.__main__ import run
-from nlos.acquisition.network.served_copy import copy_served
-from nlos.acquisition.network.ticket import Ticket
+from nlos.acquisition.served.served_copy import copy_served
+from nlos.acquisition.served.ticket import Ticket
 
 SHIM = ctypes.CDLL(None)
 DEADLINE_S = 120.0

@@ -55,7 +55,7 @@ def one_child_reads(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     empty.touch()
     with one_reader() as reader:
         with contextlib.suppress(InvalidData):
-            reader.check(empty, "nlos.acquisition.recording.checked:read_through")
+            reader.check(empty, "nlos.acquisition.recording.read_by_child:read_through")
         yield
 
 

@@ -15,7 +15,7 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording.recording import Recording
-from nlos.acquisition.recording.salvage import verify
+from nlos.acquisition.recording.verification import verify
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings
 from nlos.drivers.errors import DeviceError

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from nlos.acquisition.network.server import SampleServer
+from nlos.acquisition.served.server import SampleServer
 
 
 @contextmanager

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from nlos.acquisition.network.server import SampleServer
 from nlos.acquisition.recording.recording import Recording, Status
-from nlos.acquisition.recording.salvage import verify
+from nlos.acquisition.recording.verification import verify
+from nlos.acquisition.served.server import SampleServer
 from tests.acquisition.bad_disk_server import Run, bad_disks
 from tests.acquisition.witnessed_bench import BENCHES, bench_file, is_parked, witnessed
 

@@ -19,7 +19,8 @@ from nlos.acquisition.planning.schemes import Scheme, forecast
 from nlos.acquisition.recording.frames import frame_table
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
-from nlos.acquisition.recording.salvage import resume, verify
+from nlos.acquisition.recording.salvage import resume
+from nlos.acquisition.recording.verification import verify
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.engine import record, scan
 from nlos.acquisition.scanning.gathering import Gathering

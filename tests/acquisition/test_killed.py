@@ -18,7 +18,7 @@ from nlos.acquisition.errors import StorageError
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
-from nlos.acquisition.recording.salvage import verify
+from nlos.acquisition.recording.verification import verify
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.sample import Sample
 from nlos.acquisition.scanning.engine import record, scan

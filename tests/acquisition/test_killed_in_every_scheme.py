@@ -16,7 +16,7 @@ from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.preflight import aim_of, checked_angles
 from nlos.acquisition.planning.schemes import Scheme, choose
 from nlos.acquisition.recording.recording import Status
-from nlos.acquisition.recording.salvage import verify
+from nlos.acquisition.recording.verification import verify
 from nlos.drivers.bench import BenchSettings, open_bench
 from tests.acquisition.killed_scans import FORK, facts, go_on
 

@@ -20,7 +20,8 @@ from nlos.acquisition.recording.frames import frame_table, rows_of
 from nlos.acquisition.recording.layout import Status
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
-from nlos.acquisition.recording.salvage import resume, verify
+from nlos.acquisition.recording.salvage import resume
+from nlos.acquisition.recording.verification import verify
 from nlos.acquisition.scanning.engine import record, scan
 from nlos.drivers.bench import BenchSettings, open_bench
 from tests.acquisition.killed_scans import Acknowledging

@@ -16,17 +16,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.network.address import listening_address
-from nlos.acquisition.network.messages import decode_block, decode_plan, decode_request
-from nlos.acquisition.network.served_copy import copy_served
-from nlos.acquisition.network.server import AddressTaken, SampleServer
-from nlos.acquisition.network.ticket import Ticket, new_keys
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.positions import pixels
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.sample import Sample
+from nlos.acquisition.served.address import listening_address
+from nlos.acquisition.served.messages import decode_block, decode_plan, decode_request
+from nlos.acquisition.served.served_copy import copy_served
+from nlos.acquisition.served.server import AddressTaken, SampleServer
+from nlos.acquisition.served.ticket import Ticket, new_keys
 from nlos.acquisition.wall import WallGrid
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
 from tests.acquisition.serving import serving

@@ -13,19 +13,20 @@ import h5py
 import numpy as np
 import pytest
 
-from nlos.acquisition.network.served_copy import copy_served
-from nlos.acquisition.network.server import SampleServer
-from nlos.acquisition.network.ticket import Ticket
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.follow import follow
 from nlos.acquisition.recording.layout import EVENT, EVENT_ROWS, RECORD, STATUS, sample_crc
 from nlos.acquisition.recording.open_file import open_scan_file
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
-from nlos.acquisition.recording.salvage import ResumeRefused, recover, resume, settle, verify
+from nlos.acquisition.recording.salvage import ResumeRefused, recover, resume, settle
+from nlos.acquisition.recording.verification import verify
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.recording.writer_lock import WriterLock, is_locked
 from nlos.acquisition.sample import Sample
+from nlos.acquisition.served.served_copy import copy_served
+from nlos.acquisition.served.server import SampleServer
+from nlos.acquisition.served.ticket import Ticket
 from nlos.drivers.clock import VirtualClock
 from nlos.drivers.tcspc.counter import Histogram, HistogramFlag
 

@@ -14,20 +14,21 @@ import numpy as np
 import pytest
 
 from nlos.acquisition.errors import InvalidData, StorageError
-from nlos.acquisition.network import server as server_module
-from nlos.acquisition.network.far_copy import FarCopy
-from nlos.acquisition.network.messages import decode_plan, encode_plan
-from nlos.acquisition.network.served_copy import copy_served
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.planning.schemes import Scheme
 from nlos.acquisition.recording.follow import follow
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
-from nlos.acquisition.recording.salvage import resume, verify
+from nlos.acquisition.recording.salvage import resume
+from nlos.acquisition.recording.verification import verify
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.engine import record, scan
 from nlos.acquisition.scanning.lag import Lag
+from nlos.acquisition.served import server as server_module
+from nlos.acquisition.served.far_copy import FarCopy
+from nlos.acquisition.served.messages import decode_plan, encode_plan
+from nlos.acquisition.served.served_copy import copy_served
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.tcspc.counter import StopAtCounts

@@ -5,11 +5,11 @@ from pathlib import Path
 
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings
-from nlos.drivers.galvo.models import MIRRORS
+from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.instruments import light_of
 from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
-from nlos.drivers.tcspc.models import COUNTERS
+from nlos.drivers.tcspc.known_counters import COUNTERS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "instruments.md").read_text("utf-8")
 

@@ -130,8 +130,8 @@ def test_without_the_package_its_word_is_unknown(lab: Path) -> None:
 
 def test_no_room_but_drivers_decides_by_the_name_of_a_model() -> None:
     """The words of our own models are in the driver's own folders and nowhere in code that decides anything."""
-    from nlos.drivers.galvo.models import MIRRORS
-    from nlos.drivers.tcspc.models import COUNTERS
+    from nlos.drivers.galvo.known_mirrors import MIRRORS
+    from nlos.drivers.tcspc.known_counters import COUNTERS
 
     top = HERE.parents[1]
     words = {

@@ -13,7 +13,7 @@ import pytest
 
 from nlos.acquisition.recording.open_file import open_scan_file
 from nlos.acquisition.recording.recording import Recording
-from nlos.acquisition.recording.salvage import verify
+from nlos.acquisition.recording.verification import verify
 from tests.scan_texts import EIGHT_BY_EIGHT, recorded
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]

@@ -8,7 +8,7 @@ import pytest
 
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording.provenance import Header
-from nlos.acquisition.recording.salvage import verify
+from nlos.acquisition.recording.verification import verify
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.engine import record, scan
 from nlos.chain import reconstruct_file

@@ -12,8 +12,8 @@ from PIL import Image
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.planning.scan_settings import ScanSettings
-from nlos.acquisition.recording.checked import open_checked
 from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.engine import record, scan
 from nlos.chain import reconstruct_file

@@ -22,7 +22,7 @@ from nlos.__main__ import report
 from nlos.acquisition.importers.magic import is_recording
 from nlos.acquisition.recording import salvage
 from nlos.acquisition.recording.recording import Recording
-from nlos.acquisition.recording.salvage import verify
+from nlos.acquisition.recording.verification import verify
 from nlos.acquisition.recording.writer import RecordingWriter
 from tests.recon.test_evaluate import make_scene
 

@@ -17,8 +17,8 @@ from nlos.cli.new import new
 from nlos.configs.load import ConfigError, load, names, parse
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.errors import LimitError
-from nlos.drivers.galvo.models import MIRRORS
-from nlos.drivers.tcspc.models import COUNTERS
+from nlos.drivers.galvo.known_mirrors import MIRRORS
+from nlos.drivers.tcspc.known_counters import COUNTERS
 from nlos.new_bench.asking import answers
 from nlos.new_bench.detection import Detected, devices_of
 from nlos.new_bench.questions import questions

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from nlos.acquisition.recording.recording import Status
-from nlos.acquisition.recording.salvage import verify
+from nlos.acquisition.recording.verification import verify
 
 SOAK = os.environ.get("NLOS_SOAK") == "1"
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]

@@ -13,7 +13,7 @@ import pytest
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.recording.recording import Recording, Status
-from nlos.acquisition.recording.salvage import verify
+from nlos.acquisition.recording.verification import verify
 from tests.acquisition.witnessed_bench import BENCHES as ALL
 from tests.acquisition.witnessed_bench import bench_file, is_parked, witnessed
 

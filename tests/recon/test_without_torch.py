@@ -46,7 +46,7 @@ def test_numpy_gives_what_torch_gives(name: str, settings: dict[str, object], ki
         expected = method.build(chosen, WALL, TIME)(
             torch.from_numpy(counts)[None, None], torch.from_numpy(exposure_s)[None]
         )
-    plain = import_module(f"nlos.recon.plain.{name}").build(chosen, WALL, TIME)
+    plain = import_module(f"nlos.recon.without_torch.{name}").build(chosen, WALL, TIME)
     found = plain(counts, exposure_s)
     np.testing.assert_array_equal(plain.depths_m, find(name).build(chosen, WALL, TIME).depths_m)
     for ours, theirs in ((found.volume, expected.volume[0].numpy()), (found.albedo, expected.albedo[0].numpy())):
@@ -63,7 +63,9 @@ def test_numpy_undoes_a_response_as_torch_does(name: str, kind: str) -> None:
         expected = method.build(method.Settings(), WALL, TIME)(
             torch.from_numpy(counts)[None, None], torch.from_numpy(exposure_s)[None], torch.from_numpy(taps)[None]
         )
-    found = import_module(f"nlos.recon.plain.{name}").build(method.Settings(), WALL, TIME)(counts, exposure_s, taps)
+    found = import_module(f"nlos.recon.without_torch.{name}").build(method.Settings(), WALL, TIME)(
+        counts, exposure_s, taps
+    )
     theirs = expected.albedo[0].numpy()
     assert np.abs(found.albedo - theirs).max() <= 1e-5 * theirs.max()
 

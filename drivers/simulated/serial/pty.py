@@ -14,7 +14,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from nlos.drivers.galvo.models import MIRRORS
+from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.simulated.bench import Exposure, SimulatedBench
 from nlos.drivers.simulated.serial.cable import SerialCable, SerialFirmware
 from nlos.drivers.simulated.simulation_settings import SimulationSettings

@@ -11,7 +11,7 @@ import numpy as np
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.planning.preflight import aim_of
-from nlos.acquisition.recording.checked import open_checked
+from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.bench_constants import aiming_constants
 from nlos.cli.agreeing import agrees
 from nlos.cli.exit_codes import UsageError

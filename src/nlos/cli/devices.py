@@ -9,10 +9,10 @@ from nlos.cli.named_files import BenchWord
 from nlos.cli.terminal import terminal
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.errors import DeviceError
-from nlos.drivers.galvo.models import MIRRORS
+from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.link.serial_line import available_ports
 from nlos.drivers.link.usbtmc import UsbInfo, available_instruments
-from nlos.drivers.tcspc.models import COUNTERS
+from nlos.drivers.tcspc.known_counters import COUNTERS
 
 
 @dataclass(frozen=True)

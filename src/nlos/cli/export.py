@@ -14,7 +14,7 @@ from nlos.acquisition.exporters.scan_arrays import arrays_of_import, arrays_of_r
 from nlos.acquisition.exporters.ytal import write_ytal
 from nlos.acquisition.importers.isolated import check_isolated, read_isolated
 from nlos.acquisition.importers.magic import is_recording
-from nlos.acquisition.recording.checked import open_checked
+from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.cli.contradictions import refuse_without
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.film import frames_counted

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nlos.acquisition.recording.checked import open_checked
+from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
 

@@ -11,8 +11,8 @@ import typer
 from nlos.acquisition.importers.isolated import NoScan, read_isolated
 from nlos.acquisition.importers.magic import HDF5_MAGIC, is_recording, magic_of
 from nlos.acquisition.importers.to_recording import said_by_source
-from nlos.acquisition.recording.checked import open_checked
 from nlos.acquisition.recording.frames import frame_table
+from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.cli.info_of_products import of_product
 from nlos.cli.terminal import terminal
 

@@ -21,7 +21,7 @@ from nlos.acquisition.planning.preflight import (
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.planning.schemes import Choice, Scheme, choose
 from nlos.acquisition.planning.timing import Links, Pace, learned_links, links_of, moves_s
-from nlos.acquisition.recording.checked import open_checked
+from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.acquisition.response import Response as InstrumentResponse
 from nlos.acquisition.response import gaussian
 from nlos.acquisition.scanning.light_watch import SHUT_WITHIN_S

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from nlos.acquisition.recording.checked import check_recording
+from nlos.acquisition.recording.read_by_child import check_recording
 from nlos.acquisition.recording.salvage import recover as recover_recording
 from nlos.cli.terminal import terminal
 

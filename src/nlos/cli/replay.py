@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from nlos.acquisition.recording.checked import open_checked
+from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.acquisition.recording.recording import Status
 from nlos.acquisition.recording.replay import replay as play
 from nlos.acquisition.recording.writer import RecordingWriter

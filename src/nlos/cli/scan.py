@@ -9,7 +9,7 @@ import typer
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.planning.scan_settings import ScanSettings
-from nlos.acquisition.recording.checked import open_checked
+from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.cli.benches import load_bench
 from nlos.cli.contradictions import refuse_together, refuse_without
 from nlos.cli.exit_codes import UsageError

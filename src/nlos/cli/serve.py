@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from nlos.acquisition.network.address import listening_address
-from nlos.acquisition.recording.checked import open_checked
+from nlos.acquisition.recording.read_by_child import open_checked
+from nlos.acquisition.served.address import listening_address
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
-    from nlos.acquisition.network.server import SampleServer
+    from nlos.acquisition.served.server import SampleServer
 
 
 def serve(
@@ -27,7 +27,7 @@ def serve(
     ] = 60.0,
 ) -> None:
     """Writes RUN.ticket; `nlos reconstruct RUN.ticket --follow` on the other machine does the rest. Ctrl-C ends it."""
-    from nlos.acquisition.network.server import AddressTaken, SampleServer  # needs the extra `live`
+    from nlos.acquisition.served.server import AddressTaken, SampleServer  # needs the extra `live`
 
     try:
         address = listening_address(host)

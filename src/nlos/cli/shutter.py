@@ -8,7 +8,7 @@ from nlos.cli.benches import load_bench, wire_logged
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.named_files import BenchWord
 from nlos.cli.terminal import terminal
-from nlos.drivers.dark import make_dark
+from nlos.drivers.light_out import make_dark
 
 
 def shutter(

@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
-from nlos.acquisition.recording.checked import check_recording
 from nlos.acquisition.recording.condition import listed
-from nlos.acquisition.recording.salvage import verify as verify_recording
+from nlos.acquisition.recording.read_by_child import check_recording
+from nlos.acquisition.recording.verification import verify as verify_recording
 from nlos.cli.exit_codes import ExitCode, Stopped
 from nlos.cli.terminal import terminal
 

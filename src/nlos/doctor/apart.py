@@ -9,10 +9,10 @@ from nlos.doctor.instruments import counter_lines, dark_line, mirror_lines
 from nlos.doctor.silence import device_of, why_silent
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.clock import Clock, SystemClock
-from nlos.drivers.dark import make_dark
 from nlos.drivers.errors import DeviceError
-from nlos.drivers.galvo.models import open_mirror
-from nlos.drivers.tcspc.models import open_counter
+from nlos.drivers.galvo.known_mirrors import open_mirror
+from nlos.drivers.light_out import make_dark
+from nlos.drivers.tcspc.known_counters import open_counter
 
 
 def role_of(settings: BenchSettings, error: DeviceError) -> str:

@@ -6,7 +6,7 @@ from nlos.cli.agreeing import answer, somebody_is_there
 from nlos.cli.terminal import terminal
 from nlos.doctor.gates import axis_of, gates
 from nlos.drivers.bench import Bench
-from nlos.drivers.galvo.models import MIRRORS
+from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.faults import Fault
 

@@ -37,7 +37,7 @@ def follow_to_folder(
     results.check()
     folder = results.path
     if run.suffix == ".ticket":
-        from nlos.acquisition.network.ticket import Ticket  # needs the extra `live`
+        from nlos.acquisition.served.ticket import Ticket  # needs the extra `live`
 
         Ticket.load(run)
     folder.mkdir(parents=True, exist_ok=True)
@@ -105,7 +105,7 @@ def local_copy(run: Path, folder: Path) -> Iterator[Path]:
     if run.suffix != ".ticket":
         yield run
         return
-    from nlos.acquisition.network.far_copy import FarCopy  # needs the extra `live`
+    from nlos.acquisition.served.far_copy import FarCopy  # needs the extra `live`
 
     local = folder / run.with_suffix(".h5").name
     with FarCopy(run, local) as copy:

@@ -7,9 +7,9 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from nlos.drivers.device_settings import DeviceSettings
-from nlos.drivers.galvo.models import MIRRORS
+from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.link.serial_line import available_ports
-from nlos.drivers.tcspc.models import COUNTERS
+from nlos.drivers.tcspc.known_counters import COUNTERS
 
 _BY_ID = Path("/dev/serial/by-id")
 

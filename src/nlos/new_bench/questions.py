@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from math import radians, tan
 
 from nlos.drivers.device_settings import DeviceSettings
-from nlos.drivers.galvo.models import MIRRORS
+from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.tcspc.block import CounterBlock, Pulse
-from nlos.drivers.tcspc.models import COUNTERS
+from nlos.drivers.tcspc.known_counters import COUNTERS
 from nlos.new_bench.detection import Detected, devices_of
 
 Answers = Mapping[str, str]

@@ -10,9 +10,9 @@ from pydantic import BaseModel
 from nlos.configs.describe import describe
 from nlos.configs.settings import Settings
 from nlos.drivers.bench_settings import BenchSettings
-from nlos.drivers.galvo.models import MIRRORS
+from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.tcspc.block import CounterBlock, Pulse
-from nlos.drivers.tcspc.models import COUNTERS
+from nlos.drivers.tcspc.known_counters import COUNTERS
 from nlos.new_bench.questions import has_channels
 
 _COMMENT_AT, _WIDTH = 38, 120

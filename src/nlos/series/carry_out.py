@@ -6,7 +6,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 from nlos.acquisition.errors import InvalidData, StorageError
-from nlos.acquisition.recording.checked import open_checked
+from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.acquisition.recording.salvage import settle
 from nlos.acquisition.recording.writer_lock import WriterLock
 from nlos.acquisition.scanning.alarms import AlarmRaised

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
 from nlos.drivers.errors import DeviceError
+from nlos.drivers.galvo.known_mirrors import MIRRORS, MirrorSettings, open_mirror
 from nlos.drivers.galvo.mirror import GalvoMirror, MirrorAngles
-from nlos.drivers.galvo.models import MIRRORS, MirrorSettings, open_mirror
 from nlos.drivers.galvo.triggerscope.mirror import TriggerScope
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.serial.port import plug, plugged, unplug

@@ -11,8 +11,8 @@ import pytest
 from pydantic import TypeAdapter
 
 from nlos.drivers.errors import DeviceError, DeviceFault, DeviceLost, DeviceReset, DeviceTimeout, LimitError
+from nlos.drivers.galvo.known_mirrors import MIRRORS, MirrorSettings, open_mirror
 from nlos.drivers.galvo.mirror import GalvoMirror, MeasuresPosition, MirrorAngles
-from nlos.drivers.galvo.models import MIRRORS, MirrorSettings, open_mirror
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.instruments import far_end

@@ -11,8 +11,8 @@ import pytest
 
 from nlos.drivers.clock import SystemClock
 from nlos.drivers.errors import DeviceBusy, DeviceLost
+from nlos.drivers.galvo.known_mirrors import MIRRORS, open_mirror
 from nlos.drivers.galvo.mirror import MirrorAngles
-from nlos.drivers.galvo.models import MIRRORS, open_mirror
 from nlos.drivers.galvo.triggerscope.mirror import TriggerScopeSettings
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.simulation_settings import SimulationSettings

@@ -27,8 +27,8 @@ from nlos.drivers.tcspc.counter import (
     StopAtCounts,
     Trigger,
 )
-from nlos.drivers.tcspc.models import COUNTERS as REGISTRY
-from nlos.drivers.tcspc.models import CounterSettings, open_counter
+from nlos.drivers.tcspc.known_counters import COUNTERS as REGISTRY
+from nlos.drivers.tcspc.known_counters import CounterSettings, open_counter
 from nlos.drivers.tcspc.tcspc488.histogram import Tcspc488
 from nlos.drivers.tcspc.tcspc488.shutter import Tcspc488Shutter
 

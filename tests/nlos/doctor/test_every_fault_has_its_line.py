@@ -14,11 +14,11 @@ from nlos.doctor import small_scan
 from nlos.doctor.examination import Visit, examine
 from nlos.doctor.findings import Finding
 from nlos.drivers.bench import BenchSettings, open_bench
-from nlos.drivers.galvo.models import MIRRORS
+from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.simulated.fault_catalogue import tables
 from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.serial.faults import FAULTS as SERIAL
-from nlos.drivers.tcspc.models import COUNTERS
+from nlos.drivers.tcspc.known_counters import COUNTERS
 
 ROWS = {row.name: row for rows in tables().values() for row in rows}
 BUILT_IN = {name for name, row in ROWS.items() if row.parameters.startswith("built in")}

@@ -15,9 +15,9 @@ from nlos.acquisition.exporters.scan_arrays import arrays_of_import
 from nlos.acquisition.exporters.ytal import write_ytal
 from nlos.acquisition.importers.formats import read_any
 from nlos.acquisition.importers.to_recording import write_recording
-from nlos.acquisition.network.ticket import Ticket, new_keys
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.served.ticket import Ticket, new_keys
 from nlos.recon.weights.files import find_weights
 from nlos.runs.index import RunsIndex
 

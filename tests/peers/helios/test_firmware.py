@@ -13,7 +13,7 @@ from nlos.drivers.bench import open_bench
 from nlos.drivers.galvo.helios import wire
 from nlos.drivers.galvo.helios.model import HELIOS
 from nlos.drivers.galvo.helios.settings import HeliosSettings
-from nlos.drivers.galvo.models import MIRRORS
+from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.simulated.bench import Exposure, SimulatedBench
 from nlos.drivers.simulated.helios.firmware import HeliosFirmware
 from nlos.drivers.simulated.helios.outputs import Outputs

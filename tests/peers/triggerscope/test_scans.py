@@ -13,7 +13,7 @@ from nlos.acquisition.planning.schemes import Scheme
 from nlos.acquisition.scanning.engine import scan
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
-from nlos.drivers.galvo.models import MIRRORS
+from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.galvo.triggerscope.model import TRIGGERSCOPE
 from nlos.drivers.simulated.table import SimulatedTable
 from nlos.drivers.simulated.triggerscope.firmware import V4, V4B, TriggerScopeFirmware

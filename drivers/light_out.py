@@ -4,8 +4,8 @@ from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.clock import Clock, SystemClock
 from nlos.drivers.device_model import WireLog
 from nlos.drivers.errors import LimitError
-from nlos.drivers.galvo.models import open_mirror
-from nlos.drivers.tcspc.models import COUNTERS, open_counter
+from nlos.drivers.galvo.known_mirrors import open_mirror
+from nlos.drivers.tcspc.known_counters import COUNTERS, open_counter
 
 
 def make_dark(settings: BenchSettings, wire_log: WireLog | None = None) -> None:

@@ -9,11 +9,11 @@ import scipy.sparse
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.physics_settings import LightConeSettings
-from nlos.recon.plain.prepared import Cube, prepare
-from nlos.recon.plain.volume_method import PlainVolumeMethod
 from nlos.recon.transport.light_cone_filter import LightConeFilter
 from nlos.recon.transport.resampling_matrix import resampling_matrix
 from nlos.recon.transport.response_bands import BANDS, bands_of, gain_of_both
+from nlos.recon.without_torch.prepared import Cube, prepare
+from nlos.recon.without_torch.volume_method import PlainVolumeMethod
 
 
 class Settings(LightConeSettings):

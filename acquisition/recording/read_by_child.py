@@ -8,7 +8,7 @@ from nlos.acquisition.importers.magic import is_recording
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer_lock import is_locked
 
-_READER = "nlos.acquisition.recording.checked:read_through"
+_READER = "nlos.acquisition.recording.read_by_child:read_through"
 
 
 def open_checked(path: Path) -> Recording:

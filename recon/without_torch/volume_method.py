@@ -9,8 +9,8 @@ from nlos.acquisition.transient import TimeAxis
 from nlos.recon.front_view import depth_map, front_view
 from nlos.recon.method import MethodResult
 from nlos.recon.physics_settings import PhysicsSettings
-from nlos.recon.plain.prepared import Cube
 from nlos.recon.transport.conventions import depths_m
+from nlos.recon.without_torch.prepared import Cube
 
 
 class PlainVolumeMethod(ABC):

@@ -15,7 +15,7 @@ import zmq
 from zmq.utils import z85
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.network.address import check_endpoint
+from nlos.acquisition.served.address import check_endpoint
 
 _KEY_LENGTH = 40  # a CurveZMQ key in Z85 (RFC 26/CURVEZMQ, RFC 32/Z85)
 _CHECK = "check"

@@ -9,8 +9,12 @@ import zmq
 from zmq.auth.thread import ThreadAuthenticator
 
 from nlos.acquisition.errors import InvalidData, StorageError
-from nlos.acquisition.network.address import endpoint, listening_address
-from nlos.acquisition.network.messages import (
+from nlos.acquisition.recording.condition import RowState
+from nlos.acquisition.recording.follow import LEFT_ALONE_S
+from nlos.acquisition.recording.recording import Recording, Status
+from nlos.acquisition.recording.writer_lock import is_locked
+from nlos.acquisition.served.address import endpoint, listening_address
+from nlos.acquisition.served.messages import (
     MAX_REQUEST_BYTES,
     Block,
     Request,
@@ -18,11 +22,7 @@ from nlos.acquisition.network.messages import (
     encode_block,
     encode_plan,
 )
-from nlos.acquisition.network.ticket import Ticket, new_keys
-from nlos.acquisition.recording.condition import RowState
-from nlos.acquisition.recording.follow import LEFT_ALONE_S
-from nlos.acquisition.recording.recording import Recording, Status
-from nlos.acquisition.recording.writer_lock import is_locked
+from nlos.acquisition.served.ticket import Ticket, new_keys
 
 _POLL_MS = 200
 _LOOK_S = 0.5

@@ -10,8 +10,8 @@ from types import TracebackType
 from typing import Self
 
 from nlos.acquisition.errors import InvalidData, StorageError
-from nlos.acquisition.network.served_copy import copy_served
-from nlos.acquisition.network.ticket import Ticket
+from nlos.acquisition.served.served_copy import copy_served
+from nlos.acquisition.served.ticket import Ticket
 
 _ENDS_S = 10.0
 _FAILURES: dict[str, type[Exception]] = {
@@ -26,7 +26,7 @@ class FarCopy:
         """Returns once `target` is there to be followed. Raises what `copy_served` raises."""
         Ticket.load(ticket)
         self._ticket = ticket
-        command = [sys.executable, "-P", "-m", "nlos.acquisition.network.far_copy"]
+        command = [sys.executable, "-P", "-m", "nlos.acquisition.served.far_copy"]
         self._child = subprocess.Popen(
             [*command, str(ticket), str(target), str(patience_s)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True,

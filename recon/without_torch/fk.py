@@ -8,9 +8,9 @@ import numpy.typing as npt
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.physics_settings import PhysicsSettings
-from nlos.recon.plain.prepared import Cube, prepare
-from nlos.recon.plain.volume_method import PlainVolumeMethod
 from nlos.recon.transport.stolt import StoltMigration
+from nlos.recon.without_torch.prepared import Cube, prepare
+from nlos.recon.without_torch.volume_method import PlainVolumeMethod
 
 
 class Settings(PhysicsSettings):

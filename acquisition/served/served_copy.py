@@ -9,7 +9,12 @@ import numpy as np
 import zmq
 
 from nlos.acquisition.errors import InvalidData, StorageError
-from nlos.acquisition.network.messages import (
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.recording.recording import Event, Recording, Status, sample_crc
+from nlos.acquisition.recording.salvage import resume
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.sample import Sample
+from nlos.acquisition.served.messages import (
     MAX_REPLY_BYTES,
     MAX_ROWS,
     Block,
@@ -17,12 +22,7 @@ from nlos.acquisition.network.messages import (
     decode_block,
     decode_plan,
 )
-from nlos.acquisition.network.ticket import Ticket
-from nlos.acquisition.planning.plan import ScanPlan
-from nlos.acquisition.recording.recording import Event, Recording, Status, sample_crc
-from nlos.acquisition.recording.salvage import resume
-from nlos.acquisition.recording.writer import RecordingWriter
-from nlos.acquisition.sample import Sample
+from nlos.acquisition.served.ticket import Ticket
 from nlos.drivers.tcspc.counter import Histogram, HistogramFlag
 
 _IDLE_S = 0.2

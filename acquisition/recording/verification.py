@@ -1,0 +1,58 @@
+"""Whether a scan file holds what was planned, and every sample as it was measured."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from nlos.acquisition.recording.condition import Condition
+from nlos.acquisition.recording.frames import frame_table
+from nlos.acquisition.recording.layout import Status
+from nlos.acquisition.recording.recording import Recording
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What `verify` found: in which condition the rows are, and plan numbers stored twice or not at all."""
+
+    status: Status
+    planned: int
+    rows: Condition
+    repeated: tuple[int, ...]
+    missing: tuple[int, ...]
+    frames: int = 1
+    complete_frames: int = 0
+
+    @property
+    def written(self) -> int:
+        """Samples that were acknowledged or are intact."""
+        return self.rows.samples
+
+    @property
+    def corrupt(self) -> tuple[int, ...]:
+        """Rows that are known not to be what was measured."""
+        return self.rows.damaged
+
+    @property
+    def intact(self) -> bool:
+        """Whether every sample that was taken is what was measured."""
+        return not self.rows.left_aside and not self.repeated
+
+    @property
+    def complete(self) -> bool:
+        """Whether every planned sample is there, and what was measured."""
+        return self.intact and not self.missing
+
+
+def verify(path: Path) -> Verification:
+    """Checks every sample's CRC. Raises `InvalidData` where `path` is no scan file, `StorageError` where the disk does
+    not say."""
+    with Recording.open(path) as recording:
+        missing = tuple(recording.missing())
+        condition = recording.condition()
+        aside = [*condition.damaged, *condition.unread, *condition.unacknowledged]
+        numbers, times = np.unique(np.delete(recording.records["number"], aside), return_counts=True)
+        repeated = tuple(numbers[times > 1].tolist())
+        frames, table = recording.plan.frames, frame_table(recording.plan, recording.intact_records())
+        planned = len(recording.plan)
+        return Verification(recording.status, planned, condition, repeated, missing, frames, table.complete)
