@@ -39,7 +39,7 @@ files      devices      record,         counts for         -> what is
 | the scan itself, its schemes and alarms | `acquisition/scanning/` |
 | the file, and how it survives everything | `acquisition/recording/`; what it may say: `validation.py` there |
 | a trip that outlasts the program | `drivers/trip_latch.py` |
-| a new counter or mirror | a folder in `drivers/tcspc/` or `galvo/`, a line in `known_counters.py` or `known_mirrors.py` there; or a plug-in |
+| a new counter or mirror | a folder in `drivers/tcspc/` or `galvo/`, a line in `known_*.py` there; or a plug-in |
 | dead time, time zero, direct light | `calibration/`, a file each; their order: `correct.py` there |
 | an operator of light transport | `recon/transport/`; a method: `recon/methods/` |
 | what counts as seen in a picture | `recon/seen.py` |

@@ -295,7 +295,7 @@ def test_the_file_format_page_names_everything_that_is_in_a_file(tmp_path: Path)
 
 
 def test_the_file_format_pages_recipe_reads_a_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_all(tmp_path / "run.h5", plan_of(), 17)
+    write_all(tmp_path / "scan.h5", plan_of(), 17)
     page = (Path(__file__).parents[2] / "docs" / "file-format.md").read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     found: dict[str, np.ndarray] = {}
