@@ -70,7 +70,10 @@ def test_following_a_shuffled_growing_file_ends_in_the_batch_result(nlos: Nlos, 
 
 def test_what_is_served_is_followed_by_its_ticket(nlos: Nlos, run: Path, tmp_path: Path) -> None:
     server = subprocess.Popen(
-        [sys.executable, "-m", "nlos", "serve", "run.h5"], cwd=tmp_path, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-m", "nlos", "serve", "run.h5", "--idle-s", "600"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        text=True,
     )
     assert server.stdout is not None
     said = server.stdout.readline()
