@@ -5,6 +5,9 @@ from collections.abc import Mapping
 from typing import Any
 
 Facts = Mapping[str, object]
+INSTRUMENTS = "instruments"
+"""The fact that says of which kind a bench is: REAL or SIMULATED. Files of before it was kept lack it."""
+REAL, SIMULATED = "real", "simulated"
 _WIRES = {
     "port", "usb", "library", "serial", "vendor_id", "product_id", "timeout_s", "banner_timeout_s", "settle_timeout_s",
     "allow_unverified_dac", "shutter_pin", "max_mechanical_deg", "limits", "readback", "warn_error_deg",
@@ -24,6 +27,8 @@ def facts_of(bench_json: str) -> tuple[str, Facts]:
     facts: dict[str, object] = {}
     for part in ("geometry", "mirror", "counter"):
         _flatten(part, bench.get(part), facts)
+    if facts:
+        facts[INSTRUMENTS] = REAL if bench.get("simulation") is None else SIMULATED
     laser = bench.get("laser")
     if isinstance(laser, dict) and "repetition_hz" in laser:
         facts["laser.repetition_hz"] = laser["repetition_hz"]

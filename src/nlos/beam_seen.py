@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from nlos.acquisition.planning.aim import Aiming
-from nlos.calibration.bench_facts import changes, facts_of
+from nlos.calibration.bench_facts import INSTRUMENTS, REAL, SIMULATED, changes, facts_of
 from nlos.calibration.errors import InvalidData
 from nlos.calibration.geometry_fit import Spots
 from nlos.calibration.spots_sense import check_sense, span_the_wall
@@ -68,15 +68,20 @@ def judge_beam(settings: BenchSettings, aim: Aiming, by_spots: bool = False) -> 
         if not span_the_wall(spots):
             raise ValueError("these spots tell nothing")
         seen, then = f"seen by `nlos {said['by']}` on {str(said['utc'])[:10]}", dict(said["facts"])
+        if then[INSTRUMENTS] != _kind(settings):
+            raise ValueError("this is of another bench")
     except (OSError, ValueError, KeyError, TypeError):
         if by_spots:
             return BeamJudged()
+        rehearsed = "" if settings.simulated or not _path(settings, SIMULATED).exists() else (
+            " (a rehearsal on the simulated bench of this name tells nothing of it)"
+        )  # fmt: skip
         return BeamJudged(
-            warning="nobody has seen where this bench's beam goes: reversed or swapped axes, or a scanner off to "
-            f"the side, change no arrival time but turn or shift the picture. {_LOOK}"
+            warning=f"nobody has seen where this bench's beam goes{rehearsed}: reversed or swapped axes, or a scanner "
+            f"off to the side, change no arrival time but turn or shift the picture. {_LOOK}"
         )
     now = _facts(settings)
-    if changed := changes(_of("mirror", then), _of("mirror", now)):
+    if changed := [each for part in ("mirror", "simulation") for each in changes(_of(part, then), _of(part, now))]:
         text = f"the bench file has changed since its beam was {seen}: {'; '.join(changed)}. {_LOOK}"
         return BeamJudged() if by_spots else BeamJudged(warning=text)
     try:
@@ -100,13 +105,22 @@ def _judged_by_place(settings: BenchSettings, aim: Aiming, spots: Spots, seen: s
     return BeamJudged(wrong=text) if far else BeamJudged(warning=text)
 
 
-def _path(settings: BenchSettings) -> Path:
-    return state_folder() / "beam_seen" / f"{file_word(settings.name)}.json"
+def _kind(settings: BenchSettings) -> str:
+    return SIMULATED if settings.simulated else REAL
+
+
+def _path(settings: BenchSettings, kind: str | None = None) -> Path:
+    """A file for the real bench and one for the simulated one: a rehearsal replaces nothing that was seen."""
+    ending = ".simulated.json" if (kind or _kind(settings)) == SIMULATED else ".json"
+    return state_folder() / "beam_seen" / f"{file_word(settings.name)}{ending}"
 
 
 def _facts(settings: BenchSettings) -> dict[str, object]:
     _, facts = facts_of(settings.model_dump_json())
-    return _of("mirror", facts) | _of("geometry", facts)
+    found = _of("mirror", facts) | _of("geometry", facts) | {INSTRUMENTS: _kind(settings)}
+    if settings.simulation is not None:
+        found["simulation.misalignment"] = settings.simulation.misalignment.model_dump_json(exclude_defaults=True)
+    return found
 
 
 def _of(part: str, facts: Mapping[str, object]) -> dict[str, object]:

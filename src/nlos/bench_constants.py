@@ -7,7 +7,7 @@ from math import degrees
 from pathlib import Path
 
 from nlos.acquisition.planning.aim import Aiming
-from nlos.calibration.bench_facts import facts_of
+from nlos.calibration.bench_facts import INSTRUMENTS, REAL, Facts, facts_of
 from nlos.calibration.checked import all_checked, load_checked
 from nlos.calibration.constants import BenchConstants
 from nlos.calibration.errors import StaleConstants
@@ -69,7 +69,7 @@ def aiming_constants(given: Path | None, bench_json: str, devices: Mapping[str, 
             )
         return True
 
-    return _known(given, bench_json, devices, chosen)
+    return _known(given, bench_json, devices, chosen, logging.WARNING)
 
 
 def correcting_constants(
@@ -85,7 +85,7 @@ def correcting_constants(
             log.info("constants: %s passed over, the bench was another in this scan: %s", path, "; ".join(stale))
         return not stale
 
-    return _known(given, bench_json, devices, chosen)
+    return _known(given, bench_json, devices, chosen, logging.INFO)
 
 
 def _known(
@@ -93,8 +93,10 @@ def _known(
     bench_json: str,
     devices: Mapping[str, str],
     chosen: Callable[[Path, BenchConstants, Sequence[str]], bool],
+    level: int,
 ) -> Known | None:
-    """Those named, whatever they are of; else the newest of the bench that are `chosen`, told why they are stale."""
+    """Those named, whatever they are of; else the newest of the bench that are `chosen`, told why they are stale. Those
+    of the other kind of bench, real or simulated, are passed over; the newest of them is said at `level`."""
     name, facts = facts_of(bench_json)
     if given == NONE:
         return None
@@ -102,10 +104,28 @@ def _known(
         constants = load_checked(given)
         constants.refuse_other_models(devices)
         return Known(given, constants, tuple(constants.stale(devices, facts)))
+    passed_over = ""
     for path, constants in all_checked(folder_of(name)) if name else ():
-        if chosen(path, constants, constants.stale(devices, facts)):
+        if why := _of_the_other_kind(constants, facts):
+            passed_over = passed_over or (
+                f"constants: {path} passed over: {why}. `nlos calibrate` with a scan of this bench measures its own; "
+                f"--constants {path} takes these all the same"
+            )
+        elif chosen(path, constants, constants.stale(devices, facts)):
             return Known(path, constants)
+    if passed_over:
+        log.log(level, passed_over)
     return None
+
+
+def _of_the_other_kind(constants: BenchConstants, facts: Facts) -> str:
+    """A rehearsal's constants tell nothing of the real bench of that name, nor those of a real one of a rehearsal."""
+    then, now = constants.bench_facts.get(INSTRUMENTS), facts.get(INSTRUMENTS)
+    if now is None or then == now:
+        return ""
+    if then is None:
+        return "it does not say whether it is of a simulated bench, and this one is real" if now == REAL else ""
+    return f"it was measured on a {then} bench of this name, and this one is {now}"
 
 
 def overrides(constants: BenchConstants, drawn: Aiming) -> list[str]:

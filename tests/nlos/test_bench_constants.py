@@ -122,6 +122,55 @@ def test_another_serial_number_is_another_bench(kept: Path) -> None:
         aiming_constants(kept, bench_json(), {"counter": "picoquant 7"})
 
 
+OTHER_KIND = {
+    "a rehearsal's": ("simulated", "real", "it was measured on a simulated bench of this name, and this one is real"),
+    "the real bench's": ("real", "simulated", "on a real bench of this name, and this one is simulated"),
+    "of nobody knows which": (None, "real", "it does not say whether it is of a simulated bench, and this one is real"),
+}
+
+
+@pytest.mark.parametrize("kind", OTHER_KIND)
+def test_those_of_the_other_kind_of_bench_are_passed_over_and_said(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """They neither aim nor refuse the bench of the same name, and are no newer than its own."""
+    monkeypatch.setenv("NLOS_STATE", str(tmp_path))
+    then, now, why = OTHER_KIND[kind]
+    text = {"simulated": bench_json(), "real": real_json()}
+    facts = {key: value for key, value in facts_of(text[then or now])[1].items() if then or key != "instruments"}
+    folder = folder_of(BENCH["name"])
+    folder.mkdir(parents=True)
+    path = folder / "newer.h5"
+    save(constants(measured_utc="2026-04-01T12:00:00+00:00", bench_facts=facts), path)
+    assert aiming_constants(None, text[now], {}) is None
+    assert f"{path} passed over: " in caplog.text
+    assert why in caplog.text
+    assert f"--constants {path}" in caplog.text
+    named = aiming_constants(path, text[now], {})
+    assert named is not None
+    assert bool(then) == (f"instruments {then} then, {now} now" in named.warning)
+    assert correcting_constants(None, text[now], {}, 16e-12) is None
+    save(constants(bench_facts=facts_of(text[now])[1]), folder / "own.h5")
+    own = aiming_constants(None, text[now], {})
+    assert own is not None
+    assert own.path.name == "own.h5"
+
+
+def test_plan_aims_no_real_bench_by_a_rehearsal(kept: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("real.yaml").write_text(yaml.safe_dump(json.loads(real_json())))
+    assert run(["plan", "small.yaml", "--bench", "real.yaml"]) == 0
+    said = capsys.readouterr().err
+    assert f"warning: constants: {kept} passed over" in said
+    assert "in place of the bench file" not in said
+
+
+def real_json() -> str:
+    """The simulated bench with cables instead."""
+    real = {key: value for key, value in BENCH.items() if key != "simulation"}
+    real["mirror"], real["counter"] = real["mirror"] | {"port": "/dev/ttyACM0"}, real["counter"] | {"usb": "auto"}
+    return parse(yaml.safe_dump(real), "r.yaml", BenchSettings).model_dump_json(exclude_none=True)
+
+
 def test_only_the_newest_tells_how_the_bench_is_now(kept: Path) -> None:
     moved = facts_of(bench_json(geometry={"wall_distance_m": 1.42}))[1]
     later = kept.with_name("later.h5")

@@ -2,6 +2,7 @@
 something can tell. What arrival times cannot tell - a scanner aside, axes reversed or swapped before a wall that faces
 the scanner - the doctor sees; a scan says that nobody has looked, and what was seen where somebody has."""
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,13 +11,17 @@ import numpy as np
 import pytest
 
 from nlos.__main__ import run
+from nlos.acquisition.planning.preflight import drawn_aim
 from nlos.acquisition.recording.recording import Recording
+from nlos.beam_seen import BeamJudged, judge_beam, keep_beam_seen
 from nlos.bench_constants import folder_of
 from nlos.calibration.bench_facts import facts_of
 from nlos.calibration.constants import Arrivals, BenchConstants, save
 from nlos.calibration.geometry import ScannerGeometry
+from nlos.calibration.geometry_fit import Spots
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings
+from nlos.drivers.simulated.simulation_settings import SimulationSettings
 from tests.changed_bench import bench_file
 
 WALL = "wall: {width_m: 0.6, height_m: 0.6, rows: 8, cols: 8}\npattern: serpentine\ndwell_ms: 8\n"
@@ -178,6 +183,41 @@ def test_what_was_seen_holds_until_the_bench_file_changes(
         warned = capsys.readouterr().err
         assert said in warned
         assert bool(said) == ("beam" in warned)
+
+
+@pytest.mark.parametrize("old", [False, True], ids=["", "by a file without the kind of bench"])
+def test_a_rehearsal_is_no_sighting_of_the_real_bench(
+    old: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same file with `sim://` ports first; nor is a sighting of the real bench lost, or true of another table."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("NLOS_STATE", str(tmp_path / "state"))
+    Path("scan.yaml").write_text(WALL + WINDOW)
+    never = "nobody has seen where this bench's beam goes"
+    real = load("bench", "lab", BenchSettings).settings
+    aside = {"simulation": {"misalignment": {"scanner_x_m": 0.25}}}
+    table = {"mirror": real.mirror.on_simulated_cable(), "counter": real.counter.on_simulated_cable(),
+             "simulation": SimulationSettings.model_validate(aside["simulation"])}  # fmt: skip
+    aim = drawn_aim(real.geometry)
+    x_m, y_m = np.array([0.0, 0.3, 0.0]), np.array([0.0, 0.0, 0.3])
+    spots = Spots(*aim.angles_rad(x_m, y_m), x_m + 0.25, y_m)
+    rehearsed = real.model_copy(update=table)
+    keep_beam_seen(rehearsed, "jog", spots)
+    assert "lands +0.250" in judge_beam(rehearsed, aim).wrong
+    kept = tmp_path / "state" / "beam_seen" / "lab.simulated.json"
+    if old:
+        said = json.loads(kept.read_text())
+        del said["facts"]["instruments"]
+        kept.with_name("lab.json").write_text(json.dumps(said))
+    assert run(["plan", "scan.yaml", "--bench", "lab"]) == 0
+    assert f"{never} (a rehearsal on the simulated bench of this name tells nothing of it)" in capsys.readouterr().err
+    keep_beam_seen(real, "jog", Spots(spots.x_rad, spots.y_rad, x_m, y_m))
+    assert judge_beam(real, aim) == BeamJudged()
+    assert "lands +0.250" in judge_beam(rehearsed, aim).wrong
+    elsewhere = SimulationSettings.model_validate({"misalignment": {"scanner_x_m": 0.1}})
+    other = judge_beam(rehearsed.model_copy(update={"simulation": elsewhere}), aim)
+    assert "simulation.misalignment" in other.warning
+    assert not other.wrong
 
 
 def test_stale_constants_are_named_before_the_first_point(

@@ -46,15 +46,15 @@ def twin(loaded: "Loaded[BenchSettings]") -> "Loaded[BenchSettings]":
     return replace(loaded, settings=bench.model_copy(update=parts))
 
 
-def measured_constants(given: Path | None, bench: "Bench", devices: bool = True) -> "BenchConstants | None":
-    """The constants to aim this bench by, said with what they override; None where there are none.
+def measured_constants(given: Path | None, bench: "Bench", of: "BenchSettings") -> "BenchConstants | None":
+    """The constants to aim bench `of` by, said with what they override; None where there are none.
 
-    `devices`: whether those of the open bench are the real ones, no twin's. Raises `ForeignConstants`, and
+    `bench`: it or its twin, whose serial numbers tell nothing. Raises `ForeignConstants`, and
     `StaleConstants` where the bench has changed since they were measured.
     """
-    roles = {"mirror": bench.mirror.identity, "counter": bench.counter.identity} if devices else {}
+    roles = {"mirror": bench.mirror.identity, "counter": bench.counter.identity} if of.simulated else {}
     names = {role: f"{who.model} {who.serial}".strip() for role, who in roles.items()}
-    known = aiming_constants(given, bench.settings.model_dump_json(), names)
+    known = aiming_constants(given, of.model_dump_json(), names)
     if known is None:
         return None
     terminal.log(known.said(aim_of(bench)))

@@ -70,7 +70,7 @@ def plan(
     with opened(twin(table), quiet=True) as open_bench:
         planned = fitted(asked, open_bench)
         # Of a real bench a twin is open: its constants are known by the bench's name, serial numbers by scan alone.
-        known = measured_constants(constants, open_bench, devices=table.settings.simulated)
+        known = measured_constants(constants, open_bench, table.settings)
         measured = None if known is None else known.geometry
         aim = aim_of(open_bench) if measured is None else measured
         angles = checked_angles(planned, open_bench, aim)

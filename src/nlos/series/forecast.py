@@ -28,7 +28,7 @@ def forecasts(runs: Sequence[Run], constants: Path | None) -> Iterator[Forecast]
     for _, group in itertools.groupby(runs, key=lambda run: run.bench.path):
         same = list(group)
         with opened(twin(same[0].bench), quiet=True) as bench:
-            known = aiming_constants(constants, bench.settings.model_dump_json(), {})
+            known = aiming_constants(constants, same[0].bench.settings.model_dump_json(), {})
             measured = None if known is None else known.constants.geometry
             aim = aim_of(bench) if measured is None else measured
             for run in same:
