@@ -45,6 +45,16 @@ def test_no_command_stands_where_nothing_runs_it(page: str) -> None:
     assert not re.findall(r"^ *(?:nlos [a-z]+ |python -|import |from [a-z.]+ import |with ).*", plain, re.M)
 
 
+def test_every_command_of_the_first_day_names_its_bench() -> None:
+    """Without `--bench` it would drive the simulated bench that ships, whatever stands on the table."""
+    page = SHOWN["docs/howto/first-day.md"]
+    code = "".join(block for _, _, block in BLOCK.findall(page))
+    drives = re.findall(r"^nlos (?!new )[^#\n]*", code, re.M)
+    assert len(drives) >= 9
+    assert [each for each in drives if "--bench" not in each and "first.h5 --spots" not in each] == []
+    assert "--reconstruct" in code
+
+
 def run_page(page: str, tmp_path: Path, long: bool) -> None:
     text = SHOWN[page]
     shown = text.count("\n```sh\n") + text.count("\n```python\n")
