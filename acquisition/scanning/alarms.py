@@ -95,6 +95,19 @@ class Trouble:
     text: str
     action: Action
 
+    @property
+    def cure(self) -> str:
+        """What to do once it has ended a scan."""
+        return _CURES.get(self.name, "Fix it, then resume with --resume.")
+
+
+_ANEW = "changed, start a new recording with -o; only a scan that is the same as before is resumed with --resume."
+_CURES = {
+    "direct": f"Fix it. With the scan file, or the constants that aim the scan, {_ANEW}",
+    "aim": f"Fix it. With the constants that aim the scan {_ANEW}",
+}
+"""Where the cure may make the scan another one, which `--resume` refuses."""
+
 
 class _Level:
     """One value against its limit, with hysteresis. `deviation` is 0 where all is well and 1 at the limit."""

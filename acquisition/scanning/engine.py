@@ -89,7 +89,7 @@ class _Run:
         self._lag = lag
         self._left = LeftToTake(plan, bench, photons)
         self._take: Callable[..., Iterator[Sample]] = stepped.take
-        self._alarm = ""
+        self._alarm: Trouble | None = None
 
     def samples(self, choice: Choice) -> Generator[Sample, None, None]:
         control, bench = self._control, self._bench
@@ -200,23 +200,23 @@ class _Run:
         """Does what the alarm says. Raises `AlarmRaised` where that ends the scan."""
         self._bench.report("alarm", f"{trouble.name}: {sentence(trouble.text)} {DONE[trouble.action]}")
         if trouble.action is Action.PAUSE:
-            self._alarm = trouble.text
+            self._alarm = trouble
             self._control.interrupt(f"alarm: {trouble.text}")
         elif not (trouble.action is Action.SKIP and number is not None and self._left.postpone(number)):
-            raise AlarmRaised("alarm", sentence(trouble.text), "Fix it, then resume with --resume.")
+            raise AlarmRaised("alarm", sentence(trouble.text), trouble.cure)
 
     def _pause(self) -> None:
         """Light off, gate closed, then somebody decides. Raises `AlarmRaised` where an alarm's pause ends the scan."""
-        why, alarm, self._alarm = self._control.wanted, self._alarm, ""
+        why, alarm, self._alarm = self._control.wanted, self._alarm, None
         self._dark(why)
         self._bench.report("scan", f"paused: {why}")
-        going = self._control.pause(ScanState.STOPPED if alarm else ScanState.ENDED)
+        going = self._control.pause(ScanState.STOPPED if alarm is not None else ScanState.ENDED)
         self._bench.report("scan", "resumed" if going else "ended while paused")
         if going:
             self._bench.shutter.release()
             undeterred(self._look_around)
-        elif alarm:
-            raise AlarmRaised("alarm", sentence(alarm), "Fix it, then resume with --resume.")
+        elif alarm is not None:
+            raise AlarmRaised("alarm", sentence(alarm.text), alarm.cure)
 
     def _dark(self, why: str) -> None:
         """Shutter first, then the gate, then the mirror's stepping."""

@@ -185,6 +185,25 @@ def test_what_was_seen_holds_until_the_bench_file_changes(
         assert bool(said) == ("beam" in warned)
 
 
+@pytest.mark.parametrize("action", ["pause", "abort"])
+def test_an_alarm_whose_cure_changes_the_scan_file_asks_for_a_new_recording(
+    action: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the alarm says to do is done, and works; `--resume` alone, which would be refused, is not what it says."""
+    monkeypatch.chdir(tmp_path)
+    wrong = CASES["delay, window as it was"]
+    bench = bench_file(tmp_path, wrong.changes)
+    Path("scan.yaml").write_text(f"{WALL}{WINDOW}alarms: {{on_direct: {action}}}\n")
+    assert run(["scan", "scan.yaml", "-o", "run.h5", "--bench", bench]) == 5
+    said = capsys.readouterr().err
+    assert "start a new recording with -o" in said
+    assert "Fix it, then resume" not in said
+    Path("scan.yaml").write_text(WALL + "histogram: {bins: 1024, bin_width_ps: 16, offset_ns: 57}\n")
+    assert run(["scan", "scan.yaml", "-o", "run.h5", "--bench", bench, "--resume"]) != 0
+    assert "its plan is not the one given" in capsys.readouterr().err
+    assert run(["scan", "scan.yaml", "-o", "new.h5", "--bench", bench]) == 0
+
+
 @pytest.mark.parametrize("old", [False, True], ids=["", "by a file without the kind of bench"])
 def test_a_rehearsal_is_no_sighting_of_the_real_bench(
     old: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
