@@ -3,6 +3,7 @@
 import itertools
 import os
 import pty
+import shlex
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -168,3 +169,37 @@ def test_a_terminal_that_ends_writes_nothing(at_a_terminal: Callable[[str], None
     with pytest.raises(UsageError, match="Nothing was written"):
         new("bench", tmp_path / "b.yaml", None, [], True, False, False)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("port", ["sim://triggerscope", "simulated"])
+def test_a_simulated_port_of_a_real_bench_is_refused_at_that_question(
+    port: str, at_a_terminal: Callable[[str], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    at_a_terminal(f"triggerscope\n{port}\n/dev/ttyACM7\n" + "\n" * 12 + "1.42\n\n\n\n\n20e6\n")
+    said = answers(questions(NOTHING, False), {})
+    assert said["port"] == "/dev/ttyACM7"
+    assert f"{port!r} is a simulated instrument: `nlos new bench --simulated`" in capsys.readouterr().err
+    with pytest.raises(UsageError, match=r"--answer port: .*--simulated"):
+        answers(questions(NOTHING, False), {"mirror": "triggerscope", "port": port})
+
+
+def test_a_port_of_a_simulated_bench_is_refused_before_the_first_question(
+    at_a_terminal: Callable[[str], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(UsageError, match=r"has no port. Leave it out, or leave out --simulated"):
+        new("bench", tmp_path / "b.yaml", None, ["port=/dev/ttyACM0"], True, False, False)
+    assert "mirror controller" not in capsys.readouterr().err
+
+
+def test_a_failure_at_the_end_gives_the_answers_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Given again as they were printed, they make the file."""
+    given = ["wall_distance_m=1.42", "scanner_x_m=-0.25"]
+    with pytest.raises(UsageError, match=r"colour: no such question.*--answer scanner_x_m=-0.25"):
+        new("bench", tmp_path / "b.yaml", None, [*given, "colour=red"], True, False, False)
+    (tmp_path / "file").touch()
+    with pytest.raises(OSError, match="file"):
+        new("bench", tmp_path / "file" / "b.yaml", None, given, True, False, False)
+    options = shlex.split(capsys.readouterr().err.partition("to give again: ")[2])
+    assert options[::2] == ["--answer"] * (len(options) // 2)
+    assert set(given) < set(options[1::2])
+    assert new("bench", tmp_path / "b.yaml", None, options[1::2], True, False, False) == 0

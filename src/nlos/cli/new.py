@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from nlos.cli.doctor import doctor
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
-from nlos.new_bench.asking import answers
+from nlos.new_bench.asking import answers, as_options
 from nlos.new_bench.detection import detect
 from nlos.new_bench.questions import questions
 from nlos.new_bench.writing import bench_text, blocks_of
@@ -35,14 +35,23 @@ def new(
         raise UsageError(f"new {what}: only `nlos new bench` is known")
     if output.exists() and not overwrite:
         raise FileExistsError(f"{output}: exists. Choose another name with -o, or use --overwrite.")
-    said = answers(questions(detect(), simulated), dict(_split(each) for each in answer or []))
+    given = dict(_split(each) for each in answer or [])
+    if simulated and "port" in given:
+        raise UsageError(
+            f"--answer port={given['port']}: a simulated table has no port. Leave it out, or leave out --simulated."
+        )
+    said = answers(questions(detect(), simulated), given)
     try:
         text = bench_text(blocks_of(name or output.stem, said, simulated))
     except ValidationError as error:
         why = "; ".join(each["msg"].removeprefix("Value error, ") for each in error.errors())
-        raise UsageError(f"these answers do not make a valid bench file: {why}") from error
-    output.parent.mkdir(parents=True, exist_ok=True)
-    output.write_text(text, encoding="utf-8")
+        raise UsageError(f"these answers do not make a valid bench file: {why}. {as_options(said)}") from error
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        output.write_text(text, encoding="utf-8")
+    except OSError:
+        terminal.log(as_options(said))
+        raise
     terminal.result(f"{output}: written; every line says what it means", bench_file=str(output), answers=said)
     if not check:
         return 0

@@ -1,5 +1,6 @@
 """Puts the questions of a bench file: on a terminal one after the other and back again, elsewhere none."""
 
+import shlex
 import sys
 from collections.abc import Mapping, Sequence
 
@@ -43,9 +44,16 @@ def answers(asking: Sequence[Asking], given: Mapping[str, str]) -> dict[str, str
         at += 1
     if unknown := given.keys() - said.keys():
         raise UsageError(
-            f"--answer {', '.join(sorted(unknown))}: no such question; the questions are: {', '.join(said)}"
+            f"--answer {', '.join(sorted(unknown))}: no such question; the questions are: {', '.join(said)}. "
+            f"{as_options(said)}"
         )
     return said
+
+
+def as_options(said: Mapping[str, str]) -> str:
+    """What was answered, so that nobody answers it twice."""
+    words = " ".join(shlex.join(["--answer", f"{key}={value}"]) for key, value in said.items())
+    return f"Your answers, to correct and to give again: {words}"
 
 
 def _taken(question: Question, given: str | None) -> str:

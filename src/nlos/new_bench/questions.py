@@ -23,6 +23,8 @@ class Question:
     default: str | None = None
     choices: tuple[str, ...] = ()
     number: tuple[float, float] | None = None
+    real: bool = False
+    """Whether it is an address, where only that of a real instrument will do."""
 
     def refusal(self, answer: str) -> str:
         """Why this is no answer; empty where it is one."""
@@ -34,6 +36,10 @@ class Question:
                 return "" if low <= float(answer) <= high else f"{answer} is not within {low:g} to {high:g}"
             except ValueError:
                 return f"{answer!r} is not a number"
+        if self.real and (answer == "simulated" or answer.startswith("sim:")):
+            return (
+                f"{answer!r} is a simulated instrument: `nlos new bench --simulated` makes such a table, without asking"
+            )
         return "" if answer.strip() else "an answer is needed"
 
 
@@ -58,7 +64,7 @@ def questions(found: Detected, simulated: bool) -> "list[Asking]":
         if mirror_of(said).cable != "serial" or simulated:
             return None
         seen = f"there: {', '.join(found.ports)}" if found.ports else "none is plugged in"
-        return Question("port", f"its serial port ({seen})", (*found.ports, "/dev/ttyACM0")[0])
+        return Question("port", f"its serial port ({seen})", (*found.ports, "/dev/ttyACM0")[0], real=True)
 
     def volts(said: Answers) -> Question | None:
         if "x" not in mirror_of(said).model_fields:
@@ -133,9 +139,11 @@ def questions(found: Detected, simulated: bool) -> "list[Asking]":
                     "2.0" if simulated else None, number=(0.05, 100))  # fmt: skip
     lever = Question("mirror_separation_m", "metres between the two mirrors (0 for one that turns both ways)",
                      "0.0", number=(0, 1))  # fmt: skip
-    right = Question("scanner_x_m", "metres that the mirrors stand right of the wall's centre (left: negative)", "0.0",
-                     number=(-50, 50))  # fmt: skip
-    above = Question("scanner_y_m", "metres that they stand above it (below: negative)", "0.0", number=(-50, 50))
+    right = Question("scanner_x_m", "metres that the mirrors stand right of the wall's centre (left: negative; 0 if "
+                     "not measured: spots find it)", "0.0", number=(-50, 50))  # fmt: skip
+    above = Question(
+        "scanner_y_m", "metres that they stand above it (below: negative; 0 if not measured)", "0.0", number=(-50, 50)
+    )
     laser = Question("repetition_hz", "laser pulses a second", "10e6" if simulated else None, number=(1e3, 1e9))
     return [
         lambda said: Question("mirror", "mirror controller", first_mirror, mirrors), port, volts, reach,
