@@ -32,6 +32,8 @@ class Hand:
         self.light = LightOnRequest(bench.shutter, bench.clock, bench.settings.alignment)
         self.reach = None if bench.mirror is None else Reach(bench.settings, bench.mirror, aim)
         self.angles = MirrorAngles(0.0, 0.0)
+        self.lit_here = False
+        """Whether there was light since the beam came where it is."""
         self.no_light = ""
         """Why there is none to be had; empty where there is."""
         self.notes: deque[str] = deque(maxlen=3)
@@ -78,7 +80,7 @@ class Hand:
             raise LimitError("mirror", "it does not answer: nothing can be moved.", "Plug it in, then start again.")
         self.reach.check(angles)
         self.bench.mirror.begin_move(angles)
-        self.angles = angles
+        self.angles, self.lit_here = angles, False
         self._wait(self.bench.mirror.wait_settled)
         if self.watch is not None:
             self.watch.forget()
@@ -135,6 +137,7 @@ class Hand:
             self.bench.mirror.look()
         self._look_at_keys()
         self.light.tick()
+        self.lit_here |= self.light.wanted
 
     def _wait(self, settled: Callable[[], None]) -> None:
         try:

@@ -26,6 +26,8 @@ _HELP = (
 _AGAIN = "TAB: light for another {seconds:g} s, also while the ruler's value is asked for"
 _OFF_M, _OFF_PART = 0.02, 0.02
 """A spot so far from where the bench file puts it, in metres and in wall distances, is said at once: rulers do not."""
+_ENOUGH_MARKS = 9
+"""With a ruler's value each: they tell where the scanner stands."""
 
 
 class Jog:
@@ -131,7 +133,10 @@ class Jog:
         else:
             at = self._hand.angles
             self._seen.append((at.x_rad, at.y_rad, *place))
-            self._hand.note(where + (self._turned() or self._far_off(place)))
+            self._hand.note(where + (self._turned() or self._enough() or self._far_off(place)))
+        bench = self._hand.bench
+        if bench.shutter is not None and bench.settings.shutter_on != "nothing" and not self._hand.lit_here:
+            self._hand.note("marked with the light off since the beam came here: SPACE, held, shows the spot")
         return ""
 
     def _turned(self) -> str:
@@ -145,6 +150,11 @@ class Jog:
         except InvalidData as error:
             return f": {str(error).partition(';')[0]}"
         return ""
+
+    def _enough(self) -> str:
+        if self._marks.count - self._marks.unmeasured < _ENOUGH_MARKS:
+            return ""
+        return f": enough: q, then nlos calibrate --spots {self._marks.path}"
 
     def _far_off(self, place: tuple[float, float]) -> str:
         """What the first spots tell already: the beam is not where the bench file puts it."""

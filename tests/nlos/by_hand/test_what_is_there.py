@@ -172,6 +172,31 @@ def test_three_marks_name_a_reversed_axis_and_scans_are_told(
     assert "seen by `nlos jog` on" in said
 
 
+def test_the_ninth_good_mark_is_enough_and_a_mark_in_the_dark_is_warned_of(tmp_path: Path) -> None:
+    path = bench_file(tmp_path, {"simulation": {"misalignment": {"scanner_x_m": 0.25}}})
+    rows = [f"{x},{y},{x / 57.3 * 2 + 0.25},{y / 57.3 * 2}" for x in (-5.0, 0.0, 5.0) for y in (-5.0, 0.0, 5.0)]
+    (tmp_path / "spots.csv").write_text("\n".join(["x_deg,y_deg,x_m,y_m", *rows[:7], "1,2,,"]) + "\n")
+    with at_a_terminal(tmp_path, "jog", "--bench", str(path), "--marks", "spots.csv") as child:
+        child.wait_until(lambda: bool(child.frames), "a screen")
+        child.press("m", "\r")
+        child.wait_for("Nine spots and")  # eight have a ruler's value
+        child.wait_for("marked with the light off")
+        child.press("m", "\r")
+        child.wait_for("spot 10 in spots.csv: enough: q, then nlos calibrate --spots spots.csv")
+        child.press("q")
+        assert child.ends() == 0
+    before = child.said.count("marked with the light off")
+    with at_a_terminal(tmp_path, "jog", "--bench", str(path), "--marks", "lit.csv", "--light", "20") as child:
+        child.wait_until(lambda: bool(child.frames), "a screen")
+        child.wait_until(lambda: bool(account(tmp_path).lit), "light")
+        child.press("m", "\r")
+        child.wait_for("spot 1 in lit.csv")
+        child.press("q")
+        assert child.ends() == 0
+        assert "marked with the light off" not in child.said
+    assert before > 0
+
+
 def test_tab_gives_as_much_light_again_also_while_the_ruler_is_asked_for(tmp_path: Path) -> None:
     path = bench_file(tmp_path)
     with at_a_terminal(tmp_path, "jog", "--bench", str(path), "--marks", "s.csv", "--light", "0.5") as child:
