@@ -11,9 +11,12 @@ import yaml
 
 from nlos.__main__ import run
 from nlos.cli.terminal import terminal
+from nlos.doctor.instruments import dark_line
+from nlos.drivers.first_light_settings import FirstLightSettings
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
 from nlos.drivers.simulated.usb.backend import SimulatedUsb
+from nlos.drivers.tcspc.counter import CountRates
 
 
 @pytest.fixture(autouse=True)
@@ -224,3 +227,30 @@ def test_the_doctor_asks_for_no_divider_where_none_is_needed(
         run(["doctor", "--bench", bench_file(tmp_path, name), "--json"])
         findings = json.loads(capsys.readouterr().out)["findings"]
         assert not [finding for finding in findings if finding["what"] == "levels"]
+
+
+@pytest.mark.parametrize(("dark_cps", "room_cps", "first"), [
+    (2000.0, 20_000.0, "Dim the room: at first light dark counts were 2000/s, room light 20000/s."),
+    (9000.0, 300.0, "Cool the detector: at first light dark counts were 9000/s, room light 300/s."),
+    (None, None, "Dim the room, or cool the detector; `nlos calibrate --first-light` tells the two apart."),
+])  # fmt: skip
+def test_what_first_light_told_apart_the_doctor_knows(
+    dark_cps: float | None, room_cps: float | None, first: str
+) -> None:
+    known = FirstLightSettings(delay_ns=0.35, direct_cps=40e3, dark_cps=dark_cps, room_cps=room_cps)
+    found = dark_line(CountRates(10e6, 22e3), known)
+    assert (found.verdict, found.remedy) == ("WARN", first)
+
+
+def test_a_window_that_misses_the_direct_light_is_named_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not a second time as a shutter that was closed, which it was not."""
+    pytest.importorskip("torch")
+    document = yaml.safe_load(Path(bench_file(tmp_path)).read_text("utf-8"))
+    document["simulation"]["scene"]["delay_ns"] = 47.0
+    run(["doctor", "--bench", bench_file(tmp_path, simulation=document["simulation"])])
+    said = capsys.readouterr().out
+    assert "WARN  direct light" in said
+    assert "Was the shutter closed?" not in said
+    assert "SKIP  reconstruction" in said

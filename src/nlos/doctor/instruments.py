@@ -10,6 +10,7 @@ from nlos.drivers.bench import Bench
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.clock import Clock
 from nlos.drivers.errors import LimitError
+from nlos.drivers.first_light_settings import FirstLightSettings
 from nlos.drivers.galvo.mirror import GalvoMirror, MirrorAngles
 from nlos.drivers.tcspc.counter import CountRates, HistogramCounter
 
@@ -83,11 +84,11 @@ def dark_counts(bench: Bench) -> Iterator[Finding]:
         said = f"not known: nothing here can make it dark; {rates.detector_hz:.0f} counts/s with the light as it is"
         yield warned("dark counts", said, "Block the laser by hand and look (`nlos monitor`).")
         return
-    yield dark_line(rates)
+    yield dark_line(rates, bench.settings.first_light)
 
 
-def dark_line(rates: CountRates) -> Finding:
-    """The detector with the shutter closed."""
+def dark_line(rates: CountRates, known: FirstLightSettings | None = None) -> Finding:
+    """The detector with the shutter closed. `known`: dark counts and room light as first light told them apart."""
     dark_cps = rates.detector_hz
     said = f"{dark_cps:.0f} counts/s with the shutter closed, dark counts and room light together"
     if dark_cps == 0:
@@ -99,8 +100,18 @@ def dark_line(rates: CountRates) -> Finding:
     if dark_cps > _DARK_CPS[1]:
         return failed("dark counts", said, "Light comes in or the detector is hot: find out before scanning.")
     if dark_cps > _DARK_CPS[0]:
-        return warned("dark counts", said, "Dim the room, or cool the detector.")
+        return warned("dark counts", said, _brighter_of(known))
     return passed("dark counts", said)
+
+
+def _brighter_of(known: FirstLightSettings | None) -> str:
+    if known is None or known.dark_cps is None or known.room_cps is None:
+        return "Dim the room, or cool the detector; `nlos calibrate --first-light` tells the two apart."
+    room = known.room_cps > known.dark_cps
+    return (
+        f"{'Dim the room' if room else 'Cool the detector'}: at first light dark counts were {known.dark_cps:.0f}/s, "
+        f"room light {known.room_cps:.0f}/s."
+    )
 
 
 def mirror(bench: Bench) -> Iterator[Finding]:

@@ -19,7 +19,7 @@ from nlos.acquisition.wall import WallGrid
 from nlos.calibration.errors import InvalidData
 from nlos.chain import reconstruct_file
 from nlos.doctor.area import area_of, range_m
-from nlos.doctor.findings import Finding, failed, passed, warned
+from nlos.doctor.findings import Finding, failed, passed, skipped, warned
 from nlos.doctor.gates import axis_of, delay_unknown, expected_s
 from nlos.drivers.bench import Bench
 from nlos.drivers.tcspc.counter import HistogramAxis
@@ -72,9 +72,10 @@ def _scanned(bench: Bench, folder: Path) -> Iterator[Finding]:
         yield failed("scan", "what was recorded is not what was measured", "Check memory and disk.")
         return
     yield passed("scan", f"{len(samples)} points, {counts} photons, recorded and read back")
-    yield _direct_light(samples, bench)
+    light = _direct_light(samples, bench)
+    yield light
     if find_spec("torch") is not None:
-        yield from _reconstruction(run, folder, bench)
+        yield from _reconstruction(run, folder, bench, light)
 
 
 def _direct_light(samples: list[Sample], bench: Bench) -> Finding:
@@ -114,10 +115,13 @@ def _late_ns(samples: list[Sample], bench: Bench, axis: HistogramAxis) -> list[f
     return [late * 1e9 for late in late_s if np.isfinite(late)]
 
 
-def _reconstruction(run: Path, folder: Path, bench: Bench) -> Iterator[Finding]:
+def _reconstruction(run: Path, folder: Path, bench: Bench, light: Finding) -> Iterator[Finding]:
     try:
         done = reconstruct_file(run, Recipe("lct"), ResultsFolder(folder / "doctor"))
     except InvalidData as error:
-        yield warned("reconstruction", str(error), delay_unknown(bench))
+        if light.verdict == "PASS":
+            yield warned("reconstruction", str(error), delay_unknown(bench))
+        else:
+            yield skipped("reconstruction", "no direct light to begin from: what to do about that cures this too")
         return
     yield passed("reconstruction", f"lct in {done.seconds:.2f} s, albedo up to {done.albedo.max():.3g}")
