@@ -87,7 +87,11 @@ def _alone(settings: BenchSettings, look: Callable[[], Iterator[Finding]]) -> It
 def _counter(settings: BenchSettings, clock: Clock, backend: Any, dark: bool) -> Iterator[Finding]:
     with closing(open_counter(settings.counter, clock, backend=backend)) as counter:
         yield from counter_lines(counter, settings)
-        yield dark_line(counter.rates()) if dark else skipped("dark counts", "the light is not confirmed off")
+        yield (
+            dark_line(counter.rates(), settings.first_light)
+            if dark
+            else skipped("dark counts", "the light is not confirmed off")
+        )
 
 
 def _mirror(settings: BenchSettings, clock: Clock, backend: Any) -> Iterator[Finding]:

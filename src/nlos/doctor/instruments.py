@@ -87,7 +87,7 @@ def dark_counts(bench: Bench) -> Iterator[Finding]:
     yield dark_line(rates, bench.settings.first_light)
 
 
-def dark_line(rates: CountRates, known: FirstLightSettings | None = None) -> Finding:
+def dark_line(rates: CountRates, known: FirstLightSettings | None) -> Finding:
     """The detector with the shutter closed. `known`: dark counts and room light as first light told them apart."""
     dark_cps = rates.detector_hz
     said = f"{dark_cps:.0f} counts/s with the shutter closed, dark counts and room light together"
