@@ -113,7 +113,7 @@ def test_nothing_that_another_program_left_unread_is_taken_for_an_answer(rig: Ca
     assert mirror.identity.firmware == "6"
     mirror.look()
     this.cable._answers.append(b"\x83\x01")
-    with pytest.raises(DeviceReset, match="unasked"):
+    with pytest.raises(DeviceReset, match="without being asked"):
         mirror.look()
     with pytest.raises(DeviceFault, match="not known any more"):
         mirror.move_to(ASIDE)
