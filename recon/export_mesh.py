@@ -1,7 +1,7 @@
 """The front surface as OBJ and GLB (glTF 2.0): meshes with normals, for whoever draws, prints or animates.
 
-Viewers of both formats look along -z with x right and y up: z is written negative, so that the mesh looks as the front
-view does. That is what a mirror in the wall's place shows; the object itself is its mirror image.
+Both hold the numbers of PLY and VTI: wall coordinates, which are right-handed in the room, so that a print is the
+object and not its mirror image. Normals and the front sides of faces point to the wall, -z.
 """
 
 import json
@@ -14,15 +14,14 @@ import numpy.typing as npt
 from nlos.recon.surface import Surface, front_surface, vertex_normals
 from nlos.recon.volume import Reconstruction
 
-_MIRROR = np.array([1, 1, -1], dtype=np.float32)
 _FLOAT, _UINT32, _ARRAY_BUFFER, _ELEMENT_BUFFER, _TRIANGLES = 5126, 5125, 34962, 34963, 4
 
 
 def write_obj(path: Path, reconstruction: Reconstruction) -> None:
     """Wavefront OBJ: vertices in metres with their grey, normals, quadrilaterals."""
     surface = front_surface(reconstruction)
-    points, normals = surface.points_m * _MIRROR, vertex_normals(surface) * _MIRROR
-    lines = [f"# {reconstruction.method}; metres; x right, y up, -z from the wall"]
+    points, normals = surface.points_m, vertex_normals(surface)
+    lines = [f"# {reconstruction.method}; metres; x right, y up, z from the wall"]
     lines += [
         f"v {x:.6g} {y:.6g} {z:.6g} {g:.4g} {g:.4g} {g:.4g}"
         for (x, y, z), g in zip(points.tolist(), surface.albedo.tolist(), strict=True)
@@ -53,8 +52,8 @@ def write_glb(path: Path, reconstruction: Reconstruction) -> None:
 
 
 def _mesh(surface: Surface, name: str) -> tuple[dict[str, object], bytes]:
-    points = np.ascontiguousarray(surface.points_m * _MIRROR, dtype="<f4")
-    normals = np.ascontiguousarray(vertex_normals(surface) * _MIRROR, dtype="<f4")
+    points = np.ascontiguousarray(surface.points_m, dtype="<f4")
+    normals = np.ascontiguousarray(vertex_normals(surface), dtype="<f4")
     colours = np.repeat(surface.albedo[:, None], 3, axis=1).astype("<f4")
     triangles = np.concatenate([surface.quads[:, [0, 1, 2]], surface.quads[:, [0, 2, 3]]]).astype("<u4")
     arrays: list[tuple[npt.NDArray[np.generic], int, str]] = [

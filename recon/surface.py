@@ -15,7 +15,7 @@ class Surface:
 
     points_m: npt.NDArray[np.float32]  # (N, 3): x, y, z from the wall
     albedo: npt.NDArray[np.float32]  # (N,), 0 to 1
-    quads: npt.NDArray[np.int32]  # (M, 4), counter-clockwise in the front view
+    quads: npt.NDArray[np.int32]  # (M, 4), counter-clockwise for who stands at the wall: their front is towards it
 
 
 def front_surface(reconstruction: Reconstruction) -> Surface:
@@ -27,8 +27,8 @@ def front_surface(reconstruction: Reconstruction) -> Surface:
     albedo = np.clip(reconstruction.albedo[seen] / brightest(reconstruction), 0, 1).astype(np.float32)
     number = np.full(depth_m.shape, -1, dtype=np.int32)
     number[seen] = np.arange(int(seen.sum()), dtype=np.int32)
-    corners = [number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]]
-    depths = np.stack([depth_m[:-1, :-1], depth_m[1:, :-1], depth_m[1:, 1:], depth_m[:-1, 1:]])
+    corners = [number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]]
+    depths = np.stack([depth_m[:-1, :-1], depth_m[:-1, 1:], depth_m[1:, 1:], depth_m[1:, :-1]])
     whole = np.all([corner >= 0 for corner in corners], axis=0)
     pitch_m = max(wall.width_m / wall.cols, wall.height_m / wall.rows)
     step = np.zeros(whole.shape)
@@ -42,7 +42,6 @@ def vertex_normals(surface: Surface) -> npt.NDArray[np.float32]:
     there is none."""
     corners = surface.points_m[surface.quads].astype(np.float64)  # (M, 4, 3)
     across = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    across *= np.where(across[:, 2:] > 0, -1.0, 1.0)
     normals = np.zeros((len(surface.points_m), 3))
     for corner in range(4):
         np.add.at(normals, surface.quads[:, corner], across)

@@ -126,16 +126,18 @@ def test_ply_holds_the_surface_in_metres(made: Reconstruction, tmp_path: Path) -
     assert np.allclose(vertices["normal"], (0, 0, -1), atol=1e-3)  # a flat square looks at the wall
 
 
-def test_meshes_are_right_handed_and_hold_the_same_surface(made: Reconstruction, tmp_path: Path) -> None:
+def test_meshes_hold_the_same_surface_and_face_the_wall(made: Reconstruction, tmp_path: Path) -> None:
     write_obj(tmp_path / "s.obj", made)
     lines = [line.split() for line in (tmp_path / "s.obj").read_text().splitlines()]
     points = np.array([line[1:4] for line in lines if line[0] == "v"], dtype=float)
     faces = [[int(word.split("//")[0]) - 1 for word in line[1:]] for line in lines if line[0] == "f"]
     assert (len(points), len(faces)) == (12, 6)
-    assert np.allclose(points[0], (WALL.x_m()[2], WALL.y_m()[1], -0.55))
+    assert np.allclose(points[0], (WALL.x_m()[2], WALL.y_m()[1], 0.55))
     for face in faces:
         a, b, c = (points[corner] for corner in face[:3])
-        assert np.cross(b - a, c - a)[2] > 0  # seen from the wall, corners go round to the left: its face is towards us
+        assert (
+            np.cross(b - a, c - a)[2] < 0
+        )  # seen from the wall, corners go round to the left: its front is towards it
     write_glb(tmp_path / "s.glb", made)
     data = (tmp_path / "s.glb").read_bytes()
     magic, version, size, length, kind = struct.unpack_from("<4sIII4s", data)
@@ -150,12 +152,12 @@ def test_meshes_are_right_handed_and_hold_the_same_surface(made: Reconstruction,
         part = binary[view["byteOffset"] : view["byteOffset"] + view["byteLength"]]
         arrays.append(np.frombuffer(part, kind_of).reshape(accessor["count"], -1))
     assert np.allclose(arrays[0], points, atol=1e-6)
-    assert np.allclose(arrays[1], (0, 0, 1), atol=1e-3)
+    assert np.allclose(arrays[1], (0, 0, -1), atol=1e-3)
     assert np.allclose(document["accessors"][0]["max"], points.max(axis=0), atol=1e-6)
     corners = arrays[3].reshape(-1, 3)
     assert (len(corners), corners.max()) == (12, 11)
     flat = arrays[0][corners]
-    assert (np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])[:, 2] > 0).all()
+    assert (np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])[:, 2] < 0).all()
 
 
 def test_vti_holds_the_volume_with_y_upwards(made: Reconstruction, tmp_path: Path) -> None:
