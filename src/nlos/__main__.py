@@ -25,6 +25,7 @@ from nlos.cli.escaped import escape_what_is_printed
 from nlos.cli.interrupts import ignore_interrupts, never_lose_an_interrupt
 from nlos.cli.outliving import outlive_terminal
 from nlos.cli.terminal import show_library_log, take_global_options, terminal
+from nlos.cli.unbroken_imports import load_libraries_unbroken
 
 _OUTPUTS = ("-o", "--output")
 _MOST_NAMED = 3
@@ -41,6 +42,7 @@ def main() -> None:
     escape_what_is_printed()
     try:
         never_lose_an_interrupt()
+        load_libraries_unbroken()
         if _starting is not None and signal.getsignal(signal.SIGINT) is _starting:
             signal.signal(signal.SIGINT, signal.default_int_handler)
         code = run(sys.argv[1:])
