@@ -1,5 +1,6 @@
 """Measures the constants of a bench from a raw scan, and from a run with the shutter closed where there is one."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -26,6 +27,8 @@ from nlos.calibration.wall_timing import WallTiming
 Floats = npt.NDArray[np.float64]
 QUIET_AFTER_S = 15e-9
 """This long after the direct arrival neither hidden objects (2 m away) nor the detector's tail matter any more."""
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,7 @@ def measure_constants(
         found = _with_dark(found, joined(dark))
     if raw is None:
         return Measurement(found, None, None, None)
+    log.debug("finding the direct light of %d points", len(raw.counts))
     corrected = correct_points(raw, found)
     offsets = corrected.offsets
     if offsets is None or offsets.wall is None:

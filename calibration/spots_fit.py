@@ -1,5 +1,6 @@
 """Where the scanner stands and how its mirrors turn, from spots alone or together with a scan's direct arrivals."""
 
+import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,6 +24,7 @@ from nlos.calibration.geometry_fit import (
 from nlos.calibration.reduced_times import reduced_times
 from nlos.calibration.spots_sense import check_sense, refuse_other_units
 
+log = logging.getLogger(__name__)
 PLACE = ("scanner_x_m", "scanner_y_m", "wall_distance_m", "wall_pitch_rad", "wall_yaw_rad")
 OFFSETS = ("y_offset_rad", "x_offset_rad")
 LEANS = ("wall_pitch_rad", "wall_yaw_rad")
@@ -80,6 +82,7 @@ def place_with_run(spots: Spots, times: DirectTimes, start: ScannerGeometry) -> 
     check_sense(spots)
     refuse_other_units(spots, start.wall_distance_m)
     few = reduced_times(times, start)
+    log.debug("fitting place, gains and offsets to spots and arrivals")
     full = fit_determined(start, few, spots, (*FROM_SPOTS, *FROM_TIMES), told=_ANY_OFFSET)
     undetermined = {name: said for name, said in full.undetermined.items() if name in OFFSETS}
     names = [name for name in (*FROM_SPOTS, *FROM_TIMES) if name not in undetermined]
@@ -87,6 +90,7 @@ def place_with_run(spots: Spots, times: DirectTimes, start: ScannerGeometry) -> 
     best: tuple[float, PlacedScanner] | None = None
     for count in range(len(held) + 1):
         for freed in combinations(held, count):
+            log.debug("fitting mirrors that turn as told, but for: %s", ", ".join(freed) or "nothing")
             told = {name: AS_TOLD[name] for name in held if name not in freed}
             try:
                 placed = fit_determined(start, few, spots, names, told=told, like=full.fit)
@@ -101,6 +105,7 @@ def place_with_run(spots: Spots, times: DirectTimes, start: ScannerGeometry) -> 
         raise InvalidData("spots and arrivals together do not determine the place: mark spots further to the sides.")
     _refuse_no_fit(best[1].fit)
     as_told = replace(start, **TURNS_AS_TOLD)
+    log.debug("fitting spots alone, and arrivals alone")
     return replace(
         best[1],
         fit=_of_all_times(best[1].fit, times),

@@ -143,6 +143,16 @@ class BenchSettings(Settings):
         """What has to happen before light; None on a simulated bench that does not ask for a rehearsal of it."""
         return self.arm or (None if self.simulated else ArmSettings())
 
+    def foreign_first_light(self, counter: str = "") -> str:
+        """What to say of a `first_light` block that is another bench's; empty where it is this one's. `counter`: model
+        and serial number, where it was asked."""
+        why = "" if self.first_light is None else self.first_light.of_another(self.name, self.simulated, counter)
+        return why and f"the bench file's first_light is not used: {why}. Run `nlos calibrate --first-light` here"
+
+    def with_own_first_light(self, counter: str = "") -> Self:
+        """This bench without what was measured on another one."""
+        return self.model_copy(update={"first_light": None}) if self.foreign_first_light(counter) else self
+
     @property
     def shutter_on(self) -> Literal["mirror", "counter", "nothing"]:
         """Which instrument's output closes the light."""

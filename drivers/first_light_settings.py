@@ -18,3 +18,21 @@ class FirstLightSettings(Settings):
     """Clicks with the detector covered."""
     room_cps: float | None = Field(default=None, ge=0)
     """Clicks of light that is not the laser's, with the shutter closed."""
+    bench: str = ""
+    """The bench that this was measured on. Another bench's values are not used."""
+    simulated: bool | None = None
+    """Whether that was a simulated bench. Its values are not used on the real bench of that name, nor the other way."""
+    counter: str = ""
+    """Model and serial number of the counter: every counter and its cables have a delay of their own."""
+
+    def of_another(self, name: str, simulated: bool, counter: str = "") -> str:
+        """Why these are not the values of that bench; empty where they are, or do not say. `counter`: its name, where
+        somebody asked it."""
+        kinds = {True: "simulated", False: "real"}
+        if self.simulated is not None and self.simulated != simulated:
+            return f"measured on a {kinds[self.simulated]} bench, and this one is {kinds[simulated]}"
+        if self.bench and self.bench != name:
+            return f"measured on bench {self.bench}, and this one is {name}"
+        if self.counter and counter and self.counter != counter:
+            return f"measured with {self.counter}, and the counter is {counter}"
+        return ""

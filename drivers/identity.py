@@ -13,6 +13,11 @@ class DeviceIdentity:
     serial: str
     firmware: str
 
+    @property
+    def name(self) -> str:
+        """Model and serial number, as files name a device."""
+        return f"{self.model} {self.serial}".strip()
+
     def __str__(self) -> str:
         named = (
             f"{self.vendor} {self.product}, serial {self.serial or 'unknown'}, firmware {self.firmware or 'unknown'}"

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from pydantic import Field
 
+from nlos.acquisition.digits import two_digits
 from nlos.acquisition.sample import Sample
 from nlos.configs.settings import Settings
 from nlos.drivers.bench import Bench
@@ -170,13 +171,13 @@ class Alarms:
 
     def _dark(self, detector_hz: float) -> Trouble | None:
         """With the shutter closed: by the scan file's limit, else by what is usual on this bench."""
-        text, limit_hz = f"{detector_hz:.4g} dark counts/s", self._settings.max_dark_hz
+        text, limit_hz = f"{two_digits(detector_hz)} dark counts/s", self._settings.max_dark_hz
         if limit_hz is None and self._usual_dark_hz is not None:
             limit_hz = USUAL_TIMES * self._usual_dark_hz + USUAL_SPARE_HZ
             text = (
-                f"{detector_hz:.4g} counts/s with the shutter closed, where first light found "
-                f"{self._usual_dark_hz:.4g}: a lamp, another room light, or a detector that got noisy (`nlos calibrate "
-                "--first-light` measures both again; alarms.max_dark_hz allows more)"
+                f"{two_digits(detector_hz)} counts/s with the shutter closed, where first light found "
+                f"{two_digits(self._usual_dark_hz)}: a lamp, another room light, or a detector that got noisy (`nlos "
+                "calibrate --first-light` measures both again; alarms.max_dark_hz allows more)"
             )
         return None if limit_hz is None else self._look("dark rate", detector_hz / limit_hz, text)
 

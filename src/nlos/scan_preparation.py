@@ -86,7 +86,7 @@ def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
         bench.report("warning", other_axis)
     request = replace(request, plan=plan)
     roles = {"mirror": bench.mirror.identity, "counter": bench.counter.identity}
-    names = {role: f"{who.model} {who.serial}".strip() for role, who in roles.items()}
+    names = {role: who.name for role, who in roles.items()}
     known = aiming_constants(request.constants, bench.settings.model_dump_json(), names)
     if known is not None and known.warning:
         bench.report("warning", known.warning)
@@ -98,14 +98,16 @@ def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
     if target is not None:
         check_disk(plan, target, round(request.alarms.min_free_mb * 1e6))
     folder = Path.cwd() if target is None else target.absolute().parent
-    direct = None if bench.settings.safety.dry_run else expected_direct(plan, bench.settings, aim)
+    own = bench.settings.with_own_first_light(names["counter"])
+    direct = None if bench.settings.safety.dry_run else expected_direct(plan, own, aim)
     beam = BeamJudged() if direct is None else judge_beam(bench.settings, aim, by_spots=geometry is not None)
     warnings = () if direct is None else tuple(window_warnings(plan, direct))
-    warnings += (beam.warning,) if beam.warning else ()
+    foreign = bench.settings.foreign_first_light(names["counter"])
+    warnings = tuple(each for each in (foreign, *warnings, beam.warning) if each)
     for warning in warnings:
         bench.report("warning", warning)
     looks = None if direct is None else DirectWatch(plan, direct).look
-    expected = Expected(looks, usual_dark_hz=usual_dark_hz(bench.settings), aim=beam.wrong)
+    expected = Expected(looks, usual_dark_hz=usual_dark_hz(own), aim=beam.wrong)
     alarms = Alarms(request.alarms, bench.settings.laser.repetition_hz, folder, expected=expected)
     bench.shutter.arm()
     used = "{}" if known is None else json.dumps(known.constants.summary(), default=str)

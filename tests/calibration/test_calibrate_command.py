@@ -197,6 +197,20 @@ def test_a_mistyped_spot_is_named_by_its_line_and_other_units_are_refused(
     assert not (tmp_path / "d.h5").exists()
 
 
+def test_what_the_spots_alone_tell_is_kept_apart_from_what_direct_light_tells(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = write_spots(tmp_path / "spots.csv")
+    assert nlos(["calibrate", "--spots", str(table)]) == 0
+    assert "told by the spots alone, for mirrors that turn by as much as they are told" in capsys.readouterr().out
+    assert nlos(["calibrate", str(folder / "run.h5"), "-o", str(tmp_path / "c.h5"), "--spots", str(table)]) == 0
+    said = capsys.readouterr().out
+    (line,) = (each for each in said.splitlines() if each.startswith("told by the spots alone: scanner "))
+    away = r"wall (1999|200\d)\.?\d* \+- [\d.]+ mm away"
+    assert re.search(rf"{away}; by the direct times alone: {away}", line), line
+    assert line.endswith("by both together: the lines above, with gains, offsets and delay")
+
+
 def test_a_coarser_ruler_makes_larger_errors(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = write_spots(tmp_path / "spots.csv")
     fine, coarse = (called(capsys, "--spots", table, "--ruler-mm", each)[1]["geometry_errors"] for each in ("1", "2"))
@@ -253,5 +267,8 @@ def test_the_report_gives_place_and_delay_to_the_digits_of_their_errors(folder: 
     delay = re.search(r"<th>Delay of cables[^<]*</th><td>([0-9.-]+) ± ([0-9.]+)<", text)
     assert place is not None
     assert delay is not None
-    assert re.fullmatch(r"(-?\d+\.\d{2} ± \d+\.\d{2}(, )?){3}", place[1])  # mm
+    for said in place[1].split(", "):  # mm
+        value, error = said.split(" ± ")
+        assert len(value.partition(".")[2]) == len(error.partition(".")[2])
+        assert len(error.replace(".", "").lstrip("0").rstrip("0")) in (1, 2)
     assert abs(float(delay[1]) - 0.35) < 4 * float(delay[2])

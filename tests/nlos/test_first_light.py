@@ -8,9 +8,11 @@ import pytest
 import yaml
 
 from nlos.__main__ import run
+from nlos.acquisition.recording.recording import Recording
 from nlos.cli.terminal import terminal
 from nlos.configs.load import find, load
 from nlos.drivers.bench import BenchSettings
+from nlos.drivers.first_light_settings import FirstLightSettings
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.first_light.bench_lines import with_block
 
@@ -119,9 +121,69 @@ def test_the_bench_file_is_written_with_every_other_line_as_it_was(
     assert path.read_text("utf-8").count("first_light:") == 1
 
 
+def test_the_block_says_whose_values_it_holds_with_the_digits_they_have(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = bench_file(tmp_path, "noisy").read_text("utf-8").replace("simulation:", "# what stands there:\nsimulation:")
+    path, written = tmp_path / "noisy.yaml", tmp_path / "lit.yaml"
+    path.write_text(text)
+    assert run(["calibrate", "--first-light", "--bench", str(path), "-o", str(written)]) == 0
+    said = capsys.readouterr().out
+    after = written.read_text("utf-8")
+    assert after.index("first_light:") < after.index("# what stands there:\nsimulation:")
+    found = load("bench", str(written), BenchSettings).settings.first_light
+    assert found is not None
+    assert (found.bench, found.simulated, found.counter) == ("noisy", True, "tcspc488 SIM0001")
+    assert found.dark_cps is not None
+    assert found.direct_cps is not None
+    assert found.direct_cps % 100 == 0  # some 400 either way
+    assert f"dark       {found.dark_cps:.0f} +- " in said
+    assert f"direct     {found.direct_cps:.0f} +- 400 counts/s" in said
+
+
+@pytest.mark.parametrize(
+    ("whose", "why"),
+    [
+        ({"simulated": False}, "measured on a real bench, and this one is simulated"),
+        ({"bench": "the other lab's"}, "measured on bench the other lab's, and this one is simulated"),
+        ({"counter": "tcspc488 QT7"}, "measured with tcspc488 QT7, and the counter is tcspc488 SIM0001"),
+    ],
+)
+def test_another_benchs_first_light_is_not_used_and_that_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], whose: dict[str, Any], why: str
+) -> None:
+    """By plan, which asks no counter for its number, the doctor, and a scan: what was rehearsed is not measured."""
+    document = yaml.safe_load(bench_file(tmp_path).read_text("utf-8"))
+    document["first_light"] = {"delay_ns": 47.0, "dark_cps": 9.0, "room_cps": 9.0, **whose}
+    path = tmp_path / "copied.yaml"
+    path.write_text(yaml.safe_dump(document))
+    assert run(["plan", "demo", "--bench", str(path)]) == 0
+    planned = capsys.readouterr().err
+    if "counter" not in whose:
+        assert f"first_light is not used: {why}" in planned
+        assert "misses direct light" not in planned
+    assert run(["doctor", "--bench", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert f"WARN  first light    the bench file's first_light is not used: {why}" in said
+    assert "PASS  direct light" in said
+    assert run(["scan", "demo", "--bench", str(path), "-o", str(tmp_path / "run.h5")]) == 0  # 18/s would be alarmed of
+    assert f"first_light is not used: {why}" in capsys.readouterr().err
+    with Recording.open(tmp_path / "run.h5") as recording:
+        assert any(why in each for each in recording.header.warnings)
+
+
+def test_values_that_do_not_say_whose_they_are_are_used(tmp_path: Path) -> None:
+    """Somebody wrote them by hand, or an older version did."""
+    settings = load("bench", str(bench_file(tmp_path)), BenchSettings).settings
+    by_hand = settings.model_copy(update={"first_light": FirstLightSettings(delay_ns=1.0)})
+    assert by_hand.with_own_first_light("tcspc488 QT7").first_light is not None
+
+
 def test_comments_stay_with_what_they_are_about() -> None:
     text = "a: 1\nfirst_light:\n  x: 2   # old\n# about b\nb: 3\n"
     assert (
         with_block(text, "first_light", ["first_light:", "  x: 9"]) == "a: 1\nfirst_light:\n  x: 9\n# about b\nb: 3\n"
     )
     assert with_block("a: 1", "k", ["k: 2"]) == "a: 1\nk: 2\n"
+    marked = "a: 1  # one\n# below: the table\nsimulation:\n  x: 1\n"
+    assert with_block(marked, "k", ["k: 2"]) == "a: 1  # one\nk: 2\n# below: the table\nsimulation:\n  x: 1\n"

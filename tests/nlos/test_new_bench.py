@@ -22,7 +22,9 @@ from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.tcspc.known_counters import COUNTERS
 from nlos.new_bench.asking import answers
 from nlos.new_bench.detection import Detected, devices_of
+from nlos.new_bench.hints import HINTS
 from nlos.new_bench.questions import questions
+from nlos.new_bench.unfinished import Unfinished
 from nlos.new_bench.writing import bench_text, blocks_of
 from nlos.scan_preparation import ScanRequest, prepare
 
@@ -166,9 +168,45 @@ def test_on_a_terminal_one_goes_back_and_what_was_typed_is_kept(
 
 def test_a_terminal_that_ends_writes_nothing(at_a_terminal: Callable[[str], None], tmp_path: Path) -> None:
     at_a_terminal("optotune\n\x04")
-    with pytest.raises(UsageError, match="Nothing was written"):
+    with pytest.raises(UsageError, match="No bench file was written"):
         new("bench", tmp_path / "b.yaml", None, [], True, False, False)
-    assert not list(tmp_path.iterdir())
+    assert not list(tmp_path.glob("*.yaml"))
+
+
+def test_answers_of_a_broken_off_time_are_offered_again_once(
+    at_a_terminal: Callable[[str], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = tmp_path / "new" / "b.yaml"
+    at_a_terminal("triggerscope\n0.31\n\x04")
+    with pytest.raises(UsageError):
+        new("bench", target, None, [], True, False, False)
+    assert "your answers so far; the same command offers them again" in capsys.readouterr().err
+    (kept,) = target.parent.iterdir()
+    with pytest.raises(ConfigError):  # no verb takes it for a bench
+        load("bench", str(kept), BenchSettings)
+    at_a_terminal("\n" * 30)
+    assert new("bench", target, None, [], True, False, False) == 0
+    assert "[0.31]" in capsys.readouterr().err
+    assert load("bench", str(target), BenchSettings).settings.mirror.x.volts_per_degree == 0.31  # type: ignore[union-attr]
+    assert [each.name for each in target.parent.iterdir()] == ["b.yaml"]
+
+
+def test_answers_for_a_simulated_bench_are_not_offered_for_a_real_one(tmp_path: Path) -> None:
+    Unfinished(tmp_path / "b.yaml", "simulated").keep({"wall_distance_m": "3"})
+    assert Unfinished(tmp_path / "b.yaml", "real").load() == {}
+    assert Unfinished(tmp_path / "b.yaml", "simulated").load() == {"wall_distance_m": "3"}
+    (tmp_path / "b.yaml.answers").write_text('{"bench": "simulated", "answers": [')
+    assert Unfinished(tmp_path / "b.yaml", "simulated").load() == {}
+
+
+def test_every_question_has_a_hint() -> None:
+    keys = set()
+    for mirror, (counter, device) in itertools.product(MIRRORS, KINDS):
+        for simulated in (False, True):
+            more = {"device": device} if device else {}
+            given = {"wall_distance_m": "1.4", "repetition_hz": "10e6", "mirror": mirror, "counter": counter, **more}
+            keys |= answered(simulated, **given).keys()
+    assert keys <= HINTS.keys()
 
 
 @pytest.mark.parametrize("port", ["sim://triggerscope", "simulated"])

@@ -1,5 +1,6 @@
 """Whatever takes its time says how far it is: a bar with rate and time left on a terminal, lines elsewhere."""
 
+import logging
 import os
 import pty
 import re
@@ -11,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nlos.cli.progress import Progress
+from nlos.cli.progress import Progress, Stages
 from nlos.cli.terminal import terminal
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -22,6 +23,17 @@ def test_a_line_says_rate_and_time_left(monkeypatch: pytest.MonkeyPatch, capsys:
     with Progress(10, what="import", unit="files", line_s=-1.0) as progress:
         progress.step(4)
     assert re.search(r"^4 of 10 files, [\d.]+ files/(s|min), \d+ s left$", capsys.readouterr().err, re.M)
+
+
+def test_a_stage_of_unknown_length_says_how_long_it_takes(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(terminal, "verbosity", 0)
+    logger = logging.getLogger("nlos.calibration.spots_fit")
+    with Stages("calibrate", "nlos.calibration", line_s=-1.0):
+        logger.debug("fitting spots alone")
+    logger.debug("nobody listens any more")
+    assert capsys.readouterr().err == "calibrate: fitting spots alone, 0 s so far\n"
 
 
 def on_a_terminal(folder: Path, *words: str) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from nlos.beam_seen import keep_beam_seen
 from nlos.by_hand import lines
 from nlos.by_hand.hand import Hand
-from nlos.by_hand.marks import Marks
+from nlos.by_hand.marks import Mark, Marks
 from nlos.calibration.errors import InvalidData
 from nlos.calibration.geometry_fit import Spots
 from nlos.calibration.spots_sense import check_sense, span_the_wall
@@ -123,7 +123,7 @@ class Jog:
         if place is None and self._offered is not None:
             place = self._offered
         try:
-            self._marks.add(self._hand.angles, place)
+            mark = self._marks.add(self._hand.angles, place)
         except OSError as error:
             self._hand.note(f"not marked: {self._marks.path} cannot be written ({error.strerror})")
             return ""
@@ -133,7 +133,9 @@ class Jog:
         else:
             at = self._hand.angles
             self._seen.append((at.x_rad, at.y_rad, *place))
-            self._hand.note(where + (self._turned() or self._enough() or self._far_off(place)))
+            self._hand.note(
+                where + (self._turned() or self._contradicted(mark) or self._enough() or self._far_off(place))
+            )
         bench = self._hand.bench
         if bench.shutter is not None and bench.settings.shutter_on != "nothing" and not self._hand.lit_here:
             self._hand.note("marked with the light off since the beam came here: SPACE, held, shows the spot")
@@ -150,6 +152,16 @@ class Jog:
         except InvalidData as error:
             return f": {str(error).partition(';')[0]}"
         return ""
+
+    def _contradicted(self, new: Mark) -> str:
+        older = self._marks.contradicted_by(new, self._hand.bench.settings.geometry.wall_distance_m)
+        if not older:
+            return ""
+        others = f" (and {len(older) - 1} more)" if len(older) > 1 else ""
+        return (
+            f": {new} contradicts line {older[0].line}, {older[0]}{others}. One of them was misread, or scanner or "
+            "wall was moved since: delete the wrong line, or begin a new table with --marks"
+        )
 
     def _enough(self) -> str:
         if self._marks.count - self._marks.unmeasured < _ENOUGH_MARKS:

@@ -25,6 +25,14 @@ class LightOnRequest:
         self._shutter, self._clock, self._alignment = shutter, clock, alignment
         self._began_s = self._until_s = float("-inf")
         self._timed = False
+        self._opened_s: float | None = None
+        self._closed_after_s = 0.0
+
+    @property
+    def on_s(self) -> float:
+        """How long it was on so far, in all."""
+        lit_s = 0.0 if self._opened_s is None else self._clock.now() - self._opened_s
+        return self._closed_after_s + lit_s
 
     @property
     def lit(self) -> bool:
@@ -75,12 +83,14 @@ class LightOnRequest:
         wanted = now_s < off_s - SPARE_S
         if wanted and not self._shutter.may_be_open:
             self._set_timer(off_s - now_s - _ALARM_EARLY_S)
+            self._opened_s = self._clock.now()
             self._shutter.open()
         elif not wanted and self._shutter.may_be_open:
             self._shutter.close("its time is over")
             self._set_timer(0.0)
         elif wanted:
             self._set_timer(off_s - now_s - _ALARM_EARLY_S)
+        self._account()
 
     def end(self, why: str) -> None:
         """Off, whatever was asked for."""
@@ -88,6 +98,12 @@ class LightOnRequest:
         self._set_timer(0.0)
         if self.lit and self._shutter is not None:
             self._shutter.close(why)
+        self._account()
+
+    def _account(self) -> None:
+        """Its time, where it is off by now, whoever closed it."""
+        if self._opened_s is not None and not self.lit:
+            self._closed_after_s, self._opened_s = self.on_s, None
 
     @contextmanager
     def timed(self) -> Iterator[None]:

@@ -4,11 +4,37 @@ import csv
 import io
 import math
 import os
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from nlos.drivers.galvo.mirror import MirrorAngles
 
 COLUMNS = ("x_deg", "y_deg", "x_m", "y_m")
+SAME_M, OTHER_M = 4e-3, 12e-3
+"""On the wall: what is nearer is one place, by a ruler good to a millimetre or two; what is farther is another one."""
+
+
+@dataclass(frozen=True)
+class Mark:
+    """One spot: commanded angles, optical degrees; its place on the wall, metres, None where it is to be filled in."""
+
+    line: int
+    x_deg: float
+    y_deg: float
+    place_m: tuple[float, float] | None
+
+    def contradicts(self, other: "Mark", wall_distance_m: float) -> bool:
+        """Whether one scanner cannot have made both: the same angles at another place, or other angles at the same."""
+        if self.place_m is None or other.place_m is None:
+            return False
+        sent_m = wall_distance_m * math.radians(math.hypot(self.x_deg - other.x_deg, self.y_deg - other.y_deg))
+        seen_m = math.dist(self.place_m, other.place_m)
+        return (sent_m < SAME_M and seen_m > OTHER_M) or (seen_m < SAME_M and sent_m > OTHER_M)
+
+    def __str__(self) -> str:
+        x_m, y_m = self.place_m or (math.nan, math.nan)
+        return f"{self.x_deg:+.3f} {self.y_deg:+.3f} deg at {x_m:+.3f} {y_m:+.3f} m"
 
 
 class Marks:
@@ -18,23 +44,46 @@ class Marks:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.count = self.unmeasured = 0
+        self._marks: list[Mark] = []
+        self._lines = 1
         if path.exists():
-            rows = path.read_text(encoding="utf-8-sig").splitlines()[1:]
-            self.count = len(rows)
-            self.unmeasured = sum(row.rstrip().endswith(",") for row in rows)
+            rows = path.read_text(encoding="utf-8-sig").splitlines()
+            self._lines = len(rows)
+            self.count = len(rows) - 1
+            self.unmeasured = sum(row.rstrip().endswith(",") for row in rows[1:])
+            self._marks = _read(rows)
 
-    def add(self, angles: MirrorAngles, measured: tuple[float, float] | None) -> None:
+    def add(self, angles: MirrorAngles, measured: tuple[float, float] | None) -> Mark:
         """One spot, at optical angles; `measured` (x_m, y_m), None to be filled in later."""
         place = ("", "") if measured is None else tuple(f"{each:.5f}" for each in measured)
-        row = (f"{math.degrees(angles.x_rad):.6f}", f"{math.degrees(angles.y_rad):.6f}", *place)
+        x_deg, y_deg = math.degrees(angles.x_rad), math.degrees(angles.y_rad)
         text = io.StringIO()
         table = csv.writer(text, lineterminator="\n")
         if not self.path.exists():
             table.writerow(COLUMNS)
-        table.writerow(row)
+        table.writerow((f"{x_deg:.6f}", f"{y_deg:.6f}", *place))
         with self.path.open("a", encoding="utf-8") as file:
             file.write(text.getvalue())
             file.flush()
             os.fsync(file.fileno())
         self.count += 1
         self.unmeasured += measured is None
+        self._lines += 1
+        self._marks.append(Mark(self._lines, x_deg, y_deg, measured))
+        return self._marks[-1]
+
+    def contradicted_by(self, new: Mark, wall_distance_m: float) -> list[Mark]:
+        """The other marks, of whatever day, that cannot be true together with this one."""
+        return [each for each in self._marks if each is not new and each.contradicts(new, wall_distance_m)]
+
+
+def _read(rows: list[str]) -> list[Mark]:
+    """What a table says so far, by its own header; rows that a person has still to correct are passed over."""
+    marks = []
+    table = csv.DictReader(rows, skipinitialspace=True)
+    with suppress(csv.Error):  # `calibrate --spots` says what is wrong with such a table
+        for row in table:
+            with suppress(KeyError, TypeError, ValueError):
+                x_deg, y_deg, x_m, y_m = (float(row[name]) for name in COLUMNS)
+                marks.append(Mark(table.line_num, x_deg, y_deg, (x_m, y_m)))
+    return marks

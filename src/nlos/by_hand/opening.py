@@ -63,9 +63,7 @@ def aim_in_use(settings: "BenchSettings", there: Mapping[str, "GalvoMirror | His
     """As scans of this bench are aimed: by its constants where they rest on spots and still hold, else as drawn.
     `there`: role -> who answers."""
     drawn = drawn_aim(settings.geometry)
-    names = {
-        role: f"{one.identity.model} {one.identity.serial}".strip() for role, one in there.items() if one is not None
-    }
+    names = {role: one.identity.name for role, one in there.items() if one is not None}
     try:
         known = aiming_constants(None, settings.model_dump_json(), names)
     except StaleConstants as error:

@@ -53,7 +53,7 @@ def measured_constants(given: Path | None, bench: "Bench", of: "BenchSettings") 
     `StaleConstants` where the bench has changed since they were measured.
     """
     roles = {"mirror": bench.mirror.identity, "counter": bench.counter.identity} if of.simulated else {}
-    names = {role: f"{who.model} {who.serial}".strip() for role, who in roles.items()}
+    names = {role: who.name for role, who in roles.items()}
     known = aiming_constants(given, of.model_dump_json(), names)
     if known is None:
         return None

@@ -19,7 +19,7 @@ from nlos.cli.calibration_lines import result_lines, warnings_of
 from nlos.cli.contradictions import refuse_together
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.first_light import first_light as measured
-from nlos.cli.progress import Progress
+from nlos.cli.progress import Progress, Stages
 from nlos.cli.spots import place_scanner
 from nlos.cli.terminal import terminal
 from nlos.report.calibration_pictures import write_pictures
@@ -132,14 +132,15 @@ def _from_runs(
     _refuse_to_replace(target, overwrite)
     points = sum(len(one.raw.counts) for one in loaded)
     terminal.log(f"fitting the direct light of {points} points")
-    found = measure_constants(
-        [one.raw for one in loaded],
-        devices=devices,
-        sources=[str(run) for run in runs],
-        measured_utc=datetime.now(UTC).isoformat(timespec="seconds"),
-        aim=next((one.aim for one in loaded if one.aim is not None), None),
-        known=known,
-    )
+    with Stages("calibrate", "nlos.calibration"):
+        found = measure_constants(
+            [one.raw for one in loaded],
+            devices=devices,
+            sources=[str(run) for run in runs],
+            measured_utc=datetime.now(UTC).isoformat(timespec="seconds"),
+            aim=next((one.aim for one in loaded if one.aim is not None), None),
+            known=known,
+        )
     if found.raw is None and not dark:
         refuse_unmeant_darkness(runs, loaded)
     for line, values in result_lines(found, measured_spots):
@@ -149,10 +150,11 @@ def _from_runs(
         terminal.log(f"warning: {warning}")
     terminal.document["warnings"] = said
     target.parent.mkdir(parents=True, exist_ok=True)
-    pictures = write_pictures(found, target.with_suffix(""))
-    if measured_spots is not None and found.geometry is not None and found.raw is not None:
-        pictures.append(target.with_suffix("") / "spots.png")
-        spots_picture(pictures[-1], found.geometry, measured_spots, (found.raw.x_m, found.raw.y_m))
+    with Stages("calibrate: drawing the corrections", "nlos.report"):
+        pictures = write_pictures(found, target.with_suffix(""))
+        if measured_spots is not None and found.geometry is not None and found.raw is not None:
+            pictures.append(target.with_suffix("") / "spots.png")
+            spots_picture(pictures[-1], found.geometry, measured_spots, (found.raw.x_m, found.raw.y_m))
     for picture in pictures:
         terminal.result(str(picture))
     terminal.document["pictures"] = [str(picture) for picture in pictures]

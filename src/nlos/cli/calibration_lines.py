@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nlos.acquisition.digits import plus_minus
 from nlos.calibration.spots_fit import OFFSETS, poorly_determined
 from nlos.cli.spots import aside_lines, fitted_lines, spots_line, undetermined_line
 
@@ -38,7 +39,7 @@ def result_lines(found: "Measurement", spots: "Spots | None") -> Lines:
     ):
         quantity = getattr(constants, name)
         if quantity is not None:
-            text = f"{quantity.value * scale:.2f} +- {quantity.error * scale:.2f} {unit}"
+            text = f"{plus_minus(quantity.value * scale, quantity.error * scale)} {unit}"
             lines.append((text, {name: quantity.value, f"{name}_error": quantity.error}))
     return lines
 
@@ -136,13 +137,15 @@ def _alone_line(spots: "GeometryFit", times: "GeometryFit | None") -> tuple[str,
     names = ("scanner_x_m", "scanner_y_m", "wall_distance_m")
     place = [getattr(spots.geometry, name) for name in names]
     errors = [spots.errors.get(name, 0.0) for name in names]
+    told = [f"{plus_minus(1e3 * m, 1e3 * error)} mm" for m, error in zip(place, errors, strict=True)]
     words = (
-        f"spots alone say {place[0]:+.4f}, {place[1]:+.4f}, {place[2]:.4f} m "
-        f"(+- {errors[0] * 1e3:.1f}, {errors[1] * 1e3:.1f}, {errors[2] * 1e3:.1f} mm)"
+        f"told by the spots alone: scanner {told[0]} right of the wall's centre and {told[1]} above it, wall {told[2]} "
+        "away"
     )
     if times is not None:
-        words += f"; direct times alone {times.geometry.wall_distance_m:.4f} m"
-        words += f" (+- {times.errors['wall_distance_m'] * 1e3:.1f} mm)"
+        by_times = plus_minus(1e3 * times.geometry.wall_distance_m, 1e3 * times.errors["wall_distance_m"])
+        words += f"; by the direct times alone: wall {by_times} mm away"
+    words += "; by both together: the lines above, with gains, offsets and delay"
     return words, {"spots_alone_m": place, "spots_alone_error_m": errors}
 
 

@@ -15,6 +15,7 @@ from nlos.cli.exit_codes import ExitCode, UsageError
 from nlos.cli.named_files import BenchWord
 from nlos.cli.targets import page_target
 from nlos.cli.terminal import terminal
+from nlos.doctor.advice import in_order
 from nlos.doctor.area import area_of
 from nlos.doctor.examination import Visit, examine
 from nlos.doctor.hands import light_is_agreed_to
@@ -94,7 +95,7 @@ def doctor(
 
 
 def _said(findings: "Iterator[Finding]", all_of_them: "list[Finding]") -> int:
-    """Each line as it is found, then how many of each kind."""
+    """Each line as it is found, then how many of each kind, and what to do first."""
     for finding in findings:
         all_of_them.append(finding)
         terminal.result(f"{finding.verdict}  {finding.what:<15}{finding.said}")
@@ -104,5 +105,11 @@ def _said(findings: "Iterator[Finding]", all_of_them: "list[Finding]") -> int:
     counted = {verdict: verdicts.count(verdict) for verdict in ("PASS", "WARN", "FAIL", "SKIP")}
     shown = (f"{count} {verdict}" for verdict, count in counted.items() if count or verdict != "SKIP")
     terminal.result(", ".join(shown), **counted)
+    advice = in_order(all_of_them)
+    if len(advice) > 1:
+        terminal.result("what to do, in this order:")
+        for number, line in enumerate(advice, 1):
+            terminal.result(f"  {number}. {line}")
+    terminal.document["advice"] = advice
     terminal.document["findings"] = [asdict(finding) for finding in all_of_them]
     return ExitCode.DEVICE if counted["FAIL"] else ExitCode.DONE

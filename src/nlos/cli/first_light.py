@@ -1,5 +1,6 @@
 """`nlos calibrate --first-light`: delay, response, rates and a time window, before there is a scan."""
 
+import json
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,7 +18,8 @@ from nlos.first_light.measuring import FirstLight, in_the_dark, in_the_light
 
 if TYPE_CHECKING:
     from nlos.drivers.bench import Bench
-    from nlos.drivers.bench_settings import GeometrySettings
+    from nlos.drivers.bench_settings import BenchSettings, GeometrySettings
+    from nlos.first_light.measuring import Rate
 
 
 def first_light(bench: str | None, light: bool, output: Path | None, overwrite: bool) -> None:
@@ -30,9 +32,10 @@ def first_light(bench: str | None, light: bool, output: Path | None, overwrite: 
         closed, dark = in_the_dark(open_bench)
         _agree(open_bench, light)
         found = in_the_light(open_bench, closed, dark)
+        counter = open_bench.counter.identity.name
     _say_place(table.settings.geometry)
     _tell(found)
-    lines = _block(found)
+    lines = _block(found, table.settings, counter)
     terminal.result("\nthe bench file's lines:\n" + "\n".join(lines))
     terminal.result(f"\na scan file's line:\n{_histogram_line(found)}")
     write_bench_file(with_block(table.text, "first_light", lines), table, output)
@@ -63,21 +66,21 @@ def _tell(found: "FirstLight") -> None:
         delay_ns=found.delay_s * 1e9, delay_error_ns=found.delay_error_s * 1e9, spread_ns=found.spread_s * 1e9,
         response_fwhm_ps=None if found.fwhm_s is None else found.fwhm_s * 1e12,
     )  # fmt: skip
-    terminal.result(f"direct     {found.direct.cps:.0f} +- {found.direct.error_cps:.0f} counts/s from the middle",
+    terminal.result(f"direct     {found.direct} counts/s from the middle",
                     direct_cps=found.direct.cps)  # fmt: skip
     if found.dark is None or found.room is None:
         terminal.result(
-            f"background {found.closed.cps:.0f} +- {found.closed.error_cps:.0f} counts/s with the shutter closed: dark "
+            f"background {found.closed} counts/s with the shutter closed: dark "
             "counts and room light together; nobody covered the detector to tell them apart",
             closed_cps=found.closed.cps, dark_cps=None, room_cps=None,
         )  # fmt: skip
     else:
         terminal.result(
-            f"dark       {found.dark.cps:.0f} +- {found.dark.error_cps:.0f} counts/s with the detector covered",
+            f"dark       {found.dark} counts/s with the detector covered",
             closed_cps=found.closed.cps, dark_cps=found.dark.cps,
         )  # fmt: skip
         terminal.result(
-            f"room       {found.room.cps:.0f} +- {found.room.error_cps:.0f} counts/s of light that is not the laser's",
+            f"room       {found.room} counts/s of light that is not the laser's",
             room_cps=found.room.cps,
         )  # fmt: skip
         if found.dark.cps == 0:
@@ -87,7 +90,7 @@ def _tell(found: "FirstLight") -> None:
     terminal.document["warnings"] = list(found.warnings)
 
 
-def _block(found: "FirstLight") -> list[str]:
+def _block(found: "FirstLight", bench: "BenchSettings", counter: str) -> list[str]:
     values = [
         (
             "delay_ns",
@@ -95,13 +98,23 @@ def _block(found: "FirstLight") -> list[str]:
             f"+- {found.delay_error_s * 1e9:.4f}, and 6.7 ps a mm of wall_distance_m",
         ),
         ("response_fwhm_ps", None if found.fwhm_s is None else f"{found.fwhm_s * 1e12:.0f}.0", "direct peak"),
-        ("direct_cps", f"{found.direct.cps:.0f}.0", "from the middle of the area"),
-        ("dark_cps", None if found.dark is None else f"{max(found.dark.cps, 0):.0f}.0", "detector covered"),
-        ("room_cps", None if found.room is None else f"{max(found.room.cps, 0):.0f}.0", "shutter closed, less dark"),
+        ("direct_cps", *_rounded(found.direct, "from the middle of the area")),
+        ("dark_cps", *_rounded(found.dark, "detector covered")),
+        ("room_cps", *_rounded(found.room, "shutter closed, less dark")),
+        ("bench", json.dumps(bench.name), "these are its values: another bench has others"),
+        ("simulated", str(bench.simulated).lower(), ""),
+        ("counter", json.dumps(counter), ""),
     ]
     shown = [(f"  {key}: {value}", why) for key, value, why in values if value is not None]
     head = f"first_light:               # nlos calibrate --first-light, {datetime.now(UTC):%Y-%m-%d}"
-    return [head, *(f"{line:<27}# {why}" for line, why in shown)]
+    return [head, *(f"{line:<27}# {why}" if why else line for line, why in shown)]
+
+
+def _rounded(rate: "Rate | None", what: str) -> tuple[str | None, str]:
+    if rate is None:
+        return None, what
+    value, _, error = str(rate).partition(" +- ")
+    return f"{max(float(value), 0.0):.1f}", f"+- {error}, {what}"
 
 
 def _histogram_line(found: "FirstLight") -> str:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from nlos.acquisition.digits import plus_minus
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.isolated import check_isolated
 from nlos.calibration.constants import load
@@ -46,7 +47,7 @@ def _of_constants(path: Path) -> dict[str, Any]:
         found["response"] = f"{held.response.fwhm_s() * 1e12:.0f} ps FWHM"
     for name, quantity in summary.items():
         if isinstance(quantity, dict) and "value" in quantity:
-            found[name] = f"{quantity['value']:.4g} +- {quantity['error']:.2g}"
+            found[name] = plus_minus(quantity["value"], quantity["error"])
     if held.warnings:
         found["warnings"] = list(held.warnings)
     found["not measured"] = [name for name, value in summary.items() if value is None]

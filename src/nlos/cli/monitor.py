@@ -14,6 +14,7 @@ from nlos.by_hand import lines
 from nlos.by_hand.opening import in_hand
 from nlos.by_hand.row import COLUMNS, row
 from nlos.by_hand.screen import screen_of_terminal
+from nlos.by_hand.summary import Summary
 from nlos.by_hand.viewer import Viewer, viewer
 from nlos.cli.benches import load_bench
 from nlos.cli.exit_codes import UsageError
@@ -53,9 +54,11 @@ def monitor(
     wanted = {"counter"} | (set() if at is None else {"mirror"})
     with (
         viewer(live, port) as page,
+        _summed_up(log) as summary,
         in_hand(table, wanted, light, no_shutter) as hand,
         _logged(log) as write,
     ):
+        summary.light = hand.light
         if hand.watch is None:
             raise hand.bench.absent["counter"]
         if window is not None:
@@ -70,12 +73,24 @@ def monitor(
         if hand.keys.there and not terminal.as_json:
             with screen_of_terminal() as screen:
                 for _ in _updates(hand, until_s, write, page):
+                    summary.add(hand)
                     screen.draw(_lines(hand, screen.size.columns, screen.size.lines, page))
         else:
-            _print_lines(hand, until_s, write, page)
+            _print_lines(hand, until_s, summary, write, page)
         terminal.document.update(row(hand))
-    if log is not None:
-        terminal.result(f"{log}: every update", log=str(log))
+
+
+@contextmanager
+def _summed_up(log: Path | None) -> Iterator[Summary]:
+    """However the watching ends, one line of it stays on the terminal, and where the log is."""
+    summary = Summary()
+    try:
+        yield summary
+    finally:
+        if summary.updates:
+            terminal.result(summary.line(), **summary.values())
+            if log is not None:
+                terminal.result(f"{log}: every update", log=str(log))
 
 
 def _updates(hand: "Hand", until_s: float, write: "Writer", page: "Viewer | None") -> Iterator[None]:
@@ -89,9 +104,10 @@ def _updates(hand: "Hand", until_s: float, write: "Writer", page: "Viewer | None
             return
 
 
-def _print_lines(hand: "Hand", until_s: float, write: "Writer", page: "Viewer | None") -> None:
+def _print_lines(hand: "Hand", until_s: float, summary: Summary, write: "Writer", page: "Viewer | None") -> None:
     said_s = -math.inf
     for _ in _updates(hand, until_s, write, page):
+        summary.add(hand)
         if time.monotonic() - said_s >= _LINE_S:
             said_s = time.monotonic()
             values = [" ".join(each.split()) for each in (*lines.counts(hand), lines.light(hand))]

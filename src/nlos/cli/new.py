@@ -6,12 +6,14 @@ from typing import Annotated
 import typer
 from pydantic import ValidationError
 
+from nlos.calibration.bench_facts import REAL, SIMULATED
 from nlos.cli.doctor import doctor
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
 from nlos.new_bench.asking import answers, as_options
 from nlos.new_bench.detection import detect
 from nlos.new_bench.questions import questions
+from nlos.new_bench.unfinished import Unfinished
 from nlos.new_bench.writing import bench_text, blocks_of
 
 
@@ -40,7 +42,13 @@ def new(
         raise UsageError(
             f"--answer port={given['port']}: a simulated table has no port. Leave it out, or leave out --simulated."
         )
-    said = answers(questions(detect(), simulated), given)
+    unfinished = Unfinished(output, SIMULATED if simulated else REAL)
+    try:
+        said = answers(questions(detect(), simulated), given, unfinished)
+    except (KeyboardInterrupt, UsageError):
+        if unfinished.path.exists():
+            terminal.log(f"{unfinished.path}: your answers so far; the same command offers them again")
+        raise
     try:
         text = bench_text(blocks_of(name or output.stem, said, simulated))
     except ValidationError as error:
@@ -52,6 +60,7 @@ def new(
     except OSError:
         terminal.log(as_options(said))
         raise
+    unfinished.forget()
     terminal.result(f"{output}: written; every line says what it means", bench_file=str(output), answers=said)
     if not check:
         return 0

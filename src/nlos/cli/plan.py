@@ -1,5 +1,6 @@
 """`nlos plan`: checks everything that a scan would, moves nothing, and says how long it will take."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -67,6 +68,8 @@ def plan(
     told = response_wanted(response)
     wanted, table = load("scan", scan, ScanSettings), load_bench(bench)
     asked = wanted.settings.plan()
+    foreign = table.settings.foreign_first_light()
+    table = replace(table, settings=table.settings.with_own_first_light())
     with opened(twin(table), quiet=True) as open_bench:
         planned = fitted(asked, open_bench)
         # Of a real bench a twin is open: its constants are known by the bench's name, serial numbers by scan alone.
@@ -87,7 +90,7 @@ def plan(
     _tell(planned, choice, refitted(asked.axis, planned.axis))
     _tell_beam(within_px, planned, choice)
     _tell_resolution(planned, expected)
-    warnings = window_warnings(planned, direct) + [each for each in (beam.wrong, beam.warning) if each]
+    warnings = [each for each in (foreign, *window_warnings(planned, direct), beam.wrong, beam.warning) if each]
     for warning in warnings:
         terminal.log(f"warning: {warning}")
     terminal.document["warnings"] = warnings

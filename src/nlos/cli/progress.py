@@ -1,5 +1,6 @@
 """What a person sees while something takes its time: a bar with rate and time left on a terminal, lines elsewhere."""
 
+import logging
 import sys
 import time
 from types import TracebackType
@@ -9,6 +10,54 @@ from nlos.cli.terminal import terminal
 
 _BAR_S = 0.1
 _LINE_S = 10.0
+
+
+class Stages(logging.Handler):
+    """Where nobody knows how many steps there are: the newest message of `logger`, and the time since the beginning
+    ticking beside it, on a terminal; a line every ten seconds elsewhere."""
+
+    def __init__(self, what: str, logger: str, line_s: float = _LINE_S) -> None:
+        super().__init__(logging.DEBUG)
+        self._logger = logging.getLogger(logger)
+        self._level = self._logger.level
+        self._what, self._line_s, self._shown_s = what, line_s, time.monotonic()
+        self._begun_s = self._shown_s
+        self._bar = None
+        if terminal.verbosity >= 0 and sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import Progress as RichProgress
+            from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
+
+            self._bar = RichProgress(
+                SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(),
+                console=Console(file=getattr(sys.stderr, "sent", sys.stderr)), transient=True,
+            )  # fmt: skip
+            self._task = self._bar.add_task(what, total=None)
+
+    def __enter__(self) -> Self:
+        self._level = self._logger.level
+        self._logger.setLevel(logging.DEBUG)
+        self._logger.addHandler(self)
+        if self._bar is not None:
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._logger.removeHandler(self)
+        self._logger.setLevel(self._level)
+        if self._bar is not None:
+            self._bar.stop()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """What is being done now."""
+        stage, now = record.getMessage(), time.monotonic()
+        if self._bar is not None:
+            self._bar.update(self._task, description=f"{self._what}: {stage}", refresh=True)
+        elif now - self._shown_s >= self._line_s:
+            self._shown_s = now
+            terminal.log(f"{self._what}: {stage}, {now - self._begun_s:.0f} s so far")
 
 
 class Progress:

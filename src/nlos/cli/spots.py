@@ -105,8 +105,8 @@ def _tell(found: "PlacedScanner", spots: Spots) -> None:
     for warning in said:
         terminal.log(f"warning: {warning}")
     terminal.result(
-        f"{spots_line(found.fit, spots)}; for mirrors that turn by as much as they are told: a RUN given with the "
-        "spots tells gains and offsets as well",
+        f"{spots_line(found.fit, spots)}; all of this is told by the spots alone, for mirrors that turn by as much as "
+        "they are told: gains, offsets and delay need direct light as well, a RUN given with the spots",
         spots_rms_mm=found.fit.spots_rms_m * 1e3, geometry=vars(found.fit.geometry),
         geometry_errors=dict(found.fit.errors), undetermined=sorted(found.undetermined), warnings=said,
     )  # fmt: skip

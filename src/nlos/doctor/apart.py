@@ -88,7 +88,7 @@ def _counter(settings: BenchSettings, clock: Clock, backend: Any, dark: bool) ->
     with closing(open_counter(settings.counter, clock, backend=backend)) as counter:
         yield from counter_lines(counter, settings)
         yield (
-            dark_line(counter.rates(), settings.first_light)
+            dark_line(counter.rates(), settings.with_own_first_light(counter.identity.name).first_light)
             if dark
             else skipped("dark counts", "the light is not confirmed off")
         )

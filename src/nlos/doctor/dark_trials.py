@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import pdtrc
 
+from nlos.acquisition.digits import plus_minus
 from nlos.doctor.area import angles_of, area_of
 from nlos.doctor.findings import Chart, Finding, failed, passed, skipped, warned
 from nlos.doctor.gates import axis_of, gates
@@ -124,7 +125,8 @@ def dark_histogram(bench: Bench) -> Iterator[Finding]:
     live_s = sum(each.live_time_s for each in taken)
     total = sum(each.total_count for each in taken)
     stated_hz, seen_hz = bench.settings.laser.repetition_hz, sum(each.sync_count for each in taken) / live_s
-    pulses = f"{total / live_s:.0f} counts/s over {live_s:.1f} s, {seen_hz / 1e6:.4g} million laser pulses/s"
+    rate = plus_minus(total / live_s, math.sqrt(max(total, 1)) / live_s)
+    pulses = f"{rate} counts/s over {live_s:.1f} s, {seen_hz / 1e6:.4g} million laser pulses/s"
     width = max(1, round(0.2e-9 / axis.bin_width_s))
     groups: npt.NDArray[np.int64] = counts[: len(counts) // width * width].reshape(-1, width).sum(axis=1)
     mean = float(np.median(groups)) if np.median(groups) > 3 else float(groups.mean())

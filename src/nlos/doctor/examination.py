@@ -83,11 +83,10 @@ class Condition:
         return next((why for role, why in self.lost.items() if role in needs), "")
 
 
-def surroundings(table: "Loaded[BenchSettings]") -> Iterator[Finding]:
+def surroundings() -> Iterator[Finding]:
     """What can be said before anything is opened."""
     yield from software()
     yield from disk(Path())
-    yield from levels(table.settings)
 
 
 @dataclass
@@ -107,7 +106,8 @@ class Visit:
 def examine(table: "Loaded[BenchSettings]", visit: Visit) -> Iterator[Finding]:
     """Everything that a scan needs, and thoroughly what a lab asks of it before its first one."""
     settings = table.settings
-    yield from surroundings(table)
+    yield from surroundings()
+    yield from levels(settings)
     missing: dict[str, str] = {}
     for item in absent(settings):
         missing[item.role] = f"the {item.role} is missing"

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from nlos.acquisition.scanning.left_to_take import SPOILT
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import DeviceFault, LimitError
+from nlos.drivers.first_light_settings import FirstLightSettings
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, PointGates
 
 SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
@@ -87,13 +88,18 @@ def arrival(counts: npt.NDArray[np.integer], axis: HistogramAxis, near_s: float,
 
 def expected_s(bench: Bench, range_m: float) -> float:
     """After the sync pulse: there and back, and the delay that first light found; cables without it have no length."""
-    found = bench.settings.first_light
+    found = first_light_of(bench)
     delay_s = 0.0 if found is None else found.delay_ns * 1e-9
     return (2 * range_m / SPEED_OF_LIGHT_M_PER_S + delay_s) % (1 / bench.settings.laser.repetition_hz)
 
 
+def first_light_of(bench: Bench) -> FirstLightSettings | None:
+    """What first light measured on this bench, with this counter."""
+    return bench.settings.with_own_first_light(bench.counter.identity.name).first_light
+
+
 def delay_unknown(bench: Bench) -> str:
     """What to do where direct light is not seen."""
-    if bench.settings.first_light is None:
+    if first_light_of(bench) is None:
         return "Run `nlos calibrate --first-light`: it finds direct light wherever in the period it comes."
     return "Check laser, shutter and aim; run `nlos calibrate --first-light` again where a cable was changed."

@@ -3,9 +3,10 @@
 import math
 from collections.abc import Iterator
 
+from nlos.acquisition.digits import two_digits
 from nlos.doctor.area import angles_of, area_of
 from nlos.doctor.findings import Finding, failed, passed, warned
-from nlos.doctor.gates import axis_of, gates
+from nlos.doctor.gates import axis_of, first_light_of, gates
 from nlos.drivers.bench import Bench
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.clock import Clock
@@ -63,6 +64,9 @@ def counter_lines(counter: HistogramCounter, settings: BenchSettings) -> Iterato
     """Who it is, and whether the laser's sync arrives at the rate that the bench file states."""
     who, rates = counter.identity, counter.rates()
     yield passed("counter", f"{who.product} {who.serial}, firmware {who.firmware}")
+    if foreign := settings.foreign_first_light(who.name):
+        what, _, remedy = foreign.partition(". ")
+        yield warned("first light", what, f"{remedy}.")
     stated_hz = settings.laser.repetition_hz
     if rates.sync_hz <= 0:
         yield failed("sync", "no sync signal", "Check laser, sync cable and the sync input's level.")
@@ -81,16 +85,17 @@ def dark_counts(bench: Bench) -> Iterator[Finding]:
         counted = sum(each.total_count for each in taken)
         rates = CountRates(rates.sync_hz, counted / sum(each.live_time_s for each in taken))
     if bench.settings.shutter.model == "none":
-        said = f"not known: nothing here can make it dark; {rates.detector_hz:.0f} counts/s with the light as it is"
+        rate = two_digits(rates.detector_hz)
+        said = f"not known: nothing here can make it dark; {rate} counts/s with the light as it is"
         yield warned("dark counts", said, "Block the laser by hand and look (`nlos monitor`).")
         return
-    yield dark_line(rates, bench.settings.first_light)
+    yield dark_line(rates, first_light_of(bench))
 
 
 def dark_line(rates: CountRates, known: FirstLightSettings | None) -> Finding:
     """The detector with the shutter closed. `known`: dark counts and room light as first light told them apart."""
     dark_cps = rates.detector_hz
-    said = f"{dark_cps:.0f} counts/s with the shutter closed, dark counts and room light together"
+    said = f"{two_digits(dark_cps)} counts/s with the shutter closed, dark counts and room light together"
     if dark_cps == 0:
         return warned(
             "dark counts",
@@ -109,8 +114,8 @@ def _brighter_of(known: FirstLightSettings | None) -> str:
         return "Dim the room, or cool the detector; `nlos calibrate --first-light` tells the two apart."
     room = known.room_cps > known.dark_cps
     return (
-        f"{'Dim the room' if room else 'Cool the detector'}: at first light dark counts were {known.dark_cps:.0f}/s, "
-        f"room light {known.room_cps:.0f}/s."
+        f"{'Dim the room' if room else 'Cool the detector'}: at first light dark counts were "
+        f"{two_digits(known.dark_cps)}/s, room light {two_digits(known.room_cps)}/s."
     )
 
 

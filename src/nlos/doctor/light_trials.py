@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from nlos.acquisition.digits import plus_minus
 from nlos.acquisition.planning.preflight import PILE_UP
 from nlos.doctor.area import angles_of, area_of, range_m
 from nlos.doctor.findings import Chart, Finding, failed, passed, warned
@@ -57,7 +58,10 @@ def count_rates(bench: Bench) -> Iterator[Finding]:
     chart = Chart("With light, middle of the area", "time after the laser pulse (ns)", "counts",
                   [round(float(each), 3) for each in time_ns[: len(rows) * step : step]],
                   [float(each) for each in rows])  # fmt: skip
-    said = f"{lit_hz:.0f} counts/s with light, {dark_hz:.0f} without"
+    with_light, without = (
+        plus_minus(hz, math.sqrt(max(hz, 1.0) / (_RATE_S * _RATE_GATES))) for hz in (lit_hz, dark_hz)
+    )
+    said = f"{with_light} counts/s with light, {without} without"
     noise_hz = math.sqrt((lit_hz + dark_hz) / (_RATE_S * _RATE_GATES))
     if bench.settings.safety.dry_run:
         yield warned("count rates", f"{said}: a dry run", "Set safety.dry_run: false for light.", chart)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlos.acquisition.recording.provenance import software_versions
+from nlos.doctor.advice import in_order
 from nlos.doctor.chart import drawn
 from nlos.doctor.findings import Finding
 from nlos.drivers.identity import DeviceIdentity
@@ -67,6 +68,8 @@ def write_page(
         for each in findings
     )
     curves = "".join(drawn(each.chart) for each in findings if each.chart is not None)
+    advice = in_order(findings)
+    steps = f"<h2>What to do, in this order</h2><ol>{''.join(f'<li>{escape(each)}</li>' for each in advice)}</ol>"
     title = f"Examination of {kind} {settings.name}"
     laser = settings.laser
     facts = {
@@ -83,7 +86,7 @@ def write_page(
         f"({', '.join(f'{count} {verdict}' for verdict, count in counted.items())})</p>"
         "<h2>Instruments</h2><table><tr><th></th><th>Instrument</th><th>Serial number</th><th>Firmware</th></tr>"
         f"{instruments or '<tr><td colspan=4>none answered</td></tr>'}</table>"
-        f"<h2>Findings</h2><table>{rows}</table>"
+        f"{steps if advice else ''}<h2>Findings</h2><table>{rows}</table>"
         f"{f'<h2>Curves</h2><div class=curves>{curves}</div>' if curves else ''}"
         f"<h2>Bench</h2><table>{about}</table><details><summary>The bench file</summary>"
         f"<pre>{escape(table.text)}</pre></details></body></html>"

@@ -8,8 +8,8 @@ _TOP = re.compile(r"^[A-Za-z_][A-Za-z0-9_]*\s*:", re.MULTILINE)
 
 
 def with_block(text: str, key: str, lines: list[str]) -> str:
-    """`text` with the top-level block `key` replaced, or added before `simulation`, else at the end. `lines`: the whole
-    block, its key included."""
+    """`text` with the top-level block `key` replaced, or added before `simulation` and the comments that lead to it, or
+    at the end. `lines`: the whole block, its key included."""
     block = "\n".join(lines) + "\n"
     starts = list(_TOP.finditer(text))
     for index, found in enumerate(starts):
@@ -17,6 +17,7 @@ def with_block(text: str, key: str, lines: list[str]) -> str:
             end = starts[index + 1].start() if index + 1 < len(starts) else len(text)
             return text[: found.start()] + block + _comments_before_next(text[found.start() : end]) + text[end:]
     before = next((found.start() for found in starts if found[0].startswith("simulation")), len(text))
+    before -= len(_comments_before_next(text[:before])) if before < len(text) else 0
     head = text[:before]
     return head + ("" if head.endswith("\n") or not head else "\n") + block + text[before:]
 

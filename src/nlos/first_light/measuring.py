@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from nlos.acquisition.digits import plus_minus
 from nlos.acquisition.direct_peak import DirectPeak, direct_peak
 from nlos.acquisition.planning.preflight import PILE_UP, aim_of
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
@@ -41,6 +42,9 @@ class Rate:
     @classmethod
     def of(cls, counts: float, seconds: float) -> "Rate":
         return cls(counts / seconds, math.sqrt(max(counts, 1.0)) / seconds)
+
+    def __str__(self) -> str:
+        return plus_minus(self.cps, self.error_cps)
 
     def __sub__(self, other: "Rate") -> "Rate":
         return Rate(self.cps - other.cps, math.hypot(self.error_cps, other.error_cps))
@@ -120,8 +124,7 @@ def in_the_light(bench: Bench, closed: Rate, dark: Rate | None) -> FirstLight:
                 bench.shutter.close("no direct light")
                 raise DeviceFault(
                     bench.counter.identity.model,
-                    f"no direct light from ({x_m:+.2f}, {y_m:+.2f}) m: {total.cps:.0f} counts/s with light, "
-                    f"{closed.cps:.0f} without.",
+                    f"no direct light from ({x_m:+.2f}, {y_m:+.2f}) m: {total} counts/s with light, {closed} without.",
                     "Check laser, shutter, the beam on the wall and the detector's aim; `nlos monitor` shows both.",
                 )
             places.append(Place(x_m, y_m, _range_m(bench, x_m, y_m), peak, total))

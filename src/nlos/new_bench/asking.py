@@ -5,22 +5,27 @@ import sys
 from collections.abc import Mapping, Sequence
 
 from nlos.cli.exit_codes import UsageError
+from nlos.new_bench.hints import HINTS
 from nlos.new_bench.questions import Asking, Question
+from nlos.new_bench.unfinished import Unfinished
 
 BACK = "<"
 
 
-def answers(asking: Sequence[Asking], given: Mapping[str, str]) -> dict[str, str]:
+def answers(asking: Sequence[Asking], given: Mapping[str, str], earlier: Unfinished | None = None) -> dict[str, str]:
     """Key -> answer, in the order of the questions: as given, as typed, or the default. Where nobody is there to be
-    asked, what has no default must be given.
+    asked, what has no default must be given. `earlier`: what was typed before goes before defaults, and what is typed
+    is kept there.
 
     Raises `UsageError` for an answer that is none, and for one that is given to no question.
     """
     on_terminal = sys.stdin.isatty()
     if on_terminal:
-        _say(f"Enter takes what is in brackets; {BACK} goes back to the question before; Ctrl-C writes nothing.")
+        _say(f"Enter takes what is in brackets; {BACK} goes back to the question before; Ctrl-C writes no bench file.")
     said: dict[str, str] = {}
-    typed: dict[str, str] = {}
+    typed = earlier.load() if on_terminal and earlier is not None else {}
+    if typed and earlier is not None:
+        _say(f"In brackets are the answers of the last time, where they differ from what is usual ({earlier.path}).")
     back: list[tuple[int, dict[str, str]]] = []
     at = 0
     while at < len(asking):
@@ -40,6 +45,10 @@ def answers(asking: Sequence[Asking], given: Mapping[str, str]) -> dict[str, str
                 back.append((at, said))
                 if answer != question.default:
                     typed[question.key] = answer
+                else:
+                    typed.pop(question.key, None)
+                if earlier is not None:
+                    earlier.keep(typed)
             said = {**said, question.key: answer}
         at += 1
     if unknown := given.keys() - said.keys():
@@ -70,13 +79,15 @@ def _asked(question: Question, before: str | None) -> str | None:
     """What is typed, until it is an answer; None: back. What was typed `before` goes before the default."""
     default = question.default if before is None or question.refusal(before) else before
     words = f" ({', '.join(question.choices)})" if question.choices else ""
+    if hint := HINTS.get(question.key):
+        _say(f"  {hint}")
     shown = "" if default is None else f" [{default}]"
     while True:
         print(f"{question.text}{words}{shown}: ", end="", file=sys.stderr, flush=True)
         line = sys.stdin.readline()
         if not line:
             _say("")
-            raise UsageError(f"no answer to: {question.text}. Nothing was written.")
+            raise UsageError(f"no answer to: {question.text}. No bench file was written.")
         text = line.strip() or default or ""
         if text == BACK:
             return None

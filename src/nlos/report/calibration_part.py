@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from nlos.acquisition.digits import plus_minus
 from nlos.calibration.correct import Corrected, correct
 from nlos.chain import calibrate_scan
 from nlos.report.html import number, picture, table
@@ -78,7 +79,7 @@ def _residuals(corrected: "Corrected") -> str:
 
 
 def _figures(corrected: "Corrected") -> dict[str, str]:
-    """Name and value with its error, to the digits that it has: tenths of a millimetre and of a picosecond count."""
+    """Name and value with its error, to the digits that it has."""
     found, offsets = corrected.report(), corrected.points.offsets
     rows = {label: number(found[key]) for key, label in _FOUND.items() if found.get(key) is not None}
     wall = None if offsets is None else offsets.wall
@@ -86,10 +87,14 @@ def _figures(corrected: "Corrected") -> dict[str, str]:
         error = np.sqrt(wall.covariance.diagonal())
         (x, y, z), (dx, dy, dz) = wall.scanner_position_m, error[:3]
         rows[_FOUND["scanner_position_m"]] = ", ".join(
-            f"{1e3 * at_m:.2f} ± {1e3 * error_m:.2f}" for at_m, error_m in ((x, dx), (y, dy), (z, dz))
+            _with_error(1e3 * at_m, 1e3 * error_m) for at_m, error_m in ((x, dx), (y, dy), (z, dz))
         )
-        rows[_FOUND["electronic_delay_ns"]] = f"{wall.delay_s * 1e9:.4f} ± {error[3] * 1e9:.4f}"
+        rows[_FOUND["electronic_delay_ns"]] = _with_error(wall.delay_s * 1e9, float(error[3]) * 1e9)
     return rows
+
+
+def _with_error(value: float, error: float) -> str:
+    return plus_minus(value, error).replace("+-", "±")
 
 
 def _map(

@@ -68,6 +68,21 @@ def test_keys_arrive_whole_and_what_is_none_of_ours_is_skipped() -> None:
     assert decoded(b"\x1b[15~\x1b[1;5Cm\xc3\xa9") == ["m"]
 
 
+def test_marks_that_cannot_both_be_true_are_found_whenever_they_were_made(tmp_path: Path) -> None:
+    path = tmp_path / "spots.csv"
+    path.write_text("x_deg,y_deg,x_m,y_m\n5.0,0.0,0.175,0.0\nnot yet,,,\n-5.0,0.0,,\n")
+    marks, turned = Marks(path), math.radians(5.0)
+    same_angles = marks.add(MirrorAngles(turned, 0.0), (0.21, 0.0))
+    assert [each.line for each in marks.contradicted_by(same_angles, 2.0)] == [2]
+    assert "+5.000 +0.000 deg at +0.210 +0.000 m" in str(same_angles)
+    same_place = marks.add(MirrorAngles(0.0, turned), (0.176, 0.001))
+    assert [each.line for each in marks.contradicted_by(same_place, 2.0)] == [2]
+    by_hand = marks.add(MirrorAngles(turned + 1e-4, 0.0), (0.2, 0.003))  # a ruler's few millimetres, either way
+    assert [each.line for each in marks.contradicted_by(by_hand, 2.0)] == [2]
+    elsewhere = marks.add(MirrorAngles(-turned, 0.0), (-0.175, 0.0))  # its partner has no ruler's value yet
+    assert marks.contradicted_by(elsewhere, 2.0) == []
+
+
 def test_marks_are_spots_that_calibrate_reads(tmp_path: Path) -> None:
     path = tmp_path / "spots.csv"
     Marks(path).add(MirrorAngles(0.1, -0.05), (0.2, -0.1))

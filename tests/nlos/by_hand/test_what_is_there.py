@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import re
 import time
 from pathlib import Path
 
@@ -195,6 +196,45 @@ def test_the_ninth_good_mark_is_enough_and_a_mark_in_the_dark_is_warned_of(tmp_p
         assert child.ends() == 0
         assert "marked with the light off" not in child.said
     assert before > 0
+
+
+def test_a_mark_that_contradicts_an_older_one_is_said_at_once_with_both(tmp_path: Path) -> None:
+    (tmp_path / "spots.csv").write_text("x_deg,y_deg,x_m,y_m\n0.0,0.0,0.3,0.1\n")
+    with at_a_terminal(tmp_path, "jog", "--bench", str(bench_file(tmp_path)), "--marks", "spots.csv") as child:
+        child.wait_until(lambda: bool(child.frames), "a screen")
+        child.press("m", "0 0", "\r")
+        child.wait_for("contradicts line 2, +0.000 +0.000 deg at")
+        child.wait_for("+0.300 +0.100 m. One of them was misread")
+        child.press("q")
+        assert child.ends() == 0
+
+
+def test_monitor_leaves_a_line_of_what_it_saw(tmp_path: Path) -> None:
+    words = ("monitor", "--bench", str(bench_file(tmp_path)), "--light", "1", "--log", "m.csv")
+    with at_a_terminal(tmp_path, *words) as child:
+        child.wait_until(lambda: len(account(tmp_path).lit) == 1 and account(tmp_path).ends_dark, "light, and none")
+        time.sleep(0.3)  # a few gates in the dark
+        child.press("q")
+        assert child.ends() == 0
+        left = child.said.rpartition("q ends")[2]
+    assert re.search(
+        r"\d+ updates: sync 10 MHz; \d+ \+- \d+ counts/s with light; \d+ \+- \d+ counts/s without; direct peak at "
+        r"13\.\d+ ns, FWHM \d+ ps, .*counts/s; light on for (\d\.\d) s in all",
+        left,
+    ), left
+    assert "m.csv: every update" in left
+    ((start_s, end_s),) = account(tmp_path).lit
+    said_s = float(re.search(r"light on for (\d\.\d) s", left)[1])  # type: ignore[index]
+    assert end_s is not None
+    assert said_s == pytest.approx(end_s - start_s, abs=0.2 + STARVED_S)
+
+
+def test_monitor_that_is_interrupted_sums_up_too(tmp_path: Path) -> None:
+    with at_a_terminal(tmp_path, "monitor", "--bench", str(bench_file(tmp_path))) as child:
+        child.wait_until(lambda: len(child.frames) > 3, "a screen")
+        child.press("\x03")
+        assert child.ends() == 130
+        assert "no direct peak; light never on" in child.said.rpartition("q ends")[2]
 
 
 def test_tab_gives_as_much_light_again_also_while_the_ruler_is_asked_for(tmp_path: Path) -> None:
