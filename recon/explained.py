@@ -9,7 +9,6 @@ an empty scene.
 
 import time as clock
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -18,46 +17,16 @@ from scipy.ndimage import convolve1d, gaussian_filter1d, uniform_filter1d
 from nlos.acquisition.transient import Transient
 from nlos.recon.errors import ReconError
 from nlos.recon.explained_parts import KEPT, Parts, coarser, photon_unit, split
+from nlos.recon.explained_share import Explained
 from nlos.recon.explained_surface import surface_light
 
 POINTS = 256  # of the wall at which light is compared
 STRETCHES = 128  # of the time axis in which it is
 WIDTHS = (0.0, 0.5, 1.0, 2.0)  # tried for the response, standard deviations in stretches
-LEAST = 0.05
-"""A picture that explains less than this, or less than two of its errors, explains nothing."""
 SURE = 3.0  # standard errors by which light must differ from a flat background, or there is nothing to explain
 SEED = 5
 Floats = npt.NDArray[np.float64]
 Seen = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
-
-
-@dataclass(frozen=True)
-class Explained:
-    """The share of light left for judging that the picture accounts for, its standard error, and what to know about it.
-
-    `share` is None where it could not be found; `note` then says why.
-    """
-
-    share: float | None
-    error: float | None
-    note: str = ""
-    seconds: float = 0.0
-
-    @property
-    def nothing(self) -> bool:
-        """Whether the picture explains nothing: nobody should believe it."""
-        return self.share is not None and self.share < max(LEAST, 2 * (self.error or 0.0))
-
-    def __str__(self) -> str:
-        if self.share is None:
-            return f"explained light unknown: {self.note}"
-        error = self.error or 0.0
-        digits = 1 if error < 0.005 else 0
-        figure = f"{100 * self.share:.{digits}f} ± {100 * error:.{digits}f} %"
-        return f"EXPLAINS NOTHING of the light ({figure})" if self.nothing else f"explains {figure} of the light"
-
-
-NOT_LOOKED_FOR = Explained(None, None, "it was not computed")
 
 
 def explained_light(

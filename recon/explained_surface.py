@@ -9,9 +9,12 @@ import numpy.typing as npt
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.seen import FULL, seen_depth, white
 
 FAINT = 0.005
 """Of the brightest pixel: fainter ones are not rendered."""
+NEARER = 0.7
+"""Of the depth of the nearest bright pixels: from there on the same brightness would send four times the light."""
 Floats = npt.NDArray[np.float32]
 
 
@@ -20,18 +23,12 @@ def surface_light(
 ) -> Floats:
     """(T, N): what the surface with brightness and depth (H, W) sends to the wall points (N, 2) of rows and columns.
 
-    Brightness without a depth is put at the picture's median depth, so that haze counts. `falloff` 4 is a diffuse
-    surface, 2 a retroreflective one. All 0 where nothing has a depth.
+    `falloff` 4 is a diffuse surface, 2 a retroreflective one. All 0 where nothing is seen.
     """
     out = np.zeros((len(points), time.bins), np.float32)
-    known = np.isfinite(depth_m) & (depth_m > 0)
-    bright = albedo > FAINT * albedo.max()
-    if not (known & bright).any():
-        return out.T
-    middle = float(np.median(depth_m[known & bright]))
-    z = np.where(known, depth_m, middle).astype(np.float32)
+    z = with_haze(albedo, depth_m, wall)
     across, up = slopes(z, wall)
-    row, col = np.nonzero(bright)
+    row, col = np.nonzero((albedo > FAINT * albedo.max()) & (z > 0))
     x_m, y_m = wall.x_m().astype(np.float32), wall.y_m().astype(np.float32)
     x, y, z, across, up = x_m[col], y_m[row], z[row, col], across[row, col], up[row, col]
     shade = albedo[row, col]
@@ -46,6 +43,20 @@ def surface_light(
         inside = (bin_ >= 0) & (bin_ < time.bins)
         out[k] = np.bincount(bin_[inside], weights=light[inside], minlength=time.bins)
     return out.T
+
+
+def with_haze(albedo: Floats, depth_m: Floats, wall: WallGrid) -> Floats:
+    """A depth (H, W) for every pixel: its own where it is seen (`seen.py`), else the median of what is bright, so that
+    haze counts. What is faint and much nearer than anything bright is haze, too: it would outshine all else. NaN where
+    nothing is seen."""
+    seen = seen_depth(albedo, depth_m, wall)
+    known = np.isfinite(seen)
+    if not known.any():
+        return seen
+    bright = albedo >= FULL * white(albedo)
+    sure = seen[known & bright] if (known & bright).any() else seen[known]
+    believed = known & (bright | (seen >= NEARER * np.quantile(sure, 0.02)))
+    return np.where(believed, seen, np.median(sure)).astype(np.float32)
 
 
 def slopes(z: Floats, wall: WallGrid) -> tuple[Floats, Floats]:

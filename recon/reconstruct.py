@@ -12,7 +12,8 @@ import numpy.typing as npt
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.configs.settings import Settings
 from nlos.recon.errors import InvalidData, ReconstructionFailed
-from nlos.recon.explained import Explained, explained_light
+from nlos.recon.explained import explained_light
+from nlos.recon.explained_share import Explained
 from nlos.recon.gridding import confidence
 from nlos.recon.memory import KnownMemory, available_bytes, refusal
 from nlos.recon.method import MethodResult, takes_response

@@ -24,7 +24,7 @@ from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, needed_array
 from nlos.acquisition.recording.validation import json_object
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData
-from nlos.recon.explained import NOT_LOOKED_FOR, Explained
+from nlos.recon.explained_share import NOT_LOOKED_FOR, Explained
 from nlos.recon.uncertainty_picture import uncertainty_picture
 from nlos.recon.view3d import write_view3d
 from nlos.recon.volume import Intervals, Reconstruction, Volume, refuse_not_finite, response_words

@@ -5,7 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from nlos.acquisition.wall import WallGrid
 from nlos.recon.volume import Reconstruction
+
+Floats = npt.NDArray[np.float32]
 
 FAINT = 0.02
 """Of the brightest point: below this nothing counts as seen, in every picture and view (decision 135)."""
@@ -54,15 +57,24 @@ def depth_opacity(reconstruction: Reconstruction) -> npt.NDArray[np.float32]:
 
 def brightest(reconstruction: Reconstruction) -> float:
     """What is drawn as white: the 99.9th percentile of the front view."""
-    return float(np.quantile(reconstruction.albedo, 0.999)) or 1.0
+    return white(reconstruction.albedo)
 
 
-def visible_depth(reconstruction: Reconstruction) -> npt.NDArray[np.float32]:
+def visible_depth(reconstruction: Reconstruction) -> Floats:
+    """`seen_depth` of a reconstruction."""
+    return seen_depth(reconstruction.albedo, reconstruction.depth_m, reconstruction.wall)
+
+
+def white(albedo: Floats) -> float:
+    """The 99.9th percentile of a front view."""
+    return float(np.quantile(albedo, 0.999)) or 1.0
+
+
+def seen_depth(albedo: Floats, depth_m: Floats, wall: WallGrid) -> Floats:
     """depth_m (H, W) in metres of what is seen; NaN where the front view is too faint to be told from black, and at
     faint pixels that stand alone."""
-    shade = reconstruction.albedo / brightest(reconstruction)
-    bright = np.where(shade >= FAINT, reconstruction.depth_m, np.float32(np.nan))
-    wall = reconstruction.wall
+    shade = albedo / white(albedo)
+    bright = np.where(shade >= FAINT, depth_m, np.float32(np.nan))
     step_m = STEP_PIXELS * max(wall.width_m / wall.cols, wall.height_m / wall.rows)
     joined = (shade >= FULL) | (_neighbours(bright, step_m) >= NEIGHBOURS)
     return np.where(joined, bright, np.float32(np.nan))

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from nlos.acquisition.response import Response
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import ReconstructionFailed
-from nlos.recon.explained import Explained
+from nlos.recon.explained_share import Explained
 
 
 @dataclass(frozen=True)

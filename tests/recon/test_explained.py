@@ -13,9 +13,10 @@ from matplotlib.figure import Figure
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import ReconstructionFailed
-from nlos.recon.explained import Explained, explained_light
+from nlos.recon.explained import explained_light
 from nlos.recon.explained_parts import KEPT, coarser, photon_unit, split
-from nlos.recon.explained_surface import surface_light
+from nlos.recon.explained_share import Explained
+from nlos.recon.explained_surface import surface_light, with_haze
 from nlos.recon.methods import catalogue
 from nlos.recon.pictures import NOTHING, summary_figure
 from nlos.recon.reconstruct import reconstruct
@@ -118,6 +119,59 @@ def test_the_truth_explains_the_light_however_few_photons_and_wrong_pictures_do_
         assert wrong.share < whole.share - 0.1
     assert explained_light(scan, lambda part: (albedo * 0, depth), (4.0,)).nothing
     assert explained_light(scan, lambda part: (albedo, depth), (2.0, 4.0)).share == pytest.approx(whole.share, abs=0.03)
+
+
+@pytest.mark.parametrize("haze", [0.01, 0.1])
+def test_haze_counts_but_not_by_depths_near_the_wall_where_it_would_outshine_everything(haze: float) -> None:
+    """Noise pixels and the halo around an object get depths from anywhere; light fades with the fourth power."""
+    made, scan = drawn(20.0)
+    albedo, depth = truth(made)
+    whole = explained_light(scan, lambda part: (albedo, depth), (4.0,)).share
+    dark = albedo == 0
+    veiled = np.where(dark, np.float32(haze * albedo.max()), albedo)
+    near = explained_light(scan, lambda part: (veiled, np.where(dark, np.float32(0.1), depth)), (4.0,))
+    without = explained_light(scan, lambda part: (veiled, np.where(dark, np.float32(np.nan), depth)), (4.0,))
+    assert whole is not None
+    assert near.share is not None
+    assert near.share == without.share
+    assert 0.4 < near.share < whole
+    assert not near.nothing
+
+
+def test_a_depth_is_believed_where_it_is_shown_and_not_far_in_front_of_all_that_is_bright() -> None:
+    wall, albedo, depth = WallGrid(1.0, 1.0, 20, 20), np.full((20, 20), 0.001, np.float32), np.full((20, 20), 0.2)
+    albedo[:8, :8], depth[:8, :8] = 1.0, 0.8  # bright
+    albedo[12:, :8], depth[12:, :8] = 0.1, 1.4  # dim and behind it
+    albedo[:8, 12:], depth[:8, 12:] = 0.1, 0.7  # dim, a little in front of it
+    albedo[12:, 12:], depth[12:, 12:] = 0.1, 0.3  # dim, far in front of it: a halo
+    albedo[10, 10], depth[10, 10] = 0.1, 1.1  # alone
+    taken = with_haze(albedo, depth.astype(np.float32), wall)
+    wanted = np.full((20, 20), 0.8, np.float32)
+    wanted[12:, :8], wanted[:8, 12:] = 1.4, 0.7
+    assert np.array_equal(taken, wanted)
+    assert np.isnan(with_haze(albedo * 0, depth.astype(np.float32), wall)).all()
+
+
+def test_a_noisy_picture_whose_bright_parts_are_right_does_not_explain_nothing() -> None:
+    """The letter of `docs/notebooks/compare_methods.ipynb`, whose dimmest pixels by `phasor` lie next to the wall."""
+    wall, time = WallGrid(1.0, 1.0, 32, 32), TimeAxis(192, 64e-12)
+    bar, x_m, y_m = np.linspace(-0.25, 0.25, 12), wall.x_m(), wall.y_m()
+    pieces = [(at, 0.25) for at in bar] + [(0.0, at) for at in bar]
+    rates, (row, col) = np.full((192, 32, 32), 0.02), np.indices((32, 32))
+    for at_x, at_y in pieces:
+        distance = np.sqrt((x_m[None, :] - at_x) ** 2 + (y_m[:, None] - at_y) ** 2 + 0.6**2)
+        np.add.at(rates, ((2 * distance / 299792458 / 64e-12).astype(int), row, col), 0.5 / distance**4)
+    counts = np.random.default_rng(0).poisson(rates).astype(np.float32)
+    told = reconstruct(Transient(counts, np.ones((32, 32)), wall, time), "phasor").explained
+    assert told is not None
+    assert told.share is not None
+    assert told.share > 0.4
+    assert not told.nothing
+
+
+@pytest.mark.parametrize(("share", "error", "nothing"), [(0.049, 0.0, True), (0.06, 0.021, True), (0.06, 0.019, False)])
+def test_a_share_has_to_stand_out_of_its_error(share: float, error: float, nothing: bool) -> None:
+    assert Explained(share, error).nothing is nothing
 
 
 def test_a_scan_of_noise_is_explained_by_nothing_and_says_so(tmp_path: Path) -> None:

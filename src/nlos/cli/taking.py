@@ -27,7 +27,7 @@ from nlos.live.good_enough import Enough, Goal
 from nlos.live.process import methods_for, start_live
 from nlos.live.so_far import new_scan
 from nlos.recipe import Recipe
-from nlos.recon.explained import NOT_LOOKED_FOR
+from nlos.recon.explained_share import NOT_LOOKED_FOR
 from nlos.recon.results import files_in
 from nlos.recon.volume import response_words
 from nlos.response import response_wanted

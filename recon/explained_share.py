@@ -1,0 +1,35 @@
+"""The share of light that a picture explains, and how it is said."""
+
+from dataclasses import dataclass
+
+LEAST, ERRORS = 0.05, 3.0
+"""A picture that explains less than this, or less than so many of its errors, explains nothing."""
+
+
+@dataclass(frozen=True)
+class Explained:
+    """The share of light left for judging that the picture accounts for, its standard error, and what to know about it.
+
+    `share` is None where it could not be found; `note` then says why.
+    """
+
+    share: float | None
+    error: float | None
+    note: str = ""
+    seconds: float = 0.0
+
+    @property
+    def nothing(self) -> bool:
+        """Whether the picture explains nothing: nobody should believe it."""
+        return self.share is not None and self.share < max(LEAST, ERRORS * (self.error or 0.0))
+
+    def __str__(self) -> str:
+        if self.share is None:
+            return f"explained light unknown: {self.note}"
+        error = self.error or 0.0
+        digits = 1 if error < 0.005 else 0
+        figure = f"{100 * self.share:.{digits}f} ± {100 * error:.{digits}f} %"
+        return f"EXPLAINS NOTHING of the light ({figure})" if self.nothing else f"explains {figure} of the light"
+
+
+NOT_LOOKED_FOR = Explained(None, None, "it was not computed")
