@@ -20,7 +20,7 @@ ROOMS = {
     "Learned reconstruction": [(70, 89), (100, 109), (160, 179), (181, 183), (185, 189), (200, 204), (220, 220)],
     "What a picture explains, and how sure it is": [(205, 209), (235, 235), (245, 246), (280, 280)],
     "Watching a scan": [(90, 99)],
-    "Scenes that move": [(215, 219), (250, 254)],
+    "Scenes that move": [(215, 219), (250, 254), (256, 256), (281, 284)],
 }
 TOP = """# Design
 

@@ -1,6 +1,8 @@
 """A film on the live page: each picture is of the newest visit to every point, one is due with every frame."""
 
+import base64
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +19,16 @@ from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.film_memory import FilmMemory
 from nlos.live.film import LiveFilm
+from nlos.live.frames import Frames
 from nlos.live.pace import Pace
 from nlos.live.scan import LiveScan
 from nlos.live.schedule import Schedule
+from nlos.live.steps import film_frames
 from nlos.loaded import load_scan, loaded_frames
 from nlos.recon.live import LiveReconstruction
 from nlos.recon.over_time.half_grid import HalfGrid
 from nlos.recon.reconstruct import reconstruct
+from nlos.recon.seen import brightest
 from nlos.response import AUTO
 
 FRAMES, PARTS = 6, 2
@@ -104,6 +109,49 @@ def test_the_light_of_a_frame_is_that_of_the_film_made_afterwards(run: Path) -> 
             assert np.linalg.norm(shown - made) < 0.02 * np.linalg.norm(made)
             assert known.transient.exposure_s == pytest.approx(wanted.exposure_s, rel=0.02)
             assert frame or np.array_equal(known.transient.counts, wanted.counts)
+
+
+def test_a_finished_films_slider_shows_every_frame_with_its_memory(run: Path) -> None:
+    """Each as `--film --memory` makes it, whatever was dropped while it was live; at its own moment."""
+    live = LiveScan(run, [LiveReconstruction("lct")], constants=Path("none"))
+    live.start()
+    live.wait()
+    frames = Frames(live)
+    try:
+        frames.start()
+        deadline_s = time.monotonic() + 60
+        while frames.version < FRAMES:
+            assert time.monotonic() < deadline_s
+            time.sleep(0.02)
+    finally:
+        frames.stop(30)
+        live.stop(30)
+    assert frames.samples == [32 * (frame + 1) for frame in range(FRAMES)]
+    assert [(shown or {})["of_film"]["frame"] for shown in frames.pictures] == list(range(FRAMES))
+    moments_s = [(shown or {})["of_film"]["time_s"] for shown in frames.pictures]
+    whole = load_scan(run)
+    with Recording.open(run) as recording:
+        earlier, arrivals, records = FilmMemory(recording), arrivals_of(whole), recording.intact_records()
+        for frame in range(FRAMES):
+            taken = records[recording.plan.pass_[records["number"]] == frame]
+            assert taken["taken_s"].min() < moments_s[frame] < taken["taken_s"].max()
+            alone = loaded_frames(recording, range(frame, frame + 1))
+            light = earlier.with_earlier(frame, calibrate_scan(alone, False, None, arrivals))
+            wanted = LiveReconstruction("lct").of_film(HalfGrid(light, recording.plan.wall), 1, whole.falloff)
+            packed = (frames.pictures[frame] or {})["albedo"]
+            shown = np.frombuffer(base64.b64decode(packed["f4"]), dtype="<f4")
+            made = wanted.reconstruction.albedo / brightest(wanted.reconstruction)
+            assert np.linalg.norm(shown - made.ravel()) < 0.02 * np.linalg.norm(made)
+            rates = (frames.rates[frame] or {})["samples"]
+            assert rates == 32 * (frame + 1)
+
+
+def test_of_a_long_film_some_frames_are_shown_and_the_last_is_one_of_them() -> None:
+    assert film_frames(6) == list(range(6))
+    some = film_frames(10_000)
+    assert (len(some), some[0], some[-1]) == (100, 99, 9_999)
+    assert set(np.diff(some)) == {100}
+    assert film_frames(101)[-1] == 100
 
 
 def test_frames_that_wait_for_too_long_are_dropped_and_late_points_are_too_late(run: Path) -> None:

@@ -168,6 +168,41 @@ def test_a_finished_scan_is_shown_whole_and_along_its_time(viewer: str, browser:
     page.close()
 
 
+FILM = """\
+wall: {width_m: 1.0, height_m: 1.0, rows: 8, cols: 8}
+pattern: serpentine
+dwell_ms: 4
+histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
+frames: 6
+"""
+
+
+def test_a_finished_film_replays_frame_by_frame_with_its_memory(folder: Path, browser: Any) -> None:
+    (folder / "film.yaml").write_text(FILM)
+    nlos(folder, "scan", "film.yaml", "--bench", "moving", "-o", "film.h5")
+    with viewed(folder, "film.h5", "--method", "lct") as url:
+        page, complaints = opened(browser, url)
+        page.wait_for_selector("#slider", state="visible")
+        playwright.expect(page.locator("#first")).not_to_contain_text("ready", timeout=PATIENCE_MS)
+        assert page.locator("#time").get_attribute("max") == "6"
+        shown = []
+        for frame in range(1, 6):
+            page.locator("#time").fill(str(frame))
+            page.wait_for_selector(f'body[data-picture="{64 * frame}"]')
+            assert page.locator("#film dd").inner_text() == f"{frame} of 6"
+            playwright.expect(page.locator("#first")).to_have_text(re.compile(r"^at \d\.\d\d s$"))
+            shown.append((page.locator("#first").inner_text(), page.evaluate(PIXELS, "albedo")))
+        moments, pictures = zip(*shown, strict=True)
+        assert list(moments) == sorted(set(moments))
+        assert len(set(pictures)) == 5
+        page.locator("#time").fill("1")
+        page.keyboard.press("Space")
+        page.wait_for_selector('body[data-picture="384"]')  # played to its end, at its own pace
+        playwright.expect(page.locator("#play")).to_contain_text("Play")
+        assert complaints == []
+        page.close()
+
+
 def test_nanos_depths_have_the_colours_of_the_picture_on_disk(folder: Path, browser: Any) -> None:
     """What the page draws at every pixel is what `depth.png` has there: faded with brightness and doubt, on grey."""
     nlos(folder, "reconstruct", "run.h5", "--method", "nano", "-o", "nano", "--no-volume")

@@ -6,7 +6,7 @@ import numpy as np
 
 from nlos.live.describe import described, packed, solid
 from nlos.live.file_seen import Seen
-from nlos.live.frames import FRAMES, Frames
+from nlos.live.frames import Frames
 from nlos.live.scan import LiveScan
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ class ScanAnswers:
     def rates(self, frame: int | None) -> dict[str, Any]:
         """Count rate at every place, NaN where not measured; of a frame of a finished scan as it was then."""
         if frame is not None:
-            return self._frames.rates[_frame(frame)] or {"samples": 0}
+            return self._frames.rates[self._step(frame)] or {"samples": 0}
         gathering = self._scan.gathering
         if gathering is None:
             return {"samples": 0}
@@ -101,7 +101,7 @@ class ScanAnswers:
     def picture(self, method: str, frame: int | None) -> dict[str, Any]:
         """The newest picture by `method`, or a frame of a finished scan; empty where there is none yet."""
         if frame is not None:
-            return self._frames.pictures[_frame(frame)] or {}
+            return self._frames.pictures[self._step(frame)] or {}
         newest = self._scan.latest.get(method)
         if newest is None:
             return {}
@@ -128,9 +128,14 @@ class ScanAnswers:
     def solid(self, method: str, frame: int | None) -> dict[str, Any]:
         """Surface and volume of the picture that `picture` describes; empty where there is none yet."""
         if frame is not None:
-            return self._frames.solids[_frame(frame)] or {}
+            return self._frames.solids[self._step(frame)] or {}
         newest = self._scan.latest.get(method)
         return {} if newest is None else solid(newest)
+
+    def _step(self, number: int) -> int:
+        if not 0 <= number < len(self._frames.samples):
+            raise IndexError(f"frame {number} of {len(self._frames.samples)}")
+        return number
 
     def _where_m(self, place: int) -> tuple[float, float]:
         """x and y of a place."""
@@ -140,12 +145,6 @@ class ScanAnswers:
             row, col = divmod(place, plan.wall.cols)
             return float(plan.wall.x_m()[col]), float(plan.wall.y_m()[row])
         return float(plan.positions.x_m[place]), float(plan.positions.y_m[place])
-
-
-def _frame(number: int) -> int:
-    if not 0 <= number < FRAMES:
-        raise IndexError(f"frame {number} of {FRAMES}")
-    return number
 
 
 def _status(scan: LiveScan, seen: Seen) -> str:

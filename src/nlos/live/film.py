@@ -64,11 +64,25 @@ class LiveFilm:
         """That had come when the newest frame was over."""
         self.shown_frame = -1
         """The newest one that there is a picture of."""
+        self.over = -1
+        """The newest frame that is over."""
         self.dropped = 0
         """Frames that got no picture, since the first that did."""
         self.trails = Trails()
         self._zero: TimeZero | None = None
-        self._newest = -1, 0.0  # frame with light, and the mean moment of its exposure
+        self.newest = -1, 0.0
+        """The newest frame whose light is known, and the mean moment of its exposure."""
+
+    def again(self) -> "LiveFilm":
+        """The same film from its beginning, aligned as this one was."""
+        film = LiveFilm(self._plan, self._constants, self._wanted)
+        film._alignment, film._falloff, film._zero = self._alignment, self._falloff, self._zero
+        return film
+
+    @property
+    def waiting(self) -> bool:
+        """Whether a frame is over whose light is not known yet."""
+        return bool(self._waiting)
 
     def add(self, sample: "Sample") -> None:
         """One sample of the plan."""
@@ -92,12 +106,23 @@ class LiveFilm:
     def _end(self) -> None:
         if self._coming:
             self._waiting.append((self._frame, self._coming))
-            self._coming, self.samples = [], self._came
+            self._coming, self.samples, self.over = [], self._came, self._frame
 
     def calibrated(self, whole: bool, gathered: "Callable[[], LoadedScan]") -> Calibrated:
         """The light of the newest frame that is over, with what those before it add: aligned by the direct light of the
         first whole scan that is `gathered`. Raises what calibrating raises."""
         count = self.samples
+        self.watch(gathered)
+        assert self._memory is not None
+        assert self._alignment is not None
+        assert self._zero is not None
+        if self._light is None:
+            held = on_half_grid(*self._memory.light())
+            self._light = replace(held, light=replace(held.light, response=self._alignment.response))
+        return Calibrated(count, whole, self._light.light, self._falloff, self._zero, self._light)
+
+    def watch(self, gathered: "Callable[[], LoadedScan]") -> None:
+        """Takes the frames that are over into the memory. Raises what calibrating raises."""
         scan = None if self._alignment is not None else gathered()
         if scan is not None:
             self._align(scan)
@@ -109,18 +134,11 @@ class LiveFilm:
             moments = self._moments(samples)
             self._memory = self._memory or LightMemory(moments.wall, moments.time)
             self._memory.watch(moments)
-            self._newest = frame, moments.mean_s
-        assert self._memory is not None
-        assert self._alignment is not None
-        assert self._zero is not None
-        if waiting or self._light is None:
-            held = on_half_grid(*self._memory.light())
-            self._light = replace(held, light=replace(held.light, response=self._alignment.response))
-        return Calibrated(count, whole, self._light.light, self._falloff, self._zero, self._light)
+            self.newest, self._light = (frame, moments.mean_s), None
 
     def shown(self, picture: Reconstruction) -> None:
         """A picture of the newest frame was made."""
-        before, (self.shown_frame, moment_s) = self.shown_frame, self._newest
+        before, (self.shown_frame, moment_s) = self.shown_frame, self.newest
         self.dropped += max(self.shown_frame - before - 1, 0) if before >= 0 else 0
         self.trails.add(picture, moment_s)
 

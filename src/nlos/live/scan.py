@@ -282,7 +282,7 @@ class LiveScan:
         assert self.gathering is not None
         whole = self.read
         if self.film is not None:
-            return self.film.calibrated(self.read, self._gathered)
+            return self.film.calibrated(self.read, self.gathered)
         with self.lock:
             count, scan = len(self.gathering), scan_of(self.empty, self.gathering)
             corrected = None if self._each is None or whole else with_response(self._each.transient(), self.response)
@@ -290,7 +290,7 @@ class LiveScan:
             return calibrated(scan, count, whole, self._constants, self.response, self._tell)
         return Calibrated(count, whole, corrected, scan.falloff, self._each.zero)
 
-    def _gathered(self) -> "LoadedScan":
+    def gathered(self) -> "LoadedScan":
         assert self.gathering is not None
         with self.lock:
             return scan_of(self.empty, self.gathering)

@@ -1,28 +1,39 @@
 // The slider along the time of a finished scan: which of its steps the page shows, and how they are played.
-let playing = null;
+// A film's steps are its frames, played at its own pace: where the page is too slow for that, frames are passed over.
+let playing = null, passedOver = 0, playedFrom = [1, 0];
 function tellSlider(scan) {
-  const state = scan.state, ready = scan.frames.filter(f => f).length, steps = state.frames.length;
+  const state = scan.state, ready = scan.frames.filter(f => f).length, steps = state.frames.length, of = frame === null ? null : (scan.frames[frame] || {}).of_film;
   $("slider").hidden = !scans.every(s => s.state.over);
   $("time").max = steps;
   const points = frame === null ? state.samples : state.frames[frame];
-  const after = points ? `after ${count(points)} of ${count(state.samples)} points` : "being made";
-  $("first").textContent = after + (ready < steps ? ` (${ready} of ${steps} steps ready)` : "");
+  const some = state.film && scan.frames.length && steps < state.film.frame ? `, ${steps} of ${count(state.film.frame)} frames are shown` : "";
+  const after = of ? `at ${of.time_s.toFixed(2)} s${some}` : points ? `after ${count(points)} of ${count(state.samples)} points${some}` : "being made";
+  $("first").textContent = after + (ready < steps ? ` (${ready} of ${steps} steps ready)` : passedOver ? `, ${count(passedOver)} passed over` : "");
   $("play").lastChild.textContent = playing ? " Stop" : " Play";
 }
-function seek(value) { // the last place is the whole scan
+function seek(value, byHand = true) { // the last place is the whole scan
   const last = +$("time").max, to = Math.min(last, Math.max(1, value));
+  if (byHand) playedFrom = [to, performance.now()];
   $("time").value = to;
   frame = to >= last ? null : to - 1;
   if (frame === null) for (const s of scans) s.back = true;
   tell(); draw();
 }
 function step(by) { seek(+$("time").value + by); }
+function stepMs() { // between two steps; of a film as it was scanned
+  const times = scans[chosen].frames.filter(f => f && f.of_film).map(f => f.of_film.time_s);
+  return times.length > 1 ? Math.min(1000, Math.max(40, 1e3 * (times[times.length - 1] - times[0]) / (times.length - 1))) : 180;
+}
 function play() {
   if (playing) { clearInterval(playing); playing = null; }
   else {
     const last = () => +$("time").value >= +$("time").max;
     if (last()) seek(1);
-    playing = setInterval(() => { step(1); if (last()) play(); }, 180);
+    const ms = stepMs(); passedOver = 0; playedFrom = [+$("time").value, performance.now()];
+    playing = setInterval(() => {
+      const at = +$("time").value, to = Math.min(+$("time").max, playedFrom[0] + Math.floor((performance.now() - playedFrom[1]) / ms));
+      if (to > at) { passedOver += to - at - 1; seek(to, false); if (last()) play(); }
+    }, ms / 4);
   }
   tell();
 }
