@@ -23,6 +23,7 @@ import numpy as np
 from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.imported import PLAIN_FIELDS, FreePoints, ImportedScan
+from nlos.acquisition.importers.magic import check_is_file
 from nlos.acquisition.response import from_json
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
@@ -95,8 +96,7 @@ class IsolatedReader:
 
     def _ask(self, path: Path, wanted: dict[str, object]) -> dict[str, Any]:
         """The child's answer. Raises `InvalidData` where it is an error, or none came."""
-        if not path.is_file():
-            raise FileNotFoundError(f"{path}: no such file")
+        check_is_file(path)
         deadline_s = self._deadline_s
         if deadline_s is None:
             deadline_s = DEADLINE_S + path.stat().st_size / BYTES_PER_S
@@ -181,8 +181,7 @@ _sound: set[tuple[str, int, int, int, int]] = set()
 
 def check_isolated(path: Path, reader: str) -> None:
     """`IsolatedReader.check` in a child of its own; once for a file that has not changed since."""
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
+    check_is_file(path)
     now = path.stat()
     seen = (reader, now.st_dev, now.st_ino, now.st_size, now.st_mtime_ns)
     if seen not in _sound:

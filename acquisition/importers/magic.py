@@ -20,8 +20,15 @@ def is_recording(path: Path) -> bool:
 
 
 def magic_of(path: Path) -> bytes:
-    """The first 8 bytes. Raises `FileNotFoundError`."""
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
+    """The first 8 bytes. Raises as `check_is_file`."""
+    check_is_file(path)
     with path.open("rb") as file:
         return file.read(8)
+
+
+def check_is_file(path: Path) -> None:
+    """Raises `FileNotFoundError`, or `IsADirectoryError` for a folder."""
+    if path.is_dir():
+        raise IsADirectoryError(f"{path}: is a folder. Name a file in it.")
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")

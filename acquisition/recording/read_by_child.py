@@ -8,6 +8,8 @@ from nlos.acquisition.importers.magic import is_recording
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer_lock import is_locked
 
+_RESULTS = "reconstruction.h5"
+"""What `nlos reconstruct` calls its results."""
 _READER = "nlos.acquisition.recording.read_by_child:read_through"
 
 
@@ -27,12 +29,20 @@ def open_checked(path: Path) -> Recording:
 def check_recording(path: Path) -> None:
     """Has a child read the file to its end. Raises `FileNotFoundError`, and `InvalidData` where `path` is not a
     recording, or one that no process survives."""
-    if not is_recording(path):
-        raise InvalidData(
-            f"{path}: is not a recording, or its beginning is damaged. `nlos import {path.name} -o RUN.h5` makes one "
-            "of other formats."
-        )
+    check_says_recording(path)
     check_isolated(path, _READER)
+
+
+def check_says_recording(path: Path) -> None:
+    """By its first bytes alone. Raises `FileNotFoundError`, `IsADirectoryError` and `InvalidData`."""
+    if is_recording(path):
+        return
+    if path.name == _RESULTS:
+        raise InvalidData(f"{path}: is a reconstruction, not a recording. Name the recording that it was made from.")
+    raise InvalidData(
+        f"{path}: is not a recording, or its beginning is damaged. `nlos import {path.name} -o RUN.h5` makes one "
+        "of other formats."
+    )
 
 
 def read_through(path: Path) -> None:

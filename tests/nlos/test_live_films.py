@@ -83,8 +83,9 @@ def test_the_viewer_shows_the_newest_frames_of_a_film_and_a_follower_the_sum(run
             assert np.array_equal(shown, whole)
             return
         assert not np.array_equal(shown, whole)
-        assert live.film is not None
-        assert live.film.shown_frame == FRAMES - 1
+        assert live.gathered is not None
+        assert live.gathered.film is not None
+        assert live.gathered.film.shown_frame == FRAMES - 1
     finally:
         live.stop(30)
 

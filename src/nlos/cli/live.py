@@ -12,6 +12,10 @@ from typing import Annotated
 
 import typer
 
+from nlos.acquisition.recording.read_by_child import check_says_recording
+from nlos.acquisition.recording.writer_lock import is_locked
+from nlos.bench_constants import NONE
+from nlos.calibration.checked import load_checked
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.file_words import Response
 from nlos.cli.method_settings import Weights, chosen_method
@@ -56,6 +60,8 @@ def live(
         raise UsageError(f"{len(runs)} RUNs: name up to {MOST_RUNS} different ones")
     inherited = os.environ.pop(SOCKET, "")
     token = os.environ.pop(TOKEN, "") or secrets.token_urlsafe(24)
+    if not inherited:  # whose address somebody has already
+        _refuse_what_is_no_recording(runs, constants)
     door = socket.socket(fileno=int(inherited)) if inherited else listening(port)
     number = door.getsockname()[1]
     state = state_file(runs[0]) if inherited else None
@@ -77,15 +83,6 @@ def live(
     def ended(number: int, frame: FrameType | None) -> None:
         server.stop()
 
-    previous = {number: signal.signal(number, ended) for number in (signal.SIGINT, signal.SIGTERM)}
-    url = f"http://127.0.0.1:{number}/{token}/"
-    terminal.result(url, url=url)
-    for run in runs:
-        if not run.exists():
-            terminal.log(f"waiting for {run}")
-    for scan in scans:
-        scan.start()
-
     def end_when_idle() -> None:
         while not all(scan.failed for scan in scans):
             busy = any(not (scan.over or scan.broke_off or scan.failed) for scan in scans)
@@ -94,8 +91,18 @@ def live(
             time.sleep(0.5)
         server.stop()
 
-    threading.Thread(target=end_when_idle, daemon=True).start()
+    previous = {}
     try:
+        for scan in scans:
+            scan.start()
+        awaited = [] if inherited else [scan.run for scan in scans if not scan.begun()]
+        previous = {number: signal.signal(number, ended) for number in (signal.SIGINT, signal.SIGTERM)}
+        if not inherited:
+            url = f"http://127.0.0.1:{number}/{token}/"
+            terminal.result(url, url=url)
+        for run in awaited:
+            terminal.log(f"waiting for {run}")
+        threading.Thread(target=end_when_idle, daemon=True).start()
         server.run()
     finally:
         page.stop(ENDS_S)
@@ -108,3 +115,12 @@ def live(
     failed = next((scan.error for scan in scans if scan.failed and scan.error is not None), None)
     if failed is not None:
         raise failed
+
+
+def _refuse_what_is_no_recording(runs: list[Path], constants: Path | None) -> None:
+    """Before anything is loaded: one that is not there yet, or that is being written, is waited for."""
+    for run in runs:
+        if run.exists() and not is_locked(run):
+            check_says_recording(run)
+    if constants is not None and constants != NONE:
+        load_checked(constants)

@@ -10,6 +10,7 @@ from nlos.live.frames import Frames
 from nlos.live.scan import LiveScan
 
 if TYPE_CHECKING:
+    from nlos.acquisition.planning.plan import ScanPlan
     from nlos.recon.live import LivePicture
 
 ALARMS = {"alarm", "trip"}
@@ -47,16 +48,17 @@ class ScanAnswers:
             answer["coming"] = {
                 "method": coming.method, "samples": coming.samples, "making": coming.making, "in_s": coming.in_s,
             }  # fmt: skip
-        if seen is None or scan.gathering is None:
+        held = scan.gathered
+        if seen is None or held is None:
             return answer
-        with scan.lock:
-            done, elapsed_s = len(scan.gathering), scan.elapsed_s
-            detections, live_s = (sum(each) for each in zip(*scan.recent, strict=True)) if scan.recent else (0, 0.0)
+        with held.lock:
+            done, elapsed_s = len(held.samples), held.elapsed_s
+            detections, live_s = (sum(each) for each in zip(*held.recent, strict=True)) if held.recent else (0, 0.0)
         planned = len(seen.plan)
-        if scan.film is not None:
+        if held.film is not None:
             answer["film"] = {
-                "frame": scan.film.shown_frame + 1, "frames": seen.plan.frames, "pictures": scan.pictures,
-                "dropped": scan.film.dropped, "objects": scan.film.trails.told,
+                "frame": held.film.shown_frame + 1, "frames": seen.plan.frames, "pictures": scan.pictures,
+                "dropped": held.film.dropped, "objects": held.film.trails.told,
             }  # fmt: skip
         return answer | {
             "samples": done, "planned": planned, "status": _status(scan, seen), "light": _light(seen),
@@ -70,12 +72,12 @@ class ScanAnswers:
 
     def plan(self) -> dict[str, Any]:
         """Where points lie, in which order they are visited, and the time axis; `places` is 0 before that is known."""
-        seen, gathering = self._scan.seen, self._scan.gathering
-        if seen is None or gathering is None:
+        seen, held = self._scan.seen, self._scan.gathered
+        if seen is None or held is None:
             return {"places": 0}
         plan, axis, wall = seen.plan, seen.plan.axis, seen.plan.wall
-        order = gathering.place_of(np.arange(len(plan)))
-        count = len(gathering.place_rates_hz())
+        order = held.samples.place_of(np.arange(len(plan)))
+        count = len(held.samples.place_rates_hz())
         x_m, y_m = np.zeros(count), np.zeros(count)
         if plan.positions.on_grid:
             x_m, y_m = (grid.reshape(-1) for grid in np.meshgrid(wall.x_m(), wall.y_m()))
@@ -92,11 +94,11 @@ class ScanAnswers:
         """Count rate at every place, NaN where not measured; of a frame of a finished scan as it was then."""
         if frame is not None:
             return self._frames.rates[self._step(frame)] or {"samples": 0}
-        gathering = self._scan.gathering
-        if gathering is None:
+        held = self._scan.gathered
+        if held is None:
             return {"samples": 0}
-        with self._scan.lock:
-            return {"samples": len(gathering), "rates_hz": packed(gathering.place_rates_hz())}
+        with held.lock:
+            return {"samples": len(held.samples), "rates_hz": packed(held.samples.place_rates_hz())}
 
     def picture(self, method: str, frame: int | None) -> dict[str, Any]:
         """The newest picture by `method`, or a frame of a finished scan; empty where there is none yet."""
@@ -113,12 +115,12 @@ class ScanAnswers:
     def histogram(self, place: int) -> dict[str, Any]:
         """Counts at a place so far, when its direct light arrives and how long that hides the scene: None where nobody
         knows yet. Raises `IndexError` where there is no such place."""
-        gathering, zero = self._scan.gathering, self._scan.zero
-        if gathering is None:
+        held, zero = self._scan.gathered, self._scan.zero
+        if held is None:
             raise IndexError("no sample yet")
-        with self._scan.lock:
-            samples, counts = len(gathering), gathering.place_counts(place)
-        arrival_s = None if zero is None else zero.at(*self._where_m(place))
+        with held.lock:
+            samples, counts = len(held.samples), held.samples.place_counts(place)
+        arrival_s = None if zero is None else zero.at(*_where_m(held.samples.plan, place))
         return {
             "samples": samples, "counts": packed(counts),
             "zero_ns": None if arrival_s is None else arrival_s * 1e9,
@@ -137,14 +139,13 @@ class ScanAnswers:
             raise IndexError(f"frame {number} of {len(self._frames.samples)}")
         return number
 
-    def _where_m(self, place: int) -> tuple[float, float]:
-        """x and y of a place."""
-        assert self._scan.gathering is not None
-        plan = self._scan.gathering.plan
-        if plan.positions.on_grid:
-            row, col = divmod(place, plan.wall.cols)
-            return float(plan.wall.x_m()[col]), float(plan.wall.y_m()[row])
-        return float(plan.positions.x_m[place]), float(plan.positions.y_m[place])
+
+def _where_m(plan: "ScanPlan", place: int) -> tuple[float, float]:
+    """x and y of a place."""
+    if plan.positions.on_grid:
+        row, col = divmod(place, plan.wall.cols)
+        return float(plan.wall.x_m()[col]), float(plan.wall.y_m()[row])
+    return float(plan.positions.x_m[place]), float(plan.positions.y_m[place])
 
 
 def _status(scan: LiveScan, seen: Seen) -> str:

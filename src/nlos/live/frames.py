@@ -39,9 +39,10 @@ class Frames:
     def start(self) -> None:
         """Begins once the scan is over; may be called again and again."""
         with self._starting:
-            if self._thread is None and self._scan.over and self._scan.gathering is not None:
-                if self._scan.film is not None:
-                    self._film = film_frames(self._scan.film.over + 1)
+            held = self._scan.gathered
+            if self._thread is None and self._scan.over and held is not None:
+                if held.film is not None:
+                    self._film = film_frames(held.film.over + 1)
                     self._room(len(self._film))
                 self._thread = threading.Thread(target=self._make, daemon=True)
                 self._thread.start()
@@ -57,15 +58,14 @@ class Frames:
             self._make_by(LiveReconstruction(live.method, live.settings))
 
     def _make_by(self, live: "LiveReconstruction") -> None:
-        assert self._scan.seen is not None
+        held = self._scan.gathered
+        assert held is not None
         try:
             with Recording.open(self._scan.run) as recording:  # the follower has closed its own handle
-                if recording.header.identity != self._scan.seen.which:
+                if recording.header.identity != held.identity:
                     return
                 samples = iter(recording.samples())
-                made = steps_of_film(self._scan, samples, self._film) if self._film else steps_of_scan(
-                    self._scan, samples
-                )  # fmt: skip
+                made = steps_of_film(held, samples, self._film) if self._film else steps_of_scan(held, samples)
                 for number, step in enumerate(made):
                     if self._stopped.is_set():
                         return

@@ -38,6 +38,6 @@ def rehearse(live: "LiveReconstruction") -> None:
     transient = Transient(counts, exposed, plan.wall, TimeAxis(BINS, 32e-12, 10e-9))
     scan = LoadedScan(transient, {}, exposed * 0, exposed * 0, False, None, None, None)
     with contextlib.suppress(CalibrationError):  # its libraries are loaded all the same
-        calibrate_scan(scan)
+        calibrate_scan(scan, tell=lambda *said: None)
     rehearsed = LiveReconstruction(live.method, live.settings)
     described(rehearsed.explained(rehearsed.update(transient, SIDE * SIDE), transient))

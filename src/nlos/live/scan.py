@@ -10,7 +10,6 @@ last sample is in, what is being made is given up, and the last picture is that 
 
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -22,29 +21,23 @@ from nlos.acquisition.recording.follow import follow
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.calibration.errors import CalibrationError
 from nlos.calibration.errors import InvalidData as InvalidCalibration
-from nlos.chain import constants_for
 from nlos.cli.terminal import terminal
-from nlos.live.calibrated import Calibrated, calibrated
-from nlos.live.calibration import SampleCalibration
+from nlos.live.calibrated import Calibrated
 from nlos.live.file_seen import Seen
-from nlos.live.film import LiveFilm
+from nlos.live.gathered import Gathered, nothing_yet
 from nlos.live.overtaken import Overtaken, given_up_once
 from nlos.live.rehearsal import get_ready
 from nlos.live.schedule import Coming, Schedule
-from nlos.live.so_far import empty_scan, gathering_for, scan_of, shown_of
 from nlos.recon.errors import ReconError, ReconstructionFailed
-from nlos.response import AUTO, ResponseWanted, with_response
-from nlos.said_once import SaidOnce
+from nlos.response import AUTO, ResponseWanted
 
 if TYPE_CHECKING:
-    from nlos.acquisition.scanning.free_points import FreePoints
-    from nlos.acquisition.scanning.gathering import Gathering
-    from nlos.calibration.constants import BenchConstants
     from nlos.live.time_zero import TimeZero
-    from nlos.loaded import LoadedScan
     from nlos.recon.live import LivePicture, LiveReconstruction
 
 Tell = Callable[["LivePicture"], None]
+
+LOOK_S = 0.02
 
 
 @dataclass
@@ -67,9 +60,7 @@ class LiveScan:
     patience_s: float = 60.0
     """How long the recording may take to appear."""
     seen: Seen | None = None
-    gathering: "Gathering | FreePoints | None" = None
-    lock: threading.Lock = field(default_factory=threading.Lock)
-    """Held while a sample is added."""
+    gathered: Gathered | None = None
     latest: dict[str, "LivePicture"] = field(default_factory=dict)
     """Method -> its newest picture."""
     pictures: int = 0
@@ -77,10 +68,6 @@ class LiveScan:
     left_aside: int = 0
     """Samples that are damaged or unreadable; known at the end."""
     message: str = ""
-    recent: "deque[tuple[int, float]]" = field(default_factory=lambda: deque(maxlen=64))
-    """Detections and live time of the newest samples."""
-    elapsed_s: float = 0.0
-    """Bench time from the scan's start to the end of the last sample."""
     read: bool = False
     """Every sample of the scan is in."""
     over: bool = False
@@ -92,12 +79,7 @@ class LiveScan:
 
     def __post_init__(self) -> None:
         self._stopped, self._news, self._ended = threading.Event(), threading.Event(), threading.Event()
-        self._growing, self._tell = True, SaidOnce()
-        self._empty: LoadedScan | None = None
-        self._constants: BenchConstants | None = None
-        self._each: SampleCalibration | None = None
         self._calibrated: Calibrated | None = None
-        self.film: LiveFilm | None = None
         self._schedule = Schedule([live.method for live in self.lives], self.first_fraction)
         self._threads = [threading.Thread(target=target, daemon=True) for target in (self._follow, self._paint)]
 
@@ -119,7 +101,18 @@ class LiveScan:
     @property
     def failed(self) -> bool:
         """Nothing could be followed: there is nothing to show, and there will not be."""
-        return self.error is not None and self.gathering is None
+        return self.error is not None and self.gathered is None
+
+    def begun(self) -> bool:
+        """Waits until a recording that is there was opened. False while there is none yet; raises what is wrong with
+        one that cannot be followed."""
+        while self.seen is None:
+            if self.error is not None:
+                raise self.error
+            if not self.run.exists():
+                return False
+            time.sleep(LOOK_S)
+        return True
 
     def stop(self, wait_s: float = 0.0) -> None:
         """Ends both threads after what they are at, and waits for that."""
@@ -142,63 +135,33 @@ class LiveScan:
         """When direct light arrives, as the newest picture has it."""
         return self._calibrated.zero if self._calibrated is not None else None
 
-    def calibrated(self, scan: "LoadedScan") -> "Calibrated":
-        """What `reconstruct` would work on. Raises what calibrating raises."""
-        assert self.gathering is not None
-        return calibrated(scan, len(self.gathering), self.read, self._constants, self.response, self._tell)
-
-    @property
-    def empty(self) -> "LoadedScan":
-        """The file as a scan without samples; once `seen`."""
-        assert self._empty is not None
-        return self._empty
-
     def _follow(self) -> None:
         try:
             for sample in follow(self.run, patience_s=self.patience_s, look=self._look):
-                assert self.gathering is not None
-                with self.lock:
-                    if self.gathering.add(sample):
-                        if self._each is not None:
-                            self._each.add(sample)
-                        if self.film is not None:
-                            self.film.add(sample)
-                    self.recent.append((sample.histogram.total_count, sample.histogram.live_time_s))
-                    self.elapsed_s = max(self.elapsed_s, sample.taken_s + sample.histogram.live_time_s)
+                assert self.gathered is not None
+                self.gathered.add(sample)
                 self._schedule.pace.saw(time.monotonic())
                 self._news.set()
                 if self._stopped.is_set():
                     return
-        except (InvalidData, CalibrationError, StorageError, TimeoutError) as error:
+        except (InvalidData, CalibrationError, StorageError, OSError) as error:
             self.error = error
             self._say(str(error))
         finally:
-            if self.film is not None:
-                self.film.finish()
+            if self.gathered is not None:
+                self.gathered.finish()
             self.read = True
             self._news.set()
 
     def _look(self, recording: "Recording") -> None:
         """In the follower's thread. Raises `ForeignConstants` for constants given that are of another bench."""
-        if self.gathering is None:
-            self._begin(recording)
-        if recording.status is not Status.RUNNING and (len(self.gathering or ()) or not len(recording)):
+        if self.gathered is None:
+            if not self.adds_up:
+                self._schedule.follow_frames(recording.plan)
+            self.gathered = nothing_yet(recording, self.constants, self.response, self.adds_up, self._say)
+        if recording.status is not Status.RUNNING and (len(self.gathered.samples) or not len(recording)):
             self.left_aside = recording.left_aside()
         self.seen = Seen.of(recording)
-
-    def _begin(self, recording: "Recording") -> None:
-        # Of a finished recording there is one picture, not one in passing.
-        self._growing = recording.status is Status.RUNNING
-        self._empty = empty = empty_scan(recording)
-        self._constants = constants_for(empty, self.constants)
-        single = recording.on_grid and (self.adds_up or recording.plan.frames == 1)
-        if self._growing and single and not empty.rectified:
-            self._each = SampleCalibration.where_known(recording.plan, self._constants, self._say)
-        if not self.adds_up:
-            self._schedule.follow_frames(recording.plan)
-            if recording.plan.frames > 1 and recording.on_grid and not empty.rectified:
-                self.film = LiveFilm(recording.plan, self._constants, self.response)
-        self.gathering = gathering_for(recording.plan) if self.adds_up else shown_of(recording.plan)
 
     def _paint(self) -> None:
         try:
@@ -207,14 +170,16 @@ class LiveScan:
                 self._news.wait(0.2)
                 self._news.clear()
                 last = self.read
-                count, planned = self._count, self._planned
-                due = self._schedule.due(count, planned, self._growing, last)
-                if due is not None:
-                    self._paint_next(next(live for live in self.lives if live.method == due), count)
-                elif last and self._schedule.done(self._count):
+                held = self.gathered
+                count, planned = (0, 0) if held is None else (len(held), held.planned)
+                growing = held is None or held.growing
+                due = self._schedule.due(count, planned, growing, last)
+                if due is not None and held is not None:
+                    self._paint_next(next(live for live in self.lives if live.method == due), held)
+                elif last and self._schedule.done(0 if held is None else len(held)):
                     self.over = True
                     return
-                self.coming = self._schedule.coming(count, planned, self._growing, last) if planned else None
+                self.coming = self._schedule.coming(count, planned, growing, last) if planned else None
         finally:
             self.coming = None
             if not (self.over or self._stopped.is_set()):
@@ -224,42 +189,25 @@ class LiveScan:
                 )
             self._ended.set()
 
-    @property
-    def _count(self) -> int:
-        """Samples that there may be a picture of: of a film those up to the end of its newest frame."""
-        return len(self.gathering or ()) if self.film is None else self.film.samples
-
-    @property
-    def _planned(self) -> int:
-        return 0 if self.gathering is None else len(self.gathering.plan)
-
-    def _paint_next(self, live: "LiveReconstruction", count: int) -> None:
-        began_s, expected_s = time.monotonic(), self._schedule.pace.picture_s(live.method)
-        self.coming = Coming(live.method, count, True, expected_s or None)
+    def _paint_next(self, live: "LiveReconstruction", held: Gathered) -> None:
+        began_s, count = time.monotonic(), len(held)
+        self.coming = Coming(live.method, count, True, self._schedule.pace.picture_s(live.method) or None)
         with suppress(Overtaken):
-            count = self._picture(live, count, self._schedule.of(live.method))
-            self._schedule.made(live.method, count, self._planned, time.monotonic() - began_s, self._growing)
+            count = self._picture(live, held, count)
+            self._schedule.made(live.method, count, held.planned, time.monotonic() - began_s, held.growing)
 
-    def _picture(self, live: "LiveReconstruction", count: int, painted: int) -> int:
+    def _picture(self, live: "LiveReconstruction", held: Gathered, count: int) -> int:
         """One picture, of how many samples it returns: a slower method's of those of the quickest one's."""
-        known = self._calibrated
-        fresh = live is self.lives[0] or self.read
         try:
-            if (
-                known is None
-                or known.whole != self.read
-                or known.samples <= painted
-                or (fresh and known.samples < count)
-            ):
-                known = self._calibrated = self._calibrate()
+            known = self._light_for(live, held, count)
             count = known.samples
-            if self.film is None or known.of_film is None:
+            if held.film is None or known.of_film is None:
                 with given_up_once(lambda: self.read and not known.whole):
                     picture = live.update(known.transient, count, known.falloff)
             else:
                 picture = live.of_film(known.of_film, count, known.falloff)
                 if live is self.lives[-1]:
-                    self.film.shown(picture.reconstruction)
+                    held.film.shown(picture.reconstruction)
             told = replace(picture.reconstruction, left_aside=self.left_aside, scan=self.run.name)
             picture = replace(picture, reconstruction=told)
         except (InvalidCalibration, InvalidData, ReconError) as error:
@@ -268,32 +216,28 @@ class LiveScan:
         self.pictures, self.message = self.pictures + 1, ""
         self._show(live, picture, self.on_picture)
         self.coming = None
-        if self.film is None or known.of_film is None:  # after the picture, which nobody should have to wait for
+        if held.film is None or known.of_film is None:  # after the picture, which nobody should have to wait for
             with given_up_once(lambda: self.read and not known.whole):
                 self._show(live, live.explained(picture, known.transient, known.falloff), self.on_explained)
         return count
+
+    def _light_for(self, live: "LiveReconstruction", held: Gathered, count: int) -> Calibrated:
+        """What the picture before was made from, unless this method has had it, or it is to be of what is new."""
+        known = self._calibrated
+        fresh = live is self.lives[0] or self.read
+        if (
+            known is None
+            or known.whole != self.read
+            or known.samples <= self._schedule.of(live.method)
+            or (fresh and known.samples < count)
+        ):
+            known = self._calibrated = held.calibrated(self.read)
+        return known
 
     def _show(self, live: "LiveReconstruction", picture: "LivePicture", tell: Tell | None) -> None:
         self.latest = {**self.latest, live.method: picture}
         if tell is not None and live is self.lives[-1]:
             tell(picture)
-
-    def _calibrate(self) -> "Calibrated":
-        assert self.gathering is not None
-        whole = self.read
-        if self.film is not None:
-            return self.film.calibrated(self.read, self.gathered)
-        with self.lock:
-            count, scan = len(self.gathering), scan_of(self.empty, self.gathering)
-            corrected = None if self._each is None or whole else with_response(self._each.transient(), self.response)
-        if corrected is None or self._each is None:
-            return calibrated(scan, count, whole, self._constants, self.response, self._tell)
-        return Calibrated(count, whole, corrected, scan.falloff, self._each.zero)
-
-    def gathered(self) -> "LoadedScan":
-        assert self.gathering is not None
-        with self.lock:
-            return scan_of(self.empty, self.gathering)
 
     def _say(self, message: str) -> None:
         self.message = message

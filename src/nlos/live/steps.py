@@ -14,7 +14,7 @@ from nlos.live.so_far import scan_of, shown_of
 if TYPE_CHECKING:
     from nlos.acquisition.sample import Sample
     from nlos.live.film import LiveFilm
-    from nlos.live.scan import LiveScan
+    from nlos.live.gathered import Gathered
     from nlos.recon.live import LivePicture, LiveReconstruction
 
 FRAMES = 20
@@ -44,16 +44,15 @@ def film_frames(count: int) -> list[int]:
     return [round((k + 1) * count / steps) - 1 for k in range(steps)]
 
 
-def steps_of_scan(scan: "LiveScan", samples: "Iterator[Sample]") -> Iterator[Step]:
+def steps_of_scan(held: "Gathered", samples: "Iterator[Sample]") -> Iterator[Step]:
     """Step k is the scan after (k + 1) / `FRAMES` of its samples."""
-    assert scan.gathering is not None
-    total = len(scan.gathering)
+    total = len(held.samples)
     cuts = [max(1, round((k + 1) / FRAMES * total)) for k in range(FRAMES)]
-    gathering, step = shown_of(scan.gathering.plan), 0
+    gathering, step = shown_of(held.samples.plan), 0
 
     def picture(live: "LiveReconstruction") -> "LivePicture":
-        so_far = scan_of(scan.empty, gathering)
-        transient = scan.calibrated(so_far).transient
+        so_far = scan_of(held.empty, gathering)
+        transient = held.calibrated_part(so_far).transient
         return live.explained(live.update(transient, len(gathering), so_far.falloff), transient, so_far.falloff)
 
     for sample in samples:
@@ -63,29 +62,28 @@ def steps_of_scan(scan: "LiveScan", samples: "Iterator[Sample]") -> Iterator[Ste
             step += 1
 
 
-def steps_of_film(scan: "LiveScan", samples: "Iterator[Sample]", frames: Sequence[int]) -> Iterator[Step]:
+def steps_of_film(held: "Gathered", samples: "Iterator[Sample]", frames: Sequence[int]) -> Iterator[Step]:
     """Step k is frame `frames[k]` with its memory of those before it: by the same code as while it was live, with no
     frame dropped."""
-    assert scan.film is not None
-    assert scan.gathering is not None
-    film, gathering, step = scan.film.again(), shown_of(scan.gathering.plan), 0
+    assert held.film is not None
+    film, gathering, step = held.film.again(), shown_of(held.samples.plan), 0
     for sample in samples:
         gathering.add(sample)
         film.add(sample)
         while step < len(frames) and film.over >= frames[step]:
-            yield _frame(scan, film, film.samples, gathering.place_rates_hz())
+            yield _frame(held, film, film.samples, gathering.place_rates_hz())
             step += 1
         if film.waiting and step < len(frames) and frames[step] - film.over <= REMEMBERED:
             with suppress(InvalidData):  # the picture will say it
-                film.watch(scan.gathered)
+                film.watch(held.so_far)
     film.finish()
     for _ in frames[step:]:
-        yield _frame(scan, film, film.samples, gathering.place_rates_hz())
+        yield _frame(held, film, film.samples, gathering.place_rates_hz())
 
 
-def _frame(scan: "LiveScan", film: "LiveFilm", samples: int, rates_hz: npt.NDArray[np.float32]) -> Step:
+def _frame(held: "Gathered", film: "LiveFilm", samples: int, rates_hz: npt.NDArray[np.float32]) -> Step:
     def picture(live: "LiveReconstruction") -> "LivePicture":
-        known = film.calibrated(True, scan.gathered)
+        known = film.calibrated(True, held.so_far)
         assert known.of_film is not None
         made = live.of_film(known.of_film, known.samples, known.falloff)
         film.shown(made.reconstruction)
