@@ -20,11 +20,11 @@ _ENDING_TAKES_S = 20.0
 _open: list["ExitPaths"] = []
 
 
-def signal_soon(number: int) -> None:
+def signal_soon(number: int, after_s: float = _SOON_S) -> None:
     """Raises a signal from another thread, a moment later: what the main thread is in the middle of is over by then."""
 
     def raise_it() -> None:
-        time.sleep(_SOON_S)
+        time.sleep(after_s)
         main = threading.main_thread().ident
         if main is not None and hasattr(signal, "pthread_kill"):
             signal.pthread_kill(main, number)  # wakes it, too, where it sleeps
@@ -32,6 +32,11 @@ def signal_soon(number: int) -> None:
             signal.raise_signal(number)
 
     _thread.start_new_thread(raise_it, ())
+
+
+def a_bench_is_open() -> bool:
+    """Then a signal shuts its light before anything else, and waits where something is `undisturbed`."""
+    return bool(_open)
 
 
 @contextmanager

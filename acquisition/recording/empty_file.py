@@ -23,6 +23,7 @@ from nlos.acquisition.recording.header import FORMAT, VERSION, write_header, wri
 from nlos.acquisition.recording.layout import EVENT, EVENT_ROWS, RECORD, STATUS, Status
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.shown_to_hdf5 import shown_to_hdf5
+from nlos.drivers.exit_paths import a_bench_is_open
 
 _FRESH = r"\.[0-9a-f]{16}\.new"
 
@@ -70,8 +71,8 @@ def lay_out(target: Path, plan: ScanPlan, header: Header) -> Path:
 @contextmanager
 def _interrupts_wait() -> Iterator[None]:
     """While HDF5 writes, a Ctrl-C that would raise an exception waits: HDF5 would call it a failure of the disk."""
-    main = threading.current_thread() is threading.main_thread()
-    if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+    main, before = threading.current_thread() is threading.main_thread(), signal.getsignal(signal.SIGINT)
+    if not main or a_bench_is_open() or not callable(before):
         yield
         return
     came: list[int] = []
@@ -79,7 +80,7 @@ def _interrupts_wait() -> Iterator[None]:
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGINT, before)
         if came:
             signal.raise_signal(signal.SIGINT)
 

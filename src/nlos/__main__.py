@@ -22,13 +22,13 @@ from collections.abc import Sequence
 from os.path import basename, isfile
 
 from nlos.cli.escaped import escape_what_is_printed
-from nlos.cli.interrupts import ignore_interrupts, never_lose_an_interrupt
+from nlos.cli.interrupts import end_at_interrupts, ignore_interrupts, never_lose_an_interrupt, was_told_to_end
 from nlos.cli.outliving import outlive_terminal
 from nlos.cli.terminal import show_library_log, take_global_options, terminal
-from nlos.cli.unbroken_imports import load_libraries_unbroken
 
 _OUTPUTS = ("-o", "--output")
 _MOST_NAMED = 3
+_MOST_BEHIND = 100
 
 
 def main() -> None:
@@ -42,13 +42,15 @@ def main() -> None:
     escape_what_is_printed()
     try:
         never_lose_an_interrupt()
-        load_libraries_unbroken()
         if _starting is not None and signal.getsignal(signal.SIGINT) is _starting:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-        code = run(sys.argv[1:])
-    except KeyboardInterrupt:
+            end_at_interrupts()
+        try:
+            code = run(sys.argv[1:])
+        finally:
+            ignore_interrupts()
+    except KeyboardInterrupt:  # also one that came when all was done
+        ignore_interrupts()
         code = 130
-    ignore_interrupts()
     sys.exit(code)
 
 
@@ -96,7 +98,7 @@ def report(error: BaseException, words: Sequence[str] = ()) -> int:
         return int(error.exit_code)
     code = ExitCode.INTERRUPTED if type(error).__name__ == "Abort" else exit_code(error)
     message = missing_extra(error) or str(error)
-    if code == ExitCode.BUG and follows_an_interrupt(error):
+    if code == ExitCode.BUG and (was_told_to_end() or follows_an_interrupt(error)):
         code, message = ExitCode.INTERRUPTED, ""
     if code == ExitCode.DATA:
         message = with_its_file(message, words)
@@ -114,10 +116,13 @@ def report(error: BaseException, words: Sequence[str] = ()) -> int:
 
 def follows_an_interrupt(error: BaseException) -> bool:
     """Whether a Ctrl-C is behind it: a library that it broke into says so in an error of its own."""
-    seen: BaseException | None = error
-    while seen is not None and not isinstance(seen, KeyboardInterrupt):
-        seen = seen.__cause__ or seen.__context__
-    return seen is not None
+    behind: list[BaseException | None] = [error]
+    for each in behind:
+        if isinstance(each, KeyboardInterrupt):
+            return True
+        if each is not None and len(behind) < _MOST_BEHIND:
+            behind += [each.__cause__, each.__context__]
+    return False
 
 
 def with_its_file(message: str, words: Sequence[str]) -> str:

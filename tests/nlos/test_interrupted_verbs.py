@@ -24,6 +24,7 @@ from nlos.acquisition.recording import salvage
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.verification import verify
 from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.cli import interrupts
 from tests.recon.test_evaluate import make_scene
 
 SOAK = os.environ.get("NLOS_SOAK") == "1"
@@ -205,6 +206,34 @@ def test_ctrl_c_while_the_program_is_loaded_ends_it_in_silence() -> None:
     assert (child.returncode, child.stdout, child.stderr) == (130, "", "")
 
 
+BROKEN_INTO = """
+import os, runpy, signal, sys, time
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == "nlos.cli.methods":
+            broken = False
+            try:
+                os.kill(os.getpid(), signal.SIGINT)
+                time.sleep(0.01)
+            except KeyboardInterrupt:
+                broken = True
+            if broken:  # as NumPy's import_array: what broke it is printed, and no part of the error
+                print("KeyboardInterrupt", file=sys.stderr)
+                raise ImportError("numpy._core.multiarray failed to import")
+            print("loaded", file=sys.stderr)
+sys.meta_path.insert(0, Finder())
+sys.argv = ["nlos", "methods"]
+runpy.run_module("nlos", run_name="__main__", alter_sys=True)
+"""
+
+
+def test_no_import_is_broken_into_once_the_program_runs() -> None:
+    """A module in C that a command loads late, as matplotlib's, made an error of the program of it."""
+    command = [sys.executable, "-P", "-c", BROKEN_INTO]
+    child = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (child.returncode, child.stderr) in ((130, "loaded\nnlos: interrupted\n"), (0, "loaded\n"))
+
+
 @pytest.mark.parametrize("verb", ["recover", "resume"])
 def test_ctrl_c_when_a_copy_is_about_to_take_its_place_leaves_nothing_of_it(
     tmp_path: Path, inputs: Path, verb: str, monkeypatch: pytest.MonkeyPatch
@@ -233,11 +262,22 @@ def test_ctrl_c_when_a_copy_is_about_to_take_its_place_leaves_nothing_of_it(
     assert names_in(tmp_path) - {"run.h5.damaged"} == {"run.h5"}
 
 
-def test_an_error_that_a_library_makes_of_ctrl_c_is_an_interrupt(capsys: pytest.CaptureFixture[str]) -> None:
-    """As when a C extension's first import is broken into."""
+def test_an_error_that_a_library_makes_of_ctrl_c_is_an_interrupt(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As when a C extension is broken into."""
+    monkeypatch.setattr(interrupts, "_told", False)
     wrapped = SystemError("initialization raised unreported exception")
     wrapped.__cause__ = KeyboardInterrupt()
     assert report(wrapped) == 130
     assert capsys.readouterr().err == "nlos: interrupted\n"
     assert report(SystemError("of its own")) == 1
     assert "this is a bug" in capsys.readouterr().err
+    behind_a_cause = SystemError("of its own")
+    behind_a_cause.__cause__, behind_a_cause.__context__ = ValueError("older"), KeyboardInterrupt()
+    assert report(behind_a_cause) == 130
+    with pytest.raises(KeyboardInterrupt):
+        interrupts.interrupt(None)
+    assert report(SystemError("that says nothing of what was behind it")) == 130
+    monkeypatch.setattr(interrupts, "_told", False)
+    assert report(SystemError("of its own")) == 1

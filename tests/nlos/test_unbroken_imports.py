@@ -1,4 +1,4 @@
-"""Ctrl-C while torch is loaded: it waits for the end of the import, unless somebody's own handler is to have it."""
+"""Ctrl-C while torch is loaded: it waits for the end of the import; a bench's own handler shuts the light at once."""
 
 import subprocess
 import sys
@@ -9,7 +9,8 @@ pytest.importorskip("torch")
 
 LOADED = """
 import os, signal, sys, time
-from nlos.cli.unbroken_imports import load_libraries_unbroken
+from nlos.cli.interrupts import end_at_interrupts
+from nlos.drivers.exit_paths import ExitPaths
 
 class Finder:
     def find_spec(self, name, path=None, target=None):
@@ -17,30 +18,34 @@ class Finder:
             came.append(name)
             os.kill(os.getpid(), signal.SIGINT)
 
+def shut_light(why):
+    print("dark", hasattr(sys.modules["torch"], "compile"), flush=True)
+
 came = []
-load_libraries_unbroken()
+end_at_interrupts()
 sys.meta_path.insert(0, Finder())
-HANDLER
-try:
+def work():
     import torch
-    print("loaded", flush=True)
     time.sleep(20)
+try:
+    WORK
 except KeyboardInterrupt:
     print(came, hasattr(sys.modules.get("torch"), "compile"))
 """
-OWN = "signal.signal(signal.SIGINT, lambda number, frame: print('at once', 'torch.distributed' in sys.modules))"
+WITH_A_BENCH = "with ExitPaths(shut_light, lambda: None): work()"
 
 
-def said(handler: str, words: str = "") -> list[str]:
-    code = LOADED.replace("HANDLER", handler).replace("time.sleep(20)", words or "time.sleep(20)")
+def said(work: str) -> list[str]:
+    code = LOADED.replace("WORK", work)
     child = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=100, check=False)
     assert child.stderr == ""
     return child.stdout.splitlines()
 
 
 def test_it_comes_when_torch_is_whole() -> None:
-    assert said("")[-1] == "['torch.distributed'] True"
+    assert said("work()")[-1] == "['torch.distributed'] True"
 
 
-def test_a_handler_of_a_bench_has_it_at_once() -> None:
-    assert said(OWN, "pass") == ["at once False", "loaded"]
+def test_a_bench_is_dark_at_once_and_the_program_ends_when_torch_is_whole() -> None:
+    lines = said(WITH_A_BENCH)
+    assert (lines[0], lines[-1]) == ("dark False", "['torch.distributed'] True")

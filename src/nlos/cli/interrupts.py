@@ -1,4 +1,4 @@
-"""Ctrl-C during a scan: pause on a terminal, end without one. The bench shuts the light before any of this runs."""
+"""Ctrl-C: an end between two imports, or a pause of a scan on a terminal. A bench shuts its light before any of it."""
 
 import signal
 import sys
@@ -14,7 +14,35 @@ if TYPE_CHECKING:
     from nlos.acquisition.scanning.control import ScanControl
 
 
-_watched = False
+_IMPORT = "<frozen importlib._bootstrap>"
+_AGAIN_S = 0.02
+
+_watched = _told = False
+
+
+def end_at_interrupts() -> None:
+    """From now on Ctrl-C raises `KeyboardInterrupt` in whoever calls this, but never within an import that began since:
+    what a module in C makes of it there is printed as an error of the program, or forgotten. Once the import is over it
+    comes again."""
+    top = sys._getframe(1)
+    signal.signal(signal.SIGINT, lambda number, frame: interrupt(frame, top))
+
+
+def interrupt(frame: FrameType | None, top: FrameType | None = None) -> None:
+    """Raises `KeyboardInterrupt`; where a frame between `frame` and `top` loads a module, a little later."""
+    global _told
+    while frame is not None and frame is not top:
+        if frame.f_code.co_filename == _IMPORT:
+            signal_soon(signal.SIGINT, _AGAIN_S)
+            return
+        frame = frame.f_back
+    _told = True
+    raise KeyboardInterrupt
+
+
+def was_told_to_end() -> bool:
+    """Whether Ctrl-C was raised: an error that comes after it may be what some library made of it."""
+    return _told
 
 
 def never_lose_an_interrupt() -> None:
@@ -78,5 +106,6 @@ class Interrupts:
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         again, self.seen = self.seen, True
         if self._asking or self._control is None or again:
-            raise KeyboardInterrupt
+            interrupt(frame)
+            return
         self._control.interrupt("Ctrl-C")
