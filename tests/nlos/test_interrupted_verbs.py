@@ -231,7 +231,8 @@ def test_no_import_is_broken_into_once_the_program_runs() -> None:
     """A module in C that a command loads late, as matplotlib's, made an error of the program of it."""
     command = [sys.executable, "-P", "-c", BROKEN_INTO]
     child = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert (child.returncode, child.stderr) in ((130, "loaded\nnlos: interrupted\n"), (0, "loaded\n"))
+    assert child.returncode in (0, 130)  # 0: it was done before it could be told
+    assert child.stderr in ("loaded\n", "loaded\nnlos: interrupted\n")
 
 
 @pytest.mark.parametrize("verb", ["recover", "resume"])
