@@ -11,6 +11,11 @@ TRIES = 10
 TRY_AGAIN_S = 0.01
 
 
+def lock_file(path: Path) -> Path:
+    """The file that whoever writes the scan file `path` holds a lock on."""
+    return path.with_name(path.name + ".lock")
+
+
 class WriterLock:
     """Held from construction until `release`. Raises `StorageError` where another process, or this one, holds it.
 
@@ -19,7 +24,7 @@ class WriterLock:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path.with_name(path.name + ".lock")
+        self._path = lock_file(path)
         self._fd: int | None = None
         try:
             for tries_left in range(TRIES - 1, -1, -1):
@@ -54,7 +59,7 @@ class WriterLock:
 
 def clear_left_lock(path: Path) -> None:
     """Removes the lock's file where a process that was killed left it; one that is held stays."""
-    if path.with_name(path.name + ".lock").exists():
+    if lock_file(path).exists():
         with suppress(StorageError):
             WriterLock(path).release()
 
@@ -62,7 +67,7 @@ def clear_left_lock(path: Path) -> None:
 def is_locked(path: Path) -> bool:
     """Whether a living process is writing the scan file `path`."""
     try:
-        fd = os.open(path.with_name(path.name + ".lock"), os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
+        fd = os.open(lock_file(path), os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
     except OSError:
         return False
     try:
