@@ -79,7 +79,9 @@ class Bench:
         elif not self.shutter.has_watchdog:
             own.append("no watchdog: if this computer hangs, the shutter stays as it is")
         if self.settings.safety.dry_run:
-            own.append("dry run: the shutter stays closed")
+            stays = "the shutter stays closed" if self.settings.shutter_on != "nothing" else (
+                "there is no shutter that it could keep closed, switch the laser off by hand")  # fmt: skip
+            own.append(f"dry run: {stays}")
         return (*own, *(text for device in (self.mirror, self.counter) for text in getattr(device, "warnings", ())))
 
     @property

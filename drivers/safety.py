@@ -8,7 +8,7 @@ from nlos.drivers.clock import Clock
 from nlos.drivers.errors import DeviceError, SafetyTrip, ShutterHeld
 from nlos.drivers.events import EventLog
 from nlos.drivers.safety_settings import SafetySettings
-from nlos.drivers.shutter import LaserShutter, ShutterState
+from nlos.drivers.shutter import LaserShutter, NoShutter, ShutterState
 from nlos.drivers.tcspc.counter import CountRates, Histogram, HistogramCounter
 from nlos.drivers.trip_latch import TripLatch
 
@@ -28,6 +28,7 @@ class GuardedShutter:
         arming: Arming | None = None,
     ) -> None:
         self._shutter, self._counter, self._settings, self._events = shutter, counter, settings, events
+        self._there = not isinstance(shutter, NoShutter)
         self._watching = False
         self._open = False
         self.confirmed_closed = False  # and not opened since
@@ -79,7 +80,8 @@ class GuardedShutter:
         if self.is_held():
             raise ShutterHeld("shutter", f"stays closed after {self._held}.")
         if self._settings.dry_run:
-            self._events.report("shutter", "asked to open: stays closed in a dry run")
+            if self._there:
+                self._events.report("shutter", "asked to open: stays closed in a dry run")
             return
         if (watchdog := self._watchdog) is not None:
             watchdog.arm_watchdog(self._settings.watchdog_s)
@@ -101,7 +103,7 @@ class GuardedShutter:
         if self.is_held():  # a signal came in between
             self.close(self._held)
             raise ShutterHeld("shutter", f"was closed again after {self._held}.")
-        if not was_open:
+        if not was_open and self._there:
             self._events.report("shutter", "opened")
 
     def check_trip(self) -> None:
@@ -109,7 +111,7 @@ class GuardedShutter:
         if self._trip is not None:
             raise SafetyTrip(
                 "shutter",
-                f"stays closed after a trip ({self._trip}).",
+                f"{'stays closed' if self._there else 'no scan'} after a trip ({self._trip}).",
                 "Find the cause, then run `nlos doctor --clear-trip YOUR-NAME`.",
             )
 
@@ -131,7 +133,7 @@ class GuardedShutter:
             self._events.report("shutter", f"NOT CONFIRMED CLOSED: {error}")
             raise
         self._open, self.confirmed_closed = False, True
-        if was_open:
+        if was_open and self._there:
             self._events.report("shutter", f"closed{': ' + why if why else ''}")
         if self._watching and self._counter is not None:
             self._watching = False
@@ -172,6 +174,12 @@ class GuardedShutter:
     def trip(self, why: str) -> None:
         """Closes the shutter and keeps it closed until `clear_trip`. Raises `SafetyTrip`."""
         self.latch(why)
+        if not self._there:
+            raise SafetyTrip(
+                "shutter",
+                f"there is none to close: {why}.",
+                "Block the laser by hand; find the cause before clearing it.",
+            )
         raise SafetyTrip("shutter", f"closed by a trip: {why}.", "Find the cause before clearing it.")
 
     def latch(self, why: str) -> None:

@@ -162,15 +162,17 @@ class Alarms:
     def before(self, bench: Bench) -> Trouble | None:
         """Looks at everything that can be known with the shutter still closed."""
         rates = bench.counter.rates()
-        return self._sync(rates.sync_hz) or self._disk() or self._dark(rates.detector_hz) or self._aimed()
+        return self._sync(rates.sync_hz) or self._disk() or self._dark(bench, rates.detector_hz) or self._aimed()
 
     def _aimed(self) -> Trouble | None:
         """Said once: whoever continues after that has decided."""
         said, self._aim = self._aim, ""
         return self._look("aim", 2.0, said) if said else None
 
-    def _dark(self, detector_hz: float) -> Trouble | None:
-        """With the shutter closed: by the scan file's limit, else by what is usual on this bench."""
+    def _dark(self, bench: Bench, detector_hz: float) -> Trouble | None:
+        """With the shutter closed, where there is one: by the scan file's limit, else by what is usual here."""
+        if bench.settings.shutter_on == "nothing":
+            return None
         text, limit_hz = f"{two_digits(detector_hz)} dark counts/s", self._settings.max_dark_hz
         if limit_hz is None and self._usual_dark_hz is not None:
             limit_hz = USUAL_TIMES * self._usual_dark_hz + USUAL_SPARE_HZ

@@ -24,6 +24,13 @@ _LONGEST_AXIS_DWELL_S = 0.06
 _ZOOMED_BINS = 1024
 
 
+def refused_light(there_is_a_shutter: bool, why: str, remedy: str) -> LimitError:
+    """For whoever asks for light that is not to be had."""
+    if not there_is_a_shutter:
+        return LimitError("shutter", why, "Switch the laser by hand.")
+    return LimitError("shutter", f"stays closed: {why}", remedy)
+
+
 class Hand:
     """One bench, as far as it is there. `update` takes one gate, or waits as long where there is no counter."""
 
@@ -36,6 +43,8 @@ class Hand:
         """Whether there was light since the beam came where it is."""
         self.no_light = ""
         """Why there is none to be had; empty where there is."""
+        self.light_is_known = bench.settings.shutter_on != "nothing"
+        """Whether anything here switches it on and off."""
         self.notes: deque[str] = deque(maxlen=3)
         self.reading: Reading | None = None
         self.peak: DirectPeak | None = None
@@ -107,7 +116,7 @@ class Hand:
     def ask_for_light(self, seconds: float) -> None:
         """Raises `LimitError` where there is none to be had, or the beam is where it may not be."""
         if self.no_light:
-            raise LimitError("shutter", f"stays closed: {self.no_light}", "Start again where there may be light.")
+            raise refused_light(self.light_is_known, self.no_light, "Start again where there may be light.")
         if self.reach is not None:
             self.reach.check(self.angles)
         self.light.ask(seconds)

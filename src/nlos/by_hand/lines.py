@@ -38,6 +38,8 @@ def beam(hand: Hand) -> list[str]:
 
 def light(hand: Hand) -> str:
     """Whether there is light, how long still, and how to have some."""
+    if not hand.light_is_known:
+        return f"light       not known: {hand.no_light}"
     if hand.no_light:
         return f"light       none: {hand.no_light}"
     duty = hand.bench.settings.alignment.duty

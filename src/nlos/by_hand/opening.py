@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from nlos.acquisition.planning.preflight import drawn_aim
 from nlos.bench_constants import aiming_constants
-from nlos.by_hand.hand import Hand
+from nlos.by_hand.hand import Hand, refused_light
 from nlos.by_hand.keys import keys_of_terminal
 from nlos.by_hand.trust import watch_first_moves
 from nlos.calibration.errors import StaleConstants
@@ -44,7 +44,7 @@ def in_hand(
             terminal.log(f"continuing without the {role}: {bench.absent[role]}")
         why = why_no_light(bench)
         if light_s is not None and why:
-            raise LimitError("shutter", f"stays closed: {why}", "Without --light everything else is done.")
+            raise refused_light(settings.shutter_on != "nothing", why, "Without --light everything else is done.")
         if bench.mirror is not None and "mirror" in wanted:
             watch_first_moves(bench)
         with keys_of_terminal() as keys:
@@ -78,6 +78,8 @@ def aim_in_use(settings: "BenchSettings", there: Mapping[str, "GalvoMirror | His
 def why_no_light(bench: PartialBench) -> str:
     """Why this bench has no light for whoever is at this terminal; empty where it has. Asks what has to be asked, once
     and before a screen is drawn."""
+    if bench.settings.shutter_on == "nothing":
+        return "this bench has no shutter: nothing here switches the light on or off."
     if bench.shutter is None:
         return "what drives the shutter does not answer."
     if bench.settings.safety.dry_run:

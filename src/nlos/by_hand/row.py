@@ -18,7 +18,7 @@ def row(hand: Hand) -> dict[str, Any]:
         return {}
     return {
         "utc": datetime.now(UTC).isoformat(timespec="milliseconds"),
-        "light": "mixed" if reading.lit is None else int(reading.lit),
+        "light": _light(hand, reading.lit),
         "sync_hz": round(reading.sync_hz, 1),
         "detector_hz": round(reading.detector_hz, 1),
         "direct_ns": None if peak is None else round(peak.time_s * 1e9, 4),
@@ -27,3 +27,9 @@ def row(hand: Hand) -> dict[str, Any]:
         "x_deg": math.degrees(hand.angles.x_rad) if hand.reach is not None else None,
         "y_deg": math.degrees(hand.angles.y_rad) if hand.reach is not None else None,
     }
+
+
+def _light(hand: Hand, lit: bool | None) -> str | int:
+    if not hand.light_is_known:
+        return "unknown"
+    return "mixed" if lit is None else int(lit)

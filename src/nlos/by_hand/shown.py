@@ -33,6 +33,8 @@ def shown(hand: Hand) -> dict[str, Any]:
 
 def _light(hand: Hand) -> str:
     """For eyes at a page, whose keys give none."""
+    if not hand.light_is_known:
+        return "light not known: " + hand.no_light
     if hand.no_light:
         return "no light: " + hand.no_light
     if hand.light.lit:

@@ -28,6 +28,7 @@ class Summary:
     """Added to at every update; the peak is the last one that was seen, with its rate over a second at most."""
 
     light: LightOnRequest | None = None
+    """None where nothing here switches it."""
     updates: int = 0
     _lit: dict[bool, _Counted] = field(default_factory=dict)
     _sync_hz: float = 0.0
@@ -56,8 +57,8 @@ class Summary:
     def line(self) -> str:
         """All of it in one line."""
         parts = [f"sync {rate(self._sync_hz, 'Hz')}"]
-        words = {True: "with light", False: "without"}
-        parts += [f"{self._lit[lit]} {words[lit]}" for lit in words if lit in self._lit]
+        words = {False: ""} if self.light is None else {True: " with light", False: " without"}
+        parts += [f"{self._lit[lit]}{words[lit]}" for lit in words if lit in self._lit]
         if self._peak is None:
             parts.append("no direct peak")
         else:
@@ -65,14 +66,17 @@ class Summary:
             parts.append(
                 f"direct peak at {self._peak.time_s * 1e9:.3f} ns, FWHM {width}, {rate(self._peak_hz, 'counts/s')}"
             )
-        parts.append(f"light on for {self.light_s:.1f} s in all" if self.light_s > 0 else "light never on")
+        if self.light is None:
+            parts.append("light not known: this bench has no shutter")
+        else:
+            parts.append(f"light on for {self.light_s:.1f} s in all" if self.light_s > 0 else "light never on")
         return f"{self.updates} updates: {'; '.join(parts)}"
 
     def values(self) -> dict[str, Any]:
         """The same for `--json`."""
         return {
             "updates": self.updates,
-            "light_s": round(self.light_s, 3),
+            "light_s": None if self.light is None else round(self.light_s, 3),
             "lit_hz": None if True not in self._lit else round(self._lit[True].hz, 1),
-            "dark_hz": None if False not in self._lit else round(self._lit[False].hz, 1),
+            "dark_hz": None if self.light is None or False not in self._lit else round(self._lit[False].hz, 1),
         }

@@ -68,7 +68,15 @@ def _tell(found: "FirstLight") -> None:
     )  # fmt: skip
     terminal.result(f"direct     {found.direct} counts/s from the middle",
                     direct_cps=found.direct.cps)  # fmt: skip
-    if found.dark is None or found.room is None:
+    if found.closed is None:
+        covered = (
+            "nobody covered the detector" if found.dark is None else f"{found.dark} counts/s with the detector covered"
+        )
+        terminal.result(
+            f"background not known: this bench has no shutter that could keep the laser off; {covered}",
+            closed_cps=None, dark_cps=None if found.dark is None else found.dark.cps, room_cps=None,
+        )  # fmt: skip
+    elif found.dark is None or found.room is None:
         terminal.result(
             f"background {found.closed} counts/s with the shutter closed: dark "
             "counts and room light together; nobody covered the detector to tell them apart",

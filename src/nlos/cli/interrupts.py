@@ -73,6 +73,7 @@ class Interrupts:
         self.seen = False
         self._control: ScanControl | None = None
         self._asking = False
+        self._light = ""
 
     @contextmanager
     def caught(self) -> Iterator["Interrupts"]:
@@ -84,15 +85,16 @@ class Interrupts:
         finally:
             signal.signal(signal.SIGINT, previous)
 
-    def pauses(self, control: "ScanControl") -> None:
-        """From now on Ctrl-C pauses this scan."""
+    def pauses(self, control: "ScanControl", shuttered: bool) -> None:
+        """From now on Ctrl-C pauses this scan, in the dark where there is a shutter."""
         self._control = control
+        self._light = "the shutter is closed" if shuttered else "the laser is as it was, this bench has no shutter"
 
     def ask(self, why: str) -> bool:
         """Waits for Enter (True) or a second Ctrl-C (False); without a terminal the answer is False."""
         if not (sys.stdin.isatty() and sys.stderr.isatty()):
             return False
-        terminal.log(f"paused ({why}); the shutter is closed. Enter resumes, Ctrl-C ends the scan.", -9)
+        terminal.log(f"paused ({why}); {self._light}. Enter resumes, Ctrl-C ends the scan.", -9)
         self._asking = True
         try:
             input()

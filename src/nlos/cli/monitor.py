@@ -58,7 +58,7 @@ def monitor(
         in_hand(table, wanted, light, no_shutter) as hand,
         _logged(log) as write,
     ):
-        summary.light = hand.light
+        summary.light = hand.light if hand.light_is_known else None
         if hand.watch is None:
             raise hand.bench.absent["counter"]
         if window is not None:

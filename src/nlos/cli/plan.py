@@ -88,6 +88,7 @@ def plan(
         beam = judge_beam(table.settings, aim, by_spots=measured is not None)
         expected = told.response if not told.auto else response_of(known) or _simulated(table.settings)
     _tell(planned, choice, refitted(asked.axis, planned.axis))
+    _tell_shutter(table.settings)
     _tell_beam(within_px, planned, choice)
     _tell_resolution(planned, expected)
     warnings = [each for each in (foreign, *window_warnings(planned, direct), beam.wrong, beam.warning) if each]
@@ -125,6 +126,15 @@ def _tell_light(expected: "Expectation") -> None:
         + f" a point; signal-to-noise of the indirect light {expected.signal_to_noise:.1f}",
         counts_per_point=counts, signal_to_noise=expected.signal_to_noise,
     )  # fmt: skip
+
+
+def _tell_shutter(bench: "BenchSettings") -> None:
+    if bench.shutter_on == "nothing":
+        terminal.result(
+            "light      as the laser is: no shutter that a trip or an alarm could close", shut_within_s=None
+        )
+    else:
+        terminal.result(f"light      off within {SHUT_WITHIN_S:g} s of a trip or an alarm", shut_within_s=SHUT_WITHIN_S)
 
 
 def _tell_beam(settled_px: float, plan: "ScanPlan", choice: "Choice") -> None:
@@ -198,4 +208,3 @@ def _tell(plan: "ScanPlan", choice: "Choice", other_axis: str) -> None:
         duration_s=forecast.total_s, band_s=[low_s, high_s], parts=parts,
     )  # fmt: skip
     terminal.result(f"disk       {disk / 1e6:.1f} MB", disk_bytes=disk)
-    terminal.result(f"light      off within {SHUT_WITHIN_S:g} s of a trip or an alarm", shut_within_s=SHUT_WITHIN_S)

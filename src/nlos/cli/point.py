@@ -61,7 +61,8 @@ def point(
             hand.ask_for_light(light)
             terminal.log(f"light for {light:g} s")
         elif hand.keys.there and hold is None:
-            terminal.log("SPACE, held down: light. Any other key ends.")
+            by_key = f"No light: {hand.no_light} Any" if hand.no_light else "SPACE, held down: light. Any other"
+            terminal.log(f"{by_key} key ends.")
         stay_s = max(hold or 0.0, light or 0.0)
         until_s = time.monotonic() + (stay_s if stay_s or not hand.keys.there else math.inf)
         _stay(hand, until_s)

@@ -158,7 +158,7 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
                 control = ScanControl(lambda why: _ask(interrupts, progress, writer, why))
                 ending = stack.enter_context(ScanEnding(bench, writer, control, "--resume"))
                 safe = ending.safe
-            interrupts.pauses(control)
+            interrupts.pauses(control, bench.settings.shutter_on != "nothing")
             watching.show(prepared)
             start_s = bench.clock.now() - begun.elapsed_s
             stack.enter_context(progress)

@@ -87,6 +87,9 @@ def _alone(settings: BenchSettings, look: Callable[[], Iterator[Finding]]) -> It
 def _counter(settings: BenchSettings, clock: Clock, backend: Any, dark: bool) -> Iterator[Finding]:
     with closing(open_counter(settings.counter, clock, backend=backend)) as counter:
         yield from counter_lines(counter, settings)
+        if settings.shutter_on == "nothing":
+            yield skipped("dark counts", "nothing here can make it dark")
+            return
         yield (
             dark_line(counter.rates(), settings.with_own_first_light(counter.identity.name).first_light)
             if dark

@@ -16,6 +16,7 @@ from nlos.drivers.bench import Bench
 from nlos.drivers.galvo.mirror import MeasuresPosition, own_clock
 from nlos.drivers.tcspc.counter import HistogramAxis, HistogramFlag, PointGates, Trigger
 
+NEVER_DARK = "this bench has no shutter: nothing here makes it dark"
 _READ_BACK_DEG = 0.3
 """Mechanical; beyond what any controller's own sensor is accurate to."""
 _STEPS = 64
@@ -118,6 +119,9 @@ def markers(bench: Bench) -> Iterator[Finding]:
 
 def dark_histogram(bench: Bench) -> Iterator[Finding]:
     """Whether what arrives in the dark keeps the laser's time: then it is the laser, past the shutter."""
+    if bench.settings.shutter_on == "nothing":
+        yield skipped("dark histogram", NEVER_DARK)
+        return
     axis = axis_of(bench)
     bench.counter.configure(axis)
     taken = gates(bench, [_DARK_S] * _DARK_GATES)
@@ -147,6 +151,9 @@ def dark_histogram(bench: Bench) -> Iterator[Finding]:
 
 def linearity(bench: Bench) -> Iterator[Finding]:
     """Code density of light that knows nothing of the laser: every bin as wide as the others, and time as a whole."""
+    if bench.settings.shutter_on == "nothing":
+        yield skipped("linearity", NEVER_DARK)
+        return
     hands = hands_for(bench)
     if not hands.lamp(True):
         yield skipped("linearity", "it needs a lamp, and no one is there to hold it")

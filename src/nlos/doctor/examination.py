@@ -152,7 +152,8 @@ def _on_the_bench(bench: Bench, visit: Visit, condition: Condition) -> Generator
     if condition.lost:
         yield skipped("scan", next(iter(condition.lost.values())))
     else:
-        yield warned("scan", "skipped: it opens the shutter", "Use --light when it is safe.")
+        why = "it opens the shutter" if bench.settings.shutter_on != "nothing" else "there may be light"
+        yield warned("scan", f"skipped: {why}", "Use --light when it is safe.")
     if visit.thorough:
         yield from (skipped(check.name, "it needs light") for check in LIT)
     return False

@@ -1,5 +1,6 @@
 """What the doctor asks of a person's hands: a lamp, a cable, the interlock. On a simulated bench it does so itself."""
 
+from collections.abc import Mapping
 from typing import Protocol
 
 from nlos.cli.agreeing import answer, somebody_is_there
@@ -59,18 +60,18 @@ class SimulatedHands:
         self._before = table.light
 
     def lamp(self, on: bool) -> bool:
-        return self._room_light(on, _LAMP_CPS)
+        return self._light(on, {"ambient_cps": _LAMP_CPS})
 
     def cover(self, on: bool) -> bool:
-        return self._room_light(on, 0.0)
+        return self._light(on, {"ambient_cps": 0.0, "direct_cps": 0.0, "hidden_cps": 0.0})
 
-    def _room_light(self, changed: bool, ambient_cps: float) -> bool:
+    def _light(self, changed: bool, rates: Mapping[str, float]) -> bool:
         from nlos.drivers.simulated.instruments import light_of
 
         settings = self._settings
         if changed:
             assert settings.simulation is not None
-            scene = settings.simulation.scene.model_copy(update={"ambient_cps": ambient_cps})
+            scene = settings.simulation.scene.model_copy(update=rates)
             simulation = settings.simulation.model_copy(update={"scene": scene})
             settings = settings.model_copy(update={"simulation": simulation})
             self._before = self._table.light

@@ -36,7 +36,7 @@ def shutter(bench: Bench) -> Iterator[Finding]:
         yield warned("shutter", "commanded closed; nothing reads back whether it is", "Wire its contact.")
     else:
         yield passed("shutter", "closed and read back, interlock closed")
-    if not bench.shutter.has_watchdog:
+    if bench.settings.shutter_on != "nothing" and not bench.shutter.has_watchdog:
         yield warned("shutter", "no watchdog: if this computer hangs, the shutter stays as it is",
                      "Set safety.watchdog_s with a counter that has one.")  # fmt: skip
 
@@ -84,7 +84,7 @@ def dark_counts(bench: Bench) -> Iterator[Finding]:
         taken = gates(bench, [_QUIET_S / _QUIET_GATES] * _QUIET_GATES)
         counted = sum(each.total_count for each in taken)
         rates = CountRates(rates.sync_hz, counted / sum(each.live_time_s for each in taken))
-    if bench.settings.shutter.model == "none":
+    if bench.settings.shutter_on == "nothing":
         rate = two_digits(rates.detector_hz)
         said = f"not known: nothing here can make it dark; {rate} counts/s with the light as it is"
         yield warned("dark counts", said, "Block the laser by hand and look (`nlos monitor`).")

@@ -56,7 +56,10 @@ def write_page(
     }
     whole = "FAIL" if counted["FAIL"] else "WARN" if counted["WARN"] else "PASS"
     kind = "simulated bench" if settings.simulated else "bench"
-    when = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC, {'with light' if with_light else 'in the dark'}"
+    light = "with light" if with_light else "in the dark"
+    if settings.shutter_on == "nothing":
+        light = "the laser as it was, without a shutter"
+    when = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC, {light}"
     instruments = "".join(
         f"<tr><td class=what>{escape(role)}</td><td>{escape(f'{who.vendor} {who.product}')}</td>"
         f"<td>{escape(who.serial or 'not told')}</td><td>{escape(who.firmware or 'not told')}</td></tr>"

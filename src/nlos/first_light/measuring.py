@@ -63,15 +63,15 @@ class Place:
 
 @dataclass(frozen=True)
 class FirstLight:
-    """`closed`: everything that is counted without the laser; `dark`: with the detector covered, None where nobody
-    could do that. `histogram` (T,) is the middle place's, over the whole period."""
+    """`closed`: everything that is counted without the laser, None where nothing can shut it off; `dark`: with the
+    detector covered, None where nobody could do that. `histogram` (T,) is the middle place's, over the whole period."""
 
     delay_s: float
     delay_error_s: float
     spread_s: float
     fwhm_s: float | None
     direct: Rate
-    closed: Rate
+    closed: Rate | None
     dark: Rate | None
     places: tuple[Place, ...]
     axis: HistogramAxis
@@ -82,31 +82,34 @@ class FirstLight:
     @property
     def room(self) -> Rate | None:
         """Light that is not the laser's."""
-        return None if self.dark is None else self.closed - self.dark
+        return None if self.dark is None or self.closed is None else self.closed - self.dark
 
 
-def in_the_dark(bench: Bench) -> tuple[Rate, Rate | None]:
-    """Clicks with the shutter closed, and with the detector covered where somebody can do that. Raises `DeviceFault`
-    for a channel without a single count: it may be dead, or not the one that the detector is plugged into."""
+def in_the_dark(bench: Bench) -> tuple[Rate | None, Rate | None]:
+    """Clicks with the shutter closed, where there is one, and with the detector covered where somebody can do that.
+    Raises `DeviceFault` for a channel without a single count: it may be dead, or not the one that the detector is
+    plugged into."""
     axis = whole_period(bench.counter, bench.settings.laser.repetition_hz, _DARK_S)
     bench.counter.configure(axis)
-    closed, hands = _rate(bench, 0), hands_for(bench)
+    shuttered = bench.settings.shutter_on != "nothing"
+    first, hands = _rate(bench, 0), hands_for(bench)
     dark = None
     if hands.cover(True):
         try:
             dark = _rate(bench, _GATES)
         finally:
             hands.cover(False)
-    if closed.cps == 0 and (dark is None or dark.cps == 0):
+    if first.cps == 0 and (dark is None or dark.cps == 0):
         raise DeviceFault(
             bench.counter.identity.model,
-            f"not one count in {_DARK_S:g} s with the shutter closed: a dead channel looks like that.",
+            f"not one count in {_DARK_S:g} s{' with the shutter closed' if shuttered else ''}: "
+            "a dead channel looks like that.",
             "Check the detector's supply, its cable, and the detector input's level, edge and number.",
         )
-    return closed, dark
+    return first if shuttered else None, dark
 
 
-def in_the_light(bench: Bench, closed: Rate, dark: Rate | None) -> FirstLight:
+def in_the_light(bench: Bench, closed: Rate | None, dark: Rate | None) -> FirstLight:
     """Five places, each over the laser's whole period; then the middle one in the finest bins. The shutter is open in
     here only. Raises `DeviceFault` where no direct light comes back."""
     settings = bench.settings
@@ -124,7 +127,8 @@ def in_the_light(bench: Bench, closed: Rate, dark: Rate | None) -> FirstLight:
                 bench.shutter.close("no direct light")
                 raise DeviceFault(
                     bench.counter.identity.model,
-                    f"no direct light from ({x_m:+.2f}, {y_m:+.2f}) m: {total} counts/s with light, {closed} without.",
+                    f"no direct light from ({x_m:+.2f}, {y_m:+.2f}) m: {total} counts/s with light"
+                    f"{'' if closed is None else f', {closed} without'}.",
                     "Check laser, shutter, the beam on the wall and the detector's aim; `nlos monitor` shows both.",
                 )
             places.append(Place(x_m, y_m, _range_m(bench, x_m, y_m), peak, total))
@@ -137,7 +141,7 @@ def in_the_light(bench: Bench, closed: Rate, dark: Rate | None) -> FirstLight:
 
 def _judged(
     bench: Bench, places: list[Place], histogram: npt.NDArray[np.int64], axis: HistogramAxis,
-    fwhm_s: float | None, rates: tuple[Rate, Rate | None],
+    fwhm_s: float | None, rates: tuple[Rate | None, Rate | None],
 ) -> FirstLight:  # fmt: skip
     period_s = 1 / bench.settings.laser.repetition_hz
     first_s = places[0].peak.time_s - _there_and_back_s(places[0])
