@@ -20,6 +20,7 @@ from safetensors.numpy import save_file
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.detector import measure
 from nlos.recon.training.disk_samples import file_number, sample_on_disk
+from nlos.recon.training.file_mode import readable_as_its_folder
 from nlos.recon.training.impulse_responses import UNTOLD, read_impulse_response
 from nlos.recon.training.rendering import render
 from nlos.recon.training.scenes import GENERATOR, Scene, front_view, make_scene, surfels
@@ -51,6 +52,7 @@ def sample(settings: DatasetSettings, index: int, cache: Path | None = None) -> 
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_suffix(f".{os.getpid()}.partial")
         save_file(arrays, partial, metadata=words)
+        readable_as_its_folder(partial)
         partial.replace(path)
         return _unpack(arrays, words, which)
 

@@ -12,6 +12,7 @@ from safetensors.numpy import load_file, save_file
 
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.detector import measure
+from nlos.recon.training.file_mode import readable_as_its_folder
 from nlos.recon.training.impulse_responses import read_impulse_response
 from nlos.recon.training.on_grid import on_grid
 from nlos.recon.training.scenes_on_disk import SceneOnDisk, read_scene, scene_files
@@ -110,5 +111,6 @@ def _fitted(settings: DatasetSettings, path: Path, cache: Path | None) -> SceneO
     kept.parent.mkdir(parents=True, exist_ok=True)
     partial = kept.with_suffix(f".{os.getpid()}.partial")
     save_file(arrays | flags, partial)
+    readable_as_its_folder(partial)
     partial.replace(kept)
     return scene

@@ -16,6 +16,7 @@ from nlos.acquisition.recording.writer_lock import WriterLock
 from nlos.recon.errors import InvalidSettings, ReconstructionFailed
 from nlos.recon.training.architecture import method_settings
 from nlos.recon.training.checkpoint import commit, optimiser_tensors, put_optimiser
+from nlos.recon.training.file_mode import readable_as_its_folder
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.weights.described import parent_of, range_of
 from nlos.recon.weights.files import put_weights, read_about, read_weights, save
@@ -73,13 +74,18 @@ def save_state(
     """All that the next step needs."""
     state = {f"weights/{name}": p.detach() for name, p in model.named_parameters()}
     state |= {f"average/{name}": p for name, p in _averaged(model, average).items()}
-    save(folder / STATE, state | optimiser_tensors(model, optimiser), about)
+    _save(folder / STATE, state | optimiser_tensors(model, optimiser), about)
 
 
 def save_weights(folder: Path, model: nn.Module, average: list[torch.Tensor], about: Mapping[str, Any]) -> None:
     """Every parameter, those that were trained as their running mean."""
     whole = {name: p.detach() for name, p in model.named_parameters()}
-    save(folder / WEIGHTS, whole | _averaged(model, average), about)
+    _save(folder / WEIGHTS, whole | _averaged(model, average), about)
+
+
+def _save(path: Path, tensors: Mapping[str, torch.Tensor], about: Mapping[str, Any]) -> None:
+    save(path, tensors, about)
+    readable_as_its_folder(path)
 
 
 def keep_best(
@@ -98,7 +104,7 @@ def keep_best(
     elif ended:
         held = read_weights(path)
         lct = figures["lct_psnr"]
-        save(path, held.tensors, held.about | ended | {"licence": about["licence"], "validation": {
+        _save(path, held.tensors, held.about | ended | {"licence": about["licence"], "validation": {
             **best, "lct_psnr": lct, "margin_db": best["psnr"] - lct}})  # fmt: skip
 
 

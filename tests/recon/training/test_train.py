@@ -154,6 +154,21 @@ def test_training_lowers_the_loss_and_weights_can_be_used(tmp_path: Path, cache:
     assert about["settings"]["method"] == "unet"
 
 
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no modes")
+def test_colleagues_who_read_the_folder_read_weights_and_scenes(tmp_path: Path) -> None:
+    for mode in (0o755, 0o770):
+        run, kept = tmp_path / f"run{mode}", tmp_path / f"scenes{mode}"
+        for folder in (run, kept):
+            folder.mkdir()
+            folder.chmod(mode)
+        train(settings(kept, samples=2, warm_up_steps=0), run, quiet)
+        files = [run / "weights.safetensors", run / "state.safetensors"]
+        assert {path.stat().st_mode & 0o777 for path in files} == {mode & 0o666}
+        scenes = list(kept.rglob("*.safetensors"))
+        assert scenes
+        assert all(path.stat().st_mode & 0o777 == path.parent.stat().st_mode & 0o666 for path in scenes)
+
+
 def test_a_folder_with_another_run_is_refused(tmp_path: Path, cache: Path) -> None:
     train(settings(cache, samples=4), tmp_path, quiet)
     with pytest.raises(ValueError, match="learning_rate"):
