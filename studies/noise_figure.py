@@ -107,9 +107,9 @@ def measure(path: Path, count: int = SCANS, weights: str | None = None) -> dict[
     ends = [-2.5, 0.5]
     axes.plot(ends, ends, "k", lw=0.8)
     axes.set(
-        xlabel="true noise per bin over the mean peak, log10",
-        ylabel="estimated, log10 of the same",
-        title="Held-out kinds",
+        xlabel="true noise of a bin / mean peak (log10)",
+        ylabel="estimated noise of a bin / mean peak (log10)",
+        title="Noise level of scans of held-out kinds",
     )
     axes.legend()
     path.parent.mkdir(parents=True, exist_ok=True)
