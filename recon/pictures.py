@@ -13,13 +13,11 @@ from matplotlib.figure import Figure
 
 from nlos.recon.contours import contours
 from nlos.recon.errors import InvalidData
-from nlos.recon.seen import FAINT, brightest, depth_limits, depth_opacity, visible_depth
+from nlos.recon.seen import DOUBTFUL, FAINT, brightest, depth_limits, depth_opacity, visible_depth
 from nlos.recon.volume import Reconstruction
 
 DOTS_PER_INCH = 150
 BACKGROUND = 0.88
-DOUBTFUL = 0.5
-"""Less likely a surface than this: hatched in the front view."""
 NOTHING = "This picture explains nothing of the light"
 
 

@@ -18,8 +18,8 @@ SOLID = 0.15
 """In 3D a point is there or is not: at first from where a depth has about half its colour, by hand down to `FAINT`."""
 SURE = 0.1
 """The depths of points as bright as this set the limits of the colours."""
-
-
+DOUBTFUL = 0.5
+"""Less likely a surface than this: hatched in the front view."""
 STEP_PIXELS = 4.0
 """Neighbours farther apart in depth than this many pixels belong to different surfaces."""
 NEIGHBOURS = 3

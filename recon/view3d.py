@@ -50,18 +50,33 @@ def solid_points(
     reconstruction: Reconstruction,
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """The bright voxels, or the points of the front surface of a method that has no volume: (N, 3) in metres, and their
-    albedo (N,), 0 to 1."""
+    albedo (N,), 0 to 1, less where the method doubts that there is a surface."""
     if reconstruction.volume is not None:
-        return bright_voxels(reconstruction.volume)
-    surface = front_surface(reconstruction)
-    return surface.points_m, surface.albedo
+        points_m, albedo = bright_voxels(reconstruction.volume)
+    else:
+        surface = front_surface(reconstruction)
+        points_m, albedo = surface.points_m, surface.albedo
+    return points_m, _faded(reconstruction, points_m, albedo)
+
+
+def _faded(
+    reconstruction: Reconstruction, points_m: npt.NDArray[np.float32], albedo: npt.NDArray[np.float32]
+) -> npt.NDArray[np.float32]:
+    """The albedo of points times the probability that there is a surface at their pixels, where it is known."""
+    sure, wall = reconstruction.intervals, reconstruction.wall
+    if sure is None:
+        return albedo
+    col = np.rint((points_m[:, 0] / wall.width_m + 0.5) * wall.cols - 0.5).astype(np.intp)
+    row = np.rint((0.5 - points_m[:, 1] / wall.height_m) * wall.rows - 0.5).astype(np.intp)
+    return np.asarray(albedo * sure.seen[row, col], dtype=np.float32)
 
 
 def solid_scene(reconstruction: Reconstruction) -> dict[str, Any]:
     """Front surface, and the volume where there is one, as the page's script reads them."""
     surface = front_surface(reconstruction)
+    albedo = _faded(reconstruction, surface.points_m, surface.albedo)
     return {
-        "surface": _base64(np.concatenate([surface.points_m, surface.albedo[:, None]], axis=1)),
+        "surface": _base64(np.concatenate([surface.points_m, albedo[:, None]], axis=1)),
         "quads": _base64(surface.quads) if len(surface.quads) else None,
         **(_volume(reconstruction.volume) if reconstruction.volume is not None else {}),
     }

@@ -23,6 +23,7 @@ from nlos.chain import arrivals_of, calibrate_scan, constants_for
 from nlos.film_memory import FilmMemory
 from nlos.loaded import loaded_frames
 from nlos.recipe import Recipe
+from nlos.recon.explained_share import NOT_LOOKED_FOR, Explained
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.track import track
 from nlos.recon.tracked_objects import tracked_objects
@@ -48,6 +49,8 @@ class Film:
     window: int
     response: str
     """Which response of the instrument the method was told, in words."""
+    explained: tuple[Explained, ...]
+    """How much of light that it was not made from each picture accounts for."""
 
     def track(self) -> dict[str, npt.NDArray[Any]]:
         """Centroid, extent and velocity of what is seen, a row a picture; see `recon.track`."""
@@ -104,13 +107,13 @@ def film_of(
     return Film(
         np.stack([one.albedo for one in pictures]), np.stack([one.depth_m for one in pictures]), np.array(frames),
         np.array(times_s), wall.x_m(), wall.y_m(), each if earlier is None else earlier.frames_to_a_picture,
-        response_words(pictures[0]),
+        response_words(pictures[0]), tuple(one.explained or NOT_LOOKED_FOR for one in pictures),
     )  # fmt: skip
 
 
 def write_film(folder: Path, film: Film) -> list[Path]:
-    """film.npz (`albedo`, `depth_m`, `frame`, `time_s`, `x_m`, `y_m`), film.gif, track.csv and track.json of all that
-    is seen as one, and objects.csv of each object alone."""
+    """film.npz (`albedo`, `depth_m`, `frame`, `time_s`, `x_m`, `y_m`, `explained`, `explained_error`), film.gif,
+    track.csv and track.json of all that is seen as one, and objects.csv of each object alone."""
     with whole_files(folder) as fresh:
         _write_film(fresh, film)
     return [folder / name for name in NAMES]
@@ -121,6 +124,8 @@ def _write_film(folder: Path, film: Film) -> None:
     arrays: dict[str, Any] = {
         name: getattr(film, name) for name in ("albedo", "depth_m", "frame", "time_s", "x_m", "y_m")
     }
+    for name, figure in (("explained", "share"), ("explained_error", "error")):
+        arrays[name] = np.array([getattr(one, figure) for one in film.explained], dtype=np.float64)  # None becomes NaN
     np.savez_compressed(paths[0], **arrays)
     write_gif(paths[1], film)
     columns = film.track()

@@ -74,6 +74,11 @@ def test_a_film_tells_where_a_panel_was_and_how_fast(run: Path, tmp_path: Path) 
     with Image.open(paths[1]) as picture:
         assert picture.n_frames == len(film.frame)
         assert picture.info["duration"] == pytest.approx(np.median(np.diff(film.time_s)) * 1e3, abs=10)
+    with np.load(paths[0]) as held:
+        assert held["explained"].shape == held["explained_error"].shape == film.frame.shape
+        assert held["explained"].tolist() == [one.share for one in film.explained]
+        assert np.median(held["explained"]) > 0.15
+    assert not any(one.nothing for one in film.explained)
     rows = list(csv.DictReader(paths[2].read_text().splitlines()))
     assert [float(row["x_m"]) for row in rows] == pytest.approx(found["x_m"].tolist())
     assert [row["frame"] for row in json.loads(paths[3].read_text())] == film.frame.tolist()

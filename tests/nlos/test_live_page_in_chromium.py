@@ -218,6 +218,13 @@ def test_nanos_depths_have_the_colours_of_the_picture_on_disk(folder: Path, brow
         seen = page.evaluate("""() => { const c = $("depth"), [x, y, w, h] = panels[0].frame.box, g = c.getContext("2d"), out = [];
           for (let r = 0; r < 16; r++) for (let k = 0; k < 16; k++) out.push(...g.getImageData(x + (k + .5) * w / 16, y + (r + .5) * h / 16, 1, 1).data.slice(0, 3));
           return out; }""")  # noqa: E501
+        page.keyboard.press("1")
+        page.wait_for_selector("#albedo")
+        front = []
+        for probability in (0.9, 0.2, 0.9):  # of a surface, everywhere: what is then drawn is hatched, or not
+            page.evaluate("at => { scans[0].pictures.nano.seen.fill(at); draw(); }", probability)
+            front.append(page.evaluate(PIXELS, "albedo"))
+        assert front[0] == front[2] != front[1]
         assert complaints == []
         page.close()
     drawn = np.array(seen, dtype=float).reshape(16, 16, 3)

@@ -23,6 +23,7 @@ from nlos.recon.training.interval_calibration import calibrate, judge
 from nlos.recon.training.interval_set import Judged
 from nlos.recon.training.intervals import head_to_calibrate as read_back
 from nlos.recon.training.intervals import save_draft
+from nlos.recon.view3d import solid_points
 from nlos.recon.volume import Intervals, Reconstruction
 
 CLEAN = DetectorSettings(sparse=0.0, noiseless=0.0, uniform=0.0, peak_counts_least=8, peak_counts_most=8.01)
@@ -191,6 +192,12 @@ def test_intervals_are_written_drawn_and_read_back(
     doubted = replace(made, intervals=replace(made.intervals, seen=np.zeros_like(made.intervals.seen)))
     assert depth_opacity(made).max() > 0.5
     assert depth_opacity(doubted).max() == 0
+    sure = replace(made, intervals=replace(made.intervals, seen=np.ones_like(made.intervals.seen)))
+    assert solid_points(sure)[1].max() > 0.9
+    assert solid_points(doubted)[1].max() == 0  # faint in 3D, too
+    half = np.where(made.wall.x_m() < 0, 1.0, 0.5) * np.ones_like(made.albedo)
+    points_m, shade = solid_points(replace(made, intervals=replace(made.intervals, seen=half.astype(np.float32))))
+    assert np.allclose(shade, solid_points(sure)[1] * np.where(points_m[:, 0] < 0, 1.0, 0.5))
     write_results(tmp_path / "out", replace(made, intervals=None), overwrite=True)
     assert not (tmp_path / "out" / "uncertainty.png").exists()
 

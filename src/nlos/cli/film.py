@@ -49,3 +49,14 @@ def reconstruct_film(
         folder=str(output), files=[path.name for path in paths], pictures=len(film.frame), window=film.window,
     )  # fmt: skip
     terminal.result(f"response: {film.response}", response=film.response)
+    known = [one.share for one in film.explained if one.share is not None]
+    nothing = sum(one.nothing for one in film.explained)
+    if known:
+        median = sorted(known)[len(known) // 2]
+        terminal.result(
+            f"explains {100 * median:.0f} % of the light, in the median of its pictures", explained=round(median, 4)
+        )
+    if nothing:
+        terminal.log(
+            f"{output}: WARNING: {nothing} of {len(film.frame)} pictures explain nothing: do not believe them", -1
+        )

@@ -13,7 +13,7 @@ from nlos.live.admission import admitted, page_answer
 from nlos.live.answers import ScanAnswers
 from nlos.live.scan import LiveScan
 from nlos.live.web import Answer, Request
-from nlos.recon.seen import FAINT, FULL, SOLID
+from nlos.recon.seen import DOUBTFUL, FAINT, FULL, SOLID
 
 STYLES = ("colours.css", "page.css")
 SCRIPTS = ("draw.js", "pictures.js", "turning.js", "histogram.js", "map.js", "slider.js", "page.js")
@@ -77,6 +77,7 @@ def assembled() -> str:
         .replace("FAINT_AT", f"{FAINT:g}")
         .replace("FULL_AT", f"{FULL:g}")
         .replace("SOLID_AT", f"{SOLID:g}")
+        .replace("DOUBTFUL_AT", f"{DOUBTFUL:g}")
     )
 
 

@@ -1,12 +1,18 @@
 // The panels with pictures: front view, depth, difference; axes, colour bar, value under the cursor, scan points.
-const FAINT = FAINT_AT, FULL = FULL_AT; // depth has no colour below FAINT of the brightest point, and its full colour from FULL on
-const PAPER = [224, 224, 224]; // as in depth.png: the far end of the colours is dark, and to be told from nothing
+const FAINT = FAINT_AT, FULL = FULL_AT, DOUBTFUL = DOUBTFUL_AT; // depth has no colour below FAINT of the brightest point, and its full colour from FULL on; what is less likely a surface than DOUBTFUL is hatched
+const PAPER = [224, 224, 224], PAPER_CSS = "rgb(224, 224, 224)"; // as in depth.png: the far end of the colours is dark, and to be told from nothing
 const TRAILS = ["#4cc9f0", "#80ed99", "#f15bb5", "#ffffff"]; // as in film.gif
 const fade = a => a < FAINT ? 0 : Math.min(1, .1 + .9 * (a - FAINT) / (FULL - FAINT));
 function depthSpan(pictures) {
   const seen = [];
   for (const p of pictures) if (p && p.depth_m) for (let i = 0; i < p.depth_m.length; i++) if (p.albedo[i] >= .1 && Number.isFinite(p.depth_m[i])) seen.push(p.depth_m[i]);
   let [low, high] = quantiles(seen, .02, .98); const pad = Math.max(.02, .05 * (high - low)); return [Math.max(0, low - pad), high + pad];
+}
+const doubted = (p, i) => !!p.seen && p.seen[i] < DOUBTFUL && p.albedo[i] > FAINT;
+function hatch(g, p, rows, cols, [bx, by, bw, bh]) { // one stroke for each pixel; whether there are any
+  let any = false; g.save(); g.strokeStyle = PAPER_CSS; g.lineWidth = 1; g.beginPath();
+  for (let i = 0; i < rows * cols; i++) if (doubted(p, i)) { any = true; const x = bx + (i % cols) * bw / cols, y = by + Math.floor(i / cols) * bh / rows; g.moveTo(x, y + bh / rows); g.lineTo(x + bw / cols, y); }
+  g.stroke(); g.restore(); return any;
 }
 const NEITHER = [150, 150, 150]; // where one of two pictures has no depth; no colour of a difference is that grey
 const inkOf = (p, i) => Number.isFinite(p.depth_m[i]) ? fade(p.albedo[i]) * (p.seen ? p.seen[i] : 1) : 0;
@@ -27,7 +33,8 @@ class PicturePanel {
     this.picture = picture; const [g, w, h] = pen(this.canvas); this.empty.hidden = !!picture; if (!picture) { this.frame = null; return; }
     const wall = picture.wall, [rows, cols] = picture.albedo.shape, tall = h - w > 20, margin = tall ? [56, 8, 16, 96] : [56, 8, 80, 38]; this.frame = wallFrame(g, w, h, wall, margin); this.limits = limits;
     const [bx, by, bw, bh] = this.frame.box, [low, high] = limits, e = PAPER; g.save();
-    if (this.kind === "front") image(g, picture.albedo, rows, cols, this.frame.box, gray);
+    let hatched = false;
+    if (this.kind === "front") { image(g, picture.albedo, rows, cols, this.frame.box, gray); hatched = hatch(g, picture, rows, cols, this.frame.box); }
     else if (this.kind === "depth") image(g, picture.depth_m, rows, cols, this.frame.box, (v, i) => {
       const k = inkOf(picture, i), c = k ? viridis(1 - (v - low) / (high - low || 1)) : e; return c.map((x, j) => e[j] + (x - e[j]) * k); });
     else if (this.kind === "deeper") image(g, picture.depth_m, rows, cols, this.frame.box, (v, i) => {
@@ -36,7 +43,7 @@ class PicturePanel {
     g.restore(); axes(g, this.frame, wall);
     const bar = tall ? (...what) => flatBar(g, bx, by + bh + 44, bw, ...what) : (...what) => colourBar(g, bx + bw + 12, by, bh, ...what);
     if (this.kind === "depth") bar(low, high, v => viridis(1 - v), "depth from the wall (m)");
-    else if (this.kind === "front") bar(0, 1, gray, "brightness (relative)");
+    else if (this.kind === "front") bar(0, 1, gray, "brightness (relative)" + (hatched ? ", hatched: likely no surface" : ""));
     else if (this.kind === "deeper") bar(low, high, v => redBlue(v), "difference (m)");
     else bar(-1, 1, redBlue, "first less second");
     if (this.kind !== "difference") this.trails(g);
