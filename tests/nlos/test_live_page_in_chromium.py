@@ -321,6 +321,10 @@ def test_two_scans_are_set_side_by_side_with_their_difference(folder: Path, brow
         page, complaints = opened(browser, url)
         page.wait_for_selector("#slider", state="visible")
         shows(page, "run", "^run.h5 and same.h5$")
+        shows(page, "status", "^run.h5: Scan complete$")  # whose the figures beside it are
+        page.locator(".panel canvas").nth(1).click()
+        shows(page, "status", "^same.h5: Scan complete$")
+        shows(page, "banner", "Scan complete ?same.h5: 256 points in ")
         page.keyboard.press("d")
         page.wait_for_selector("#difference[aria-pressed=true]")
         titles = page.locator(".panel h2").all_inner_texts()

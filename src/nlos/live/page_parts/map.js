@@ -9,7 +9,7 @@ const map = {
       for (let i = 0; i < x.length; i++) if (Number.isFinite(rates[i])) { const [px, py] = this.frame.at(x[i], y[i]); g.fillStyle = `rgb(${colour(rates[i]).map(Math.round)})`; g.fillRect(px - size / 2, py - size / 2, size, size); } }
     axes(g, this.frame, wall); const at = histogram.place(), [bx, by, bw, bh] = this.frame.box, [unit, word] = top >= 2e6 ? [1e6, "million"] : top >= 2e3 ? [1e3, "thousand"] : [1, ""]; $("maprange").textContent = scans.length > 1 ? known.state.run : "";
     colourBar(g, bx + bw + 10, by, bh, 0, top / unit, viridis, word + " counts/s");
-    if (at !== null) { const [px, py] = this.frame.at(x[at], y[at]); g.strokeStyle = "#000"; g.lineWidth = 3.5; g.beginPath(); g.arc(px, py, 6, 0, 7); g.stroke(); g.strokeStyle = "#fff"; g.lineWidth = 1.8; g.stroke(); }
+    if (at !== null) { const [px, py] = this.frame.at(x[at], y[at]); g.save(); g.beginPath(); g.rect(bx, by, bw, bh); g.clip(); g.strokeStyle = "#000"; g.lineWidth = 3.5; g.beginPath(); g.arc(px, py, 6, 0, 7); g.stroke(); g.strokeStyle = "#fff"; g.lineWidth = 1.8; g.stroke(); g.restore(); }
   },
 };
 function nearest(known, x, y) {

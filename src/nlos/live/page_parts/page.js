@@ -59,11 +59,12 @@ function banner(state) {
   else if (state.status === "interrupted") [big, small] = ["Ended early", `${count(state.samples)} of ${count(state.planned)} points; --resume takes the others.`];
   else if (state.status === "complete") [big, small, kind] = ["Scan complete", `${count(state.samples)} points in ${seconds(state.elapsed_s)}` + (state.alarms ? `; ${state.alarms === 1 ? "one alarm" : count(state.alarms) + " alarms"}, see the events` : "") + (state.over ? "" : "; the last picture is being made"), "good"];
   else if (alarm && state.elapsed_s - alarm[0] < 30) [big, small, kind] = ["Alarm", `${alarm[2]} (at ${seconds(alarm[0])})`, "bad"];
-  box.hidden = !big; box.className = kind; box.firstElementChild.textContent = big; box.lastElementChild.textContent = small;
+  box.hidden = !big; box.className = kind; box.firstElementChild.textContent = big; box.lastElementChild.textContent = (big && state.run && !gone ? whose(state) : "") + small;
 }
+function whose(state) { return scans.length > 1 ? `${state.run}: ` : ""; } // of several scans, figures and events are of the one clicked last
 function tell() {
   const state = scans[chosen].state, p = best(scans[chosen]), noise = p && frame === null ? state.pictures[p.method] : p;
-  $("run").textContent = scans.map(s => s.state.run).join(" and "); document.title = `${gone ? "The viewer has ended" : WORDS[state.status]} - ${state.run}`; $("notes").textContent = Object.entries(state.notes || {}).map(([name, text]) => `${name}: ${text}`).join(" · "); $("status").textContent = gone ? "no answer; the viewer has ended" : words(state); $("next").textContent = gone ? "" : next(state);
+  $("run").textContent = scans.map(s => s.state.run).join(" and "); document.title = `${gone ? "The viewer has ended" : WORDS[state.status]} - ${state.run}`; $("notes").textContent = Object.entries(state.notes || {}).map(([name, text]) => `${name}: ${text}`).join(" · "); $("status").textContent = gone ? "no answer; the viewer has ended" : whose(state) + words(state); $("next").textContent = gone ? "" : next(state);
   $("points").textContent = `${count(state.samples)} of ${count(state.planned)}`; $("rate").textContent = state.rate_hz && !gone ? rate(state.rate_hz) : "–"; $("noise").textContent = noise ? `${(100 * noise.error).toFixed(1)} %` : "–";
   $("left").textContent = state.status === "running" && state.left_s !== null && !gone ? `${seconds(state.left_s)} left` : state.elapsed_s ? `${seconds(state.elapsed_s)} taken` : "–"; $("done").style.width = 100 * state.samples / (state.planned || 1) + "%";
   const film = state.film; $("film").hidden = !film; if (film) $("film").lastElementChild.textContent = `${count(p && p.of_film ? p.of_film.frame + 1 : film.frame)} of ${count(film.frames)}` + (film.dropped ? `, ${count(film.dropped)} dropped` : "");
