@@ -145,6 +145,21 @@ def test_an_alarm_ends_a_series_unless_it_is_to_be_skipped(tmp_path: Path, capsy
     assert [journal.outcome(each.name) for each in series.runs] == ["done", "done"]
 
 
+@pytest.mark.skipif(os.name == "nt", reason="the hook is a POSIX shell's")
+def test_the_end_of_a_series_tells_what_is_true_of_all_its_scans(tmp_path: Path) -> None:
+    scan = {"scan": "scan.yaml", "set": {"wall.rows": 4, "wall.cols": 4}}
+    (tmp_path / "scan.yaml").write_text(SCAN)
+    said = tmp_path / "said"
+    queue = {
+        "folder": "series", "operator": "Ada", "tags": ["night"],
+        "runs": [{**scan, "sample": "hat", "note": "one"}, {**scan, "sample": "cap", "note": "two", "tags": ["red"]}],
+        "hooks": {"done": f'echo "$NLOS_OPERATOR|$NLOS_SAMPLE|$NLOS_NOTE|$NLOS_TAGS" > {said}'},
+    }  # fmt: skip
+    (tmp_path / "queue.yaml").write_text(yaml.safe_dump(queue))
+    assert run(["queue", str(tmp_path / "queue.yaml")]) == 0
+    assert said.read_text() == "Ada|||night\n"
+
+
 def test_recordings_have_the_last_word(tmp_path: Path) -> None:
     queue = quick(tmp_path)
     assert run(["queue", str(queue)]) == 5

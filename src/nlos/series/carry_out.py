@@ -1,12 +1,13 @@
 """Carries a series out: what is missing, one scan after the other, each outcome on disk before the next begins."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 
 from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.recording.read_by_child import open_checked
+from nlos.acquisition.recording.run_notes import RunNotes
 from nlos.acquisition.recording.salvage import settle
 from nlos.acquisition.recording.writer_lock import WriterLock
 from nlos.acquisition.scanning.alarms import AlarmRaised
@@ -211,11 +212,21 @@ def _ended(series: Series, journal: Journal, failed: int) -> int:
     return int(code)
 
 
+def _in_common(notes: Sequence[RunNotes]) -> RunNotes:
+    """What is true of all runs: of samples and tags that differ none is the series'."""
+    first = notes[0]
+    same = {
+        name: getattr(first, name) if all(getattr(each, name) == getattr(first, name) for each in notes) else ""
+        for name in ("sample", "operator", "note")
+    }
+    return RunNotes(**same, tags=tuple(tag for tag in first.tags if all(tag in each.tags for each in notes)))
+
+
 def _announce(series: Series, run: Run | None, status: str, message: str, code: int) -> None:
     first = series.runs[0] if run is None else run
     hooks = series.queue.settings.hooks
     where = str(series.folder if run is None else series.recording(run))
-    notes = first.notes if run is not None else replace(first.notes, note="")
+    notes = first.notes if run is not None else _in_common([each.notes for each in series.runs])
     tell(
         hooks_for(first.bench.settings) if hooks is None else hooks,
         Ending(where, status, message, int(code), notes.sample, notes.operator, notes.note, notes.tags),
