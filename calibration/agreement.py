@@ -38,6 +38,18 @@ def landed_at(raw: RawPoints, offsets: TimeOffsets, aim: Aim | ScannerGeometry, 
     return Landed(x_m, y_m, fit_wall_timing(arrival_s, offsets.error_bins * width_s, x_m, y_m))
 
 
+def off_its_aim(placed: PlacedScanner, landed: Landed, raw: RawPoints) -> str:
+    """What to say of a scan whose points landed elsewhere, by spots that tell; empty where they did not. It is the
+    scan's own: the constants are right, and scans that they aim are."""
+    off_m = float(np.hypot(landed.x_m - raw.x_m, landed.y_m - raw.y_m).max())
+    if placed.spots_alone is None or placed.times_alone is None or off_m <= _BESIDE_M:
+        return ""
+    return (
+        f"this scan landed up to {off_m * 1e3:.0f} mm from where it was aimed, and its picture is off by as much. Scan "
+        "again with these constants"
+    )
+
+
 def disagreements(placed: PlacedScanner, landed: Landed, aimed: WallTiming, raw: RawPoints) -> list[str]:
     """Sentences, each with both values and what to do; none where everything goes together."""
     found, fit = [], placed.fit
@@ -51,12 +63,6 @@ def disagreements(placed: PlacedScanner, landed: Landed, aimed: WallTiming, raw:
                 f"spots alone put the wall at {ruler:.4f} +- {error:.4f} m, direct times alone at {by_times:.4f} +- "
                 f"{its_error:.4f} m, for mirrors that turn as told; {taken}. Mark more spots, far out and at places "
                 "off a grid, and check volts_per_degree"
-            )
-        off_m = float(np.hypot(landed.x_m - raw.x_m, landed.y_m - raw.y_m).max())
-        if off_m > _BESIDE_M:
-            found.append(
-                f"this scan landed up to {off_m * 1e3:.0f} mm from where it was aimed, and its picture is off by as "
-                "much. Scan again with these constants"
             )
     elif landed.wall is not None:
         by_angles, by_places = float(landed.wall.scanner_position_m[2]), float(aimed.scanner_position_m[2])

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.planning.aim import Aim
 from nlos.calibration.afterpulsing import ClickAfterClick, from_full_period
-from nlos.calibration.agreement import disagreements, landed_at
+from nlos.calibration.agreement import disagreements, landed_at, off_its_aim
 from nlos.calibration.arrivals import Arrivals
 from nlos.calibration.background import dark_rate_per_bin, is_flat
 from nlos.calibration.constants import BenchConstants, Quantity
@@ -40,6 +40,8 @@ class Measurement:
     """All scans with light in them; None where there was only a dark run."""
     corrected: CorrectedPoints | None
     placed: PlacedScanner | None
+    off_aim: str = ""
+    """What to say of these runs, and not of the constants: that they landed elsewhere."""
 
     @property
     def geometry(self) -> GeometryFit | None:
@@ -108,10 +110,10 @@ def measure_constants(
         )
     placed = None if aim is None else fit_scanner(raw, offsets, aim, spots)
     fit = None if placed is None else placed.fit
-    arrivals, warnings = _arrivals(raw, offsets, offsets.wall, raw.x_m, raw.y_m), []
+    arrivals, warnings, off_aim = _arrivals(raw, offsets, offsets.wall, raw.x_m, raw.y_m), [], ""
     if aim is not None and placed is not None:
         landed = landed_at(raw, offsets, aim, placed.fit)
-        warnings = disagreements(placed, landed, offsets.wall, raw)
+        warnings, off_aim = disagreements(placed, landed, offsets.wall, raw), off_its_aim(placed, landed, raw)
         if spots is not None and landed.wall is not None:  # scans that these constants aim arrive where they are sent
             arrivals = _arrivals(raw, offsets, landed.wall, landed.x_m, landed.y_m)
     found = replace(
@@ -125,7 +127,7 @@ def measure_constants(
         geometry=fit.geometry if fit else None,
         geometry_errors=fit.errors if fit else {},
     )
-    return Measurement(found, raw, corrected, placed)
+    return Measurement(found, raw, corrected, placed, off_aim)
 
 
 def _with_dark(constants: BenchConstants, run: RawPoints) -> BenchConstants:

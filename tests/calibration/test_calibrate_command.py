@@ -246,6 +246,9 @@ def test_a_scan_that_was_aimed_wrongly_has_one_place_and_a_warning_that_stays(
     assert code == 0, told
     assert told["scanner_position_m"] == pytest.approx([0.0, 0.0, 2.0], abs=3e-3)
     assert any("from where it was aimed" in str(each) for each in told["warnings"])  # type: ignore[attr-defined]
+    assert not load(
+        tmp_path / "d.h5"
+    ).warnings  # it is this scan's: those that these constants aim land where they should
     arrivals = load(tmp_path / "d.h5").arrivals
     assert arrivals is not None
     assert arrivals.scanner_position_m == pytest.approx([0.0, 0.0, 2.0], abs=5e-3)

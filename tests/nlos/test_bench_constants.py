@@ -203,12 +203,17 @@ def test_plan_and_scan_take_the_same_and_refuse_the_same(
     assert "warning: " + str(kept) in capsys.readouterr().err
 
 
-def test_a_recording_keeps_which_it_was_aimed_by(kept: Path) -> None:
+def test_a_recording_keeps_which_it_was_aimed_by_and_info_says_so(
+    kept: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(["scan", "small.yaml", "-o", "run.h5"]) == 0
     with Recording.open(Path("run.h5")) as recording:
         used = json.loads(recording.header.constants_json)
     assert used["bench"] == BENCH["name"]
     assert used["geometry"]["scanner_x_m"] == 0.25
+    capsys.readouterr()
+    assert run(["info", "run.h5"]) == 0
+    assert "those of 2026-03-01T12:00:00+00:00, of bench simulated, aimed it" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("given", "times"), [("kept", 2), ("none", 0)])

@@ -46,7 +46,7 @@ def result_lines(found: "Measurement", spots: "Spots | None") -> Lines:
 
 def warnings_of(found: "Measurement", spots: "Spots | None") -> list[str]:
     """What to look at before these constants are used."""
-    said = list(found.constants.warnings)
+    said = [*found.constants.warnings, *([found.off_aim] if found.off_aim else [])]
     if found.placed is None:
         return said
     fit = found.placed.fit

@@ -66,6 +66,7 @@ def _of_recording(recording: "Recording") -> dict[str, Any]:
         "started": header.started_utc,
         **header.notes.shown(),
         "devices": {role: f"{who.product} {who.serial} ({who.model})" for role, who in header.devices.items()},
+        "constants": _constants_of(header.constants_json),
         "software": dict(header.software),
         "git hash": header.git_hash,
         "warnings": list(header.warnings),
@@ -75,6 +76,18 @@ def _of_recording(recording: "Recording") -> dict[str, Any]:
             for event in recording.events()
         ],
     }
+
+
+def _constants_of(constants_json: str) -> str:
+    """Which measured constants aimed the scan."""
+    try:
+        used = json.loads(constants_json)
+    except ValueError:
+        return "cannot be read"
+    if not (isinstance(used, dict) and used):
+        return "none: aimed by the bench file"
+    aimed = "aimed it" if used.get("geometry") else "took part"
+    return f"those of {used.get('measured_utc', 'an unknown day')}, of bench {used.get('bench') or 'unknown'}, {aimed}"
 
 
 def _of_frames(recording: "Recording", records: Any) -> dict[str, Any]:
