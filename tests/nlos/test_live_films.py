@@ -83,6 +83,7 @@ def test_the_viewer_shows_the_newest_frames_of_a_film_and_a_follower_the_sum(run
             assert np.array_equal(shown, whole)
             return
         assert not np.array_equal(shown, whole)
+        assert live.picture.reconstruction.explained is not None  # of the last one there is time to look
         assert live.gathered is not None
         assert live.gathered.film is not None
         assert live.gathered.film.shown_frame == FRAMES - 1
@@ -129,6 +130,7 @@ def test_a_finished_films_slider_shows_every_frame_with_its_memory(run: Path) ->
         live.stop(30)
     assert frames.samples == [32 * (frame + 1) for frame in range(FRAMES)]
     assert [(shown or {})["of_film"]["frame"] for shown in frames.pictures] == list(range(FRAMES))
+    assert all("of the light" in (shown or {})["explained"] for shown in frames.pictures)
     moments_s = [(shown or {})["of_film"]["time_s"] for shown in frames.pictures]
     whole = load_scan(run)
     with Recording.open(run) as recording:

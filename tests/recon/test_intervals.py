@@ -8,7 +8,8 @@ import pytest
 import torch
 from safetensors import safe_open
 
-from nlos.acquisition.transient import Transient
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
 from nlos.recon.interval_scores import ause, calibration_error, interval_scores
 from nlos.recon.intervals import GROUPS, Calibration, adjusted, group_of, head_for
 from nlos.recon.layers.evidence import NAMES, UNTOLD
@@ -23,6 +24,8 @@ from nlos.recon.training.interval_calibration import calibrate, judge
 from nlos.recon.training.interval_set import Judged
 from nlos.recon.training.intervals import head_to_calibrate as read_back
 from nlos.recon.training.intervals import save_draft
+from nlos.recon.training.rendering import render
+from nlos.recon.training.scenes import Surfels
 from nlos.recon.view3d import solid_points
 from nlos.recon.volume import Intervals, Reconstruction
 
@@ -176,6 +179,31 @@ def test_nanos_intervals_hold_on_scenes_of_kinds_never_seen(
         assert least < np.mean([score[name] for score in scores]) <= 1
     assert np.mean([score["depth_width_m"] for score in scores]) < 0.3
     assert np.mean([score["seen_ece"] for score in scores]) < 0.1
+
+
+@pytest.mark.parametrize(("share", "behind_m"), [(0.3, 0.4), (0.5, 0.15)])
+def test_two_surfaces_along_one_line_never_show_as_a_narrow_interval_in_between(share: float, behind_m: float) -> None:
+    """A fence that covers a part of each pixel, before a panel: an interval holds one of them, and is wide where both
+    are alike bright."""
+    if head_for("nano") is None:
+        pytest.skip("the intervals that ship belong to other weights of NANO: calibrate them anew")
+    wall, time, near_m = WallGrid(2.0, 2.0, 32, 32), TimeAxis(256, 64e-12), 0.7
+    x, y = (each.ravel() for each in np.meshgrid(np.linspace(-0.4, 0.4, 96), np.linspace(-0.4, 0.4, 96)))
+    where = [np.stack([x, y, np.full_like(x, z)], axis=1) for z in (near_m, near_m + behind_m)]
+    area = np.concatenate([np.full_like(x, share), np.full_like(x, 1 - share)]) * (0.8 / 96) ** 2
+    facing = np.tile(np.array([0.0, 0.0, -1.0], np.float32), (len(area), 1))
+    light = render(
+        Surfels(np.concatenate(where).astype(np.float32), facing, area.astype(np.float32)), wall, time
+    ).numpy()
+    counts = np.random.default_rng(0).poisson(20 * (light / light.max(axis=0).mean() + 0.02)).astype(np.float32)
+    made = reconstruct(Transient(counts, np.ones((32, 32)), wall, time), "nano", explain=False).intervals
+    assert made is not None
+    inside = (np.abs(wall.x_m()) < 0.3)[None, :] & (np.abs(wall.y_m()) < 0.3)[:, None]
+    low_m, high_m = made.depth_low_m[inside], made.depth_high_m[inside]
+    holds = [(low_m < z + 0.02) & (high_m > z - 0.02) for z in (near_m, near_m + behind_m)]
+    assert np.mean(holds[0] | holds[1]) > 0.95
+    if share == 0.5:
+        assert np.median(high_m - low_m) > behind_m / 2
 
 
 def test_intervals_are_written_drawn_and_read_back(

@@ -216,7 +216,7 @@ class LiveScan:
         self.pictures, self.message = self.pictures + 1, ""
         self._show(live, picture, self.on_picture)
         self.coming = None
-        if held.film is None or known.of_film is None:  # after the picture, which nobody should have to wait for
+        if known.of_film is None or known.whole:  # after the picture, which nobody should have to wait for
             with given_up_once(lambda: self.read and not known.whole):
                 self._show(live, live.explained(picture, known.transient, known.falloff), self.on_explained)
         return count

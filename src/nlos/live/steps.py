@@ -87,7 +87,7 @@ def _frame(held: "Gathered", film: "LiveFilm", samples: int, rates_hz: npt.NDArr
         assert known.of_film is not None
         made = live.of_film(known.of_film, known.samples, known.falloff)
         film.shown(made.reconstruction)
-        return made
+        return live.explained(made, known.transient, known.falloff)
 
     def told() -> dict[str, Any]:
         frame, time_s = film.newest
