@@ -94,9 +94,11 @@ def window_warnings(plan: ScanPlan, direct: DirectLight) -> list[str]:
     inside = direct.inside(plan)
     if inside.all():
         return warnings
-    known = "" if direct.delay_known else ", if cables delay nothing (`nlos calibrate --first-light` measures that)"
+    known = "" if direct.delay_known else ", if cables delay nothing"
     first_ns, last_ns = direct.arrival_s.min() * 1e9, direct.arrival_s.max() * 1e9
     remedy = f"Begin histogram.offset_ns at {max(0.0, np.floor(first_ns - 1.0)):g} or earlier"
+    if not direct.delay_known:  # what a window is set by
+        remedy = f"First `nlos calibrate --first-light`, which measures that; without any delay: b{remedy[1:]}"
     said = f"it comes {first_ns:.2f} to {last_ns:.2f} ns after the sync pulse{known}"
     if inside.any():
         cut = int((~inside).sum())

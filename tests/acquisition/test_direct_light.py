@@ -45,6 +45,16 @@ def test_shipped_scans_see_direct_light_on_the_shipped_benches(scan: str) -> Non
             "cuts off direct light at",
         ),
         ("bins: 1024, bin_width_ps: 16, offset_ns: 20", {}, "misses direct light: it comes 13.3"),
+        (
+            "bins: 1024, bin_width_ps: 16, offset_ns: 20",
+            {},
+            "cables delay nothing. First `nlos calibrate --first-light`",
+        ),
+        (
+            "bins: 1024, bin_width_ps: 16, offset_ns: 20",
+            {"first_light": {"delay_ns": 0.35}},
+            "after the sync pulse. Begin histogram.offset_ns at 12 or earlier.",
+        ),
         ("bins: 1024, bin_width_ps: 16, offset_ns: 10", {"first_light": {"delay_ns": 47.0}}, "it comes 60.3"),
         ("bins: 8192, bin_width_ps: 16", {}, "longer than the laser's period of 100 ns"),
         ("bins: 1024, bin_width_ps: 16, offset_ns: 110", {}, ""),  # the next pulse's window
