@@ -18,7 +18,10 @@ class Log:
             path.parent.mkdir(parents=True, exist_ok=True)
             lines = path.read_text().splitlines() if path.exists() else []
             kept = [line for line in lines if line.endswith("}") and step and json.loads(line)["step"] <= step]
-            path.write_text("".join(line + "\n" for line in kept))
+            if kept != lines or not path.exists():  # replaced at once: a kill at this moment loses no line
+                fresh = path.with_name(f".{path.name}.new")
+                fresh.write_text("".join(line + "\n" for line in kept))
+                fresh.replace(path)
 
     def terms(
         self, step: int, terms: Mapping[str, float], rate: float, norm: float, seconds: float, every: int

@@ -14,6 +14,7 @@ import pytest
 import torch
 
 from nlos.recon.training.dataset_settings import DatasetSettings
+from nlos.recon.training.log import Log
 from nlos.recon.training.run_folder import STATE, WEIGHTS
 from nlos.recon.training.schedule import learning_rate
 from nlos.recon.training.ship import ship
@@ -26,6 +27,7 @@ TINY: dict[str, Any] = {"rows": 16, "cols": 16, "bins": 64, "bin_width_ps": 256.
 SCRIPT = """
 import sys
 from pathlib import Path
+from nlos.recon.training.log import Log
 from nlos.recon.training.train import train
 from nlos.recon.training.train_settings import TrainSettings
 train(TrainSettings.model_validate_json(sys.argv[2]), Path(sys.argv[1]), lambda line: None)
@@ -167,6 +169,23 @@ def test_colleagues_who_read_the_folder_read_weights_and_scenes(tmp_path: Path) 
         scenes = list(kept.rglob("*.safetensors"))
         assert scenes
         assert all(path.stat().st_mode & 0o777 == path.parent.stat().st_mode & 0o666 for path in scenes)
+
+
+def test_a_run_that_is_killed_as_it_resumes_keeps_its_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "log.jsonl"
+    lines = "".join(json.dumps({"step": step, "loss": 1 / step}) + "\n" for step in (1, 2, 3))
+    path.write_text(lines + '{"step": 4, "lo')
+
+    def killed(self: Path, target: Path) -> Path:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "replace", killed)
+        with pytest.raises(KeyboardInterrupt):
+            Log(path, 2, active=True)
+    assert path.read_text().startswith(lines)
+    Log(path, 2, active=True)
+    assert [json.loads(line)["step"] for line in path.read_text().splitlines()] == [1, 2]
 
 
 def test_a_folder_with_another_run_is_refused(tmp_path: Path, cache: Path) -> None:
