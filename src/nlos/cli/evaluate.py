@@ -63,4 +63,4 @@ def evaluate(
         )
     paths = write_evaluation(output, done, overwrite)
     terminal.document["results"] = evaluation.as_json(done.rows)
-    terminal.result("\n".join(str(path) for path in paths))
+    terminal.result("\n".join(str(path) for path in paths), files=[str(path) for path in paths])

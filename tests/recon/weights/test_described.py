@@ -117,8 +117,10 @@ def test_the_command_line_takes_weights_alone(trained: tuple[str, Path], scene: 
         "e",
     )
     assert done.returncode == 0, done.stderr
-    rows = json.loads(done.stdout)["results"]
+    told = json.loads(done.stdout)
+    rows = told["results"]
     assert [row["method"] for row in rows] == ["lct", "mine"]
+    assert {str(path.relative_to(tmp_path)) for path in (tmp_path / "e").iterdir()} == set(told["files"])
     assert rows[1]["settings"]["widths"] == [4, 8]
     twice = run(tmp_path, "evaluate", "--data", str(scene), "--methods", f"a={path},a={path}", "-o", "e2")
     assert twice.returncode == 2
