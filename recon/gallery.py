@@ -2,9 +2,11 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
+import numpy.typing as npt
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -69,13 +71,17 @@ def save_gallery(figure: Figure, path: Path, kind: str) -> None:
 
 
 def difference_figure(one: Reconstruction, other: Reconstruction, titles: tuple[str, str]) -> Figure:
-    """Front view and depth of one less the other's, where both have them. Raises `InvalidData` for other grids."""
-    if one.albedo.shape != other.albedo.shape or one.wall != other.wall:
-        raise InvalidData(f"{titles[0]} and {titles[1]} are not on the same grid: there is no difference to draw")
+    """Front view and depth of one less the other's, where both have them, on the finer grid of both. Raises
+    `InvalidData` for walls of other sizes."""
+    if (one.wall.width_m, one.wall.height_m) != (other.wall.width_m, other.wall.height_m):
+        raise InvalidData(
+            f"{titles[0]} and {titles[1]} are of walls of different sizes: there is no difference to draw"
+        )
+    rows, cols = (max(sizes) for sizes in zip(one.albedo.shape, other.albedo.shape, strict=True))
     figure = Figure(figsize=(9.4, 4.2), layout="constrained")
     x, y = one.wall.width_m / 2, one.wall.height_m / 2
-    bright = one.albedo / brightest(one) - other.albedo / brightest(other)
-    deep_mm = (visible_depth(one) - visible_depth(other)) * 1e3
+    bright = _on_grid(one.albedo / brightest(one), rows, cols) - _on_grid(other.albedo / brightest(other), rows, cols)
+    deep_mm = (_on_grid(visible_depth(one), rows, cols) - _on_grid(visible_depth(other), rows, cols)) * 1e3
     reach_mm = max(float(np.nanquantile(np.abs(deep_mm), 0.98)) if np.isfinite(deep_mm).any() else 1.0, 1.0)
     drawn = ((bright, 1.0, "front view (relative)"), (deep_mm, reach_mm, "depth (mm)"))
     for panel, (values, reach, label) in zip(figure.subplots(1, 2), drawn, strict=True):
@@ -84,3 +90,10 @@ def difference_figure(one: Reconstruction, other: Reconstruction, titles: tuple[
         figure.colorbar(image, ax=panel, label=label, shrink=0.85, extend="both")
         panel.set(title=f"{titles[0]} less {titles[1]}", xlabel="x (m)", ylabel="y (m)")
     return figure
+
+
+def _on_grid(values: npt.NDArray[np.floating[Any]], rows: int, cols: int) -> npt.NDArray[np.floating[Any]]:
+    """Every pixel of a finer grid takes the value that lies at its centre."""
+    row = ((np.arange(rows) + 0.5) * values.shape[0] / rows).astype(np.intp)
+    col = ((np.arange(cols) + 0.5) * values.shape[1] / cols).astype(np.intp)
+    return values[np.ix_(row, col)]

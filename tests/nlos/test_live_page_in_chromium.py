@@ -341,6 +341,28 @@ def test_two_scans_are_set_side_by_side_with_their_difference(folder: Path, brow
         page.close()
 
 
+def test_scans_of_one_wall_on_two_grids_are_compared_on_the_finer(folder: Path, browser: Any) -> None:
+    """With what the coarser picture has at the centre of every pixel."""
+    (folder / "coarse.yaml").write_text(SCAN.replace("rows: 16, cols: 16", "rows: 8, cols: 8"))
+    nlos(folder, "scan", "coarse.yaml", "-o", "coarse.h5", "--overwrite")
+    with viewed(folder, "run.h5", "coarse.h5", "--method", "lct") as url:
+        page, complaints = opened(browser, url)
+        page.wait_for_selector("#slider", state="visible")
+        page.keyboard.press("d")
+        playwright.expect(page.locator(".panel[data-kind=difference] .say")).to_have_text(
+            "LCT of 256 points less LCT of 64 points", timeout=PATIENCE_MS
+        )
+        fine, held, own = page.evaluate(
+            """() => { const d = panels.find(p => p.kind === "difference"), own = panels.find(p => p.scan === 1).picture;
+            return [[...d.picture.albedo], [...d.other.albedo], [...own.albedo]]; }"""
+        )
+        coarse = np.reshape(own, (8, 8))
+        assert np.array_equal(np.reshape(held, (16, 16)), np.kron(coarse, np.ones((2, 2))))
+        assert len(fine) == 256
+        assert complaints == []
+        page.close()
+
+
 def test_the_depths_of_two_scans_are_compared_where_both_have_one(folder: Path, browser: Any) -> None:
     """One flat object, 60 mm farther from the wall in the second scan."""
     for name, z_m in (("near", 0.6), ("far", 0.66)):

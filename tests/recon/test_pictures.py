@@ -14,6 +14,8 @@ from PIL import Image
 from nlos.__main__ import run
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.errors import InvalidData
+from nlos.recon.gallery import difference_figure
 from nlos.recon.pictures import depth_picture, si, small_print, summary_figure
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.results import write_results
@@ -120,3 +122,20 @@ def test_a_gallery_is_as_wide_as_a_journal_asks(tmp_path: Path, suffix: str) -> 
     assert run(["figure", str(tmp_path / "a"), "-o", str(tmp_path / f"f.{suffix}")]) == 6
     assert run(["figure", str(tmp_path / "a"), "-o", str(tmp_path / "f.xyz")]) == 2
     assert run(["figure", str(tmp_path / "a"), "-o", str(tmp_path / "g.pdf"), "--titles", "x,y"]) == 2
+
+
+def test_pictures_of_one_wall_on_two_grids_are_compared_on_the_finer() -> None:
+    coarse = np.arange(1.0, 65.0).reshape(8, 8).astype(np.float32)
+    wall, finer = WallGrid(1.0, 1.0, 8, 8), WallGrid(1.0, 1.0, 16, 16)
+    one = Reconstruction(coarse, np.full((8, 8), 0.5, np.float32), wall, "lct", 0.1)
+    twice = np.kron(coarse, np.ones((2, 2))).astype(np.float32)
+    other = Reconstruction(twice, np.full((16, 16), 0.52, np.float32), finer, "lct", 0.1)
+    bright, deep_mm = (panel.images[0].get_array() for panel in difference_figure(one, other, ("a", "b")).axes[:2])
+    assert bright is not None
+    assert deep_mm is not None
+    assert bright.shape == (16, 16)
+    assert np.allclose(bright, 0)
+    assert np.allclose(deep_mm.compressed(), -20)
+    wide = replace(other, wall=WallGrid(2.0, 1.0, 16, 16))
+    with pytest.raises(InvalidData, match="walls of different sizes"):
+        difference_figure(one, wide, ("a", "b"))

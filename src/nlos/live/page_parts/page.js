@@ -28,12 +28,13 @@ function arrange() {
   panels = wanted.map(([kind, scan]) => kind === "turn" ? new TurnPanel(scan) : new PicturePanel(kind, scan)); $("views").replaceChildren(...panels.map(p => p.box));
 }
 function draw() {
-  readInks(); arrange(); const pictures = scans.map(best), span = depthSpan(pictures), on = p => String([p.wall, p.albedo.shape]), samePlace = pictures.length > 1 && pictures[0] && pictures[1] && on(pictures[0]) === on(pictures[1]);
+  readInks(); arrange(); const pictures = scans.map(best), span = depthSpan(pictures), pair = pictures.slice(0, 2), sameWall = pair.length > 1 && pair.every(p => p) && String(pair[0].wall) === String(pair[1].wall);
+  const finest = sameWall && [0, 1].map(axis => Math.max(...pair.map(p => p.albedo.shape[axis]))), compare = sameWall && compared ? pair.map(p => onGrid(p, ...finest)) : [];
   const same = draw.span && Math.abs(draw.span[0] - span[0]) + Math.abs(draw.span[1] - span[1]) < 1e-9; if (!same) draw.span = span;
   for (const panel of panels) {
-    const against = panel.kind === "difference" || panel.kind === "deeper", p = against && !samePlace ? null : pictures[panel.scan], name = {front: "Front view", depth: "Depth", turn: "3D", difference: "Difference", deeper: "Depth difference"}[panel.kind], state = scans[panel.scan].state;
+    const against = panel.kind === "difference" || panel.kind === "deeper", p = against ? compare[0] : pictures[panel.scan], name = {front: "Front view", depth: "Depth", turn: "3D", difference: "Difference", deeper: "Depth difference"}[panel.kind], state = scans[panel.scan].state;
     panel.title.textContent = scans.length > 1 ? (against ? `${name}: ${scans[0].state.run} less ${scans[1].state.run}` : `${state.run}: ${name.toLowerCase()}`) : name + (panel.kind === "turn" ? "" : ", looking towards the wall");
-    panel.empty.textContent = p ? "" : against && pictures.every(q => q) ? "these pictures are of walls or grids of different sizes" : waitingFor(state); panel.box.classList.toggle("old", !!panel.isOld && panel.isOld(p)); panel.draw(p, panel.kind === "front" ? [0, 1] : panel.kind === "deeper" && p ? deeperSpan(p, pictures[1]) : draw.span, pictures[1]);
+    panel.empty.textContent = p ? "" : against && pictures.every(q => q) ? "these pictures are of walls of different sizes" : waitingFor(state); panel.box.classList.toggle("old", !!panel.isOld && panel.isOld(p)); panel.draw(p, panel.kind === "front" ? [0, 1] : panel.kind === "deeper" && p ? deeperSpan(...compare) : draw.span, compare[1]);
   }
   for (const known of scans) if (frame !== null && known.frameRates[frame]) { known.rates = known.frameRates[frame]; known.back = true; }
   map.draw(); histogram.draw(); const newest = pictures[0]; if (newest) document.body.dataset.picture = newest.samples, document.body.dataset.method = newest.method;

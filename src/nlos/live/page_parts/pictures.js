@@ -15,6 +15,12 @@ function hatch(g, p, rows, cols, [bx, by, bw, bh]) { // one stroke for each pixe
   g.stroke(); g.restore(); return any;
 }
 const NEITHER = [150, 150, 150]; // where one of two pictures has no depth; no colour of a difference is that grey
+function onGrid(p, rows, cols) { // every pixel of a finer grid takes what the picture has at its centre
+  const [r, c] = p.albedo.shape; if (r === rows && c === cols) return p;
+  const taken = values => { if (!values) return values; const out = new Float32Array(rows * cols); out.shape = [rows, cols];
+    for (let i = 0; i < out.length; i++) { const row = Math.floor((Math.floor(i / cols) + .5) * r / rows), col = Math.floor((i % cols + .5) * c / cols); out[i] = values[row * c + col]; } return out; };
+  return {...p, albedo: taken(p.albedo), depth_m: taken(p.depth_m), seen: taken(p.seen)};
+}
 const inkOf = (p, i) => Number.isFinite(p.depth_m[i]) ? fade(p.albedo[i]) * (p.seen ? p.seen[i] : 1) : 0;
 function deeperSpan(one, other) { // alike to both sides, wide enough for all but a fiftieth
   const off = []; for (let i = 0; i < one.depth_m.length; i++) if (inkOf(one, i) > .3 && inkOf(other, i) > .3) off.push(Math.abs(one.depth_m[i] - other.depth_m[i]));
