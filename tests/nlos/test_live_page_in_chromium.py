@@ -353,7 +353,8 @@ def test_scans_of_one_wall_on_two_grids_are_compared_on_the_finer(folder: Path, 
             "LCT of 256 points less LCT of 64 points", timeout=PATIENCE_MS
         )
         fine, held, own = page.evaluate(
-            """() => { const d = panels.find(p => p.kind === "difference"), own = panels.find(p => p.scan === 1).picture;
+            """() => { const d = panels.find(p => p.kind === "difference");
+            const own = panels.find(p => p.scan === 1).picture;
             return [[...d.picture.albedo], [...d.other.albedo], [...own.albedo]]; }"""
         )
         coarse = np.reshape(own, (8, 8))

@@ -134,7 +134,7 @@ def test_pictures_of_one_wall_on_two_grids_are_compared_on_the_finer() -> None:
     assert bright is not None
     assert deep_mm is not None
     assert bright.shape == (16, 16)
-    assert np.allclose(bright, 0)
+    assert np.allclose(bright, 0, atol=2e-3)  # each over its own brightest part
     assert np.allclose(deep_mm.compressed(), -20)
     wide = replace(other, wall=WallGrid(2.0, 1.0, 16, 16))
     with pytest.raises(InvalidData, match="walls of different sizes"):
