@@ -195,6 +195,8 @@ def test_a_finished_film_replays_frame_by_frame_with_its_memory(folder: Path, br
         moments, pictures = zip(*shown, strict=True)
         assert list(moments) == sorted(set(moments))
         assert len(set(pictures)) == 5
+        assert page.evaluate("speedWords([0.3, 0.4, 0], [0.1, 0.1, 9])") == "0.50 ± 0.10 m/s"
+        assert page.evaluate("speedWords([0.3, 0.4, 0], [null, null, null])") == "0.50 m/s"
         page.locator("#time").fill("1")
         page.keyboard.press("Space")
         page.wait_for_selector('body[data-picture="384"]')  # played to its end, at its own pace

@@ -26,6 +26,10 @@ function deeperSpan(one, other) { // alike to both sides, wide enough for all bu
   const off = []; for (let i = 0; i < one.depth_m.length; i++) if (inkOf(one, i) > .3 && inkOf(other, i) > .3) off.push(Math.abs(one.depth_m[i] - other.depth_m[i]));
   const most = Math.max(.01, off.length ? quantiles(off, .98)[0] : 0); return [-most, most];
 }
+function speedWords(v, error) { // the error is that along the way
+  const speed = Math.hypot(...v), off = speed ? Math.hypot(...v.map((c, k) => c * error[k])) / speed : Math.hypot(...error);
+  return error.every(c => c !== null) ? `${speed.toFixed(2)} ± ${off.toFixed(2)} m/s` : `${speed.toFixed(2)} m/s`;
+}
 class PicturePanel {
   constructor(kind, scan) {
     this.kind = kind; this.scan = scan; this.box = document.createElement("section"); this.box.className = "panel"; this.box.dataset.kind = kind;
@@ -59,7 +63,7 @@ class PicturePanel {
     const film = frame === null ? scans[this.scan].state.film : this.picture.of_film; if (!film) return; g.save(); g.lineWidth = 2; g.textBaseline = "bottom"; g.textAlign = "left";
     film.objects.forEach((one, k) => { g.strokeStyle = g.fillStyle = TRAILS[k % TRAILS.length]; g.beginPath(); one.x_m.forEach((x, i) => g.lineTo(...this.frame.at(x, one.y_m[i]))); g.stroke();
       const [px, py] = this.frame.at(one.x_m[one.x_m.length - 1], one.y_m[one.y_m.length - 1]), v = one.velocity_m_per_s; g.beginPath(); g.arc(px, py, 5, 0, 7); g.stroke();
-      if (v.every(c => c !== null)) g.fillText(`${Math.hypot(...v).toFixed(2)} m/s`, px + 8, py - 4); });
+      if (v.every(c => c !== null)) g.fillText(speedWords(v, one.error_m_per_s), px + 8, py - 4); });
     g.restore();
   }
   points(g) {
