@@ -203,6 +203,15 @@ def test_a_finished_film_replays_frame_by_frame_with_its_memory(folder: Path, br
         playwright.expect(page.locator("#play")).to_contain_text("Play")
         assert complaints == []
         page.close()
+    with viewed(folder, "film.h5", "run.h5", "--method", "lct") as url:  # of other steps: as far along
+        page, complaints = opened(browser, url)
+        page.wait_for_selector("#slider", state="visible")
+        playwright.expect(page.locator("#first")).not_to_contain_text("ready", timeout=PATIENCE_MS)
+        page.locator("#time").fill("3")
+        for place, points in enumerate((192, 128)):
+            playwright.expect(page.locator(".panel .say").nth(place)).to_contain_text(f"of {points} points")
+        assert complaints == []
+        page.close()
 
 
 def test_nanos_depths_have_the_colours_of_the_picture_on_disk(folder: Path, browser: Any) -> None:

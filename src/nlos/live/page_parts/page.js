@@ -4,7 +4,7 @@ let scans = [], panels = [], chosen = 0, overlaid = false, compared = false, met
 const panelName = (kind, scan) => (kind === "front" ? "albedo" : kind === "turn" ? "volume" : kind) + (scan ? scan : "");
 function opened(p) { return p && p.albedo ? {...p, albedo: unpacked(p.albedo), depth_m: unpacked(p.depth_m), points: unpacked(p.points), seen: p.seen && unpacked(p.seen)} : null; }
 function best(known) { // the newest picture of the best method that has one
-  if (frame !== null) return known.frames[frame] || null;
+  if (frame !== null) return known.frames[stepOf(known)] || null;
   const names = known.state.methods, wanted = method && names.includes(method) ? [method] : names.slice().reverse(); return wanted.map(m => known.pictures[m]).find(p => p) || null;
 }
 async function refresh(number, state) {
@@ -36,7 +36,7 @@ function draw() {
     panel.title.textContent = scans.length > 1 ? (against ? `${name}: ${scans[0].state.run} less ${scans[1].state.run}` : `${state.run}: ${name.toLowerCase()}`) : name + (panel.kind === "turn" ? "" : ", looking towards the wall");
     panel.empty.textContent = p ? "" : against && pictures.every(q => q) ? "these pictures are of walls of different sizes" : waitingFor(state); panel.box.classList.toggle("old", !!panel.isOld && panel.isOld(p)); panel.draw(p, panel.kind === "front" ? [0, 1] : panel.kind === "deeper" && p ? deeperSpan(...compare) : draw.span, compare[1]);
   }
-  for (const known of scans) if (frame !== null && known.frameRates[frame]) { known.rates = known.frameRates[frame]; known.back = true; }
+  for (const known of scans) if (frame !== null && known.frameRates[stepOf(known)]) { known.rates = known.frameRates[stepOf(known)]; known.back = true; }
   map.draw(); histogram.draw(); const newest = pictures[0]; if (newest) document.body.dataset.picture = newest.samples, document.body.dataset.method = newest.method;
   $("method").lastElementChild.textContent = method ? `${method.toUpperCase()} only` : "best picture";
 }

@@ -1,8 +1,12 @@
 // The slider along the time of a finished scan: which of its steps the page shows, and how they are played.
 // A film's steps are its frames, played at its own pace: where the page is too slow for that, frames are passed over.
 let playing = null, passedOver = 0, playedFrom = [1, 0];
+function stepOf(known) { // the slider has the steps of the first scan; another one's, as far along
+  const steps = known.state.frames.length, all = scans[chosen].state.frames.length;
+  return steps === all ? frame : Math.max(0, Math.round((frame + 1) * steps / all) - 1);
+}
 function tellSlider(scan) {
-  const state = scan.state, ready = scan.frames.filter(f => f).length, steps = state.frames.length, of = frame === null ? null : (scan.frames[frame] || {}).of_film;
+  const state = scan.state, ready = scan.frames.filter(f => f).length, steps = state.frames.length, of = frame === null ? null : (scan.frames[stepOf(scan)] || {}).of_film;
   $("slider").hidden = !scans.every(s => s.state.over);
   $("time").max = steps;
   const points = frame === null ? state.samples : state.frames[frame];
