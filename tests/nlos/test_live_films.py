@@ -113,8 +113,8 @@ def test_the_light_of_a_frame_is_that_of_the_film_made_afterwards(run: Path) -> 
             assert frame or np.array_equal(known.transient.counts, wanted.counts)
 
 
-def test_a_finished_films_slider_shows_every_frame_with_its_memory(run: Path) -> None:
-    """Each as `--film --memory` makes it, whatever was dropped while it was live; at its own moment."""
+def made_along(run: Path, steps: int) -> Frames:
+    """What the slider of a finished scan shows, once all of it is made."""
     live = LiveScan(run, [LiveReconstruction("lct")], constants=Path("none"))
     live.start()
     live.wait()
@@ -122,12 +122,18 @@ def test_a_finished_films_slider_shows_every_frame_with_its_memory(run: Path) ->
     try:
         frames.start()
         deadline_s = time.monotonic() + 60
-        while frames.version < FRAMES:
+        while frames.version < steps:
             assert time.monotonic() < deadline_s
             time.sleep(0.02)
     finally:
         frames.stop(30)
         live.stop(30)
+    return frames
+
+
+def test_a_finished_films_slider_shows_every_frame_with_its_memory(run: Path) -> None:
+    """Each as `--film --memory` makes it, whatever was dropped while it was live; at its own moment."""
+    frames = made_along(run, FRAMES)
     assert frames.samples == [32 * (frame + 1) for frame in range(FRAMES)]
     assert [(shown or {})["of_film"]["frame"] for shown in frames.pictures] == list(range(FRAMES))
     assert all("of the light" in (shown or {})["explained"] for shown in frames.pictures)
@@ -147,6 +153,17 @@ def test_a_finished_films_slider_shows_every_frame_with_its_memory(run: Path) ->
             assert np.linalg.norm(shown - made.ravel()) < 0.02 * np.linalg.norm(made)
             rates = (frames.rates[frame] or {})["samples"]
             assert rates == 32 * (frame + 1)
+
+
+def test_a_step_of_a_long_film_remembers_the_frames_between_the_steps(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    every = made_along(run, FRAMES)
+    monkeypatch.setattr("nlos.live.steps.MOST_OF_FILM", 2)
+    some = made_along(run, 2)
+    assert some.samples == [every.samples[2], every.samples[5]]
+    for mine, other in ((0, 2), (1, 5)):
+        assert (some.pictures[mine] or {})["albedo"] == (every.pictures[other] or {})["albedo"]
 
 
 def test_of_a_long_film_some_frames_are_shown_and_the_last_is_one_of_them() -> None:
