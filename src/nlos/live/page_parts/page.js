@@ -72,7 +72,7 @@ function tell() {
   $("alarms").hidden = !state.alarms; $("alarms").lastElementChild.textContent = state.alarms; banner(state); $("difference").hidden = scans.length < 2;
   const key = state.events.length + "/" + (state.events_before || 0); if (tell.events !== key + chosen) { tell.events = key + chosen; $("earlier").textContent = state.events_before ? `and ${count(state.events_before)} before` : "";
     $("events").replaceChildren(...state.events.slice().reverse().map(e => { const tr = document.createElement("tr"); tr.className = e[1]; e.forEach((t, i) => { const td = document.createElement("td"); td.textContent = i ? t : fixed(t, 2) + " s"; tr.append(td); }); return tr; })); }
-  tellSlider(scans[chosen]);
+  tellSlider(scans[0]);
   $("overlay").setAttribute("aria-pressed", overlaid); $("difference").setAttribute("aria-pressed", compared);
 }
 let busy = false, missed = 0, timer = 0;

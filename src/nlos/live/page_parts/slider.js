@@ -2,7 +2,7 @@
 // A film's steps are its frames, played at its own pace: where the page is too slow for that, frames are passed over.
 let playing = null, passedOver = 0, playedFrom = [1, 0];
 function stepOf(known) { // the slider has the steps of the first scan; another one's, as far along
-  const steps = known.state.frames.length, all = scans[chosen].state.frames.length;
+  const steps = known.state.frames.length, all = scans[0].state.frames.length;
   return steps === all ? frame : Math.max(0, Math.round((frame + 1) * steps / all) - 1);
 }
 function tellSlider(scan) {
@@ -25,7 +25,7 @@ function seek(value, byHand = true) { // the last place is the whole scan
 }
 function step(by) { seek(+$("time").value + by); }
 function stepMs() { // between two steps; of a film as it was scanned
-  const times = scans[chosen].frames.filter(f => f && f.of_film).map(f => f.of_film.time_s);
+  const times = scans[0].frames.filter(f => f && f.of_film).map(f => f.of_film.time_s);
   return times.length > 1 ? Math.min(1000, Math.max(40, 1e3 * (times[times.length - 1] - times[0]) / (times.length - 1))) : 180;
 }
 function play() {
