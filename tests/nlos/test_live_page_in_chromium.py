@@ -458,11 +458,16 @@ def test_a_report_needs_nothing_but_itself_and_prints(folder: Path, browser: Any
 def test_a_report_on_two_scans_sets_them_side_by_side(folder: Path, browser: Any) -> None:
     (folder / "dim.yaml").write_text(SCAN.replace("dwell_ms: 20", "dwell_ms: 2"))
     nlos(folder, "scan", "dim.yaml", "-o", "dim.h5", "--overwrite")
-    nlos(folder, "report", "run.h5", "dim.h5", "-o", "two.html", "--methods", "lct", "--overwrite")
+    nlos(folder, "report", "run.h5", "dim.h5", "-o", "two.html", "--methods", "lct,fk", "--overwrite")
     page = browser.new_page()
     page.goto((folder / "two.html").as_uri())
     assert page.locator("h1").all_inner_texts() == ["Side by side", "run.h5", "dim.h5"]
     assert page.locator("details figure img").first.is_hidden()
     page.locator("summary", has_text="Differences").click()
     assert page.locator("details figure img").first.is_visible()
+    differences = [text for text in page.locator("details figcaption").all_inner_texts() if " less " in text]
+    assert sorted(differences) == [
+        "dim.h5, LCT less dim.h5, FK", "run.h5, FK less dim.h5, FK",
+        "run.h5, LCT less dim.h5, LCT", "run.h5, LCT less run.h5, FK",
+    ]  # fmt: skip
     page.close()

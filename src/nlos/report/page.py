@@ -124,21 +124,30 @@ def _hero(result: "Reconstruction") -> str:
 
 
 def _side_by_side(pictures: "Sequence[Reconstruction]") -> str:
-    """Every scan by every method on one colour scale, and the differences of neighbours on demand."""
+    """Every scan by every method on one colour scale; on demand the differences of neighbours: of methods of one scan,
+    and of scans by one method."""
     from nlos.recon.gallery import difference_figure, gallery
 
     if not pictures:
         return ""
-    titles = [f"{result.scan}, {result.method.upper()}" for result in pictures]
+    titles = [_titled(result) for result in pictures]
+    scans, methods = (list(dict.fromkeys(of)) for of in zip(*((r.scan, r.method) for r in pictures), strict=True))
+    rows = [[result for result in pictures if result.scan == scan] for scan in scans]
+    rows += [[result for result in pictures if result.method == method] for method in methods]
     drawn = picture(gallery(pictures, titles, 250), "front views and depths on one scale")
     differences = []
-    for (one, this), (other, that) in pairwise(zip(pictures, titles, strict=True)):
+    for one, other in (pair for row in rows for pair in pairwise(row)):
+        this, that = _titled(one), _titled(other)
         try:
             differences.append(picture(difference_figure(one, other, (this, that)), f"{this} less {that}"))
         except InvalidData as error:
             differences.append(f"<p>{escape(str(error))}</p>")
     folded_away = f"<details><summary>Differences</summary>{''.join(differences)}</details>" if differences else ""
     return f'<h1>Side by side</h1><div class="hero">{drawn}</div>{folded_away}'
+
+
+def _titled(result: "Reconstruction") -> str:
+    return f"{result.scan}, {result.method.upper()}"
 
 
 def _turning(result: "Reconstruction") -> str:
