@@ -206,16 +206,21 @@ def not_finite(what: str, folder: Path, step: int, steps: int) -> Reconstruction
 
 @contextmanager
 def alone_in(folder: Path, rank: int) -> Iterator[None]:
-    """The only training in `folder`, as long as this lasts. Raises InvalidSettings where another process trains."""
+    """The only training in `folder`, as long as this lasts. Raises InvalidSettings where another process trains, and
+    StorageError where nothing can be written."""
     if rank:
         yield
         return
-    folder.mkdir(parents=True, exist_ok=True)
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         lock = WriterLock(folder / "training")
-    except StorageError as error:
+    except OSError as error:
+        cause = error.__cause__ if isinstance(error, StorageError) else error
+        if isinstance(cause, OSError):
+            why = f"nothing can be written there ({cause.strerror})"
+            raise StorageError(f"{folder}: {why}. Choose another folder with -o.") from error
         raise InvalidSettings(
-            f"{folder}: another process trains there. Wait for it, or choose another folder with -o. ({error})"
+            f"{folder}: another process trains there. Wait for it, or choose another folder with -o."
         ) from error
     try:
         yield

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import torch
 
+from nlos.acquisition.errors import StorageError
 from nlos.recon.errors import InvalidSettings, ReconstructionFailed
 from nlos.recon.training import train as training
 from nlos.recon.training.curves import curves_of
@@ -87,6 +88,17 @@ def test_a_signal_saves_the_step_under_way_and_says_how_to_resume(number: int, t
     more = training.train(settings(cache, samples=2 * (state["step"] + 2)), tmp_path / "run", quiet)
     assert more["finished"]
     assert more["step"] == state["step"] + 2
+
+
+def test_a_folder_that_nothing_can_be_written_in_is_not_called_anothers(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "held" / "training.lock").mkdir(parents=True)
+    for folder in (tmp_path / "file" / "run", tmp_path / "held"):
+        with (
+            pytest.raises(StorageError, match=r"nothing can be written there .* Choose another folder with -o"),
+            alone_in(folder, 0),
+        ):
+            pass
 
 
 def test_a_second_training_in_one_folder_is_refused(tmp_path: Path, cache: Path) -> None:
