@@ -127,6 +127,9 @@ class Jog:
         except OSError as error:
             self._hand.note(f"not marked: {self._marks.path} cannot be written ({error.strerror})")
             return ""
+        bench = self._hand.bench
+        if bench.shutter is not None and bench.settings.shutter_on != "nothing" and not self._hand.lit_here:
+            self._hand.note("marked with the light off since the beam came here: SPACE, held, shows the spot")
         where = f"spot {self._marks.count} in {self._marks.path}"
         if place is None:
             self._hand.note(f"{where}, without a ruler's value: write x_m and y_m into the file")
@@ -136,9 +139,6 @@ class Jog:
             self._hand.note(
                 where + (self._turned() or self._contradicted(mark) or self._enough() or self._far_off(place))
             )
-        bench = self._hand.bench
-        if bench.shutter is not None and bench.settings.shutter_on != "nothing" and not self._hand.lit_here:
-            self._hand.note("marked with the light off since the beam came here: SPACE, held, shows the spot")
         return ""
 
     def _turned(self) -> str:
@@ -159,8 +159,8 @@ class Jog:
             return ""
         others = f" (and {len(older) - 1} more)" if len(older) > 1 else ""
         return (
-            f": {new} contradicts line {older[0].line}, {older[0]}{others}. One of them was misread, or scanner or "
-            "wall was moved since: delete the wrong line, or begin a new table with --marks"
+            f": {new} contradicts line {older[0].line}, {older[0]}{others}: one was misread, or something moved. "
+            "Delete the wrong line, or begin a new table"
         )
 
     def _enough(self) -> str:

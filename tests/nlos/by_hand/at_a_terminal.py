@@ -89,7 +89,7 @@ def at_a_terminal(folder: Path, *words: str, environment: Mapping[str, str] | No
     process = subprocess.Popen(
         [sys.executable, "-m", "nlos", *words], cwd=folder, stdin=theirs, stdout=theirs, stderr=theirs,
         start_new_session=True, preexec_fn=_take_terminal,
-        env={**os.environ, **(environment or {}), "COLUMNS": "100", "LINES": "34"},
+        env={**os.environ, "COLUMNS": "100", "LINES": "34", **(environment or {})},
     )  # fmt: skip
     os.close(theirs)
     child = AtATerminal(process, ours)

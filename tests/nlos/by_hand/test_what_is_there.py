@@ -200,11 +200,15 @@ def test_the_ninth_good_mark_is_enough_and_a_mark_in_the_dark_is_warned_of(tmp_p
 
 def test_a_mark_that_contradicts_an_older_one_is_said_at_once_with_both(tmp_path: Path) -> None:
     (tmp_path / "spots.csv").write_text("x_deg,y_deg,x_m,y_m\n0.0,0.0,0.3,0.1\n")
-    with at_a_terminal(tmp_path, "jog", "--bench", str(bench_file(tmp_path)), "--marks", "spots.csv") as child:
+    words = ("jog", "--bench", str(bench_file(tmp_path)), "--marks", "spots.csv")
+    with at_a_terminal(tmp_path, *words, environment={"COLUMNS": "80"}) as child:
         child.wait_until(lambda: bool(child.frames), "a screen")
         child.press("m", "0 0", "\r")
-        child.wait_for("contradicts line 2, +0.000 +0.000 deg at")
-        child.wait_for("+0.300 +0.100 m. One of them was misread")
+        child.wait_for("contradicts line 2,")
+        child.wait_for("+0.000 +0.000 deg at +0.300 +0.100 m: one was misread")
+        screen = child.frames[-1][1]  # both, and what else there is to say, on one screen of 80 columns
+        assert "spot 2 in spots.csv: +0.000 +0.000 deg at +0.000 +0.000 m" in screen
+        assert "marked with the light off" in screen
         child.press("q")
         assert child.ends() == 0
 
