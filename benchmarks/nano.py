@@ -1,4 +1,4 @@
-"""NANO: parameters, and the memory and time of one inference at 128 x 128 points and 512 bins.
+"""NANO: parameters, and the memory and time of one inference at 64 x 64 and 128 x 128 points and 512 bins.
 
 Prints one JSON line a figure; `gpu_ms` only where there is a GPU. The process measures itself: peak memory is that of
 everything it ever held, the libraries included.
@@ -22,7 +22,7 @@ from nlos.recon.methods.nano import Settings, build
 from nlos.recon.training.rendering import render
 from nlos.recon.training.scenes import make_scene, surfels
 
-WALL = WallGrid(2.0, 2.0, 128, 128)
+WALL, SMALLER = WallGrid(2.0, 2.0, 128, 128), WallGrid(2.0, 2.0, 64, 64)
 TIME = TimeAxis(512, 32e-12)
 
 
@@ -32,10 +32,10 @@ def figure(name: str, value: float, unit: str, target: float) -> None:
     print(json.dumps(told), flush=True)
 
 
-def measurement() -> torch.Tensor:
+def measurement(wall: WallGrid) -> torch.Tensor:
     """A scan of one of the training scenes, about 10 counts in the brightest bin of a point."""
     scene = make_scene(5, 0, WallGrid(2.0, 2.0, 64, 64))
-    expected = render(surfels(scene, np.random.default_rng(0)), WALL, TIME)
+    expected = render(surfels(scene, np.random.default_rng(0)), wall, TIME)
     expected = 10 * expected / expected.amax(dim=0).mean() + 0.1
     return torch.poisson(expected, generator=torch.Generator().manual_seed(0))[None, None]
 
@@ -54,9 +54,11 @@ def seconds(network: torch.nn.Module, counts: torch.Tensor, runs: int) -> float:
 
 
 def main() -> None:
+    figure("cpu_64_s", seconds(build(Settings(), SMALLER, TIME), measurement(SMALLER), 3), "s", 1.5)
     network = build(Settings(), WALL, TIME)
-    figure("parameters_m", sum(p.numel() for p in network.parameters()) / 1e6, "million", 4)
-    counts = measurement()
+    parts = [network] if network.refinement is None else [network, network.refinement.correction]
+    figure("parameters_m", sum(p.numel() for part in parts for p in part.parameters()) / 1e6, "million", 4)
+    counts = measurement(WALL)
     figure("cpu_s", seconds(network, counts, 3), "s", 20)
     figure("peak_gb", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20, "GB", 4)
     if torch.cuda.is_available():

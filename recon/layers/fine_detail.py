@@ -15,6 +15,7 @@ from nlos.acquisition.wall import WallGrid
 
 FINE = 96  # points a side from which on a wall is halved as well
 LOW, HIGH = "albedo_low", "albedo_high"
+NEAR, FAR = "depth_low_m", "depth_high_m"
 LEAST_MEASURED = 0.5  # of the points: sparser scans lose more than they gain
 
 
@@ -56,10 +57,12 @@ def with_detail(coarse: Tensor | None, fine: Tensor) -> Tensor:
     return torch.where(strengths > 0, seen, fine)
 
 
-def holding(intervals: dict[str, Tensor], albedo: Tensor) -> dict[str, Tensor]:
-    """The same intervals, those of brightness wide enough to hold the picture (B, H, W)."""
-    low, high = (choose(intervals[name], albedo) for choose, name in ((torch.minimum, LOW), (torch.maximum, HIGH)))
-    return {**intervals, LOW: low, HIGH: high}
+def holding(intervals: dict[str, Tensor], albedo: Tensor, depth_m: Tensor) -> dict[str, Tensor]:
+    """The same intervals, wide enough to hold the picture and its depths (B, H, W), NaN where there are none."""
+    wide = dict(intervals)
+    for (low, high), shown in (((LOW, HIGH), albedo), ((NEAR, FAR), depth_m)):
+        wide[low], wide[high] = torch.fmin(intervals[low], shown), torch.fmax(intervals[high], shown)
+    return wide
 
 
 def _strength(x: Tensor) -> Tensor:

@@ -20,6 +20,25 @@ class Projection:
     spreads: tuple[Tensor, Tensor] | None = None  # of picture and depth over mirror images of the wall, (B, H, W) each
 
 
+def summed_along_depth(weight: Tensor, fields: Tensor) -> Tensor:
+    """The weights (B, D, H, W) times `fields` (B, C, D, h, w), spread over H x W, summed along D: (B, C, H, W).
+
+    One field after the other where nothing is learned: an einsum copies all of them into another order first.
+    """
+    size = weight.shape[2:]
+    if not torch.is_grad_enabled():
+        return torch.stack([(weight * _spread(field, size)).sum(dim=1) for field in fields.unbind(dim=1)], dim=1)
+    spread = _spread(fields.flatten(1, 2), size).view(*fields.shape[:3], *size)
+    return torch.einsum("bdhw,bfdhw->bfhw", weight, spread)
+
+
+def _spread(x: Tensor, size: torch.Size) -> Tensor:
+    """(B, D, h, w) -> (B, D, H, W)."""
+    if x.shape[2:] == size:
+        return x.float()
+    return F.interpolate(x.float().contiguous(), size=size, mode="bilinear", align_corners=False)
+
+
 class MaximumProjection(nn.Module):
     """I = Conv(max_z u), D = argmax_z u, Conv a few residual blocks (NANO, section IV-C, "VPL").
 
@@ -87,14 +106,11 @@ class AttentionProjection(nn.Module):
 
     def forward(self, logits: Tensor, features: Tensor, volumes: Tensor, maps: Tensor, depths: Tensor) -> Projection:
         weight = self.attention(logits, volumes)
-        seen = torch.einsum("bdhw,bvdhw->bvhw", weight, volumes)
+        seen = summed_along_depth(weight, volumes)
         coarse = features.shape[2]
         # attention is averaged to the coarse depths instead of every feature being spread over the fine ones
         lateral = F.adaptive_avg_pool3d(weight[:, None], (coarse, *weight.shape[2:]))[:, 0] * (weight.shape[1] / coarse)
-        spread = F.interpolate(
-            features.flatten(1, 2).float(), size=weight.shape[2:], mode="bilinear", align_corners=False
-        ).view(*features.shape[:3], *weight.shape[2:])
-        read = torch.einsum("bdhw,bfdhw->bfhw", lateral, spread)
+        read = summed_along_depth(lateral, features)
         depth = torch.einsum("bdhw,d->bhw", weight, depths)
         peak = weight.amax(dim=1)
         unit = depths[1] - depths[0]

@@ -18,8 +18,10 @@ from nlos.recon.layers.fine_detail import halves, holding, in_the_large, with_de
 from nlos.recon.layers.lifted_volumes import LiftedVolumes
 from nlos.recon.layers.light_cone_inverse import brightest
 from nlos.recon.layers.noise_level import NoiseLevel
+from nlos.recon.layers.operator_grid import to_grid
 from nlos.recon.layers.physical_unfolding import PhysicalUnfolding
 from nlos.recon.layers.rates import Rates, last_light, rates_of
+from nlos.recon.layers.refinement import Refinement
 from nlos.recon.layers.symmetries import Fields, mean_over_symmetries
 from nlos.recon.layers.told_conditions import conditions, confidence
 from nlos.recon.layers.told_response import Told
@@ -29,6 +31,7 @@ from nlos.recon.layers.wiener_volumes import SLICE, TRAINED_SLICES, VOLUMES, Wie
 from nlos.recon.memory import cube_bytes
 from nlos.recon.method import MethodResult
 from nlos.recon.method import sure as with_intervals
+from nlos.recon.refined import correction_for
 from nlos.recon.weights.files import holds, put_part, with_weights
 
 POINTS = 32  # per wall width: the operator's own pitch, whatever the scan's
@@ -39,6 +42,7 @@ MIDDLE_NOISE = -1.0
 FEWEST_SLICES = 80
 PROFILE = 3  # slices before and behind a surface that the last network sees
 MARGIN = 8  # slices behind the last light
+REFINED = 24  # points a side from which on pictures are refined: those it was learned on had 32 and 64
 DIMMEST = 0.003  # of the brightest point; below it there is no depth
 OWN_BYTES = 1 << 28  # peak memory at small grids, measured from 128 x 128 x 512 to 512 x 512 x 1024 (float32, CPU)
 CUBES = 13.0  # and what comes on top, in float32 volumes of the rebinned counts' size
@@ -65,7 +69,7 @@ class Settings(AnySettings):
     channels: tuple[int, ...] = (16, 32, 48)
     """One entry per scale (J)."""
     iterations: Annotated[int, Field(ge=1)] = 2
-    """A scale (n_j)."""
+    """Updates in each scale (n_j)."""
     spectral_scales: int = 2
     """Scales, the coarsest ones, that are updated in the frequency domain."""
     features: int = 8
@@ -77,6 +81,8 @@ class Settings(AnySettings):
     symmetries: bool = True
     """Average over the flips (and, on a square grid, the transpose) of the wall once trained: eight times the operator,
     not the physics."""
+    refine: bool = True
+    """Hold the picture against the light that it was made from, and correct it; for the weights that ship."""
     stage: Literal["whole", "noise"] = "whole"
     """What is trained: the operator with frozen noise estimation, or noise estimation alone."""
 
@@ -111,6 +117,7 @@ class Nano(nn.Module):
         self.pitch = (2 * pitch[0], wall.rows * pitch[1] / rows, wall.cols * pitch[2] / cols)
 
         self.head_of_intervals: CalibratedHead | None = None
+        self.refinement: Refinement | None = None
         self.halved: list[Nano] = []  # the same for half the points a side, where that sees better in the large
         self.noise_level = NoiseLevel()
         self.lifted = None
@@ -118,14 +125,8 @@ class Nano(nn.Module):
             self.lifted = LiftedVolumes(settings.lifting, self.physics, (rows, cols))
         features = OWN_FEATURES + (4 if self.lifted else 0)
         bandwidth = settings.sfe_bandwidth if settings.sfe else 0
-        self.unfolding = PhysicalUnfolding(
-            features,
-            settings.channels,
-            settings.iterations,
-            settings.spectral_scales,
-            CONDITIONS,
-            sfe_bandwidth=bandwidth,
-        )
+        scales = (settings.channels, settings.iterations, settings.spectral_scales)
+        self.unfolding = PhysicalUnfolding(features, *scales, CONDITIONS, sfe_bandwidth=bandwidth)
         for lift in (self.unfolding.lift_u, self.unfolding.lift_g):
             lift.weight.data[:, OWN_FEATURES - 1 :] = 0  # the last pass and the lifted features come in from zero
         self.added_later = (TOLD,)
@@ -152,7 +153,10 @@ class Nano(nn.Module):
         else:
             seen = self.iterate(volumes, eta, maps, lifted)
         present = presence[:, None, None]
-        albedo, depth_m = seen.albedo * present, seen.depth * self.physics.unit_m
+        albedo, depth = seen.albedo, seen.depth
+        if self.refinement is not None:
+            albedo, depth = self.refinement(counts, exposure, response, albedo, depth)
+        albedo, depth_m = albedo * present, depth * self.physics.unit_m
         if not self.training:  # a picture's brightest point is 1 and its darkest 0, by definition
             albedo = with_detail(coarse, albedo.clamp(0, 1))
             dark = albedo < DIMMEST * albedo.amax(dim=(1, 2), keepdim=True).clamp(min=1e-12)
@@ -160,7 +164,7 @@ class Nano(nn.Module):
         sure = None
         if self.head_of_intervals is not None and seen.spreads is not None:
             found = evidence(seen, volumes, eta, maps, presence, self.physics.depths)
-            sure = holding(intervals_of(self.head_of_intervals, found, presence, self.physics), albedo)
+            sure = holding(intervals_of(self.head_of_intervals, found, presence, self.physics), albedo, depth_m)
         behind = self.physics.slices - seen.volume.shape[1]  # too far for any light
         volume = F.pad(seen.volume * present[..., None], (0, 0, 0, 0, 0, behind))
         return with_intervals(MethodResult(albedo, depth_m, volume), sure)
@@ -276,13 +280,6 @@ class Nano(nn.Module):
         return {"level": scalar, "map": beta * distance, "loss": scalar + beta * distance}
 
 
-def to_grid(field: Tensor, size: tuple[int, int, int], highest: bool = False) -> Tensor:
-    """(B, C, D, H, W) averaged (or its maximum) over the cells of a coarser grid; interpolated to a finer one."""
-    if all(new <= old for new, old in zip(size, field.shape[2:], strict=True)):
-        return F.adaptive_max_pool3d(field, size) if highest else F.adaptive_avg_pool3d(field, size)
-    return F.interpolate(field, size=size, mode="trilinear")
-
-
 def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
     """The operator for this wall and time axis; raises WeightsError if the weights are not of this shape."""
     assert isinstance(settings, Settings)
@@ -293,6 +290,9 @@ def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
     if settings.weights is not None:  # weights that were never told a response are better off without
         network.takes_response = holds(settings.weights, TOLD)
     network.head_of_intervals = head_for(settings.weights)
+    correction = correction_for(settings.weights) if settings.refine and min(wall.rows, wall.cols) >= REFINED else None
+    if correction is not None:
+        network.refinement = Refinement(correction, wall, time_axis, settings.falloff)
     network.halved = halves(network, wall, lambda coarser: build(settings, coarser, time_axis))
     for half in network.halved:
         half.head_of_intervals = None  # nobody asks how sure it is

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save as serialised
 from torch import nn
 
 from nlos.recon.errors import InvalidSettings
@@ -163,7 +163,8 @@ def save(path: Path, tensors: Mapping[str, torch.Tensor], about: Mapping[str, An
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(f".{os.getpid()}.partial")
     plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    save_file(plain, partial, metadata={"about": json.dumps(about)})
-    with partial.open("rb") as file:
+    with partial.open("wb") as file:  # for whom the folder is: `save_file` writes for its owner alone
+        file.write(serialised(plain, metadata={"about": json.dumps(about)}))
+        file.flush()
         os.fsync(file.fileno())
     partial.replace(path)

@@ -63,7 +63,7 @@ def of_files(paths: Iterable[Path]) -> str:
 def of_code(method: str) -> str:
     """A digest of the code that a method runs."""
     folders = ("layers", "transport") if weights_path(method).exists() else ("transport",)
-    shared = ("physics.py", "noise.py", "front_view.py", "reconstruct.py", "metrics.py", "subsets.py")
+    shared = ("physics.py", "noise.py", "front_view.py", "reconstruct.py", "metrics.py", "subsets.py", "refined.py")
     own = (f"methods/{BASE.get(method, method)}.py", *shared)
     chosen = {name: digest for name, digest in SOURCES.items() if name.startswith(folders) or name in own}
     return hashlib.sha256(json.dumps(chosen, sort_keys=True).encode()).hexdigest()[:16]
@@ -77,7 +77,8 @@ def weights_path(method: str) -> Path:
 def of_method(method: str) -> dict[str, str]:
     """What a reconstruction by this method depends on, beside its input."""
     path = weights_path(method)
-    return {"code": of_code(method), "weights": of_files([path]) if path.exists() else "none"}
+    files = [each for each in (path, path.with_suffix(".refinement")) if each.exists()]
+    return {"code": of_code(method), "weights": of_files(files) if files else "none"}
 
 
 SOURCES = {path.relative_to(CODE).as_posix(): of_files([path]) for path in CODE.rglob("*.py")}

@@ -11,7 +11,7 @@ from nlos.recon.layers.noise_level import NoiseLevel, averaged
 from nlos.recon.layers.rates import fill, presence, rates_of
 from nlos.recon.layers.transient_lifting import TransientLifting
 from nlos.recon.layers.unet import UNet
-from nlos.recon.layers.volume_projection import AttentionProjection, MaximumProjection
+from nlos.recon.layers.volume_projection import AttentionProjection, MaximumProjection, summed_along_depth
 from nlos.recon.layers.wiener_volumes import VOLUMES, WienerVolumes
 
 WALL = WallGrid(2.0, 2.0, 12, 12)
@@ -197,3 +197,13 @@ def test_box_averages_are_those_of_pooling() -> None:
         window, padding = (bins, points, points), (bins // 2, points // 2, points // 2)
         pooled = torch.nn.functional.avg_pool3d(field, window, stride=1, padding=padding)
         torch.testing.assert_close(averaged(field, bins, points), pooled)
+
+
+@pytest.mark.parametrize("side", [6, 12])
+def test_sums_along_depth_are_the_same_where_nothing_is_learned(side: int) -> None:
+    weight, fields = torch.softmax(torch.randn(2, 10, 12, 12), dim=1), torch.randn(2, 3, 10, side, side)
+    learned = summed_along_depth(weight.requires_grad_(), fields)
+    with torch.inference_mode():
+        plain = summed_along_depth(weight, fields.contiguous(memory_format=torch.channels_last_3d))
+    torch.testing.assert_close(plain, learned.detach(), rtol=0, atol=1e-6)
+    assert learned.requires_grad
