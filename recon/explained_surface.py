@@ -15,6 +15,8 @@ FAINT = 0.005
 """Of the brightest pixel: fainter ones are not rendered."""
 NEARER = 0.7
 """Of the depth of the nearest bright pixels: from there on the same brightness would send four times the light."""
+TOGETHER = 8
+"""Points of the wall whose light is added up at a time: more do not fit the cache."""
 Floats = npt.NDArray[np.float32]
 
 
@@ -33,15 +35,18 @@ def surface_light(
     x, y, z, across, up = x_m[col], y_m[row], z[row, col], across[row, col], up[row, col]
     shade = albedo[row, col]
     per_metre, first = 2 / (SPEED_OF_LIGHT_M_PER_S * time.bin_width_s), time.start_s / time.bin_width_s
-    for k, (point_row, point_col) in enumerate(points):
-        dx, dy = x_m[point_col] - x, y_m[point_row] - y
+    for start in range(0, len(points), TOGETHER):
+        row, col = points[start : start + TOGETHER].T[..., None]
+        dx, dy = x_m[col] - x, y_m[row] - y  # (points, pixels)
         squared = dx * dx + dy * dy + z * z
         r = np.sqrt(squared)
         facing = np.maximum(z + dx * across + dy * up, 0) / r  # cosine at the surface over that of its front view
         light = shade * (facing * z / r) ** (falloff / 2) / squared ** (falloff / 2)
         bin_ = (r * np.float32(per_metre) - np.float32(first)).astype(np.int64)
         inside = (bin_ >= 0) & (bin_ < time.bins)
-        out[k] = np.bincount(bin_[inside], weights=light[inside], minlength=time.bins)
+        bin_ += np.arange(len(row))[:, None] * time.bins
+        sums = np.bincount(bin_[inside], weights=light[inside], minlength=len(row) * time.bins)
+        out[start : start + TOGETHER] = sums.reshape(-1, time.bins)
     return out.T
 
 
