@@ -121,6 +121,10 @@ def evaluate(
         raise InvalidData(
             f"no scene with ground truth (gt_intensity, gt_depth, gt_mask) in {', '.join(map(str, paths))}."
         )
+    for condition in conditions:
+        if not any(has_condition(scene, condition) for scene in scenes):
+            known = ", ".join(sorted(datasets(scenes[0])))
+            raise InvalidSettings(f"no scene has the condition '{condition}'; {scenes[0].name} has: {known}")
     notes = [
         f"{one.name} has learned from {scene.name}: its figures there say nothing about other scenes"
         for one in entrants
@@ -133,9 +137,6 @@ def evaluate(
     done, total = 0, len(conditions) * len(scenes) * each
     for condition in conditions:
         having = [scene for scene in scenes if has_condition(scene, condition)]
-        if not having:
-            known = ", ".join(sorted(datasets(scenes[0])))
-            raise InvalidSettings(f"no scene has the condition '{condition}'; {scenes[0].name} has: {known}")
         if len(having) < len(scenes):
             say(f"{condition}: only in {', '.join(scene.name for scene in having)}")
             total -= each * (len(scenes) - len(having))

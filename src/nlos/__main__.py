@@ -88,7 +88,7 @@ def run(arguments: list[str]) -> int:
 def report(error: BaseException, words: Sequence[str] = ()) -> int:
     """Says what went wrong on stderr (and in the JSON document), of which of the files that the command names; returns
     the exit code."""
-    from nlos.cli.exit_codes import ExitCode, exit_code, missing_extra
+    from nlos.cli.exit_codes import ExitCode, Stopped, exit_code, missing_extra
 
     shown = getattr(error, "show", None)
     if callable(shown) and hasattr(error, "exit_code"):
@@ -109,7 +109,7 @@ def report(error: BaseException, words: Sequence[str] = ()) -> int:
         terminal.log(f"nlos: {message or code.name.lower()}", -9)
         for note in getattr(error, "__notes__", ()):
             terminal.log(f"nlos: {note}", -9)
-        if terminal.verbosity > 0:
+        if terminal.verbosity > 0 and not isinstance(error, Stopped):  # which has said all there is to say
             traceback.print_exception(error)
     return ended(message, error, int(code))
 

@@ -203,6 +203,16 @@ def test_what_was_there_is_not_said_again(inside: Path, capsys: pytest.CaptureFi
     assert capsys.readouterr().out.count("albedo.png") == 4
 
 
+def test_more_words_are_no_traceback_of_what_was_said(inside: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from nlos.__main__ import run
+
+    Path("in/torn.h5").write_bytes(b"not a scan")
+    assert run(["reconstruct", "in", "-o", "out", "-v"]) != 0
+    said = capsys.readouterr().err
+    assert "in/torn.h5" in said
+    assert "Traceback" not in said
+
+
 def test_names_and_reasons_are_escaped_in_the_page() -> None:
     row = {
         "file": "<a>",

@@ -102,6 +102,10 @@ def test_what_does_not_exist_is_named(tmp_path: Path) -> None:
     scene = make_scene(tmp_path / "one.h5")
     with pytest.raises(InvalidSettings, match=r"no scene has the condition 'counts_p7'; one has: counts_p5, transient"):
         evaluate([scene], ["lct"], ["counts_p7"])
+    begun: list[int] = []
+    with pytest.raises(InvalidSettings, match="counts_p7"):
+        evaluate([scene], ["lct"], ["transient", "counts_p7"], step=lambda done, total, at: begun.append(done))
+    assert not begun, "what is misspelt is said before anything is computed"
     with pytest.raises(InvalidSettings, match="no method 'ltc'"):
         evaluate([scene], ["ltc"], ["transient"])
     with pytest.raises(InvalidData, match="does not exist"):
