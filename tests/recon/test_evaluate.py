@@ -113,7 +113,7 @@ def test_what_does_not_exist_is_named(tmp_path: Path) -> None:
     with h5py.File(scene, "a") as file:
         del file.attrs["bin_width_s"]
     with pytest.raises(NotAMeasurement, match="attribute bin_width_s must be one finite number"):
-        evaluate([scene], ["lct"])
+        evaluate([scene], ["lct"], ["transient"])
 
 
 def test_the_verb_writes_its_three_files(tmp_path: Path) -> None:
