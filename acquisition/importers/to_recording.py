@@ -14,6 +14,7 @@ from nlos.acquisition.recording.empty_file import put_in_place
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.recording.writer_lock import lock_file
 from nlos.acquisition.response import as_json
 from nlos.acquisition.sample import Sample
 from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
@@ -73,6 +74,7 @@ def write_recording(
         put_in_place(partial, target)
     finally:
         partial.unlink(missing_ok=True)
+        lock_file(partial).unlink(missing_ok=True)  # where the writer was broken into as it began
     return len(plan)
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nlos.acquisition.recording import writer_lock
 from nlos.cli.progress import Progress, Stages
 from nlos.cli.terminal import terminal
 
@@ -68,7 +69,7 @@ def test_the_verbs_that_take_long_show_a_bar(nlos: Nlos, small: Path, tmp_path: 
     assert not list(tmp_path.glob(".*.part*"))
 
 
-def test_an_import_that_breaks_off_leaves_nothing(tmp_path: Path) -> None:
+def test_an_import_that_breaks_off_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from nlos.acquisition.importers.isolated import read_isolated
     from nlos.acquisition.importers.to_recording import write_recording
 
@@ -77,9 +78,14 @@ def test_an_import_that_breaks_off_leaves_nothing(tmp_path: Path) -> None:
     scan = read_isolated(tmp_path / "a.npz")
     (tmp_path / "run.h5").write_bytes(b"another file")
 
-    def interrupted(by: int) -> None:
+    def interrupted(*asked: object, **more: object) -> None:
         raise KeyboardInterrupt
 
+    with monkeypatch.context() as begun:
+        begun.setattr(writer_lock, "_lock", interrupted)  # its file is there, and nobody holds it yet
+        with pytest.raises(KeyboardInterrupt):
+            write_recording(scan, tmp_path / "a.npz", tmp_path / "run.h5", overwrite=True)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.npz", "run.h5"]
     with pytest.raises(KeyboardInterrupt):
         write_recording(scan, tmp_path / "a.npz", tmp_path / "run.h5", overwrite=True, step=interrupted)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.npz", "run.h5"]
