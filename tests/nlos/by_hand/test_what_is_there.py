@@ -206,9 +206,8 @@ def test_a_mark_that_contradicts_an_older_one_is_said_at_once_with_both(tmp_path
         child.press("m", "0 0", "\r")
         child.wait_for("contradicts line 2,")
         child.wait_for("+0.000 +0.000 deg at +0.300 +0.100 m: one was misread")
-        screen = child.frames[-1][1]  # both, and what else there is to say, on one screen of 80 columns
-        assert "spot 2 in spots.csv: +0.000 +0.000 deg at +0.000 +0.000 m" in screen
-        assert "marked with the light off" in screen
+        both = ("spot 2 in spots.csv: +0.000 +0.000 deg at +0.000 +0.000 m", "marked with the light off")
+        child.wait_until(lambda: all(each in child.frames[-1][1] for each in both), "both on one screen of 80 columns")
         child.press("q")
         assert child.ends() == 0
 
