@@ -94,21 +94,24 @@ def measure_time_offsets(
     if recorded.shape[1] <= 2 * box:
         raise InvalidData(f"histograms of {recorded.shape[1]} bins are too short to find a pulse of {box} bins in.")
     background = quiet_background(recorded)
-    first, gain = boxcar_arrival(recorded, background, box)
+    first, gain = np.full(len(recorded), box / 2), np.zeros(len(recorded))
+    some = slice(None) if lit.all() else lit  # of a scan that has just begun, few
+    first[some], gain[some] = boxcar_arrival(recorded[some], background[some], box)
     bright = lit & (gain > DETECTION)
     if not bright.sum() >= max(1.0, FEWEST_SHARE * lit.sum()):
         raise _no_direct_peak(recorded, lit, bright, gain)
     arrival, error = first, np.where(bright, box / 3.5, np.inf)
-    template, radius = response, 3 * box
+    template, radius, wall = response, 3 * box, None
     for number in range(ROUNDS):
-        wall = fit_wall_timing(time.start_s + arrival * width, error * width, x, y)
+        wall = fit_wall_timing(time.start_s + arrival * width, error * width, x, y, wall)
         predicted = _predicted(wall, x, y, time)
         centre = _centre(arrival, error, wall, predicted, first, width)
         if response is None:
             trusted = np.isfinite(error) & (wall.accepted if wall else True)
             if not trusted.any():
                 raise _no_direct_peak(recorded, lit, trusted, gain)
-            template = _stacked_response(recorded[trusted], centre[trusted], background[trusted], width)
+            some = slice(None) if trusted.all() else trusted  # all of them need no copy
+            template = _stacked_response(recorded[some], centre[some], background[some], width)
         assert template is not None
         previous = arrival
         arrival, error = match(recorded, background, centre, template, width, radius)
@@ -119,7 +122,7 @@ def measure_time_offsets(
         scatter = wall.rms_s / width if wall else 0.0
         radius = int(np.clip(np.ceil(6 * scatter), SMALLEST_RADIUS_BINS, 3 * box))
     assert template is not None
-    wall = fit_wall_timing(time.start_s + arrival * width, error * width, x, y)
+    wall = fit_wall_timing(time.start_s + arrival * width, error * width, x, y, wall)
     predicted = _predicted(wall, x, y, time)
     direct = window_counts(recorded, np.where(np.isfinite(error), arrival, predicted), background, template, width)
     elsewhere = np.zeros(len(recorded), bool)

@@ -11,6 +11,8 @@ from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 Floats = npt.NDArray[np.float64]
 FEWEST_POINTS = 9
 """Four unknowns, and enough points over to notice an outlier."""
+NEARLY_ALL = 0.9
+"""Of the points: a wall that explains more of them is no accident of where the search for it began."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +33,11 @@ class WallTiming:
         return np.asarray(self.delay_s + 2 * distance / SPEED_OF_LIGHT_M_PER_S)
 
 
-def fit_wall_timing(arrival_s: Floats, error_s: Floats, x_m: Floats, y_m: Floats) -> WallTiming | None:
-    """Least squares with a soft loss first, then without the points beyond 4 times the scatter.
+def fit_wall_timing(
+    arrival_s: Floats, error_s: Floats, x_m: Floats, y_m: Floats, near: WallTiming | None = None
+) -> WallTiming | None:
+    """Least squares with a soft loss first, then without the points beyond 4 times the scatter. A wall that was fitted
+    to the same points before, `near`, is where to begin if it explained nearly all of them.
 
     `error_s` (N,) are the arrivals' own standard errors, infinite where there is none. Returns None where fewer than
     nine points are left or they do not span the wall, so that position and delay cannot be told apart.
@@ -60,9 +65,11 @@ def fit_wall_timing(arrival_s: Floats, error_s: Floats, x_m: Floats, y_m: Floats
         return np.asarray(np.column_stack(columns) / error_m[keep, None])
 
     bounds = ([-np.inf, -np.inf, 0.02 * extent, -np.inf], np.inf)
+    starts = [np.array([*origin, ratio * extent, 0.0]) for ratio in (1.0, 4.0)]
+    if near is not None and near.accepted[usable].mean() > NEARLY_ALL:
+        starts = [np.array([*near.scanner_position_m, 0.0])]
     best = None
-    for ratio in (1.0, 4.0):
-        start = np.array([*origin, ratio * extent, 0.0])
+    for start in starts:
         start[3] = -np.median(residuals(start, usable) * error_m[usable])
         fit = least_squares(
             residuals, start, slopes, bounds, loss="soft_l1", f_scale=2.0, x_scale=[extent] * 4, args=(usable,)

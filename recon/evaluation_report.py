@@ -82,7 +82,7 @@ def table(evaluation: Evaluation) -> str:
         "0.1, 0.03, 0.01 and 0.003 for that condition, where the method has an inverse filter and none was given.",
         f"Software: {software()}.",
         "",
-        *(f"**{note}.**\n" for note in evaluation.notes),
+        *(f"**{note.removesuffix('.')}.**\n" for note in evaluation.notes),
     ]
     for condition in _unique(row.condition for row in rows):
         lines += [f"## {condition}", "", _header("method", "settings")]

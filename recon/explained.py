@@ -9,16 +9,20 @@ an empty scene.
 
 import time as clock
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import convolve1d, gaussian_filter1d, uniform_filter1d
 
 from nlos.acquisition.transient import Transient
+from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import ReconError
 from nlos.recon.explained_parts import KEPT, Parts, coarser, photon_unit, split
 from nlos.recon.explained_share import Explained
 from nlos.recon.explained_surface import surface_light
+from nlos.recon.other_geometry import Judged, better_wall
+from nlos.recon.points_in_order import out_of_order
 
 POINTS = 256  # of the wall at which light is compared
 STRETCHES = 128  # of the time axis in which it is
@@ -34,11 +38,14 @@ def explained_light(
     see: Callable[[Transient], Seen],
     falloffs: tuple[float, ...],
     prepare: Callable[[Transient], Transient] = lambda same: same,
+    *,
+    elsewhere: bool = False,
 ) -> Explained:
     """What `see`, which makes a picture and a depth map (H, W) of a scan, explains of `transient`.
 
     Of several `falloffs` the one that fits the seen part best is taken; `prepare` is done to the coarser scan first.
-    Never raises: where there is no answer, the note says why.
+    With `elsewhere` two more pictures tell whether another wall explains more (`other_geometry.py`). Never raises:
+    where there is no answer, the note says why.
     """
     began = clock.perf_counter()
     unit = photon_unit(transient)
@@ -50,15 +57,30 @@ def explained_light(
         albedo, depth_m = see(parts.seen)
     except ReconError as error:
         return Explained(None, None, f"no picture of a part of the scan: {error}", clock.perf_counter() - began)
-    share, spread, note = _judge(parts, albedo, depth_m, falloffs)
+    told = _judge(parts, albedo, depth_m, falloffs)
+
+    def with_wall(scale: float) -> Judged | None:
+        wall = parts.seen.wall
+        wall = WallGrid(scale * wall.width_m, scale * wall.height_m, wall.rows, wall.cols)
+        seen = replace(parts.seen, wall=wall)
+        try:
+            return _judge(replace(parts, seen=seen), *see(seen), falloffs)
+        except ReconError:
+            return None
+
+    found = Explained(told.share, told.error, told.note)
+    doubt = out_of_order(transient, unit)
+    if elsewhere and not doubt and not found.nothing:
+        doubt = better_wall(transient, told, with_wall)
+    note = told.note
     if unit != 1.0:
         note = "; ".join(word for word in (note, "these are not photon counts: their noise is estimated") if word)
-    return Explained(share, spread, note, clock.perf_counter() - began)
+    return replace(found, note=note, doubt=doubt, seconds=clock.perf_counter() - began)
 
 
 def _judge(
     parts: Parts, albedo: npt.NDArray[np.float32], depth_m: npt.NDArray[np.float32], falloffs: tuple[float, ...]
-) -> tuple[float, float, str]:
+) -> Judged:
     seen, judging, unit = parts.seen, parts.judging, max(parts.unit, 1e-12)
     measured = np.argwhere(seen.exposure_s > 0)
     points = measured[np.sort(np.random.default_rng(SEED).permutation(len(measured))[:POINTS])]
@@ -98,10 +120,10 @@ def _judge(
     there = (weight * ((left - rest * empty) ** 2 - noise)).sum(axis=0)
     total, count = float(there.sum()), len(there)
     if total < SURE * float(np.sqrt(count * there.var())):
-        return 0.0, 0.0, "nothing to explain: no light but a flat background"
+        return Judged(0.0, 0.0, "nothing to explain: no light but a flat background", missed, there)
     share = 1 - float(missed.sum()) / total
     error = float(np.sqrt(count * (missed - (1 - share) * there).var())) / total
-    return share, error, ""
+    return Judged(share, error, "", missed, there)
 
 
 def _fitted(data: Floats, rendered: Floats, flat: Floats, weight: Floats) -> Floats:

@@ -17,6 +17,8 @@ class Explained:
     error: float | None
     note: str = ""
     seconds: float = 0.0
+    doubt: str = ""
+    """What speaks against the scan's geometry, in words: its points are out of order, or another wall explains more."""
 
     @property
     def nothing(self) -> bool:
@@ -24,6 +26,11 @@ class Explained:
         return self.share is not None and self.share < max(LEAST, ERRORS * (self.error or 0.0))
 
     def __str__(self) -> str:
+        return f"{self.figure}; doubtful: {self.doubt}" if self.doubt else self.figure
+
+    @property
+    def figure(self) -> str:
+        """How much, in words, without what speaks against it."""
         if self.share is None:
             return f"explained light unknown: {self.note}"
         error = self.error or 0.0

@@ -1,6 +1,5 @@
 """Intervals of a picture that hold as often as they say: NANO's head, calibrated, in metres and the picture's units."""
 
-import hashlib
 import math
 from dataclasses import asdict, dataclass
 from functools import lru_cache
@@ -13,7 +12,7 @@ from torch import Tensor
 from nlos.recon.layers.interval_head import KEPT, NOISE, RESPONSE, IntervalHead, RawIntervals
 from nlos.recon.layers.wiener_volumes import WienerVolumes
 from nlos.recon.predicted_error import ErrorLine
-from nlos.recon.weights.files import OWN_FOLDER, find_weights, put_weights, read_about, read_weights
+from nlos.recon.weights.files import OWN_FOLDER, goes_with, put_weights, read_weights
 
 CALIBRATED = "nano.intervals"  # safetensors; by another name, for it is no weights of a method
 NOISE_EDGES = (-0.25, 0.25)  # of the evidence `noise`, log10 of the noise level + 1
@@ -87,7 +86,7 @@ def head_for(weights: str | None) -> CalibratedHead | None:
     path = OWN_FOLDER / CALIBRATED
     if weights is None or not path.is_file():
         return None
-    if read_about(path)["of"] != hashlib.sha256(find_weights(weights).read_bytes()).hexdigest():
+    if not goes_with(path, weights):
         return None
     return head_in(path)
 

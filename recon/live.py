@@ -12,7 +12,7 @@ from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, Transient
 from nlos.recon.methods import find, parse_settings
 from nlos.recon.over_time.half_grid import HalfGrid
 from nlos.recon.predicted_error import said_by
-from nlos.recon.reconstruct import explained, reconstruct
+from nlos.recon.reconstruct import explained, get_ready, reconstruct
 from nlos.recon.volume import Reconstruction
 
 Picture = npt.NDArray[np.float32]
@@ -69,6 +69,10 @@ class LiveReconstruction:
             return picture
         self._bound = min(self._bound, picture.bound)
         return replace(picture, bound=self._bound)
+
+    def get_ready(self, transient: Transient, falloff: int | None = None) -> None:
+        """Builds what `update` needs for such a transient, so that it need not wait for that. Raises as it does."""
+        get_ready(transient, self.method, self._set(falloff))
 
     def explained(self, picture: LivePicture, transient: Transient, falloff: int | None = None) -> LivePicture:
         """The same picture, and how much of the light of `transient`, which it was made from, it explains."""

@@ -14,11 +14,13 @@ from matplotlib.figure import Figure
 from nlos.recon.contours import contours
 from nlos.recon.errors import InvalidData
 from nlos.recon.seen import DOUBTFUL, FAINT, brightest, depth_limits, depth_opacity, visible_depth
+from nlos.recon.small_print import small_print
 from nlos.recon.volume import Reconstruction
 
 DOTS_PER_INCH = 150
 BACKGROUND = 0.88
 NOTHING = "This picture explains nothing of the light"
+MISPLACED = "Wall, time zero or order of points in doubt"
 
 
 def albedo_picture(reconstruction: Reconstruction, path: Path) -> None:
@@ -95,29 +97,12 @@ def confidence_picture(reconstruction: Reconstruction, path: Path) -> None:
     save_picture(figure, path)
 
 
-def small_print(reconstruction: Reconstruction) -> str:
-    """Scan, method, points, photons and computing time, as far as they are known."""
-    made = reconstruction
-    words = [made.scan, made.method.upper()]
-    if made.points:
-        words += [f"{made.points:,} points", f"{si(made.photons)}photons from behind the wall"]
-    if made.explained is not None and made.explained.share is not None:
-        words.append(str(made.explained))
-    return " · ".join(word for word in (*words, f"{made.seconds:.1f} s") if word)
-
-
 def warned(reconstruction: Reconstruction, figure: Figure) -> None:
-    """The label of a picture that explains nothing, in red above it."""
-    if reconstruction.explained is not None and reconstruction.explained.nothing:
-        figure.suptitle(NOTHING, color="white", backgroundcolor="firebrick", fontsize=11, weight="bold")
-
-
-def si(number: float) -> str:
-    """A large number for people, its unit to follow: 3.26 M."""
-    for step, letter in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
-        if number >= step:
-            return f"{number / step:.3g} {letter} "
-    return f"{number:.3g} "
+    """The label of a picture that explains nothing, or of whose geometry there is doubt, in red above it."""
+    told = reconstruction.explained
+    if told is not None and (told.nothing or told.doubt):
+        words = NOTHING if told.nothing else MISPLACED
+        figure.suptitle(words, color="white", backgroundcolor="firebrick", fontsize=11, weight="bold")
 
 
 def _single(reconstruction: Reconstruction, path: Path, draw: Callable[[Reconstruction, Figure, Axes], None]) -> None:

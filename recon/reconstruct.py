@@ -1,6 +1,5 @@
 """From a transient to a reconstruction, by any method of the catalogue."""
 
-import hashlib
 import time as clock
 from collections.abc import Mapping
 from dataclasses import replace
@@ -18,6 +17,7 @@ from nlos.recon.gridding import confidence
 from nlos.recon.memory import KnownMemory, available_bytes, refusal
 from nlos.recon.method import MethodResult, takes_response
 from nlos.recon.methods import find, parse_settings, torch_is_installed
+from nlos.recon.other_geometry import TELLING
 from nlos.recon.own_methods import name_of
 from nlos.recon.physics_settings import PhysicsSettings
 from nlos.recon.volume import Intervals, Reconstruction, Volume, refuse_not_finite
@@ -33,9 +33,11 @@ def reconstruct(
     device: str = "cpu",
     *,
     explain: bool = True,
+    elsewhere: bool = False,
 ) -> Reconstruction:
     """What `method`, a name or a file that ends in `.py`, sees in `transient` (time 0 at the wall, no direct light);
-    and how much of the light that explains, unless `explain` is False.
+    and how much of the light that explains, unless `explain` is False. With `elsewhere` it is asked, too, whether
+    a wall of another size would explain more; of methods that can tell (`other_geometry.TELLING`).
 
     Raises `InvalidData` for counts nobody can reconstruct, `InvalidSettings` for a method or setting that does not
     exist, `ReconstructionFailed` where memory or the method does not reach, or what it makes is not finite.
@@ -71,14 +73,34 @@ def reconstruct(
         response_used=rebinned.response is not None and takes,
     )
     refuse_not_finite(result)
-    return replace(result, explained=explained(transient, method, settings, device)) if explain else result
+    return (
+        replace(result, explained=explained(transient, method, settings, device, elsewhere=elsewhere))
+        if explain
+        else result
+    )
+
+
+def get_ready(transient: Transient, method: str, settings: Mapping[str, object] | None = None) -> None:
+    """Builds what `reconstruct` needs for such a transient, where it is kept from one call to the next: then the next
+    one does not wait for weights. Raises `InvalidSettings`."""
+    if torch_is_installed():
+        from nlos.recon.with_torch import get_ready_for
+
+        chosen = parse_settings(method, dict(settings or {}))
+        get_ready_for(method, chosen, rebin(transient, _bin_width_s(chosen, transient)))
 
 
 def explained(
-    transient: Transient, method: str, settings: Mapping[str, object] | None = None, device: str = "cpu"
+    transient: Transient,
+    method: str,
+    settings: Mapping[str, object] | None = None,
+    device: str = "cpu",
+    *,
+    elsewhere: bool = False,
 ) -> Explained:
     """What a picture of a part of `transient`, in the bins that it came in, explains of the rest: added up, a bin's
-    light passes for noise. Without averages over mirror images, for speed. Raises `InvalidSettings`."""
+    light passes for noise. Without averages over mirror images, for speed. `elsewhere` as for `reconstruct`. Raises
+    `InvalidSettings`."""
     chosen = parse_settings(method, dict(settings or {}))
     quick = chosen.model_copy(update={"symmetries": False}) if hasattr(chosen, "symmetries") else chosen
     falloff = getattr(chosen, "falloff", None)
@@ -90,7 +112,10 @@ def explained(
         return made.albedo, made.depth_m
 
     falloffs = (4.0, 2.0) if falloff is None else (float(falloff),)
-    return explained_light(transient, see, falloffs, lambda part: rebin(part, _bin_width_s(chosen, part)))
+    asked = elsewhere and name_of(method) in TELLING
+    return explained_light(
+        transient, see, falloffs, lambda part: rebin(part, _bin_width_s(chosen, part)), elsewhere=asked
+    )
 
 
 def _see(
@@ -110,9 +135,9 @@ def _weights_sha256(chosen: Settings) -> str | None:
     name = getattr(chosen, "weights", None)
     if name is None:
         return None
-    from nlos.recon.weights.files import find_weights
+    from nlos.recon.weights.files import sha256_of
 
-    return hashlib.sha256(find_weights(name).read_bytes()).hexdigest()
+    return sha256_of(name)
 
 
 def _bin_width_s(chosen: Settings, transient: Transient) -> float:

@@ -6,8 +6,9 @@ measured there), `x_m` (W,), `y_m` (H,); where the method knows how sure it is `
 `volume` (D, H, W) and `depths_m` (D,); attributes `method`, `settings` (JSON), `seconds`, `weights_sha256`, `software`,
 `response` (which response of the instrument was taken, in words), where one is known `response_fwhm_ps`,
 `samples_left_aside` (damaged or unreadable, not used), `explained` and `explained_error` (the share of light that the
-picture accounts for, NaN where that could not be found) and `explained_note`. Row 0 is the top, column 0 the left, seen
-from the wall.
+picture accounts for, NaN where that could not be found), `explained_note`, and `explained_doubt` (what speaks against
+the scan's wall, time zero or order of points, empty where nothing does). Row 0 is the top, column 0 the left, seen from
+the wall.
 """
 
 import json
@@ -99,6 +100,7 @@ def write_reconstruction(path: Path, reconstruction: Reconstruction, keep_volume
         file.attrs["explained"] = np.nan if told.share is None else told.share
         file.attrs["explained_error"] = np.nan if told.error is None else told.error
         file.attrs["explained_note"] = told.note
+        file.attrs["explained_doubt"] = told.doubt
         file.attrs["wall_size_m"] = (wall.width_m, wall.height_m)
         file["albedo"] = reconstruction.albedo
         file["depth_m"] = reconstruction.depth_m
@@ -167,8 +169,8 @@ def _explained(held: h5py.AttributeManager) -> Explained | None:
     if "explained" not in held:
         return None
     share, error = float(held["explained"]), float(held["explained_error"])
-    note = str(held["explained_note"])
-    return Explained(None, None, note) if share != share else Explained(share, error, note)
+    note, doubt = str(held["explained_note"]), str(held.get("explained_doubt", ""))
+    return Explained(None, None, note) if share != share else Explained(share, error, note, doubt=doubt)
 
 
 def read_explained(folder: Path) -> Explained:

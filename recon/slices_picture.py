@@ -8,8 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
 from nlos.recon.errors import InvalidData
-from nlos.recon.pictures import extent, save_picture, small_print
+from nlos.recon.pictures import extent, save_picture
 from nlos.recon.seen import FAINT
+from nlos.recon.small_print import small_print
 from nlos.recon.volume import Reconstruction, Volume
 
 MARK = "#56b4e9"

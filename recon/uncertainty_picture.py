@@ -11,8 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from nlos.recon.errors import InvalidData
-from nlos.recon.pictures import BACKGROUND, extent, save_picture, small_print
+from nlos.recon.pictures import BACKGROUND, extent, save_picture
 from nlos.recon.seen import brightest
+from nlos.recon.small_print import small_print
 from nlos.recon.volume import Reconstruction
 
 NARROWEST_M, WIDEST_M = 0.002, 0.5

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.recon.seen import FAINT, SOLID, depth_limits
+from nlos.recon.small_print import small_print
 from nlos.recon.surface import front_surface
 from nlos.recon.volume import Reconstruction, Volume
 
@@ -36,7 +37,7 @@ def write_view3d(path: Path, reconstruction: Reconstruction, title: str = "") ->
     path.write_text(
         page.substitute(
             title=html.escape(title or reconstruction.scan or f"{reconstruction.method} reconstruction"),
-            subtitle=html.escape(f"{len(points)} points, {reconstruction.method}, {reconstruction.seconds:.2f} s"),
+            subtitle=html.escape(small_print(reconstruction)),
             threshold=f"{SOLID:g}",
             faint=f"{FAINT:g}",
             turnable=(Path(__file__).parent / "view3d.js").read_text(encoding="utf-8"),

@@ -36,6 +36,11 @@ def see_by(
         return *see(transient, module, device, defined_at(found, "forward")), takes_response(module)
 
 
+def get_ready_for(method: str, settings: Settings, transient: Transient) -> None:
+    """Builds a method for such a transient; `see_by` then finds it built."""
+    built(cast(Hashable, find(method)), settings, transient.wall, transient.time)
+
+
 def see(
     transient: Transient, module: nn.Module, device: str = "cpu", own_at: str = ""
 ) -> tuple[MethodResult[Floats], Depths]:

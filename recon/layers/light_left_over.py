@@ -7,6 +7,7 @@ expectation, so that no unit of counts remains.
 
 import math
 from collections.abc import Sequence
+from functools import partial, reduce
 from typing import NamedTuple
 
 import torch
@@ -15,7 +16,9 @@ from torch import Tensor
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.layers.surface_light import Axis, along, arriving, blocks, paths, surface_of
+from nlos.recon.layers.response_taps import convolved, gaussian, joined_bins, spread
+from nlos.recon.layers.side_by_side import side_by_side
+from nlos.recon.layers.surface_light import Axis, Surface, along, arriving, blocks, paths, surface_of
 
 CHANNELS = (
     "albedo", "known", "asked", "depth", "ratio", "change", "step", "depth_step", "certainty", "slope",
@@ -27,11 +30,10 @@ BIN = 0.31  # of a pixel's pitch: the depth of a bin, about
 FEWEST_BINS = 8
 FITTED = 192  # points that gain, background and width are fitted to
 WIDTHS = (0.0, 0.6, 1.0, 1.6, 2.5, 4.0)  # tried for what the response is wider than told, standard deviations in bins
+WIDEST = 3.0  # wider ones: such light is not this surface's through the response that was told
 POWERS = (0.0, -0.5, 0.5, -1.0, 1.0, -2.0, 2.0)  # of depth, by which brightness as measured may be off: tried as well
 SMOOTH = (0.1, 0.2, 0.4, 0.2, 0.1)
-ROUGH = (1 - 0.4) ** 2 + 2 * (
-    0.2**2 + 0.1**2
-)  # of white noise's variance that is left when its smooth part is taken off
+ROUGH = (1 - 0.4) ** 2 + 2 * (0.2**2 + 0.1**2)  # of white noise's variance, left when its smooth part is taken off
 MOST_MISFIT = 100.0  # over what of it is noise
 FLOOR = 0.3  # of the mean count: no variance is less
 LARGEST = 4.0
@@ -64,80 +66,144 @@ class LightLeftOver:
         if not bool(known.any()):
             return None
         albedo, depth = albedo.float(), depth.float()
-        device, bins = counts.device, self.axis.bins
         asked = F.max_pool2d(known.to(albedo)[None], 2 * AROUND + 1, 1, AROUND)[0] > 0
-        surface = surface_of(albedo, depth, known, asked, self.x.to(device), self.y.to(device))
-        row, col = torch.nonzero(exposure > 0, as_tuple=True)
-        measured, taken = len(row), _spread_out(row, col, min(MOST_POINTS, MOST_PAIRS / len(surface.x)))
-        row, col = row[taken], col[taken]
-        light = counts[: bins * self.joined, row, col].view(bins, self.joined, -1).sum(dim=1).T.contiguous()
-        x, y, dwell = self.x.to(device)[col], self.y.to(device)[row], exposure[row, col]
-        blur = light.new_tensor(SMOOTH)
-        floor = FLOOR * light.mean() + 1e-30
+        surface = surface_of(albedo, depth, known, asked, self.x.to(albedo), self.y.to(albedo))
+        seen = self._seen(counts, exposure, MOST_PAIRS / len(surface.x))
+        shown = self._fitted(surface, seen, response)
+        if shown is None:
+            return None
+        sums = self._gathered(surface, seen, shown)
+        everywhere = torch.ones_like(albedo)
+        found = {
+            "albedo": albedo, "known": known.to(albedo), "asked": asked.to(albedo),
+            "misfit": everywhere * (sums.misfit / sums.noise.clamp(min=1e-30)).clamp(0.01, MOST_MISFIT).log10(),
+            "width": everywhere * (shown.width / 4),
+            "kept": everywhere * (math.log2(int((exposure > 0).sum()) / albedo.numel()) / 6),
+        }  # fmt: skip
+        for name, values in _on_surface(surface, shown.gain, sums, seen.light.numel()).items():
+            found[name] = albedo.new_zeros(albedo.shape).index_put((surface.row, surface.col), values)
+        return torch.stack([found[name] for name in CHANNELS]).nan_to_num(0.0).clamp(-LARGEST, LARGEST)
 
-        some = torch.linspace(0, len(row) - 1, min(len(row), FITTED), device=device).long()
-        way = paths(surface, x[some], y[some], self.axis, self.falloff)
+    def _seen(self, counts: Tensor, exposure: Tensor, most: float) -> "Seen":
+        """What was measured at up to `most` points."""
+        row, col = torch.nonzero(exposure > 0, as_tuple=True)
+        taken = _spread_out(row, col, min(MOST_POINTS, most))
+        row, col = row[taken], col[taken]
+        bins = self.axis.bins
+        light = counts[: bins * self.joined, row, col].view(bins, self.joined, -1).sum(dim=1).T.contiguous()
+        return Seen(light, self.x.to(light)[col], self.y.to(light)[row], exposure[row, col])
+
+    def _fitted(self, surface: Surface, seen: "Seen", response: Tensor | None) -> "Shown | None":
+        """How bright the surface is rendered and through what response; None where no brightness fits, or only that of
+        a much slower response."""
+        light = seen.light
+        some = torch.linspace(0, len(light) - 1, min(len(light), FITTED), device=light.device).long()
+        way = paths(surface, seen.x[some], seen.y[some], self.axis, self.falloff)
+        dwell, floor = seen.dwell[some, None], seen.floor()
         farther = (surface.z / surface.z.median()).log()
-        taps = light.new_ones(1) if response is None else _joined(response.to(light), self.joined)
-        rendered = _spread(arriving(way, surface.albedo, self.axis) * dwell[some, None], taps)
-        flat = dwell[some, None].expand_as(rendered)
-        fitted = _fitted(
-            light[some], [_spread(rendered, _gaussian(width, light)) for width in WIDTHS], flat, blur, floor
-        )
+        taps = light.new_ones(1) if response is None else joined_bins(response.to(light), self.joined)
+
+        def rendered(albedo: Tensor) -> Tensor:
+            return spread(arriving(way, albedo, self.axis) * dwell, taps)
+
+        quick = rendered(surface.albedo)
+        background = dwell.expand_as(quick)
+        models = [spread(quick, gaussian(width, light)) for width in WIDTHS]
+        fitted = _best(light[some], models, background, floor)
         if fitted is None:
             return None
         width = WIDTHS[fitted.which]
+        if width > WIDEST:
+            return None
         if width > 0:
-            taps = _convolved(taps, _gaussian(width, light))
-        shown = [
-            _spread(arriving(way, surface.albedo * (power * farther).exp(), self.axis) * dwell[some, None], taps)
-            for power in POWERS
-        ]
-        fitted = _fitted(light[some], shown, flat, blur, floor) or fitted
-        gain, background = fitted.gain, fitted.background
-        shade = (POWERS[fitted.which] * farther).exp()
+            taps = convolved(taps, gaussian(width, light))
+        models = [rendered(surface.albedo * (power * farther).exp()) for power in POWERS]
+        fitted = _best(light[some], models, background, floor) or fitted
+        return Shown(taps, width, (POWERS[fitted.which] * farther).exp(), fitted.gain, fitted.background)
 
-        missing, expected, information, deeper, certain = (torch.zeros_like(surface.x) for _ in range(5))
-        misfit, noise = light.new_zeros(()), light.new_zeros(())
-        for part in blocks(len(row), len(surface.x)):
-            way = paths(surface, x[part], y[part], self.axis, self.falloff)
-            way = way._replace(light=way.light * (dwell[part, None] * shade))
-            model = gain * _spread(arriving(way, surface.albedo, self.axis), taps) + background * dwell[part, None]
-            weight = 1 / (0.5 * model + 0.5 * _spread(light[part], blur).clamp(min=0) + floor)
-            left = light[part] - model
-            misfit += (weight * left.square()).sum()
-            noise += (weight * (left - _spread(left, blur)).square()).sum() / ROUGH
-            back = taps.flip(0)
-            here, growth = along(way, _spread(weight * left, back))
-            missing += (way.light * here).sum(dim=0)
-            expected += (way.light * along(way, _spread(weight * model, back))[0]).sum(dim=0)
-            sure = _spread(weight, back).reshape(-1)[way.place]
-            information += (way.light.square() * sure).sum(dim=0)
-            longer = way.light * way.deeper
-            deeper += (longer * growth).sum(dim=0)
-            certain += 2 * (longer.square() * sure).sum(dim=0)
-        bright = surface.albedo.clamp(min=0.02)
-        ratio = missing / expected.clamp(min=1e-30)
-        found = {
-            "ratio": ratio.clamp(-1, 3),
-            "change": (ratio * surface.albedo).clamp(-1, 1),
-            "step": (missing / (gain * information).clamp(min=1e-30)).clamp(-LARGEST, LARGEST) / 4,
-            "depth_step": (deeper / (gain * bright * certain).clamp(min=1e-30)).clamp(-LARGEST, LARGEST) / 4,
-            "certainty": (1e-3 + bright * gain * (information * light.numel() / misfit.clamp(min=1e-30)).sqrt()).log10()
-            / 2,
-            "slope": (surface.across.square() + surface.up.square()).sqrt().clamp(max=2),
-            "depth": surface.z - 0.5,
-        }
-        flat = torch.ones_like(albedo)
-        whole = {
-            "albedo": albedo, "known": known.to(albedo), "asked": asked.to(albedo),
-            "misfit": flat * (misfit / noise.clamp(min=1e-30)).clamp(0.01, MOST_MISFIT).log10(),
-            "width": flat * (width / 4),
-            "kept": flat * (math.log2(measured / albedo.numel()) / 6),
-        }  # fmt: skip
-        for name, values in found.items():
-            whole[name] = albedo.new_zeros(albedo.shape).index_put((surface.row, surface.col), values)
-        return torch.stack([whole[name] for name in CHANNELS]).nan_to_num(0.0).clamp(-LARGEST, LARGEST)
+    def _gathered(self, surface: Surface, seen: "Seen", shown: "Shown") -> "Sums":
+        """The light that is left, along the paths of every pixel."""
+        points = blocks(len(seen.light), len(surface.x))
+        parts = side_by_side([partial(self._of_points, surface, seen, shown, part) for part in points], seen.light)
+        return reduce(lambda one, other: Sums(*(a + b for a, b in zip(one, other, strict=True))), parts)
+
+    def _of_points(self, surface: Surface, seen: "Seen", shown: "Shown", part: slice) -> "Sums":
+        """The same of some points."""
+        light, dwell, blur, back = seen.light[part], seen.dwell[part, None], seen.blur(), shown.taps.flip(0)
+        way = paths(surface, seen.x[part], seen.y[part], self.axis, self.falloff)
+        way = way._replace(light=way.light * (dwell * shown.shade))
+        model = shown.gain * spread(arriving(way, surface.albedo, self.axis), shown.taps) + shown.background * dwell
+        weight = 1 / (0.5 * model + 0.5 * spread(light, blur).clamp(min=0) + seen.floor())
+        left = light - model
+        here, growth = along(way, spread(weight * left, back))
+        sure = spread(weight, back).reshape(-1)[way.place]
+        longer = way.light * way.deeper
+        return Sums(
+            missing=(way.light * here).sum(dim=0),
+            expected=(way.light * along(way, spread(weight * model, back))[0]).sum(dim=0),
+            information=(way.light.square() * sure).sum(dim=0),
+            deeper=(longer * growth).sum(dim=0),
+            certain=2 * (longer.square() * sure).sum(dim=0),
+            misfit=(weight * left.square()).sum(),
+            noise=(weight * (left - spread(left, blur)).square()).sum() / ROUGH,
+        )
+
+
+class Seen(NamedTuple):
+    """The light of some points, (N, T), where they are on the wall in its widths, and how long each was looked at."""
+
+    light: Tensor
+    x: Tensor
+    y: Tensor
+    dwell: Tensor
+
+    def floor(self) -> Tensor:
+        """Of a variance, counts."""
+        return FLOOR * self.light.mean() + 1e-30
+
+    def blur(self) -> Tensor:
+        return self.light.new_tensor(SMOOTH)
+
+
+class Shown(NamedTuple):
+    """How the surface's light is rendered: response (K,), what it is wider than told in bins, what every pixel's
+    brightness is multiplied by, (P,), and counts a unit of light and of exposure."""
+
+    taps: Tensor
+    width: float
+    shade: Tensor
+    gain: float
+    background: float
+
+
+class Sums(NamedTuple):
+    """Over all points, weighted by their variance: of each pixel (P,), and of the whole scan."""
+
+    missing: Tensor
+    expected: Tensor
+    information: Tensor
+    deeper: Tensor
+    certain: Tensor
+    misfit: Tensor
+    noise: Tensor
+
+
+def _on_surface(surface: Surface, gain: float, sums: Sums, bins: int) -> dict[str, Tensor]:
+    """The channels that only pixels of the surface have, (P,); `bins`: of all points together."""
+    bright = surface.albedo.clamp(min=0.02)
+    ratio = sums.missing / sums.expected.clamp(min=1e-30)
+    certainty = bright * gain * (sums.information * bins / sums.misfit.clamp(min=1e-30)).sqrt()
+    step = sums.missing / (gain * sums.information).clamp(min=1e-30)
+    depth_step = sums.deeper / (gain * bright * sums.certain).clamp(min=1e-30)
+    return {
+        "ratio": ratio.clamp(-1, 3),
+        "change": (ratio * surface.albedo).clamp(-1, 1),
+        "step": step.clamp(-LARGEST, LARGEST) / 4,
+        "depth_step": depth_step.clamp(-LARGEST, LARGEST) / 4,
+        "certainty": (1e-3 + certainty).log10() / 2,
+        "slope": (surface.across.square() + surface.up.square()).sqrt().clamp(max=2),
+        "depth": surface.z - 0.5,
+    }
 
 
 class Fitted(NamedTuple):
@@ -148,9 +214,9 @@ class Fitted(NamedTuple):
     background: float
 
 
-def _fitted(light: Tensor, models: Sequence[Tensor], flat: Tensor, blur: Tensor, floor: Tensor) -> Fitted | None:
+def _best(light: Tensor, models: Sequence[Tensor], flat: Tensor, floor: Tensor) -> Fitted | None:
     """Gain and background of the best by weighted least squares, all (N, T); None where no gain above 0 fits."""
-    smooth = _spread(light, blur).clamp(min=0)
+    smooth = spread(light, light.new_tensor(SMOOTH)).clamp(min=0)
     weight = 1 / (0.5 * smooth + 0.5 * smooth.mean(dim=0) + floor)
     best, least = None, math.inf
     for which, shown in enumerate(models):
@@ -173,36 +239,3 @@ def _spread_out(row: Tensor, col: Tensor, most: float) -> Tensor:
     """Which of the points, so many at most, evenly over the wall: a lattice of the plastic number (Roberts 2018)."""
     share = min(1.0, most / len(row))
     return (row * 0.7548776662466927 + col * 0.5698402909980532) % 1 < share
-
-
-def _spread(light: Tensor, taps: Tensor) -> Tensor:
-    """(N, T) convolved with (K,), K odd, along time."""
-    if taps.numel() == 1:
-        return light
-    kernel = taps.flip(0).to(light)[None, None]
-    return F.conv1d(light[:, None], kernel, padding=taps.numel() // 2)[:, 0]
-
-
-def _gaussian(width: float, like: Tensor) -> Tensor:
-    if width == 0:
-        return like.new_ones(1)
-    half = max(1, math.ceil(3 * width))
-    shares = torch.exp(-0.5 * (torch.arange(-half, half + 1, device=like.device) / width).square())
-    return (shares / shares.sum()).to(like)
-
-
-def _convolved(a: Tensor, b: Tensor) -> Tensor:
-    """Of two responses, as long as both."""
-    return F.conv1d(F.pad(a, (len(b) - 1, len(b) - 1))[None, None], b.flip(0)[None, None])[0, 0]
-
-
-def _joined(response: Tensor, factor: int) -> Tensor:
-    """Shares a bin, of bins so many times wider; the middle stays on time."""
-    half = len(response) // 2
-    at = (torch.arange(len(response), device=response.device) - half) / factor
-    wide = math.ceil(half / factor)
-    out = response.new_zeros(2 * wide + 2)
-    lower = at.floor()
-    place = lower.long() + wide
-    out.scatter_add_(0, place, response * (1 - (at - lower))).scatter_add_(0, place + 1, response * (at - lower))
-    return out[:-1]

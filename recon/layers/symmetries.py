@@ -1,10 +1,12 @@
 """The mirror images of a wall: what is measured on it and what is seen behind it turn over together."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import torch
 from torch import Tensor
 
+from nlos.recon.layers.side_by_side import side_by_side
 from nlos.recon.parts import counted
 
 Fields = Sequence[Tensor | None]
@@ -25,15 +27,20 @@ def mean_over_symmetries(see: Callable[[Fields], Sequence[Tensor]], fields: Fiel
     """The mean of what `see` makes of every mirror image of `fields`, each (B, ..., H, W) or None, mirrored back.
 
     `see` is given two images at a time, (2 B, ..., H, W): a single small volume takes PyTorch's slow convolution. Four
-    images, of a square wall all eight.
+    images, of a square wall all eight. Small pairs are done side by side.
     """
-    total: list[Tensor] = []
     pairs = [(turned, across) for turned in (False, True)[: 1 + square] for across in ((), (-2,))]
-    for turned, across in counted(pairs, len(pairs), "mirror images"):
+
+    def seen_of(turned: bool, across: tuple[int, ...]) -> list[list[Tensor]]:
+        """What is seen in either image of a pair."""
         pair = (across, (*across, -1))
         images = [None if x is None else torch.cat([mirrored(x, flips, turned) for flips in pair]) for x in fields]
         seen = see(images)
-        for k, flips in enumerate(pair):
-            back = [mirrored_back(x.chunk(2)[k], flips, turned) for x in seen]
+        return [[mirrored_back(x.chunk(2)[k], flips, turned) for x in seen] for k, flips in enumerate(pair)]
+
+    made = side_by_side([partial(seen_of, *pair) for pair in pairs], fields[0])
+    total: list[Tensor] = []
+    for images in counted(made, len(pairs), "mirror images"):
+        for back in images:
             total = back if not total else [a + b for a, b in zip(total, back, strict=True)]
     return [x / (4 * (1 + square)) for x in total]

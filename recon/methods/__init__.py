@@ -22,6 +22,7 @@ from nlos.recon.method import Method
 from nlos.recon.own_methods import find_in_file, find_in_package, in_a_file, line_of_package, of_packages
 
 log = logging.getLogger(__name__)
+WEIGHTS_SUFFIX = ".safetensors"
 PLAIN = ("lct", "fk")
 """Methods that need no torch."""
 
@@ -56,6 +57,10 @@ def find(name: str) -> Method:
     own = frozenset(file.stem for file in _files())
     if name not in own and (point := of_packages(own).get(name)) is not None:
         return find_in_package(point)
+    if name.endswith(WEIGHTS_SUFFIX):
+        raise InvalidSettings(
+            f"'{name}' are weights, no method: give them as --weights {name}, in --methods as NAME={name}"
+        )
     if name not in own:
         known = catalogue()
         near = difflib.get_close_matches(name, known, n=1)

@@ -154,11 +154,13 @@ class Nano(nn.Module):
             seen = self.iterate(volumes, eta, maps, lifted)
         present = presence[:, None, None]
         albedo, depth = seen.albedo, seen.depth
+        if not self.training:
+            albedo = with_detail(coarse, albedo.clamp(0, 1))
         if self.refinement is not None:
             albedo, depth = self.refinement(counts, exposure, response, albedo, depth)
         albedo, depth_m = albedo * present, depth * self.physics.unit_m
         if not self.training:  # a picture's brightest point is 1 and its darkest 0, by definition
-            albedo = with_detail(coarse, albedo.clamp(0, 1))
+            albedo = albedo.clamp(0, 1)
             dark = albedo < DIMMEST * albedo.amax(dim=(1, 2), keepdim=True).clamp(min=1e-12)
             depth_m = torch.where(dark, torch.nan, depth_m)
         sure = None

@@ -73,8 +73,9 @@ def _of_run(settings: TrainSettings) -> Iterator[Problem]:
         yield ("batch",), f"a batch of {settings.batch} does not divide among {processes} processes"
     if settings.last_rate > settings.learning_rate:
         yield ("last_rate",), f"is above learning_rate ({settings.learning_rate:g}); the rate falls from that to this"
-    if settings.warm_up_steps >= settings.steps > 1:
-        yield ("warm_up_steps",), f"the whole training has {settings.steps} steps; fewer must warm up"
+    if settings.warm_up_steps >= max(settings.steps, 2):
+        steps = "1 step; no more" if settings.steps == 1 else f"{settings.steps} steps; fewer"
+        yield ("warm_up_steps",), f"the whole training has {steps} must warm up"
     loss = settings.loss
     if not any((loss.picture, loss.log_picture, loss.depth)):
         yield ("loss",), "picture, log_picture and depth are all 0: nothing would be learned"

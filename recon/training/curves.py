@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 VALIDATED = "validation "
+SMOOTHED = 20
 NO_CURVES = (
     "step", "seconds", "samples", "minutes", "finished", "data_wait", f"{VALIDATED}lct_psnr", f"{VALIDATED}margin_db",
 )  # fmt: skip
@@ -37,10 +38,24 @@ def rows_of(log: Path) -> list[dict[str, Any]]:
     return [rows[step] for step in sorted(rows)]
 
 
-def draw(log: Path) -> None:
-    """log.csv and loss.png beside the log, replaced at once."""
-    from matplotlib.figure import Figure
+def last_rate_of(log: Path) -> float | None:
+    """The learning rate of the last step that the log tells of; None where there is none."""
+    rates = [row["rate"] for row in rows_of(log) if "rate" in row] if log.exists() else []
+    return float(rates[-1]) if rates else None
 
+
+def smoothed(values: list[float]) -> list[float]:
+    """Each value with those around it, a `SMOOTHED`th of all on each side: their mean, of those that are finite."""
+    around = max(1, len(values) // SMOOTHED)
+    found = []
+    for place in range(len(values)):
+        near = [value for value in values[max(0, place - around) : place + around + 1] if math.isfinite(value)]
+        found.append(sum(near) / len(near) if near else math.nan)
+    return found
+
+
+def write_table(log: Path) -> None:
+    """log.csv beside the log, replaced at once."""
     rows = rows_of(log)
     names = list(dict.fromkeys(name for row in rows for name in row))
     fresh = log.with_name(".log.csv.new")
@@ -49,7 +64,13 @@ def draw(log: Path) -> None:
         writer.writeheader()
         writer.writerows(rows)
     fresh.replace(log.with_name("log.csv"))
-    curves = curves_of(log)
+
+
+def draw(log: Path) -> None:
+    """loss.png beside the log, replaced at once."""
+    from matplotlib.figure import Figure
+
+    rows, curves = rows_of(log), curves_of(log)
     if not curves:
         return
     columns = min(3, len(curves))
@@ -57,7 +78,12 @@ def draw(log: Path) -> None:
     figure = Figure(figsize=(4.2 * columns, 2.4 * lines), layout="constrained")
     for place, (name, (steps, values)) in enumerate(curves.items(), 1):
         axes = figure.add_subplot(lines, columns, place, title=name, xlabel="step")
-        axes.plot(steps, values, marker="." if len(steps) < 40 else None, linewidth=0.9)
+        few = len(steps) < 2 * SMOOTHED or name == "rate"  # as it is: nothing in it is noise
+        axes.plot(
+            steps, values, marker="." if len(steps) < 2 * SMOOTHED else None, linewidth=0.9, alpha=1.0 if few else 0.35
+        )
+        if not few:
+            axes.plot(steps, smoothed(values), color="C0", linewidth=1.6)
         finite = [value for value in values if math.isfinite(value)]
         rivals = [row[f"{VALIDATED}lct_psnr"] for row in rows if f"{VALIDATED}lct_psnr" in row]
         if name == f"{VALIDATED}psnr" and rivals:

@@ -17,10 +17,10 @@ import numpy.typing as npt
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
+from nlos.recon.file_mode import readable_as_its_folder
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.detector import measure
 from nlos.recon.training.disk_samples import file_number, sample_on_disk
-from nlos.recon.training.file_mode import readable_as_its_folder
 from nlos.recon.training.impulse_responses import UNTOLD, read_impulse_response
 from nlos.recon.training.rendering import render
 from nlos.recon.training.scenes import GENERATOR, Scene, front_view, make_scene, surfels

@@ -10,9 +10,9 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
+from nlos.recon.file_mode import readable_as_its_folder
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.detector import measure
-from nlos.recon.training.file_mode import readable_as_its_folder
 from nlos.recon.training.impulse_responses import read_impulse_response
 from nlos.recon.training.on_grid import on_grid
 from nlos.recon.training.scenes_on_disk import SceneOnDisk, read_scene, scene_files

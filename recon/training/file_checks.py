@@ -7,7 +7,8 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.isolated import one_reader
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.on_grid import on_grid
-from nlos.recon.training.scenes_on_disk import check_scene, fingerprint, read_scene, scene_files
+from nlos.recon.training.scenes import kind_names
+from nlos.recon.training.scenes_on_disk import check_scene, fingerprint, kinds_of, read_scene, scene_files
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.weights.files import WeightsError, find_weights, read_about
 
@@ -39,6 +40,7 @@ def problems_of_files(settings: TrainSettings) -> Iterator[Problem]:
                 except (OSError, ValueError, InvalidData) as error:
                     wrong.append(f"{path}: {str(error).removeprefix(f'{path}: ')}")
         yield from _each_by_name(block, wrong, "cannot be used either")
+    yield from _kinds_held_out(settings, list(known.get("data", {})))
     held_out = known.get("validation", {})
     learned, before = {one: path for path, one in known.get("data", {}).items()}, set(_before(settings))
     yield from _each_by_name(
@@ -52,6 +54,24 @@ def problems_of_files(settings: TrainSettings) -> Iterator[Problem]:
         [f"{path}: was learned from by {settings.start_from}, which this begins with"
          for path, one in held_out.items() if one in before],
         "were learned from, too",
+    )  # fmt: skip
+
+
+def _kinds_held_out(settings: TrainSettings, learned: list[Path]) -> Iterator[Problem]:
+    """Made scenes of held-out kinds judge what nobody has seen: files that are learned from must show none of these."""
+    held = settings.validation
+    if not held.held_out or (held.files is not None and held.share == 1):
+        return
+    drawn = held.kinds or kind_names(held_out=True)
+    shown = {path: kinds for path in learned if (kinds := [kind for kind in kinds_of(path) if kind in drawn])}
+    others = ", ".join(kind for kind in drawn if not any(kind in kinds for kinds in shown.values()))
+    instead = f"draw other kinds there (kinds: [{others}]), " if others else ""
+    yield from _each_by_name(
+        "data",
+        [f"{path}: shows {kinds[0]}, a kind that `validation` draws as one never learned from: learn from other "
+         f"scenes, {instead}or judge by files alone (files, share: 1.0)"
+         for path, kinds in shown.items()],
+        "show kinds that `validation` draws, too",
     )  # fmt: skip
 
 

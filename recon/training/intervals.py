@@ -8,7 +8,6 @@ a new folder.
 """
 
 import argparse
-import hashlib
 import json
 import os
 from collections.abc import Iterator
@@ -22,7 +21,7 @@ from nlos.recon.layers.interval_head import IntervalHead
 from nlos.recon.training.interval_calibration import calibrate, error_line, judge
 from nlos.recon.training.interval_fit import fit
 from nlos.recon.training.interval_set import CALIBRATION, TEST, TRAINING, Judged, all_judged, judged
-from nlos.recon.weights.files import OWN_FOLDER, find_weights, put_weights, read_weights, save
+from nlos.recon.weights.files import OWN_FOLDER, put_weights, read_weights, save, sha256_of
 
 DRAFT = "head.safetensors"
 SEEN = {"cages", "stars", "shelves"}
@@ -83,7 +82,7 @@ def main() -> None:
         line = error_line(head, calibration, never_seen(CALIBRATION, said.folder))
         about = {
             "method": "intervals of nano", "calibration": calibration.as_json(), "error": asdict(line),
-            "of": hashlib.sha256(find_weights("nano").read_bytes()).hexdigest(),
+            "of": sha256_of("nano"),
         }  # fmt: skip
         save(OWN_FOLDER / CALIBRATED, {name: x.half() for name, x in head.state_dict().items()}, about)
 

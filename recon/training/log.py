@@ -1,9 +1,11 @@
-"""The log of a training, one JSON line at a time, and its picture."""
+"""The log of a training, one JSON line at a time, and the same as a table."""
 
 import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+from nlos.recon.training.curves import write_table
 
 
 class Log:
@@ -38,6 +40,7 @@ class Log:
         if self.active:
             with self.path.open("a") as file:
                 file.write(json.dumps(values) + "\n")
+            write_table(self.path)
         if self.board is not None:
             shown = {**values, **values.get("validation", {})}
             for name, value in shown.items():

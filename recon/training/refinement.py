@@ -7,7 +7,6 @@ weights: all of them, in new folders.
 """
 
 import argparse
-import hashlib
 import json
 import os
 from collections.abc import Sequence
@@ -19,7 +18,7 @@ from nlos.recon.layers.refinement import Correction
 from nlos.recon.refined import REFINEMENT
 from nlos.recon.training.refinement_fit import fit, judge
 from nlos.recon.training.refinement_set import TEST, TRAINING, all_held, hold
-from nlos.recon.weights.files import OWN_FOLDER, find_weights, put_weights, read_weights, save
+from nlos.recon.weights.files import OWN_FOLDER, put_weights, read_weights, save, sha256_of
 
 DRAFT = "refinement.safetensors"
 
@@ -55,8 +54,7 @@ def main() -> None:
         print(json.dumps(judge(draft(said.folders), all_held(TEST, folder))))
     else:
         gained = judge(draft(said.folders), all_held(TEST, folder))
-        of = hashlib.sha256(find_weights("nano").read_bytes()).hexdigest()
-        about = {"method": "refinement of nano", "of": of, "gained": gained}
+        about = {"method": "refinement of nano", "of": sha256_of("nano"), "gained": gained}
         save(OWN_FOLDER / REFINEMENT, {k: x.half() for k, x in draft(said.folders).state_dict().items()}, about)
 
 

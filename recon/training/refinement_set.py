@@ -1,6 +1,6 @@
 """NANO's pictures of simulated scans, what the light says of them, and the truth: what its refinement learns from.
 
-Sample i is the same whoever asks. Scans of both grids, whole and at a part of the points, with quick and slow
+Sample i is the same whoever asks. Scans of three grids, whole and at a part of the points, with quick and slow
 responses, some of retroreflective surfaces; in every other ten surfaces hide each other from the wall, which the light
 that the picture is held against knows nothing of.
 """
@@ -14,6 +14,7 @@ import torch
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
+from nlos.recon.file_mode import readable_as_its_folder
 from nlos.recon.layers.counts import exposed
 from nlos.recon.layers.refinement import DEPTH, Correction, Refinement
 from nlos.recon.methods.nano import Nano, Settings, build
@@ -32,6 +33,7 @@ SPARSE = DetectorSettings(sparse=1.0, sparsest_step=8)
 VARIANTS: tuple[tuple[int, DetectorSettings, bool], ...] = (
     (64, QUICK, False), (64, SLOW, False), (64, QUICK, False), (64, SPARSE, False), (64, QUICK, False),
     (32, QUICK, False), (64, QUICK, True), (64, SLOW, False), (64, QUICK, False), (64, SPARSE, False),
+    (128, QUICK, False),
 )  # fmt: skip
 """Points a side, detector, retroreflective: in turn."""
 
@@ -94,6 +96,7 @@ def keep(path: Path, found: Tensor, intensity: Tensor, truth: Tensor) -> None:
     partial = path.with_suffix(".partial")
     held = {"found": found.half(), "depth": found[DEPTH] + 0.5, "intensity": intensity.half(), "truth": truth}
     save_file({name: x.contiguous() for name, x in held.items()}, partial)
+    readable_as_its_folder(partial)
     partial.replace(path)
 
 

@@ -16,7 +16,6 @@ from nlos.acquisition.recording.writer_lock import WriterLock
 from nlos.recon.errors import InvalidSettings, ReconstructionFailed
 from nlos.recon.training.architecture import method_settings
 from nlos.recon.training.checkpoint import commit, optimiser_tensors, put_optimiser
-from nlos.recon.training.file_mode import readable_as_its_folder
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.weights.described import parent_of, range_of
 from nlos.recon.weights.files import put_weights, read_about, read_weights, save
@@ -74,18 +73,13 @@ def save_state(
     """All that the next step needs."""
     state = {f"weights/{name}": p.detach() for name, p in model.named_parameters()}
     state |= {f"average/{name}": p for name, p in _averaged(model, average).items()}
-    _save(folder / STATE, state | optimiser_tensors(model, optimiser), about)
+    save(folder / STATE, state | optimiser_tensors(model, optimiser), about)
 
 
 def save_weights(folder: Path, model: nn.Module, average: list[torch.Tensor], about: Mapping[str, Any]) -> None:
     """Every parameter, those that were trained as their running mean."""
     whole = {name: p.detach() for name, p in model.named_parameters()}
-    _save(folder / WEIGHTS, whole | _averaged(model, average), about)
-
-
-def _save(path: Path, tensors: Mapping[str, torch.Tensor], about: Mapping[str, Any]) -> None:
-    save(path, tensors, about)
-    readable_as_its_folder(path)
+    save(folder / WEIGHTS, whole | _averaged(model, average), about)
 
 
 def keep_best(
@@ -104,7 +98,7 @@ def keep_best(
     elif ended:
         held = read_weights(path)
         lct = figures["lct_psnr"]
-        _save(path, held.tensors, held.about | ended | {"licence": about["licence"], "validation": {
+        save(path, held.tensors, held.about | ended | {"licence": about["licence"], "validation": {
             **best, "lct_psnr": lct, "margin_db": best["psnr"] - lct}})  # fmt: skip
 
 
@@ -223,6 +217,9 @@ def alone_in(folder: Path, rank: int) -> Iterator[None]:
             f"{folder}: another process trains there. Wait for it, or choose another folder with -o."
         ) from error
     try:
+        for name in (STATE, WEIGHTS):  # of a training that was killed as it saved
+            for left in folder.glob(f"{Path(name).stem}.*.partial"):
+                left.unlink(missing_ok=True)
         yield
     finally:
         lock.release()

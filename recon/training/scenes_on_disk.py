@@ -107,6 +107,16 @@ def fingerprint(path: Path) -> str:
     return fingerprint_of(intensity, depth_m)
 
 
+def kinds_of(path: Path) -> tuple[str, ...]:
+    """Which of our kinds of scenes a file shows, by what `write_scene` put into it; none where nobody says."""
+    where = _beside(path) if _beside(path).is_file() else path
+    if where.is_dir() or where.suffix not in HDF5:
+        return ()
+    with open_hdf5(where) as file:
+        kind = file.attrs.get("kind", "")
+    return tuple(kind.split("+")) if isinstance(kind, str) else ()
+
+
 def _beside(path: Path) -> Path:
     return path.with_name(path.stem + TRUTH)
 

@@ -4,6 +4,9 @@ import math
 
 from nlos.recon.training.train_settings import TrainSettings
 
+RISES = 1.5
+"""Times the rate before: of less the user does not hear."""
+
 
 def learning_rate(settings: TrainSettings, step: int) -> float:
     """Linear warm-up, then half a cosine or a steady decay."""
@@ -13,6 +16,17 @@ def learning_rate(settings: TrainSettings, step: int) -> float:
     if settings.schedule == "exponential":
         return float(settings.learning_rate * (settings.last_rate / settings.learning_rate) ** done)
     return settings.last_rate + (settings.learning_rate - settings.last_rate) * (1 + math.cos(math.pi * done)) / 2
+
+
+def rate_rises(settings: TrainSettings, step: int, before: float | None) -> str:
+    """What to know where a run is extended, whose schedule is stretched: the rate rises again. Empty elsewhere."""
+    now = learning_rate(settings, step)
+    if before is None or step < settings.warm_up_steps or now < RISES * before:
+        return ""
+    return (
+        f"the schedule now ends at step {settings.steps}: the learning rate rises again, from {before:.2g} to "
+        f"{now:.2g}, and the loss may for a while; the best weights so far are kept"
+    )
 
 
 def whole_batches(settings: TrainSettings) -> str:

@@ -29,7 +29,7 @@ from nlos.recon.methods import find
 from nlos.recon.training.architecture import method_settings
 from nlos.recon.training.batches import mirrored_batch, pooled, whole_scan, with_uniform_noise
 from nlos.recon.training.checkpoint import share_parameters
-from nlos.recon.training.curves import draw
+from nlos.recon.training.curves import draw, last_rate_of
 from nlos.recon.training.feed import Feed, workers_for
 from nlos.recon.training.file_checks import learned_from
 from nlos.recon.training.interruption import Asked, caught
@@ -51,7 +51,7 @@ from nlos.recon.training.run_folder import (
     save_state,
     save_weights,
 )
-from nlos.recon.training.schedule import learning_rate, validation_steps, whole_batches
+from nlos.recon.training.schedule import learning_rate, rate_rises, validation_steps, whole_batches
 from nlos.recon.training.told import told
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.validation import validate
@@ -125,6 +125,8 @@ def _train(
     report(f"{settings.method}: {count:,} parameters, from step {step} of {settings.steps}" + whole_batches(settings))
     if (ended := ended_run(folder, settings, step)) is not None:
         return ended
+    if rises := rate_rises(settings, step, last_rate_of(folder / LOG)):
+        report(rises)
     started = saved = clock.monotonic()
     saving_s = 0.0
     elapsed, late, skipped = spent_s, False, 0

@@ -1,5 +1,7 @@
 """How good a network in training is on scenes of kinds it never sees, and how the light-cone transform does there."""
 
+import math
+
 import numpy as np
 import torch
 from torch import nn
@@ -36,7 +38,8 @@ def validate(model: nn.Module, settings: TrainSettings, device: str, against_lct
         if against_lct:
             rivals.append(max(float(psnr(picture, truth)) for picture in light_cone_pictures(batch, settings)))
     model.train()
-    figures = {"psnr": float(np.mean(pictures)), "depth_mad_m": float(np.nanmean(depths))}
+    known = [depth for depth in depths if not math.isnan(depth)]  # none where a network sees nothing yet
+    figures = {"psnr": float(np.mean(pictures)), "depth_mad_m": float(np.mean(known)) if known else math.nan}
     if against_lct:
         figures |= {"lct_psnr": float(np.mean(rivals)), "margin_db": float(np.mean(pictures) - np.mean(rivals))}
     return figures

@@ -68,10 +68,14 @@ def empty(x: Array, shape: tuple[int, ...], complex_: bool = False) -> Array:
 
 
 def threads() -> int:
-    """As many as torch may use; without torch, the processors of this process."""
+    """As many as torch may use; without torch what `OMP_NUM_THREADS` says, as torch takes it, else a thread for every
+    processor of this process."""
     torch = sys.modules.get("torch")
     if torch is not None:
         return int(torch.get_num_threads())
+    said = os.environ.get("OMP_NUM_THREADS", "")
+    if said.isdecimal() and int(said) > 0:
+        return int(said)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

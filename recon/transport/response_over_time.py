@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
+from nlos.recon.transport.fourier import threads
+
 Floats = npt.NDArray[np.float64]
 FAINTEST = 0.05  # of the noise's power; 0.3 and 1 lose up to 1 dB at one photon a peak
 SMOOTHED = 5  # frequencies over which the power of light is averaged
@@ -24,10 +26,10 @@ def without_response(
         return signal
     bins = len(signal)
     length = scipy.fft.next_fast_len(bins + len(taps), real=True)
-    spectra = scipy.fft.rfft(signal, length, axis=0, workers=-1)
+    spectra = scipy.fft.rfft(signal, length, axis=0, workers=threads())
     gain = _gain(signal[:, measured], spectra[:, measured], taps, length)
     spectra *= gain[:, None, None]
-    return np.asarray(scipy.fft.irfft(spectra, length, axis=0, workers=-1)[:bins], dtype=np.float32)
+    return np.asarray(scipy.fft.irfft(spectra, length, axis=0, workers=threads())[:bins], dtype=np.float32)
 
 
 def _gain(

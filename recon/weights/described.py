@@ -5,7 +5,6 @@ Written by training into the file's `about`, next to what older files already ho
 `validation` (figures on scenes of kinds never trained on); `range` (points, wall, bins, response, photons); `licence`.
 """
 
-import hashlib
 import json
 import logging
 from collections.abc import Mapping
@@ -25,6 +24,7 @@ from nlos.recon.weights.files import (
     is_training_state,
     read_about,
     refuse_training_state,
+    sha256_of,
 )
 
 log = logging.getLogger(__name__)
@@ -154,8 +154,7 @@ def licence_of(path: Path, about: Mapping[str, Any]) -> str:
 def parent_of(name: str) -> dict[str, str]:
     """What weights say of those that they began with: name, licence and content. Raises `WeightsError`."""
     path = find_weights(name)
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    return {"name": name, "licence": licence_of(path, read_about(path)), "sha256": digest}
+    return {"name": name, "licence": licence_of(path, read_about(path)), "sha256": sha256_of(name)}
 
 
 def how_long(about: Mapping[str, Any]) -> str:

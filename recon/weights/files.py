@@ -3,6 +3,7 @@
 Files appear whole or not at all.
 """
 
+import hashlib
 import json
 import os
 from collections.abc import Mapping
@@ -12,10 +13,11 @@ from typing import Any, TypeVar
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save as serialised
+from safetensors.torch import save_file
 from torch import nn
 
 from nlos.recon.errors import InvalidSettings
+from nlos.recon.file_mode import readable_as_its_folder
 from nlos.recon.weights.foreign import SUFFIXES, ForeignWeightsError, read_foreign
 
 OWN_FOLDER = Path(__file__).resolve().parent
@@ -163,8 +165,18 @@ def save(path: Path, tensors: Mapping[str, torch.Tensor], about: Mapping[str, An
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(f".{os.getpid()}.partial")
     plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    with partial.open("wb") as file:  # for whom the folder is: `save_file` writes for its owner alone
-        file.write(serialised(plain, metadata={"about": json.dumps(about)}))
-        file.flush()
+    save_file(plain, partial, metadata={"about": json.dumps(about)})
+    readable_as_its_folder(partial)
+    with partial.open("rb+") as file:
         os.fsync(file.fileno())
     partial.replace(path)
+
+
+def goes_with(path: Path, weights: str) -> bool:
+    """Whether what is in `path` was fitted to pictures made by these weights. Raises WeightsError."""
+    return bool(read_about(path).get("of") == sha256_of(weights))
+
+
+def sha256_of(weights: str) -> str:
+    """SHA-256 of the file that `weights` means. Raises WeightsError."""
+    return hashlib.sha256(find_weights(weights).read_bytes()).hexdigest()

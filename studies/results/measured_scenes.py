@@ -88,7 +88,7 @@ def measured_scenes(data: Path, methods: Sequence[str], pictures: Path) -> str:
         "Light of retroreflective scenes is told to every method that can use it. Fewer points are a regular subset of "
         "the scan's own; fewer photons are its own, thinned. Numbers: correlation with the method's own full scan. "
         "That says how little a picture changes, not how right it is: a method that always blurs has a high one. "
-        "NANO's is not always the highest (otoole_dots_65cm, otoole_mannequin_directcut).\n"
+        "NANO's is not always the highest.\n"
     ]
     for name in SCENES:
         path = data / f"{name}.h5"

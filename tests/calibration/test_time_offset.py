@@ -1,14 +1,16 @@
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.calibration.errors import NoDirectPeak, ShutterClosed
 from nlos.calibration.impulse_response import from_histogram, stack
 from nlos.calibration.time_offset import TimeOffsets, measure_time_offsets
+from nlos.calibration.wall_timing import fit_wall_timing
 from tests.calibration.conftest import RawScan, make_raw_scan
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
@@ -155,3 +157,22 @@ def check_raw_scan(counts: np.ndarray, exact: np.ndarray, scanner: np.ndarray, l
     assert np.abs(off - off.mean()).max() <= 3
     assert found.wall is not None
     assert np.linalg.norm(found.wall.scanner_position_m - scanner) < 0.02
+
+
+def test_a_wall_is_found_again_from_where_it_was() -> None:
+    """Whatever explains only some of the points is no place to begin from."""
+    draw = np.random.default_rng(5)
+    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-0.5, 0.5, 12), np.linspace(-0.5, 0.5, 12)))
+    distance = np.sqrt((x - 0.2) ** 2 + (y + 0.1) ** 2 + 1.3**2)
+    arrival = 5e-9 + 2 * distance / SPEED_OF_LIGHT_M_PER_S + draw.normal(0, 5e-12, len(x))
+    error = np.full(len(x), 5e-12)
+    first = fit_wall_timing(arrival, error, x, y)
+    assert first is not None
+    again = fit_wall_timing(arrival, error, x, y, first)
+    assert again is not None
+    np.testing.assert_allclose(again.scanner_position_m, first.scanner_position_m, atol=1e-6)
+    assert again.delay_s == pytest.approx(first.delay_s, abs=1e-14)
+    elsewhere = replace(first, scanner_position_m=np.array([40.0, 40.0, 0.1]), accepted=np.arange(len(x)) < len(x) // 2)
+    found = fit_wall_timing(arrival, error, x, y, elsewhere)
+    assert found is not None
+    np.testing.assert_array_equal(found.scanner_position_m, first.scanner_position_m)

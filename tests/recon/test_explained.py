@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
+from nlos.picture import Picture
 from nlos.recon.errors import ReconstructionFailed
 from nlos.recon.explained import explained_light
 from nlos.recon.explained_parts import KEPT, coarser, photon_unit, split
@@ -221,7 +222,10 @@ def test_the_command_line_tells_it(tmp_path: Path, capsys: pytest.CaptureFixture
     from nlos.__main__ import run
 
     _, scan = drawn(20.0)
-    for name, counts in (("light", scan.counts), ("dark", np.random.default_rng(5).poisson(0.2, scan.counts.shape))):
+    dark = np.random.default_rng(5).poisson(0.2, scan.counts.shape)
+    reversed_lines = scan.counts.copy()
+    reversed_lines[:, 1::2] = reversed_lines[:, 1::2, ::-1]
+    for name, counts in (("light", scan.counts), ("dark", dark), ("lines", reversed_lines)):
         with h5py.File(tmp_path / f"{name}.h5", "w") as file:
             file["histograms"] = counts.transpose(1, 2, 0).astype(np.uint16)
             file.attrs["bin_width_s"], file.attrs["wall_size_m"], file.attrs["direct_cut_bins"] = 64e-12, 2.0, 0
@@ -231,9 +235,12 @@ def test_the_command_line_tells_it(tmp_path: Path, capsys: pytest.CaptureFixture
         with h5py.File(tmp_path / name / "reconstruction.h5") as file:
             assert said["explained"] == file.attrs["explained"]
             assert said["explained_error"] == file.attrs["explained_error"]
+        doubt = Picture(read_reconstruction(tmp_path / name / "reconstruction.h5")).doubt
+        assert doubt == said["explained_doubt"]
+        assert ("every second line" in doubt) == ("geometry in doubt" in told.err) == (name == "lines")
         if name == "light":
             assert said["explained"] > 0.4
-        else:
+        elif name == "dark":
             assert Explained(said["explained"], said["explained_error"]).nothing
             assert "EXPLAINS NOTHING" in told.err
 

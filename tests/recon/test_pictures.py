@@ -16,10 +16,11 @@ from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData
 from nlos.recon.gallery import difference_figure
-from nlos.recon.pictures import depth_picture, si, small_print, summary_figure
+from nlos.recon.pictures import depth_picture, summary_figure
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.results import write_results
 from nlos.recon.seen import FAINT, FULL, depth_limits, depth_opacity, depth_span, visible_depth
+from nlos.recon.small_print import si, small_print
 from nlos.recon.volume import Intervals, Reconstruction
 
 WALL = WallGrid(1.0, 1.0, 32, 32)

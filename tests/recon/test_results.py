@@ -21,6 +21,7 @@ from nlos.recon.front_view import depth_map, front_view
 from nlos.recon.pictures import confidence_picture
 from nlos.recon.results import read_reconstruction, write_results
 from nlos.recon.slices_picture import slices_picture
+from nlos.recon.small_print import small_print
 from nlos.recon.view3d import write_view3d
 from nlos.recon.volume import Reconstruction, Volume
 
@@ -181,6 +182,7 @@ def test_the_3d_view_is_one_file_that_loads_nothing(made: Reconstruction, tmp_pa
     write_view3d(tmp_path / "v.html", made if with_volume else replace(made, volume=None), title="<b>&")
     page = (tmp_path / "v.html").read_text()
     assert "&lt;b&gt;&amp;" in page
+    assert small_print(made) in page
     assert not re.search(r"(src|href)\s*=|https?://|import\s", page)
     scene = json.loads(re.search(r"const scene = (\{.*\});", page)[1])  # type: ignore[index]
     points = np.frombuffer(base64.b64decode(scene["points"]), "<f4").reshape(-1, 4)

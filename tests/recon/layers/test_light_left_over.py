@@ -108,6 +108,16 @@ def test_a_slow_response_is_found_and_one_that_is_told_is_used() -> None:
     assert float(look(slow, albedo, depth + 0.05)["misfit"][0, 0]) > 0.2
 
 
+def test_light_far_wider_than_told_says_nothing_of_a_picture() -> None:
+    albedo, depth = scene()
+    taps = np.exp(-0.5 * (np.arange(-30, 31) / 10.0) ** 2)
+    taps /= taps.sum()
+    slow, pictured = counted(albedo, depth, taps=taps), (torch.from_numpy(albedo), torch.from_numpy(depth) / 2.0)
+    left_over = LightLeftOver(WALL, TIME, 4.0)
+    assert left_over(slow, torch.ones(32, 32), *pictured, None) is None
+    assert left_over(slow, torch.ones(32, 32), *pictured, torch.from_numpy(taps).float()) is not None
+
+
 @pytest.mark.parametrize("unit", [7.0, 1000.0])
 def test_the_unit_of_the_counts_changes_nothing(unit: float) -> None:
     albedo, depth = scene()

@@ -34,7 +34,7 @@ TEXT = """\
 method: unet
 method_settings: {widths: [4, 8], finish_widths: [8, 8], core_points: 8}
 data: {scenes: 4, degradations: 1, rows: 8, cols: 8, bins: 64, bin_width_ps: 256.0, files: "TRAIN", share: 0.5}
-validation: {seed: 2, scenes: 2, degradations: 1, held_out: true}
+validation: {seed: 2, scenes: 2, degradations: 1, held_out: true, kinds: [rocks, cages]}
 samples: 2
 warm_up_steps: 0
 cache: null
@@ -69,6 +69,22 @@ def copied(source: Path, target: Path, **changes: Any) -> Path:
                 del file[name]
             file[name] = value
     return target
+
+
+def test_files_of_kinds_that_validation_draws_as_never_seen_are_refused(scenes: Path, tmp_path: Path) -> None:
+    text = TEXT.replace("TRAIN", str(scenes / "*.h5"))
+    assert problems(settings_of(tmp_path, text)) == []
+    found = problems(settings_of(tmp_path, text.replace(", kinds: [rocks, cages]", "")))
+    assert [place for place, _ in found] == [("data", "files")] * 3
+    assert "0.h5: shows stars, a kind that `validation` draws as one never learned from" in found[0][1]
+    assert "kinds: [signs, ladders, springs, stacks, hands, shelves, cages, rocks]" in found[0][1]
+    found = problems(settings_of(tmp_path, text.replace("rocks, cages", "stars")))
+    assert "learn from other scenes, or judge by files alone" in found[0][1]
+    renamed = copied(scenes / "0.h5", tmp_path / "mine.h5")
+    found = problems(
+        settings_of(tmp_path, text.replace("rocks, cages", "stars").replace(str(scenes / "*"), str(renamed)[:-3]))
+    )
+    assert len(found) == 1, "by what the file holds, whatever it is called"
 
 
 @pytest.mark.parametrize("share", [0.1, 0.25, 1 / 3, 0.5, 0.9, 1.0])

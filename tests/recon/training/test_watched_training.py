@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import os
 import random
 import re
@@ -10,6 +11,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import matplotlib.image
 import numpy as np
@@ -19,9 +21,11 @@ import torch
 from nlos.acquisition.errors import StorageError
 from nlos.recon.errors import InvalidSettings, ReconstructionFailed
 from nlos.recon.training import train as training
-from nlos.recon.training.curves import curves_of
+from nlos.recon.training.advice import advice
+from nlos.recon.training.curves import curves_of, last_rate_of, smoothed
+from nlos.recon.training.log import Log
 from nlos.recon.training.run_folder import LOG, STATE, WEIGHTS, alone_in
-from nlos.recon.training.schedule import validation_steps
+from nlos.recon.training.schedule import learning_rate, rate_rises, validation_steps
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.weights import described
 from nlos.recon.weights.files import read_about, read_weights
@@ -180,6 +184,36 @@ def test_the_log_is_a_table_and_every_curve_is_seen(tmp_path: Path, cache: Path)
         assert blue[row * high : (row + 1) * high, col * wide : (col + 1) * wide].sum() > 15, list(curves)[number]
 
 
+def test_the_table_is_as_new_as_the_log(tmp_path: Path) -> None:
+    log = Log(tmp_path / LOG, 0, active=True)
+    for step in (1, 2):
+        log.terms(step, {"loss": 1 / step}, 1e-3, 1.0, 0.1 * step, every=1)
+        with (tmp_path / "log.csv").open(newline="") as file:
+            assert [row["step"] for row in csv.DictReader(file)] == [str(k) for k in range(1, step + 1)]
+
+
+def test_what_a_killed_training_left_half_saved_is_removed_by_the_next(tmp_path: Path) -> None:
+    left = [tmp_path / "state.4711.partial", tmp_path / "weights.4711.partial"]
+    for path in (*left, tmp_path / "mine.partial"):
+        path.write_bytes(b"half")
+    with alone_in(tmp_path, 0):
+        assert [path.name for path in tmp_path.glob("*.partial")] == ["mine.partial"]
+
+
+@pytest.mark.parametrize(
+    ("method", "changes", "warned"),
+    [
+        ("nano", {}, True),
+        ("nano", {"method_settings": {"noise_weights": "nano"}}, False),
+        ("nano", {"method_settings": {"stage": "noise"}}, False),
+        ("nano", {"start_from": "nano"}, False),
+        ("unet", {}, False),
+    ],
+)
+def test_a_noise_estimate_that_nobody_trains_is_warned_of(method: str, changes: dict[str, Any], warned: bool) -> None:
+    assert bool(advice(TrainSettings.model_validate({"method": method, "samples": 2, **changes}))) == warned
+
+
 def test_off_a_terminal_progress_is_a_line_with_rate_loss_and_time_left(
     tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -232,3 +266,22 @@ def test_what_it_begins_with_is_judged_first_and_named(tmp_path: Path, cache: Pa
     assert summary["best"]["step"] == 0
     assert about["parent"]["licence"] == "CC0-1.0"
     assert described.summary(str(tmp_path / "b" / WEIGHTS))["begun with"].startswith(f"{start}, licence CC0-1.0")
+
+
+def test_a_noisy_curve_has_a_smoothed_one_of_its_length_and_mean() -> None:
+    noisy = [2.0 + (-1.0) ** number for number in range(400)]
+    calm = smoothed(noisy)
+    assert len(calm) == 400
+    assert max(calm) - min(calm) < 0.1
+    assert smoothed([math.nan, 1.0, 3.0])[:2] == [1.0, 2.0]
+
+
+def test_who_extends_a_run_is_told_that_its_rate_rises(tmp_path: Path) -> None:
+    short = TrainSettings(method="unet", samples=400, warm_up_steps=10)
+    longer = short.model_copy(update={"samples": 4000})
+    log = Log(tmp_path / LOG, 0, active=True)
+    log.terms(200, {"loss": 1.0}, learning_rate(short, 199), 1.0, 1.0, every=1)
+    before = last_rate_of(tmp_path / LOG)
+    assert rate_rises(short, 200, before) == ""
+    assert "rises again, from 4e-05 to 0.002" in rate_rises(longer, 200, before)
+    assert rate_rises(longer, 200, last_rate_of(tmp_path / "none.jsonl")) == ""

@@ -67,6 +67,9 @@ WRONG = {
     "a rate written as text": (("samples: 4", "samples: 4\nlearning_rate: 1e-3"), ":6:", "write it with a dot"),
     "a last rate above the first": (("samples: 4", "samples: 4\nlast_rate: 0.1"), ":6:", "above learning_rate"),
     "a warm-up beyond the end": (("warm_up_steps: 1", "warm_up_steps: 100"), ":6:", "2 steps"),
+    "a warm-up beyond one step": (
+        ("samples: 4\nwarm_up_steps: 1", "samples: 2\nwarm_up_steps: 10"), ":6:", "1 step; no more must warm up"
+    ),
     "an average of 1": (("samples: 4", "samples: 4\naverage: 1.0"), ":6:", "average"),
     "a share above 1": (("samples: 4", "samples: 4\npooled_share: 3.0"), ":6:", "pooled_share"),
     "pooling an odd grid": (("rows: 16, cols: 16", "rows: 15, cols: 15"), ":8:", "which 15 x 15 points are not"),

@@ -1,0 +1,62 @@
+"""Whether the points of a scan lie on the wall where it says: neighbours record light that is almost the same.
+
+Light from a surface reaches two points of the wall at most 2 d / c apart, d their distance, whatever the surface. In
+bins no narrower than that, a point's light differs less from its neighbour's than from that of the next but one: by the
+squares, 0.3 to 0.6 of it. Points in any other order have no such neighbours.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, Transient
+
+MIXED = 0.6
+"""Squares next to each other over those two apart, along rows and along columns, from which on points are mixed up."""
+SHIFTED = 1.0
+"""The same along one of them: every second line is reversed or shifted."""
+ERRORS = 2.0
+"""Standard errors by which a ratio must be above."""
+FEWEST_PAIRS = 50
+Floats = npt.NDArray[np.float64]
+
+
+def out_of_order(transient: Transient, unit: float) -> str:
+    """What to tell who believes the order of the points; empty where nothing speaks against it, or too few points have
+    neighbours. `unit` is the variance of a count over its mean."""
+    least = [low for low in (_least_ratio(transient, axis, unit) for axis in (0, 1)) if low is not None]
+    if len(least) == 2 and min(least) > MIXED:
+        return "neighbouring points differ as points far apart do: check their order, and how evenly they were lit"
+    if least and max(least) > SHIFTED:
+        return "every second line of the wall differs from those beside it: check their direction and the mirror's lag"
+    return ""
+
+
+def _least_ratio(transient: Transient, axis: int, unit: float) -> float | None:
+    """Mean square of differences of neighbours along rows (1) or columns (0) over that of points two apart, what noise
+    adds taken off; less `ERRORS` standard errors, from line to line. None where points two apart hardly differ."""
+    wall, time = transient.wall, transient.time
+    pitch_m = (wall.height_m / wall.rows, wall.width_m / wall.cols)[axis]
+    joined = max(1, int(np.ceil(2 * pitch_m / (SPEED_OF_LIGHT_M_PER_S * time.bin_width_s))))
+    bins = time.bins // joined
+    counts = transient.counts[: bins * joined].reshape(bins, joined, wall.rows, wall.cols).sum(axis=1, dtype=np.float64)
+    measured = transient.exposure_s > 0
+    dwell = np.where(measured, transient.exposure_s / max(float(transient.exposure_s.max()), 1e-300), np.inf)
+    lines = [np.moveaxis(each, axis - 2, -1) for each in (counts / dwell, unit * np.maximum(counts, 0) / dwell**2)]
+    there = np.moveaxis(measured, axis, -1)
+    near, far = (_squares(lines[0], lines[1], there, apart) for apart in (1, 2))
+    if near is None or far is None:
+        return None
+    total = float(far.sum())
+    if not total > 3 * float(np.sqrt(len(far) * far.var())):
+        return None
+    ratio = float(near.sum()) / total
+    return ratio - ERRORS * float(np.sqrt(len(far) * (near - ratio * far).var())) / total
+
+
+def _squares(rates: Floats, variances: Floats, there: npt.NDArray[np.bool_], apart: int) -> Floats | None:
+    """Of each line, its part of the mean square of differences (K, lines, points) so far apart, without noise."""
+    pairs = there[:, apart:] & there[:, :-apart]
+    if pairs.sum() < FEWEST_PAIRS:
+        return None
+    differences = (rates[..., apart:] - rates[..., :-apart]) ** 2 - variances[..., apart:] - variances[..., :-apart]
+    return np.asarray((differences.sum(axis=0) * pairs).sum(axis=1) / pairs.sum())

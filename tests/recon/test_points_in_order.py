@@ -1,0 +1,89 @@
+"""Whether points lie where a scan says: neighbours record nearly the same light, other points do not."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.points_in_order import out_of_order
+
+Counts = npt.NDArray[np.float32]
+WALL, TIME = WallGrid(1.6, 1.2, 24, 32), TimeAxis(256, 64e-12)
+
+
+def scan(photons: float, seed: int = 0, shapes: int = 12) -> Transient:
+    """Points that hang in space, seen from a wall that is not square."""
+    rng = np.random.default_rng(seed)
+    x, y = np.meshgrid(WALL.x_m(), WALL.y_m())
+    expected, (row, col) = np.full((TIME.bins, 24, 32), 0.01), np.indices((24, 32))
+    for _ in range(shapes):
+        at_x, at_y, z = rng.uniform(-0.6, 0.6), rng.uniform(-0.5, 0.5), rng.uniform(0.5, 1.2)
+        r = np.sqrt((x - at_x) ** 2 + (y - at_y) ** 2 + z**2)
+        np.add.at(expected, ((2 * r / 299792458 / 64e-12).astype(int), row, col), photons / r**4)
+    return Transient(rng.poisson(expected).astype(np.float32), np.ones((24, 32)), WALL, TIME)
+
+
+def mixed(counts: Counts) -> Counts:
+    """Four points of ten in each other's places."""
+    rng, flat = np.random.default_rng(7), counts.reshape(len(counts), -1).copy()
+    chosen = rng.permutation(flat.shape[1])[: 2 * flat.shape[1] // 5]
+    flat[:, chosen] = flat[:, rng.permutation(chosen)]
+    return flat.reshape(counts.shape)
+
+
+def there_and_back(counts: Counts) -> Counts:
+    counts = counts.copy()
+    counts[:, 1::2] = counts[:, 1::2, ::-1]
+    return counts
+
+
+def lagging(counts: Counts) -> Counts:
+    counts = counts.copy()
+    counts[:, :, 1::2] = np.roll(counts[:, :, 1::2], 4, axis=1)
+    return counts
+
+
+@pytest.mark.parametrize("photons", [0.3, 3.0, 30.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_speaks_against_points_in_order(photons: float, seed: int) -> None:
+    right = scan(photons, seed)
+    assert out_of_order(right, 1.0) == ""
+    turned = replace(right, counts=np.ascontiguousarray(right.counts[:, ::-1, ::-1]))
+    assert out_of_order(turned, 1.0) == "", "a mirror image is a scene as good as any"
+
+
+@pytest.mark.parametrize("photons", [3.0, 30.0])
+@pytest.mark.parametrize(
+    ("disorder", "words"),
+    [
+        (mixed, "check their order"),
+        (there_and_back, "every second line"),
+        (lagging, "every second line"),
+    ],
+)
+def test_points_that_lie_elsewhere_are_noticed(
+    photons: float, disorder: Callable[[Counts], Counts], words: str
+) -> None:
+    for seed in range(3):
+        right = scan(photons, seed)
+        assert words in out_of_order(replace(right, counts=disorder(right.counts)), 1.0)
+
+
+def test_uneven_dwells_are_no_disorder() -> None:
+    right, rng = scan(30.0), np.random.default_rng(1)
+    dwell = rng.uniform(0.2, 1.0, right.exposure_s.shape)
+    counts = rng.binomial(right.counts.astype(int), dwell).astype(np.float32)
+    assert out_of_order(replace(right, counts=counts, exposure_s=dwell), 1.0) == ""
+
+
+def test_noise_and_scattered_points_say_nothing() -> None:
+    right = scan(30.0)
+    noise = np.random.default_rng(2).poisson(0.4, right.counts.shape).astype(np.float32)
+    assert out_of_order(replace(right, counts=noise), 1.0) == ""
+    sparse = np.zeros_like(right.exposure_s)
+    sparse[::4, ::4] = 1
+    assert out_of_order(replace(right, counts=mixed(right.counts) * (sparse > 0), exposure_s=sparse), 1.0) == ""
