@@ -7,14 +7,19 @@ from decimal import ROUND_HALF_UP, Decimal
 def plus_minus(value: float, error: float) -> str:
     """A value and its standard error, rounded as the Particle Data Group does: the error to two digits where its
     three leading ones are below 355, else to one (Review of Particle Physics, section 5.3)."""
-    if not (math.isfinite(value) and math.isfinite(error) and error > 0):
-        return f"{value:.6g} +- {error:.2g}"
-    decimals = _decimals(error)
-    if decimals > 6:
+    if math.isfinite(value) and math.isfinite(error) and error > 0 and _decimals(error) > 6:
         exponent = 3 * math.floor(math.log10(max(abs(value), error)) / 3)
         scaled, scaled_error = value / 10.0**exponent, error / 10.0**exponent
         return f"({plus_minus(scaled, scaled_error)})e{exponent}"
-    return f"{_rounded(value, decimals)} +- {_rounded(error, decimals)}"
+    return " +- ".join(value_and_error(value, error))
+
+
+def value_and_error(value: float, error: float) -> tuple[str, str]:
+    """Both as `plus_minus` rounds them, each by itself and without a power of ten."""
+    if not (math.isfinite(value) and math.isfinite(error) and error > 0):
+        return f"{value:.6g}", f"{error:.2g}"
+    decimals = _decimals(error)
+    return _rounded(value, decimals), _rounded(error, decimals)
 
 
 def two_digits(value: float) -> str:

@@ -1,7 +1,9 @@
-"""How much faster a second worker makes an archive: `nlos reconstruct` on Dask workers of one thread each, here.
+"""How much faster a second worker makes an archive: `nlos reconstruct` on Dask workers of one thread each, here; and
+what `--scheduler local` brings, which starts them itself.
 
-Seconds are wall time from the first result to the last, so that starting the workers does not count. Run it on two
-cores that do nothing else.
+Seconds are wall time from the first result to the last, so that starting the workers does not count; for `local` and
+the loop without workers, that it is compared with, they are those of the whole command. Run it on two cores that do
+nothing else.
 """
 
 import json
@@ -10,6 +12,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import h5py
@@ -51,6 +54,17 @@ def rate(folder: Path, workers: int) -> float:
     return (len(at) - 1 - 2 * workers) / (at[-1 - workers] - at[workers])  # not the first and last ones of each worker
 
 
+def whole_s(folder: Path, *scheduler: str) -> float:
+    """Of one command, its start included."""
+    out = folder / f"whole{len(list(folder.iterdir()))}"
+    words = [sys.executable, "-m", "nlos", "reconstruct", str(folder / "in"), "-o", str(out), "--method", "lct"]
+    began = time.monotonic()
+    subprocess.run(
+        [*words, "--no-volume", "-q", *scheduler], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True
+    )
+    return time.monotonic() - began
+
+
 def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -64,6 +78,10 @@ def main() -> None:
         figure("files_per_s_one_worker", one, "1/s")
         figure("files_per_s_two_workers", two, "1/s")
         figure("two_workers", two / one, "times as fast as one", 1.8)
+        loop_s, local_s = whole_s(folder), whole_s(folder, "--scheduler", "local")
+        figure("loop_s", loop_s, "s")
+        figure("local_s", local_s, "s")
+        figure("local", loop_s / local_s, "times as fast as a loop", 1.0)
 
 
 if __name__ == "__main__":

@@ -50,9 +50,9 @@ def find(kind: Kind, word: str) -> Path:
     own = _OWN_FOLDER / kind / f"{word}.yaml"
     if path.name == word and path.suffix == "" and own.is_file():
         return own
-    known = names(kind)
+    known, what = names(kind), "training file" if kind == "train" else kind
     raise ConfigError(
-        f"{word}: no such file, and no {kind} of that name.{_did_you_mean(word, known)} Known: {', '.join(known)}"
+        f"{word}: no such file, and no {what} of that name.{_did_you_mean(word, known)} Known: {', '.join(known)}"
     )
 
 

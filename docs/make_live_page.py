@@ -115,7 +115,7 @@ def watched(recording: Recording, grows: Path, shown: dict[tuple[int, str], Page
     """One scan from its first points to its end."""
     bench = Bench(recording, grows)
     bench.takes(0.02)
-    going_on = threading.Thread(target=bench.takes, args=(0.095,))
+    going_on = threading.Thread(target=bench.takes, args=(0.085,))
     going_on.start()
     taken(shown, folder, "before")
     going_on.join()

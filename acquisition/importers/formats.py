@@ -35,6 +35,8 @@ def reader_of(path: Path) -> Reader:
         if {"data", "cameraGridPositions"} <= names:
             return lambda path, given: read_zaragoza(path)
         return lambda path, given: read_plain(path, given=given)
+    if not magic:
+        raise InvalidData(f"{path}: is empty, 0 bytes. Copy it again from where it was made.")
     raise InvalidData(
         f"{path}: in no format that is read here (HDF5, MAT, NPZ, PTU, PT3, HT3, T3R, PHD, HHD). Its name ends in "
         f"'{suffix}' and it begins with {magic!r}."

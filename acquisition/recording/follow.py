@@ -15,6 +15,8 @@ POLL_S = 0.2
 LOOKS_A_FRAME = 5
 """Of a film: how often the file is looked at while a frame is taken, if that is more often."""
 FASTEST_POLL_S = 0.01
+NEAR_END_POLL_S = 0.05
+"""Once what is left would come by the next look: whoever waits for the last sample does not wait for a look as well."""
 LAST_LOOKS = 5
 """How often a row that is not intact is looked at again before it counts as damaged."""
 LEFT_ALONE_S = 5.0
@@ -44,11 +46,12 @@ def follow(
             if identity and recording.header.identity != identity:
                 raise StorageError(f"{path}: another recording took its place after {given} samples. Follow it again.")
             identity = recording.header.identity
-            row, looks, alone_since_s, skip = 0, 0, clock.now(), given
+            row, looks, alone_since_s, skip, near_end = 0, 0, clock.now(), given, False
             while True:
                 over = recording.status is not Status.RUNNING
                 recording.refresh()
                 look(recording)
+                before = row
                 for sample in recording.rows(row):
                     if sample is None:
                         looks += 1
@@ -73,7 +76,8 @@ def follow(
                     raise StorageError(
                         f"{path}: its writer is gone after {given} samples. Use --resume or `nlos recover`."
                     )
-                clock.sleep(_pause_s(recording.plan))
+                near_end = near_end or len(recording.plan) - row <= row - before
+                clock.sleep(min(_pause_s(recording.plan), NEAR_END_POLL_S if near_end else POLL_S))
 
 
 def _pause_s(plan: ScanPlan) -> float:

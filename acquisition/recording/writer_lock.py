@@ -28,8 +28,7 @@ class WriterLock:
         self._fd: int | None = None
         try:
             for tries_left in range(TRIES - 1, -1, -1):
-                self._fd = self._attempt()
-                if self._fd is not None:
+                if self._attempt():
                     return
                 if tries_left:  # a reader that looks whether the file is locked holds it for a moment
                     time.sleep(TRY_AGAIN_S)
@@ -37,16 +36,22 @@ class WriterLock:
             raise StorageError(f"{path}: cannot be written there ({error})") from error
         raise StorageError(f"{path}: another process is writing it. Wait for it, or choose another name.")
 
-    def _attempt(self) -> int | None:
+    def _attempt(self) -> bool:
         fd = os.open(self._path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
         try:
             if _lock(fd) and _is_named(fd, self._path):
-                return fd
+                self._fd = fd
+                return True
         except BaseException:
-            os.close(fd)
+            # A Ctrl-C, say: the file that was made here goes with it, unless it has become another holder's.
+            try:
+                if os.name == "posix" and _lock(fd) and _is_named(fd, self._path):
+                    self._path.unlink()
+            finally:
+                os.close(fd)
             raise
         os.close(fd)
-        return None
+        return False
 
     def release(self) -> None:
         """May be called twice."""

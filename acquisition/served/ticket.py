@@ -91,7 +91,7 @@ class Ticket:
 
 def _each_once(pairs: list[tuple[str, object]]) -> dict[str, object]:
     if len(dict(pairs)) < len(pairs):
-        raise ValueError("a word stands in it twice")
+        raise ValueError("a key appears twice")
     return dict(pairs)
 
 

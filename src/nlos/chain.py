@@ -185,7 +185,8 @@ def reconstruct_scan(
     if unlike := _unlike_trained(chosen.get("weights"), transient, scan.falloff):
         log.warning("%s", unlike)
     stage(f"{recipe.method} on {transient.wall.rows} x {transient.wall.cols} x {transient.time.bins}")
-    return replace(reconstruct(transient, recipe.method, chosen, recipe.device), left_aside=scan.left_aside)
+    made = reconstruct(transient, recipe.method, chosen, recipe.device, elsewhere=True)
+    return replace(made, left_aside=scan.left_aside)
 
 
 def _unlike_trained(weights: object, transient: "Transient", falloff: float | None) -> str:

@@ -1,6 +1,7 @@
 """Opens `reconstruction.h5` in napari (entry point `napari.manifest`): volume, front view, depth.
 
-napari is not needed to import this: layers are plain tuples of array, properties and kind, as npe2 asks for.
+napari (0.5 or newer) is not needed to import this: layers are plain tuples of array, properties and kind, as npe2 asks
+for.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,6 +13,7 @@ import numpy as np
 from nlos.recon.results import read_reconstruction
 from nlos.recon.seen import visible_depth
 
+AXES = ("z", "-y", "x")
 Layer = tuple[Any, dict[str, Any], str]
 """(array, properties of the layer, kind)"""
 
@@ -24,7 +26,8 @@ def reader(path: str | Sequence[str]) -> Callable[[str], list[Layer]] | None:
 
 
 def layers(path: str) -> list[Layer]:
-    """Scaled in metres: z from the wall, then y, then x. napari's y grows downwards, as rows do: -y of the wall.
+    """Scaled in metres: z from the wall, then y, then x. napari's y grows downwards, as rows do: -y of the wall, and is
+    labelled so.
 
     Raises `InvalidData` for a file that is none.
     """
@@ -32,7 +35,7 @@ def layers(path: str) -> list[Layer]:
     wall, name = made.wall, made.method.upper()
     pitch_m = (wall.height_m / wall.rows, wall.width_m / wall.cols)
     corner_m = (-float(wall.y_m()[0]), float(wall.x_m()[0]))
-    flat = {"scale": pitch_m, "translate": corner_m}
+    flat = {"scale": pitch_m, "translate": corner_m, "axis_labels": AXES[1:], "units": ("m", "m")}
     found: list[Layer] = [
         (made.albedo, {"name": f"{name} front view", "colormap": "gray", **flat}, "image"),
         (visible_depth(made), {"name": f"{name} depth (m)", "colormap": "viridis", "visible": False, **flat}, "image"),
@@ -40,7 +43,10 @@ def layers(path: str) -> list[Layer]:
     if made.volume is not None:
         depths_m = made.volume.depths_m
         step_m = float(np.mean(np.diff(depths_m))) if len(depths_m) > 1 else 1.0
-        place = {"scale": (step_m, *pitch_m), "translate": (float(depths_m[0]), *corner_m)}
+        place = {
+            "scale": (step_m, *pitch_m), "translate": (float(depths_m[0]), *corner_m), "axis_labels": AXES,
+            "units": ("m", "m", "m"),
+        }  # fmt: skip
         shown = {"name": f"{name} volume", "colormap": "magma", "rendering": "mip", "visible": False}
         found.append((made.volume.albedo, shown | place, "image"))
     return found

@@ -93,6 +93,12 @@ class Picture:
         told = self.reconstruction.explained
         return None if told is None else told.error
 
+    @property
+    def doubt(self) -> str:
+        """What speaks against the scan's wall, time zero or order of points, in words; empty where nothing does."""
+        told = self.reconstruction.explained
+        return "" if told is None else told.doubt
+
     def figure(self) -> Figure:
         """Front view and depth map side by side, axes in metres."""
         return summary_figure(self.reconstruction)

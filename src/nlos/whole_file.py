@@ -4,8 +4,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from nlos.acquisition.recording.writer_lock import lock_file
-
 
 @contextmanager
 def whole_file(target: Path) -> Iterator[Path]:
@@ -16,4 +14,3 @@ def whole_file(target: Path) -> Iterator[Path]:
         partial.replace(target)
     finally:
         partial.unlink(missing_ok=True)
-        lock_file(partial).unlink(missing_ok=True)  # of a recording whose writer was broken into as it began

@@ -93,6 +93,31 @@ def test_a_file_that_another_process_writes_is_followed(live: list[Sample], run_
     assert [everything(sample) for sample in followed] == [everything(sample) for sample in live]
 
 
+def test_the_file_is_looked_at_more_often_once_little_of_its_scan_is_left(
+    live: list[Sample], run_path: Path, small_plan: Plans
+) -> None:
+    """Whoever waits for the last sample does not wait for a look as well."""
+    path, slept_s = run_path.with_name("followed.h5"), []
+    writer = RecordingWriter.create(path, small_plan(), Header())
+    steps = [live[:10], [], live[10:-3], [], live[-3:]]
+
+    class Between(VirtualClock):
+        def sleep(self, seconds: float) -> None:
+            slept_s.append(seconds)
+            super().sleep(seconds)
+            if steps:
+                for sample in steps.pop(0):
+                    writer.write(sample)
+                writer.flush()
+            else:
+                writer.finish(Status.COMPLETE)
+
+    followed = list(follow(path, clock=Between()))
+    assert [everything(sample) for sample in followed] == [everything(sample) for sample in live]
+    assert len(live) > 30
+    assert slept_s == [0.2] * 3 + [0.05] * 3
+
+
 def test_a_writer_that_dies_ends_the_following(live: list[Sample], run_path: Path, small_plan: Plans) -> None:
     path, clock = run_path.with_name("followed.h5"), VirtualClock()
     writer = RecordingWriter.create(path, small_plan(), Header())

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from nlos.acquisition.errors import StorageError
+from nlos.acquisition.recording import writer_lock
 from nlos.acquisition.recording.writer_lock import WriterLock, is_locked
 
 FORK = multiprocessing.get_context("fork")
@@ -65,3 +66,34 @@ def test_a_link_in_the_locks_place_is_not_followed(tmp_path: Path) -> None:
     with pytest.raises(StorageError):
         WriterLock(tmp_path / "run.h5")
     assert target.read_text() == "mine"
+
+
+@pytest.fixture
+def broken_into_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A Ctrl-C as the lock is asked for."""
+    lock, asked = writer_lock._lock, []
+
+    def broken_into(fd: int, shared: bool = False) -> bool:
+        asked.append(fd)
+        if len(asked) == 1:
+            raise KeyboardInterrupt
+        return lock(fd, shared)
+
+    monkeypatch.setattr(writer_lock, "_lock", broken_into)
+
+
+@pytest.mark.usefixtures("broken_into_once")
+def test_who_is_broken_into_while_taking_the_lock_leaves_no_file(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        WriterLock(tmp_path / "run.h5")
+    assert list(tmp_path.iterdir()) == []
+    WriterLock(tmp_path / "run.h5").release()
+
+
+def test_who_is_broken_into_leaves_the_lock_that_another_holds(tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    held = WriterLock(tmp_path / "run.h5")
+    request.getfixturevalue("broken_into_once")
+    with pytest.raises(KeyboardInterrupt):
+        WriterLock(tmp_path / "run.h5")
+    assert is_locked(tmp_path / "run.h5")
+    held.release()

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from nlos.acquisition.recording.open_file import open_scan_file
-from nlos.cli import archive as archives
+from nlos.cli import archive_crew as archives
 from nlos.cli.archive import ended, reconstruct_archive
 from nlos.cli.archive_page import page
 from nlos.cli.archive_task import Task, attempt

@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 import pytest
 
-from nlos.cli import archive as nlos_archive
+from nlos.cli import archive_on_this_machine
 from nlos.cli.archive import files_of, folders_for, reconstruct_archive, worst
 from nlos.cli.archive_on_dask import connected, dask_setup
 from nlos.cli.archive_task import Task
@@ -255,9 +255,9 @@ def test_ctrl_c_at_workers_of_ones_own_keeps_what_is_done_and_leaves_no_process(
     (tmp_path / "at_once.py").write_text(
         "import sys\n"
         "if __name__ == '__main__':\n"
-        "    import nlos.cli.archive\n"
+        "    import nlos.cli.archive_on_this_machine\n"
         "    from nlos.__main__ import main\n"
-        "    nlos.cli.archive.STARTUP_S = 0.0\n"
+        "    nlos.cli.archive_on_this_machine.STARTUP_S = 0.0\n"
         "    sys.argv = 'nlos reconstruct in -o out --no-volume --scheduler local'.split()\n"
         "    main()\n"
     )
@@ -281,7 +281,7 @@ def test_ctrl_c_at_workers_of_ones_own_keeps_what_is_done_and_leaves_no_process(
     assert len(rows) == 65
     known = {name for name, row in rows.items() if row["outcome"] == "done"}
     assert known
-    assert known <= set(times(tmp_path / "out"))
+    assert known == set(times(tmp_path / "out")), "what workers had begun was waited for"
     assert "unfinished" in {row["outcome"] for row in rows.values()}
 
 
@@ -324,7 +324,9 @@ def test_an_encrypted_scheduler_needs_certificates() -> None:
 def test_small_archives_need_no_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="the `cluster` extra is not installed")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(nlos_archive, "STARTUP_S", 600.0)  # a machine that does much else reconstructs slowly
+    monkeypatch.setattr(
+        archive_on_this_machine, "STARTUP_S", 600.0
+    )  # a machine that does much else reconstructs slowly
     files = [scan(tmp_path / f"{number}.h5", number) for number in range(4)]
     tasks = [Task(str(file), file, Recipe("lct"), ResultsFolder(tmp_path / "out" / file.stem)) for file in files]
     rows = reconstruct_archive(tasks, tmp_path / "out", "local").rows

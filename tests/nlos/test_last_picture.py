@@ -13,11 +13,14 @@ from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.transient import Transient
 from nlos.chain import calibrate_scan
+from nlos.live.gathered import nothing_yet
 from nlos.live.overtaken import Overtaken, given_up_once
 from nlos.live.scan import LiveScan
+from nlos.live.schedule import Schedule
 from nlos.loaded import load_scan
 from nlos.recon.live import LivePicture, LiveReconstruction
 from nlos.recon.reconstruct import reconstruct
+from nlos.response import AUTO
 
 SCAN = """\
 wall: {width_m: 1.0, height_m: 1.0, rows: 16, cols: 16}
@@ -109,6 +112,55 @@ def test_how_much_light_a_picture_explains_is_told_after_the_picture(run: Path) 
     assert explained.reconstruction.explained is not None
     assert explained.reconstruction.explained.share == pytest.approx(batch.share, abs=1e-6)
     assert watched.latest["lct"] is explained
+
+
+def test_what_the_last_picture_needs_is_built_while_too_little_is_left_for_another() -> None:
+    schedule = Schedule(["nano"], 0.05)
+    now_s = time.monotonic()
+    for sample in range(100):
+        schedule.pace.saw(now_s - 1 + sample / 100)  # a hundred in the last second
+    assert not schedule.ending(100, 400, True)  # before the first picture, which nothing is known of
+    schedule.made("nano", 20, 400, 2.0, True)
+    assert not schedule.ending(20, 400, True)  # 3.8 s: there is time for another
+    assert schedule.ending(150, 400, True)
+    assert schedule.due(150, 400, True, False) is None
+    assert not schedule.ending(360, 400, True)  # 0.4 s: it would only keep the last one waiting
+    assert not schedule.ending(150, 400, False)  # a finished recording
+
+
+def test_samples_so_far_are_made_ready_as_the_whole_scan_will_be(run: Path) -> None:
+    with Recording.open(run) as recording:
+        held = nothing_yet(recording, None, AUTO, True, print)
+        for sample in recording.samples():
+            held.add(sample)
+        ready, falloff = held.as_last()
+    whole, last = held.calibrated(True), held.calibrated(True).transient
+    assert (ready.wall, ready.time, falloff) == (last.wall, last.time, whole.falloff)
+    np.testing.assert_array_equal(ready.counts, last.counts)
+
+
+def test_what_was_built_before_the_last_picture_is_what_makes_it(run: Path, tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(SLOW.replace("    return Slow()", f"""\
+    from pathlib import Path
+    with Path({str(tmp_path / "built")!r}).open("a") as file:
+        file.write("once more ")
+    return Slow()"""))  # fmt: skip
+    live, transient = LiveReconstruction(str(tmp_path / "own.py")), calibrate_scan(load_scan(run))
+    live.get_ready(transient)
+    assert (tmp_path / "built").read_text() == "once more "
+    live.update(transient, 256)
+    assert (tmp_path / "built").read_text() == "once more "
+
+
+def test_how_long_a_picture_takes_is_without_what_comes_after_it(run: Path) -> None:
+    begun: list[float] = []
+    slow = LiveScan(run, [LiveReconstruction("lct")])
+    slow.on_picture = lambda picture: begun.append(slow._schedule.pace.picture_s("lct"))
+    slow.on_explained = lambda picture: begun.append(slow._schedule.pace.picture_s("lct"))
+    slow.start()
+    slow.wait()
+    assert begun[0] == 0.0  # shown first
+    assert begun[1] > 0.0  # known before it is explained
 
 
 def test_what_has_no_rounds_is_given_up_when_it_is_done() -> None:

@@ -296,6 +296,21 @@ def test_in_3d_what_is_far_is_as_readable_as_what_is_near_and_only_the_faint_is_
     page.close()
 
 
+LABEL = """h => { const said = [];
+  const g = new Proxy({measureText: t => ({width: 6 * t.length}), fillText: t => said.push(t)}, {
+    get: (known, name) => known[name] || (() => {}), set: () => true});
+  colourBar(g, 0, 0, h, 0, 1, v => [0, 0, 0], "brightness (relative), hatched: likely no surface");
+  return said.filter(text => /[a-z]/.test(text)); }"""
+"""What colourBar writes beside a bar of this height, in a font of 6 pixels a letter."""
+
+
+def test_the_label_of_a_short_bar_is_not_cut_off(viewer: str, browser: Any) -> None:
+    page, _ = opened(browser, viewer)
+    assert page.evaluate(LABEL, 400) == ["brightness (relative), hatched: likely no surface"]
+    assert page.evaluate(LABEL, 130) == ["brightness (relative)", "hatched: likely no surface"]
+    page.close()
+
+
 def test_a_scan_under_way_shows_what_comes_next_and_its_end(folder: Path, browser: Any) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "nlos", "live", "grows.h5", "--method", "lct"],
@@ -348,6 +363,12 @@ def test_two_scans_are_set_side_by_side_with_their_difference(folder: Path, brow
         middle = page.evaluate("id => { const p = panels.find(p => p.kind === id); return [...p.picture.albedo].every("
                                "(v, i) => v === p.other.albedo[i]); }", "difference")  # fmt: skip
         assert middle is True
+        page.keyboard.press("d")
+        page.keyboard.press("3")
+        playwright.expect(page.locator(".panel h2").nth(1)).to_have_text("same.h5: 3D", timeout=PATIENCE_MS)
+        with page.expect_download() as saved:
+            page.locator(".panel button", has_text="Save as PNG").nth(1).click()
+        assert saved.value.suggested_filename == "same.h5-3d.png"
         assert complaints == []
         page.close()
 

@@ -1,7 +1,9 @@
 """What napari is handed of a result: arrays where they are in metres, and a manifest that names a function there is."""
 
 import importlib
+import re
 import tomllib
+from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +30,8 @@ def test_a_result_opens_with_its_axes_in_metres(tmp_path: Path) -> None:
         brightest = np.unravel_index(int(np.argmax(array)), array.shape)
         at = [s * k + t for s, k, t in zip(properties["scale"], brightest, properties["translate"], strict=True)]
         assert at[-2:] == pytest.approx([-0.375, -0.875])  # y = +0.375 m is above: napari's y grows downwards
+        assert (properties["axis_labels"][-2:], set(properties["units"])) == (("-y", "x"), {"m"})
+        assert len(properties["axis_labels"]) == len(properties["units"]) == array.ndim
     assert solid[1]["translate"][0] == pytest.approx(0.5)
     assert solid[1]["scale"][0] == pytest.approx(0.1)
 
@@ -42,6 +46,8 @@ def test_the_manifest_is_declared_and_names_what_there_is() -> None:
     module, _, name = declared["project"]["entry-points"]["napari.manifest"]["nlos"].partition(":")
     text = (Path(importlib.import_module(module).__file__ or "").parent / name).read_text("utf-8")
     assert f"python_name: {reader.__module__}:{reader.__name__}" in text
+    (pattern,) = re.findall(r'filename_patterns: \["(.*)"\]', text)
+    assert fnmatch("/home/somebody/out/reconstruction.h5", pattern)  # npe2 matches whole paths
 
 
 def test_napari_itself_opens_a_result_by_the_plug_in(tmp_path: Path) -> None:
@@ -64,3 +70,5 @@ def test_napari_itself_opens_a_result_by_the_plug_in(tmp_path: Path) -> None:
         (pytest.approx(0.5), pytest.approx(0.7)), (pytest.approx(-0.375), pytest.approx(0.375)),
         (pytest.approx(-0.875), pytest.approx(0.875)),
     ]  # fmt: skip
+    assert solid.axis_labels == ("z", "-y", "x")
+    assert [str(unit) for unit in solid.units] == ["meter"] * 3

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from nlos.acquisition.recording import writer_lock
 from nlos.whole_file import whole_file
 
 
@@ -28,15 +27,3 @@ def test_what_was_cut_short_leaves_the_older_file_and_nothing_beside_it(tmp_path
     with pytest.raises(type(error)):
         write()
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"page.html": "old"}
-
-
-def test_a_recordings_writer_that_is_broken_into_as_it_begins_leaves_no_lock(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def broken(fd: int, shared: bool = False) -> bool:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(writer_lock, "_lock", broken)
-    with pytest.raises(KeyboardInterrupt), whole_file(tmp_path / "new.h5") as partial:
-        writer_lock.WriterLock(partial)
-    assert not list(tmp_path.iterdir())

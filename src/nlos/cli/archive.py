@@ -2,24 +2,25 @@
 
 import signal
 import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 
-from nlos.acquisition.importers.isolated import one_reader
-from nlos.cli.archive_on_dask import connected, cores, on_workers
+from nlos.cli.archive_crew import Crew
+from nlos.cli.archive_on_dask import connected
+from nlos.cli.archive_on_this_machine import begun_when_worth_it, processes_of
 from nlos.cli.archive_record import MADE, RECORD, ArchiveRecord, Row
-from nlos.cli.archive_task import LOCAL, Outcome, Task, attempt
+from nlos.cli.archive_task import Outcome, Task
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
 
 SUFFIXES = (".h5", ".hdf5", ".mat", ".npz", ".ptu", ".phu", ".thd", ".ht3", ".pt3")
 """What of a folder is taken for a scan; a file that is named is always read."""
-STARTUP_S = 12.0
-"""What workers on this machine cost before their first file: `--scheduler local` starts them for no less."""
+WAITS_S = 30.0
+"""An archive that is told to end waits so long for the files that workers have begun."""
 
 
 def files_of(runs: Sequence[Path]) -> list[Path]:
@@ -65,15 +66,23 @@ def reconstruct_archive(
         terminal.log(f"{len(tasks) - len(left)} of {len(tasks)} files already exist, skipped")
     known = {task.file: task for task in left}
     try:
-        with _ended_by_sigterm_too(), _outcomes(left, scheduler) as outcomes:
+        with _ended_by_sigterm_too(), _crew(left, scheduler) as (crew, outcomes):
             record.forget_what_is_gone()
             record.begin(left)
             with record, Progress(len(left), what="archive", unit="files") as progress:
-                for outcome in outcomes:
+
+                def take(outcome: Outcome) -> None:
                     record.add(known[outcome.file], outcome)
                     progress.step()
                     if outcome.outcome != "done":
                         terminal.log(f"{outcome.file}: {outcome.outcome}: {outcome.reason}", -1)
+
+                try:
+                    for outcome in outcomes:
+                        take(outcome)
+                except KeyboardInterrupt:
+                    _end_early(crew, take)
+                    raise
     except KeyboardInterrupt as error:
         made = sum(row["outcome"] in MADE for row in record.rows_of(tasks))
         raise Stopped(
@@ -128,32 +137,43 @@ def _ended_by_sigterm_too() -> Iterator[None]:
 
 
 @contextmanager
-def _outcomes(tasks: Sequence[Task], scheduler: str | None) -> Iterator[Iterator[Outcome]]:
-    """One outcome a task, as they come. Raises `Stopped` at once where no scheduler answers."""
-    if scheduler is None or not tasks:
-        yield _here(tasks)
-    elif scheduler == LOCAL:
-        yield _here_then_on_workers(tasks)
-    else:
-        with connected(scheduler) as client:
-            yield on_workers(client, tasks, scheduler)
+def _crew(tasks: Sequence[Task], scheduler: str | None) -> Iterator[tuple[Crew, Iterator[Outcome]]]:
+    """Who does them, and one outcome a task, as they come. Raises `Stopped` at once where no scheduler answers."""
+    here = 1 if scheduler is None else processes_of(scheduler)
+    if here is not None:
+        crew = Crew(tasks, "of this machine", here=True)
+        try:
+            yield crew, begun_when_worth_it(crew, here)
+        finally:
+            crew.end()
+        return
+    assert scheduler is not None
+    with connected(scheduler) as client:
+        crew = Crew(tasks, scheduler, here=False)
+        crew.begin_workers(nullcontext(client))
+        try:
+            yield crew, crew.outcomes()
+        finally:
+            crew.end()
 
 
-def _here_then_on_workers(tasks: Sequence[Task]) -> Iterator[Outcome]:
-    """Workers are started once they save more than they cost."""
-    workers = cores()
-    typical_s: list[float] = []
-    for taken, outcome in enumerate(_here(tasks), 1):
-        yield outcome
-        typical_s = sorted([*typical_s, outcome.seconds or 0.0]) if taken > 1 else []  # the first one also loads
-        left = len(tasks) - taken
-        if typical_s and left * typical_s[len(typical_s) // 2] * (1 - 1 / min(workers, max(left, 1))) > STARTUP_S:
-            with connected(LOCAL) as client:
-                yield from on_workers(client, tasks[taken:], LOCAL)
-            return
-
-
-def _here(tasks: Sequence[Task]) -> Iterator[Outcome]:
-    with one_reader():
-        for task in tasks:
-            yield attempt(task)
+def _end_early(crew: Crew, take: Callable[[Outcome], None]) -> None:
+    """Nothing more is begun, and what workers have begun is waited for: the record then says what the folder holds. At
+    a second Ctrl-C, or after a while, it says of what."""
+    crew.give_out_no_more()
+    if tasks := crew.under_way():
+        names = ", ".join(task.file for task in tasks[:3]) + (", ..." if len(tasks) > 3 else "")
+        files = "1 file that a worker has" if len(tasks) == 1 else f"{len(tasks)} files that workers have"
+        terminal.log(f"ending: waiting up to {WAITS_S:.0f} s for {files} begun: {names}. Ctrl-C again: not at all", -1)
+        try:
+            for outcome in crew.outcomes_under_way(WAITS_S):
+                take(outcome)
+        except KeyboardInterrupt:
+            terminal.log("not waiting", -1)
+    for outcome in crew.outcomes_under_way(0.0):
+        take(outcome)
+    tasks = crew.under_way()
+    crew.end()
+    for task in tasks:
+        reason = "a worker had begun it when the command ended; whether it finished is not known"
+        take(Outcome(task.file, "unfinished", reason, int(ExitCode.INTERRUPTED), None, ""))

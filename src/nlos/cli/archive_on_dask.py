@@ -5,11 +5,10 @@ that port belongs on loopback or a private network.
 """
 
 import logging
-import os
 import signal
 import socket
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import replace
@@ -19,31 +18,22 @@ from urllib.parse import urlsplit
 
 from nlos.acquisition.importers.isolated import IsolatedReader, reading_by
 from nlos.bench_constants import NONE
-from nlos.cli.archive_task import LOCAL, Outcome, Task, attempt
+from nlos.cli.archive_task import Outcome, Task, attempt
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.recon.own_methods import in_a_file
 
 if TYPE_CHECKING:
     from distributed import Client, Future, Worker
 
-log = logging.getLogger(__name__)
 _of_thread = threading.local()
 ANSWERS_S = 10
 """A scheduler that does not answer for this long does not exist, or has gone."""
 
 
-def on_workers(client: "Client", tasks: Sequence[Task], address: str) -> Iterator[Outcome]:
-    """One outcome a task as they come. A task whose worker died is taken up by another, until Dask holds the task for
-    the reason (`distributed.scheduler.allowed-failures`); one that failed is not tried again. Where the scheduler
-    goes, what it had is unfinished."""
-    from distributed import as_completed
-
-    if not client.scheduler_info().get("workers"):
-        log.warning("the scheduler %s has no workers yet; waiting for them", address)
-    futures = {client.submit(attempt_on_worker, _absolute(task), pure=False): task for task in tasks}
-    waiting = as_completed(futures)
-    for future in waiting:
-        yield _outcome(future, futures[future], address)
+def submit(client: "Client", task: Task) -> "Future[Outcome]":
+    """Given to a worker. One that dies has its file taken up by another, until Dask holds the file for the reason
+    (`distributed.scheduler.allowed-failures`); what failed is not tried again."""
+    return client.submit(attempt_on_worker, _absolute(task), pure=False)
 
 
 def attempt_on_worker(task: Task) -> Outcome:
@@ -54,12 +44,8 @@ def attempt_on_worker(task: Task) -> Outcome:
         return attempt(task)
 
 
-def cores() -> int:
-    """How many processes this machine can run at a time."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _outcome(future: "Future[Outcome]", task: Task, address: str) -> Outcome:
+def outcome_of(future: "Future[Outcome]", task: Task, address: str) -> Outcome:
+    """What a worker made of a file, or why nobody knows."""
     from distributed import KilledWorker
     from distributed.client import FutureCancelledError
 
@@ -69,10 +55,15 @@ def _outcome(future: "Future[Outcome]", task: Task, address: str) -> Outcome:
         reason = f"the workers that had it died ({error})"
         return Outcome(task.file, "failed", reason, int(ExitCode.RECONSTRUCTION), None, "")
     except (CancelledError, FutureCancelledError, TimeoutError, OSError):
-        reason = f"the scheduler {address} is gone, before this file's result was known"
-        return Outcome(task.file, "unfinished", reason, int(ExitCode.DEADLINE), None, "")
+        return gone(task, address)
     assert isinstance(outcome, Outcome)
     return outcome
+
+
+def gone(task: Task, address: str) -> Outcome:
+    """Of a file whose scheduler went away."""
+    reason = f"the scheduler {address} is gone, before this file's result was known"
+    return Outcome(task.file, "unfinished", reason, int(ExitCode.DEADLINE), None, "")
 
 
 def _absolute(task: Task) -> Task:
@@ -93,18 +84,23 @@ def _absolute(task: Task) -> Task:
 
 
 @contextmanager
-def connected(address: str) -> Iterator["Client"]:
-    """A client of the scheduler at `address`; `local` starts one worker process a core. Raises `Stopped`."""
-    if address != LOCAL:
-        _refuse_silence(address)
+def local_workers(count: int) -> Iterator["Client"]:
+    """A client of so many workers on this machine, of one thread each. They end with it."""
     from distributed import Client, LocalCluster
 
     _silence_dask()
-    if address == LOCAL:
-        each = {"threads_per_worker": 1, "preload": __name__}
-        with LocalCluster(n_workers=cores(), dashboard_address=None, **each) as cluster, Client(cluster) as client:
-            yield client
-        return
+    each = {"threads_per_worker": 1, "preload": __name__}
+    with LocalCluster(n_workers=count, dashboard_address=None, **each) as cluster, Client(cluster) as client:
+        yield client
+
+
+@contextmanager
+def connected(address: str) -> Iterator["Client"]:
+    """A client of the scheduler at `address`. Raises `Stopped` where none answers."""
+    _refuse_silence(address)
+    from distributed import Client
+
+    _silence_dask()
     try:
         client = Client(address, timeout=ANSWERS_S)
     except (OSError, ValueError) as error:

@@ -1,8 +1,9 @@
 """archive.json and index.html of an archive: what became of every file, kept from one call to the next.
 
 `archive.json` is a list of rows: `file`, `outcome` (done; partial: made without samples that are damaged; failed;
-unfinished), `reason`, `code` (the exit code of that file alone), `seconds`, `worker` (HOST:PID), `folder` (beside
-archive.json), `method`, `settings`, `options`, `input` (the file as it was: path, bytes, modified_ns, sha256).
+unfinished), `reason`, `code` (the exit code of that file alone), `seconds` (reading and drawing included),
+`method_seconds`, `worker` (HOST:PID), `folder` (beside archive.json), `method`, `settings`, `options`, `input` (the
+file as it was: path, bytes, modified_ns, sha256).
 """
 
 import json
@@ -100,7 +101,7 @@ class ArchiveRecord:
         """These are done now. Until they are, each is unfinished, whatever ends this process."""
         self.folder.mkdir(parents=True, exist_ok=True)
         for task in tasks:
-            to_come = Outcome(task.file, "unfinished", "its turn did not come", 130, None, "")
+            to_come = Outcome(task.file, "unfinished", "the command ended before it was done", 130, None, "")
             self._rows[task.results.path.name] = _row(task, to_come)
         self.write()
 
@@ -135,8 +136,8 @@ class ArchiveRecord:
 def _row(task: "Task", outcome: Outcome) -> Row:
     return {
         "file": task.file, "outcome": outcome.outcome, "reason": outcome.reason, "code": outcome.code,
-        "seconds": outcome.seconds, "worker": outcome.worker, "folder": task.results.path.name, **made_with(task),
-        "input": outcome.source,
+        "seconds": outcome.seconds, "method_seconds": outcome.method_s, "worker": outcome.worker,
+        "folder": task.results.path.name, **made_with(task), "input": outcome.source,
     }  # fmt: skip
 
 

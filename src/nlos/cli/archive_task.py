@@ -15,9 +15,6 @@ from nlos.cli.exit_codes import ExitCode, exit_code, missing_extra
 from nlos.recipe import Recipe
 from nlos.results_folder import ResultsFolder
 
-LOCAL = "local"
-"""The scheduler that means workers on this machine."""
-
 
 @dataclass(frozen=True)
 class Task:

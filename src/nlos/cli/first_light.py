@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nlos.acquisition.digits import value_and_error
 from nlos.cli.agreeing import somebody_is_there
 from nlos.cli.bench_files import check_bench_output, write_bench_file
 from nlos.cli.benches import load_bench, opened
@@ -121,7 +122,7 @@ def _block(found: "FirstLight", bench: "BenchSettings", counter: str) -> list[st
 def _rounded(rate: "Rate | None", what: str) -> tuple[str | None, str]:
     if rate is None:
         return None, what
-    value, _, error = str(rate).partition(" +- ")
+    value, error = value_and_error(rate.cps, rate.error_cps)
     return f"{max(float(value), 0.0):.1f}", f"+- {error}, {what}"
 
 

@@ -19,9 +19,13 @@ from nlos.cli.terminal import terminal
 if TYPE_CHECKING:
     from nlos.acquisition.recording.recording import Recording
 
+TRUTH = ("gt_intensity", "gt_depth", "gt_mask")
+NO_CONDITIONS = (*TRUTH, "gt_albedo", "gt_coverage", "exposure_s", "time_offset_bins", "response", "format")
+
 
 def info(run: Annotated[Path, typer.Argument(metavar="RUN")]) -> None:
-    """What is in a recording, in any file that an importer reads, in weights, constants and results."""
+    """What is in a recording, in any file that an importer reads, in a scene with its truth, in weights (a file, or a
+    name of those that ship), constants and results."""
     found = _found(run)
     width = max(len(key) for key in found) + 2
     for key, value in found.items():
@@ -33,16 +37,24 @@ def info(run: Annotated[Path, typer.Argument(metavar="RUN")]) -> None:
 
 
 def _found(run: Path) -> dict[str, Any]:
-    if is_recording(run):
-        with open_checked(run) as recording:
-            return _of_recording(recording)
-    if run.suffix == ".safetensors":
+    if run.suffix == ".safetensors" or _ships(run):
         from nlos.recon.weights.described import summary
 
         return summary(str(run))
+    if is_recording(run):
+        with open_checked(run) as recording:
+            return _of_recording(recording)
     if magic_of(run) == HDF5_MAGIC and (product := of_product(run)) is not None:
         return product
     return _of_import(run)
+
+
+def _ships(run: Path) -> bool:
+    """Whether there is no such file, and weights of that name come with the package."""
+    from nlos.recon import weights
+
+    folder = Path(weights.__file__).parent
+    return not run.exists() and run.name == str(run) and (folder / f"{run}.safetensors").is_file()
 
 
 def _of_recording(recording: "Recording") -> dict[str, Any]:
@@ -52,7 +64,7 @@ def _of_recording(recording: "Recording") -> dict[str, Any]:
     live_s = float(records["live_time_s"].sum())
     return {
         "format": "recording",
-        "status": recording.status.name.lower(),
+        "status": recording.status.name.lower() + (", damaged since: `nlos verify` says where" if left_aside else ""),
         "points": f"{len(records)} of {len(plan)}" + (f", {left_aside} more skipped" if left_aside else ""),
         "skipped": left_aside,
         "identity": header.identity,
@@ -115,7 +127,13 @@ def _of_import(run: Path) -> dict[str, Any]:
     try:
         scan = read_isolated(run, describe=True)
     except NoScan as error:
-        return {**error.contents, "not a scan": str(error)}
+        holds = dict(error.contents)
+        if set(TRUTH) <= holds.keys() and (conditions := [name for name in holds if name not in NO_CONDITIONS]):
+            return holds | {
+                "format": "scene with its truth", "conditions": ", ".join(conditions),
+                "use": "nlos evaluate --data, or `data: {files: ...}` of a training file",
+            }  # fmt: skip
+        return {**holds, "not a scan": str(error)}
     held = scan.held
     wall, time = held.wall, held.time
     points = "" if scan.points is None else f"{len(scan.points.x_m)} points at free positions; grid "

@@ -28,6 +28,9 @@ from nlos.recon.live import LiveReconstruction
 from nlos.response import response_wanted
 
 MOST_RUNS = 4
+FIRST = 0.09
+"""Of the points: with these the first picture begins, so that it is there soon after a tenth of them; files come in
+blocks."""
 ENDS_S = 15.0
 """How long a picture that is being made may take once the viewer is to end."""
 
@@ -69,7 +72,7 @@ def live(
         LiveScan(
             run,
             [LiveReconstruction(each, seeing if each == method else {}) for each in methods],
-            first_fraction=0.1,
+            first_fraction=FIRST,
             constants=constants,
             response=wanted,
         )

@@ -3,16 +3,49 @@
 import logging
 import sys
 import time
-from types import TracebackType
-from typing import Self
+from collections.abc import Callable
+from types import ModuleType, TracebackType
+from typing import TYPE_CHECKING, Self
 
 from nlos.cli.terminal import terminal
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as RichProgress
+    from rich.progress import ProgressColumn
 
 _BAR_S = 0.1
 _LINE_S = 10.0
 
 
-class Stages(logging.Handler):
+class _OnScreen:
+    """Shows its bar, where it has one, as long as the block lasts; gone when it is over."""
+
+    _bar: "RichProgress | None" = None
+
+    def __enter__(self) -> Self:
+        if self._bar is not None:
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+
+def _bar_of(columns: "Callable[[ModuleType], tuple[str | ProgressColumn, ...]]") -> "RichProgress | None":
+    """A bar of these columns of `rich.progress`, which is loaded for a terminal alone; None elsewhere."""
+    if terminal.verbosity < 0 or not sys.stderr.isatty():
+        return None
+    from rich import progress
+    from rich.console import Console
+
+    console = Console(file=getattr(sys.stderr, "sent", sys.stderr))
+    return progress.Progress(*columns(progress), console=console, transient=True)
+
+
+class Stages(_OnScreen, logging.Handler):
     """Where nobody knows how many steps there are: the newest message of `logger`, and the time since the beginning
     ticking beside it, on a terminal; a line every ten seconds elsewhere."""
 
@@ -22,33 +55,22 @@ class Stages(logging.Handler):
         self._level = self._logger.level
         self._what, self._line_s, self._shown_s = what, line_s, time.monotonic()
         self._begun_s = self._shown_s
-        self._bar = None
-        if terminal.verbosity >= 0 and sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import Progress as RichProgress
-            from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
-
-            self._bar = RichProgress(
-                SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(),
-                console=Console(file=getattr(sys.stderr, "sent", sys.stderr)), transient=True,
-            )  # fmt: skip
+        self._bar = _bar_of(lambda rich: (rich.SpinnerColumn(), "{task.description}", rich.TimeElapsedColumn()))
+        if self._bar is not None:
             self._task = self._bar.add_task(what, total=None)
 
     def __enter__(self) -> Self:
         self._level = self._logger.level
         self._logger.setLevel(logging.DEBUG)
         self._logger.addHandler(self)
-        if self._bar is not None:
-            self._bar.start()
-        return self
+        return super().__enter__()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._logger.removeHandler(self)
         self._logger.setLevel(self._level)
-        if self._bar is not None:
-            self._bar.stop()
+        super().__exit__(kind, error, trace)
 
     def emit(self, record: logging.LogRecord) -> None:
         """What is being done now."""
@@ -60,7 +82,7 @@ class Stages(logging.Handler):
             terminal.log(f"{self._what}: {stage}, {now - self._begun_s:.0f} s so far")
 
 
-class Progress:
+class Progress(_OnScreen):
     """Counts steps; shows them on stderr at most ten times a second, or a line every ten seconds off a terminal."""
 
     def __init__(
@@ -69,28 +91,12 @@ class Progress:
         self._what, self._unit, self._line_s = what, unit, line_s
         self._total, self._done, self._begun_with = total, done, done
         self._begun_s = self._shown_s = time.monotonic()
-        self._bar = None
-        if terminal.verbosity >= 0 and sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-            from rich.progress import Progress as RichProgress
-
-            self._bar = RichProgress(
-                TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"),
-                TimeRemainingColumn(), console=Console(file=getattr(sys.stderr, "sent", sys.stderr)), transient=True,
-            )  # fmt: skip
+        self._bar = _bar_of(lambda rich: (
+            "{task.description}", rich.BarColumn(), rich.MofNCompleteColumn(), "{task.fields[rate]}",
+            rich.TimeRemainingColumn(),
+        ))  # fmt: skip
+        if self._bar is not None:
             self._task = self._bar.add_task(what, total=total, completed=done, rate="")
-
-    def __enter__(self) -> Self:
-        if self._bar is not None:
-            self._bar.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
 
     def step(self, by: int = 1, note: str = "") -> None:
         """So many more are done; `note` is shown beside the pace."""

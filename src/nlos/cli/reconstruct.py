@@ -50,7 +50,8 @@ def reconstruct(
         bool, typer.Option("--follow", help="Follow RUN (or what a .ticket serves) while it is being written.")
     ] = False,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Dask: tcp://HOST:PORT, or `local` for workers here.")
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Dask: tcp://HOST:PORT; `local` or local:N for N processes here."),
     ] = None,
     wall_size_m: WallSize = None,
     bin_width_ps: BinWidth = None,
@@ -168,7 +169,10 @@ def _reconstruct_archive(
     archived = reconstruct_archive(tasks, output, scheduler, overwrite=overwrite, skip_existing=skip_existing)
     told = archived.rows if terminal.verbosity > 0 else archived.now
     method = tasks[0].recipe.method
-    _say(method, [(row["file"], output / row["folder"], row["seconds"]) for row in told if row["outcome"] in MADE])
+    _say(
+        method,
+        [(row["file"], output / row["folder"], row.get("method_seconds")) for row in told if row["outcome"] in MADE],
+    )
     if stopped := ended(archived.rows, output):
         raise stopped
 
@@ -184,11 +188,14 @@ def _say(method: str, done: list[tuple[str, Path, float | None]]) -> None:
                 f"{folder}: WARNING: the picture {explained}: do not believe it. {explained.note}".rstrip(), -1
             )
         else:
-            terminal.result(f"{folder}: {explained}")
+            terminal.result(f"{folder}: {explained.figure}")
+            if explained.doubt:
+                terminal.log(f"{folder}: WARNING: geometry in doubt: {explained.doubt}", -1)
     terminal.document["reconstructions"] = [
         {
             "run": run, "folder": str(folder), "seconds": took_s, "files": files_in(folder),
             "explained": explained.share, "explained_error": explained.error, "explained_note": explained.note,
+            "explained_doubt": explained.doubt,
         }
         for (run, folder, took_s), explained in zip(done, told, strict=True)
     ]  # fmt: skip

@@ -3,6 +3,8 @@
 import json
 import logging
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,10 +20,12 @@ class Terminal:
     verbosity: int = 0
     wire_log: Path | None = None
     document: dict[str, Any] = field(default_factory=dict)
+    about: str = ""
+    """The file, of several, that the library's log is of."""
 
     def begin(self) -> None:
         """A command of its own: nothing that an earlier one of this process was told, or said, is in it."""
-        self.as_json, self.verbosity, self.wire_log, self.document = False, 0, None, {}
+        self.as_json, self.verbosity, self.wire_log, self.document, self.about = False, 0, None, {}, ""
 
     def result(self, text: str, **values: Any) -> None:
         """A line of the result. Its values go into the JSON document instead with --json."""
@@ -33,6 +37,15 @@ class Terminal:
         """A line on stderr, shown when the verbosity is at least `level` (-1 shows even with -q)."""
         if self.verbosity >= level:
             print(escaped(text), file=sys.stderr, flush=True)
+
+    @contextmanager
+    def log_of(self, file: str) -> Iterator[None]:
+        """What the library logs meanwhile is of this file."""
+        self.about = file
+        try:
+            yield
+        finally:
+            self.about = ""
 
     def finish(self) -> None:
         """Prints the JSON document, when that was asked for."""
@@ -47,7 +60,7 @@ class TerminalHandler(logging.Handler):
     """Shows what the library logs: warnings and information as they come, details with -v."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        text = record.getMessage()
+        text = f"{terminal.about}: {record.getMessage()}".removeprefix(": ")
         if record.levelno >= logging.WARNING:
             terminal.log(f"warning: {text}")
         else:

@@ -35,6 +35,7 @@ def train(
 ) -> None:
     """Train a learned method; an interrupted run resumes from its last checkpoint."""
     from nlos.recon.training import train as training
+    from nlos.recon.training.advice import advice
     from nlos.recon.training.memory import out_of_memory_in_words
     from nlos.recon.training.run_folder import STATE, WEIGHTS
     from nlos.recon.training.train_settings import TrainSettings
@@ -47,6 +48,8 @@ def train(
     _refuse_problems(loaded)
     settings = loaded.settings
     folder = output or Path("runs/train") / loaded.path.stem
+    for line in advice(settings) if not _rank() else ():
+        terminal.log(f"warning: {line}")
     if check:
         _say_trial(settings, folder, anew=overwrite)
         return

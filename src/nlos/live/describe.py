@@ -39,7 +39,7 @@ def described(picture: "LivePicture") -> dict[str, Any]:
         "bound": picture.bound,
         "seconds": result.seconds,
         "explained": None if result.explained is None else str(result.explained),
-        "explains_nothing": result.explained is not None and result.explained.nothing,
+        "explains_nothing": result.explained is not None and bool(result.explained.nothing or result.explained.doubt),
         "wall": [result.wall.width_m, result.wall.height_m],
         "albedo": packed(result.albedo / brightest(result)),
         "depth_m": packed(visible_depth(result)),

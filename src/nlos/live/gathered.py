@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from nlos.acquisition.sample import Sample
     from nlos.acquisition.scanning.free_points import FreePoints
     from nlos.acquisition.scanning.gathering import Gathering
+    from nlos.acquisition.transient import Transient
     from nlos.calibration.constants import BenchConstants
     from nlos.loaded import LoadedScan
 
@@ -87,6 +88,13 @@ class Gathered:
         if corrected is None or self.each is None:
             return calibrated(scan, count, whole, self.constants, self.response, self._tell)
         return Calibrated(count, whole, corrected, scan.falloff, self.each.zero)
+
+    def as_last(self) -> "tuple[Transient, int | None]":
+        """The samples so far, calibrated as all of them will be, in silence; and the falloff that the file says. Raises
+        what calibrating raises."""
+        scan = self.so_far()
+        known = calibrated(scan, len(self.samples), False, self.constants, self.response, lambda *said: None)
+        return known.transient, scan.falloff
 
     def calibrated_part(self, scan: "LoadedScan") -> Calibrated:
         """What `reconstruct` would work on, of a part of the finished scan. Raises what calibrating raises."""

@@ -164,6 +164,7 @@ class LiveScan:
         self.seen = Seen.of(recording)
 
     def _paint(self) -> None:
+        ready = False
         try:
             get_ready(self.lives)
             while not self._stopped.is_set():
@@ -179,6 +180,9 @@ class LiveScan:
                 elif last and self._schedule.done(0 if held is None else len(held)):
                     self.over = True
                     return
+                elif held is not None and not ready and self._schedule.ending(count, planned, growing):
+                    ready = True
+                    self._get_ready_for_last(held)
                 self.coming = self._schedule.coming(count, planned, growing, last) if planned else None
         finally:
             self.coming = None
@@ -190,14 +194,12 @@ class LiveScan:
             self._ended.set()
 
     def _paint_next(self, live: "LiveReconstruction", held: Gathered) -> None:
-        began_s, count = time.monotonic(), len(held)
-        self.coming = Coming(live.method, count, True, self._schedule.pace.picture_s(live.method) or None)
+        self.coming = Coming(live.method, len(held), True, self._schedule.pace.picture_s(live.method) or None)
         with suppress(Overtaken):
-            count = self._picture(live, held, count)
-            self._schedule.made(live.method, count, held.planned, time.monotonic() - began_s, held.growing)
+            self._picture(live, held, len(held), time.monotonic())
 
-    def _picture(self, live: "LiveReconstruction", held: Gathered, count: int) -> int:
-        """One picture, of how many samples it returns: a slower method's of those of the quickest one's."""
+    def _picture(self, live: "LiveReconstruction", held: Gathered, count: int, began_s: float) -> None:
+        """One picture of `count` samples: a slower method's is of those of the quickest one's."""
         try:
             known = self._light_for(live, held, count)
             count = known.samples
@@ -212,14 +214,26 @@ class LiveScan:
             picture = replace(picture, reconstruction=told)
         except (InvalidCalibration, InvalidData, ReconError) as error:
             self._say(f"no picture of {count} points yet: {error}")
-            return count
+            self._schedule.made(live.method, count, held.planned, time.monotonic() - began_s, held.growing)
+            return
         self.pictures, self.message = self.pictures + 1, ""
         self._show(live, picture, self.on_picture)
+        self._schedule.made(live.method, count, held.planned, time.monotonic() - began_s, held.growing)
         self.coming = None
         if known.of_film is None or known.whole:  # after the picture, which nobody should have to wait for
             with given_up_once(lambda: self.read and not known.whole):
                 self._show(live, live.explained(picture, known.transient, known.falloff), self.on_explained)
-        return count
+
+    def _get_ready_for_last(self, held: Gathered) -> None:
+        """While too little is left of the scan for another picture: what its last one is likely to need is built."""
+        if held.film is not None:
+            return  # which is half a grid's
+        with suppress(CalibrationError, InvalidData, ReconError):
+            light, falloff = held.as_last()
+            for live in self.lives:
+                if self.read:
+                    return
+                live.get_ready(light, falloff)
 
     def _light_for(self, live: "LiveReconstruction", held: Gathered, count: int) -> Calibrated:
         """What the picture before was made from, unless this method has had it, or it is to be of what is new."""

@@ -10,6 +10,8 @@ from nlos.live.pace import Pace
 QUICK_AFTER_S = 8.0
 """The quicker method keeps making pictures in passing where the best one takes longer than this."""
 EVERY_S = 2.0
+ROOM = 1.5
+"""A picture in passing is begun where at least so many times as long as it takes is left of the scan."""
 
 
 @dataclass(frozen=True)
@@ -60,11 +62,18 @@ class Schedule:
         return all(self.of(method) >= count for method in self._methods)
 
     def made(self, method: str, count: int, planned: int, seconds: float, growing: bool) -> None:
-        """A picture of `count` samples was made, or could not be."""
+        """A picture of `count` samples was made, or could not be, after so many seconds."""
         if growing:
             self.skipped += max(0, (count - self.of(method)) // self._step(planned) - 1)
         self._made[method], self._made_s[method] = count, time.monotonic()
         self.pace.took(method, seconds)
+
+    def ending(self, count: int, planned: int, growing: bool) -> bool:
+        """Whether what is left of a scan is too little for another picture, and enough to get ready for the last."""
+        if not growing or not count:
+            return False
+        left_s, picture_s = self.pace.left_s(planned - count, time.monotonic()), self.pace.picture_s(self._methods[-1])
+        return ROOM * picture_s >= left_s > picture_s / 3
 
     def coming(self, count: int, planned: int, growing: bool, last: bool) -> Coming:
         """The next picture of the quickest method."""
@@ -86,7 +95,7 @@ class Schedule:
             return False
         late = count > made and now_s - self._made_s[method] >= EVERY_S
         left_s = self.pace.left_s(planned - count, now_s)
-        return (count - made >= self._step(planned) or late) and left_s > 1.5 * self.pace.picture_s(method)
+        return (count - made >= self._step(planned) or late) and left_s > ROOM * self.pace.picture_s(method)
 
     def _first(self, method: str, planned: int) -> int:
         """A slower method follows the quickest one's first picture."""

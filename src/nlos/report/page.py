@@ -66,7 +66,7 @@ def _one(
             settings: dict[str, object] = {}
             if scan.falloff is not None and knows_falloff[method]:
                 settings["falloff"] = scan.falloff
-            made.append(replace(reconstruct(transient, method, settings), scan=run.name))
+            made.append(replace(reconstruct(transient, method, settings, elsewhere=True), scan=run.name))
     except (CalibrationError, ReconError) as error:
         terminal.log(f"{run}: no picture: {error}", -1)
         trouble = f"<h2>No picture</h2><p>{escape(str(error))}</p>"
@@ -87,7 +87,7 @@ def _one(
 
 def _summary(said: ScanPart, quality: str, best: "Sequence[Reconstruction]") -> str:
     """How good it is, in one paragraph."""
-    from nlos.recon.pictures import si
+    from nlos.recon.small_print import si
 
     words = [said.sentence, quality]
     for result in best:
@@ -100,13 +100,15 @@ def _summary(said: ScanPart, quality: str, best: "Sequence[Reconstruction]") -> 
             else f"{result.method.upper()} sees nothing: the front view is no brighter anywhere than its noise."
         )
         if result.explained is not None:
-            words.append(f"The picture {result.explained}." if result.explained.share is not None else "")
+            words.append(f"The picture {result.explained.figure}." if result.explained.share is not None else "")
     label = "".join(_label(result) for result in best)
     return f'<p class="summary">{escape(" ".join(word for word in words if word))}</p>{label}{said.warnings}'
 
 
 def _label(result: "Reconstruction") -> str:
-    """A warning above everything where the picture explains nothing."""
+    """A warning above everything where the picture explains nothing, or its geometry is doubtful."""
+    if result.explained is not None and result.explained.doubt and not result.explained.nothing:
+        return f'<p class="warning"><strong>Geometry in doubt:</strong> {escape(result.explained.doubt)}.</p>'
     if result.explained is None or not result.explained.nothing:
         return ""
     why = f" ({escape(result.explained.note)})" if result.explained.note else ""

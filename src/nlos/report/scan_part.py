@@ -36,7 +36,7 @@ def scan_part(recording: "Recording") -> ScanPart:
 
 
 def _sentence(recording: "Recording") -> str:
-    from nlos.recon.pictures import si
+    from nlos.recon.small_print import si
 
     plan, records = recording.plan, recording.intact_records()
     done, live_s = len(records), float(records["live_time_s"].sum())

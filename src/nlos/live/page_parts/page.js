@@ -33,7 +33,7 @@ function draw() {
   const same = draw.span && Math.abs(draw.span[0] - span[0]) + Math.abs(draw.span[1] - span[1]) < 1e-9; if (!same) draw.span = span;
   for (const panel of panels) {
     const against = panel.kind === "difference" || panel.kind === "deeper", p = against ? compare[0] : pictures[panel.scan], name = {front: "Front view", depth: "Depth", turn: "3D", difference: "Difference", deeper: "Depth difference"}[panel.kind], state = scans[panel.scan].state;
-    panel.title.textContent = scans.length > 1 ? (against ? `${name}: ${scans[0].state.run} less ${scans[1].state.run}` : `${state.run}: ${name.toLowerCase()}`) : name + (panel.kind === "turn" ? "" : ", looking towards the wall");
+    panel.title.textContent = scans.length > 1 ? (against ? `${name}: ${scans[0].state.run} less ${scans[1].state.run}` : `${state.run}: ${panel.kind === "turn" ? name : name.toLowerCase()}`) : name + (panel.kind === "turn" ? "" : ", looking towards the wall");
     panel.empty.textContent = p ? "" : against && pictures.every(q => q) ? "these pictures are of walls of different sizes" : waitingFor(state); panel.box.classList.toggle("old", !!panel.isOld && panel.isOld(p)); panel.draw(p, panel.kind === "front" ? [0, 1] : panel.kind === "deeper" && p ? deeperSpan(...compare) : draw.span, compare[1]);
   }
   for (const known of scans) if (frame !== null && known.frameRates[stepOf(known)]) { known.rates = known.frameRates[stepOf(known)]; known.back = true; }

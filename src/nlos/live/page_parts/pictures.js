@@ -41,7 +41,7 @@ class PicturePanel {
   }
   draw(picture, limits, other) {
     this.picture = picture; const [g, w, h] = pen(this.canvas); this.empty.hidden = !!picture; if (!picture) { this.frame = null; return; }
-    const wall = picture.wall, [rows, cols] = picture.albedo.shape, tall = h - w > 20, margin = tall ? [56, 8, 16, 96] : [56, 8, 80, 38]; this.frame = wallFrame(g, w, h, wall, margin); this.limits = limits;
+    const wall = picture.wall, [rows, cols] = picture.albedo.shape, tall = h - w > 20, margin = tall ? [56, 8, 16, 96] : [56, 8, 92, 38]; this.frame = wallFrame(g, w, h, wall, margin); this.limits = limits;
     const [bx, by, bw, bh] = this.frame.box, [low, high] = limits, e = PAPER; g.save();
     let hatched = false;
     if (this.kind === "front") { image(g, picture.albedo, rows, cols, this.frame.box, gray); hatched = hatch(g, picture, rows, cols, this.frame.box); }

@@ -28,7 +28,7 @@ class TurnPanel {
       button.addEventListener("click", () => showAs(mode)); return button;
     });
     const save = element("button", {textContent: "Save as PNG"});
-    save.addEventListener("click", () => element("a", {download: "view3d.png", href: this.canvas.toDataURL("image/png")}).click());
+    save.addEventListener("click", () => element("a", {download: `${scans[this.scan].state.run}-3d.png`, href: this.canvas.toDataURL("image/png")}).click());
     const [x, y, z] = solidly.slice || [.5, .5, .5], move = axis => v => { solidly.slice[axis] = v; this.set(); };
     const sliders = solidly.mode === "slices" ? [slider("slice at x", x, 0, v => this.metres(0, v), move(0)), slider("y", y, 0, v => this.metres(1, v), move(1)), slider("z", z, 0, v => this.metres(2, v), move(2))]
       : [slider("from brightness", solidly.threshold, FAINT, v => v.toFixed(2), v => { solidly.threshold = v; this.set(); })];
