@@ -3,7 +3,6 @@
 import json
 import signal
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -133,13 +132,12 @@ def test_the_doctor_fails_nothing_for_the_lack_of_a_shutter(
 @pytest.mark.skipif(sys.platform == "win32", reason="it pauses by SIGINT at a terminal")
 def test_a_pause_there_does_not_call_it_dark(bench: str, tmp_path: Path) -> None:
     (tmp_path / "slow.yaml").write_text(
-        "wall: {width_m: 0.5, height_m: 0.5, rows: 16, cols: 16}\npattern: serpentine\ndwell_ms: 500\n"
+        "wall: {width_m: 0.5, height_m: 0.5, rows: 32, cols: 32}\npattern: serpentine\ndwell_ms: 500\n"
         "histogram: {bins: 1024, bin_width_ps: 16, offset_ns: 10}\n"
     )
     words = ("scan", "slow.yaml", "--bench", bench, "--no-shutter", "-o", "slow.h5")
     with at_a_terminal(tmp_path, *words) as child:
-        child.wait_for("scheme S")
-        time.sleep(0.5)
+        child.wait_for("/1024")  # the bar is there once Ctrl-C pauses
         child.signal(signal.SIGINT)
         child.wait_for("the laser is as it was, this bench has no shutter")
         child.press("\x03")
