@@ -15,7 +15,7 @@ import numpy as np
 from nlos.recon.training.train import train
 from studies.judged import FIGURES, Judged, judge, judged
 from studies.paired import Difference, Figures, difference
-from studies.rows import FORM, JUDGED, SAMPLES, SEEDS, SMALL, TABLES, Row, folder_of, in_order, settings_of
+from studies.rows import FORM, JUDGED, SAMPLES, SEEDS, SMALL, TABLES, Row, folder_of, in_order, kept_of, settings_of
 
 PAGE = Path("docs/ablations.md")
 UNITS = {"psnr": ("PSNR dB", 1.0, ".2f"), "ssim": ("SSIM", 1.0, ".3f"), "depth_rmse_m": ("depth RMSE mm", 1e3, ".1f"),
@@ -27,8 +27,8 @@ Known = Mapping[Path, Judged]
 def run(samples: int = SAMPLES, seeds: Sequence[int] = SEEDS, page: Path = PAGE) -> None:
     """Train and judge what is not there yet, one row after the other; rows that another process has are passed over."""
     for row, seed in in_order(samples, tuple(seeds)):
-        folder = folder_of(row, samples, seed)
-        if judged(folder) is not None:
+        folder, kept = folder_of(row, samples, seed), kept_of(row, samples, seed)
+        if judged(kept) is not None:
             continue
         with Claim(folder) as mine:
             if not mine:
@@ -36,7 +36,7 @@ def run(samples: int = SAMPLES, seeds: Sequence[int] = SEEDS, page: Path = PAGE)
             print(f"{row.method}: {row.name}, seed {seed}: {folder}", file=sys.stderr, flush=True)
             settings = settings_of(row, samples, seed)
             train(settings, folder, lambda line: None)
-            judge(settings, folder)
+            judge(settings, folder, kept)
         page.write_text(written(known(samples, seeds), samples, seeds), encoding="utf-8")
 
 
@@ -64,15 +64,15 @@ class Claim:
 
 def known(samples: int, seeds: Sequence[int]) -> Known:
     """The figures of everything that is trained and judged."""
-    folders = [folder_of(row, samples, seed) for row, seed in in_order(samples, tuple(seeds))]
-    return {folder: figures for folder in folders if (figures := judged(folder)) is not None}
+    files = [kept_of(row, samples, seed) for row, seed in in_order(samples, tuple(seeds))]
+    return {file: figures for file in files if (figures := judged(file)) is not None}
 
 
 def figures_of(found: Known, samples: int, seeds: Sequence[int], where: str, row: Row, figure: str) -> Figures | None:
     """(seeds, scenes) of the seeds that are judged, the first ones; None where none is."""
     rows = []
     for seed in seeds:
-        one = found.get(folder_of(row, samples, seed))
+        one = found.get(kept_of(row, samples, seed))
         if one is None or where not in one:
             break
         rows.append(one[where][figure])

@@ -1,4 +1,4 @@
-"""How good a trained row is on scenes that no row was trained on: every figure of every scene, kept by its weights."""
+"""How good a trained row is on scenes that no row was trained on: every figure of every scene, in a file."""
 
 import json
 from collections.abc import Mapping
@@ -20,29 +20,29 @@ from nlos.recon.weights.files import load_weights
 from studies.rows import JUDGED
 
 FIGURES = ("psnr", "ssim", "depth_rmse_m", "depth_mad_m")
-FILE = "judged.json"
 Judged = Mapping[str, Mapping[str, list[float]]]
 """Set of scenes -> figure -> one value a scene."""
 
 
-def judge(settings: TrainSettings, folder: Path, sets: Mapping[str, DatasetSettings] = JUDGED) -> Judged:
-    """Measure the weights in `folder` on every set, and write the figures there."""
+def judge(settings: TrainSettings, folder: Path, to: Path, sets: Mapping[str, DatasetSettings] = JUDGED) -> Judged:
+    """Measure the weights in `folder` on every set, and write the figures `to` a file."""
     found: dict[str, dict[str, list[float]]] = {}
     for name, data in sets.items():
         network = build(settings, data.wall, data.time)
         load_weights(network, str(folder / WEIGHTS))
         network.eval()
         scenes = [_scores(network, data, index, settings.cache_path) for index in range(len(data))]
-        found[name] = {figure: [scene[figure] for scene in scenes] for figure in FIGURES}
-    (folder / FILE).write_text(json.dumps(found), encoding="utf-8")
+        found[name] = {figure: [round(scene[figure], 5) for scene in scenes] for figure in FIGURES}
+    to.parent.mkdir(parents=True, exist_ok=True)
+    to.write_text(json.dumps(found), encoding="utf-8")
     return found
 
 
-def judged(folder: Path) -> Judged | None:
-    """What was measured of the weights in `folder`; None where nothing was."""
-    if not (folder / FILE).exists():
+def judged(kept: Path) -> Judged | None:
+    """What that file holds; None where there is none yet."""
+    if not kept.exists():
         return None
-    found: dict[str, Any] = json.loads((folder / FILE).read_text(encoding="utf-8"))
+    found: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8"))
     return found
 
 

@@ -11,8 +11,10 @@ from nlos.recon.training.losses import LossSettings
 from nlos.recon.training.train_settings import TrainSettings
 
 FOLDER = Path("runs/studies")
+KEPT = Path("studies/judged")
+"""What was measured, in the repository: three nights of trainings may be spread over machines that forget."""
 FORM = "b"  # another letter once the networks or their training change: what was trained before is then trained again
-SAMPLES = 4000
+SAMPLES = 1000
 SEEDS = (1, 2, 3)
 SMALL: dict[str, Any] = {"rows": 32, "cols": 32, "bins": 128, "bin_width_ps": 128.0}
 WATCHED = DatasetSettings(seed=2, scenes=4, degradations=1, held_out=True, **SMALL)
@@ -127,10 +129,19 @@ def settings_of(row: Row, samples: int, seed: int) -> TrainSettings:
 
 
 def folder_of(row: Row, samples: int, seed: int) -> Path:
-    """Rows that are the same in two tables are trained once."""
+    """Where it is trained. Rows that are the same in two tables are trained once."""
+    return FOLDER / _name(row, samples, seed)
+
+
+def kept_of(row: Row, samples: int, seed: int) -> Path:
+    """The file with its figures."""
+    return KEPT / _name(row, samples, seed).with_suffix(".json")
+
+
+def _name(row: Row, samples: int, seed: int) -> Path:
     words = [row.method, *(f"{key}-{value}" for key, value in sorted(row.switches.items()))]
     words += [f"{key}-{value:g}" for key, value in row.loss.model_dump(exclude_defaults=True).items()]
-    return FOLDER / f"{samples}-{FORM}" / "_".join(words).replace(" ", "") / f"seed-{seed}"
+    return Path(f"{samples}-{FORM}") / "_".join(words).replace(" ", "") / f"seed-{seed}"
 
 
 def in_order(samples: int, seeds: tuple[int, ...] = SEEDS) -> list[tuple[Row, int]]:

@@ -9,9 +9,9 @@ import pytest
 from nlos.recon.methods import find
 from studies import ablations, rows
 from studies.ablations import Claim, run, written
-from studies.judged import FIGURES, FILE
+from studies.judged import FIGURES
 from studies.paired import difference
-from studies.rows import JUDGED, SEEDS, TABLES, Row, folder_of, in_order, settings_of
+from studies.rows import JUDGED, SEEDS, TABLES, Row, folder_of, in_order, kept_of, settings_of
 
 ROWS = [(title, row) for title, table in TABLES.items() for row in table]
 
@@ -65,20 +65,20 @@ def test_a_scene_without_a_depth_is_left_to_the_others() -> None:
     assert difference(row, row - 0.5).mean == pytest.approx(0.5)
 
 
-def judged_as(folder: Path, value: float) -> None:
-    folder.mkdir(parents=True)
+def judged_as(kept: Path, value: float) -> None:
+    kept.parent.mkdir(parents=True, exist_ok=True)
     figures = {name: {figure: [value, value + 1] for figure in FIGURES} for name in JUDGED}
-    (folder / FILE).write_text(json.dumps(figures))
+    kept.write_text(json.dumps(figures))
 
 
 def test_the_page_gives_differences_to_the_last_row_with_errors(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rows, "FOLDER", tmp_path)
+    monkeypatch.setattr(rows, "KEPT", tmp_path)
     parts = next(iter(TABLES.values()))
     for k, row in enumerate(parts):
         for seed in (1, 2):
-            judged_as(folder_of(row, 100, seed), 20.0 + k + 0.001 * seed)
+            judged_as(kept_of(row, 100, seed), 20.0 + k + 0.001 * seed)
     text = written(ablations.known(100, (1, 2)), 100, (1, 2))
     assert "| IV: no SFE | 2 | 23.50 | -1.00 ± 0.00 * |" in text
     assert "| I: global alone | 0 |" in text
@@ -98,6 +98,7 @@ def test_a_row_that_another_process_works_on_is_passed_over_until_that_is_gone(t
 def test_the_queue_trains_judges_and_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tiny = {"rows": 8, "cols": 8, "bins": 32, "bin_width_ps": 512.0}
     monkeypatch.setattr(rows, "FOLDER", tmp_path)
+    monkeypatch.setattr(rows, "KEPT", tmp_path / "kept")
     monkeypatch.setattr(rows, "SMALL", tiny)
     monkeypatch.setattr(rows, "WATCHED", rows.WATCHED.model_copy(update=tiny | {"scenes": 1}))
     small = {name: data.model_copy(update=tiny | {"scenes": 2}) for name, data in JUDGED.items()}
@@ -113,7 +114,7 @@ def test_the_queue_trains_judges_and_resumes(tmp_path: Path, monkeypatch: pytest
     run(2, (1,), tmp_path / "page.md")
     page = (tmp_path / "page.md").read_text()
     assert "2 of 2 trainings are done" in page
-    times = [path.stat().st_mtime_ns for path in tmp_path.rglob(FILE)]
+    times = [path.stat().st_mtime_ns for path in (tmp_path / "kept").rglob("*.json")]
     assert len(times) == 2
     run(2, (1,), tmp_path / "page.md")
-    assert [path.stat().st_mtime_ns for path in tmp_path.rglob(FILE)] == times
+    assert [path.stat().st_mtime_ns for path in (tmp_path / "kept").rglob("*.json")] == times
