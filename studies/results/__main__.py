@@ -16,8 +16,10 @@ from studies.results.kept import BASE, EQUAL
 from studies.results.measured_scenes import METHODS as PICTURED
 from studies.results.measured_scenes import measured_scenes
 from studies.results.noiseless import noiseless
+from studies.results.opening import opening
 from studies.results.quality import (
     CONDITIONS,
+    FEWER_AND_SLOWER,
     LEARNED,
     PHYSICS,
     THRESHOLDED,
@@ -30,6 +32,7 @@ from studies.results.quality import (
 )
 from studies.results.tables import (
     FIGURES,
+    at_a_glance,
     by_condition,
     by_scene,
     comparison,
@@ -43,6 +46,9 @@ from studies.results.tables import (
 from studies.results.targets import against, of_quality, remarks, section
 
 HELD_OUT = Path("runs/held_out")
+GLANCE = """Seven rendered scenes by a renderer that is not this project's, with their truth: NANO and the light-cone transform
+at the best of five snr for each condition, both told the response where there is one (`~300ps`).
+"""
 HEAD = """Made by `make results`. PSNR and SSIM on the full picture, truth divided by its maximum, prediction by its
 best least-squares scale unless said otherwise; means over scenes. Methods with an inverse filter run at the best of
 five snr for every condition, so that nobody wins by a rival's bad setting. `counts_pN` has N counts in a point's
@@ -91,6 +97,7 @@ def page(data: Path, docs: Path) -> str:
     absent = [method for method in LEARNED if method not in (*methods, *BASE)]
     rivals = [method for method in EQUAL if method in methods]
     quality = measure_quality(data / "synthetic", methods, CONDITIONS)
+    further = measure_quality(data / "synthetic", ["lct", "nano"], FEWER_AND_SLOWER)
     write_all(HELD_OUT)
     held_out = measure_quality(HELD_OUT, [method for method in methods if method not in BASE], HELD_OUT_AT)
     for name, condition in (("full", "counts_p5"), ("sparse", "counts_p5@16x16")):
@@ -109,6 +116,9 @@ def page(data: Path, docs: Path) -> str:
     return "\n".join(
         [
             "# Results\n",
+            opening(data / "real", pictures),
+            GLANCE,
+            at_a_glance(quality.rows + further.rows),
             f"{HEAD} Software: {software()}.\n",
             f"Not trained yet: {', '.join(absent)}.\n" if absent else "",
             "## Targets\n",

@@ -25,6 +25,8 @@ CONDITIONS = (
     "counts_p5@16x16",
     "counts_p5@blue:256",
 )
+FEWER_AND_SLOWER = ("counts_p20@8x8", "counts_p20~100ps", "counts_p20~300ps", "counts_p20~600ps")
+"""Of which only the margin is shown; both methods are told the response."""
 AS_TRAINED: dict[str, dict[str, object]] = {"lfe_4000": {"farthest": 0.9}, "nano_4000_once": {"symmetries": False}}
 """Settings that weights were trained with, where they are not the method's own."""
 THRESHOLD = 0.15  # of the maximum, taken off the light-cone transform's picture

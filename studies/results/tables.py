@@ -89,6 +89,21 @@ def margins(rows: Sequence[Row]) -> str:
     return table([f"margin over {RIVAL}, dB", *conditions], body)
 
 
+def at_a_glance(rows: Sequence[Row], method: str = "nano") -> str:
+    """One line a condition: the rival, the method, what lies between them, and the method's shape and depths."""
+    body = []
+    for condition in unique(r["condition"] for r in rows):
+        rival, own, ssim, depth_m = (
+            of(rows, RIVAL, condition, "psnr"),
+            *(of(rows, method, condition, figure) for figure in ("psnr", "ssim", "depth_mad_m")),
+        )
+        margin = "-" if own is None or rival is None else f"{own - rival:+.1f}"
+        depth = None if depth_m is None else 1e3 * depth_m
+        body.append([condition, shown(rival, 1), shown(own, 1), margin, shown(ssim, 3), shown(depth, 1)])
+    heads = [f"{RIVAL}, dB", f"{method}, dB", "margin, dB", f"{method}, SSIM", f"{method}, depth off by, mm"]
+    return table(["condition", *heads], body)
+
+
 def by_scene(rows: Sequence[Row], condition: str) -> str:
     """PSNR of one condition, one line a scene, one column a method."""
     methods, chosen = unique(r["method"] for r in rows), pick(rows, condition=condition)

@@ -11,9 +11,10 @@ from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.training.scene_files import write_scene
 from nlos.recon.weights.files import save
-from studies.results.kept import kept
+from studies.results.kept import Kept, kept
 from studies.results.measured_scenes import SCANS, scan_of
-from studies.results.tables import by_condition, by_scene, comparison, margins, training
+from studies.results.opening import likeness
+from studies.results.tables import at_a_glance, by_condition, by_scene, comparison, margins, training
 from studies.results.targets import Target, remarks, section
 
 
@@ -31,6 +32,8 @@ def test_tables_show_means_margins_and_gaps() -> None:
     assert "| lct | 15.00 | 9.00 |" in by_condition(ROWS, "psnr")
     assert "| a | 10.00 | 16.00 |" in by_scene(ROWS, "c1")
     assert "| lct | - | - |" in by_condition(ROWS, "depth_rmse_m")  # none was measured
+    assert "| c1 | 15.0 | 17.0 | +2.0 | 0.500 | 10.0 |" in at_a_glance(ROWS)
+    assert "| c2 | 9.0 | - | - | - | - |" in at_a_glance(ROWS)
 
 
 def test_a_comparison_says_where_it_is_lost() -> None:
@@ -74,6 +77,20 @@ def test_what_is_measured_is_kept_until_something_changes(tmp_path: Path) -> Non
         found = kept("x", depends, measure, tmp_path)
         assert found.figures == {"n": expected}
         assert (found.arrays["scene/albedo"] == np.eye(2)).all()
+
+
+def test_pictures_of_few_points_are_compared_where_they_lie() -> None:
+    """On another grid that reaches beyond the whole scan's, the same hill is the same picture, its mirror image is not."""
+
+    def hill(x_m: np.ndarray, y_m: np.ndarray, mirrored: bool = False) -> Kept:
+        at_x, at_y = np.meshgrid(-x_m if mirrored else x_m, y_m)
+        view = np.exp(-((at_x - 0.2) ** 2 + (at_y + 0.3) ** 2) / 0.1)
+        return Kept({}, {"view": view, "x_m": x_m, "y_m": y_m}, Path())
+
+    whole = hill(np.linspace(-1, 1, 64), np.linspace(1, -1, 64))
+    few = np.linspace(-1.2, 1.2, 24), np.linspace(1.1, -1.1, 20)
+    assert likeness(hill(*few), whole) > 0.999
+    assert likeness(hill(*few, mirrored=True), whole) < 0.8
 
 
 def test_every_scan_of_a_measured_scene_has_its_share_of_points_and_photons(tmp_path: Path) -> None:
