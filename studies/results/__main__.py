@@ -46,8 +46,8 @@ from studies.results.tables import (
 from studies.results.targets import against, of_quality, remarks, section
 
 HELD_OUT = Path("runs/held_out")
-GLANCE = """Seven rendered scenes by a renderer that is not this project's, with their truth: NANO and the light-cone transform
-at the best of five snr for each condition, both told the response where there is one (`~300ps`).
+GLANCE = """Seven rendered scenes by a renderer that is not this project's, with their truth: NANO and the light-cone
+transform at the best of five snr for each condition, both told the response where there is one (`~300ps`).
 """
 HEAD = """Made by `make results`. PSNR and SSIM on the full picture, truth divided by its maximum, prediction by its
 best least-squares scale unless said otherwise; means over scenes. Methods with an inverse filter run at the best of

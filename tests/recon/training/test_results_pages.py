@@ -80,7 +80,7 @@ def test_what_is_measured_is_kept_until_something_changes(tmp_path: Path) -> Non
 
 
 def test_pictures_of_few_points_are_compared_where_they_lie() -> None:
-    """On another grid that reaches beyond the whole scan's, the same hill is the same picture, its mirror image is not."""
+    """On another grid, beyond the whole scan's edge, too, a hill is the same picture; its mirror image is not."""
 
     def hill(x_m: np.ndarray, y_m: np.ndarray, mirrored: bool = False) -> Kept:
         at_x, at_y = np.meshgrid(-x_m if mirrored else x_m, y_m)
