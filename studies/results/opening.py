@@ -83,10 +83,10 @@ def opening(data: Path, pictures: Path) -> str:
         [
             f"![measured scenes by {', '.join(METHODS.values())}]({pictures.name}/{PICTURE})\n",
             "Measured scenes as `nlos reconstruct FILE --method METHOD` shows them, each over its own 99.9th "
-            "percentile; the letters with `--response 350`, which their files do not say. There is no truth to compare with. What "
-            "there is: the share of photons that a picture was not made from and its surface explains ([how sure a "
-            "picture is](how-sure.md)), and, for a few points of the statue's scan, the correlation with the same "
-            "method's picture of all of them.\n",
+            "percentile; the letters with `--response 350`, which their files do not say. There is no truth to compare "
+            "with. What there is: the share of photons that a picture was not made from and its surface explains "
+            "([how sure a picture is](how-sure.md)), and, for a few points of the statue's scan, the correlation with "
+            "the same method's picture of all of them.\n",
             table(["explained, %; correlation", *METHODS.values()], body),
         ]
     )
