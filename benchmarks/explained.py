@@ -1,6 +1,7 @@
 """Explained light: what it costs, and whether it ranks pictures as their truth does.
 
-Prints one JSON line a figure: the CPU time it adds to a picture of 64 x 64 points and 512 bins, by method; and of the
+Prints one JSON line a figure: the CPU time it adds to a picture of 64 x 64 points and 512 bins, by method, with the
+look at other walls that NANO takes (on eight scans of kinds that it never saw, on average and at most); and of the
 folder of data that is the argument (default ../shared/data, skipped where it is not there)
 
 - of scenes with a truth, `synthetic/`, the rank correlation of explained light with PSNR within each scene, over
@@ -31,6 +32,9 @@ from nlos.recon.methods import find
 from nlos.recon.physics_settings import PhysicsSettings
 from nlos.recon.reconstruct import explained, reconstruct
 from nlos.recon.sharpness import sharpness
+from nlos.recon.training.dataset import sample
+from nlos.recon.training.dataset_settings import DatasetSettings
+from nlos.recon.training.detector import DetectorSettings
 from nlos.recon.training.rendering import render
 from nlos.recon.training.scenes import make_scene, surfels
 from nlos.response import AUTO, with_response
@@ -59,10 +63,21 @@ def scan() -> Transient:
     return Transient(counts, np.ones((64, 64)), WALL, TIME)
 
 
-def cost(made: Transient, method: str, *, elsewhere: bool = False) -> float:
-    """CPU time with explained light over that without, the least of some runs in turn, less 1."""
+def never_seen(number: int) -> Transient:
+    """A scan of a scene of a kind that NANO never saw."""
+    detector = DetectorSettings(sparse=0.0)
+    data = DatasetSettings(
+        seed=519, rows=64, cols=64, bins=512, bin_width_ps=32, degradations=1, scenes=1000, held_out=True,
+        detector=detector,
+    )  # fmt: skip
+    made = sample(data, number)
+    return Transient(made.counts.astype(np.float32), made.exposure.astype(np.float64), data.wall, data.time)
+
+
+def cost(made: Transient, method: str, *, elsewhere: bool = False, rounds: int = 6) -> float:
+    """CPU time with explained light over that without, the least of some rounds in turn, less 1."""
     least = {True: float("inf"), False: float("inf")}
-    for _ in range(6):
+    for _ in range(rounds):
         for explain in least:
             begun = process_time()
             reconstruct(made, method, explain=explain, elsewhere=elsewhere)
@@ -133,8 +148,10 @@ def main(folder: Path) -> None:
     for method in ("lct", "fk", "nano"):
         part = cost(made, method)
         figure(f"explained_costs_{method}", part, "of the picture's time", "<= 0.3", part <= 0.3)
-    part = cost(made, "nano", elsewhere=True)
-    figure("explained_and_another_wall_costs_nano", part, "of the picture's time", "", True)
+    parts = [cost(never_seen(number), "nano", elsewhere=True, rounds=3) for number in range(8)]
+    mean = float(np.mean(parts))
+    figure("explained_and_another_wall_costs_nano", mean, "of the picture's time", "<= 0.3", mean <= 0.3)
+    figure("explained_and_another_wall_costs_nano_at_most", max(parts), "of the picture's time", "", True)
     if (folder / "synthetic").is_dir():
         ranks(folder / "synthetic")
     if (folder / "real").is_dir():

@@ -53,20 +53,25 @@ def judged(share: float, spread: float = 0.01) -> Judged:
 
 
 @pytest.mark.parametrize(
-    ("own", "wider", "narrower", "said"),
+    ("wall", "own", "wider", "narrower", "said"),
     [
-        (0.60, 0.75, 0.40, "1.25 times as large explains 75 % of the light instead of 60 %"),
-        (0.60, 0.40, 0.75, "0.8 times as large"),
-        (0.60, 0.58, 0.55, ""),
-        (0.60, 0.62, 0.40, ""),  # too little
-        (0.60, 0.80, 0.70, ""),  # either way: the picture is bad, not its wall
-        (0.95, 0.99, 0.40, ""),  # nothing left to gain
-        (0.60, None, 0.80, "0.8 times as large"),
-        (0.60, None, None, ""),
+        (0.8, 0.60, 0.75, 0.40, "1.25 times as large explains 75 % of the light instead of 60 %"),
+        (1.25, 0.60, 0.40, 0.75, "0.8 times as large"),
+        (0.8, 0.60, 0.58, 0.55, ""),
+        (0.8, 0.60, 0.62, 0.40, ""),  # too little
+        (0.8, 0.60, 0.80, 0.70, ""),  # either way: the picture is bad, not its wall
+        (0.8, 0.95, 0.99, 0.40, ""),  # nothing left to gain
+        (1.25, 0.60, None, 0.80, "0.8 times as large"),
+        (0.8, 0.60, 0.80, None, "1.25 times as large"),
+        (0.8, 0.60, None, None, ""),
+        (1.0, 0.60, 0.75, 0.40, "1.25 times as large"),  # so much gain is believed where little is explained
+        (1.0, 0.60, 0.66, 0.40, ""),  # not so little, against the light cones
+        (1.0, 0.80, 0.92, 0.40, ""),  # nor where much is explained
+        (1.0, 0.60, 0.40, 0.75, ""),
     ],
 )
 def test_another_wall_has_to_explain_clearly_more(
-    own: float, wider: float | None, narrower: float | None, said: str
+    wall: float, own: float, wider: float | None, narrower: float | None, said: str
 ) -> None:
     other = {WIDER: wider, 1 / WIDER: narrower}
 
@@ -74,23 +79,35 @@ def test_another_wall_has_to_explain_clearly_more(
         share = other[scale]
         return None if share is None else judged(share, 0.0)
 
-    found = better_wall(points(), judged(own), judge)
+    found = better_wall(with_wall(points(), wall), judged(own), judge)
     assert found.startswith("a wall " + said) if said else found == ""
 
 
-def test_a_gain_within_its_error_or_against_the_light_cones_is_none() -> None:
-    scan = points()
-
+def test_a_gain_within_its_error_is_none() -> None:
     def judge(scale: float) -> Judged:
         return judged(0.75 if scale > 1 else 0.4, 3.0)
 
-    assert better_wall(scan, judged(0.6, 0.0), judge) == "", "0.15 +- 0.19"
+    assert better_wall(with_wall(points(), 0.8), judged(0.6, 0.0), judge) == "", "0.15 +- 0.19"
 
-    def little(scale: float) -> Judged:
-        return judged(0.66 if scale > 1 else 0.4)
 
-    assert better_wall(scan, judged(0.6), little) == "", "its light comes together on the wall that it has"
-    assert better_wall(with_wall(scan, 1 / WIDER), judged(0.6), little) != ""
+def test_other_walls_are_looked_at_only_where_the_light_cones_or_a_poor_picture_speak_for_them() -> None:
+    scan = points()
+
+    def looked_at(wall: float, own: float) -> list[float]:
+        asked = []
+
+        def judge(scale: float) -> Judged:
+            asked.append(scale)
+            return judged(own)
+
+        better_wall(with_wall(scan, wall), judged(own), judge)
+        return asked
+
+    assert looked_at(1.0, 0.8) == []
+    assert looked_at(1.0, 0.6) == [WIDER]
+    assert looked_at(0.8, 0.8) == [WIDER]
+    assert looked_at(1.25, 0.8) == [1 / WIDER]
+    assert looked_at(0.8, 0.95) == []
 
 
 def test_light_is_sharpest_on_a_wall_of_its_own_size() -> None:
