@@ -16,6 +16,7 @@ from nlos.recon.subsets import measured_points
 from studies.results.kept import Kept, kept, of_files, of_method
 
 SCENES = (
+    "statue_full",
     "otoole_s_u",
     "otoole_resolution_40cm",
     "otoole_dots_65cm",
