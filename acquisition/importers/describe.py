@@ -1,4 +1,4 @@
-"""What is in a file that is not a scan: names and shapes of an HDF5 file, the header of a PTU file."""
+"""What is in a file that is not a scan: names and shapes of an HDF5 file, headers of PTU and SDT files."""
 
 from pathlib import Path
 
@@ -6,6 +6,7 @@ import h5py
 import ptufile
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.becker_hickl import contents_of_sdt, is_sdt
 from nlos.acquisition.importers.untrusted_hdf5 import open_hdf5
 
 _PTU_TAGS = (
@@ -31,6 +32,8 @@ def describe(path: Path) -> dict[str, object]:
         return _hdf5(path)
     if magic[:6] == b"PQTTTR":
         return _ptu(path)
+    if is_sdt(path):
+        return contents_of_sdt(path)
     return {}
 
 

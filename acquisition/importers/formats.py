@@ -4,11 +4,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.becker_hickl import is_sdt, read_sdt
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.magic import HDF5_MAGIC, magic_of
 from nlos.acquisition.importers.matlab import read_matlab
 from nlos.acquisition.importers.npz import read_npz
+from nlos.acquisition.importers.photon_hdf5 import is_photon_hdf5, read_photon_hdf5
 from nlos.acquisition.importers.picoquant import SUFFIXES as PICOQUANT_SUFFIXES
 from nlos.acquisition.importers.picoquant import read_picoquant
 from nlos.acquisition.importers.plain import read_plain
@@ -23,24 +25,41 @@ def reader_of(path: Path) -> Reader:
     suffix, magic = path.suffix.lower(), magic_of(path)
     if suffix == ".mat":
         return read_matlab
-    if suffix == ".npz":
-        return read_npz
-    if suffix in PICOQUANT_SUFFIXES or magic[:6] == b"PQTTTR":
+    if magic[:6] == b"PQTTTR":
         return lambda path, given: read_picoquant(path)
+    if is_sdt(path):
+        return read_sdt
     if magic == HDF5_MAGIC:
-        with open_hdf5(path) as file:
-            names = set(file.keys())
-        if {"H", "H_format"} <= names:
-            return lambda path, given: read_ytal(path)
-        if {"data", "cameraGridPositions"} <= names:
-            return lambda path, given: read_zaragoza(path)
-        return lambda path, given: read_plain(path, given=given)
+        return _reader_of_hdf5(path)
     if not magic:
         raise InvalidData(f"{path}: is empty, 0 bytes. Copy it again from where it was made.")
+    if suffix == ".npz":
+        return read_npz
+    if suffix in PICOQUANT_SUFFIXES:
+        return lambda path, given: read_picoquant(path)
+    if suffix == ".sdt":
+        return read_sdt
+    if suffix == ".spc":
+        raise InvalidData(
+            f"{path}: is a FIFO stream of Becker & Hickl: photons, and nothing that says how a scan is put together. "
+            "Name the SDT file that SPCM makes of it, or convert it to Photon-HDF5 (phconvert)."
+        )
     raise InvalidData(
-        f"{path}: in no format that is read here (HDF5, MAT, NPZ, PTU, PT3, HT3, T3R, PHD, HHD). Its name ends in "
+        f"{path}: in no format that is read here (HDF5, MAT, NPZ, PTU, PT3, HT3, T3R, PHD, HHD, SDT). Its name ends in "
         f"'{suffix}' and it begins with {magic!r}."
     )
+
+
+def _reader_of_hdf5(path: Path) -> Reader:
+    with open_hdf5(path) as file:
+        names, photons = set(file.keys()), is_photon_hdf5(file)
+    if photons:
+        return read_photon_hdf5
+    if {"H", "H_format"} <= names:
+        return lambda path, given: read_ytal(path)
+    if {"data", "cameraGridPositions"} <= names:
+        return lambda path, given: read_zaragoza(path)
+    return lambda path, given: read_plain(path, given=given)
 
 
 def read_any(path: Path, given: Given = NOTHING) -> ImportedScan:

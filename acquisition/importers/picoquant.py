@@ -7,7 +7,6 @@ import struct
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import ptufile
 
 from nlos.acquisition.errors import InvalidData
@@ -22,12 +21,10 @@ from nlos.acquisition.importers.picoquant_headers import (
     picoharp_records,
     timeharp_records,
 )
+from nlos.acquisition.importers.raw_histograms import raw_scan
 from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES
-from nlos.acquisition.transient import TimeAxis, Transient
-from nlos.acquisition.wall import WallGrid
 
 SUFFIXES = (".ptu", ".pt2", ".pt3", ".ht2", ".ht3", ".t3r", ".phd", ".hhd")
-_NO_WALL = "the wall's size is not stored; assuming 1 m x 1 m"
 
 
 def read_picoquant(path: Path) -> ImportedScan:
@@ -78,11 +75,11 @@ def _read_ptu(path: Path) -> ImportedScan:
             raise
         raise InvalidData(f"{path}: not a readable PTU file ({type(error).__name__}: {error})") from error
     counts = image.reshape(rows, cols, bins)
-    notes = [_NO_WALL, "photons between lines and outside frames are not points of the scan and are not imported"]
+    notes = ["photons between lines and outside frames are not points of the scan and are not imported"]
     if not dwell_s > 0:
         notes.append("the dwell is not stored; assuming 1 s per point")
     exposure = np.full((rows, cols), dwell_s * frames if dwell_s > 0 else 1.0)
-    return _scan(counts, exposure, bin_width_s, "PTU image", tuple(notes), path)
+    return raw_scan(counts, exposure, bin_width_s, "PTU image", tuple(notes), str(path))
 
 
 def _one_point(path: Path, name: str, head: RecordFile, data: bytes) -> ImportedScan:
@@ -101,11 +98,11 @@ def _one_point(path: Path, name: str, head: RecordFile, data: bytes) -> Imported
     if delays.size == 0:
         raise InvalidData(f"{path}: holds no photons")
     counts = np.bincount(delays, minlength=1).astype(np.uint32)[None, None]
-    notes = [_NO_WALL, "arrival times since the start and marker signals are not imported"]
+    notes = ["arrival times since the start and marker signals are not imported"]
     if head.instrument == "TimeHarp 200":
         notes.append("delays are as recorded: this instrument runs in reversed start-stop mode")
     exposure = np.full((1, 1), head.acquisition_s if head.acquisition_s > 0 else 1.0)
-    return _scan(counts, exposure, head.bin_width_s, name, tuple(notes), path)
+    return raw_scan(counts, exposure, head.bin_width_s, name, tuple(notes), str(path))
 
 
 def _points(path: Path, name: str, curves: list[Curve], data: bytes) -> ImportedScan:
@@ -128,27 +125,7 @@ def _points(path: Path, name: str, curves: list[Curve], data: bytes) -> Imported
     bins = max(row.size for row in rows)
     counts = np.stack([np.pad(row, (0, bins - row.size)) for row in rows])
     exposure = np.array([[curve.acquisition_s if curve.acquisition_s > 0 else 1.0 for curve in curves]])
-    notes = [_NO_WALL]
+    notes = []
     if len({curve.bin_width_s for curve in curves}) > 1:
         notes.append(f"finer histograms were summed to the coarsest bin width, {coarsest_s * 1e12:g} ps")
-    return _scan(counts[None], exposure, coarsest_s, name, tuple(notes), path)
-
-
-def _scan(
-    counts: npt.NDArray[np.uint32],
-    exposure_s: npt.NDArray[np.float64],
-    bin_width_s: float,
-    name: str,
-    notes: tuple[str, ...],
-    path: Path,
-) -> ImportedScan:
-    rows, cols, bins = counts.shape
-    if not 1e-13 <= bin_width_s <= 1e-6:
-        raise InvalidData(f"{path}: states a bin width of {bin_width_s:g} s")
-    transient = Transient(
-        np.ascontiguousarray(np.moveaxis(counts, 2, 0), dtype=np.float32),
-        exposure_s,
-        WallGrid(1.0, 1.0, rows, cols),
-        TimeAxis(bins, bin_width_s),
-    )
-    return ImportedScan(transient, name, rectified=False, wall_known=False, notes=notes)
+    return raw_scan(counts[None], exposure, coarsest_s, name, tuple(notes), str(path))

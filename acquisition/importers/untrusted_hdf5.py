@@ -48,6 +48,22 @@ def find_dataset(file: h5py.File, name: str) -> h5py.Dataset | None:
     return item
 
 
+def needed_dataset(file: h5py.File, name: str) -> h5py.Dataset:
+    """The dataset called `name`. Raises `InvalidData` where there is none, or it is empty."""
+    dataset = find_dataset(file, name)
+    if dataset is None or dataset.shape is None:
+        raise InvalidData(f"{file.filename}: {name}: is missing or empty")
+    return dataset
+
+
+def needed_number(file: h5py.File, name: str) -> float:
+    """The one number at `name`. Raises `InvalidData`."""
+    dataset = needed_dataset(file, name)
+    if dataset.size != 1 or dataset.dtype.kind not in "uifb":
+        raise InvalidData(f"{file.filename}: {name}: must be one number (found {dataset.dtype} {dataset.shape})")
+    return float(np.asarray(dataset[()]).reshape(()))
+
+
 def needed_array(file: h5py.File, name: str, shape: tuple[int | None, ...]) -> npt.NDArray[np.float32]:
     """The finite numbers at `name`; None in `shape` stands for any length. Raises `InvalidData`."""
     dataset = find_dataset(file, name)

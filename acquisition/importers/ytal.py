@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.imported import ImportedScan
-from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, open_hdf5, read_array
+from nlos.acquisition.importers.untrusted_hdf5 import needed_dataset, needed_number, open_hdf5, read_array
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 
@@ -24,16 +24,16 @@ _T_SX_SY = 1
 def read_ytal(path: Path) -> ImportedScan:
     """Reads a confocal HDF5_TAL capture on a regular grid. Raises `InvalidData` naming file, place and reason."""
     with open_hdf5(path) as file:
-        kind = int(_scalar(file, "H_format"))
+        kind = int(needed_number(file, "H_format"))
         if kind != _T_SX_SY:
             raise InvalidData(
                 f"{path}: H_format is {kind}; only confocal captures (T_Sx_Sy, 1) can be reconstructed here"
             )
-        counts = read_array(_needed(file, "H"), 3)
-        sensors = read_array(_needed(file, "sensor_grid_xyz"), 3).astype(np.float64)
-        lasers = read_array(_needed(file, "laser_grid_xyz"), 3).astype(np.float64)
-        delta_m, start_m = _scalar(file, "delta_t"), _scalar(file, "t_start")
-        legs = bool(_scalar(file, "t_accounts_first_and_last_bounces"))
+        counts = read_array(needed_dataset(file, "H"), 3)
+        sensors = read_array(needed_dataset(file, "sensor_grid_xyz"), 3).astype(np.float64)
+        lasers = read_array(needed_dataset(file, "laser_grid_xyz"), 3).astype(np.float64)
+        delta_m, start_m = needed_number(file, "delta_t"), needed_number(file, "t_start")
+        legs = bool(needed_number(file, "t_accounts_first_and_last_bounces"))
         origins = [_point(file, name) if legs else np.zeros(3) for name in ("laser_xyz", "sensor_xyz")]
     if sensors.shape != lasers.shape or not np.allclose(sensors, lasers, atol=1e-4):
         raise InvalidData(f"{path}: laser and sensor points differ; only confocal captures can be reconstructed here")
@@ -43,12 +43,12 @@ def read_ytal(path: Path) -> ImportedScan:
 def read_zaragoza(path: Path) -> ImportedScan:
     """Reads a confocal capture of the Zaragoza dataset; bounces and colours are summed. Raises `InvalidData`."""
     with open_hdf5(path) as file:
-        stored = _needed(file, "data")
+        stored = needed_dataset(file, "data")
         if len(stored.shape) != 5:
             raise InvalidData(f"{path}: data has {len(stored.shape)} dimensions; confocal captures have 5")
         data = read_array(stored, 5)
-        grid = read_array(_needed(file, "cameraGridPositions"), 3).astype(np.float64)
-        delta_m, start_m = _scalar(file, "deltaT"), _scalar(file, "t0")
+        grid = read_array(needed_dataset(file, "cameraGridPositions"), 3).astype(np.float64)
+        delta_m, start_m = needed_number(file, "deltaT"), needed_number(file, "t0")
         origins = [_point(file, "laserPosition"), _point(file, "cameraPosition")]
     # Two axis orders are in use: (sy, sx, bounce, t, colour) and (colour, t, bounce, sx, sy).
     if data.shape[0] <= 3 and data.shape[3:] in (grid.shape[1:], grid.shape[:2]):
@@ -117,22 +117,8 @@ def _upright(path: Path, capture: _Capture) -> ImportedScan:
     )
 
 
-def _needed(file: h5py.File, name: str) -> h5py.Dataset:
-    dataset = find_dataset(file, name)
-    if dataset is None or dataset.shape is None:
-        raise InvalidData(f"{file.filename}: {name}: is missing or empty")
-    return dataset
-
-
-def _scalar(file: h5py.File, name: str) -> float:
-    dataset = _needed(file, name)
-    if dataset.size != 1 or dataset.dtype.kind not in "uifb":
-        raise InvalidData(f"{file.filename}: {name}: must be one number (found {dataset.dtype} {dataset.shape})")
-    return float(np.asarray(dataset[()]).reshape(()))
-
-
 def _point(file: h5py.File, name: str) -> Array:
-    dataset = _needed(file, name)
+    dataset = needed_dataset(file, name)
     if dataset.size != 3 or dataset.dtype.kind not in "uif":
         raise InvalidData(f"{file.filename}: {name}: must be three numbers (found {dataset.dtype} {dataset.shape})")
     return np.asarray(dataset[()], dtype=np.float64).reshape(3)

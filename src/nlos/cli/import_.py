@@ -14,7 +14,11 @@ from nlos.cli.terminal import terminal
 
 def import_(
     files: Annotated[
-        list[Path], typer.Argument(metavar="FILE...", help="MAT, PTU, PT3, HT3, T3R, PHD, HHD, HDF5, NPZ.")
+        list[Path],
+        typer.Argument(
+            metavar="FILE...",
+            help="MAT, NPZ; PTU, PT3, HT3, T3R, PHD, HHD; SDT; HDF5: plain, y-tal, Zaragoza, Photon-HDF5.",
+        ),
     ],
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="RUN.h5", help="Output file; with several inputs, a folder.")

@@ -1,5 +1,6 @@
 """One small good file of every kind that some verb reads, and the verbs that read it."""
 
+import gzip
 import shutil
 import socket
 from collections.abc import Sequence
@@ -20,8 +21,10 @@ from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.served.ticket import Ticket, new_keys
 from nlos.recon.weights.files import find_weights
 from nlos.runs.index import RunsIndex
+from tests.acquisition.importers.sdt_files import write_sdt
 
 SHARED = Path(__file__).parents[4] / "shared" / "data" / "tcspc"
+BY_PHCONVERT = Path(__file__).parents[2] / "acquisition" / "importers" / "phconvert_scan.h5.gz"
 CONFIGS = Path(__file__).parents[3] / "configs"
 SHAPE = (6, 5, 256)  # no two alike
 BIN_S = 32e-12
@@ -54,7 +57,7 @@ RUNS = (("runs", "--folder", "shelf"), ("runs", "--folder", "shelf", "--rebuild"
 KINDS = (
     "plain", "npz", "mat", "ytal", "ptu", "mat73", "plain_free", "recording", "killed", "free_recording", "picture",
     "constants", "response", "spots", "scene", "scan_yaml", "bench_yaml", "queue_yaml", "train_yaml", "weights", "phd",
-    "t3r", "pt3", "ht3", "ptu_t2",
+    "t3r", "pt3", "ht3", "ptu_t2", "sdt", "photon_hdf5",
 )  # fmt: skip
 
 
@@ -98,6 +101,8 @@ def make(folder: Path) -> dict[str, Path]:
                                 ("ytal", ".hdf5", write_ytal), ("ptu", ".ptu", write_ptu)):  # fmt: skip
         kinds[kind] = folder / f"scan{suffix}"
         write(arrays, kinds[kind])
+    kinds["sdt"], kinds["photon_hdf5"] = write_sdt(folder / "scan.sdt", [counts]), folder / "photons.h5"
+    kinds["photon_hdf5"].write_bytes(gzip.decompress(BY_PHCONVERT.read_bytes()))
     kinds["mat73"] = folder / "scan73.mat"
     with h5py.File(kinds["mat73"], "w", userblock_size=512) as file:
         file["meas"] = np.ascontiguousarray(counts.astype(np.float64).T)

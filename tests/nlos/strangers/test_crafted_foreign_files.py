@@ -1,4 +1,5 @@
-"""Foreign files that somebody made: NPZ, MAT, y-tal and PicoQuant's with parts that are not as they should be."""
+"""Foreign files that somebody made: NPZ, MAT, y-tal, Photon-HDF5, SDT and PicoQuant's with parts that are not as they
+should be."""
 
 import json
 import os
@@ -53,9 +54,23 @@ def mats(whole: Path, target: Path) -> Iterator[str]:
         yield f"without {name}"
 
 
-def ytals(whole: Path, target: Path) -> Iterator[str]:
-    with h5py.File(whole) as file:
-        names = list(file)
+def parts_of(*roots: str) -> Callable[[Path, Path], Iterator[str]]:
+    """Each dataset under `roots` of an HDF5 file as something else, or missing; those at its top without `roots`."""
+
+    def files(whole: Path, target: Path) -> Iterator[str]:
+        with h5py.File(whole) as file:
+            names = [] if roots else list(file)
+            file.visititems(
+                lambda name, item: (
+                    names.append(name) if roots and name.startswith(roots) and isinstance(item, h5py.Dataset) else None
+                )
+            )
+        yield from parts(whole, target, names)
+
+    return files
+
+
+def parts(whole: Path, target: Path, names: list[str]) -> Iterator[str]:
     for name in names:
         for what in ("group", "missing", *ARRAYS):
             if what in ("of objects", "of dates"):
@@ -83,7 +98,9 @@ def made_of(craft: Callable[[bytes], Iterator[tuple[str, bytes]]]) -> Callable[[
 
 
 MADE: dict[str, tuple[str, Callable[[Path, Path], Iterator[str]]]] = {
-    "npz": ("npz", npzs), "mat": ("mat", mats), "ytal": ("ytal", ytals),
+    "npz": ("npz", npzs), "mat": ("mat", mats), "ytal": ("ytal", parts_of()),
+    "photons": ("photon_hdf5", parts_of("photon_data", "user/picoquant/tags/Im", "user/picoquant/tags/Meas", "acq")),
+    "sdt": ("sdt", made_of(crafted_picoquant.older)),
     "ptu numbers": ("ptu", made_of(crafted_picoquant.numbers)), "ptu types": ("ptu", made_of(crafted_picoquant.types)),
     "ptu lists": ("ptu", made_of(crafted_picoquant.lists)), "ptu records": ("ptu", made_of(crafted_picoquant.records)),
     "ptu t2": ("ptu_t2", made_of(crafted_picoquant.records)),
@@ -93,7 +110,7 @@ MADE: dict[str, tuple[str, Callable[[Path, Path], Iterator[str]]]] = {
 WHOLE = ("npz", "mat", "ytal")
 """Every file of these is given to every verb; the many of the others to `import`, and to another verb in turn."""
 EVERY = {"ptu types": 80, "ptu lists": 6, "ptu records": 12, "ptu t2": 30} | dict.fromkeys(
-    ("phd", "t3r", "pt3", "ht3"), 400
+    ("phd", "t3r", "pt3", "ht3", "sdt"), 400
 )
 """Of how many files `make test` tries one."""
 
@@ -128,14 +145,13 @@ def test_what_somebody_made_in_another_format_ends_with_a_reason_that_names_it(
 
 
 def photon_hdf5(path: Path) -> None:
-    """A measurement of single photons as Photon-HDF5 lays it out (photon-hdf5.github.io), which holds no histograms."""
+    """Single photons as Photon-HDF5 lays them out (photon-hdf5.github.io), not timed against the laser."""
     with h5py.File(path, "w") as file:
         file.attrs.update({"format_name": b"Photon-HDF5", "format_version": b"0.5", "title": b"A measurement"})
         photons, rng = file.create_group("photon_data"), np.random.default_rng(0)
         photons["timestamps"] = np.sort(rng.integers(0, 2**40, 5000))
-        photons["nanotimes"], photons["detectors"] = rng.integers(0, 4096, 5000, np.uint16), np.zeros(5000, np.uint8)
+        photons["detectors"] = np.zeros(5000, np.uint8)
         photons["timestamps_specs/timestamps_unit"] = 1e-8
-        photons["nanotimes_specs/tcspc_unit"] = 16e-12
         file["setup/num_pixels"], file["acquisition_duration"] = 1, 10.0
 
 

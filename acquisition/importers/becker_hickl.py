@@ -1,0 +1,197 @@
+"""Becker & Hickl SDT files, decoded by `sdtfile` (C. Gohlke): images of scan points, and curves as a row of points.
+
+What the blocks mean: W. Becker, "The bh TCSPC Handbook", and the vendor's SPC_data_file_structure.h. FIFO streams (SPC)
+hold photons without a description of the scan, and are refused by name.
+"""
+
+import math
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.given import NOTHING, Given, put_there
+from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.importers.raw_histograms import raw_scan
+from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES
+
+if TYPE_CHECKING:
+    from sdtfile import SdtFile
+
+_HEADER = struct.Struct("<h i h i H i h I i h h H I H H")  # bhfile_header, packed
+_VALID, _UNFINISHED, _CHECK_WORD = 0x5555, 0x1111, 0x55AA
+_HISTOGRAMS = ("DECAY_BLOCK", "PAGE_BLOCK", "IMG_BLOCK")
+"""Kinds of blocks that hold counts by delay."""
+_DAMAGE = (
+    ValueError, LookupError, TypeError, ArithmeticError, AssertionError, AttributeError, EOFError, OSError,
+    MemoryError, RuntimeError, struct.error, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""What `sdtfile` raises where a file is not as it should be."""
+
+
+@dataclass(frozen=True)
+class _Block:
+    """One data block of histograms."""
+
+    counts: npt.NDArray[Any]  # (..., T)
+    bin_width_s: float
+    """0 where the file does not say."""
+    measured_s: float
+    """How long was counted; 0 where the file does not say."""
+
+
+def is_sdt(path: Path) -> bool:
+    """Whether a file begins with an SDT file's header, whatever it is called."""
+    with path.open("rb") as file:
+        head = file.read(_HEADER.size)
+    if len(head) < _HEADER.size:
+        return False
+    *_, valid, _, _, check_word = _HEADER.unpack(head)
+    return bool(check_word == _CHECK_WORD and valid in (_VALID, _UNFINISHED))
+
+
+def read_sdt(path: Path, given: Given = NOTHING) -> ImportedScan:
+    """Reads an SDT file as a scan: an image, or curves as a row of points. Raises `InvalidData` naming file and
+    reason."""
+    if path.stat().st_size > MAX_BYTES:
+        raise InvalidData(f"{path}: is {path.stat().st_size / 2**30:.1f} GiB; at most {MAX_BYTES >> 30} GiB are read")
+    if not is_sdt(path):
+        raise InvalidData(f"{path}: does not begin as an SDT file of Becker & Hickl. Is it one, and the copy complete?")
+    with _opened(path) as sdt:
+        blocks, others = _blocks(path, sdt)
+    if not blocks:
+        raise InvalidData(
+            f"{path}: holds no histograms of delays, but {', '.join(sorted(others)) or 'nothing'}. "
+            "Save the decay curves or the FLIM image from SPCM."
+        )
+    widths = {block.bin_width_s for block in blocks}
+    if len(widths) > 1:
+        listed = ", ".join(f"{width * 1e12:g}" for width in sorted(widths))
+        raise InvalidData(
+            f"{path}: its blocks have bins of different widths ({listed} ps). Save one measurement a file."
+        )
+    width_s = given.bin_width_s or widths.pop()
+    if not width_s > 0:
+        raise InvalidData(f"{path}: does not say its time axis (TAC range and gain). {put_there('--bin-width-ps PS')}")
+    images = [block for block in blocks if block.counts.ndim > 2]
+    if images and len(images) < len(blocks):
+        raise InvalidData(f"{path}: holds images and curves. Save one measurement a file.")
+    counts, exposure_s, notes = _image(path, images) if images else _row(path, blocks)
+    if others:
+        notes.append(f"blocks of other kinds are not imported: {', '.join(sorted(others))}")
+    return raw_scan(counts, exposure_s, width_s, f"SDT {'image' if images else 'curves'}", tuple(notes), str(path))
+
+
+def contents_of_sdt(path: Path) -> dict[str, object]:
+    """What is in an SDT file, by name, for people. Raises `InvalidData` for a damaged one."""
+    from sdtfile import BlockType, FileRevision
+
+    with _opened(path) as sdt:
+        blocks = [
+            f"{BlockType(int(header.block_type)).contents} {data.shape}"
+            for header, data in zip(sdt.block_headers, sdt.data, strict=True)
+        ]
+        return {
+            "format": f"SDT, {sdt.info.id.strip(chr(4))}",
+            "instrument": FileRevision(int(sdt.header.revision)).module,
+            "blocks": ", ".join(blocks[:32]) or "none",
+        }
+
+
+@contextmanager
+def _opened(path: Path) -> "Iterator[SdtFile]":
+    """The file, decoded. Raises `InvalidData` where it is not as it should be, also inside the block."""
+    from sdtfile import SdtFile  # here, so that whoever reads other formats does not load it
+
+    try:
+        with SdtFile(path) as sdt:
+            yield sdt
+    except _DAMAGE as error:
+        if isinstance(error, InvalidData):
+            raise
+        raise InvalidData(f"{path}: not a readable SDT file ({type(error).__name__}: {error})") from error
+
+
+def _blocks(path: Path, sdt: "SdtFile") -> tuple[list[_Block], set[str]]:
+    """The blocks of histograms, and what the others are called. Raises `InvalidData` for blocks that are cut short."""
+    from sdtfile import BlockType
+
+    if int(sdt.header.header_valid) != _VALID:
+        raise InvalidData(f"{path}: says that it was never finished. Save it again from SPCM.")
+    blocks, others = [], set()
+    for number, (header, data) in enumerate(zip(sdt.block_headers, sdt.data, strict=True)):
+        names = header.dtype.names or ()
+        if any(int(header[name]) for name in ("data_offs_ext", "next_block_offs_ext") if name in names):
+            raise InvalidData(f"{path}: block {number}: lies beyond 4 GiB, which is not read")
+        kind = BlockType(int(header.block_type))
+        if data.nbytes != int(header.block_length) // kind.dtype.itemsize * kind.dtype.itemsize:
+            raise InvalidData(f"{path}: block {number}: states {header.block_length} bytes and holds {data.nbytes}")
+        if kind.contents not in _HISTOGRAMS:
+            others.add(kind.contents)
+            continue
+        measured = sdt.block_measure_info(number)
+        blocks.append(_Block(data, _bin_width_s(measured, data.shape[-1]), _measured_s(measured)))
+    return blocks, others
+
+
+def _bin_width_s(measured: Any, bins: int) -> float:
+    """The range of the time-to-amplitude converter, over its gain and the bins; 0 where the file does not say."""
+    gain, range_s = int(measured.tac_g), float(measured.tac_r)
+    return range_s / (gain * bins) if gain > 0 and math.isfinite(range_s) and range_s > 0 else 0.0
+
+
+def _measured_s(measured: Any) -> float:
+    """How long was counted, as the measurement's end tells it, else as it was meant to last."""
+    names = measured.dtype.names or ()
+    stopped = float(measured.StopInfo.stop_time) if "StopInfo" in names else 0.0
+    meant = float(measured.col_t) if "col_t" in names else 0.0
+    return next((value for value in (stopped, meant) if math.isfinite(value) and value > 0), 0.0)
+
+
+def _image(path: Path, images: list[_Block]) -> tuple[npt.NDArray[Any], npt.NDArray[np.float64], list[str]]:
+    """Counts (H, W, T) over all detectors, exposures (H, W), and what was assumed."""
+    shape = images[0].counts.shape[-3:]
+    if any(image.counts.shape[-3:] != shape for image in images):
+        listed = ", ".join(str(image.counts.shape) for image in images)
+        raise InvalidData(f"{path}: holds images of different shapes ({listed}). Save one measurement a file.")
+    rows, cols, bins = shape
+    if rows * cols * bins * 4 > MAX_BYTES:
+        raise InvalidData(f"{path}: states an image of {shape}, beyond {MAX_BYTES >> 30} GiB")
+    counts: npt.NDArray[Any] = np.zeros(shape, np.float64 if images[0].counts.dtype.kind == "f" else np.uint32)
+    detectors = 0
+    for image in images:
+        channels = image.counts.reshape(-1, *shape)
+        detectors += len(channels)
+        for channel in channels:
+            counts += channel.astype(counts.dtype)
+    notes = []
+    if detectors > 1:
+        notes.append(f"{detectors} images (detectors, or pages) are added up")
+    measured_s = max(image.measured_s for image in images)
+    if not measured_s > 0:
+        return counts, np.ones((rows, cols)), [*notes, "exposure is not stored; assuming 1 s per point"]
+    notes.append(f"exposure per point is not stored; assuming the {measured_s:g} s of the measurement spread evenly")
+    return counts, np.full((rows, cols), measured_s / (rows * cols)), notes
+
+
+def _row(path: Path, blocks: list[_Block]) -> tuple[npt.NDArray[Any], npt.NDArray[np.float64], list[str]]:
+    """Every curve as a point: counts (1, N, T), exposures (1, N), and what was assumed."""
+    curves = [block.counts.reshape(-1, block.counts.shape[-1]) for block in blocks]
+    lengths = {each.shape[1] for each in curves}
+    if len(lengths) > 1:
+        raise InvalidData(f"{path}: its curves have {', '.join(map(str, sorted(lengths)))} bins. Save one kind a file.")
+    counts = np.concatenate(curves)[None]
+    if counts.nbytes > MAX_BYTES:
+        raise InvalidData(f"{path}: states {counts.shape[1]} curves, beyond {MAX_BYTES >> 30} GiB")
+    exposure_s = np.repeat([block.measured_s for block in blocks], [len(each) for each in curves])[None]
+    if not exposure_s.all():
+        return counts, np.ones(counts.shape[:2]), ["exposure is not stored; assuming 1 s per point"]
+    return counts, exposure_s, []

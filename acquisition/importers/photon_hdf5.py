@@ -1,0 +1,223 @@
+"""Photon-HDF5: single photons with their delays, as one histogram, as one a spot, or sorted into the points of a scan.
+
+Format: Ingargiola et al., "Photon-HDF5: an open file format for timestamp-based single-molecule fluorescence
+experiments" (Biophys. J. 110, 2016), version 0.5. It has marks but no word for what they divide; where `phconvert` made
+a file of a PicoQuant scan, the instrument's own tags lie beside the photons (/user/picoquant) and say it.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.given import NOTHING, Given, put_there
+from nlos.acquisition.importers.imported import MOST_POINTS, ImportedScan
+from nlos.acquisition.importers.marked_lines import marked_lines
+from nlos.acquisition.importers.raw_histograms import raw_scan
+from nlos.acquisition.importers.untrusted_hdf5 import (
+    MAX_BYTES,
+    find_dataset,
+    needed_dataset,
+    needed_number,
+    open_hdf5,
+    read_array,
+)
+
+_TAGS = "user/picoquant/tags"
+_IMAGE = 3
+"""What PicoQuant's Measurement_SubMode and ImgHdr_Dimensions say of an image."""
+_MOST_BINS = 1 << 20
+_MOST_SPOTS = 4096
+
+Integers = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class _Photons:
+    """One `photon_data` group: a spot's photons, and the marks among them."""
+
+    times: Integers  # (P,) in units of `clock_s`
+    delays: Integers  # (P,) in bins
+    mark_times: Integers  # (M,) rising
+    mark_bits: Integers  # (M,) which inputs saw an edge
+    bin_width_s: float
+    clock_s: float
+    detectors: int
+
+
+@dataclass(frozen=True)
+class _Image:
+    """How the instrument's tags divide photons into points; `start`, `stop`, `frame` are bits of marks."""
+
+    rows: int
+    cols: int
+    start: int
+    stop: int
+    frame: int
+    two_ways: bool
+
+
+def is_photon_hdf5(file: h5py.File) -> bool:
+    """Whether an HDF5 file says that it is Photon-HDF5, or is laid out like it."""
+    said = file.attrs.get("format_name")
+    if isinstance(said, bytes | str) and said in (b"Photon-HDF5", "Photon-HDF5"):
+        return True
+    return bool({"photon_data", "photon_data0"} & set(file.keys()))
+
+
+def read_photon_hdf5(path: Path, given: Given = NOTHING) -> ImportedScan:
+    """Reads photons as a scan: an image where marks divide them, else a point for each spot. Raises `InvalidData`."""
+    with open_hdf5(path) as file:
+        spots = [_photons(file, group, given) for group in _groups(file)]
+        image = _image(file, marks=sum(len(spot.mark_times) for spot in spots))
+        duration = find_dataset(file, "acquisition_duration")
+        duration_s = 0.0 if duration is None else needed_number(file, "acquisition_duration")
+    if len({spot.bin_width_s for spot in spots}) > 1:
+        raise InvalidData(f"{path}: its spots have bins of different widths. Save one spot a file.")
+    notes = []
+    if (detectors := sum(spot.detectors for spot in spots)) > len(spots):
+        notes.append(f"photons of {detectors} detectors are added up")
+    if image is not None and len(spots) == 1:
+        counts, exposure_s = _sorted(path, spots[0], image)
+        notes.append("photons between lines are not points of the scan and are not imported")
+    else:
+        spot_of = np.repeat(np.arange(len(spots)), [len(spot.delays) for spot in spots])
+        delays = np.concatenate([spot.delays for spot in spots])
+        counts = _histograms(path, spot_of, delays, (len(spots), int(delays.max()) + 1))[None]
+        exposure_s = np.full(counts.shape[:2], duration_s if duration_s > 0 else 1.0)
+        notes.append("arrival times since the start and marks are not imported")
+        if not duration_s > 0:
+            notes.append("acquisition_duration is not stored; assuming 1 s per point")
+    return raw_scan(counts, exposure_s, spots[0].bin_width_s, "Photon-HDF5", tuple(notes), str(path))
+
+
+def _groups(file: h5py.File) -> list[str]:
+    """`photon_data`, or `photon_data0`, `photon_data1`, ... of several spots."""
+    names = set(file.keys())
+    if "photon_data" in names:
+        return ["photon_data"]
+    groups: list[str] = []
+    while (name := f"photon_data{len(groups)}") in names and len(groups) < _MOST_SPOTS:
+        groups.append(name)
+    if not groups:
+        raise InvalidData(f"{file.filename}: is Photon-HDF5, but holds no photons (no group photon_data)")
+    return groups
+
+
+def _photons(file: h5py.File, group: str, given: Given) -> _Photons:
+    if find_dataset(file, f"{group}/nanotimes") is None:
+        raise InvalidData(
+            f"{file.filename}: {group}/nanotimes: is missing: photons without their delay after the laser pulse make "
+            "no histograms. Convert a measurement that was timed against the laser (TCSPC, T3)."
+        )
+    if given.bin_width_s is None and find_dataset(file, f"{group}/nanotimes_specs/tcspc_unit") is None:
+        raise InvalidData(
+            f"{file.filename}: {group}/nanotimes_specs/tcspc_unit: is missing. {put_there('--bin-width-ps PS')}"
+        )
+    width_s = given.bin_width_s or needed_number(file, f"{group}/nanotimes_specs/tcspc_unit")
+    times, delays = _integers(file, f"{group}/timestamps"), _integers(file, f"{group}/nanotimes")
+    stored = find_dataset(file, f"{group}/detectors")
+    detectors = np.zeros_like(times) if stored is None else _integers(file, f"{group}/detectors")
+    if not len(times) == len(delays) == len(detectors):
+        raise InvalidData(
+            f"{file.filename}: {group}: has {len(times)} timestamps, {len(delays)} nanotimes and {len(detectors)} "
+            "detectors; one of each photon is expected"
+        )
+    marks = np.isin(detectors, _mark_ids(file, group))
+    clock_s = needed_number(file, f"{group}/timestamps_specs/timestamps_unit")
+    delays = delays[~marks]
+    stated = find_dataset(file, f"{group}/nanotimes_specs/tcspc_num_bins")
+    bins = _MOST_BINS if stated is None else needed_number(file, f"{group}/nanotimes_specs/tcspc_num_bins")
+    if not delays.size:
+        raise InvalidData(f"{file.filename}: {group}: holds no photons")
+    if delays.min() < 0 or delays.max() >= min(bins, _MOST_BINS):
+        raise InvalidData(
+            f"{file.filename}: {group}/nanotimes: from {delays.min()} to {delays.max()}, beyond its {bins:g} bins"
+        )
+    order = np.argsort(times[marks], kind="stable")
+    bits = _without_top_bit(detectors[marks][order])
+    kinds = len(np.unique(detectors[~marks]))
+    return _Photons(times[~marks], delays, times[marks][order], bits, width_s, clock_s, kinds)
+
+
+def _mark_ids(file: h5py.File, group: str) -> Integers:
+    """The "detectors" that are inputs for marks."""
+    found: list[Integers] = []
+    while find_dataset(file, name := f"{group}/measurement_specs/detectors_specs/non_photon_id{len(found) + 1}"):
+        found.append(_integers(file, name))
+    return np.concatenate(found) if found else np.zeros(0, np.int64)
+
+
+def _without_top_bit(ids: Integers) -> Integers:
+    """A mark's bits: `phconvert` puts them below a bit that no detector has."""
+    return ids - (1 << np.log2(np.maximum(ids, 1)).astype(np.int64))
+
+
+def _integers(file: h5py.File, name: str) -> Integers:
+    dataset = needed_dataset(file, name)
+    if dataset.dtype.kind not in "ui":
+        raise InvalidData(f"{file.filename}: {name}: holds {dataset.dtype}; whole numbers are expected")
+    return read_array(dataset, 1).astype(np.int64)
+
+
+def _image(file: h5py.File, marks: int) -> _Image | None:
+    """How the photons are divided into points; None where they are of one point. Raises `InvalidData` where marks
+    divide them and nothing says how."""
+
+    def tag(name: str) -> int | None:
+        place = f"{_TAGS}/{name}/value"
+        value = None if find_dataset(file, place) is None else needed_number(file, place)
+        return int(value) if value is not None and abs(value) < 1 << 31 else None
+
+    if (mode := tag("Measurement_SubMode")) != _IMAGE:
+        if mode is None and marks:
+            raise InvalidData(
+                f"{file.filename}: holds {marks} marks, and nothing says how they divide a scan into points (the tags "
+                f"ImgHdr_PixX, ... in /{_TAGS}). Import the instrument's own file instead (PTU, SDT)."
+            )
+        return None
+    rows, cols = tag("ImgHdr_PixY") or 0, tag("ImgHdr_PixX") or 0
+    if tag("ImgHdr_Dimensions") not in (None, _IMAGE) or tag("ImgHdr_SinCorrection"):
+        raise InvalidData(
+            f"{file.filename}: is a line scan, or one of a resonant mirror; images of even lines are read"
+        )
+    if not (rows > 0 and cols > 0 and rows * cols <= MOST_POINTS):
+        raise InvalidData(f"{file.filename}: {_TAGS}: state an image of {rows} x {cols} points")
+    inputs = [tag(f"ImgHdr_{name}") or 0 for name in ("LineStart", "LineStop", "Frame")]
+    if not all(0 <= number <= 8 for number in inputs):
+        raise InvalidData(f"{file.filename}: {_TAGS}: state marks at inputs {inputs}")
+    start, stop, frame = (1 << (number - 1) if number else 0 for number in inputs)
+    return _Image(rows, cols, start, stop, frame, bool(tag("ImgHdr_BiDirect")))
+
+
+def _sorted(path: Path, photons: _Photons, image: _Image) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.float64]]:
+    """Counts (H, W, T) and exposures (H, W) of an image. Raises `InvalidData` where its lines are not as stated."""
+    starts, stops, frames = (
+        photons.mark_times[photons.mark_bits & bit > 0] for bit in (image.start, image.stop, image.frame)
+    )
+    lines = marked_lines(starts, stops, frames)
+    if not lines.row.size or lines.row.max() >= image.rows:
+        most = lines.row.max() + 1 if lines.row.size else 0
+        raise InvalidData(f"{path}: has {most} marked lines in a frame; its tags state {image.rows}")
+    point, within = lines.points(photons.times, image.cols, image.two_ways)
+    delays = photons.delays[within]
+    if not delays.size:
+        raise InvalidData(f"{path}: holds no photons within its lines")
+    counts = _histograms(path, point, delays, (image.rows * image.cols, int(delays.max()) + 1))
+    exposure_s = lines.dwell(image.rows, image.cols) * photons.clock_s
+    return counts.reshape(image.rows, image.cols, -1), exposure_s
+
+
+def _histograms(
+    path: Path, point: npt.NDArray[np.integer], delays: Integers, shape: tuple[int, int]
+) -> npt.NDArray[np.uint32]:
+    """Histograms (points, T) of that shape, of photons that belong to `point` each."""
+    points, bins = shape
+    if points * bins * 4 > MAX_BYTES:
+        raise InvalidData(f"{path}: states {points} points of {bins} bins, beyond {MAX_BYTES >> 30} GiB")
+    counts = np.zeros(shape, np.uint32)
+    np.add.at(counts, (point, delays), 1)
+    return counts

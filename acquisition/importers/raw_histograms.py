@@ -1,0 +1,35 @@
+"""Raw histograms of a file that knows neither the wall nor when light arrived there, as a scan."""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
+
+NO_WALL = "the wall's size is not stored; assuming 1 m x 1 m"
+
+
+def raw_scan(
+    counts: npt.NDArray[Any],
+    exposure_s: npt.NDArray[np.float64],
+    bin_width_s: float,
+    name: str,
+    notes: tuple[str, ...],
+    where: str,
+) -> ImportedScan:
+    """Histograms (H, W, T) with exposures (H, W) on a wall of unknown size. Raises `InvalidData`, naming the file
+    `where`, for a bin width that no instrument has."""
+    rows, cols, bins = counts.shape
+    if not 1e-13 <= bin_width_s <= 1e-6:
+        raise InvalidData(f"{where}: states a bin width of {bin_width_s:g} s; expected 1e-13 to 1e-6 s")
+    transient = Transient(
+        np.ascontiguousarray(np.moveaxis(counts, 2, 0), dtype=np.float32),
+        exposure_s,
+        WallGrid(1.0, 1.0, rows, cols),
+        TimeAxis(bins, bin_width_s),
+    )
+    return ImportedScan(transient, name, rectified=False, wall_known=False, notes=(NO_WALL, *notes))

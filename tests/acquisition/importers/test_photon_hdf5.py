@@ -1,0 +1,170 @@
+"""Photon-HDF5, as `phconvert` writes it and as its reference lays it out: every photon in its point and bin."""
+
+import gzip
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.formats import read_any
+from nlos.acquisition.importers.given import Given
+
+BY_PHCONVERT = Path(__file__).with_name("phconvert_scan.h5.gz")
+"""30 points of `kinds_of_files`, counts over 20, as PTU by ptufile 2026.2.6, converted by phconvert 0.10.2."""
+TAGS = "user/picoquant/tags"
+UNIT_S, BIN_S = 1e-7, 16e-12
+
+
+@pytest.fixture
+def converted(tmp_path: Path) -> Path:
+    path = tmp_path / "scan.h5"
+    path.write_bytes(gzip.decompress(BY_PHCONVERT.read_bytes()))
+    return path
+
+
+def by_numpy(path: Path) -> np.ndarray:
+    """The histograms of the same photons: a line's time in equal parts, in plain steps."""
+    with h5py.File(path) as file:
+        group = file["photon_data"]
+        times, delays, detectors = (group[name][:] for name in ("timestamps", "nanotimes", "detectors"))
+        rows, cols = (int(file[f"{TAGS}/ImgHdr_Pix{axis}/value"][()]) for axis in "YX")
+    counts = np.zeros((rows, cols, int(delays.max()) + 1))
+    for row, (start, stop) in enumerate(zip(times[detectors == 65], times[detectors == 66], strict=True)):
+        edges = start + (stop - start) / cols * np.arange(cols + 1)
+        for col in range(cols):
+            mine = (detectors == 0) & (times >= edges[col]) & (times < edges[col + 1])
+            counts[row, col] = np.bincount(delays[mine], minlength=counts.shape[2])
+    return counts
+
+
+def test_a_scan_by_phconvert_has_every_photon_in_its_point_and_bin(converted: Path) -> None:
+    scan = read_any(converted)
+    assert np.array_equal(np.moveaxis(scan.transient.counts, 0, 2), by_numpy(converted))
+    assert float(scan.transient.counts.sum()) == 16_991
+    assert scan.transient.time.bin_width_s == pytest.approx(32e-12)
+    assert scan.transient.exposure_s == pytest.approx(np.full((6, 5), 200e-6))
+    assert not scan.wall_known
+    assert not scan.rectified
+
+
+def test_frames_are_added_up_and_lines_drawn_backwards_are_turned(converted: Path) -> None:
+    once = read_any(converted)
+    with h5py.File(converted, "r+") as file:
+        group = file["photon_data"]
+        last = int(group["timestamps"][-1]) + 1
+        for name in ("timestamps", "nanotimes", "detectors"):
+            twice = np.concatenate([group[name][:], group[name][:] + (last if name == "timestamps" else 0)])
+            del group[name]
+            group[name] = twice
+        file[f"{TAGS}/ImgHdr_BiDirect/value"][()] = 1
+    both = read_any(converted).transient
+    expected = once.transient.counts.copy()
+    expected[:, 1::2] = expected[:, 1::2, ::-1]
+    assert np.array_equal(both.counts, 2 * expected)
+    assert both.exposure_s == pytest.approx(2 * once.transient.exposure_s)
+
+
+def test_a_scan_that_was_broken_off_keeps_its_whole_lines(converted: Path) -> None:
+    whole = read_any(converted).transient
+    with h5py.File(converted, "r+") as file:
+        group = file["photon_data"]
+        fourth = int(np.flatnonzero(group["detectors"][:] == 65)[3])
+        for name in ("timestamps", "nanotimes", "detectors"):
+            kept = group[name][: fourth + 40]
+            del group[name]
+            group[name] = kept
+    part = read_any(converted).transient
+    assert np.array_equal(part.counts[:, :3], whole.counts[: part.counts.shape[0], :3])
+    assert not part.counts[:, 3:].any()
+    assert (part.exposure_s[:3] > 0).all()
+    assert not part.exposure_s[3:].any()
+
+
+def write(path: Path, spots: int = 0, **changes: Any) -> Path:
+    """Photons as the reference lays them out; `changes`: name in photon_data -> value, None for none."""
+    rng = np.random.default_rng(0)
+    with h5py.File(path, "w") as file:
+        file.attrs.update({"format_name": np.bytes_("Photon-HDF5"), "format_version": np.bytes_("0.5")})
+        file["acquisition_duration"] = 2.0
+        for spot in range(spots) if spots else ("",):
+            values: dict[str, Any] = {
+                "timestamps": np.sort(rng.integers(0, 2**40, 500)),
+                "nanotimes": rng.integers(0, 512, 500).astype(np.uint16),
+                "detectors": np.zeros(500, np.uint8),
+                "timestamps_specs/timestamps_unit": UNIT_S,
+                "nanotimes_specs/tcspc_unit": BIN_S,
+                "nanotimes_specs/tcspc_num_bins": 4096,
+            } | changes
+            for name, value in values.items():
+                if value is not None:
+                    file[f"photon_data{spot}/{name}"] = value
+    return path
+
+
+def test_photons_of_one_spot_are_one_histogram(tmp_path: Path) -> None:
+    path = write(tmp_path / "one.h5", detectors=np.arange(500).astype(np.uint8) % 2)
+    scan = read_any(path)
+    with h5py.File(path) as file:
+        expected = np.bincount(file["photon_data/nanotimes"][:])
+    assert np.array_equal(scan.transient.counts[:, 0, 0], expected)
+    assert scan.transient.exposure_s.tolist() == [[2.0]]
+    assert "photons of 2 detectors are added up" in scan.notes
+
+
+def test_several_spots_are_a_row_of_points(tmp_path: Path) -> None:
+    path = write(tmp_path / "spots.h5", spots=3)
+    scan = read_any(path)
+    with h5py.File(path) as file:
+        for spot in range(3):
+            expected = np.bincount(file[f"photon_data{spot}/nanotimes"][:], minlength=scan.transient.time.bins)
+            assert np.array_equal(scan.transient.counts[:, 0, spot], expected)
+
+
+def test_what_the_file_does_not_say_the_user_says(tmp_path: Path) -> None:
+    path = write(tmp_path / "one.h5", **{"nanotimes_specs/tcspc_unit": None})
+    with pytest.raises(InvalidData, match=r"tcspc_unit.*--bin-width-ps"):
+        read_any(path)
+    assert read_any(path, Given(bin_width_s=BIN_S)).transient.time.bin_width_s == BIN_S
+
+
+MARKS = "measurement_specs/detectors_specs/non_photon_id1"
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"nanotimes": None}, "nanotimes: is missing: photons without their delay"),
+        ({"nanotimes": np.zeros(400, np.uint16)}, "400 nanotimes"),
+        ({"nanotimes": np.full(500, 5000)}, "beyond its 4096 bins"),
+        ({"nanotimes": np.zeros(500)}, "whole numbers"),
+        ({"timestamps_specs/timestamps_unit": None}, "timestamps_unit"),
+        ({"detectors": np.arange(500) % 3, MARKS: np.array([2])}, "166 marks, and nothing says how they divide"),
+        ({"detectors": np.full(500, 2), MARKS: np.array([2])}, "holds no photons"),
+    ],
+)
+def test_what_makes_no_histograms_is_refused_by_name(tmp_path: Path, changes: dict[str, Any], named: str) -> None:
+    with pytest.raises(InvalidData, match=f"one.h5.*{named}"):
+        read_any(write(tmp_path / "one.h5", **changes))
+
+
+@pytest.mark.parametrize(
+    ("tag", "value", "named"),
+    [("ImgHdr_PixX", 0, "0 points"), ("ImgHdr_PixY", 4, "6 marked lines in a frame; its tags state 4"),
+     ("ImgHdr_LineStop", 77, "marks at inputs"), ("ImgHdr_SinCorrection", 80, "resonant"),
+     ("ImgHdr_LineStart", 4, "0 marked lines")],
+)  # fmt: skip
+def test_an_image_whose_tags_do_not_fit_is_refused(converted: Path, tag: str, value: int, named: str) -> None:
+    with h5py.File(converted, "r+") as file:
+        file[f"{TAGS}/{tag}/value"][()] = value
+    with pytest.raises(InvalidData, match=named):
+        read_any(converted)
+
+
+@pytest.mark.parametrize("keep", [100, 3000, 60_000, -1])
+def test_truncated_files_are_refused(converted: Path, keep: int) -> None:
+    converted.write_bytes(converted.read_bytes()[:keep])
+    with pytest.raises(InvalidData, match=r"scan\.h5"):
+        read_any(converted)
