@@ -14,6 +14,7 @@ from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings
 from nlos.recon import parts
 from nlos.recon.errors import ReconstructionFailed
+from nlos.recon.layers.placed import placed
 from nlos.recon.method import Method, MethodResult, sure, takes_response
 from nlos.recon.methods import find
 from nlos.recon.own_methods import defined_at, with_its_line
@@ -48,7 +49,7 @@ def see(
 
     `own_at`: `file:line: ` of a method of one's own, whose numbers are then looked at too.
     """
-    module = module.to(device)
+    module = placed(module, device)
     with torch.inference_mode():
         counts = torch.from_numpy(np.ascontiguousarray(transient.counts))[None, None].to(device)
         exposure_s = torch.from_numpy(np.ascontiguousarray(transient.exposure_s))[None].to(device)

@@ -10,11 +10,12 @@ class NewestVisits(Gathering):
 
     def add(self, sample: Sample) -> bool:
         """Takes one sample of the plan; False where that visit was in already."""
-        point = sample.point
+        point, histogram = sample.point, sample.histogram
         if self._have[point.number]:
             return False
+        self._have[point.number] = True
         place = point.row, point.col
-        self._counts[place] = 0
-        self._live_s[:, point.row, point.col] = 0
-        self.sync_count[place] = self.total_count[place] = 0
-        return super().add(sample)
+        self._counts[place] = histogram.counts
+        self._live_s[0, point.row, point.col] = self._unbiased_s(histogram)
+        self.sync_count[place], self.total_count[place] = histogram.sync_count, histogram.total_count
+        return True

@@ -14,6 +14,7 @@ from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.layers.counts import exposed
 from nlos.recon.layers.light_left_over import AROUND, CHANNELS, LightLeftOver
+from nlos.recon.layers.placed import placed
 from nlos.recon.layers.unet import UNet
 
 WIDTHS = (32, 48, 64)
@@ -57,7 +58,7 @@ class Refinement:
         """counts (B, 1, T, H, W), exposure (B, H, W), 0 = not measured, None for an even one, response (B, K) or None,
         picture (B, H, W) over its brightest point, depth (B, H, W) in wall widths -> picture and depth."""
         relative = exposed(counts, exposure).relative
-        correction, pictures, depths = self.correction.to(counts.device), [], []
+        correction, pictures, depths = placed(self.correction, counts.device), [], []
         for k in range(len(counts)):
             told = None if response is None else response[k]
             found = self.left_over(counts[k, 0], relative[k], albedo[k].clamp(0, 1), depth[k], told)

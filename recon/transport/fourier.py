@@ -80,13 +80,15 @@ def threads() -> int:
 
 
 def each(work: Callable[[T], None], items: Iterable[T], like: Array) -> None:
-    """work(item) for each: on as many threads as torch may use for NumPy arrays, in turn for tensors.
+    """work(item) for each: on as many threads as torch may use for NumPy arrays, in turn for tensors and where one thread
+    is all there is.
 
     The first error is raised.
     """
     ready = list(items)
-    if isinstance(like, np.ndarray):
-        with ThreadPoolExecutor(threads()) as pool:
+    workers = min(threads(), len(ready)) if isinstance(like, np.ndarray) else 1
+    if workers > 1:
+        with ThreadPoolExecutor(workers) as pool:
             for _ in counted(pool.map(work, ready), len(ready), "planes"):
                 pass
     else:

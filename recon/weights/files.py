@@ -8,6 +8,7 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -179,4 +180,12 @@ def goes_with(path: Path, weights: str) -> bool:
 
 def sha256_of(weights: str) -> str:
     """SHA-256 of the file that `weights` means. Raises WeightsError."""
-    return hashlib.sha256(find_weights(weights).read_bytes()).hexdigest()
+    path = find_weights(weights)
+    now = path.stat()
+    return _sha256(path, now.st_mtime_ns, now.st_size)
+
+
+@lru_cache(maxsize=16)
+def _sha256(path: Path, mtime_ns: int, size: int) -> str:
+    """Of a file as it was then: every picture says whose weights made it."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()

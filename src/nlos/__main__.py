@@ -36,6 +36,9 @@ def main() -> None:
     # PyTorch's threads wait for each other asleep, not spinning: a machine that scans has other things to do, and where
     # two of these threads share a core, spinning takes ten times as long as the work (decision 095).
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    # NumPy's and SciPy's OpenBLAS, each with threads of its own, hands out even matrices of 2 x 2, and spins meanwhile:
+    # a Delaunay mesh of a thousand points took 5 ms of one core, or seconds of two that were shared (decision 305).
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Nor do the children of this process, however a library starts them, import from the current folder.
     os.environ["PYTHONSAFEPATH"] = "1"
     outlive_terminal()

@@ -21,9 +21,11 @@ from nlos.film_memory import FilmMemory
 from nlos.live.film import LiveFilm
 from nlos.live.frames import Frames
 from nlos.live.pace import Pace
+from nlos.live.page import LivePage
 from nlos.live.scan import LiveScan
 from nlos.live.schedule import Schedule
 from nlos.live.steps import film_frames
+from nlos.live.web import Request
 from nlos.loaded import load_scan, loaded_frames
 from nlos.recon.live import LiveReconstruction
 from nlos.recon.over_time.half_grid import HalfGrid
@@ -111,6 +113,38 @@ def test_the_light_of_a_frame_is_that_of_the_film_made_afterwards(run: Path) -> 
             assert np.linalg.norm(shown - made) < 0.02 * np.linalg.norm(made)
             assert known.transient.exposure_s == pytest.approx(wanted.exposure_s, rel=0.02)
             assert frame or np.array_equal(known.transient.counts, wanted.counts)
+
+
+def test_who_has_all_pictures_of_a_growing_film_waits_for_the_next(run: Path, tmp_path: Path) -> None:
+    """But not a stranger, nor anybody once the film is over."""
+    grows, host = tmp_path / "grows.h5", "127.0.0.1:1"
+
+    def asks(made: int | str, token: str = "token", what: str = "state") -> bool:
+        return page.nothing_new(Request(f"/{token}/{what}", {"made": str(made)}, host))
+
+    with Recording.open(run) as recording:
+        plan, header, samples = recording.plan, recording.header, list(recording.samples())
+    with RecordingWriter.create(grows, plan, header) as writer:
+        for sample in samples[: len(samples) // 2]:
+            writer.write(sample)
+        writer.flush()
+        live = LiveScan(grows, [LiveReconstruction("lct")], constants=Path("none"))
+        page = LivePage([live], "token", {host})
+        live.start()
+        deadline_s = time.monotonic() + 60
+        while not (live.pictures and asks(live.pictures)):
+            assert time.monotonic() < deadline_s
+            time.sleep(0.02)
+        assert live.latest["lct"].samples == len(samples) // 2
+        assert not asks(live.pictures - 1)
+        assert not asks(live.pictures, token="other")
+        assert not asks(live.pictures, what="picture")
+        assert not page.nothing_new(Request("/token/state", {}, host))
+        for sample in samples[len(samples) // 2 :]:
+            writer.write(sample)
+    live.wait()
+    assert not asks(live.pictures)
+    live.stop(30)
 
 
 def made_along(run: Path, steps: int) -> Frames:

@@ -81,7 +81,7 @@ def live(
     if state is not None:
         scans[0].on_picture = lambda picture: write_state(state, picture)
     page = LivePage(scans, token, {f"127.0.0.1:{number}", f"localhost:{number}"})
-    server = WebServer(door, page)
+    server = WebServer(door, page, page.nothing_new)
 
     def ended(number: int, frame: FrameType | None) -> None:
         server.stop()

@@ -29,6 +29,17 @@ class ScanAnswers:
         """Makes no more frames."""
         self._frames.stop(wait_s)
 
+    @property
+    def made(self) -> int:
+        """Pictures so far."""
+        return self._scan.pictures
+
+    @property
+    def is_film_under_way(self) -> bool:
+        """Whether a picture of a film may come any moment."""
+        held = self._scan.gathered
+        return held is not None and held.film is not None and not (self._scan.over or self._scan.broke_off)
+
     def state(self) -> dict[str, Any]:
         """Where the scan stands: samples, rates, time left, what happens next, events."""
         scan, seen = self._scan, self._scan.seen

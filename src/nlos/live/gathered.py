@@ -58,6 +58,11 @@ class Gathered:
         return len(self.samples) if self.film is None else self.film.samples
 
     @property
+    def frames_over(self) -> int:
+        """Of a film: the number of frames that are over; else 0."""
+        return 0 if self.film is None else self.film.over + 1
+
+    @property
     def planned(self) -> int:
         """Samples of the whole scan."""
         return len(self.samples.plan)

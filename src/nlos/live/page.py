@@ -12,7 +12,7 @@ from typing import Any
 from nlos.live.admission import admitted, page_answer
 from nlos.live.answers import ScanAnswers
 from nlos.live.scan import LiveScan
-from nlos.live.web import Answer, Request
+from nlos.live.web import Answer, Refused, Request
 from nlos.recon.seen import DOUBTFUL, FAINT, FULL, SOLID
 
 STYLES = ("colours.css", "page.css")
@@ -44,6 +44,18 @@ class LivePage:
             return Answer(json.dumps(self._asked(what, request)).encode())
         except (KeyError, IndexError) as error:
             return Answer(json.dumps({"message": str(error.args[0])}).encode(), 404)
+
+    def nothing_new(self, request: Request) -> bool:
+        """Whether whoever asks for the `state` has all pictures there are: `made` says how many of each scan. Only of
+        films under way, where a picture in time is what it is about."""
+        known = request.query.get("made")
+        if known is None or not any(scan.is_film_under_way for scan in self._scans):
+            return False
+        try:
+            what = admitted(request, self._token, self._hosts)
+        except Refused:
+            return False
+        return what == "state" and known == ",".join(str(scan.made) for scan in self._scans)
 
     def _asked(self, what: str, request: Request) -> dict[str, Any]:
         query = request.query

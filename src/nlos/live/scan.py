@@ -139,9 +139,11 @@ class LiveScan:
         try:
             for sample in follow(self.run, patience_s=self.patience_s, look=self._look):
                 assert self.gathered is not None
+                over = self.gathered.frames_over
                 self.gathered.add(sample)
                 self._schedule.pace.saw(time.monotonic())
-                self._news.set()
+                if self.gathered.film is None or self.gathered.frames_over > over:
+                    self._news.set()  # of a film nothing is due in between, and to wake the painter takes time
                 if self._stopped.is_set():
                     return
         except (InvalidData, CalibrationError, StorageError, OSError) as error:
@@ -216,8 +218,9 @@ class LiveScan:
             self._say(f"no picture of {count} points yet: {error}")
             self._schedule.made(live.method, count, held.planned, time.monotonic() - began_s, held.growing)
             return
-        self.pictures, self.message = self.pictures + 1, ""
+        self.message = ""
         self._show(live, picture, self.on_picture)
+        self.pictures += 1  # whoever waits for that finds the picture
         self._schedule.made(live.method, count, held.planned, time.monotonic() - began_s, held.growing)
         self.coming = None
         if known.of_film is None or known.whole:  # after the picture, which nobody should have to wait for

@@ -21,6 +21,10 @@ THREADS = 3
 HEAD_BYTES = 8192
 HEAD_S = 10.0
 """How long a connection may take to ask (again)."""
+WAIT_S = 0.25
+"""How long an answer may wait for news: what comes without is as old as that at most."""
+NEWS_S = 0.01
+"""How often it is looked whether there is any."""
 WRITE_S = 20.0
 """How long a visitor may take to read an answer."""
 _REASONS = {200: "OK", 400: "Bad Request", 403: "Forbidden", 404: "Not Found", 405: "Method Not Allowed",
@@ -80,10 +84,16 @@ def parse(head: bytes) -> Request:
 
 
 class WebServer:
-    """Serves `answer` on `door` until `stop()`; `answer` is called in threads and may raise `Refused`."""
+    """Serves `answer` on `door` until `stop()`; `answer` is called in threads and may raise `Refused`. While
+    `nothing_new` says so of a request, its answer waits: for whoever would ask again and again."""
 
-    def __init__(self, door: socket.socket, answer: Callable[[Request], Answer]) -> None:
-        self._door, self._answer = door, answer
+    def __init__(
+        self,
+        door: socket.socket,
+        answer: Callable[[Request], Answer],
+        nothing_new: Callable[[Request], bool] = lambda request: False,
+    ) -> None:
+        self._door, self._answer, self._nothing_new = door, answer, nothing_new
         self._open: dict[asyncio.StreamWriter, float] = {}
         """Connections that wait for their visitor, to ask or to read -> since when."""
         self._count = 0
@@ -141,6 +151,9 @@ class WebServer:
         """Answers one request; whether the connection is kept."""
         try:
             request = parse(head[:-4])
+            until_s = time.monotonic() + WAIT_S
+            while self._nothing_new(request) and time.monotonic() < until_s and not self._stopping:
+                await asyncio.sleep(NEWS_S)
             answer = await asyncio.get_running_loop().run_in_executor(self._threads, self._answer, request)
         except Refused as refused:
             answer = Answer(b'{"message": "refused"}', refused.status)

@@ -57,7 +57,7 @@ function axes(g, frame, wall) {
   g.stroke(); g.save(); g.translate(bx - 40, by + bh / 2); g.rotate(-Math.PI / 2); g.textAlign = "center"; g.fillText("y (m)", 0, 0); g.restore();
 }
 function colourBar(g, x, y, h, low, high, colour, label) {
-  for (let i = 0; i < h; i++) { g.fillStyle = `rgb(${colour(1 - i / h).map(Math.round)})`; g.fillRect(x, y + i, 12, 1.5); }
+  const steps = Math.ceil(h); image(g, [], steps, 1, [x, y, 12, h], (_, i) => colour(1 - i / steps));
   g.strokeStyle = inks.dim; g.strokeRect(x - .5, y - .5, 13, h + 1); g.fillStyle = inks.dim; g.textAlign = "left"; g.textBaseline = "middle";
   const [marks, digits] = ticks(Math.min(low, high), Math.max(low, high), Math.max(4, h / 45));
   for (const v of marks) { const py = y + h * (1 - (v - low) / (high - low || 1)); g.fillText(fixed(v, digits), x + 17, py); }
@@ -65,7 +65,7 @@ function colourBar(g, x, y, h, low, high, colour, label) {
   g.save(); g.translate(x + 57, y + h / 2); g.rotate(-Math.PI / 2); g.textAlign = "center"; lines.forEach((line, i) => g.fillText(line, 0, 13 * i)); g.restore();
 }
 function flatBar(g, x, y, w, low, high, colour, label) {
-  for (let i = 0; i < w; i++) { g.fillStyle = `rgb(${colour(i / w).map(Math.round)})`; g.fillRect(x + i, y, 1.5, 12); }
+  const steps = Math.ceil(w); image(g, [], 1, steps, [x, y, w, 12], (_, i) => colour(i / steps));
   g.strokeStyle = inks.dim; g.strokeRect(x - .5, y - .5, w + 1, 13); g.fillStyle = inks.dim; g.textAlign = "center"; g.textBaseline = "top";
   const [marks, digits] = ticks(Math.min(low, high), Math.max(low, high), Math.max(2, w / 60));
   for (const v of marks) g.fillText(fixed(v, digits), x + w * (v - low) / (high - low || 1), y + 17);

@@ -7,14 +7,21 @@ function best(known) { // the newest picture of the best method that has one
   if (frame !== null) return known.frames[stepOf(known)] || null;
   const names = known.state.methods, wanted = method && names.includes(method) ? [method] : names.slice().reverse(); return wanted.map(m => known.pictures[m]).find(p => p) || null;
 }
-async function refresh(number, state) {
-  const known = scans[number] || (scans[number] = {pictures: {}, frames: [], frameRates: [], state, made: -1, frameSeen: [], asked: {}}); const before = known.state.samples; known.state = state;
+// Of a film under way pictures come many times a second: they are drawn as they come, and what is beside them a few times a second.
+const BESIDE_MS = 250;
+const underWay = state => state.film && !state.over && !state.lost;
+async function refresh(number, state) { // whether there is another picture
+  const known = scans[number] || (scans[number] = {pictures: {}, frames: [], frameRates: [], state, frameSeen: []}); let another = false; known.state = state;
   if (!known.plan && state.planned) {
     const p = await ask(`plan?scan=${number}`);
     if (p.places) { known.plan = {x: unpacked(p.x_m), y: unpacked(p.y_m), order: unpacked(p.order), wall: p.wall, grid: p.grid, start: p.start_ns, bin: p.bin_ns, window: p.window}; known.pitch = Math.sqrt(p.wall[0] * p.wall[1] / p.places); }
   }
-  if (state.samples && frame === null && (state.samples !== before || !known.rates || known.back)) { const r = await ask(`rates?scan=${number}`); known.back = false; if (r.rates_hz) { known.rates = unpacked(r.rates_hz); known.ratesOf = r.samples; } }
-  for (const m of state.methods) { const p = state.pictures[m]; if (p && (!known.pictures[m] || known.pictures[m].samples !== p.samples || (p.explained && !known.pictures[m].explained))) { const got = opened(await ask(`picture?scan=${number}&method=${m}`)); if (got) known.pictures[m] = got; } }
+  for (const m of state.methods) { const p = state.pictures[m]; if (p && (!known.pictures[m] || known.pictures[m].samples !== p.samples || (p.explained && !known.pictures[m].explained))) { const got = opened(await ask(`picture?scan=${number}&method=${m}`)); if (got) { known.pictures[m] = got; another = true; } } }
+  return another;
+}
+async function refreshBeside(number) {
+  const known = scans[number], state = known.state;
+  if (state.samples && frame === null && (state.samples !== known.ratesOf || !known.rates || known.back)) { const r = await ask(`rates?scan=${number}`); known.back = false; if (r.rates_hz) { known.rates = unpacked(r.rates_hz); known.ratesOf = r.samples; } }
   if (state.over && known.frameVersion !== state.frames_version) for (let k = 0; k < state.frames.length; k++) if (state.frames[k] && (known.frameSeen[k] || "") !== state.frames[k] + "/" + (state.frames_version > k + state.frames.length)) {
     const p = opened(await ask(`picture?scan=${number}&frame=${k}`)); if (p) known.frames[k] = {...p, frame: k}; const r = await ask(`rates?scan=${number}&frame=${k}`); if (r.rates_hz) known.frameRates[k] = unpacked(r.rates_hz); known.frameSeen[k] = state.frames[k] + "/" + (state.frames_version > k + state.frames.length); }
   known.frameVersion = state.frames_version;
@@ -27,8 +34,9 @@ function arrange() {
   const key = JSON.stringify(wanted); if (key === shape) return; shape = key;
   panels = wanted.map(([kind, scan]) => kind === "turn" ? new TurnPanel(scan) : new PicturePanel(kind, scan)); $("views").replaceChildren(...panels.map(p => p.box));
 }
-function draw() {
-  readInks(); arrange(); const pictures = scans.map(best), span = depthSpan(pictures), pair = pictures.slice(0, 2), sameWall = pair.length > 1 && pair.every(p => p) && String(pair[0].wall) === String(pair[1].wall);
+function draw() { readInks(); drawPictures(); drawBeside(); }
+function drawPictures() {
+  arrange(); const pictures = scans.map(best), span = depthSpan(pictures), pair = pictures.slice(0, 2), sameWall = pair.length > 1 && pair.every(p => p) && String(pair[0].wall) === String(pair[1].wall);
   const finest = sameWall && [0, 1].map(axis => Math.max(...pair.map(p => p.albedo.shape[axis]))), compare = sameWall && compared ? pair.map(p => onGrid(p, ...finest)) : [];
   const same = draw.span && Math.abs(draw.span[0] - span[0]) + Math.abs(draw.span[1] - span[1]) < 1e-9; if (!same) draw.span = span;
   for (const panel of panels) {
@@ -36,9 +44,11 @@ function draw() {
     panel.title.textContent = scans.length > 1 ? (against ? `${name}: ${scans[0].state.run} less ${scans[1].state.run}` : `${state.run}: ${panel.kind === "turn" ? name : name.toLowerCase()}`) : name + (panel.kind === "turn" ? "" : ", looking towards the wall");
     panel.empty.textContent = p ? "" : against && pictures.every(q => q) ? "these pictures are of walls of different sizes" : waitingFor(state); panel.box.classList.toggle("old", !!panel.isOld && panel.isOld(p)); panel.draw(p, panel.kind === "front" ? [0, 1] : panel.kind === "deeper" && p ? deeperSpan(...compare) : draw.span, compare[1]);
   }
+  const newest = pictures[0]; if (newest) document.body.dataset.picture = newest.samples, document.body.dataset.method = newest.method;
+}
+function drawBeside() {
   for (const known of scans) if (frame !== null && known.frameRates[stepOf(known)]) { known.rates = known.frameRates[stepOf(known)]; known.back = true; }
-  map.draw(); histogram.draw(); const newest = pictures[0]; if (newest) document.body.dataset.picture = newest.samples, document.body.dataset.method = newest.method;
-  $("method").lastElementChild.textContent = method ? `${method.toUpperCase()} only` : "best picture";
+  map.draw(); histogram.draw(); $("method").lastElementChild.textContent = method ? `${method.toUpperCase()} only` : "best picture";
 }
 function waitingFor(state) {
   if (state.message) return state.message; const c = state.coming; if (frame !== null) return "this part of the scan is being reconstructed";
@@ -75,14 +85,19 @@ function tell() {
   tellSlider(scans[0]);
   $("overlay").setAttribute("aria-pressed", overlaid); $("difference").setAttribute("aria-pressed", compared);
 }
-let busy = false, missed = 0, timer = 0;
+let busy = false, missed = 0, timer = 0, besideAt = -Infinity;
 async function tick() { // nothing is asked while nobody looks; whoever looks again is told at once
   clearTimeout(timer); if (busy || document.hidden) return; busy = true;
   try {
-    const got = await ask("state"); gone = false; missed = 0; for (let i = 0; i < got.scans.length; i++) await refresh(i, got.scans[i]);
-    if (frame === null) await histogram.ask(); tell(); draw();
+    const films = scans.some(s => underWay(s.state)), got = await ask(films ? `state?made=${scans.map(s => s.state.made)}` : "state"); gone = false; missed = 0; let another = false;
+    for (let i = 0; i < got.scans.length; i++) another = await refresh(i, got.scans[i]) || another;
+    if (films && another) drawPictures();
+    if (!films || performance.now() - besideAt >= BESIDE_MS) {
+      besideAt = performance.now(); for (let i = 0; i < scans.length; i++) await refreshBeside(i);
+      if (frame === null) await histogram.ask(); tell(); if (films && another) drawBeside(); else draw();
+    }
   } catch (error) { if (!(error instanceof TypeError || /^[45]/.test(error.message))) throw error; gone = ++missed >= 3; if (!gone) return; if (scans.length) tell(); else { $("status").textContent = "no answer; the viewer has ended"; banner({events: []}); } }
-  finally { busy = false; timer = setTimeout(tick, gone || (scans.length && scans.every(s => s.state.over && s.state.frames_version >= s.state.frames.length * s.state.methods.length)) ? 1500 : scans.some(s => s.state.film && !s.state.over) ? 40 : scans.some(s => s.state.coming && s.state.coming.making) ? 120 : 350); }
+  finally { busy = false; timer = setTimeout(tick, gone || (scans.length && scans.every(s => s.state.over && s.state.frames_version >= s.state.frames.length * s.state.methods.length)) ? 1500 : scans.some(s => underWay(s.state)) ? 5 : scans.some(s => s.state.coming && s.state.coming.making) ? 120 : 350); }
 }
 function look(view) { document.body.dataset.view = view; draw(); }
 function flip(name) { if (name === "overlay") overlaid = !overlaid; else compared = !compared; tell(); draw(); }
