@@ -80,20 +80,40 @@ class LiveReconstruction:
         return replace(picture, reconstruction=replace(picture.reconstruction, explained=share))
 
     def of_film(self, seen: HalfGrid, samples: int, falloff: int | None = None) -> LivePicture:
-        """The same of a frame, for speed on half the grid, without averages over mirror images, without a look at how
-        much light it explains, and told the response only where that is wider than a quarter of a cell."""
-        settings = self._set(falloff)
-        if "symmetries" in find(self.method).Settings.model_fields:
-            settings.setdefault("symmetries", False)
+        """The same of a frame of a film: see `made_of_film` and `judged_of_film`."""
+        return self.judged_of_film(seen, self.made_of_film(seen, falloff), samples)
+
+    def made_of_film(self, seen: HalfGrid, falloff: int | None = None, hurried: bool = False) -> Reconstruction:
+        """A picture of a frame on half the grid, for speed without averages over mirror images, without a look at how
+        much light it explains, in bfloat16 where the processor computes in it, and told the response only where that is
+        wider than a quarter of a cell; `hurried` without refinement too. May be asked for in several threads."""
         wall, response = seen.light.wall, seen.light.response
         cell_s = 2 * max(wall.width_m / wall.cols, wall.height_m / wall.rows) / SPEED_OF_LIGHT_M_PER_S
         told = response is not None and response.fwhm_s > cell_s / 4
         light = seen.light if told else replace(seen.light, response=None)
-        made = reconstruct(light, self.method, settings, self._device, explain=False)
+        return reconstruct(light, self.method, self._set_for_film(falloff, hurried), self._device, explain=False)
+
+    def get_ready_for_film(self, seen: HalfGrid, falloff: int | None = None, hurried: bool = False) -> None:
+        """Builds what `made_of_film` needs for such a frame. Raises as it does."""
+        get_ready(seen.light, self.method, self._set_for_film(falloff, hurried))
+
+    def judged_of_film(self, seen: HalfGrid, made: Reconstruction, samples: int) -> LivePicture:
+        """That picture on the whole grid, and how far it can be trusted; to be asked for in the order of the frames."""
         picture = self._judged(seen.light, made, samples)
         confidence = seen.enlarged(replace(made, confidence=picture.confidence)).confidence
         assert confidence is not None
         return replace(picture, reconstruction=seen.enlarged(made), confidence=confidence)
+
+    def _set_for_film(self, falloff: int | None, hurried: bool) -> dict[str, object]:
+        known = find(self.method).Settings.model_fields
+        quick: dict[str, object] = {"symmetries": False}
+        if "bfloat16" in known and self._device == "cpu":
+            from nlos.recon.layers.in_bfloat16 import bfloat16_is_fast
+
+            quick["bfloat16"] = bfloat16_is_fast()
+        if hurried:
+            quick["refine"] = False
+        return {name: value for name, value in quick.items() if name in known} | self._set(falloff)
 
     def _set(self, falloff: int | None) -> dict[str, object]:
         settings = dict(self.settings)

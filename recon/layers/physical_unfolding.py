@@ -19,9 +19,9 @@ MAPS = 2
 """Multipliers of a spectral update that follow the noise."""
 
 
-def small_conv(channels_in: int, channels_out: int, gain: float) -> nn.Conv3d:
+def small_conv(channels_in: int, channels_out: int, gain: float) -> SmallConv3d:
     """A 1x1x1 convolution whose initial kernel is scaled by `gain`: real mixing of channels."""
-    layer = nn.Conv3d(channels_in, channels_out, 1)
+    layer = SmallConv3d(channels_in, channels_out, 1)
     nn.init.kaiming_normal_(layer.weight, nonlinearity="linear")
     layer.weight.data.mul_(gain)
     nn.init.zeros_(layer.bias)  # type: ignore[arg-type]

@@ -15,6 +15,7 @@ from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.intervals import CalibratedHead, head_for, intervals_of
 from nlos.recon.layers.evidence import evidence
 from nlos.recon.layers.fine_detail import halves, holding, in_the_large, with_detail
+from nlos.recon.layers.in_bfloat16 import in_bfloat16
 from nlos.recon.layers.lifted_volumes import LiftedVolumes
 from nlos.recon.layers.light_cone_inverse import brightest
 from nlos.recon.layers.noise_level import NoiseLevel
@@ -83,6 +84,8 @@ class Settings(AnySettings):
     not the physics."""
     refine: bool = True
     """Hold the picture against the light that it was made from, and correct it; for the weights that ship."""
+    bfloat16: bool = False
+    """Convolutions in three dimensions in bfloat16, once trained: for films, where the processor multiplies in it."""
     stage: Literal["whole", "noise"] = "whole"
     """What is trained: the operator with frozen noise estimation, or noise estimation alone."""
 
@@ -296,6 +299,8 @@ def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
     if correction is not None:
         network.refinement = Refinement(correction, wall, time_axis, settings.falloff)
     network.halved = halves(network, wall, lambda coarser: build(settings, coarser, time_axis))
+    if settings.bfloat16:
+        in_bfloat16(network)
     for half in network.halved:
         half.head_of_intervals = None  # nobody asks how sure it is
     return network

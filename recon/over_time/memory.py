@@ -22,6 +22,8 @@ FASTEST_M_PER_S = 3.0
 LOOKS = 2
 """At every frame: the second time its own points are moved by the velocity that the first one found."""
 SETTLED_M_PER_S = 0.1
+LOOKED_AT = 4
+"""Of so many successive frames, how far photons let two looks agree is found for the first: their mean counts."""
 FORGOTTEN_S = 2.0
 """Light of what rests counts for a third after so long."""
 DISTRUST = 6.0
@@ -77,9 +79,11 @@ class LightMemory:
         while len(self._held) >= most:
             self._held.popleft()
         earlier = list(self._held)
+        repeats = earlier[-1][2].repeats if number % LOOKED_AT and earlier else None
         for _ in range(LOOKS):
             by_m = (frame.mean_s - frame.taken_s)[:, None] * self._velocity_m_per_s
-            seen = self._registration.seen(moved(frame, by_m, self._depth_m(), number))
+            seen = self._registration.seen(moved(frame, by_m, self._depth_m(), number), repeats)
+            repeats = seen.repeats
             self._held = deque([*earlier, (number, frame, seen)])
             for other, held, before in earlier[-LAGS:]:
                 most_m = FASTEST_M_PER_S * abs(frame.mean_s - held.mean_s)

@@ -48,18 +48,24 @@ class Registration:
         depth_m = self._time.bin_width_s * SPEED_OF_LIGHT_M_PER_S / 2
         self._cell_m = np.array([wall.width_m / cols, -wall.height_m / rows, depth_m])  # x, y, z
 
-    def seen(self, points: Moments) -> Seen:
-        """What these points show."""
-        rng = np.random.default_rng(len(points.x_m))
-        drawn = rng.binomial(np.rint(np.maximum(points.counts, 0)).astype(np.int64), 0.5).astype(np.float32)
-        counts, half = (self._on_grid(replace(points, counts=each)) for each in (points.counts, drawn))
-        parts = [self._volume(each) for each in (half, counts - half)]
-        norm = float(np.sqrt((parts[0] ** 2).sum() * (parts[1] ** 2).sum()))
-        halves = max(float((parts[0] * parts[1]).sum()) / norm, 0.0) if norm > 0 else 0.0
+    def seen(self, points: Moments, repeats: float | None = None) -> Seen:
+        """What these points show; `repeats` where it is known from another look at them."""
+        counts = self._on_grid(points)
+        repeats = self._repeats(points, counts) if repeats is None else repeats
         volume = self._volume(counts) / max(float(points.exposure_s.sum()), 1e-30)
         power = np.maximum(volume, 0.0).astype(np.float64).sum(axis=(1, 2)) ** 2
         depth_m = float(np.average(self._invert.depths_m, weights=power)) if power.any() else 0.0
-        return Seen(rfftn(volume), float((volume**2).sum()), depth_m, 2 * halves / (1 + halves))
+        return Seen(rfftn(volume), float((volume**2).sum()), depth_m, repeats)
+
+    def _repeats(self, points: Moments, counts: npt.NDArray[np.float32]) -> float:
+        """See `Seen`; `counts` (T, H, W) are those of the points on the grid."""
+        rng = np.random.default_rng(len(points.x_m))
+        drawn = rng.binomial(np.rint(np.maximum(points.counts, 0)).astype(np.int64), 0.5).astype(np.float32)
+        half = self._on_grid(replace(points, counts=drawn))
+        one, other = (self._volume(each) for each in (half, counts - half))
+        norm = float(np.sqrt((one**2).sum() * (other**2).sum()))
+        halves = max(float((one * other).sum()) / norm, 0.0) if norm > 0 else 0.0
+        return 2 * halves / (1 + halves)
 
     @property
     def cell_m(self) -> float:

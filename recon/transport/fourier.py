@@ -9,8 +9,9 @@ here is recorded by autograd: `linear.py` gives whole operators their gradient.
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -67,9 +68,30 @@ def empty(x: Array, shape: tuple[int, ...], complex_: bool = False) -> Array:
     return x.new_empty(shape, dtype=x.dtype.to_complex() if complex_ else x.dtype)
 
 
+_own = threading.local()
+
+
+@contextmanager
+def on_one_core() -> Iterator[None]:
+    """While the block lasts, this thread computes alone: others have the other cores."""
+    torch = sys.modules.get("torch")
+    shared = torch.get_num_threads() if torch is not None else 0
+    before, _own.alone = getattr(_own, "alone", False), True
+    if torch is not None and shared > 1:
+        torch.set_num_threads(1)  # of this thread, and of those that begin from now on
+    try:
+        yield
+    finally:
+        _own.alone = before
+        if torch is not None and shared > 1:
+            torch.set_num_threads(shared)
+
+
 def threads() -> int:
     """As many as torch may use; without torch what `OMP_NUM_THREADS` says, as torch takes it, else a thread for every
     processor of this process."""
+    if getattr(_own, "alone", False):
+        return 1
     torch = sys.modules.get("torch")
     if torch is not None:
         return int(torch.get_num_threads())
@@ -80,8 +102,7 @@ def threads() -> int:
 
 
 def each(work: Callable[[T], None], items: Iterable[T], like: Array) -> None:
-    """work(item) for each: on as many threads as torch may use for NumPy arrays, in turn for tensors and where one thread
-    is all there is.
+    """work(item) for each: on as many threads as torch may use for NumPy arrays; in turn for tensors, or on one thread.
 
     The first error is raised.
     """

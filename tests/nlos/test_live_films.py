@@ -10,7 +10,7 @@ import pytest
 
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording.provenance import Header
-from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.engine import record, scan
 from nlos.acquisition.scanning.newest_visits import NewestVisits
@@ -20,6 +20,7 @@ from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.film_memory import FilmMemory
 from nlos.live.film import LiveFilm
 from nlos.live.frames import Frames
+from nlos.live.gathered import nothing_yet
 from nlos.live.pace import Pace
 from nlos.live.page import LivePage
 from nlos.live.scan import LiveScan
@@ -113,6 +114,82 @@ def test_the_light_of_a_frame_is_that_of_the_film_made_afterwards(run: Path) -> 
             assert np.linalg.norm(shown - made) < 0.02 * np.linalg.norm(made)
             assert known.transient.exposure_s == pytest.approx(wanted.exposure_s, rel=0.02)
             assert frame or np.array_equal(known.transient.counts, wanted.counts)
+
+
+@pytest.mark.parametrize("cores", [1, 2])
+def test_every_frame_in_passing_is_shown_as_it_would_be_alone(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cores: int
+) -> None:
+    """On one core, and by several pictures at a time on two."""
+    monkeypatch.setattr("nlos.live.scan.threads", lambda: cores)
+    grows, shown, wanted = tmp_path / "grows.h5", {}, {}
+    with Recording.open(run) as recording:
+        samples, each = list(recording.samples()), len(recording) // FRAMES
+        held = nothing_yet(recording, Path("none"), AUTO, False, print)
+        writer = RecordingWriter.create(grows, recording.plan, recording.header)
+    alone, live = LiveReconstruction("lct"), LiveScan(grows, [LiveReconstruction("lct")], constants=Path("none"))
+    live.start()
+    for frame in range(FRAMES):
+        for sample in samples[frame * each : (frame + 1) * each]:
+            writer.write(sample)
+            held.add(sample)
+        writer.flush()
+        if frame < PARTS - 1 or frame == FRAMES - 1:
+            continue  # before the first whole scan, and the last one, which knows that no more will come
+        known = held.calibrated(False)
+        assert known.of_film is not None
+        wanted[frame] = alone.of_film(known.of_film, known.samples, known.falloff)
+        deadline_s = time.monotonic() + 60
+        while not (live.latest and live.latest["lct"].samples == known.samples):
+            assert time.monotonic() < deadline_s
+            time.sleep(0.01)
+        shown[frame] = live.latest["lct"]
+    writer.finish(Status.COMPLETE)
+    live.wait()
+    live.stop(30)
+    assert live.gathered is not None
+    assert live.gathered.film is not None
+    assert (live.gathered.film.dropped, live.pictures) == (0, FRAMES - PARTS + 1)
+    for frame, picture in shown.items():
+        assert np.array_equal(picture.reconstruction.albedo, wanted[frame].reconstruction.albedo)
+        assert np.array_equal(picture.reconstruction.depth_m, wanted[frame].reconstruction.depth_m, equal_nan=True)
+        assert np.array_equal(picture.confidence, wanted[frame].confidence)
+        assert (picture.change, picture.reconstruction.scan) == (wanted[frame].change, "grows.h5")
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_fault_of_ours_in_a_picture_made_aside_is_told_and_ends_the_pictures(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("nlos.live.scan.threads", lambda: 2)
+    monkeypatch.setattr(LiveReconstruction, "made_of_film", lambda *given: 1 // 0)
+    grows = tmp_path / "grows.h5"
+    with Recording.open(run) as recording:
+        samples = list(recording.samples())
+        writer = RecordingWriter.create(grows, recording.plan, recording.header)
+    live = LiveScan(grows, [LiveReconstruction("lct")], constants=Path("none"))
+    live.start()
+    for sample in samples[:-1]:
+        writer.write(sample)
+    writer.flush()
+    deadline_s = time.monotonic() + 60
+    while not live.broke_off:
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
+    writer.finish(Status.INTERRUPTED)
+    live.stop(30)
+    assert "because of a bug" in live.message
+
+
+def test_a_picture_in_a_hurry_is_not_refined_and_what_was_asked_for_is_kept(run: Path) -> None:
+    light = HalfGrid(load_scan(run).transient, load_scan(run).transient.wall)
+    live = LiveReconstruction("nano")
+    usual, hurried = (live.made_of_film(light, hurried=each).settings for each in (False, True))
+    assert (usual["symmetries"], usual["refine"]) == (False, True)
+    assert hurried == usual | {"refine": False}
+    assert LiveReconstruction("nano", {"symmetries": True, "refine": True}).made_of_film(
+        light, hurried=True
+    ).settings == (usual | {"symmetries": True})
 
 
 def test_who_has_all_pictures_of_a_growing_film_waits_for_the_next(run: Path, tmp_path: Path) -> None:
@@ -220,12 +297,12 @@ def test_frames_that_wait_for_too_long_are_dropped_and_late_points_are_too_late(
         assert live.calibrated(True, lambda: load_scan(run)).samples == 2 * each
         light = HalfGrid(load_scan(run).transient, recording.plan.wall)
         picture = LiveReconstruction("lct").of_film(light, 1).reconstruction
-        live.shown(picture)
+        assert live.shown(picture, live.newest) == 0
         assert (live.shown_frame, live.dropped) == (1, 0)
         for sample in samples[2 * each : 5 * each]:
             live.add(sample)
         assert live.calibrated(False, lambda: load_scan(run)).samples == 5 * each
-        live.shown(picture)
+        assert live.shown(picture, live.newest) == 2
         assert (live.shown_frame, live.dropped) == (4, 2)
 
 

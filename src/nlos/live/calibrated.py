@@ -29,6 +29,8 @@ class Calibrated:
     zero: TimeZero
     of_film: "HalfGrid | None" = None
     """The same, where it is a frame of a film."""
+    frame: tuple[int, float] = (-1, 0.0)
+    """Which one, and the mean moment of its exposure."""
 
 
 def calibrated(

@@ -38,6 +38,7 @@ def described(picture: "LivePicture") -> dict[str, Any]:
         "error": picture.error,
         "bound": picture.bound,
         "seconds": result.seconds,
+        "refined": result.settings.get("refine", True),
         "explained": None if result.explained is None else str(result.explained),
         "explains_nothing": result.explained is not None and bool(result.explained.nothing or result.explained.doubt),
         "wall": [result.wall.width_m, result.wall.height_m],

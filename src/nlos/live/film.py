@@ -119,7 +119,7 @@ class LiveFilm:
         if self._light is None:
             held = on_half_grid(*self._memory.light())
             self._light = replace(held, light=replace(held.light, response=self._alignment.response))
-        return Calibrated(count, whole, self._light.light, self._falloff, self._zero, self._light)
+        return Calibrated(count, whole, self._light.light, self._falloff, self._zero, self._light, self.newest)
 
     def watch(self, gathered: "Callable[[], LoadedScan]") -> None:
         """Takes the frames that are over into the memory. Raises what calibrating raises."""
@@ -136,11 +136,13 @@ class LiveFilm:
             self._memory.watch(moments)
             self.newest, self._light = (frame, moments.mean_s), None
 
-    def shown(self, picture: Reconstruction) -> None:
-        """A picture of the newest frame was made."""
-        before, (self.shown_frame, moment_s) = self.shown_frame, self.newest
-        self.dropped += max(self.shown_frame - before - 1, 0) if before >= 0 else 0
+    def shown(self, picture: Reconstruction, frame: tuple[int, float]) -> int:
+        """A picture of a frame was made; its number and moment. Returns how many were dropped before it."""
+        before, (self.shown_frame, moment_s) = self.shown_frame, frame
+        dropped = max(self.shown_frame - before - 1, 0) if before >= 0 else 0
+        self.dropped += dropped
         self.trails.add(picture, moment_s)
+        return dropped
 
     def _align(self, scan: "LoadedScan") -> None:
         found: list[CorrectedPoints] = []

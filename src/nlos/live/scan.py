@@ -25,19 +25,26 @@ from nlos.cli.terminal import terminal
 from nlos.live.calibrated import Calibrated
 from nlos.live.file_seen import Seen
 from nlos.live.gathered import Gathered, nothing_yet
+from nlos.live.hurry import Hurry
+from nlos.live.in_order import InOrder
 from nlos.live.overtaken import Overtaken, given_up_once
 from nlos.live.rehearsal import get_ready
 from nlos.live.schedule import Coming, Schedule
 from nlos.recon.errors import ReconError, ReconstructionFailed
+from nlos.recon.transport.fourier import on_one_core, threads
 from nlos.response import AUTO, ResponseWanted
 
 if TYPE_CHECKING:
+    from nlos.live.film import LiveFilm
     from nlos.live.time_zero import TimeZero
     from nlos.recon.live import LivePicture, LiveReconstruction
+    from nlos.recon.volume import Reconstruction
 
 Tell = Callable[["LivePicture"], None]
 
 LOOK_S = 0.02
+MOST_AT_A_TIME = 4
+"""Pictures of a film that are being made at most: with more, more than four frames would have passed before each."""
 
 
 @dataclass
@@ -80,6 +87,8 @@ class LiveScan:
     def __post_init__(self) -> None:
         self._stopped, self._news, self._ended = threading.Event(), threading.Event(), threading.Event()
         self._calibrated: Calibrated | None = None
+        self._aside: InOrder | None = None
+        self._hurry = Hurry()
         self._schedule = Schedule([live.method for live in self.lives], self.first_fraction)
         self._threads = [threading.Thread(target=target, daemon=True) for target in (self._follow, self._paint)]
 
@@ -176,6 +185,11 @@ class LiveScan:
                 held = self.gathered
                 count, planned = (0, 0) if held is None else (len(held), held.planned)
                 growing = held is None or held.growing
+                if self._aside is not None and last:
+                    self._aside.finish()
+                if self._aside is not None and self._aside.full:
+                    self._watch(held)
+                    continue
                 due = self._schedule.due(count, planned, growing, last)
                 if due is not None and held is not None:
                     self._paint_next(next(live for live in self.lives if live.method == due), held)
@@ -187,6 +201,8 @@ class LiveScan:
                     self._get_ready_for_last(held)
                 self.coming = self._schedule.coming(count, planned, growing, last) if planned else None
         finally:
+            if self._aside is not None:
+                self._aside.stop()
             self.coming = None
             if not (self.over or self._stopped.is_set()):
                 self.broke_off = True
@@ -198,7 +214,57 @@ class LiveScan:
     def _paint_next(self, live: "LiveReconstruction", held: Gathered) -> None:
         self.coming = Coming(live.method, len(held), True, self._schedule.pace.picture_s(live.method) or None)
         with suppress(Overtaken):
-            self._picture(live, held, len(held), time.monotonic())
+            if held.film is not None and not self.read and (cores := threads()) > 1:
+                self._aside = self._aside or InOrder(min(cores, MOST_AT_A_TIME))
+                self._begin_frame(live, held, held.film, self._aside, time.monotonic())
+            else:
+                self._picture(live, held, len(held), time.monotonic())
+
+    def _watch(self, held: Gathered | None) -> None:
+        """While all cores make pictures: what comes is remembered all the same."""
+        assert held is not None
+        assert held.film is not None
+        with on_one_core(), suppress(InvalidCalibration, InvalidData):  # the next picture will say it
+            held.film.watch(held.so_far)
+
+    def _begin_frame(
+        self, live: "LiveReconstruction", held: Gathered, film: "LiveFilm", aside: InOrder, began_s: float
+    ) -> None:
+        """The newest frame's picture, made while the next one is waited for."""
+        try:
+            with on_one_core():
+                known = self._light_for(live, held, len(held))
+                if known.whole:
+                    return  # the last one is made when those before it are shown
+                light = known.of_film
+                assert light is not None
+                hurried = self._hurry.on
+                if not self._schedule.of(live.method):
+                    for less in (False, True):
+                        live.get_ready_for_film(light, known.falloff, less)
+        except (InvalidCalibration, InvalidData, ReconError) as error:
+            self._no_picture(live, held, len(held), began_s, error)
+            return
+        count = known.samples
+        self._schedule.begun(live.method, count, held.planned, held.growing)
+
+        def make() -> "Reconstruction | ReconError | InvalidData":
+            try:
+                return live.made_of_film(light, known.falloff, hurried)
+            except (InvalidData, ReconError) as error:
+                return error
+
+        def show(made: "Reconstruction | ReconError | InvalidData") -> None:
+            if isinstance(made, ReconError | InvalidData):
+                self._no_picture(live, held, count, began_s, made)
+            else:
+                picture = live.judged_of_film(light, replace(made, scan=self.run.name), count)
+                if live is self.lives[-1]:
+                    self._hurry.shown(film.shown(picture.reconstruction, known.frame))
+                self._shown(live, picture, began_s)
+            self._news.set()
+
+        aside.begin(make, show)
 
     def _picture(self, live: "LiveReconstruction", held: Gathered, count: int, began_s: float) -> None:
         """One picture of `count` samples: a slower method's is of those of the quickest one's."""
@@ -211,21 +277,30 @@ class LiveScan:
             else:
                 picture = live.of_film(known.of_film, count, known.falloff)
                 if live is self.lives[-1]:
-                    held.film.shown(picture.reconstruction)
+                    held.film.shown(picture.reconstruction, known.frame)
             told = replace(picture.reconstruction, left_aside=self.left_aside, scan=self.run.name)
             picture = replace(picture, reconstruction=told)
         except (InvalidCalibration, InvalidData, ReconError) as error:
-            self._say(f"no picture of {count} points yet: {error}")
-            self._schedule.made(live.method, count, held.planned, time.monotonic() - began_s, held.growing)
+            self._no_picture(live, held, count, began_s, error)
             return
-        self.message = ""
-        self._show(live, picture, self.on_picture)
-        self.pictures += 1  # whoever waits for that finds the picture
-        self._schedule.made(live.method, count, held.planned, time.monotonic() - began_s, held.growing)
-        self.coming = None
+        self._schedule.begun(live.method, count, held.planned, held.growing)
+        self._shown(live, picture, began_s)
         if known.of_film is None or known.whole:  # after the picture, which nobody should have to wait for
             with given_up_once(lambda: self.read and not known.whole):
                 self._show(live, live.explained(picture, known.transient, known.falloff), self.on_explained)
+
+    def _no_picture(
+        self, live: "LiveReconstruction", held: Gathered, count: int, began_s: float, error: Exception
+    ) -> None:
+        self._say(f"no picture of {count} points yet: {error}")
+        self._schedule.made(live.method, count, held.planned, time.monotonic() - began_s, held.growing)
+
+    def _shown(self, live: "LiveReconstruction", picture: "LivePicture", began_s: float) -> None:
+        self.message = ""
+        self._show(live, picture, self.on_picture)
+        self.pictures += 1  # whoever waits for that finds the picture
+        self._schedule.pace.took(live.method, time.monotonic() - began_s)
+        self.coming = None
 
     def _get_ready_for_last(self, held: Gathered) -> None:
         """While too little is left of the scan for another picture: what its last one is likely to need is built."""

@@ -63,10 +63,14 @@ class Schedule:
 
     def made(self, method: str, count: int, planned: int, seconds: float, growing: bool) -> None:
         """A picture of `count` samples was made, or could not be, after so many seconds."""
+        self.begun(method, count, planned, growing)
+        self.pace.took(method, seconds)
+
+    def begun(self, method: str, count: int, planned: int, growing: bool) -> None:
+        """One is being made: what is due next is reckoned from it, and not before."""
         if growing:
             self.skipped += max(0, (count - self.of(method)) // self._step(planned) - 1)
         self._made[method], self._made_s[method] = count, time.monotonic()
-        self.pace.took(method, seconds)
 
     def ending(self, count: int, planned: int, growing: bool) -> bool:
         """Whether what is left of a scan is too little for another picture, and enough to get ready for the last."""

@@ -86,7 +86,7 @@ def _frame(held: "Gathered", film: "LiveFilm", samples: int, rates_hz: npt.NDArr
         known = film.calibrated(True, held.so_far)
         assert known.of_film is not None
         made = live.of_film(known.of_film, known.samples, known.falloff)
-        film.shown(made.reconstruction)
+        film.shown(made.reconstruction, known.frame)
         return live.explained(made, known.transient, known.falloff)
 
     def told() -> dict[str, Any]:

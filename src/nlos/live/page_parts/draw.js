@@ -1,9 +1,10 @@
 // What every drawing here shares: numbers, colours, ticks and a canvas as sharp as the screen.
 const $ = id => document.getElementById(id);
 const ask = async path => { const r = await fetch(path, {cache: "no-store"}); if (!r.ok && r.status !== 404) throw Error(r.status); return r.json(); };
+const LITTLE = new Uint8Array(new Uint16Array([1]).buffer)[0] === 1; // which byte of a number comes first here
 function unpacked(packed) {
-  const bytes = Uint8Array.from(atob(packed.f4), c => c.charCodeAt(0)), view = new DataView(bytes.buffer), out = new Float32Array(bytes.length / 4);
-  for (let i = 0; i < out.length; i++) out[i] = view.getFloat32(4 * i, true);
+  const text = atob(packed.f4), bytes = new Uint8Array(text.length); for (let i = 0; i < bytes.length; i++) bytes[i] = text.charCodeAt(i);
+  const out = new Float32Array(bytes.buffer), view = new DataView(bytes.buffer); if (!LITTLE) for (let i = 0; i < out.length; i++) out[i] = view.getFloat32(4 * i, true);
   out.shape = packed.shape; return out;
 }
 const VIRIDIS = [[68,1,84],[72,40,120],[62,74,137],[49,104,142],[38,130,142],[31,158,137],[53,183,121],[109,205,89],[180,222,44],[253,231,37]];

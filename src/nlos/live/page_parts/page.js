@@ -2,7 +2,7 @@
 const WORDS = {waiting: "Waiting for the scan's file", running: "Scanning", paused: "Paused", complete: "Scan complete", interrupted: "Ended early by a person", stopped: "Stopped by an alarm", failed: "Failed", lost: "The scan was killed"};
 let scans = [], panels = [], chosen = 0, overlaid = false, compared = false, method = null, frame = null, gone = false, shape = "";
 const panelName = (kind, scan) => (kind === "front" ? "albedo" : kind === "turn" ? "volume" : kind) + (scan ? scan : "");
-function opened(p) { return p && p.albedo ? {...p, albedo: unpacked(p.albedo), depth_m: unpacked(p.depth_m), points: unpacked(p.points), seen: p.seen && unpacked(p.seen)} : null; }
+function opened(p) { return p && p.albedo ? {...p, albedo: unpacked(p.albedo), depth_m: unpacked(p.depth_m), seen: p.seen && unpacked(p.seen)} : null; }
 function best(known) { // the newest picture of the best method that has one
   if (frame !== null) return known.frames[stepOf(known)] || null;
   const names = known.state.methods, wanted = method && names.includes(method) ? [method] : names.slice().reverse(); return wanted.map(m => known.pictures[m]).find(p => p) || null;

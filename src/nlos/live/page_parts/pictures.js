@@ -95,6 +95,7 @@ class PicturePanel {
     const rest = p.change < 1 && frame === null ? `, changed by ${(100 * p.change).toFixed(1)} % from the previous picture` : "";
     const bound = p.bound === null || p.bound >= 1 ? "" : `, error below ${(100 * p.bound).toFixed(0)} % of its strength in nine cases of ten`;
     const said = document.createElement("span"); said.className = p.explains_nothing ? "nothing" : ""; said.textContent = p.explained ? `, ${p.explained}` : "";
-    return [document.createTextNode(`${p.method.toUpperCase()} `), span, document.createTextNode(rest + bound), said];
+    const quick = p.refined ? "" : ", not refined, to keep up";
+    return [document.createTextNode(`${p.method.toUpperCase()} `), span, document.createTextNode(quick + rest + bound), said];
   }
 }

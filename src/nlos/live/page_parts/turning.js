@@ -62,6 +62,7 @@ class TurnPanel {
   draw(picture, limits) {
     this.empty.hidden = !!picture; const same = picture === this.picture && limits === this.limits; this.picture = picture; this.limits = limits; this.tell();
     if (!picture) return;
+    if (picture.points.f4) picture.points = unpacked(picture.points);
     this.need(picture);
     if (!same) this.view.show({...picture.solid, points: picture.points, wall: picture.wall, near: limits[0], far: Math.max(limits[1], .1), pitch: picture.wall[0] / picture.albedo.shape[1]});
     this.set();
