@@ -9,6 +9,7 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.exporters.scan_arrays import ScanArrays
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 
+_NOWHERE_M = (0.0, 0.0, 1.0)
 _H_FORMATS = {"UNKNOWN": 0, "T_Sx_Sy": 1, "T_Lx_Ly_Sx_Sy": 2, "T_Si": 3, "T_Li_Si": 4}
 _GRID_FORMATS = {"UNKNOWN": 0, "N_3": 1, "X_Y_3": 2}
 _VOLUME_FORMATS = {"UNKNOWN": 0, "N_3": 1, "X_Y_Z_3": 2, "X_Y_3": 3}
@@ -16,6 +17,9 @@ _VOLUME_FORMATS = {"UNKNOWN": 0, "N_3": 1, "X_Y_Z_3": 2, "X_Y_3": 3}
 
 def write_ytal(scan: ScanArrays, path: Path) -> list[str]:
     """Writes a scan on a grid, indexed [x, y] with x and y rising. Returns what the format cannot hold.
+
+    Times of a raw scan keep the ways between scanner and wall (`t_accounts_first_and_last_bounces`), which y-tal takes
+    off by the scanner's place; `t_start` is the length of a path that would end with the first bin's beginning.
 
     Raises `InvalidData` for free positions, which y-tal's confocal format does not hold.
     """
@@ -34,19 +38,23 @@ def write_ytal(scan: ScanArrays, path: Path) -> list[str]:
         )
         _enum(file, "H_format", "T_Sx_Sy", _H_FORMATS)
         for who in ("sensor", "laser"):
-            file[f"{who}_xyz"] = np.array([0.0, 0.0, 1.0])
+            file[f"{who}_xyz"] = np.array(_NOWHERE_M if scan.scanner is None else scan.scanner.position_m)
             file[f"{who}_grid_xyz"] = grid
             file[f"{who}_grid_normals"] = normals
             _enum(file, f"{who}_grid_format", "X_Y_3", _GRID_FORMATS)
         _enum(file, "volume_format", "UNKNOWN", _VOLUME_FORMATS)
         file["delta_t"] = scan.time.bin_width_s * SPEED_OF_LIGHT_M_PER_S
-        file["t_start"] = scan.time.start_s * SPEED_OF_LIGHT_M_PER_S
-        file["t_accounts_first_and_last_bounces"] = False
+        delay_s = 0.0 if scan.scanner is None else scan.scanner.delay_s
+        file["t_start"] = (scan.time.start_s - delay_s) * SPEED_OF_LIGHT_M_PER_S
+        file["t_accounts_first_and_last_bounces"] = scan.scanner is not None
         file["scene_info"] = "original_format: nlos\n"
-    return [
-        "exposure per point has no place in y-tal's format",
-        "the scanner's position is not part of a recording; assuming (0, 0, 1) m",
-    ]
+    left = ["exposure per point has no place in y-tal's format"]
+    if scan.scanner is not None:
+        x_m, y_m, z_m = scan.scanner.position_m
+        left.append(f"the scanner is at ({x_m:.3f}, {y_m:.3f}, {z_m:.3f}) m by the times of direct light")
+    elif not scan.rectified:
+        left.append("time 0 is not the wall and nothing tells the scanner's place: y-tal's solvers will not focus it")
+    return left
 
 
 def _enum(file: h5py.File, name: str, word: str, words: dict[str, int]) -> None:

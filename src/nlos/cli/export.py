@@ -1,6 +1,7 @@
 """`nlos export`: a recording or a reconstruction in other people's formats."""
 
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,11 +11,12 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.exporters.matlab import write_matlab
 from nlos.acquisition.exporters.npz import write_npz
 from nlos.acquisition.exporters.ptu import write_ptu
-from nlos.acquisition.exporters.scan_arrays import arrays_of_import, arrays_of_recording
+from nlos.acquisition.exporters.scan_arrays import ScanArrays, Scanner, arrays_of_import, arrays_of_recording
 from nlos.acquisition.exporters.ytal import write_ytal
 from nlos.acquisition.importers.isolated import check_isolated, read_isolated
 from nlos.acquisition.importers.magic import is_recording
 from nlos.acquisition.recording.read_by_child import open_checked
+from nlos.calibration.errors import InvalidData as InvalidCalibration
 from nlos.cli.contradictions import refuse_without
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.film import frames_counted
@@ -94,6 +96,8 @@ def _write_scan(run: Path, word: str, partial: Path, target: Path) -> list[str]:
         arrays = arrays_of_import(read_isolated(run), run)
     if not (arrays.exposure_s > 0).any():
         raise InvalidData(f"{run}: no point of it was measured; there is nothing to export")
+    if word == "ytal" and arrays.on_grid and not arrays.rectified:
+        arrays = _with_scanner(run, arrays)
     write = {"npz": write_npz, "mat": write_matlab, "ytal": write_ytal, "ptu": write_ptu}[word]
     try:
         left_behind = write(arrays, partial)
@@ -104,6 +108,25 @@ def _write_scan(run: Path, word: str, partial: Path, target: Path) -> list[str]:
     if arrays.left_aside:
         left_behind = [*left_behind, f"{arrays.left_aside} samples that are damaged or unreadable"]
     return left_behind
+
+
+def _with_scanner(run: Path, arrays: ScanArrays) -> ScanArrays:
+    """The arrays with the scanner's place, and on the wall, that the times of direct light tell; as they are where
+    those tell nothing."""
+    from nlos.chain import arrivals_of
+    from nlos.loaded import load_scan
+
+    loaded = load_scan(run)
+    try:
+        arrivals = arrivals_of(loaded)
+    except InvalidCalibration:
+        return arrays
+    if arrivals is None or arrivals.wall is None:
+        return arrays
+    x_m, y_m, z_m = map(float, arrivals.wall.scanner_position_m)
+    wall = loaded.transient.wall
+    scanner = Scanner((x_m, y_m, z_m), arrivals.wall.delay_s)
+    return replace(arrays, wall=wall, x_m=wall.x_m(), y_m=wall.y_m(), scanner=scanner)
 
 
 def _film(run: Path, method: str, words: list[str]) -> "Film":
