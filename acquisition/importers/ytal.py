@@ -1,4 +1,5 @@
-"""Confocal captures of y-tal (HDF5_TAL) and of the Zaragoza NLOS dataset, read without y-tal and without its YAML.
+"""Captures of y-tal (HDF5_TAL) and of the Zaragoza NLOS dataset, read without y-tal and without its YAML. Those whose
+laser and sensor points differ are taken for confocal ones of their midpoints (`moveout`).
 
 Time is in metres of optical path; where the paths to and from the scanner are included, their lengths become the
 time offsets. Formats: y-tal 0.20 `tal.io`, Galindo et al., "A dataset for benchmarking time-resolved NLOS imaging".
@@ -13,31 +14,83 @@ import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.importers.moveout import at_midpoints, of_every_pair
 from nlos.acquisition.importers.untrusted_hdf5 import needed_dataset, needed_number, open_hdf5, read_array
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 
 Array = npt.NDArray[np.float64]
-_T_SX_SY = 1
+_T_SX_SY, _T_LX_LY_SX_SY = 1, 2
+_LISTS = {3: "T_Si", 4: "T_Li_Si"}
 
 
 def read_ytal(path: Path) -> ImportedScan:
-    """Reads a confocal HDF5_TAL capture on a regular grid. Raises `InvalidData` naming file, place and reason."""
+    """Reads an HDF5_TAL capture on regular grids. Raises `InvalidData` naming file, place and reason."""
     with open_hdf5(path) as file:
         kind = int(needed_number(file, "H_format"))
-        if kind != _T_SX_SY:
+        if kind not in (_T_SX_SY, _T_LX_LY_SX_SY):
             raise InvalidData(
-                f"{path}: H_format is {kind}; only confocal captures (T_Sx_Sy, 1) can be reconstructed here"
+                f"{path}: H_format is {kind} ({_LISTS.get(kind, 'unknown')}); grids are read: T_Sx_Sy (1), confocal or "
+                "of one laser point, and T_Lx_Ly_Sx_Sy (2). Write its points as a grid (X_Y_3), or NPZ with x_m, y_m."
             )
-        counts = read_array(needed_dataset(file, "H"), 3)
+        counts = read_array(needed_dataset(file, "H"), 3 if kind == _T_SX_SY else 5)
         sensors = read_array(needed_dataset(file, "sensor_grid_xyz"), 3).astype(np.float64)
         lasers = read_array(needed_dataset(file, "laser_grid_xyz"), 3).astype(np.float64)
         delta_m, start_m = needed_number(file, "delta_t"), needed_number(file, "t_start")
         legs = bool(needed_number(file, "t_accounts_first_and_last_bounces"))
         origins = [_point(file, name) if legs else np.zeros(3) for name in ("laser_xyz", "sensor_xyz")]
-    if sensors.shape != lasers.shape or not np.allclose(sensors, lasers, atol=1e-4):
-        raise InvalidData(f"{path}: laser and sensor points differ; only confocal captures can be reconstructed here")
-    return _upright(path, _Capture("y-tal HDF5", counts, sensors, origins if legs else None, delta_m, start_m))
+    _check_time(path, delta_m, start_m)
+    if kind == _T_SX_SY and sensors.shape == lasers.shape and np.allclose(sensors, lasers, atol=1e-4):
+        return _upright(path, _Capture("y-tal HDF5", counts, sensors, origins if legs else None, delta_m, start_m))
+    _check_geometry(path, counts, lasers, sensors)
+    ways = [
+        np.linalg.norm(grid - origin, axis=2) * legs for grid, origin in zip((lasers, sensors), origins, strict=True)
+    ]
+    if kind == _T_SX_SY:
+        done = at_midpoints(
+            counts, np.broadcast_to(lasers, sensors.shape), sensors, start_m - ways[0] - ways[1], delta_m
+        )
+    else:
+        first_m = start_m - ways[0][:, :, None, None] - ways[1][None, None]
+        done = of_every_pair(counts, lasers, sensors, first_m, delta_m)
+    note = (
+        f"laser and sensor points are up to {done.farthest_m:.3g} m apart: taken for a confocal scan of midpoints "
+        "by normal moveout, which assumes surfaces opposite these; others come out too near"
+    )
+    moved = _Capture("y-tal HDF5", done.counts, done.grid, None, delta_m, 0.0, done.pairs, (note,))
+    return _upright(path, moved)
+
+
+def _check_time(path: Path, delta_m: float, start_m: float) -> None:
+    if not (1e-6 < delta_m < 100 and np.isfinite(start_m)):
+        raise InvalidData(f"{path}: its time axis is not finite (delta_t {delta_m:g} m, t_start {start_m:g} m)")
+
+
+def _check_geometry(path: Path, counts: npt.NDArray[np.generic], lasers: Array, sensors: Array) -> None:
+    """Raises `InvalidData` for laser and sensor points that have no midpoints on a regular grid."""
+    what = f"{path}: laser and sensor points differ, so it is no confocal capture, and"
+    if not (np.isfinite(lasers).all() and np.isfinite(sensors).all()):
+        raise InvalidData(f"{path}: laser or sensor grid is not finite")
+    if max(np.ptp(lasers[..., 2]), np.ptp(sensors[..., 2]), abs(lasers[0, 0, 2] - sensors[0, 0, 2])) > 1e-3:
+        raise InvalidData(f"{what} they are not in one plane z = const: normal moveout cannot make one of it")
+    if counts.ndim == 3:
+        if lasers.shape[:2] not in ((1, 1), sensors.shape[:2]) or counts.shape[1:] != sensors.shape[:2]:
+            raise InvalidData(
+                f"{what} {counts.shape[1:]} histograms, {lasers.shape[:2]} laser and {sensors.shape[:2]} sensor points "
+                "do not belong together: one laser point, or one for each sensor point, is expected"
+            )
+    elif lasers.shape != sensors.shape or counts.shape[1:] != lasers.shape[:2] + sensors.shape[:2]:
+        raise InvalidData(
+            f"{what} {counts.shape[1:]} histograms on grids of {lasers.shape[:2]} laser and {sensors.shape[:2]} sensor "
+            "points have no common midpoints. Write those of one laser point (T_Sx_Sy), or of one grid for both."
+        )
+    elif not np.allclose(np.diff(lasers, axis=0), np.diff(sensors, axis=0), atol=1e-4) or not np.allclose(
+        np.diff(lasers, axis=1), np.diff(sensors, axis=1), atol=1e-4
+    ):
+        raise InvalidData(
+            f"{what} their grids have different spacings. Write the histograms of one laser point (T_Sx_Sy), or of one "
+            "grid for both."
+        )
 
 
 def read_zaragoza(path: Path) -> ImportedScan:
@@ -45,7 +98,10 @@ def read_zaragoza(path: Path) -> ImportedScan:
     with open_hdf5(path) as file:
         stored = needed_dataset(file, "data")
         if len(stored.shape) != 5:
-            raise InvalidData(f"{path}: data has {len(stored.shape)} dimensions; confocal captures have 5")
+            raise InvalidData(
+                f"{path}: data has {len(stored.shape)} dimensions; confocal captures have 5. One of separate laser and "
+                "sensor points is read as y-tal writes it (HDF5_TAL): `tal.io.read_capture`, then `write_capture`."
+            )
         data = read_array(stored, 5)
         grid = read_array(needed_dataset(file, "cameraGridPositions"), 3).astype(np.float64)
         delta_m, start_m = needed_number(file, "deltaT"), needed_number(file, "t0")
@@ -70,23 +126,28 @@ class _Capture:
     origins: list[Array] | None
     delta_m: float
     start_m: float
+    exposure_s: Array | None = None
+    """Where it is not one second per point."""
+    notes: tuple[str, ...] = ()
 
 
 def _upright(path: Path, capture: _Capture) -> ImportedScan:
     """The capture turned so that rows run down and columns to the right."""
     counts, grid, delta_m, start_m = capture.counts, capture.grid, capture.delta_m, capture.start_m
+    exposure_s = np.ones(grid.shape[:2]) if capture.exposure_s is None else capture.exposure_s
     if grid.shape != (*counts.shape[1:], 3):
         raise InvalidData(f"{path}: {counts.shape[1:]} histograms on a grid of shape {grid.shape}")
-    if not (np.isfinite(grid).all() and 1e-6 < delta_m < 100 and np.isfinite(start_m)):
-        raise InvalidData(f"{path}: grid or time axis is not finite (delta_t {delta_m:g} m, t_start {start_m:g} m)")
+    _check_time(path, delta_m, start_m)
+    if not np.isfinite(grid).all():
+        raise InvalidData(f"{path}: its grid is not finite")
     if min(counts.shape[1:]) < 2:
         raise InvalidData(f"{path}: a grid of {counts.shape[1:]} points has no spacing; at least 2 x 2 are needed")
     if np.ptp(grid[:, 0, 0]) > np.ptp(grid[0, :, 0]):
-        counts, grid = counts.swapaxes(1, 2), grid.swapaxes(0, 1)
+        counts, grid, exposure_s = counts.swapaxes(1, 2), grid.swapaxes(0, 1), exposure_s.T
     if grid[0, 0, 0] > grid[0, -1, 0]:
-        counts, grid = counts[:, :, ::-1], grid[:, ::-1]
+        counts, grid, exposure_s = counts[:, :, ::-1], grid[:, ::-1], exposure_s[:, ::-1]
     if grid[0, 0, 1] < grid[-1, 0, 1]:
-        counts, grid = counts[:, ::-1], grid[::-1]
+        counts, grid, exposure_s = counts[:, ::-1], grid[::-1], exposure_s[::-1]
     rows, cols = counts.shape[1:]
     pitch_x = (grid[0, -1, 0] - grid[0, 0, 0]) / (cols - 1)
     pitch_y = (grid[0, 0, 1] - grid[-1, 0, 1]) / (rows - 1)
@@ -101,7 +162,7 @@ def _upright(path: Path, capture: _Capture) -> ImportedScan:
         offsets += sum(np.linalg.norm(grid - origin, axis=2) for origin in capture.origins) / delta_m
     transient = Transient(
         np.ascontiguousarray(counts, dtype=np.float32),
-        np.ones((rows, cols)),
+        np.ascontiguousarray(exposure_s),
         WallGrid(float(pitch_x * cols), float(pitch_y * rows), rows, cols),
         TimeAxis(int(counts.shape[0]), width_s),
     )
@@ -113,7 +174,7 @@ def _upright(path: Path, capture: _Capture) -> ImportedScan:
         falloff=4,
         rectified=rectified,
         time_offset_bins=None if rectified else offsets,
-        notes=notes,
+        notes=(*capture.notes, *notes),
     )
 
 
