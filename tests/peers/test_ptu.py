@@ -170,3 +170,17 @@ def test_any_records_are_read_alike(
     assert (len(ours.photons), len(ours.markers)) == ((kind == 0).sum(), (kind == 1).sum())
     found = by_ptufile(path) if reader == "ptufile" else found_by(foreign(reader, path))
     assert found.same(ours)
+
+
+def test_what_phconvert_makes_of_it_is_the_same_scan(
+    exported: tuple[Recording, Path], foreign_python: Callable[..., Path], tmp_path: Path
+) -> None:
+    recording, path = exported
+    script = Path(__file__).parent / "picoquant" / "to_photon_hdf5.py"
+    command = [foreign_python("phconvert"), script, path, tmp_path / "photons.h5"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    counts, back = recording.transient().counts, read_any(tmp_path / "photons.h5").transient
+    assert np.array_equal(back.counts, counts[: back.time.bins])
+    assert not counts[back.time.bins :].any()
+    assert back.time.bin_width_s == pytest.approx(recording.plan.axis.bin_width_s)
