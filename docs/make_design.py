@@ -18,7 +18,13 @@ ROOMS = {
     ],
     "Physics reconstruction": [(60, 69), (150, 150), (158, 158), (184, 184)],
     "Learned reconstruction": [(70, 89), (100, 109), (160, 179), (181, 183), (185, 189), (200, 204), (220, 220)],
-    "What a picture explains, and how sure it is": [(205, 209), (235, 235), (245, 246), (280, 280)],
+    "What a picture explains, and how sure it is": [
+        (205, 209),
+        (235, 235),
+        (245, 246),
+        (280, 280),
+        (311, 311),
+    ],
     "Watching a scan": [(90, 99), (272, 274)],
     "Scenes that move": [(215, 219), (250, 254), (256, 256), (281, 282)],
 }

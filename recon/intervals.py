@@ -9,23 +9,28 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from nlos.recon.layers.interval_head import KEPT, NOISE, RESPONSE, IntervalHead, RawIntervals
+from nlos.recon.layers.evidence import NAMES
+from nlos.recon.layers.interval_head import IntervalHead, RawIntervals
 from nlos.recon.layers.wiener_volumes import WienerVolumes
 from nlos.recon.predicted_error import ErrorLine
-from nlos.recon.weights.files import OWN_FOLDER, goes_with, put_weights, read_weights
+from nlos.recon.refined import REFINEMENT
+from nlos.recon.weights.files import OWN_FOLDER, goes_with, put_weights, read_about, read_weights, sha256_of
 
+NOISE, KEPT, RESPONSE = (NAMES.index(name) for name in ("noise", "kept", "response"))
 CALIBRATED = "nano.intervals"  # safetensors; by another name, for it is no weights of a method
-NOISE_EDGES = (-0.25, 0.25)  # of the evidence `noise`, log10 of the noise level + 1
-POINTS_EDGES = (5.0, 7.0, 9.0)  # log2 of the number of points that were measured
-TOLD_EDGE = -0.5  # of `response`, where one is told
-NOISES, POINTS = len(NOISE_EDGES) + 1, len(POINTS_EDGES) + 1
-GROUPS = 2 * POINTS * NOISES
+TRAITS = ("noise", "points", "told")
+"""Of a whole scan: log10 of its noise level, log2 of the points that were measured, whether a response was told."""
+TOLD_EDGE = -0.5  # of the evidence `response`, where one is told
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """One number a group of scans each: what intervals' sides are multiplied by, and the line of `seen`'s logit."""
+    """What the sides of intervals are multiplied by and the line of `seen`'s logit, by a scan's `TRAITS`: a constant
+    and a coefficient for each, of the logarithms of the factors, of the slope and of the offset. Beyond what scans it
+    was calibrated on had, `least` to `most`, traits count as at the edge."""
 
+    least: tuple[float, ...]
+    most: tuple[float, ...]
     albedo: tuple[float, ...]
     depth: tuple[float, ...]
     slope: tuple[float, ...]
@@ -33,6 +38,18 @@ class Calibration:
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)
+
+    def of(self, traits: Tensor, coefficients: tuple[float, ...]) -> Tensor:
+        """Their sum for scans of such traits (B, len(TRAITS)): (B, 1, 1)."""
+        low, high, each = (torch.tensor(values).to(traits) for values in (self.least, self.most, coefficients))
+        return (each[0] + torch.minimum(torch.maximum(traits, low), high) @ each[1:])[:, None, None]
+
+
+UNCALIBRATED = Calibration(
+    (-math.inf,) * len(TRAITS), (math.inf,) * len(TRAITS), (0.0,) * (1 + len(TRAITS)), (0.0,) * (1 + len(TRAITS)),
+    (1.0, *(0.0,) * len(TRAITS)), (0.0,) * (1 + len(TRAITS)),
+)  # fmt: skip
+"""Leaves the head's intervals as they are."""
 
 
 @dataclass(frozen=True)
@@ -46,22 +63,20 @@ class Intervals:
     seen: Tensor
 
 
-def group_of(evidence: Tensor) -> Tensor:
-    """The group of each scan, (B,): by whether its response was told, number of measured points, and noise level."""
-    noise, told = (evidence[:, channel, 0, 0].contiguous() for channel in (NOISE, RESPONSE))
-    points = 2 * evidence[:, KEPT, 0, 0] + math.log2(evidence.shape[2] * evidence.shape[3])
-    of_noise = torch.bucketize(noise, torch.tensor(NOISE_EDGES, device=noise.device))
-    of_points = torch.bucketize(points, torch.tensor(POINTS_EDGES, device=noise.device))
-    return ((told > TOLD_EDGE) * POINTS + of_points) * NOISES + of_noise
+def traits_of(evidence: Tensor) -> Tensor:
+    """`TRAITS` of each scan, (B, len(TRAITS))."""
+    noise, kept, response = (evidence[:, channel, 0, 0] for channel in (NOISE, KEPT, RESPONSE))
+    points = 2 * kept + math.log2(evidence.shape[2] * evidence.shape[3])
+    return torch.stack((noise, points, (response > TOLD_EDGE).to(noise)), dim=1)
 
 
-def adjusted(raw: RawIntervals, calibration: Calibration, group: Tensor) -> Intervals:
+def adjusted(raw: RawIntervals, calibration: Calibration, traits: Tensor) -> Intervals:
     """The head's intervals as wide as the calibration on scenes that it never saw asks for."""
 
-    def of(values: tuple[float, ...]) -> Tensor:
-        return torch.tensor(values, device=group.device)[group][:, None, None]
+    def of(coefficients: tuple[float, ...]) -> Tensor:
+        return calibration.of(traits, coefficients)
 
-    wider, deeper = of(calibration.albedo), of(calibration.depth)
+    wider, deeper = of(calibration.albedo).exp(), of(calibration.depth).exp()
     return Intervals(
         (raw.albedo - wider * raw.darker).clamp(min=0),
         raw.albedo + wider * raw.brighter,
@@ -82,13 +97,18 @@ class CalibratedHead:
 
 @lru_cache(maxsize=4)
 def head_for(weights: str | None) -> CalibratedHead | None:
-    """The head calibrated for these weights of NANO; None for others. Raises WeightsError."""
+    """The head calibrated for pictures by these weights of NANO, refined by the refinement that ships; None for others.
+    Raises WeightsError."""
     path = OWN_FOLDER / CALIBRATED
-    if weights is None or not path.is_file():
-        return None
-    if not goes_with(path, weights):
+    if weights is None or not path.is_file() or not goes_with(path, weights) or not goes_with_refinement(path):
         return None
     return head_in(path)
+
+
+def goes_with_refinement(path: Path) -> bool:
+    """Whether what is in `path` was fitted to pictures that the refinement which ships made. Raises WeightsError."""
+    refinement = OWN_FOLDER / REFINEMENT
+    return refinement.is_file() and read_about(path).get("refinement") == sha256_of(str(refinement))
 
 
 def head_in(path: Path) -> CalibratedHead:
@@ -103,7 +123,7 @@ def head_in(path: Path) -> CalibratedHead:
 
 def intervals_of(head: CalibratedHead, found: Tensor, presence: Tensor, physics: WienerVolumes) -> dict[str, Tensor]:
     """The fields of `MethodResult.intervals`, (B, H, W) each, from what NANO knows beside its picture (`evidence`)."""
-    made = adjusted(head.network.to(found.device)(found), head.calibration, group_of(found))
+    made = adjusted(head.network.to(found.device)(found), head.calibration, traits_of(found))
     return {
         "albedo_low": made.albedo_low,
         "albedo_high": made.albedo_high,

@@ -3,14 +3,21 @@
 import torch
 from torch import Tensor
 
+from nlos.recon.layers.light_left_over import CHANNELS
+from nlos.recon.layers.refinement import Refined
 from nlos.recon.layers.volume_projection import Projection
+
+LEFT_OVER = ("asked", "ratio", "step", "depth_step", "certainty", "misfit", "width")
+"""Of what the light says of a picture, what tells how far it may be off."""
 
 NAMES = (
     "albedo", "albedo_spread", "depth", "depth_spread", "peak", "width", "elsewhere", "brightness",
     "highest_soft", "highest_sharp", "at_depth", "depth_differs", "pulse", "exposure", "sure", "noise", "background",
-    "kept", "points", "radius", "response",
+    "kept", "points", "radius", "response", "brightened", "deepened",
+    *(f"left_{name}" for name in LEFT_OVER),
 )  # fmt: skip
-"""One channel each; lengths in slices of the Wiener volumes or wall widths, brightness over the brightest point."""
+"""One channel each; lengths in slices of the Wiener volumes or wall widths, brightness over the brightest point. From
+`brightened` on they are the refinement's: what it changed, and what it went by; 0 where it left a picture as it was."""
 UNTOLD = -1.0  # of `response`, where none is told
 TOLD = 3  # noise level, background, share of the points
 AROUND = 3  # slices that belong to a surface
@@ -18,14 +25,21 @@ LONG = 10  # slices that a slow response spreads it over
 
 
 def evidence(
-    seen: Projection, volumes: Tensor, conditions: Tensor, maps: Tensor, presence: Tensor, depths: Tensor
+    seen: Projection,
+    refined: Refined,
+    volumes: Tensor,
+    conditions: Tensor,
+    maps: Tensor,
+    presence: Tensor,
+    depths: Tensor,
 ) -> Tensor:
-    """(B, len(NAMES), H, W) from what was seen and how it spreads over the wall's mirror images, the Wiener volumes
-    (B, V, D, H, W), what the operator was told (B, 3 or, with the response's width, 4), the maps of exposure and
-    confidence (B, 2, H, W), and whether there is any light (B,). `depths` are the planes, in wall widths."""
+    """(B, len(NAMES), H, W) from what the operator saw and how it spreads over the wall's mirror images, the picture as
+    it was refined, the Wiener volumes (B, V, D, H, W), what the operator was told (B, 3 or, with the response's width,
+    4), the maps of exposure and confidence (B, 2, H, W), and whether there is any light (B,). `depths` are the planes,
+    in wall widths."""
     depths, present = depths[: volumes.shape[2]], presence[:, None, None]
     width = conditions[:, TOLD] if conditions.shape[1] > TOLD else torch.full_like(presence, UNTOLD, dtype=depths.dtype)
-    albedo, depth, volume = (seen.albedo * present).clamp(0, 1), seen.depth, seen.volume * present[..., None]
+    albedo, depth, volume = (refined.albedo * present).clamp(0, 1), refined.depth, seen.volume * present[..., None]
     spreads = seen.spreads or (torch.zeros_like(albedo), torch.zeros_like(albedo))
     slices = torch.arange(len(depths), device=albedo.device, dtype=albedo.dtype)[None, :, None, None]
     slice_depth = depths[1] - depths[0]
@@ -63,5 +77,8 @@ def evidence(
         flat * torch.tensor(float(cols)).log2().sub(5),
         (x.square() + y.square()) * flat,
         flat * width[:, None, None],
+        4 * (albedo - (seen.albedo * present).clamp(0, 1)),
+        (depth - seen.depth) / slice_depth,
+        *(refined.found[:, CHANNELS.index(name)] for name in LEFT_OVER),
     )
     return torch.stack(fields, dim=1).nan_to_num(0.0, 8.0, -8.0).clamp(-8, 8)

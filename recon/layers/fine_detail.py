@@ -14,8 +14,6 @@ from torch import Tensor, nn
 from nlos.acquisition.wall import WallGrid
 
 FINE = 96  # points a side from which on a wall is halved as well
-LOW, HIGH = "albedo_low", "albedo_high"
-NEAR, FAR = "depth_low_m", "depth_high_m"
 LEAST_MEASURED = 0.5  # of the points: sparser scans lose more than they gain
 
 
@@ -55,14 +53,6 @@ def with_detail(coarse: Tensor | None, fine: Tensor) -> Tensor:
     brightest = fine.amax(dim=(1, 2), keepdim=True)
     seen = seen / seen.amax(dim=(1, 2), keepdim=True).clamp(min=1e-12) * brightest
     return torch.where(strengths > 0, seen, fine)
-
-
-def holding(intervals: dict[str, Tensor], albedo: Tensor, depth_m: Tensor) -> dict[str, Tensor]:
-    """The same intervals, wide enough to hold the picture and its depths (B, H, W), NaN where there are none."""
-    wide = dict(intervals)
-    for (low, high), shown in (((LOW, HIGH), albedo), ((NEAR, FAR), depth_m)):
-        wide[low], wide[high] = torch.fmin(intervals[low], shown), torch.fmax(intervals[high], shown)
-    return wide
 
 
 def _strength(x: Tensor) -> Tensor:

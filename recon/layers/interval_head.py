@@ -17,7 +17,6 @@ LEVEL = 0.95  # of the quantile that each side of an interval is
 LARGEST = 6.0  # of the logarithm of a side over its unit
 BACKGROUND = 0.25  # weight of brightness where no surface is
 ALBEDO, DEPTH = NAMES.index("albedo"), NAMES.index("depth")
-NOISE, KEPT, RESPONSE = NAMES.index("noise"), NAMES.index("kept"), NAMES.index("response")
 
 
 @dataclass(frozen=True)

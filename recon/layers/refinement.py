@@ -6,6 +6,8 @@ network turns that into a change of brightness and depth. It sees the scan's own
 coarser grid does not hold.
 """
 
+from typing import NamedTuple
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
@@ -44,6 +46,20 @@ class Correction(nn.Module):
         return torch.minimum(albedo, brightest), deeper * (NEARER / found.shape[-1])
 
 
+class Refined(NamedTuple):
+    """Pictures (B, H, W), depths (B, H, W) in wall widths, and what their light said of them before, by `CHANNELS`,
+    (B, C, H, W): all 0 of one that stays as it was."""
+
+    albedo: Tensor
+    depth: Tensor
+    found: Tensor
+
+
+def as_it_was(albedo: Tensor, depth: Tensor) -> Refined:
+    """A picture that nothing was asked of."""
+    return Refined(albedo, depth, albedo.new_zeros(len(albedo), len(CHANNELS), *albedo.shape[1:]))
+
+
 class Refinement:
     """`correction` for scans of one wall and time axis."""
 
@@ -54,11 +70,13 @@ class Refinement:
     @torch.no_grad()
     def __call__(
         self, counts: Tensor, exposure: Tensor | None, response: Tensor | None, albedo: Tensor, depth: Tensor
-    ) -> tuple[Tensor, Tensor]:
+    ) -> Refined:
         """counts (B, 1, T, H, W), exposure (B, H, W), 0 = not measured, None for an even one, response (B, K) or None,
-        picture (B, H, W) over its brightest point, depth (B, H, W) in wall widths -> picture and depth."""
+        picture (B, H, W) over its brightest point, depth (B, H, W) in wall widths -> picture, depth and what the
+        light said."""
         relative = exposed(counts, exposure).relative
-        correction, pictures, depths = placed(self.correction, counts.device), [], []
+        correction, refined = placed(self.correction, counts.device), as_it_was(albedo, depth)
+        pictures, depths = [], []
         for k in range(len(counts)):
             told = None if response is None else response[k]
             found = self.left_over(counts[k, 0], relative[k], albedo[k].clamp(0, 1), depth[k], told)
@@ -69,4 +87,5 @@ class Refinement:
             picture, deeper = (x[0] for x in correction(found[None]))
             pictures.append(picture)
             depths.append(torch.where(found[ASKED] > 0, found[DEPTH] + 0.5 + deeper, depth[k]))
-        return torch.stack(pictures), torch.stack(depths)
+            refined.found[k] = found
+        return Refined(torch.stack(pictures), torch.stack(depths), refined.found)

@@ -14,7 +14,7 @@ from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.intervals import CalibratedHead, head_for, intervals_of
 from nlos.recon.layers.evidence import evidence
-from nlos.recon.layers.fine_detail import halves, holding, in_the_large, with_detail
+from nlos.recon.layers.fine_detail import halves, in_the_large, with_detail
 from nlos.recon.layers.in_bfloat16 import in_bfloat16
 from nlos.recon.layers.lifted_volumes import LiftedVolumes
 from nlos.recon.layers.light_cone_inverse import brightest
@@ -22,7 +22,7 @@ from nlos.recon.layers.noise_level import NoiseLevel
 from nlos.recon.layers.operator_grid import to_grid
 from nlos.recon.layers.physical_unfolding import PhysicalUnfolding
 from nlos.recon.layers.rates import Rates, last_light, rates_of
-from nlos.recon.layers.refinement import Refinement
+from nlos.recon.layers.refinement import Refinement, as_it_was
 from nlos.recon.layers.symmetries import Fields, mean_over_symmetries
 from nlos.recon.layers.told_conditions import conditions, confidence
 from nlos.recon.layers.told_response import Told
@@ -83,7 +83,8 @@ class Settings(AnySettings):
     """Average over the flips (and, on a square grid, the transpose) of the wall once trained: eight times the operator,
     not the physics."""
     refine: bool = True
-    """Hold the picture against the light that it was made from, and correct it; for the weights that ship."""
+    """Hold the picture against the light that it was made from, and correct it, for the weights that ship; False: a
+    picture without intervals, which are those of corrected ones."""
     bfloat16: bool = False
     """Convolutions in three dimensions in bfloat16, once trained: for films, where the processor multiplies in it."""
     stage: Literal["whole", "noise"] = "whole"
@@ -156,20 +157,21 @@ class Nano(nn.Module):
         else:
             seen = self.iterate(volumes, eta, maps, lifted)
         present = presence[:, None, None]
-        albedo, depth = seen.albedo, seen.depth
+        albedo = seen.albedo
         if not self.training:
             albedo = with_detail(coarse, albedo.clamp(0, 1))
+        refined = as_it_was(albedo, seen.depth)
         if self.refinement is not None:
-            albedo, depth = self.refinement(counts, exposure, response, albedo, depth)
-        albedo, depth_m = albedo * present, depth * self.physics.unit_m
+            refined = self.refinement(counts, exposure, response, albedo, seen.depth)
+        albedo, depth_m = refined.albedo * present, refined.depth * self.physics.unit_m
         if not self.training:  # a picture's brightest point is 1 and its darkest 0, by definition
             albedo = albedo.clamp(0, 1)
             dark = albedo < DIMMEST * albedo.amax(dim=(1, 2), keepdim=True).clamp(min=1e-12)
             depth_m = torch.where(dark, torch.nan, depth_m)
         sure = None
         if self.head_of_intervals is not None and seen.spreads is not None:
-            found = evidence(seen, volumes, eta, maps, presence, self.physics.depths)
-            sure = holding(intervals_of(self.head_of_intervals, found, presence, self.physics), albedo, depth_m)
+            found = evidence(seen, refined, volumes, eta, maps, presence, self.physics.depths)
+            sure = intervals_of(self.head_of_intervals, found, presence, self.physics)
         behind = self.physics.slices - seen.volume.shape[1]  # too far for any light
         volume = F.pad(seen.volume * present[..., None], (0, 0, 0, 0, 0, behind))
         return with_intervals(MethodResult(albedo, depth_m, volume), sure)
@@ -294,7 +296,7 @@ def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
     network = with_weights(network, settings.weights)
     if settings.weights is not None:  # weights that were never told a response are better off without
         network.takes_response = holds(settings.weights, TOLD)
-    network.head_of_intervals = head_for(settings.weights)
+    network.head_of_intervals = head_for(settings.weights) if settings.refine else None
     correction = correction_for(settings.weights) if settings.refine and min(wall.rows, wall.cols) >= REFINED else None
     if correction is not None:
         network.refinement = Refinement(correction, wall, time_axis, settings.falloff)

@@ -1,7 +1,8 @@
 """What NANO makes of simulated scans, kept with the truth: what its intervals are learned from and calibrated on.
 
 Sample i is the same whoever asks. Scans of both grids, whole and at a part of the points, with quick and slow
-responses, some of retroreflective surfaces, and a few that hold nothing but noise.
+responses, some of retroreflective surfaces, half with surfaces that hide each other, and a few that hold nothing but
+noise. The evidence is what NANO itself shows its head: of refined pictures where it refines them.
 """
 
 import json
@@ -17,8 +18,10 @@ import torch
 from safetensors import safe_open
 from safetensors.numpy import save_file
 
-from nlos.recon.layers.evidence import evidence
+from nlos.recon.intervals import UNCALIBRATED, CalibratedHead
+from nlos.recon.layers.interval_head import IntervalHead, RawIntervals
 from nlos.recon.methods.nano import Nano, Settings, build
+from nlos.recon.predicted_error import ErrorLine
 from nlos.recon.subsets import measured_points
 from nlos.recon.training.dataset import sample
 from nlos.recon.training.dataset_settings import DatasetSettings
@@ -26,11 +29,11 @@ from nlos.recon.training.detector import DetectorSettings
 from nlos.recon.training.told import told
 from nlos.recon.training.training_sample import TrainingSample, collate
 
-TRAINING, CALIBRATION, TEST = "training", "calibration", "test"
-SEEDS = {TRAINING: 7100, CALIBRATION: 7200, TEST: 7300}
-QUICK = DetectorSettings(sparse=0.0)
-SLOW = DetectorSettings(sparse=0.0, jitter_fwhm_most_ps=420.0)
-TOLD = DetectorSettings(sparse=0.0, slow=0.6, told=1.0, told_wrong=0.3)
+TRAINING, CALIBRATION, SLOW_CALIBRATION, TEST = "training", "calibration", "slow_calibration", "test"
+SEEDS = {TRAINING: 7100, CALIBRATION: 7200, TEST: 7300, SLOW_CALIBRATION: 7400}
+QUICK = DetectorSettings(sparse=0.0, peak_counts_most=60.0)
+SLOW = DetectorSettings(sparse=0.0, peak_counts_most=60.0, jitter_fwhm_most_ps=420.0)
+TOLD = DetectorSettings(sparse=0.0, peak_counts_most=60.0, slow=0.75, told=1.0, told_wrong=0.3)
 VARIANTS: tuple[tuple[int, DetectorSettings, bool], ...] = (
     (32, QUICK, False), (64, QUICK, False), (32, SLOW, False), (64, TOLD, False),
     (32, QUICK, False), (64, QUICK, False), (32, TOLD, False), (64, SLOW, False),
@@ -38,8 +41,21 @@ VARIANTS: tuple[tuple[int, DetectorSettings, bool], ...] = (
     (20, QUICK, False), (24, TOLD, False), (16, QUICK, False),
 )  # fmt: skip
 """Points a side, detector, retroreflective: in turn."""
+SLOW_VARIANTS = ((64, TOLD, False), (32, TOLD, False), (64, TOLD, False))
+"""The same of `SLOW_CALIBRATION`: more of what is told a response."""
 SUBSETS = (2, 4, 8)  # of the points, one in so many in each direction
-SPARSE, EMPTY = 0.4, 0.03
+SPARSE, EMPTY = 0.5, 0.03
+FEWEST_POINTS = 8  # a side, of what is left
+
+
+class Watching(IntervalHead):
+    """Keeps the evidence that it is shown."""
+
+    found: torch.Tensor | None = None
+
+    def forward(self, evidence: torch.Tensor) -> RawIntervals:
+        self.found = evidence
+        return super().forward(evidence)
 
 
 @dataclass(frozen=True)
@@ -77,19 +93,23 @@ def all_judged(part: str, folder: Path) -> Iterator[Judged]:
 
 def scan(part: str, index: int) -> tuple[TrainingSample, DatasetSettings, str]:
     """A simulated scan, the settings it was made by, and which points were kept or that it is empty."""
-    points, detector, retroreflective = VARIANTS[index % len(VARIANTS)]
+    variants = SLOW_VARIANTS if part == SLOW_CALIBRATION else VARIANTS
+    points, detector, retroreflective = variants[index % len(variants)]
     data = DatasetSettings(
-        seed=SEEDS[part] + index % len(VARIANTS), rows=points, cols=points, degradations=1, scenes=10**6,
+        seed=SEEDS[part] + index % len(variants), rows=points, cols=points, degradations=1, scenes=10**6,
         held_out=part != TRAINING, detector=detector, retroreflective=retroreflective,
+        shadows=index // len(variants) % 2 == 1,
     )  # fmt: skip
     rng = np.random.default_rng((SEEDS[part], index))
-    made = sample(data, index // len(VARIANTS))
+    made = sample(data, index // len(variants))
     word = "whole"
     if rng.random() < SPARSE:
-        step = int(rng.choice(SUBSETS))
-        many = points // step
-        if rng.random() < 0.6:
+        step = int(rng.choice([step for step in SUBSETS if points // step >= min(points, FEWEST_POINTS)]))
+        many, way = points // step, rng.random()
+        if way < 0.5:
             kept, word = measured_points(f"{many}x{many}", points, points), f"grid/{step}"
+        elif way < 0.75:
+            kept, word = measured_points(f"blue:{many**2}", points, points), f"blue/{step}"
         else:
             kept = np.zeros((points, points), bool)
             kept.ravel()[rng.choice(points**2, many**2, replace=False)] = True
@@ -107,13 +127,12 @@ def scan(part: str, index: int) -> tuple[TrainingSample, DatasetSettings, str]:
 
 def seen_by(network: Nano, made: TrainingSample) -> tuple[torch.Tensor, torch.Tensor]:
     """The picture (H, W), and the evidence (C, H, W), of one scan."""
-    batch = collate([made])
+    batch, watching = collate([made]), Watching()
+    network.head_of_intervals = CalibratedHead(watching, UNCALIBRATED, ErrorLine(1.0, 0.0, 0.0))
     with torch.inference_mode():
-        response = told(network, batch)
-        volumes, eta, maps, lifted, presence = network.prepared(batch["counts"], batch["exposure"], *response)
-        seen = network.over_symmetries(volumes, eta, maps, lifted)
-        found = evidence(seen, volumes, eta, maps, presence, network.physics.depths)
-    return (seen.albedo * presence[:, None, None]).clamp(0, 1)[0], found[0]
+        picture = network(batch["counts"], batch["exposure"], *told(network, batch)).albedo[0]
+    assert watching.found is not None
+    return picture, watching.found[0]
 
 
 @lru_cache(maxsize=4)

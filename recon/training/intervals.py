@@ -3,8 +3,17 @@
 `collect` lets NANO see simulated scans (`interval_set.py`). `train` fits the head to those of the kinds of scene that
 NANO was trained on and of some that it never saw: only there does it fail as it does in the world. Where the folder has
 a head, it is fitted further. `calibrate` conformalises on scans of the other kinds, which neither ever saw
-(Romano et al., NeurIPS 2019), and writes recon/weights/nano.intervals. After a change of NANO's weights: all three, in
-a new folder.
+(Romano et al., NeurIPS 2019), and writes recon/weights/nano.intervals. After a change of NANO's weights or of its
+refinement all of it, in a new folder; what ships was made by
+
+    collect FOLDER --part training --scans 150
+    collect FOLDER --part calibration --scans 250
+    train FOLDER --steps 1000
+    collect FOLDER --part calibration --scans 360
+    collect FOLDER --part slow_calibration --scans 90
+    calibrate FOLDER
+
+which takes about half an hour of one core, `train` from the head of before, put there as head.safetensors.
 """
 
 import argparse
@@ -18,9 +27,10 @@ import torch
 
 from nlos.recon.intervals import CALIBRATED, head_in
 from nlos.recon.layers.interval_head import IntervalHead
+from nlos.recon.refined import REFINEMENT
 from nlos.recon.training.interval_calibration import calibrate, error_line, judge
 from nlos.recon.training.interval_fit import fit
-from nlos.recon.training.interval_set import CALIBRATION, TEST, TRAINING, Judged, all_judged, judged
+from nlos.recon.training.interval_set import CALIBRATION, SEEDS, SLOW_CALIBRATION, TRAINING, Judged, all_judged, judged
 from nlos.recon.weights.files import OWN_FOLDER, put_weights, read_weights, save, sha256_of
 
 DRAFT = "head.safetensors"
@@ -43,6 +53,12 @@ def never_seen(part: str, folder: Path) -> Iterator[Judged]:
     yield from (made for made in all_judged(part, folder) if not kinds_of(made) <= SEEN)
 
 
+def to_calibrate_on(folder: Path) -> Iterator[Judged]:
+    """What the head is calibrated on."""
+    yield from never_seen(CALIBRATION, folder)
+    yield from never_seen(SLOW_CALIBRATION, folder)
+
+
 def save_draft(head: IntervalHead, folder: Path) -> None:
     """A head that is trained and not yet calibrated, beside the scans that it was trained on."""
     save(folder / DRAFT, head.state_dict(), {"method": "intervals of nano, not calibrated"})
@@ -62,7 +78,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("verb", choices=["collect", "train", "calibrate", "judge"])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--part", default=CALIBRATION, choices=[TRAINING, CALIBRATION, TEST])
+    parser.add_argument("--part", default=CALIBRATION, choices=list(SEEDS))
     parser.add_argument("--scans", type=int, default=200)
     parser.add_argument("--steps", type=int, default=3000)
     said = parser.parse_args()
@@ -76,13 +92,13 @@ def main() -> None:
         save_draft(fit(fitted_to(said.folder), said.steps, begun), said.folder)
         return
     head = head_to_calibrate(said.folder)
-    calibration = calibrate(head, never_seen(CALIBRATION, said.folder))
+    calibration = calibrate(head, to_calibrate_on(said.folder))
     print(json.dumps(judge(head, never_seen(said.part, said.folder), calibration)).replace("],", "],\n"))
     if said.verb == "calibrate":
-        line = error_line(head, calibration, never_seen(CALIBRATION, said.folder))
+        line = error_line(head, calibration, to_calibrate_on(said.folder))
         about = {
             "method": "intervals of nano", "calibration": calibration.as_json(), "error": asdict(line),
-            "of": sha256_of("nano"),
+            "of": sha256_of("nano"), "refinement": sha256_of(str(OWN_FOLDER / REFINEMENT)),
         }  # fmt: skip
         save(OWN_FOLDER / CALIBRATED, {name: x.half() for name, x in head.state_dict().items()}, about)
 

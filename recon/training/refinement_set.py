@@ -16,7 +16,7 @@ from torch import Tensor
 
 from nlos.recon.file_mode import readable_as_its_folder
 from nlos.recon.layers.counts import exposed
-from nlos.recon.layers.refinement import DEPTH, Correction, Refinement
+from nlos.recon.layers.refinement import DEPTH, Correction, Refined, Refinement, as_it_was
 from nlos.recon.methods.nano import Nano, Settings, build
 from nlos.recon.training.dataset import sample
 from nlos.recon.training.dataset_settings import DatasetSettings
@@ -55,12 +55,12 @@ class Watched(Refinement):
 
     def __call__(
         self, counts: Tensor, exposure: Tensor | None, response: Tensor | None, albedo: Tensor, depth: Tensor
-    ) -> tuple[Tensor, Tensor]:
+    ) -> Refined:
         known = None if response is None else response[0]
         self.found = self.left_over(
             counts[0, 0], exposed(counts, exposure).relative[0], albedo[0].clamp(0, 1), depth[0], known
         )
-        return albedo, depth
+        return as_it_was(albedo, depth)
 
 
 def scan(part: str, index: int) -> tuple[TrainingSample, DatasetSettings]:

@@ -1,5 +1,6 @@
 """Intervals: the figures that judge them, their calibration, and those of NANO on scans that nobody trained on."""
 
+import shutil
 from dataclasses import astuple, replace
 from pathlib import Path
 
@@ -10,24 +11,28 @@ from safetensors import safe_open
 
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
+from nlos.recon import intervals
 from nlos.recon.interval_scores import ause, calibration_error, interval_scores
-from nlos.recon.intervals import GROUPS, Calibration, adjusted, group_of, head_for
+from nlos.recon.intervals import CALIBRATED, NOISE, RESPONSE, TRAITS, UNCALIBRATED, adjusted, head_for, traits_of
 from nlos.recon.layers.evidence import NAMES, UNTOLD
-from nlos.recon.layers.interval_head import ALBEDO_UNIT, DEPTH_UNIT, KEPT, NOISE, RESPONSE, IntervalHead, pinball
+from nlos.recon.layers.interval_head import ALBEDO_UNIT, DEPTH_UNIT, IntervalHead, pinball
+from nlos.recon.methods.nano import Nano, Settings, build
 from nlos.recon.reconstruct import reconstruct
+from nlos.recon.refined import REFINEMENT
 from nlos.recon.results import read_reconstruction, write_results
 from nlos.recon.seen import depth_opacity
 from nlos.recon.training.dataset import sample
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.detector import DetectorSettings
-from nlos.recon.training.interval_calibration import calibrate, judge
-from nlos.recon.training.interval_set import Judged
+from nlos.recon.training.interval_calibration import PIXELS, Seen, calibrate, calibrated, judge
+from nlos.recon.training.interval_set import CALIBRATION, Judged, scan, seen_by
 from nlos.recon.training.intervals import head_to_calibrate as read_back
 from nlos.recon.training.intervals import save_draft
 from nlos.recon.training.rendering import render
 from nlos.recon.training.scenes import Surfels
 from nlos.recon.view3d import solid_points
 from nlos.recon.volume import Intervals, Reconstruction
+from nlos.recon.weights.files import OWN_FOLDER, read_weights, save
 
 CLEAN = DetectorSettings(sparse=0.0, noiseless=0.0, uniform=0.0, peak_counts_least=8, peak_counts_most=8.01)
 
@@ -71,17 +76,21 @@ def test_the_pinball_loss_is_least_at_its_quantile() -> None:
     assert float(ends[losses.argmin()]) == pytest.approx(1.645, abs=0.05)
 
 
+def constant(value: float) -> tuple[float, ...]:
+    """Coefficients of what does not depend on a scan's traits."""
+    return (value, *(0.0,) * len(TRAITS))
+
+
 def test_a_calibration_widens_and_the_interval_always_holds_the_picture() -> None:
     evidence = torch.rand(3, len(NAMES), 8, 8)
-    evidence[0, NOISE], evidence[1:, NOISE], evidence[:, KEPT] = -3.0, 3.0, 0.0
-    evidence[:2, RESPONSE], evidence[2, RESPONSE] = UNTOLD, 0.0
-    groups = group_of(evidence)
-    assert 0 <= int(groups[0]) < int(groups[1]) < int(groups[2]) < GROUPS
-    raw, ones = IntervalHead()(evidence), (1.0,) * GROUPS
+    raw = IntervalHead()(evidence)
+    traits = traits_of(evidence)
     none, wide, narrow = (
-        adjusted(raw, Calibration((by,) * GROUPS, (by,) * GROUPS, ones, (0.0,) * GROUPS), groups)
+        adjusted(raw, replace(UNCALIBRATED, albedo=constant(np.log(by)), depth=constant(np.log(by))), traits)
         for by in (1.0, 2.0, 0.01)
     )
+    torch.testing.assert_close(none.albedo_high - raw.albedo, raw.brighter)
+    torch.testing.assert_close(none.seen, torch.sigmoid(raw.seen))
     assert (wide.depth_low <= none.depth_low).all()
     assert (wide.depth_high > none.depth_high).all()
     picture, depth = evidence[:, NAMES.index("albedo")], evidence[:, NAMES.index("depth")] + 0.5
@@ -93,46 +102,65 @@ def test_a_calibration_widens_and_the_interval_always_holds_the_picture() -> Non
         assert (picture <= made.albedo_high).all()
 
 
-def test_each_group_has_its_own_width_and_line_of_seen() -> None:
-    evidence = torch.rand(2, len(NAMES), 8, 8)
-    evidence[1] = evidence[0]
-    evidence[0, NOISE], evidence[1, NOISE] = -3.0, 3.0
-    raw, (first, second) = IntervalHead()(evidence), group_of(evidence).tolist()
-    numbers = [1.0] * GROUPS
-    numbers[second] = 3.0
-    made = adjusted(
-        raw, Calibration((*numbers,), (*numbers,), (*numbers,), (0.0,) * GROUPS), torch.tensor([first, second])
-    )
-    assert torch.allclose(made.albedo_high[1] - raw.albedo[1], 3 * raw.brighter[1])
-    assert torch.allclose(made.seen[0], torch.sigmoid(raw.seen[0]))
-    assert torch.allclose(made.seen[1], torch.sigmoid(3 * raw.seen[1]))
+def test_width_and_line_of_seen_follow_the_traits_of_a_scan_as_far_as_they_were_calibrated() -> None:
+    evidence = torch.rand(3, len(NAMES), 8, 8)
+    evidence[1:] = evidence[0]
+    evidence[:, NOISE] = torch.tensor([0.0, 1.0, 5.0])[:, None, None]
+    raw = IntervalHead()(evidence)
+    steps = [0.0] * (1 + len(TRAITS))
+    steps[1 + TRAITS.index("noise")] = 0.7
+    slopes = list(steps)
+    slopes[0] = 1.0
+    most = tuple(2.0 if name == "noise" else np.inf for name in TRAITS)
+    made = adjusted(raw, replace(UNCALIBRATED, most=most, albedo=(*steps,), slope=(*slopes,)), traits_of(evidence))
+    for which, noise in enumerate((0.0, 1.0, 2.0)):  # and not 5
+        wider = (made.albedo_high[which] - raw.albedo[which]) / raw.brighter[which]
+        torch.testing.assert_close(wider, torch.full_like(wider, float(np.exp(0.7 * noise))), rtol=1e-3, atol=0)
+        torch.testing.assert_close(made.seen[which], torch.sigmoid((1 + 0.7 * noise) * raw.seen[which]))
 
 
 def test_a_calibration_finds_the_factor_by_which_a_head_is_too_sure() -> None:
-    """Scans whose truth lies at 4 sides of the head's, normally spread: 1.645 x 4 sides hold nine of ten."""
+    """Scans whose truth lies at 2 to 8 sides of the head's, the more the noisier, normally spread: 1.645 times that
+    holds nine of ten."""
     head, rng = IntervalHead(), np.random.default_rng(4)
-    scans = []
-    for k in range(30):
-        evidence = np.zeros((len(NAMES), 16, 16), np.float32)
-        evidence[NAMES.index("albedo")], evidence[RESPONSE] = 1.0, UNTOLD
-        off = rng.standard_normal((2, 16, 16)).astype(np.float32)
+    scans, factors = [], []
+    for k in range(60):
+        evidence = np.zeros((len(NAMES), 32, 32), np.float32)
+        noise = rng.uniform(-1, 1)
+        evidence[NAMES.index("albedo")], evidence[RESPONSE], evidence[NOISE] = 1.0, UNTOLD, noise
+        off = 4 * 2**noise * rng.standard_normal((2, 32, 32)).astype(np.float32)
+        factors.append(1.645 * 4 * 2**noise)
         scans.append(
             Judged(
                 evidence,
-                1 + 4 * ALBEDO_UNIT * off[0],
-                0.5 + 4 * DEPTH_UNIT * off[1],
-                np.ones((16, 16), np.float32),
-                {"points": k},
+                1 + ALBEDO_UNIT * off[0],
+                0.5 + DEPTH_UNIT * off[1],
+                np.ones((32, 32), np.float32),
+                {"points": f"{k}", "rows": 32, "noise": 10 ** (noise - 1)},
             )
         )
     found = calibrate(head, scans)
-    group = int(group_of(torch.from_numpy(scans[0].evidence)[None])[0])
-    assert found.albedo[group] == pytest.approx(4 * 1.645, rel=0.05)
-    assert found.depth[group] == pytest.approx(4 * 1.645, rel=0.05)
-    assert found.albedo == (found.albedo[group],) * GROUPS  # other groups borrow where they have no scans
+    traits = traits_of(torch.from_numpy(np.stack([made.evidence for made in scans])))
+    for coefficients in (found.albedo, found.depth):
+        by = found.of(traits, coefficients).exp()[:, 0, 0].detach()
+        np.testing.assert_allclose(by, factors, rtol=0.12)
     judged = judge(head, scans, found)["all"]
-    assert judged[0] == pytest.approx(0.9, abs=0.001)
-    assert judged[3] == pytest.approx(0.9, abs=0.001)
+    assert judged[0] == pytest.approx(0.9, abs=0.005)
+    assert judged[3] == pytest.approx(0.9, abs=0.005)
+
+
+def test_a_calibration_mends_the_line_of_seen() -> None:
+    """Logits that are twice too sure, of scans with a lone pixel of evidence each."""
+    draw = torch.Generator().manual_seed(5)
+    true = 2 * torch.randn(40, PIXELS, generator=draw)
+    there = (torch.rand(40, PIXELS, generator=draw) < torch.sigmoid(true)).float()
+    traits = torch.randn(40, len(TRAITS), generator=draw)
+    none = torch.zeros(PIXELS)
+    found = calibrated([Seen(trait, none, none, 2 * x - 1, y) for trait, x, y in zip(traits, true, there, strict=True)])
+    slope, offset = (found.of(traits, each)[:, 0, 0] for each in (found.slope, found.offset))
+    assert float(slope.mean()) == pytest.approx(0.5, abs=0.03)
+    assert float(offset.mean()) == pytest.approx(0.5, abs=0.06)
+    assert float(slope.std() + offset.std()) < 0.2, "nothing depends on traits"
 
 
 def test_a_head_that_was_trained_is_kept_as_safetensors_and_is_the_one_that_is_calibrated(tmp_path: Path) -> None:
@@ -146,6 +174,22 @@ def test_a_head_that_was_trained_is_kept_as_safetensors_and_is_the_one_that_is_c
     with torch.inference_mode():
         for one, other in zip(astuple(trained.eval()(evidence)), astuple(read_back(tmp_path)(evidence)), strict=True):
             assert torch.equal(one, other)
+
+
+def test_what_it_is_calibrated_on_is_the_refined_picture_that_nano_shows() -> None:
+    made, data, _ = scan(CALIBRATION, 0)
+    network = build(Settings(), data.wall, data.time)
+    assert isinstance(network, Nano)
+    picture, evidence = seen_by(network, made)
+    counts, exposure = made.counts.astype(np.float32), made.exposure.astype(np.float64)
+    shown = reconstruct(Transient(counts, exposure, data.wall, data.time), "nano", explain=False)
+    np.testing.assert_allclose(picture.numpy(), shown.albedo, atol=1e-5)
+    torch.testing.assert_close(evidence[NAMES.index("albedo")], picture)
+    seen = np.isfinite(shown.depth_m)
+    depth = evidence[NAMES.index("depth")].numpy() + 0.5
+    np.testing.assert_allclose(depth[seen] * data.wall_width_m, shown.depth_m[seen], atol=1e-4)
+    assert float(evidence[NAMES.index("brightened")].abs().amax()) > 0.01
+    assert float(evidence[NAMES.index("left_asked")].amax()) == 1
 
 
 def scans(count: int) -> list[tuple[np.ndarray, np.ndarray, Transient]]:
@@ -230,6 +274,29 @@ def test_intervals_are_written_drawn_and_read_back(
     assert not (tmp_path / "out" / "uncertainty.png").exists()
 
 
+def test_intervals_go_with_the_weights_and_the_refinement_whose_pictures_they_were_calibrated_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = ("nano.safetensors", REFINEMENT, CALIBRATED)
+    for name in names:
+        shutil.copy(OWN_FOLDER / name, tmp_path / name)
+    weights = str(tmp_path / names[0])
+    monkeypatch.setattr(intervals, "OWN_FOLDER", tmp_path)
+    head_for.cache_clear()
+    assert head_for(weights) is not None
+    for name in names[:2]:
+        held = read_weights(tmp_path / name)
+        save(tmp_path / name, {key: x * 1.001 for key, x in held.tensors.items()}, held.about)
+        head_for.cache_clear()
+        assert head_for(weights) is None, name
+        shutil.copy(OWN_FOLDER / name, tmp_path / name)
+    (tmp_path / REFINEMENT).unlink()
+    head_for.cache_clear()
+    assert head_for(weights) is None
+    monkeypatch.undo()
+    head_for.cache_clear()
+
+
 def test_noise_alone_is_no_surface_anywhere(
     nano: list[tuple[np.ndarray, np.ndarray, Transient, Reconstruction]],
 ) -> None:
@@ -246,5 +313,6 @@ def test_what_the_calibration_does_not_cover_has_no_intervals(
 ) -> None:
     scan = nano[0][2]
     assert reconstruct(scan, "nano", {"symmetries": False}, explain=False).intervals is None
+    assert reconstruct(scan, "nano", {"refine": False}, explain=False).intervals is None
     assert reconstruct(scan, "lct", explain=False).intervals is None
     assert head_for(None) is None

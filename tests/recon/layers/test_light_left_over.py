@@ -136,6 +136,6 @@ def test_an_untrained_correction_changes_nothing_and_nothing_to_see_stays_so() -
     refinement = Refinement(Correction(), WALL, TIME, 4.0)
     for picture, deep in ((albedo, depth), (np.zeros_like(albedo), depth), (albedo, np.full_like(depth, np.nan))):
         seen = refinement(counts, None, None, torch.from_numpy(picture)[None], torch.from_numpy(deep)[None] / 2.0)
-        torch.testing.assert_close(seen[0][0], torch.from_numpy(picture), atol=1e-6, rtol=0)
+        torch.testing.assert_close(seen.albedo[0], torch.from_numpy(picture), atol=1e-6, rtol=0)
         known = torch.from_numpy((picture > 0) & np.isfinite(deep))
-        torch.testing.assert_close(seen[1][0][known], torch.from_numpy(deep / 2.0)[known], atol=1e-6, rtol=0)
+        torch.testing.assert_close(seen.depth[0][known], torch.from_numpy(deep / 2.0)[known], atol=1e-6, rtol=0)
