@@ -60,7 +60,8 @@ def draw_depth(
     seen = shown[np.isfinite(shown)]
     beyond = ends[bool((seen < low).any()), bool((seen > high).any())]
     lines = contours(reconstruction, (low, high))
-    label = "depth from the wall (m)" + (f", a line every {lines.step_m * 100:g} cm" if lines else "")
+    ruled = f"\na line every {lines.step_m * 100:g} cm" if lines else ""
+    label = f"depth from the wall (m), pale: dim or doubtful{ruled}"
     bar = figure.colorbar(ScalarMappable(scale, colours), ax=axes, label=label, shrink=0.85, extend=beyond)
     if lines is not None:
         wall = reconstruction.wall

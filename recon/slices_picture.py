@@ -14,13 +14,15 @@ from nlos.recon.small_print import small_print
 from nlos.recon.volume import Reconstruction, Volume
 
 MARK = "#56b4e9"
+MARKED = 0.1
+"""Of a panel's side, at either end: a line through all of it would hide the surface that it goes through."""
 BEHIND = 1.15
 """Of the farthest depth where anything is seen: so much is shown."""
 INCHES, LEAST_INCHES = 7.4, 4.0
 
 
 def slices_picture(reconstruction: Reconstruction, path: Path) -> None:
-    """Writes the PNG; dashed lines say where each slice lies in the others.
+    """Writes the PNG; marks at the edges say where each slice lies in the others.
 
     Raises `InvalidData` where the reconstruction holds no volume.
     """
@@ -38,17 +40,20 @@ def slices_picture(reconstruction: Reconstruction, path: Path) -> None:
     (front, side), (above, corner) = figure.subplots(2, 2, width_ratios=across, height_ratios=up)
     brightest = float(volume.albedo.max()) or 1.0
     drawn = _slice(front, volume.albedo[plane] / brightest, (left, right, bottom, top), (x_m, y_m))
-    front.set(title=f"from the front, z = {z_m:.3f} m", xlabel="x (m)", ylabel="y (m)")
+    front.set(title=f"slice at z = {z_m:.3f} m, from the front", xlabel="x (m)", ylabel="y (m)")
     _slice(side, volume.albedo[:, :, col].T / brightest, (near, far, bottom, top), (z_m, y_m))
-    side.set(title=f"from the side, x = {x_m:.3f} m", xlabel="z, from the wall (m)", ylabel="y (m)", xlim=(near, shown))
+    side.set(title=f"slice at x = {x_m:.3f} m, from the side", xlabel="z, from the wall (m)", ylabel="y (m)")
+    side.set_xlim(near, shown)
     _slice(above, volume.albedo[:, row] / brightest, (left, right, far, near), (x_m, z_m))
-    above.set(title=f"from above, y = {y_m:.3f} m", xlabel="x (m)", ylabel="z, from the wall (m)", ylim=(shown, near))
+    above.set(title=f"slice at y = {y_m:.3f} m, from above", xlabel="x (m)", ylabel="z, from the wall (m)")
+    above.set_ylim(shown, near)
     corner.set_axis_off()
     bar = corner.inset_axes((0.1, 0.7, 0.6, 0.05))
     figure.colorbar(
         drawn, cax=bar, orientation="horizontal", label=f"{reconstruction.method.upper()}: brightness (relative)"
     )
-    corner.text(0.1, 0.4, "dashed: where the\nother two slices lie", color="0.35", va="top", transform=corner.transAxes)
+    words = "Through the brightest voxel.\nMarks at the edges: where\nthe other two slices lie"
+    corner.text(0.1, 0.4, words, color="0.35", va="top", transform=corner.transAxes)
     figure.supxlabel(small_print(reconstruction), fontsize=6.5, color="0.35")
     save_picture(figure, path)
 
@@ -58,8 +63,9 @@ def _slice(
 ) -> AxesImage:
     """`others`: where the two other slices cross this one."""
     drawn = axes.imshow(image, cmap="gray", vmin=0, vmax=1, extent=sides, interpolation="nearest")
-    axes.axvline(others[0], color=MARK, linewidth=0.7, linestyle=(0, (4, 4)))
-    axes.axhline(others[1], color=MARK, linewidth=0.7, linestyle=(0, (4, 4)))
+    for begin, end in ((0, MARKED), (1 - MARKED, 1)):
+        axes.axvline(others[0], begin, end, color=MARK, linewidth=1.2)
+        axes.axhline(others[1], begin, end, color=MARK, linewidth=1.2)
     axes.locator_params(nbins=5)
     return drawn
 

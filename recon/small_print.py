@@ -8,10 +8,10 @@ def small_print(reconstruction: Reconstruction) -> str:
     made = reconstruction
     words = [made.scan, made.method.upper()]
     if made.points:
-        words += [f"{made.points:,} points", f"{si(made.photons)}photons from behind the wall"]
+        words += [f"{made.points:,} points", f"{si(made.photons)}indirect photons"]
     if made.explained is not None and made.explained.share is not None:
         words.append(made.explained.figure)
-    return " · ".join(word for word in (*words, f"{made.seconds:.1f} s") if word)
+    return " · ".join(word for word in (*words, f"computed in {made.seconds:.1f} s") if word)
 
 
 def si(number: float) -> str:

@@ -17,6 +17,7 @@ from nlos.recon.small_print import small_print
 from nlos.recon.volume import Reconstruction
 
 NARROWEST_M, WIDEST_M = 0.002, 0.5
+TICKS_CM = (0.2, 0.5, 1, 2, 5, 10, 20, 50)
 SHRUNK = 0.75  # a colour bar to the height of its picture
 
 
@@ -26,7 +27,10 @@ def uncertainty_picture(reconstruction: Reconstruction, path: Path) -> None:
         raise InvalidData(f"this {reconstruction.method} reconstruction does not say how sure it is.")
     figure = Figure(figsize=(12.4, 4.2), layout="constrained")
     draw_uncertainty(reconstruction, figure)
-    figure.supxlabel(small_print(reconstruction), fontsize=6.5, color="0.35")
+    figure.supxlabel(
+        f"pale: hardly a surface. An interval holds the truth in nine cases of ten.\n{small_print(reconstruction)}",
+        fontsize=6.5, color="0.35",
+    )  # fmt: skip
     save_picture(figure, path)
 
 
@@ -39,11 +43,13 @@ def draw_uncertainty(reconstruction: Reconstruction, figure: Figure) -> None:
     figure.colorbar(shown, ax=left, label="probability of a surface", shrink=SHRUNK)
     left.set(title="is there a surface?", xlabel="x (m)", ylabel="y (m)")
     wide = (sure.albedo_high - sure.albedo_low) / brightest(reconstruction)
-    _faded(middle, figure, reconstruction, wide, Normalize(0, 1, clip=True), "how wide (1: the brightest point)")
-    middle.set(title="brightness: 90 % interval")
+    _faded(
+        middle, figure, reconstruction, wide, Normalize(0, 1, clip=True), "1: as wide as the brightest point is bright"
+    )
+    middle.set(title="brightness: width of its 90 % interval")
     deep = np.clip(sure.depth_high_m - sure.depth_low_m, NARROWEST_M, WIDEST_M) * 100
-    _faded(right, figure, reconstruction, deep, LogNorm(NARROWEST_M * 100, WIDEST_M * 100, clip=True), "how wide (cm)")
-    right.set(title="depth: 90 % interval")
+    _faded(right, figure, reconstruction, deep, LogNorm(NARROWEST_M * 100, WIDEST_M * 100, clip=True), "cm")
+    right.set(title="depth: width of its 90 % interval")
 
 
 def _faded(
@@ -54,6 +60,8 @@ def _faded(
     ink = reconstruction.intervals.seen[..., None]
     colour = colours(scale(values))[..., :3]
     axes.imshow(ink * colour + (1 - ink) * BACKGROUND, extent=extent(reconstruction), interpolation="nearest")
-    axes.set(xlabel="x (m)")
+    axes.set(xlabel="x (m)", ylabel="y (m)")
     bar = figure.colorbar(ScalarMappable(scale, colours), ax=axes, label=name, shrink=SHRUNK)
     bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, place: f"{value:g}"))
+    if isinstance(scale, LogNorm):
+        bar.set_ticks(TICKS_CM)

@@ -4,6 +4,7 @@ import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -28,6 +29,8 @@ from nlos.recon.training.dataset import DatasetSettings
 from nlos.recon.training.detector import respond
 from nlos.recon.training.rendering import render
 from nlos.recon.training.scenes import front_view, make_scene, surfels
+from nlos.recon.volume import Reconstruction
+from nlos.report import page
 from nlos.response import known_response, lateral_m, response_wanted, say_response
 from nlos.results_folder import ResultsFolder
 
@@ -205,6 +208,27 @@ def test_the_result_says_what_was_taken(nlos: Nlos, tmp_path: Path) -> None:
     done = nlos("reconstruct", str(path), "-o", "out", "--response", "2000")
     assert "response: 2000 ps FWHM, a Gaussian, as given" in done.stdout
     assert "is slow for this wall" in done.stderr
+
+
+def test_a_report_shows_the_picture_that_reconstruct_makes(
+    nlos: Nlos, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a raw scan, whose own direct light tells the response."""
+    scan = "wall: {width_m: 1, height_m: 1, rows: 8, cols: 8}\npattern: raster\ndwell_ms: 20\n"
+    (tmp_path / "s.yaml").write_text(f"{scan}histogram: {{bins: 512, bin_width_ps: 32, offset_ns: 10}}\n")
+    assert nlos("scan", "s.yaml", "-o", "run.h5").returncode == 0
+    shown: list[Reconstruction] = []
+
+    def seen(*scan: Any, **said: Any) -> Reconstruction:
+        shown.append(reconstruct(*scan, **said))
+        return shown[-1]
+
+    monkeypatch.setattr(page, "reconstruct", seen)
+    page.write_report([tmp_path / "run.h5"], tmp_path / "r.html", ["lct"])
+    made = library.reconstruct(library.load(tmp_path / "run.h5"), "lct")
+    assert "own direct peak" in made.response
+    assert library.Picture(shown[0]).response == made.response
+    assert np.array_equal(shown[0].albedo, made.albedo)
 
 
 def test_only_a_response_too_slow_for_the_wall_is_called_slow(caplog: pytest.LogCaptureFixture, tmp_path: Path) -> None:

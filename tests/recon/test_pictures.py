@@ -81,7 +81,7 @@ def test_the_small_print_counts_points_and_photons() -> None:
     result = reconstruct(Transient(counts, exposure_s, WALL, TimeAxis(64, 64e-12)), "lct")
     assert (result.points, result.photons) == (512, 1536.0)
     text = small_print(replace(result, scan="run.h5"))
-    assert text.startswith("run.h5 · LCT · 512 points · 1.54 k photons")
+    assert text.startswith("run.h5 · LCT · 512 points · 1.54 k indirect photons")
     assert [si(number) for number in (12, 3_260_000, 2e9)] == ["12 ", "3.26 M ", "2 G "]
     assert FAINT < FULL
 

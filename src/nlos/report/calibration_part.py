@@ -7,9 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.digits import plus_minus
-from nlos.calibration.correct import Corrected, correct
+from nlos.calibration.correct import CorrectedPoints
 from nlos.chain import calibrate_scan
 from nlos.report.html import number, picture, table
+from nlos.response import say_response
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,18 +37,20 @@ _FOUND = {
 def calibrated(scan: "LoadedScan", constants: "BenchConstants | None") -> tuple["Transient", str, str]:
     """What `reconstruct` would work on, a sentence on how well it was calibrated, and the section about it."""
     title = "<h2>Calibration</h2>"
+    found: list[CorrectedPoints] = []
+    transient = calibrate_scan(scan, constants=constants, hear=found.append)
+    say_response(transient)
     if scan.rectified:
-        return calibrate_scan(scan), "", f"{title}<p>The source of this recording was rectified already.</p>"
+        return transient, "", f"{title}<p>The source of this recording was rectified already.</p>"
     by = "the scan's own direct light"
     if constants is not None:
         by += f", and constants of the bench measured {constants.measured_utc}"
     if scan.points is not None:
-        return calibrate_scan(scan, constants=constants), "", f"{title}<p>By {escape(by)}.</p>"
-    corrected = correct(scan.transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
-    return corrected.transient, _sentence(corrected), f"{title}<p>By {escape(by)}.</p>{_residuals(corrected)}"
+        return transient, "", f"{title}<p>By {escape(by)}.</p>"
+    return transient, _sentence(found[0]), f"{title}<p>By {escape(by)}.</p>{_residuals(found[0], transient)}"
 
 
-def _sentence(corrected: "Corrected") -> str:
+def _sentence(corrected: CorrectedPoints) -> str:
     found = corrected.report()
     rms_ps, rms_mm, fwhm_ps = (found.get(key) for key in ("offset_rms_ps", "offset_rms_mm", "response_fwhm_ps"))
     if not (isinstance(rms_ps, float) and isinstance(rms_mm, float)):
@@ -56,15 +59,15 @@ def _sentence(corrected: "Corrected") -> str:
     return f"Arrival times fit a plane wall to {rms_ps:.1f} ps RMS ({rms_mm:.2f} mm){width}."
 
 
-def _residuals(corrected: "Corrected") -> str:
+def _residuals(corrected: CorrectedPoints, transient: "Transient") -> str:
     from matplotlib.figure import Figure
 
     found = corrected.report()
     rows = _figures(corrected)
-    offsets = corrected.points.offsets
+    offsets = corrected.offsets
     if offsets is None:
         return table(rows)
-    wall, width_ps = corrected.transient.wall, corrected.transient.time.bin_width_s * 1e12
+    wall, width_ps = transient.wall, transient.time.bin_width_s * 1e12
     figure = Figure(figsize=(9, 3.4), layout="constrained")
     left, right = figure.subplots(1, 2)
     shape = (wall.rows, wall.cols)
@@ -78,9 +81,9 @@ def _residuals(corrected: "Corrected") -> str:
     return table(rows) + picture(figure, "time offset of every point, and what the wall fit leaves")
 
 
-def _figures(corrected: "Corrected") -> dict[str, str]:
+def _figures(corrected: CorrectedPoints) -> dict[str, str]:
     """Name and value with its error, to the digits that it has."""
-    found, offsets = corrected.report(), corrected.points.offsets
+    found, offsets = corrected.report(), corrected.offsets
     rows = {label: number(found[key]) for key, label in _FOUND.items() if found.get(key) is not None}
     wall = None if offsets is None else offsets.wall
     if wall is not None:

@@ -95,7 +95,7 @@ def _summary(said: ScanPart, quality: str, best: "Sequence[Reconstruction]") -> 
         span_m, part = depth_span([result]), float((seen == seen).mean())
         words.append(
             f"{result.method.upper()} sees surfaces between {span_m[0]:.2f} and {span_m[1]:.2f} m from the wall in "
-            f"{100 * part:.0f} % of the picture, from {si(result.photons)}photons that came from behind the wall."
+            f"{100 * part:.0f} % of the picture, from {si(result.photons)}photons that came from around the corner."
             if part and span_m
             else f"{result.method.upper()} sees nothing: the front view is no brighter anywhere than its noise."
         )
