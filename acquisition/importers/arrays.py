@@ -1,6 +1,7 @@
 """Histograms and what lies beside them as a scan, on a grid or at free positions: what HDF5, NPZ and MAT share."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,7 @@ from nlos.acquisition.importers.imported import FreePoints
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid, grid_around
 
+_PLACES = re.compile(r"(laser|sensor|camera|detector)(_grid)?_(xyz|x_m|y_m|positions?)")
 Beside = Mapping[str, npt.NDArray[Any] | None]
 
 
@@ -27,6 +29,16 @@ class StoredArrays:
     counts: npt.NDArray[Any]
     beside: Beside
     """exposure_s, x_m, y_m."""
+
+
+def refuse_separate_points(name: str, names: Iterable[str]) -> None:
+    """Raises `InvalidData` for a file with places of laser and sensor each, which would be taken for confocal."""
+    places = sorted(each for each in names if _PLACES.fullmatch(each))
+    if len({each.partition("_")[0] for each in places}) > 1:
+        raise InvalidData(
+            f"{name}: holds {', '.join(places)}: places of laser and sensor of their own are read from y-tal's HDF5 "
+            "(HDF5_TAL: T_Sx_Sy, T_Lx_Ly_Sx_Sy). Write it as that; a confocal scan needs x_m and y_m alone."
+        )
 
 
 def held_scan(

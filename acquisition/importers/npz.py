@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.importers.arrays import StoredArrays, held_scan
+from nlos.acquisition.importers.arrays import StoredArrays, held_scan, refuse_separate_points
 from nlos.acquisition.importers.given import NOTHING, Given, put_there
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES
@@ -20,6 +20,7 @@ _MAX_RATIO = 1100  # zlib's own limit is about 1032
 def read_npz(path: Path, given: Given = NOTHING) -> ImportedScan:
     """Reads a scan. Raises `InvalidData` naming file, place and reason."""
     arrays = _arrays(path)
+    refuse_separate_points(str(path), arrays)
     counts = _numbers(path, arrays, "histograms")
     if counts.ndim not in (2, 3):
         raise InvalidData(f"{path}: histograms: has shape {counts.shape}; [H, W, T] or [N, T] is expected")

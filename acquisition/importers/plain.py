@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.importers.arrays import StoredArrays, held_scan
+from nlos.acquisition.importers.arrays import StoredArrays, held_scan, refuse_separate_points
 from nlos.acquisition.importers.given import NOTHING, Given, put_there
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, open_hdf5, read_array
@@ -35,6 +35,7 @@ def read_plain(path: Path, dataset: str = "histograms", given: Given = NOTHING) 
             raise InvalidData(
                 f"{path}: no dataset '{dataset}' [H, W, T], or [N, T] with x_m and y_m [N]; the file holds {present}"
             )
+        refuse_separate_points(str(path), file.keys())
         counts = read_array(stored, 2 if len(stored.shape) == 2 else 3)
         beside = {name: _beside(file, name) for name in _SINGLE}
         width_s = given.bin_width_s or _number(file, "bin_width_s", "--bin-width-ps PS")

@@ -136,3 +136,18 @@ def test_grids_of_different_spacings_are_refused_by_name(tmp_path: Path) -> None
         read_any(write(tmp_path / "odd.hdf5", counts, grid(4), grid(8)))
     with pytest.raises(InvalidData, match="different spacings"):
         read_any(write(tmp_path / "odd.hdf5", counts[:, :, :, :4, :4], 0.5 * grid(4), grid(4)))
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5"])
+def test_plain_arrays_with_places_of_both_are_not_taken_for_confocal(tmp_path: Path, suffix: str) -> None:
+    path, arrays = tmp_path / f"both{suffix}", {"laser_xyz": np.zeros(3), "sensor_grid_xyz": grid(8)}
+    if suffix == ".npz":
+        np.savez(path, histograms=np.ones((8, 8, 64)), bin_width_s=32e-12, **arrays)
+    else:
+        with h5py.File(path, "w") as file:
+            file["histograms"] = np.ones((8, 8, 64))
+            file.attrs.update({"bin_width_s": 32e-12, "wall_size_m": 1.0})
+            for name, values in arrays.items():
+                file[name] = values
+    with pytest.raises(InvalidData, match=r"both.*laser_xyz, sensor_grid_xyz.*HDF5_TAL"):
+        read_any(path)
