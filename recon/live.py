@@ -75,8 +75,9 @@ class LiveReconstruction:
         get_ready(transient, self.method, self._set(falloff))
 
     def explained(self, picture: LivePicture, transient: Transient, falloff: int | None = None) -> LivePicture:
-        """The same picture, and how much of the light of `transient`, which it was made from, it explains."""
-        share = explained(transient, self.method, self._set(falloff), self._device)
+        """The same picture, how much of the light of `transient`, which it was made from, it explains, and what speaks
+        against the scan's geometry."""
+        share = explained(transient, self.method, self._set(falloff), self._device, elsewhere=True)
         return replace(picture, reconstruction=replace(picture.reconstruction, explained=share))
 
     def of_film(self, seen: HalfGrid, samples: int, falloff: int | None = None) -> LivePicture:

@@ -10,6 +10,7 @@ import pytest
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.explained_share import Explained
+from nlos.recon.live import LiveReconstruction
 from nlos.recon.other_geometry import WIDER, Judged, better_wall
 from nlos.recon.pictures import MISPLACED, summary_figure
 from nlos.recon.reconstruct import explained, reconstruct
@@ -127,6 +128,10 @@ def test_nano_doubts_a_wall_of_the_wrong_size_and_not_the_right_one() -> None:
         assert not wrong.nothing
     assert explained(with_wall(scan, 0.64), "nano").doubt == "", "it was not asked for"
     assert explained(with_wall(scan, 0.64), "lct", elsewhere=True).doubt == "", "not a method that can tell"
+    live = LiveReconstruction("nano")
+    told = live.explained(live.update(with_wall(scan, 0.64), 1024), with_wall(scan, 0.64)).reconstruction.explained
+    assert told is not None
+    assert "a wall 1.25 times as large" in told.doubt
 
 
 def test_points_out_of_order_are_told_by_every_method_and_kept(tmp_path: Path) -> None:
