@@ -10,6 +10,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from nlos.acquisition.errors import InvalidData, PlanRefused
+from nlos.acquisition.planning.budget import Budget as TimeBudget
 from nlos.acquisition.planning.positions import Positions
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings
@@ -18,6 +19,9 @@ from nlos.drivers.tcspc.counter import HistogramAxis, HistogramFlag, StopAtCount
 DWELL_STEP_S = 1e-6
 """Dwells are whole microseconds: what counters can be set to exactly."""
 MAX_MAP_BYTES = 64 << 20
+GOLDEN = (math.sqrt(5) - 1) / 2
+LEAST_BATCH, BATCHES = 32, 4
+"""How many second looks are chosen together: a path through fewer costs more than their choice gains."""
 
 Floats = npt.NDArray[np.float64]
 
@@ -63,6 +67,10 @@ class _Exposure(Settings):
 
     def stop(self, axis: HistogramAxis) -> StopAtCounts | None:
         """When points end before their dwell is over."""
+        return None
+
+    def budget(self, visits: Visits) -> TimeBudget | None:
+        """The time for `visits` that are more than are taken."""
         return None
 
     @property
@@ -183,7 +191,38 @@ class TwoPass(_Exposure):
         return self.counts
 
 
-Exposure = Annotated[Uniform | Budget | ByDistance | ByMap | StopAtNCounts | TwoPass, Field(discriminator="kind")]
+class SecondLook(_Exposure):
+    """Everything once with `dwell_ms`, then `again_ms` more at a `share` of the points: where the picture is least
+    sure. `--until` that comes before ends the scan."""
+
+    kind: Literal["second_look"] = "second_look"
+    again_ms: float = Field(ge=0.001, le=10_000)
+    """Dwell of the second visits."""
+    share: float = Field(default=0.25, gt=0, lt=1)
+    """Of the points, those that are visited again."""
+
+    def visits(self, positions: Positions, wall: WallGrid, dwell_s: float) -> Visits:
+        """The first pass as the pattern has it; the second, which points of are taken is decided on the way, such that
+        every beginning of it is spread evenly along the first."""
+        count = len(positions)
+        again = np.argsort(np.arange(count) * GOLDEN % 1.0, kind="stable")
+        return Visits(
+            index=np.concatenate([np.arange(count), again]),
+            dwell_s=whole_microseconds(np.repeat([dwell_s, self.again_ms * 1e-3], count)),
+            pass_=np.repeat(np.array([0, 1], dtype=np.int32), count),
+        )
+
+    def budget(self, visits: Visits) -> TimeBudget:
+        """All of the first pass, and the second's share."""
+        count, dwells_us = len(visits.index) // 2, np.round(visits.dwell_s * 1e6).astype(np.int64)
+        again = max(1, round(self.share * count))
+        total_us = int(dwells_us[:count].sum() + again * dwells_us[-1])
+        return TimeBudget(total_us, 0, max(LEAST_BATCH, -(-again // BATCHES)), after_first=True)
+
+
+Exposure = Annotated[
+    Uniform | Budget | ByDistance | ByMap | StopAtNCounts | TwoPass | SecondLook, Field(discriminator="kind")
+]
 
 
 def _read_map(path: Path) -> Floats:

@@ -2,13 +2,15 @@
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from nlos.acquisition.planning.budget import Budget
+from nlos.acquisition.planning.ordering import strips
 from nlos.acquisition.planning.positions import Positions
 from nlos.acquisition.sample import ScanPoint
 from nlos.acquisition.wall import WallGrid
@@ -25,7 +27,8 @@ class ScanPlan:
     Passes are frames: the same or other points of the wall at another time, each pass on its own. But with
     `revisit_below`, every later pass visits the first one's points in the same order, but takes only those whose
     histograms of the passes before hold fewer photons; the plan lists them all, so that numbers and seeds do not
-    depend on what was measured.
+    depend on what was measured. With a `budget` the points are candidates: a scan takes them, in this order or in one
+    that is decided on the way, until the next in this order does not fit into the time that is left.
     """
 
     wall: WallGrid
@@ -38,6 +41,8 @@ class ScanPlan:
     within_px: float | None = None
     """The mirror may be kept moving along lines where that keeps the beam within this many steps of a line of each
     point; None: it settles on points."""
+    budget: Budget | None = None
+    """None: every point is taken."""
 
     def __post_init__(self) -> None:
         if not len(self.positions) == len(self.dwell_s) == len(self.pass_):
@@ -85,8 +90,8 @@ class ScanPlan:
 
     @property
     def dwell_total_s(self) -> float:
-        """Time with the gate open, all passes, nothing stopped early."""
-        return float(self.dwell_s.sum())
+        """Time with the gate open, all passes, nothing stopped early; of candidates those that come unless advised."""
+        return float(self.dwell_s[self.expected()].sum())
 
     @property
     def first_pass(self) -> int:
@@ -96,7 +101,23 @@ class ScanPlan:
     @property
     def frames(self) -> int:
         """How many times the pattern is scanned, each a frame of its own: passes that do not depend on one another."""
-        return 1 if self.revisit_below is not None else int(self.pass_.max()) + 1
+        return 1 if self.revisit_below is not None or self.budget is not None else int(self.pass_.max()) + 1
+
+    @property
+    def most_samples(self) -> int:
+        """How many samples a recording of it holds, at most where some points are only candidates."""
+        return len(self) if self.budget is None else self.budget.most(self.budget.costs_us(self.dwell_s))
+
+    @property
+    def most_together(self) -> int:
+        """How many points are armed at once, at most."""
+        return len(self) if self.budget is None or self.budget.after_first else self.budget.batch
+
+    def left_us(self, taken: Collection[int]) -> int:
+        """What is left of the budget. Raises `ValueError` for a plan without one."""
+        if self.budget is None:
+            raise ValueError("a plan without a budget takes all of its points")
+        return self.budget.total_us - int(self.budget.costs_us(self.dwell_s[list(taken)]).sum())
 
     @property
     def cycle(self) -> int:
@@ -113,8 +134,11 @@ class ScanPlan:
 
     def pending(self, photons: Mapping[int, int]) -> list[int]:
         """The numbers still to take, in order; `photons` is what was taken: point number -> counts in its histogram.
-        Of the passes only the first that is not finished is listed where later ones depend on it."""
+        Of the passes only the first that is not finished is listed where later ones depend on it; of candidates those
+        that come if nobody says otherwise."""
         open_ = [number for number in range(len(self)) if number not in photons]
+        if self.budget is not None:
+            return open_[: self.budget.first(self.budget.costs_us(self.dwell_s[open_]), self.left_us(photons))]
         if self.revisit_below is None or not open_:
             return open_
         first_pass = self.first_pass
@@ -125,6 +149,28 @@ class ScanPlan:
             sums[number % first_pass] += count
         short = [number for number in open_ if sums[number % first_pass] < self.revisit_below]
         return [number for number in short if self.pass_[number] == self.pass_[short[0]]]
+
+    def expected(self) -> npt.NDArray[np.intp]:
+        """The numbers that a scan takes if nobody says otherwise, in order; candidates as they come batch by batch."""
+        if self.budget is None:
+            return np.arange(len(self))
+        numbers = np.array(self.pending({}), dtype=np.intp)
+        if self.budget.after_first:
+            return numbers
+        batches = [numbers[first : first + self.budget.batch] for first in range(0, len(numbers), self.budget.batch)]
+        return np.concatenate([self.on_path(batch) for batch in batches])
+
+    def on_path(self, numbers: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+        """The same numbers in strips, those of one pass together."""
+        x_m, y_m, pass_ = self.positions.x_m[numbers], self.positions.y_m[numbers], self.pass_[numbers]
+        parts = [np.flatnonzero(pass_ == each) for each in np.unique(pass_)]
+        return np.concatenate([numbers[part[strips(x_m[part], y_m[part])]] for part in parts])
+
+    def only(self, numbers: npt.NDArray[np.intp]) -> "ScanPlan":
+        """A plan of some of its points, numbered anew: to forecast with."""
+        return replace(
+            self, positions=self.positions.take(numbers), dwell_s=self.dwell_s[numbers], pass_=self.pass_[numbers]
+        )
 
     def on_axis(self, axis: HistogramAxis) -> "ScanPlan":
         """The same points over another time axis; a window that ends points early keeps its times."""
@@ -152,7 +198,8 @@ class ScanPlan:
             "stop": asdict(self.stop) if self.stop else None,
             "revisit_below": self.revisit_below,
         }
-        return found if self.within_px is None else {**found, "within_px": self.within_px}
+        later = {"within_px": self.within_px, "budget": asdict(self.budget) if self.budget else None}
+        return {**found, **{name: value for name, value in later.items() if value is not None}}
 
     @classmethod
     def from_parts(cls, scalars: Mapping[str, Any], columns: Mapping[str, npt.NDArray[Any]]) -> "ScanPlan":
@@ -165,6 +212,7 @@ class ScanPlan:
             dwell_s=columns["dwell_s"],
             pass_=columns["pass"],
             stop=StopAtCounts(**stop) if (stop := said.pop("stop")) else None,
+            budget=Budget(**budget) if (budget := said.pop("budget", None)) else None,
             **said,
         )
 

@@ -103,7 +103,7 @@ def beam_within_px(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles])
 
 def disk_bytes(plan: ScanPlan) -> int:
     """How large the recording will be."""
-    return len(plan) * (plan.axis.bins * 4 + RECORD.itemsize) + EVENT_ROWS * EVENT.itemsize + HEADER_BYTES
+    return plan.most_samples * (plan.axis.bins * 4 + RECORD.itemsize) + EVENT_ROWS * EVENT.itemsize + HEADER_BYTES
 
 
 def check_disk(plan: ScanPlan, path: Path, least_free: int = 0) -> None:

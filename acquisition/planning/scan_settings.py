@@ -6,10 +6,11 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from nlos.acquisition.errors import PlanRefused
-from nlos.acquisition.planning.exposure import Exposure, TwoPass, Uniform
+from nlos.acquisition.planning.exposure import Exposure, SecondLook, TwoPass, Uniform
 from nlos.acquisition.planning.frames import MOST_FRAMES, Parts, in_frames
 from nlos.acquisition.planning.ordering import strips, two_opt
 from nlos.acquisition.planning.patterns import SCATTERED, Pattern
+from nlos.acquisition.planning.patterns.adaptive import Adaptive
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.positions import Positions
 from nlos.acquisition.scanning.alarms import AlarmSettings
@@ -95,6 +96,8 @@ class ScanSettings(Settings):
         wall = WallGrid(self.wall.width_m, self.wall.height_m, self.wall.rows, self.wall.cols)
         axis = HistogramAxis(self.histogram.bins, self.histogram.bin_width_ps * 1e-12, self.histogram.offset_ns * 1e-9)
         listed = self.pattern.points(wall)
+        if isinstance(self.pattern, Adaptive):
+            return self._candidates(self.pattern, listed, wall, axis)
         self._check_size(len(listed), axis.bins)
         positions = self._ordered(listed)
         beyond = np.maximum(np.abs(positions.x_m) / wall.width_m, np.abs(positions.y_m) / wall.height_m)
@@ -107,10 +110,14 @@ class ScanSettings(Settings):
         stop = self.exposure.stop(axis)
         if stop is not None and self.continuous is not None:
             raise PlanRefused("points that stop at N counts make an uneven pace; take out `continuous` or the exposure")
+        if isinstance(self.exposure, SecondLook) and self.continuous is not None:
+            raise PlanRefused("second looks lie on no lines; take out `continuous` or exposure second_look")
         visits = self.exposure.visits(positions, wall, self.dwell_ms * 1e-3)
         if self.frames > 1 or self.interleave > 1:
-            if isinstance(self.exposure, TwoPass):
-                raise PlanRefused("a frame has no second pass: take out exposure two_pass, or frames and interleave")
+            if isinstance(self.exposure, TwoPass | SecondLook):
+                raise PlanRefused(
+                    f"a frame has no second pass: take out exposure {self.exposure.kind}, or frames and interleave"
+                )
             visits = in_frames(positions, visits, self.frames, self.interleave)
         return ScanPlan(
             wall,
@@ -121,7 +128,26 @@ class ScanSettings(Settings):
             stop,
             self.exposure.revisit_below,
             self.continuous.within_pixels if self.continuous else None,
+            self.exposure.budget(visits),
         )
+
+    def _candidates(self, pattern: Adaptive, positions: Positions, wall: WallGrid, axis: HistogramAxis) -> ScanPlan:
+        """Every visit that may be taken. Raises `PlanRefused` for what would decide the same things otherwise."""
+        others = {
+            "exposure": not isinstance(self.exposure, Uniform),
+            "frames": self.frames > 1,
+            "interleave": self.interleave > 1,
+            "continuous": self.continuous is not None,
+            "order": self.order is not None,
+        }
+        if found := [name for name, given in others.items() if given]:
+            raise PlanRefused(
+                f"pattern adaptive chooses points, order and dwell itself: take out {' and '.join(found)}"
+            )
+        visits = pattern.visits(positions, self.dwell_ms * 1e-3)
+        budget = pattern.budget(visits)
+        self._check_size(budget.most(budget.costs_us(visits.dwell_s)), axis.bins)
+        return ScanPlan(wall, axis, positions.take(visits.index), visits.dwell_s, visits.pass_, budget=budget)
 
     def _check_size(self, points: int, bins: int) -> None:
         """Raises `PlanRefused` for more counts than are read back into one piece."""

@@ -68,6 +68,7 @@ def choose(
     without which nobody would notice that the two are out of step; or a mirror with its own clock, whose marks begin
     the counter's points."""
     links = links or links_of(bench)
+    plan, angles = _expected(plan, angles)
     stepped = stepped_forecast(plan, bench, angles, links)
     if obstacle := _obstacle(bench):
         return Choice(Scheme.STEPPED, obstacle, stepped)
@@ -109,6 +110,7 @@ def forecast(
     """How long the plan takes in `scheme`; continuous lines with the usual measurement of the lag before them where it
     is not known."""
     links = links or links_of(bench)
+    plan, angles = _expected(plan, angles)
     if scheme is Scheme.STEPPED:
         return stepped_forecast(plan, bench, angles, links)
     if scheme is not Scheme.SWEPT:
@@ -140,6 +142,14 @@ def continuous_lines(plan: ScanPlan, angles: Sequence[MirrorAngles]) -> Lines:
     if plan.within_px is None:
         raise ValueError("the plan does not allow continuous lines")
     return Lines(plan, angles, 0.0)
+
+
+def _expected(plan: ScanPlan, angles: Sequence[MirrorAngles]) -> tuple[ScanPlan, Sequence[MirrorAngles]]:
+    """Of candidates those that are taken if nobody says otherwise: what can be forecast."""
+    if plan.budget is None or len(plan) == plan.most_samples:
+        return plan, angles
+    numbers = plan.expected()
+    return plan.only(numbers), [angles[number] for number in numbers.tolist()]
 
 
 def _obstacle(bench: Bench) -> str:

@@ -123,7 +123,7 @@ def moves_s(bench: Bench, angles: Sequence[MirrorAngles]) -> npt.NDArray[np.floa
 
 def stepped_forecast(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links) -> Forecast:
     """Scheme S1: every point pays for its move, its settling and its questions."""
-    arms = -(-len(plan) // bench.counter.max_points)
+    arms = -(-len(plan) // min(bench.counter.max_points, plan.most_together))
     counter, listing = bench.settings.counter, bench.counter.list_mode
     begins_s, listed_s = (counter.listing_begins_s, counter.listed_point_s) if listing else (0.0, 0.0)
     return Forecast(
@@ -149,9 +149,9 @@ def clocked_forecast(
     whole = Forecast(0.0, 0.0, links.scan_s, 0.0, links.margin, certain_share(plan))
     ends_s = bench.settings.counter.listing_ends_s if bench.counter.list_mode else 0.0
     first, where = 0, MirrorAngles(0.0, 0.0)
-    left = list(before)
+    together, left = min(bench.counter.max_points, plan.most_together), list(before)
     while first < len(plan):
-        points = [plan[number] for number in range(first, min(first + bench.counter.max_points, len(plan)))]
+        points = [plan[number] for number in range(first, min(first + together, len(plan)))]
         part = next_sequence(bench, points, angles[first : first + len(points)], sequencer)
         if left:
             part = replace(left.pop(), count=0)

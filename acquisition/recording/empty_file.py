@@ -34,7 +34,7 @@ def lay_out(target: Path, plan: ScanPlan, header: Header) -> Path:
     For whoever holds the target's lock: what a killed process left half done there is deleted. Raises `StorageError`
     where the disk has no room for the whole scan.
     """
-    points, bins = len(plan), plan.axis.bins
+    points, bins = plan.most_samples, plan.axis.bins
     fresh = target.with_name(f"{target.name}.{secrets.token_hex(8)}.new")
     try:
         clear(target)

@@ -76,7 +76,7 @@ def follow(
                     raise StorageError(
                         f"{path}: its writer is gone after {given} samples. Use --resume or `nlos recover`."
                     )
-                near_end = near_end or len(recording.plan) - row <= row - before
+                near_end = near_end or recording.plan.most_samples - row <= row - before
                 clock.sleep(min(_pause_s(recording.plan), NEAR_END_POLL_S if near_end else POLL_S))
 
 

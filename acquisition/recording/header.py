@@ -2,12 +2,14 @@
 
 import hashlib
 import json
+from dataclasses import astuple
 from typing import Any
 
 import h5py
 import numpy as np
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.planning.budget import Budget
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.positions import Positions
 from nlos.acquisition.recording.provenance import Header
@@ -84,6 +86,8 @@ def write_plan(file: h5py.File, plan: ScanPlan) -> None:
     group.attrs["revisit_below"] = plan.revisit_below or 0
     if plan.within_px is not None:
         group.attrs["within_px"] = plan.within_px
+    if plan.budget is not None:
+        group.attrs["budget"] = list(astuple(plan.budget))
     group.attrs["digest"] = plan.digest()
     for name, column in plan.columns().items():
         group.create_dataset(name, data=column, dtype=COLUMNS[name])
@@ -120,11 +124,17 @@ def read_plan(file: h5py.File, size_bytes: int) -> ScanPlan:
         stop=StopAtCounts(counts, first_bin, end_bin) if counts else None,
         revisit_below=int(states["revisit_below"]) or None,
         within_px=float(states["within_px"]) if "within_px" in states else None,
+        budget=_budget(states["budget"].tolist()) if "budget" in states else None,
     )
     if plan.digest() != str(states["digest"]):
         raise InvalidData(f"{file.filename}: the plan does not match its own digest; the file is damaged")
     check_plan(file.filename, plan)
     return plan
+
+
+def _budget(stored: list[int]) -> Budget:
+    total_us, step_us, batch, after_first = stored
+    return Budget(total_us, step_us, batch, bool(after_first))
 
 
 def plain_dataset(

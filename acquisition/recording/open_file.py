@@ -54,7 +54,7 @@ def _read(path: Path, handle: io.FileIO) -> ScanFile:
     try:
         with shown_to_hdf5(shown, "r") as file:
             header, plan = read_header(file), read_plan(file, os.fstat(handle.fileno()).st_size)
-            points, bins = len(plan), plan.axis.bins
+            points, bins = plan.most_samples, plan.axis.bins
             found = ScanFile(
                 handle,
                 header,

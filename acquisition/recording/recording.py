@@ -4,13 +4,15 @@
     /header/NAME      fixed-length UTF-8 text: scan_text and bench_text (the files as given), scan_json and bench_json
                       (resolved), constants_json, devices, software, git_hash, started_utc, warnings, identity, run_json
     /plan             attributes: width_m, height_m, rows, cols, bins, bin_width_s, offset_s, stop (counts, first_bin,
-                      end_bin; 0 = off), revisit_below (0 = off), within_px (only where lines may be continuous), digest
+                      end_bin; 0 = off), revisit_below (0 = off), within_px (only where lines may be continuous), budget
+                      (total_us, step_us, batch, after_first; only where points are
+                      candidates), digest
     /plan/row, col    (N,) int32, -1 off the grid       /plan/x_m, y_m, dwell_s   (N,) float64     /plan/pass (N,) int32
     /status           (1,) state, acknowledged, updated_unix_s
     /events           (1024,) unix_s, bench_s, kind, text; unused rows have an empty kind
-    /samples/records  (N,) one row per sample in the order taken: written, number (into the plan), flags, taken_s,
+    /samples/records  (M,) one row per sample in the order taken: written, number (into the plan), flags, taken_s,
                       live_time_s, gate_opened_s, sync_count, total_count, crc
-    /samples/counts   (N, T) uint32, the histograms of the same rows
+    /samples/counts   (M, T) uint32, the histograms of the same rows; M is N, or with a budget the most that fit it
 
 `crc` is the CRC-32 of the row's other bytes followed by its counts. `identity` is random, made with the file; copies of
 a recording have the same. Every dataset lies in one piece, at its final size and place from the start, unfiltered, and
@@ -91,7 +93,7 @@ class Recording:
         if not given[0]:
             raise StorageError(f"{self.path}: status: the disk cannot read it. Copy the file to a sound disk.")
         state, acknowledged, _ = row[0].tolist()
-        check_status(str(self.path), state, acknowledged, len(self.plan), tuple(Status))
+        check_status(str(self.path), state, acknowledged, self.plan.most_samples, tuple(Status))
         return Status(state)
 
     @property
@@ -102,7 +104,7 @@ class Recording:
     def _promised(self) -> int | None:
         row, given = self._file.status.read(0, 1)
         acknowledged = int(row["acknowledged"][0])
-        return acknowledged if given[0] and acknowledged <= len(self.plan) else None
+        return acknowledged if given[0] and acknowledged <= self.plan.most_samples else None
 
     @property
     def on_grid(self) -> bool:
@@ -132,8 +134,9 @@ class Recording:
         records, given = [self._records[:begin]], [self._given[:begin]]
         end = max(acknowledged, begin)
         first_look = len(self._records) == 0
-        for first in range(begin, len(self.plan), LOOK_ROWS):
-            rows, there = self._file.records.read(first, min(first + LOOK_ROWS, len(self.plan)))
+        room = self._file.records.count
+        for first in range(begin, room, LOOK_ROWS):
+            rows, there = self._file.records.read(first, min(first + LOOK_ROWS, room))
             records.append(rows)
             given.append(there)
             written = np.flatnonzero(rows["written"])

@@ -72,6 +72,10 @@ def check_plan(name: str, plan: ScanPlan) -> None:
     stop, within_px = plan.stop, plan.within_px
     if stop is not None and not (stop.counts > 0 and 0 <= stop.first_bin < stop.end_bin <= plan.axis.bins):
         raise InvalidData(f"{name}: plan: stop at {stop.counts} counts in bins {stop.first_bin} to {stop.end_bin}")
+    if plan.budget is not None and not (plan.budget.total_us <= LONGEST_S * 1e6 and plan.most_samples):
+        raise InvalidData(
+            f"{name}: plan: a budget of {plan.budget.total_us} us holds none of its points, or any number"
+        )
     if (plan.revisit_below or 0) < 0 or not 0 <= (within_px or 0.0) <= 1:
         raise InvalidData(f"{name}: plan: revisit_below {plan.revisit_below}, within_px {within_px}")
 

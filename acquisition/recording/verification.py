@@ -13,7 +13,8 @@ from nlos.acquisition.recording.recording import Recording
 
 @dataclass(frozen=True)
 class Verification:
-    """What `verify` found: in which condition the rows are, and plan numbers stored twice or not at all."""
+    """What `verify` found: in which condition the rows are, and plan numbers stored twice or not at all; of a plan of
+    candidates, `planned` are those that were taken and those that still fit its time."""
 
     status: Status
     planned: int
@@ -54,5 +55,5 @@ def verify(path: Path) -> Verification:
         numbers, times = np.unique(np.delete(recording.records["number"], aside), return_counts=True)
         repeated = tuple(numbers[times > 1].tolist())
         frames, table = recording.plan.frames, frame_table(recording.plan, recording.intact_records())
-        planned = len(recording.plan)
+        planned = len(recording.plan) if recording.plan.budget is None else len(numbers) + len(missing)
         return Verification(recording.status, planned, condition, repeated, missing, frames, table.complete)

@@ -166,7 +166,9 @@ class RecordingWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if error is None:
-            self.finish(Status.COMPLETE if self.acknowledged + self._filled == len(self.plan) else Status.INTERRUPTED)
+            self.finish(
+                Status.COMPLETE if self.acknowledged + self._filled == self.plan.most_samples else Status.INTERRUPTED
+            )
             return
         try:
             self.finish(Status.FAILED)
@@ -176,8 +178,8 @@ class RecordingWriter:
 
     def _append(self) -> None:
         first, end = self.acknowledged, self.acknowledged + self._filled
-        if end > len(self.plan):
-            raise ValueError(f"{self.path}: sample {end} of a plan of {len(self.plan)} points")
+        if end > self._file.records.count:
+            raise ValueError(f"{self.path}: sample {end} of a plan of {self._file.records.count}")
         self._watched.check()
         self._file.counts.write(first, self._block_counts[: self._filled])
         self._file.records.write(first, self._block[: self._filled])

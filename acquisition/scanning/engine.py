@@ -15,6 +15,7 @@ from nlos.acquisition.planning.preflight import aim_of, checked_angles
 from nlos.acquisition.planning.schemes import Choice, Scheme, choose, forecast, sequencer
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.scanning import clocked, lag_trial, stepped
+from nlos.acquisition.scanning.advice import Adviser
 from nlos.acquisition.scanning.alarms import DONE, Action, AlarmRaised, Alarms, Trouble, sentence
 from nlos.acquisition.scanning.control import ScanControl, ScanState, undeterred, until_interrupted
 from nlos.acquisition.scanning.lag import Lag
@@ -44,20 +45,21 @@ def scan(
     decide: Callable[[], bool] | None = None,
     elapsed_s: float = 0.0,
     lag: Lag | None = None,
+    adviser: Adviser | None = None,
 ) -> Generator[Sample, None, None]:
     """Checks the plan at once (`LimitError`), then yields its samples as they are taken.
 
     `taken`: point number -> photons of what an earlier recording already holds, `elapsed_s` how long that took.
     `scheme`: the fastest that bench and plan allow, unless told. `alarms` may pause, postpone or end. `decide` is asked
     after every sample whether the scan may end early; where a first pass is followed by a second, the first yes ends
-    the first. Continuous lines are swept by `lag`, or by what is measured before them. Raises `DeviceError` with the
-    shutter closed.
+    the first. `adviser` says which candidates of a plan with a budget come next. Continuous lines are swept by `lag`,
+    or by what is measured before them. Raises `DeviceError` with the shutter closed.
     """
     angles = checked_angles(plan, bench, aim or aim_of(bench))
     choice = choose(plan, bench, angles, lag=lag)
     if scheme is not None and scheme is not choice.scheme:
         choice = Choice(scheme, "as asked for", forecast(scheme, plan, bench, angles, lag=lag))
-    under_way = UnderWay(control or ScanControl(), bench.clock.now() - elapsed_s, alarms, decide)
+    under_way = UnderWay(control or ScanControl(), bench.clock.now() - elapsed_s, alarms, decide, adviser)
     return _Run(plan, bench, angles, dict(taken or {}), under_way, lag).samples(choice)
 
 
@@ -87,7 +89,7 @@ class _Run:
         self._plan, self._bench, self._angles = plan, bench, angles
         self._under_way, self._control, self._alarms = under_way, under_way.control, under_way.alarms
         self._lag = lag
-        self._left = LeftToTake(plan, bench, photons)
+        self._left = LeftToTake(plan, bench, photons, under_way.adviser)
         self._take: Callable[..., Iterator[Sample]] = stepped.take
         self._alarm: Trouble | None = None
 

@@ -4,6 +4,7 @@ from itertools import islice
 
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.sample import Sample
+from nlos.acquisition.scanning.advice import Adviser, Batches
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import DeviceFault
 from nlos.drivers.tcspc.counter import HistogramFlag
@@ -21,12 +22,14 @@ ATTEMPTS = 3
 
 
 class LeftToTake:
-    """Of one scan under way. `photons`: point number -> photons of what an earlier recording holds."""
+    """Of one scan under way. `photons`: point number -> photons of what an earlier recording holds. `adviser`: says
+    which candidates come next, where the plan has more than it takes."""
 
-    def __init__(self, plan: ScanPlan, bench: Bench, photons: dict[int, int]) -> None:
+    def __init__(self, plan: ScanPlan, bench: Bench, photons: dict[int, int], adviser: Adviser | None = None) -> None:
         self._plan, self._bench, self._photons = plan, bench, photons
         self._attempts: dict[int, int] = {}
         self._skipped: dict[int, int] = {}
+        self._batches = None if plan.budget is None else Batches(plan, photons, adviser, bench.report)
         self._first, self._stuck = -1, 0
         self._done = 0
         """Every point before this one is taken."""
@@ -79,6 +82,8 @@ class LeftToTake:
     def numbers(self, most: int) -> list[int]:
         """What is still to take, in order, `most` of it; points that an alarm skipped come last."""
         photons = self._photons
+        if self._batches is not None:
+            return self._batches.numbers(most, self._skipped)
         if self._plan.revisit_below is None and not self._skipped:
             # Of many frames only what comes next is looked at: the others cost no time between two sequences.
             while self._done < len(self._plan) and self._done in photons:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from nlos.acquisition.scanning.advice import Adviser
 from nlos.acquisition.scanning.alarms import Alarms
 from nlos.acquisition.scanning.control import ScanControl
 
@@ -10,9 +11,10 @@ from nlos.acquisition.scanning.control import ScanControl
 @dataclass(frozen=True)
 class UnderWay:
     """`start_s`: the bench's clock when the scan's own was 0. `decide` is asked after every sample whether the scan may
-    end early."""
+    end early, `adviser` before every batch of candidates which come next."""
 
     control: ScanControl
     start_s: float = 0.0
     alarms: Alarms | None = None
     decide: Callable[[], bool] | None = None
+    adviser: Adviser | None = None

@@ -21,6 +21,8 @@ from nlos.drivers import bench as table
 from nlos.drivers.bench import Bench, BenchSettings
 from nlos.drivers.exit_paths import undisturbed
 from nlos.drivers.trip_latch import TripLatch
+from nlos.live.looks import catch_up
+from nlos.live.where_next import WhereNext
 from nlos.run_defaults import notes_for
 from nlos.scan_ending import ScanEnding
 from nlos.scan_preparation import PreparedScan, ScanRequest, prepare
@@ -78,7 +80,7 @@ def scan(
     prepared = prepare(ScanRequest(plan, alarms, header, target, resume, constants=aimed_by), bench)
     prepared.alarms.wait_for_rates(bench)
     if target is None:
-        return prepared.samples(Resumed(None, {}, 0.0), ScanControl())
+        return _advised(prepared, Resumed(None, {}, 0.0), ScanControl(), _adviser(prepared))
     return _recorded(prepared)
 
 
@@ -94,9 +96,31 @@ def _checked_target(path: Path, resume: bool) -> Path:
     return path
 
 
+def _adviser(prepared: PreparedScan) -> WhereNext | None:
+    """Of candidates, by the light alone: nobody makes pictures here."""
+    asked = prepared.request
+    if asked.plan.budget is None or not asked.plan.positions.on_grid:
+        return None
+    adviser = WhereNext(asked.plan)
+    if asked.resume and asked.target is not None and asked.target.exists():
+        catch_up(adviser.add, asked.target)
+    return adviser
+
+
+def _advised(
+    prepared: PreparedScan, begun: Resumed, control: ScanControl, adviser: WhereNext | None
+) -> Generator[Sample, None, None]:
+    """What is missing, each sample told to the adviser before it is handed on."""
+    with closing(prepared.samples(begun, control, adviser=adviser)) as samples:
+        for sample in samples:
+            if adviser is not None:
+                adviser.add(sample)
+            yield sample
+
+
 def _recorded(prepared: PreparedScan) -> Generator[Sample, None, None]:
     """The samples, each in the recording before it is handed on."""
-    bench, control = prepared.bench, ScanControl()
+    bench, control, adviser = prepared.bench, ScanControl(), _adviser(prepared)
     with ExitStack() as stack:
         with undisturbed():  # a recording that is begun is ended, whenever a signal comes
             begun = prepared.begin()
@@ -106,7 +130,7 @@ def _recorded(prepared: PreparedScan) -> Generator[Sample, None, None]:
             stack.enter_context(ScanEnding(bench, writer, control, "resume=True"))
         start_s = bench.clock.now() - begun.elapsed_s
         bench.on_event = lambda kind, text: writer.log(kind, text, bench.clock.now() - start_s)
-        with closing(prepared.samples(begun, control)) as samples:
+        with closing(_advised(prepared, begun, control, adviser)) as samples:
             for sample in samples:
                 writer.write(sample)
                 yield sample

@@ -17,6 +17,7 @@ from nlos.acquisition.recording.salvage import Resumed
 from nlos.acquisition.recording.salvage import resume as resumed
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.sample import Sample
+from nlos.acquisition.scanning.advice import Adviser
 from nlos.acquisition.scanning.alarms import Alarms, AlarmSettings, Expected
 from nlos.acquisition.scanning.control import ScanControl
 from nlos.acquisition.scanning.direct_watch import DirectWatch
@@ -68,12 +69,16 @@ class PreparedScan:
         return Resumed(made, {}, 0.0)
 
     def samples(
-        self, begun: Resumed, control: ScanControl, decide: Callable[[], bool] | None = None
+        self,
+        begun: Resumed,
+        control: ScanControl,
+        decide: Callable[[], bool] | None = None,
+        adviser: Adviser | None = None,
     ) -> Generator[Sample, None, None]:
         """What is still missing, as it is taken."""
         return scan(
             self.request.plan, self.bench, aim=self.aim, taken=begun.taken, control=control, alarms=self.alarms,
-            decide=decide, elapsed_s=begun.elapsed_s, lag=self.lag,
+            decide=decide, elapsed_s=begun.elapsed_s, lag=self.lag, adviser=adviser,
         )  # fmt: skip
 
 

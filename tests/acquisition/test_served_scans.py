@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from nlos.acquisition.errors import InvalidData, StorageError
+from nlos.acquisition.planning.budget import Budget
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.planning.schemes import Scheme
@@ -65,7 +66,7 @@ def assert_same(one: Path, other: Path) -> None:
 def test_every_field_of_a_plan_crosses_the_wire(small_plan: Callable[..., ScanPlan]) -> None:
     """A field that is added to the plan and not to the wire has no other value here, and fails."""
     plan = small_plan()
-    other: dict[str, Any] = {"stop": StopAtCounts(20, 3, 40), "revisit_below": 7}
+    other: dict[str, Any] = {"stop": StopAtCounts(20, 3, 40), "revisit_below": 7, "budget": Budget(90_000, 500, 4)}
     given = {"wall", "axis", "positions", "dwell_s", "pass_"}
     for field in dataclasses.fields(plan):
         if field.name not in given | set(other):

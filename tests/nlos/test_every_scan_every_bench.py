@@ -45,11 +45,12 @@ def file_name(bench: Bench) -> str:
 
 
 def first_points(plan: ScanPlan) -> ScanPlan:
-    """The beginning of a plan, without the second pass."""
+    """The beginning of a plan, without the second pass, whatever somebody might advise."""
     few = np.arange(min(POINTS, plan.first_pass))
     return replace(
-        plan, positions=plan.positions.take(few), dwell_s=plan.dwell_s[few], pass_=plan.pass_[few], revisit_below=None
-    )
+        plan, positions=plan.positions.take(few), dwell_s=plan.dwell_s[few], pass_=plan.pass_[few], revisit_below=None,
+        budget=None,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("name", SCANS)

@@ -4,6 +4,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
+from nlos.acquisition.planning.patterns.adaptive import Adaptive
 from nlos.acquisition.planning.patterns.archimedean_spiral import ArchimedeanSpiral
 from nlos.acquisition.planning.patterns.blue_noise import BlueNoise
 from nlos.acquisition.planning.patterns.circle import Circle
@@ -36,6 +37,7 @@ Pattern = Annotated[
         | ArchimedeanSpiral
         | FermatSpiral
         | CoarseToFine
+        | Adaptive
         | FromList,
         Field(discriminator="kind"),
     ],
@@ -56,6 +58,7 @@ PATTERNS: dict[str, type[Any]] = {
         ArchimedeanSpiral,
         FermatSpiral,
         CoarseToFine,
+        Adaptive,
         FromList,
     )
 }

@@ -13,10 +13,12 @@ from nlos.acquisition.importers.magic import HDF5_MAGIC, is_recording, magic_of
 from nlos.acquisition.importers.to_recording import said_by_source
 from nlos.acquisition.recording.frames import frame_table
 from nlos.acquisition.recording.read_by_child import open_checked
+from nlos.acquisition.scanning.advice import reasons
 from nlos.cli.info_of_products import of_product
 from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
+    from nlos.acquisition.planning.plan import ScanPlan
     from nlos.acquisition.recording.recording import Recording
 
 TRUTH = ("gt_intensity", "gt_depth", "gt_mask")
@@ -65,14 +67,17 @@ def _of_recording(recording: "Recording") -> dict[str, Any]:
     return {
         "format": "recording",
         "status": recording.status.name.lower() + (", damaged since: `nlos verify` says where" if left_aside else ""),
-        "points": f"{len(records)} of {len(plan)}" + (f", {left_aside} more skipped" if left_aside else ""),
+        "points": f"{len(records)} of {_planned(plan)}" + (f", {left_aside} more skipped" if left_aside else ""),
         "skipped": left_aside,
         "identity": header.identity,
         "wall": f"{plan.wall.width_m:g} x {plan.wall.height_m:g} m, {plan.wall.rows} x {plan.wall.cols}",
         **_of_frames(recording, records),
         "time axis": f"{plan.axis.bins} bins of {plan.axis.bin_width_s * 1e12:g} ps, "
         f"from {plan.axis.offset_s * 1e9:g} ns",
-        "live time": f"{live_s:.3f} s of {plan.dwell_total_s:.3f} s planned",
+        "live time": f"{live_s:.3f} s of {plan.dwell_total_s:.3f} s planned"
+        if plan.budget is None
+        else f"{live_s:.3f} s",
+        **_of_batches(recording),
         "photons": int(records["total_count"].sum()),
         "flagged": int((records["flags"] != 0).sum()),
         "started": header.started_utc,
@@ -88,6 +93,21 @@ def _of_recording(recording: "Recording") -> dict[str, Any]:
             for event in recording.events()
         ],
     }
+
+
+def _planned(plan: "ScanPlan") -> str:
+    return str(len(plan)) if plan.budget is None else f"at most {plan.most_samples}, {len(plan)} candidates"
+
+
+def _of_batches(recording: "Recording") -> dict[str, Any]:
+    """Of a recording whose points were chosen on the way: in which time, how many for which reason."""
+    if recording.plan.budget is None:
+        return {}
+    why: dict[str, int] = {}
+    for each in reasons(((event.kind, event.text) for event in recording.events()), len(recording)):
+        word = f"{each.word} at {each.dwell_s * 1e3:g} ms"
+        why[word] = why.get(word, 0) + each.count
+    return {"budget": f"{recording.plan.budget.total_us / 1e6:g} s", "points by reason": why}
 
 
 def _constants_of(constants_json: str) -> str:

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
 
 from nlos.acquisition.planning.direct_light import expected_direct, window_warnings
@@ -101,7 +102,7 @@ def plan(
     if picture is not None:
         from nlos.report.figures import path_picture
 
-        path_picture(planned, picture)
+        path_picture(planned.only(planned.expected()), picture)
         terminal.result(f"{picture}: the path over the wall and the dwell of every point", picture=str(picture))
 
 
@@ -175,6 +176,24 @@ def _tell_resolution(plan: "ScanPlan", response: "InstrumentResponse | None") ->
     )  # fmt: skip
 
 
+def _tell_budget(plan: "ScanPlan", choice: "Choice") -> None:
+    """What a plan of candidates comes to if nobody advises otherwise, which is all that can be known before."""
+    budget, most, wall = plan.budget, plan.most_samples, plan.wall
+    assert budget is not None
+    dwells_ms = np.unique(plan.dwell_s) * 1e3
+    beside_ms = (choice.forecast.total_s - choice.forecast.dwell_s) / most * 1e3
+    terminal.result(
+        f"points     at most {most} of {len(plan)} candidates on {wall.width_m:g} x {wall.height_m:g} m, in batches of "
+        f"{budget.batch}: chosen on the way by dwell ({', '.join(f'{each:g}' for each in dwells_ms)} ms) and place",
+        points=most, candidates=len(plan), batch=budget.batch, dwells_ms=dwells_ms.tolist(),
+    )  # fmt: skip
+    terminal.result(
+        f"time       {budget.total_us / 1e6:g} s of dwell and {budget.step_us / 1e3:g} ms a point beside it; what "
+        f"follows is for coarse to fine at {dwells_ms[0]:g} ms, where this bench takes {beside_ms:.2g} ms a point",
+        budget_s=budget.total_us / 1e6, step_s=budget.step_us / 1e6, expected_step_s=beside_ms / 1e3,
+    )  # fmt: skip
+
+
 def _tell(plan: "ScanPlan", choice: "Choice", other_axis: str) -> None:
     forecast = choice.forecast
     low_s, high_s = forecast.band_s
@@ -182,7 +201,10 @@ def _tell(plan: "ScanPlan", choice: "Choice", other_axis: str) -> None:
     parts = {"dwell_s": forecast.dwell_s, "settle_s": forecast.settle_s, "links_s": forecast.links_s,
              "upload_s": forecast.upload_s}  # fmt: skip
     wall, axis = plan.wall, plan.axis
-    terminal.result(f"points     {len(plan)} on {wall.width_m:g} x {wall.height_m:g} m", points=len(plan))
+    if plan.budget is None:
+        terminal.result(f"points     {len(plan)} on {wall.width_m:g} x {wall.height_m:g} m", points=len(plan))
+    else:
+        _tell_budget(plan, choice)
     if plan.frames > 1:
         each = len(plan) / plan.frames
         again = f", the same again after {plan.cycle}" if plan.cycle > 1 else ""

@@ -10,6 +10,7 @@ from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.acquisition.recording.recording import Status
 from nlos.acquisition.recording.replay import replay as play
 from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.scanning.advice import REASON
 from nlos.chain import reconstruct_file
 from nlos.cli.contradictions import refuse_without
 from nlos.cli.exit_codes import UsageError
@@ -58,6 +59,9 @@ def replay(
             header = replace(recording.header, identity="", warnings=warnings)  # a recording of its own
             writer = RecordingWriter.create(output, recording.plan, header, overwrite=overwrite)
             writer.log("replayed", said)
+            for event in recording.events():
+                if event.kind == REASON and not left_aside:  # else they are not the samples of which it is said
+                    writer.log(event.kind, event.text, event.bench_s)
             if left_aside:
                 writer.log("left_aside", f"{run.name}: {warning}")
         samples = photons = 0

@@ -24,8 +24,10 @@ from nlos.drivers.bench import Bench, BenchSettings
 from nlos.drivers.errors import SafetyTrip
 from nlos.drivers.exit_paths import undisturbed
 from nlos.live.good_enough import Enough, Goal
-from nlos.live.process import methods_for, start_live
+from nlos.live.looks import Looks, catch_up
+from nlos.live.process import methods_for, pages_can_be, start_live
 from nlos.live.so_far import new_scan
+from nlos.live.where_next import WhereNext
 from nlos.recipe import Recipe
 from nlos.recon.explained_share import NOT_LOOKED_FOR
 from nlos.recon.results import files_in
@@ -37,6 +39,7 @@ from nlos.scan_preparation import PreparedScan, ScanRequest, prepare
 
 if TYPE_CHECKING:
     from nlos.acquisition.recording.writer import RecordingWriter
+    from nlos.loaded import LoadedScan
 
 
 @dataclass(frozen=True)
@@ -113,19 +116,44 @@ class _Watching:
             return None
         asked, bench = scan.request, scan.bench
         assert asked.target is not None
-        devices = {role: f"{who.model} {who.serial}".strip() for role, who in scan.header.devices.items()}
-        recipe = Recipe(methods_for(self.method)[-1], self.settings, self.constants, response_wanted(self.response))
-        nothing_yet = new_scan(asked.plan, devices, scan.header.bench_json)
-        watched = None if bench.settings.simulated else asked.target
-        enough = Enough(asked.plan, nothing_yet, self.until, recipe, bench.report, watched)
+        enough = Enough(
+            asked.plan, self._nothing_yet(scan), self.until, self._recipe, bench.report, self._watched(scan)
+        )
         if asked.resume and asked.target.exists():
             enough.catch_up(asked.target)
         return enough
 
+    def adviser(self, scan: PreparedScan) -> WhereNext | None:
+        """Says which candidates come next, where the plan has any. Made before the file is opened, as `enough` is."""
+        asked, bench = scan.request, scan.bench
+        if asked.plan.budget is None or not asked.plan.positions.on_grid:
+            return None
+        assert asked.target is not None
+        watched = self._watched(scan)
+        looks = Looks(asked.plan, self._nothing_yet(scan), self._recipe, bench.report) if watched is None else None
+        adviser = WhereNext(asked.plan, looks, watched)
+        if asked.resume and asked.target.exists():
+            catch_up(adviser.add, asked.target)
+        return adviser
+
+    def _nothing_yet(self, scan: PreparedScan) -> "LoadedScan":
+        devices = {role: f"{who.model} {who.serial}".strip() for role, who in scan.header.devices.items()}
+        return new_scan(scan.request.plan, devices, scan.header.bench_json)
+
+    @property
+    def _recipe(self) -> Recipe:
+        return Recipe(methods_for(self.method)[-1], self.settings, self.constants, response_wanted(self.response))
+
+    @staticmethod
+    def _watched(scan: PreparedScan) -> Path | None:
+        """The recording whose live process makes pictures; None on a simulated bench, whose clock waits for them."""
+        return None if scan.bench.settings.simulated else scan.request.target
+
     def show(self, scan: PreparedScan) -> None:
         """Starts the page, where one is asked for or the picture is judged while light is on."""
         assert scan.request.target is not None
-        if self.live or (self.until is not None and not scan.bench.settings.simulated):
+        judged = self.until is not None or (scan.request.plan.budget is not None and pages_can_be())
+        if self.live or (judged and not scan.bench.settings.simulated):
             start_live(scan.request.target, self.method, self.settings.get("weights"), self.response, self.constants)
 
 
@@ -145,7 +173,7 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
             terminal.log(f"warning: {prepared.constants.warning}")
     terminal.log(f"scheme {prepared.choice.scheme.words}, {forecast_s:.1f} s expected; {prepared.choice.why}")
     prepared.alarms.wait_for_rates(bench)
-    enough = watching.enough(prepared)
+    enough, adviser = watching.enough(prepared), watching.adviser(prepared)
     safe = ""
     try:
         with ExitStack() as stack:
@@ -154,7 +182,7 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
                 writer = begun.writer
                 if writer is None:
                     return
-                progress = Progress(len(plan), len(begun.taken))
+                progress = Progress(plan.most_samples, len(begun.taken))
                 control = ScanControl(lambda why: _ask(interrupts, progress, writer, why))
                 ending = stack.enter_context(ScanEnding(bench, writer, control, "--resume"))
                 safe = ending.safe
@@ -162,7 +190,7 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
             watching.show(prepared)
             start_s = bench.clock.now() - begun.elapsed_s
             stack.enter_context(progress)
-            samples = prepared.samples(begun, control, enough)
+            samples = prepared.samples(begun, control, enough, adviser)
             bench.on_event = lambda kind, text: writer.log(kind, text, bench.clock.now() - start_s)
             with closing(samples):
                 for sample in samples:
@@ -170,6 +198,8 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
                     progress.step()
                     if enough is not None:
                         enough.add(sample)
+                    if adviser is not None:
+                        adviser.add(sample)
     except SafetyTrip as error:
         if not safe:  # before the recording was begun
             raise
@@ -179,11 +209,12 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
             terminal.log(f"nlos: ended by a signal. {safe}", -9)
         raise
     duration_s = bench.clock.now() - start_s
+    planned = plan.most_samples if plan.budget is None else f"at most {plan.most_samples}"
     terminal.result(
-        f"{target}: {writer.acknowledged} of {len(plan)} points in {duration_s:.1f} s of bench time "
+        f"{target}: {writer.acknowledged} of {planned} points in {duration_s:.1f} s of bench time "
         f"({forecast_s:.1f} s predicted)",
         recording=str(target), taken=writer.acknowledged - len(begun.taken), points=writer.acknowledged,
-        planned=len(plan), bench_s=duration_s, predicted_s=forecast_s,
+        planned=plan.most_samples, bench_s=duration_s, predicted_s=forecast_s,
         scheme=prepared.choice.scheme.value, status="complete" if ending.complete else "interrupted",
     )  # fmt: skip
     if enough is not None and enough.said:

@@ -65,7 +65,7 @@ class ScanAnswers:
         with held.lock:
             done, elapsed_s = len(held.samples), held.elapsed_s
             detections, live_s = (sum(each) for each in zip(*held.recent, strict=True)) if held.recent else (0, 0.0)
-        planned = len(seen.plan)
+        planned = seen.plan.most_samples
         if held.film is not None:
             answer["film"] = {
                 "frame": held.film.shown_frame + 1, "frames": seen.plan.frames, "pictures": scan.pictures,

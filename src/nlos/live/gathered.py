@@ -65,7 +65,7 @@ class Gathered:
     @property
     def planned(self) -> int:
         """Samples of the whole scan."""
-        return len(self.samples.plan)
+        return self.samples.plan.most_samples
 
     def add(self, sample: "Sample") -> None:
         """One sample, in the order of the file."""

@@ -13,17 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nlos.acquisition.recording.recording import Recording
-from nlos.calibration.errors import InvalidData
-from nlos.chain import calibrate_scan, constants_for
 from nlos.cli.exit_codes import UsageError
+from nlos.live.looks import Looks, catch_up
 from nlos.live.process import read_state, state_file
-from nlos.live.so_far import gathering_for, scan_of
 from nlos.recipe import Recipe
-from nlos.recon.errors import ReconError
-from nlos.recon.live import GROWTH, LivePicture, LiveReconstruction
-from nlos.response import with_response
-from nlos.said_once import SaidOnce
+from nlos.recon.live import GROWTH
 
 if TYPE_CHECKING:
     from nlos.acquisition.planning.plan import ScanPlan
@@ -80,25 +74,21 @@ class Enough:
         """Whether the scan, or the first of its passes, ended for being good enough."""
         self.said = ""
         """What was found at the last look."""
-        self._goal, self._report, self._recipe, self._nothing_yet = goal, report, recipe, nothing_yet
+        self._goal, self._report = goal, report
         self._state = None if watched is None else state_file(watched)
-        self._gathering = gathering_for(plan)
-        self._live = LiveReconstruction(recipe.method, recipe.settings)
-        self._next = max(1, math.ceil(FIRST_FRACTION * len(plan)))
+        self._looks = Looks(plan, nothing_yet, recipe, report)
+        self._next = max(1, math.ceil(FIRST_FRACTION * plan.most_samples))
         self._looked_s = -math.inf
         self._seen = 0
-        self._tell = SaidOnce()
 
     def catch_up(self, run: Path) -> None:
         """Takes in what a recording that is resumed holds, before it is opened for writing."""
-        with Recording.open(run) as recording:
-            for sample in recording.samples():
-                self.add(sample)
+        catch_up(self.add, run)
 
     def add(self, sample: "Sample") -> None:
         """One more sample, once it is on its way to the disk."""
         if self._state is None:
-            self._gathering.add(sample)
+            self._looks.add(sample)
 
     def __call__(self) -> bool:
         """Whether the scan may end now; said in the event log with its figures."""
@@ -114,23 +104,13 @@ class Enough:
         return enough
 
     def _computed(self) -> _Figures | None:
-        if len(self._gathering) < self._next:
+        if len(self._looks) < self._next:
             return None
         self._next = math.ceil(self._growth * self._next)
-        picture = self._picture()
+        picture = self._looks.picture("until")
         if picture is None:
             return None
         return picture.samples, {"change": picture.change, "error": picture.error, "bound": picture.bound}
-
-    def _picture(self) -> "LivePicture | None":
-        try:
-            scan = scan_of(self._nothing_yet, self._gathering)
-            constants = constants_for(scan, self._recipe.constants, self._tell)
-            transient = with_response(calibrate_scan(scan, constants=constants, tell=self._tell), self._recipe.response)
-            return self._live.update(transient, len(self._gathering), scan.falloff)
-        except (InvalidData, ReconError) as error:
-            self._report("until", f"no picture of {len(self._gathering)} points yet: {error}")
-            return None
 
     def _polled(self) -> _Figures | None:
         assert self._state is not None

@@ -57,10 +57,15 @@ def start_live(
     return process
 
 
+def pages_can_be() -> bool:
+    """Whether this system hands an open socket to a child."""
+    return hasattr(os, "setpriority")
+
+
 def check_pages(option: str) -> None:
     """That a page can be watched from a process of its own here. Raises `UsageError`: Windows hands no open socket to a
     child."""
-    if not hasattr(os, "setpriority"):
+    if not pages_can_be():
         raise UsageError(
             f"{option}: needs Linux or macOS. Leave it out; `nlos live RUN` in another window shows a recording that "
             "grows."
@@ -99,9 +104,15 @@ def state_file(run: Path) -> Path:
 
 def write_state(path: Path, picture: "LivePicture") -> None:
     """Replaces the file at once, so that a reader meets whole figures only."""
+    import numpy as np
+
+    from nlos.recon.wall_doubt import wanted_on_wall
+
     fresh = path.with_name(f"{path.name}.new")
     figures = {"change": picture.change, "error": picture.error, "bound": picture.bound}
-    fresh.write_text(json.dumps({"samples": picture.samples, **figures}))
+    wanted = wanted_on_wall(picture.reconstruction)
+    maps = {} if wanted is None else {name: np.round(each, 4).tolist() for name, each in vars(wanted).items()}
+    fresh.write_text(json.dumps({"samples": picture.samples, **figures, "wanted": maps}))
     fresh.replace(path)
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nlos.acquisition.scanning.advice import reasons
 from nlos.report.html import folded, picture, table
 
 if TYPE_CHECKING:
@@ -42,21 +43,23 @@ def _sentence(recording: "Recording") -> str:
     done, live_s = len(records), float(records["live_time_s"].sum())
     light = f"{si(float(records['total_count'].sum()))}photons"
     how = "every point was measured" if done == len(plan) else f"{done:,} of {len(plan):,} points were measured"
+    if plan.budget is not None:
+        how = f"{done:,} were chosen on the way, for {plan.budget.total_us / 1e6:g} s of bench time"
     kept = "" if recording.status.name == "COMPLETE" else f", and the scan is {recording.status.name.lower()}"
     return (
-        f"{len(plan):,} points on a wall of {plan.wall.width_m:g} x {plan.wall.height_m:g} m in "
-        f"{recording.elapsed_s:.1f} s, {live_s:.1f} s of it counting: {light}; {how}{kept}."
+        f"{len(plan):,} {'candidates' if plan.budget else 'points'} on a wall of {plan.wall.width_m:g} x "
+        f"{plan.wall.height_m:g} m in {recording.elapsed_s:.1f} s, {live_s:.1f} s of it counting: {light}; {how}{kept}."
     )
 
 
 def _about(recording: "Recording") -> str:
     plan, header = recording.plan, recording.header
-    records = recording.intact_records()
+    records, planned = recording.intact_records(), f"{'at most ' if plan.budget else ''}{plan.most_samples}"
     live_s = float(records["live_time_s"].sum())
     rows = {
         "Started": header.started_utc or "not stored",
         **{name.capitalize(): text for name, text in header.notes.shown().items()},
-        "Status": f"{recording.status.name.lower()}, {len(records)} of {len(plan)} points",
+        "Status": f"{recording.status.name.lower()}, {len(records)} of {planned} points",
         "Wall": f"{plan.wall.width_m:g} x {plan.wall.height_m:g} m, grid of {plan.wall.rows} x {plan.wall.cols}",
         "Time axis": f"{plan.axis.bins} bins of {plan.axis.bin_width_s * 1e12:g} ps",
         "Light": f"{live_s:.2f} s of live time, {int(records['total_count'].sum()):,} photons",
@@ -95,7 +98,41 @@ def _scan(recording: "Recording") -> str:
         total += counts[intact].sum(axis=0, dtype=np.float64)
     right.semilogy((plan.axis.offset_s + np.arange(plan.axis.bins) * plan.axis.bin_width_s) * 1e9, total + 0.5)
     right.set(title="All histograms added up", xlabel="time after the laser pulse (ns)", ylabel="counts")
-    return f"<h2>Exposure and rates</h2>{picture(figure, 'count rate over the wall, and the sum of all histograms')}"
+    said = f"<h2>Exposure and rates</h2>{picture(figure, 'count rate over the wall, and the sum of all histograms')}"
+    return said + _chosen(recording)
+
+
+def _chosen(recording: "Recording") -> str:
+    """Of a plan of candidates: why its points were taken, where, and for how long."""
+    from matplotlib.figure import Figure
+
+    plan, records = recording.plan, recording.records
+    if plan.budget is None or not len(records):
+        return ""
+    found = reasons(((event.kind, event.text) for event in recording.events()), len(records))
+    number = np.minimum(records["number"], len(plan) - 1)
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for word in dict.fromkeys(each.word for each in found):
+        rows = [row for each in found if each.word == word for row in range(each.first, each.first + each.count)]
+        left.scatter(plan.positions.x_m[number[rows]], plan.positions.y_m[number[rows]], s=4, marker="s", label=word)
+    left.set(title="Why", xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    left.legend(fontsize=7, loc="upper left", bbox_to_anchor=(0, -0.15))
+    dwell_s = np.zeros((plan.wall.rows, plan.wall.cols))
+    np.add.at(dwell_s, (plan.positions.row[number], plan.positions.col[number]), records["live_time_s"])
+    edges = (-plan.wall.width_m / 2, plan.wall.width_m / 2, -plan.wall.height_m / 2, plan.wall.height_m / 2)
+    shown = right.imshow(np.where(dwell_s > 0, dwell_s * 1e3, np.nan), extent=edges)
+    right.set(title="Time on each point", xlabel="x (m)", ylabel="y (m)")
+    figure.colorbar(shown, ax=right, label="ms")
+    lines = "".join(
+        f"<tr><td>{each.first + 1} to {each.first + each.count}</td><td>{each.dwell_s * 1e3:g} ms</td>"
+        f"<td>{escape(each.why)}</td></tr>"
+        for each in found
+    )
+    return (
+        f"<h2>Why each point was taken</h2>{picture(figure, 'why points were taken, and how long each was measured')}"
+        f"<table><tr><th>Samples</th><th>Dwell</th><th>Because</th></tr>{lines}</table>"
+    )
 
 
 def _events(recording: "Recording") -> str:

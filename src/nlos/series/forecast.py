@@ -38,4 +38,4 @@ def forecasts(runs: Sequence[Run], constants: Path | None) -> Iterator[Forecast]
                 except (ValueError, RuntimeError, OSError) as error:
                     error.add_note(f"in run {run.name}; no scan of the series has begun")
                     raise
-                yield Forecast(len(plan), choice.forecast.total_s, disk_bytes(plan), choice.scheme.value)
+                yield Forecast(plan.most_samples, choice.forecast.total_s, disk_bytes(plan), choice.scheme.value)

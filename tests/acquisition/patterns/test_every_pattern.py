@@ -36,6 +36,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "archimedean_spiral": {"dr_m": 0.07},
     "fermat_spiral": {"dr_m": 0.08},
     "coarse_to_fine": {"batch": 4},
+    "adaptive": {"seconds": 0.5, "lengths": 1},
     "list": {},
 }
 FREE = {"circle", "concentric_circles", "archimedean_spiral", "fermat_spiral"}
@@ -94,7 +95,7 @@ def test_another_seed_gives_other_points(kind: str, points_file: Path) -> None:
     assert first.plan() != other.plan()
 
 
-@pytest.mark.parametrize("kind", EXAMPLES)
+@pytest.mark.parametrize("kind", sorted(EXAMPLES.keys() - {"adaptive"}))  # whose order is its own
 @pytest.mark.parametrize("order", ["pattern", "strips", "two_opt"])
 def test_every_order_visits_the_same_points(kind: str, order: str, points_file: Path) -> None:
     settings_ = plan_settings(kind, points_file, order=order)
