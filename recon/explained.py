@@ -69,7 +69,7 @@ def explained_light(
             return None
 
     found = Explained(told.share, told.error, told.note)
-    doubt = out_of_order(transient, unit)
+    doubt = out_of_order(transient)
     if elsewhere and not doubt and not found.nothing:
         doubt = better_wall(transient, told, with_wall)
     note = told.note

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, Transient
+from nlos.recon.explained_parts import photon_unit_of_sums
 
 MIXED = 0.6
 """Squares next to each other over those two apart, along rows and along columns, from which on points are mixed up."""
@@ -20,10 +21,10 @@ FEWEST_PAIRS = 50
 Floats = npt.NDArray[np.float64]
 
 
-def out_of_order(transient: Transient, unit: float) -> str:
+def out_of_order(transient: Transient) -> str:
     """What to tell who believes the order of the points; empty where nothing speaks against it, or too few points have
-    neighbours. `unit` is the variance of a count over its mean."""
-    least = [low for low in (_least_ratio(transient, axis, unit) for axis in (0, 1)) if low is not None]
+    neighbours."""
+    least = [low for low in (_least_ratio(transient, axis) for axis in (0, 1)) if low is not None]
     if len(least) == 2 and min(least) > MIXED:
         return "neighbouring points differ as points far apart do: check their order, and how evenly they were lit"
     if least and max(least) > SHIFTED:
@@ -31,17 +32,17 @@ def out_of_order(transient: Transient, unit: float) -> str:
     return ""
 
 
-def _least_ratio(transient: Transient, axis: int, unit: float) -> float | None:
+def _least_ratio(transient: Transient, axis: int) -> float | None:
     """Mean square of differences of neighbours along rows (1) or columns (0) over that of points two apart, what noise
     adds taken off; less `ERRORS` standard errors, from line to line. None where points two apart hardly differ."""
     wall, time = transient.wall, transient.time
     pitch_m = (wall.height_m / wall.rows, wall.width_m / wall.cols)[axis]
     joined = max(1, int(np.ceil(2 * pitch_m / (SPEED_OF_LIGHT_M_PER_S * time.bin_width_s))))
-    bins = time.bins // joined
+    bins, unit = time.bins // joined, photon_unit_of_sums(transient, joined)
     counts = transient.counts[: bins * joined].reshape(bins, joined, wall.rows, wall.cols).sum(axis=1, dtype=np.float64)
     measured = transient.exposure_s > 0
     dwell = np.where(measured, transient.exposure_s / max(float(transient.exposure_s.max()), 1e-300), np.inf)
-    lines = [np.moveaxis(each, axis - 2, -1) for each in (counts / dwell, unit * np.maximum(counts, 0) / dwell**2)]
+    lines = [np.moveaxis(each, axis - 2, -1) for each in (counts / dwell, _variance(counts, unit) / dwell**2)]
     there = np.moveaxis(measured, axis, -1)
     near, far = (_squares(lines[0], lines[1], there, apart) for apart in (1, 2))
     if near is None or far is None:
@@ -51,6 +52,12 @@ def _least_ratio(transient: Transient, axis: int, unit: float) -> float | None:
         return None
     ratio = float(near.sum()) / total
     return ratio - ERRORS * float(np.sqrt(len(far) * (near - ratio * far).var())) / total
+
+
+def _variance(counts: Floats, unit: float) -> Floats:
+    """What their photons' chance adds to the squares of counts, on average. Where background was taken off, counts no
+    longer tell how many photons there were; but what lies below nothing is chance, and as much of it lies above."""
+    return unit * np.maximum(counts, 0) + 2 * np.minimum(counts, 0) ** 2
 
 
 def _squares(rates: Floats, variances: Floats, there: npt.NDArray[np.bool_], apart: int) -> Floats | None:
