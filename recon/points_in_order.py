@@ -57,7 +57,8 @@ def _least_ratio(transient: Transient, axis: int) -> float | None:
 def _variance(counts: Floats, unit: float) -> Floats:
     """What their photons' chance adds to the squares of counts, on average. Where background was taken off, counts no
     longer tell how many photons there were; but what lies below nothing is chance, and as much of it lies above."""
-    return unit * np.maximum(counts, 0) + 2 * np.minimum(counts, 0) ** 2
+    variance: Floats = unit * np.maximum(counts, 0) + 2 * np.minimum(counts, 0) ** 2
+    return variance
 
 
 def _squares(rates: Floats, variances: Floats, there: npt.NDArray[np.bool_], apart: int) -> Floats | None:
