@@ -23,7 +23,7 @@ HEAD_S = 10.0
 """How long a connection may take to ask (again)."""
 WAIT_S = 0.25
 """How long an answer may wait for news: what comes without is as old as that at most."""
-NEWS_S = 0.01
+NEWS_S = 0.02
 """How often it is looked whether there is any."""
 WRITE_S = 20.0
 """How long a visitor may take to read an answer."""
