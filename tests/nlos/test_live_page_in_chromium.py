@@ -358,7 +358,7 @@ def test_two_scans_are_set_side_by_side_with_their_difference(folder: Path, brow
         playwright.expect(page.locator(".panel[data-kind=difference] .say")).to_have_text(
             "LCT of 256 points less LCT of 256 points", timeout=PATIENCE_MS
         )
-        assert page.evaluate(PIXELS, "albedo") == page.evaluate(PIXELS, "albedo1")
+        page.wait_for_function("() => albedo.toDataURL() === albedo1.toDataURL()", timeout=PATIENCE_MS)
         middle = page.evaluate("id => { const p = panels.find(p => p.kind === id); return [...p.picture.albedo].every("
                                "(v, i) => v === p.other.albedo[i]); }", "difference")  # fmt: skip
         assert middle is True
