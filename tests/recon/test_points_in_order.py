@@ -87,3 +87,13 @@ def test_noise_and_scattered_points_say_nothing() -> None:
     sparse = np.zeros_like(right.exposure_s)
     sparse[::4, ::4] = 1
     assert out_of_order(replace(right, counts=mixed(right.counts) * (sparse > 0), exposure_s=sparse)) == ""
+
+
+def test_points_aligned_by_parts_of_a_bin_under_a_background_that_was_taken_off_are_in_order() -> None:
+    """Half of each photon lies in the next bin, and noise alone is left of the early bins."""
+    rng, right = np.random.default_rng(3), scan(1.0)
+    tail = 40 * np.exp(-np.arange(TIME.bins) / 20.0)[:, None, None]
+    noisy = right.counts + rng.poisson(tail, right.counts.shape)
+    moved = ((noisy + np.roll(noisy, 1, axis=0)) / 2 - (tail + np.roll(tail, 1, axis=0)) / 2).astype(np.float32)
+    moved[:2] = 0.0
+    assert out_of_order(replace(right, counts=moved)) == ""
