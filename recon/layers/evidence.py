@@ -4,6 +4,7 @@ import torch
 from torch import Tensor
 
 from nlos.recon.layers.light_left_over import CHANNELS
+from nlos.recon.layers.prepared import Prepared
 from nlos.recon.layers.refinement import Refined
 from nlos.recon.layers.volume_projection import Projection
 
@@ -24,19 +25,10 @@ AROUND = 3  # slices that belong to a surface
 LONG = 10  # slices that a slow response spreads it over
 
 
-def evidence(
-    seen: Projection,
-    refined: Refined,
-    volumes: Tensor,
-    conditions: Tensor,
-    maps: Tensor,
-    presence: Tensor,
-    depths: Tensor,
-) -> Tensor:
+def evidence(seen: Projection, refined: Refined, given: Prepared, depths: Tensor) -> Tensor:
     """(B, len(NAMES), H, W) from what the operator saw and how it spreads over the wall's mirror images, the picture as
-    it was refined, the Wiener volumes (B, V, D, H, W), what the operator was told (B, 3 or, with the response's width,
-    4), the maps of exposure and confidence (B, 2, H, W), and whether there is any light (B,). `depths` are the planes,
-    in wall widths."""
+    it was refined, and what the operator was given. `depths` are the planes, in wall widths."""
+    volumes, conditions, maps, presence = given.volumes, given.conditions, given.maps, given.presence
     depths, present = depths[: volumes.shape[2]], presence[:, None, None]
     width = conditions[:, TOLD] if conditions.shape[1] > TOLD else torch.full_like(presence, UNTOLD, dtype=depths.dtype)
     albedo, depth, volume = (refined.albedo * present).clamp(0, 1), refined.depth, seen.volume * present[..., None]

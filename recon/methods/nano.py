@@ -21,6 +21,7 @@ from nlos.recon.layers.light_cone_inverse import brightest
 from nlos.recon.layers.noise_level import NoiseLevel
 from nlos.recon.layers.operator_grid import to_grid
 from nlos.recon.layers.physical_unfolding import PhysicalUnfolding
+from nlos.recon.layers.prepared import Prepared
 from nlos.recon.layers.rates import Rates, last_light, rates_of
 from nlos.recon.layers.refinement import Refinement, as_it_was
 from nlos.recon.layers.symmetries import Fields, mean_over_symmetries
@@ -151,7 +152,8 @@ class Nano(nn.Module):
         self, counts: Tensor, exposure: Tensor | None = None, response: Tensor | None = None
     ) -> MethodResult[Tensor]:
         coarse = None if self.training else in_the_large(self.halved, counts, exposure, response)
-        volumes, eta, maps, lifted, presence = self.prepared(counts, exposure, response)
+        given = self.prepared(counts, exposure, response)
+        volumes, eta, maps, lifted, presence = given
         if self.settings.symmetries and not self.training:
             seen = self.over_symmetries(volumes, eta, maps, lifted)
         else:
@@ -170,17 +172,14 @@ class Nano(nn.Module):
             depth_m = torch.where(dark, torch.nan, depth_m)
         sure = None
         if self.head_of_intervals is not None and seen.spreads is not None:
-            found = evidence(seen, refined, volumes, eta, maps, presence, self.physics.depths)
+            found = evidence(seen, refined, given, self.physics.depths)
             sure = intervals_of(self.head_of_intervals, found, presence, self.physics)
         behind = self.physics.slices - seen.volume.shape[1]  # too far for any light
         volume = F.pad(seen.volume * present[..., None], (0, 0, 0, 0, 0, behind))
         return with_intervals(MethodResult(albedo, depth_m, volume), sure)
 
-    def prepared(
-        self, counts: Tensor, exposure: Tensor | None, response: Tensor | None = None
-    ) -> tuple[Tensor, Tensor, Tensor, Tensor | None, Tensor]:
-        """Volumes as deep as there is light, eta (last the response's width), confidence, lifted features, and the
-        presence of any light (B,)."""
+    def prepared(self, counts: Tensor, exposure: Tensor | None, response: Tensor | None = None) -> Prepared:
+        """What the operator is given of counts and exposure as `forward` takes them."""
         rates = rates_of(self.physics.rebin(counts), exposure)
         log_noise, noise_map = self.noise(rates)
         reach = self.reach(rates.net)
@@ -193,7 +192,7 @@ class Nano(nn.Module):
         eta = conditions(told, rates)
         if known is not None:
             eta = torch.cat((eta, self.width(known)[:, None]), dim=1)
-        return volumes, eta, maps, lifted, rates.presence
+        return Prepared(volumes, eta, maps, lifted, rates.presence)
 
     def width(self, response: Told) -> Tensor:
         """(B,) of order 1: the response's width in slices, as it grows in decades."""
