@@ -17,22 +17,11 @@ from nlos.recon.evaluate import find_scenes, transient_of
 from nlos.recon.layers.physical_unfolding import SpectralIteration
 from nlos.recon.methods import find
 from nlos.recon.methods.faithful import Faithful
-from nlos.recon.methods.nano import OWN_FEATURES, Nano
+from nlos.recon.methods.nano import Nano
 from nlos.recon.metrics import image_scores
 from studies.paired import difference
 
 CONDITION = "counts_p20"
-
-
-def without_sfe(network: Nano) -> None:
-    """The coarsest scale as it is."""
-    network.unfolding.sfe = None
-
-
-def without_lifting(network: Nano) -> None:
-    """The operator does not see the lifted features."""
-    for lift in (network.unfolding.lift_u, network.unfolding.lift_g):
-        lift.weight[:, OWN_FEATURES:] = 0
 
 
 def one_noise_level(network: Nano) -> None:
@@ -75,8 +64,6 @@ def told_nothing(network: Faithful) -> None:
 
 
 PARTS: dict[str, Callable[[Nano], None]] = {
-    "SFE": without_sfe,
-    "lifting": without_lifting,
     "noise conditioning": one_noise_level,
     "spectral updates": without_spectral_updates,
     "2D network": without_the_2d_network,

@@ -56,13 +56,13 @@ class Settings(AnySettings):
 
     weights: str | None = "nano"
     """Weights file, or a name of those that ship; none for an untrained network."""
-    lifting: LiftingName = "both"
+    lifting: LiftingName = "none"
     """How the transient is lifted to the operator's channels: from each point's surroundings, from all points."""
     projection: bool = True
     """Attention and a 2D network; False: the bare maximum."""
     nle: bool = True
     """The operator is told the noise level; False: a middling one, while falloff and snr still follow the estimate."""
-    sfe: bool = True
+    sfe: bool = False
     """Spectral feature enhancement by random Fourier frequencies."""
     sfe_bandwidth: Annotated[int, Field(ge=1)] = 64
     """Number of its frequencies."""

@@ -27,7 +27,13 @@ CONDITIONS = (
 )
 FEWER_AND_SLOWER = ("counts_p20@8x8", "counts_p20~100ps", "counts_p20~300ps", "counts_p20~600ps")
 """Of which only the margin is shown; both methods are told the response."""
-AS_TRAINED: dict[str, dict[str, object]] = {"lfe_4000": {"farthest": 0.9}, "nano_4000_once": {"symmetries": False}}
+ALL_PARTS: dict[str, object] = {"lifting": "both", "sfe": True}
+AS_TRAINED: dict[str, dict[str, object]] = {
+    "lfe_4000": {"farthest": 0.9},
+    "nano_4000": ALL_PARTS,
+    "nano_4000_once": ALL_PARTS | {"symmetries": False},
+    "nano_6500": ALL_PARTS,
+}
 """Settings that weights were trained with, where they are not the method's own."""
 THRESHOLD = 0.15  # of the maximum, taken off the light-cone transform's picture
 THRESHOLDED = "lct - 15 %"
