@@ -26,9 +26,11 @@ def write_ptu(scan: ScanArrays, path: Path) -> list[str]:
     counts = scan.histograms
     narrow = counts.astype(np.uint16) if counts.max(initial=0) < 1 << 16 else counts
     notes = [
-        "the wall's size has no place in PTU",
+        f"the wall's size has no place in PTU: read it with --wall-size-m {scan.wall.width_m:g}x{scan.wall.height_m:g}",
         "photons are spread evenly over each dwell: arrival order is not stored",
     ]
+    if scan.rectified:
+        notes.append("that time 0 is the wall has no place in PTU: read it with --rectified")
     if scan.time.start_s:
         notes.append(f"delays count from the first bin, {scan.time.start_s * 1e9:g} ns after the laser pulse")
     period_s = max(_SYNC_PERIOD_S, bins * scan.time.bin_width_s)

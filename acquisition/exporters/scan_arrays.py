@@ -10,6 +10,7 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.imported import FreePoints, ImportedScan
 from nlos.acquisition.importers.to_recording import said_by_source
 from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.response import Response, from_json
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 
@@ -39,6 +40,13 @@ class ScanArrays:
     """None where nobody has told."""
     left_aside: int = 0
     """Samples that were damaged or unreadable, and are not in it."""
+    wall_known: bool = True
+    """Whether anybody said how large the wall is; where not, 1 m was assumed."""
+    direct_cut_bins: int = 0
+    falloff: int | None = None
+    time_offset_bins: npt.NDArray[np.float64] | None = None  # (H, W) or (N,)
+    response: Response | None = None
+    """These four as the file that the scan came from states them; see `ImportedScan`."""
 
     @property
     def on_grid(self) -> bool:
@@ -46,15 +54,14 @@ class ScanArrays:
 
 
 def arrays_of_recording(recording: Recording) -> ScanArrays:
-    """All intact samples, visits of one position added up."""
-    plan, rectified = recording.plan, bool(said_by_source(recording).get("rectified", False))
+    """All intact samples, visits of one position added up, and what the file said that they were imported from."""
+    plan = recording.plan
     time = TimeAxis(plan.axis.bins, plan.axis.bin_width_s, plan.axis.offset_s)
     if recording.on_grid:
         transient = recording.transient()
         counts = np.ascontiguousarray(np.moveaxis(transient.counts, 0, 2)).astype(np.uint32)
-        x_m, y_m = plan.wall.x_m(), plan.wall.y_m()
-        held = ScanArrays(counts, transient.exposure_s, x_m, y_m, plan.wall, time, rectified)
-        return replace(held, left_aside=recording.left_aside())
+        held = ScanArrays(counts, transient.exposure_s, plan.wall.x_m(), plan.wall.y_m(), plan.wall, time)
+        return _as_its_source(held, recording)
     places = np.stack([plan.positions.x_m, plan.positions.y_m], axis=1)
     unique, place_of = np.unique(places, axis=0, return_inverse=True)
     counts = np.zeros((len(unique), plan.axis.bins), dtype=np.uint32)
@@ -63,8 +70,23 @@ def arrays_of_recording(recording: Recording) -> ScanArrays:
         place = place_of.ravel()[sample.point.number]
         counts[place] += sample.histogram.counts
         exposure_s[place] += sample.histogram.live_time_s
-    held = ScanArrays(counts, exposure_s, unique[:, 0], unique[:, 1], plan.wall, time, rectified)
-    return replace(held, left_aside=recording.left_aside())
+    return _as_its_source(ScanArrays(counts, exposure_s, unique[:, 0], unique[:, 1], plan.wall, time), recording)
+
+
+def _as_its_source(held: ScanArrays, recording: Recording) -> ScanArrays:
+    """With what the file said that a recording was imported from; one of `nlos scan` is raw."""
+    said = said_by_source(recording)
+    cut, falloff, offsets = said.get("direct_cut_bins"), said.get("falloff"), said.get("time_offset_bins")
+    return replace(
+        held,
+        rectified=bool(said.get("rectified", False)),
+        left_aside=recording.left_aside(),
+        wall_known=bool(said.get("wall_known", True)),
+        direct_cut_bins=cut if isinstance(cut, int) else 0,
+        falloff=falloff if isinstance(falloff, int) else None,
+        time_offset_bins=np.asarray(offsets, dtype=np.float64) if isinstance(offsets, list) else None,
+        response=from_json(said.get("response")),
+    )
 
 
 def arrays_of_import(scan: ImportedScan, path: Path) -> ScanArrays:
@@ -75,4 +97,16 @@ def arrays_of_import(scan: ImportedScan, path: Path) -> ScanArrays:
     if not np.array_equal(whole, counts):
         raise InvalidData(f"{path}: its counts are not whole numbers; only photon counts are exported")
     places = (held.x_m, held.y_m) if isinstance(held, FreePoints) else (held.wall.x_m(), held.wall.y_m())
-    return ScanArrays(np.ascontiguousarray(whole), held.exposure_s, *places, held.wall, held.time, scan.rectified)
+    return ScanArrays(
+        np.ascontiguousarray(whole),
+        held.exposure_s,
+        *places,
+        held.wall,
+        held.time,
+        scan.rectified,
+        wall_known=scan.wall_known,
+        direct_cut_bins=scan.direct_cut_bins,
+        falloff=scan.falloff,
+        time_offset_bins=scan.time_offset_bins,
+        response=scan.response,
+    )

@@ -1,5 +1,6 @@
 """y-tal HDF5 (HDF5_TAL): a confocal capture that `tal.io.read_capture` reads. Format: y-tal 0.20, `tal.io`."""
 
+import json
 from pathlib import Path
 
 import h5py
@@ -47,7 +48,7 @@ def write_ytal(scan: ScanArrays, path: Path) -> list[str]:
         delay_s = 0.0 if scan.scanner is None else scan.scanner.delay_s
         file["t_start"] = (scan.time.start_s - delay_s) * SPEED_OF_LIGHT_M_PER_S
         file["t_accounts_first_and_last_bounces"] = scan.scanner is not None
-        file["scene_info"] = "original_format: nlos\n"
+        file["scene_info"] = json.dumps(_said(scan))  # which is YAML as well
     left = ["exposure per point has no place in y-tal's format"]
     if scan.scanner is not None:
         x_m, y_m, z_m = scan.scanner.position_m
@@ -55,6 +56,16 @@ def write_ytal(scan: ScanArrays, path: Path) -> list[str]:
     elif not scan.rectified:
         left.append("time 0 is not the wall and nothing tells the scanner's place: y-tal's solvers will not focus it")
     return left
+
+
+def _said(scan: ScanArrays) -> dict[str, object]:
+    """What y-tal's own fields do not say, in the place that it leaves for anything."""
+    said: dict[str, object] = {"original_format": "nlos", "rectified": scan.rectified, "wall_known": scan.wall_known}
+    if scan.falloff is not None:
+        said["falloff_exponent_authors"] = scan.falloff
+    if scan.direct_cut_bins:
+        said["direct_cut_bins"] = scan.direct_cut_bins
+    return said
 
 
 def _enum(file: h5py.File, name: str, word: str, words: dict[str, int]) -> None:

@@ -1,4 +1,5 @@
-"""Histograms and what lies beside them as a scan, on a grid or at free positions: what HDF5, NPZ and MAT share."""
+"""Histograms and what lies beside them as a scan: the one layout of plain HDF5, NPZ and MAT, and of what `nlos export`
+writes. `docs/howto/my-data.md` lists the names; whatever else a file holds is named and not used."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -9,26 +10,45 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.importers.given import Given
-from nlos.acquisition.importers.imported import FreePoints
+from nlos.acquisition.importers.given import Given, put_there
+from nlos.acquisition.importers.grid_places import on_even_grid
+from nlos.acquisition.importers.imported import NO_WALL, FreePoints, ImportedScan
+from nlos.acquisition.response import Response, stated
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid, grid_around
 
 _PLACES = re.compile(r"(laser|sensor|camera|detector)(_grid)?_(xyz|x_m|y_m|positions?)")
-Beside = Mapping[str, npt.NDArray[Any] | None]
+Array = npt.NDArray[Any]
+KNOWN = (
+    "bin_width_s", "wall_size_m", "wall_size_assumed", "offset_s", "x_m", "y_m", "exposure_s", "rectified",
+    "direct_cut_bins", "falloff_exponent_authors", "time_offset_bins", "response", "response_bin_width_s",
+    "response_fwhm_ps", "samples_left_aside",
+)  # fmt: skip
+"""Names that have a meaning beside the histograms."""
+_ONE = ("x_m", "y_m", "response")
+"""Of one dimension, whatever the format makes of it."""
+NOT_SAID = (
+    "`rectified` is not stored; assuming that it is: time 0 is the wall point, direct light is gone (if not: --raw)"
+)
+MOST_NAMED = 24
 
 
 @dataclass(frozen=True)
 class StoredArrays:
-    """Histograms as a file holds them, in its own order, where they are, and what is beside them."""
+    """What a file holds, in its own order."""
 
     name: str
     """Of the file."""
+    format: str
     place: str
-    """Within it."""
-    counts: npt.NDArray[Any]
-    beside: Beside
-    """exposure_s, x_m, y_m."""
+    """Of the histograms within it."""
+    counts: Array
+    beside: Mapping[str, Array]
+    """By `KNOWN` names; single values are arrays of one."""
+    others: tuple[str, ...] = ()
+    """Names that mean nothing here."""
+    falloff: int | None = None
+    """Where the file states none."""
 
 
 def refuse_separate_points(name: str, names: Iterable[str]) -> None:
@@ -41,49 +61,187 @@ def refuse_separate_points(name: str, names: Iterable[str]) -> None:
         )
 
 
-def held_scan(
-    stored: StoredArrays,
-    bin_width_s: float,
-    sides_m: tuple[float, float] | None,
-    given: Given,
-    start_s: float = 0.0,
-) -> tuple[Transient | FreePoints, tuple[str, ...]]:
-    """The scan, and what was assumed. `sides_m`: None for a wall around free positions. Raises `InvalidData` naming
-    file, place and reason."""
-    name, counts, beside = stored.name, stored.counts, stored.beside
-    if not 1e-13 <= bin_width_s <= 1e-6:
-        raise InvalidData(f"{name}: bin_width_s is {bin_width_s:g} s; expected 1e-13 to 1e-6 s")
-    exposure = beside.get("exposure_s")
-    told = exposure is not None and counts.shape[:-1] == exposure.shape
-    counts = given.ordered(counts, f"{name}: {stored.place}", told)
-    notes = []
-    if exposure is None:
-        exposure = np.ones(counts.shape[:-1])
+def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
+    """The scan; what is `given` goes before what is stored. Raises `InvalidData` naming file, place and reason."""
+    refuse_separate_points(stored.name, (*stored.beside, *stored.others))
+    counts = stored.counts
+    if counts.ndim not in (2, 3):
+        raise InvalidData(
+            f"{stored.name}: {stored.place}: has {counts.ndim} dimensions {counts.shape}; 3 dimensions [H, W, T] are "
+            "expected, or [N, T] with x_m and y_m [N]"
+        )
+    width_s = given.bin_width_s or _number(stored, "bin_width_s", option="--bin-width-ps PS")
+    if not 1e-13 <= width_s <= 1e-6:
+        raise InvalidData(f"{stored.name}: bin_width_s is {width_s:g} s; expected 1e-13 to 1e-6 s")
+    rectified, notes = _rectified(stored, given)
+    exposed = _flat(stored, "exposure_s", counts.ndim)
+    counts = given.ordered(counts, f"{stored.name}: {stored.place}", _order_told(stored, exposed))
+    shape = counts.shape[:-1]
+    if exposed is None:
         notes.append("exposure is not stored; assuming 1 s per point")
-    elif exposure.shape != counts.shape[:-1]:
-        raise InvalidData(f"{name}: exposure_s: has shape {exposure.shape}, the scan {counts.shape[:-1]}")
-    exposure = exposure.astype(np.float64)
-    time = TimeAxis(counts.shape[-1], bin_width_s, start_s)
+        exposed = np.ones(shape)
+    elif exposed.shape != shape:
+        raise InvalidData(f"{stored.name}: exposure_s: has shape {exposed.shape}, the scan {shape}")
+    time = TimeAxis(counts.shape[-1], width_s, _number(stored, "offset_s", 0.0))
+    offsets = _flat(stored, "time_offset_bins", counts.ndim)
+    if offsets is not None and offsets.shape != shape:
+        raise InvalidData(f"{stored.name}: time_offset_bins has shape {offsets.shape}, the scan {shape}")
+    sides_m = given.wall_m or _wall_size(stored)
+    known = not _flag(stored, "wall_size_assumed", False)
+    held: Transient | FreePoints
     if counts.ndim == 3:
-        assert sides_m is not None
-        wall = WallGrid(*sides_m, *counts.shape[:2])
+        grid = on_even_grid(stored.name, shape, sides_m, *(stored.beside.get(axis) for axis in ("x_m", "y_m")),
+                            told=given.wall_m is not None)  # fmt: skip
+        notes += grid.notes
+        if grid.sides_m is None and rectified:
+            raise InvalidData(f"{stored.name}: wall_size_m: is not stored. {put_there('--wall-size-m W or WxH')}")
+        if grid.sides_m is None:
+            known = False
+            notes.append(f"{NO_WALL}; assuming 1 m x 1 m")
+        counts, exposed = grid.upright(counts), grid.upright(exposed)
+        offsets = None if offsets is None else grid.upright(offsets)
         cube = np.ascontiguousarray(np.moveaxis(counts, 2, 0), dtype=np.float32)
-        return Transient(cube, exposure, wall, time), tuple(notes)
-    x_m, y_m = (_places(name, axis, beside, len(counts)) for axis in ("x_m", "y_m"))
-    wall = grid_around(x_m, y_m, sides_m)
-    if sides_m is None:
-        size = f"{wall.width_m:.3g} x {wall.height_m:.3g} m"
-        notes.append(f"the wall's size is not stored; assuming {size} around all points")
-    points = FreePoints(np.ascontiguousarray(counts, dtype=np.float32), exposure, x_m, y_m, wall, time)
-    return points, tuple(notes)
+        held = Transient(cube, exposed, WallGrid(*(grid.sides_m or (1.0, 1.0)), *shape), time)
+    else:
+        held = _free(stored, counts, exposed, sides_m, time)
+        if sides_m is None:
+            notes.append(f"{NO_WALL}; assuming {held.wall.width_m:.3g} x {held.wall.height_m:.3g} m around all points")
+    if stored.others:
+        more = ", ..." if len(stored.others) > MOST_NAMED else ""
+        notes.append(f"not used: {', '.join(sorted(stored.others)[:MOST_NAMED])}{more}")
+    return ImportedScan(
+        held,
+        stored.format,
+        direct_cut_bins=_direct_cut(stored, given, rectified, time.bins),
+        falloff=_falloff(stored),
+        rectified=rectified,
+        time_offset_bins=offsets,
+        wall_known=known or given.wall_m is not None,
+        response=_response(stored),
+        notes=tuple(notes),
+    )
 
 
-def _places(name: str, axis: str, beside: Beside, count: int) -> npt.NDArray[np.float64]:
-    values = beside.get(axis)
-    if values is None:
-        raise InvalidData(f"{name}: histograms of 2 dimensions [N, T] need {axis} [N], metres from the wall's centre")
-    if values.shape != (count,):
-        raise InvalidData(f"{name}: {axis}: has shape {values.shape}; ({count},) is expected, one for each histogram")
-    if not np.isfinite(values).all():
-        raise InvalidData(f"{name}: {axis}: holds positions that are not finite")
-    return values.astype(np.float64)
+def _rectified(stored: StoredArrays, given: Given) -> tuple[bool, list[str]]:
+    """One rule for all arrays: rectified, unless the file or the user says otherwise."""
+    if given.rectified is not None:
+        return given.rectified, []
+    if "rectified" in stored.beside:
+        return _flag(stored, "rectified", True), []
+    return True, [NOT_SAID]
+
+
+def _order_told(stored: StoredArrays, exposed: Array | None) -> bool:
+    """Whether arrays beside the histograms show these to be [H, W, T]."""
+    shape = stored.counts.shape[:-1]
+    if exposed is not None and exposed.shape == shape:
+        return True
+    places = [stored.beside.get(axis) for axis in ("y_m", "x_m")]
+    return all(each is not None and each.size == count for each, count in zip(places, shape, strict=False))
+
+
+def _free(
+    stored: StoredArrays, counts: Array, exposed: Array, sides_m: tuple[float, float] | None, time: TimeAxis
+) -> FreePoints:
+    places = []
+    for axis, side in (("x_m", 0), ("y_m", 1)):
+        values = _flat(stored, axis, 1)
+        if values is None:
+            raise InvalidData(
+                f"{stored.name}: {stored.place} of 2 dimensions [N, T] need {axis} [N], metres from the wall's centre"
+            )
+        if values.shape != (len(counts),):
+            raise InvalidData(
+                f"{stored.name}: {axis}: has shape {values.shape}; ({len(counts)},) is expected, one for each histogram"
+            )
+        if not np.isfinite(values).all():
+            raise InvalidData(f"{stored.name}: {axis}: holds positions that are not finite")
+        reach = float(np.abs(values).max())
+        if sides_m is not None and reach > 1.001 * sides_m[side] / 2:
+            raise InvalidData(
+                f"{stored.name}: {axis} reaches {reach:g} m from the wall's centre, beyond the edge of a wall of "
+                f"{sides_m[0]:g} x {sides_m[1]:g} m. Are both in metres, and is 0 the centre?"
+            )
+        places.append(values)
+    wall = grid_around(places[0], places[1], sides_m)
+    return FreePoints(np.ascontiguousarray(counts, dtype=np.float32), exposed, places[0], places[1], wall, time)
+
+
+def _direct_cut(stored: StoredArrays, given: Given, rectified: bool, bins: int) -> int:
+    cut = int(_number(stored, "direct_cut_bins", 0))
+    if not 0 <= cut < bins:
+        raise InvalidData(f"{stored.name}: direct_cut_bins is {cut}, but histograms have {bins} bins")
+    if cut and not rectified and given.rectified is None:
+        raise InvalidData(
+            f"{stored.name}: says that it is not rectified, and direct_cut_bins {cut}, which counts from time 0 of a "
+            "rectified scan. Leave one out: a raw scan's direct light is found."
+        )
+    return cut if rectified else 0
+
+
+def _falloff(stored: StoredArrays) -> int | None:
+    if "falloff_exponent_authors" not in stored.beside:
+        return stored.falloff
+    falloff = _number(stored, "falloff_exponent_authors")
+    if falloff not in (2, 4):
+        raise InvalidData(f"{stored.name}: falloff_exponent_authors is {falloff:g}; 2 or 4 are known")
+    return int(falloff)
+
+
+def _response(stored: StoredArrays) -> Response | None:
+    curve = _flat(stored, "response", 1)
+    step_s, fwhm_ps = (
+        _number(stored, key) if key in stored.beside else None for key in ("response_bin_width_s", "response_fwhm_ps")
+    )
+    return stated(curve, step_s, fwhm_ps, stored.name)
+
+
+def _wall_size(stored: StoredArrays) -> tuple[float, float] | None:
+    if "wall_size_m" not in stored.beside:
+        return None
+    sizes = np.asarray(stored.beside["wall_size_m"])
+    if sizes.dtype.kind not in "uif" or sizes.size not in (1, 2):
+        raise InvalidData(
+            f"{stored.name}: wall_size_m must be one number or width and height (found {_shown(sizes)}). "
+            f"{put_there('--wall-size-m W or WxH')}"
+        )
+    sides = sizes.astype(np.float64).ravel()
+    if not (np.isfinite(sides).all() and (sides > 0).all()):
+        raise InvalidData(f"{stored.name}: wall_size_m is {_shown(sizes)}; metres above 0 are expected")
+    return float(sides[0]), float(sides[-1])
+
+
+def _flag(stored: StoredArrays, key: str, default: bool) -> bool:
+    value = _number(stored, key, float(default))
+    if value not in (0, 1):
+        raise InvalidData(f"{stored.name}: {key} is {value:g}; true or false, 1 or 0 is expected")
+    return bool(value)
+
+
+def _number(stored: StoredArrays, key: str, default: float | None = None, option: str | None = None) -> float:
+    value = stored.beside.get(key)
+    if value is None and default is not None:
+        return default
+    remedy = f". {put_there(option)}" if option else ""
+    if value is None:
+        held = ", ".join(sorted({stored.place, *stored.beside, *stored.others})[:MOST_NAMED])
+        raise InvalidData(f"{stored.name}: {key}: is not stored; the file holds {held}{remedy}")
+    if value.size != 1 or value.dtype.kind not in "uifb" or not np.isfinite(value).all():
+        raise InvalidData(f"{stored.name}: {key} must be one finite number (found {_shown(value)}){remedy}")
+    return float(value.reshape(()))
+
+
+def _flat(stored: StoredArrays, key: str, dimensions: int) -> npt.NDArray[np.float64] | None:
+    """Numbers of as many dimensions as the points have; MATLAB knows no arrays of one."""
+    value = stored.beside.get(key)
+    if value is None:
+        return None
+    if value.dtype.kind not in "uifb" or value.size == 0:
+        raise InvalidData(f"{stored.name}: {key}: holds {value.dtype} {value.shape}, not numbers")
+    values = value.astype(np.float64)
+    one_line = sum(side > 1 for side in value.shape) <= 1
+    return values.ravel() if one_line and (key in _ONE or dimensions == 2) else values
+
+
+def _shown(value: Array) -> str:
+    return repr(value.tolist()) if value.size < 5 else f"{value.dtype} {value.shape}"

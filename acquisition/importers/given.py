@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.importers.imported import NO_WALL, ImportedScan
 
 _LETTERS = {"T": "T", "Y": "Y", "H": "Y", "X": "X", "W": "X", "N": "N"}
 
@@ -56,7 +56,7 @@ class Given:
             scan = replace(scan, held=replace(scan.held, time=time))
         if self.wall_m is not None:
             scan = scan.on_wall(*self.wall_m)
-            notes = [note for note in notes if "wall" not in note]
+            notes = [note for note in notes if not note.startswith(NO_WALL)]
             notes.append(f"a wall of {self.wall_m[0]:g} x {self.wall_m[1]:g} m, as given")
         if self.rectified is not None and self.rectified != scan.rectified:
             notes.append(f"{'rectified' if self.rectified else 'raw'}, as given")

@@ -16,6 +16,9 @@ MOST_POINTS = 4096 * 4096
 NARROWEST_BIN_S, WIDEST_BIN_S = 1e-13, 1e-6
 LONGEST_EXPOSURE_S = 1e7
 
+NO_WALL = "the wall's size is not stored"
+"""How a note begins that says what was assumed of it."""
+
 PLAIN_FIELDS = ("source_format", "direct_cut_bins", "falloff", "rectified", "wall_known")
 """Fields of a scan that are single values."""
 

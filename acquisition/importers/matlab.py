@@ -15,9 +15,10 @@ from scipy.io import loadmat, whosmat
 from scipy.io.matlab import MatReadError
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.importers.arrays import StoredArrays, held_scan
-from nlos.acquisition.importers.given import NOTHING, Given, put_there
-from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.importers.arrays import KNOWN, MOST_NAMED, StoredArrays, scan_of
+from nlos.acquisition.importers.given import NOTHING, Given
+from nlos.acquisition.importers.imported import NO_WALL, ImportedScan
+from nlos.acquisition.importers.own_data import how_to_convert
 from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES, find_dataset, open_hdf5, read_array
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
@@ -59,7 +60,10 @@ def read_matlab(path: Path, given: Given = NOTHING) -> ImportedScan:
     layout = next((layout for layout in _LAYOUTS if layout.key in shapes), None)
     if layout is None:
         known = ", ".join(layout.key for layout in _LAYOUTS)
-        raise InvalidData(f"{path}: none of the known scans ({known}); the file holds {', '.join(shapes) or 'nothing'}")
+        raise InvalidData(
+            f"{path}: none of the known scans (histograms; {known}); the file holds {', '.join(shapes) or 'nothing'}. "
+            f"{how_to_convert()}"
+        )
     counts = _read(path, layout.key, shapes)
     if counts.ndim != 3:
         raise InvalidData(f"{path}: {layout.key}: has shape {counts.shape}; two wall axes and time are expected")
@@ -71,11 +75,13 @@ def read_matlab(path: Path, given: Given = NOTHING) -> ImportedScan:
             raise InvalidData(f"{path}: width: half the wall's side in metres is expected (found {half[:3]})")
         wall_m = 2 * float(half[0])
     else:
-        notes.append(f"the wall's size is not stored; assuming {wall_m:g} m, this format's own")
+        notes.append(f"{NO_WALL}; assuming {wall_m:g} m, this format's own")
     if layout.falloff is None:
         notes.append("diffuse or retroreflective is not stored; assuming diffuse (--set falloff=2 for the other)")
     if layout.x_first:
         counts = counts.transpose(1, 0, 2)[:, ::-1]
+    if others := sorted(shapes.keys() - {layout.key, "width", "tofgrid"}):
+        notes.append(f"not used: {', '.join(others[:MOST_NAMED])}")
     rows, cols, bins = counts.shape
     offsets = _time_of_flight(path, (rows, cols), layout) if layout.key == "meas" else None
     transient = Transient(
@@ -95,43 +101,11 @@ def read_matlab(path: Path, given: Given = NOTHING) -> ImportedScan:
 
 
 def _read_own(path: Path, shapes: dict[str, tuple[int, ...]], given: Given) -> ImportedScan:
-    """A file of our own exporter, or anybody's with the names that the NPZ export uses."""
+    """A file of our own exporter, or anybody's with the same names."""
+    beside = {name: _read(path, name, shapes) for name in KNOWN if name in shapes}
+    others = tuple(name for name in shapes if name not in ("histograms", *KNOWN))
     counts = _read(path, "histograms", shapes)
-    if counts.ndim not in (2, 3):
-        raise InvalidData(f"{path}: histograms: has shape {counts.shape}; [H, W, T] or [N, T] is expected")
-    single = {
-        key: np.asarray(_read(path, key, shapes), dtype=np.float64).ravel()
-        for key in ("bin_width_s", "wall_size_m", "offset_s", "rectified")
-        if key in shapes
-    }
-    if any(values.size == 0 or not np.isfinite(values).all() for values in single.values()):
-        raise InvalidData(f"{path}: {', '.join(single)}: are not finite numbers")
-    for key, option, said in (
-        ("bin_width_s", "--bin-width-ps PS", given.bin_width_s),
-        ("wall_size_m", "--wall-size-m W or WxH", given.wall_m),
-    ):
-        if said is None and key not in single and not (key == "wall_size_m" and counts.ndim == 2):
-            raise InvalidData(f"{path}: {key}: is not stored. {put_there(option)}")
-    sides_m = given.wall_m
-    if sides_m is None and "wall_size_m" in single:
-        sides_m = float(single["wall_size_m"][0]), float(single["wall_size_m"][-1])
-        if not min(sides_m) > 0:
-            raise InvalidData(f"{path}: wall_size_m: is {sides_m}; metres above 0 are expected")
-    beside = {
-        key: np.asarray(_read(path, key, shapes), dtype=np.float64) if key in shapes else None
-        for key in ("exposure_s", "x_m", "y_m")
-    }
-    if counts.ndim == 2:  # MATLAB has no arrays of one dimension
-        beside = {key: None if values is None else values.ravel() for key, values in beside.items()}
-    held, notes = held_scan(
-        StoredArrays(str(path), "histograms", counts, beside),
-        given.bin_width_s or float(single["bin_width_s"][0]),
-        sides_m,
-        given,
-        float(single["offset_s"][0]) if "offset_s" in single else 0.0,
-    )
-    rectified = "rectified" in single and bool(single["rectified"][0])
-    return ImportedScan(held, "MATLAB export", rectified=rectified, notes=notes)
+    return scan_of(StoredArrays(str(path), "MATLAB export", "histograms", counts, beside, others), given)
 
 
 def _time_of_flight(path: Path, grid: tuple[int, int], layout: _Layout) -> npt.NDArray[np.float64] | None:
@@ -202,6 +176,6 @@ def _read(path: Path, key: str, shapes: dict[str, tuple[int, ...]]) -> Array:
         array = loadmat(str(path), variable_names=[key]).get(key)
     except _BROKEN as error:
         raise InvalidData(f"{path}: {key}: cannot be read ({error or type(error).__name__})") from error
-    if not isinstance(array, np.ndarray) or array.dtype.kind not in "uif" or array.size == 0:
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in "uifb" or array.size == 0:
         raise InvalidData(f"{path}: {key}: is not an array of numbers")
     return array

@@ -6,11 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.importers.imported import NO_WALL, ImportedScan
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
-
-NO_WALL = "the wall's size is not stored; assuming 1 m x 1 m"
 
 
 def raw_scan(
@@ -32,4 +30,6 @@ def raw_scan(
         WallGrid(1.0, 1.0, rows, cols),
         TimeAxis(bins, bin_width_s),
     )
-    return ImportedScan(transient, name, rectified=False, wall_known=False, notes=(NO_WALL, *notes))
+    return ImportedScan(
+        transient, name, rectified=False, wall_known=False, notes=(f"{NO_WALL}; assuming 1 m x 1 m", *notes)
+    )

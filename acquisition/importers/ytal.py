@@ -5,7 +5,8 @@ Time is in metres of optical path; where the paths to and from the scanner are i
 time offsets. Formats: y-tal 0.20 `tal.io`, Galindo et al., "A dataset for benchmarking time-resolved NLOS imaging".
 """
 
-from dataclasses import dataclass
+import json
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -15,7 +16,7 @@ import numpy.typing as npt
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.moveout import at_midpoints, of_every_pair
-from nlos.acquisition.importers.untrusted_hdf5 import needed_dataset, needed_number, open_hdf5, read_array
+from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, needed_dataset, needed_number, open_hdf5, read_array
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 
@@ -39,9 +40,11 @@ def read_ytal(path: Path) -> ImportedScan:
         delta_m, start_m = needed_number(file, "delta_t"), needed_number(file, "t_start")
         legs = bool(needed_number(file, "t_accounts_first_and_last_bounces"))
         origins = [_point(file, name) if legs else np.zeros(3) for name in ("laser_xyz", "sensor_xyz")]
+        ours = _said_by_ourselves(file)
     _check_time(path, delta_m, start_m)
     if kind == _T_SX_SY and sensors.shape == lasers.shape and np.allclose(sensors, lasers, atol=1e-4):
-        return _upright(path, _Capture("y-tal HDF5", counts, sensors, origins if legs else None, delta_m, start_m))
+        capture = _Capture("y-tal HDF5", counts, sensors, origins if legs else None, delta_m, start_m)
+        return _as_exported(_upright(path, capture), ours)
     _check_geometry(path, counts, lasers, sensors)
     ways = [
         np.linalg.norm(grid - origin, axis=2) * legs for grid, origin in zip((lasers, sensors), origins, strict=True)
@@ -59,6 +62,32 @@ def read_ytal(path: Path) -> ImportedScan:
     )
     moved = _Capture("y-tal HDF5", done.counts, done.grid, None, delta_m, 0.0, done.pairs, (note,))
     return _upright(path, moved)
+
+
+def _said_by_ourselves(file: h5py.File) -> dict[str, object]:
+    """What `nlos export` put beside the capture; empty for everybody else's."""
+    stored = find_dataset(file, "scene_info")
+    text = stored[()] if stored is not None and stored.shape == () else b""
+    try:
+        said = json.loads(text) if isinstance(text, bytes | str) else None
+    except ValueError:
+        return {}
+    return said if isinstance(said, dict) and said.get("original_format") == "nlos" else {}
+
+
+def _as_exported(scan: ImportedScan, ours: dict[str, object]) -> ImportedScan:
+    """The scan with what y-tal's own fields do not say: that a raw scan is raw though nothing tells its scanner's
+    place, whether anybody measured the wall, and the light's falloff."""
+    if not ours:
+        return scan
+    cut, falloff = ours.get("direct_cut_bins"), ours.get("falloff_exponent_authors")
+    return replace(
+        scan,
+        rectified=scan.rectified and ours.get("rectified") is not False,
+        wall_known=ours.get("wall_known") is not False,
+        direct_cut_bins=cut if isinstance(cut, int) else 0,
+        falloff=falloff if isinstance(falloff, int) else None,
+    )
 
 
 def _check_time(path: Path, delta_m: float, start_m: float) -> None:
@@ -157,14 +186,15 @@ def _upright(path: Path, capture: _Capture) -> ImportedScan:
     if not (pitch_x > 0 and pitch_y > 0) or straight > 0.02 * (pitch_x + pitch_y) or np.ptp(grid[..., 2]) > 1e-3:
         raise InvalidData(f"{path}: its points are not a regular grid in a plane z = const")
     width_s = delta_m / SPEED_OF_LIGHT_M_PER_S
-    offsets = np.full((rows, cols), -start_m / delta_m)
+    late_m = start_m if capture.origins is None and start_m > 0 else 0.0  # the record begins after the wall's light
+    offsets = np.full((rows, cols), (late_m - start_m) / delta_m)
     if capture.origins is not None:
         offsets += sum(np.linalg.norm(grid - origin, axis=2) for origin in capture.origins) / delta_m
     transient = Transient(
         np.ascontiguousarray(counts, dtype=np.float32),
         np.ascontiguousarray(exposure_s),
         WallGrid(float(pitch_x * cols), float(pitch_y * rows), rows, cols),
-        TimeAxis(int(counts.shape[0]), width_s),
+        TimeAxis(int(counts.shape[0]), width_s, late_m / SPEED_OF_LIGHT_M_PER_S),
     )
     rectified = bool((np.abs(offsets) < 1e-6).all())
     notes = ("exposure is not stored; assuming 1 s per point", "scene description and normals are not imported")

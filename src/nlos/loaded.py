@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.given import NOTHING, Given
-from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.importers.imported import NO_WALL, ImportedScan
 from nlos.acquisition.importers.isolated import read_isolated
 from nlos.acquisition.importers.magic import is_recording
 from nlos.acquisition.importers.to_recording import said_by_source
@@ -69,7 +69,7 @@ def load_scan(path: Path, given: Given = NOTHING, frames: range | None = None) -
     else:
         read = read_isolated(path, given)
         for note in read.notes:
-            if read.wall_known or "wall" not in note:
+            if read.wall_known or not note.startswith(NO_WALL):
                 log.info("%s: %s", path, note)
         scan = _as_loaded(read)
     return scan if scan.wall_known else _on_found_wall(path, scan)
