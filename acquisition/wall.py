@@ -8,6 +8,10 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
 
+ORIENTATION = (
+    "row 0 is the top and column 0 the left for who looks at the wall from the scanner; x_m counts to the right, y_m up"
+)
+
 
 @dataclass(frozen=True)
 class WallGrid:

@@ -14,7 +14,7 @@ from nlos.calibration.background import Background, before_pulse, subtract
 from nlos.calibration.constants import BenchConstants
 from nlos.calibration.detector import subtract_dark, undo_dead_time
 from nlos.calibration.direct_reflection import DirectLight, find_direct_light, known_direct_light, remove_direct_light
-from nlos.calibration.errors import InvalidData, NoDirectPeak
+from nlos.calibration.errors import InvalidData, NoDirectPeak, NothingBehind
 from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.time_offset import TimeOffsets, measure_time_offsets
 
@@ -52,6 +52,7 @@ class CorrectedPoints:
             "offset_rms_bins": offsets.rms_bins if offsets and wall else None,
             "offset_rms_ps": rms_s * 1e12 if rms_s is not None else None,
             "offset_rms_mm": rms_s * SPEED_OF_LIGHT_M_PER_S / 2 * 1e3 if rms_s is not None else None,
+            "arrival_spread_bins": float(np.std(offsets.measured_bins[offsets.found])) if offsets else None,
             "scanner_position_m": [float(v) for v in wall.scanner_position_m] if wall else None,
             "electronic_delay_ns": wall.delay_s * 1e9 if wall else None,
             "response_fwhm_ps": offsets.response.fwhm_s() * 1e12 if offsets else None,
@@ -241,7 +242,7 @@ def _bins_left(raw: RawPoints, arrival: Floats, offsets: TimeOffsets | None) -> 
     point = int(np.argmax(held))
     bins = raw.time.bins - max(int(np.ceil(held[point])), 0)
     if offsets is not None and bins * raw.time.bin_width_s < SHORTEST_S:
-        raise InvalidData(
+        raise NothingBehind(
             f"{raw.name(point)}: direct light arrives in bin {held[point]:.0f} of {raw.time.bins}; no hidden scene was "
             "recorded behind it. Lengthen the histogram or start it later."
         )

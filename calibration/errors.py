@@ -17,6 +17,10 @@ class ShutterClosed(NoDirectPeak):
     """Only dark counts arrived: the scan was taken with the light off."""
 
 
+class NothingBehind(InvalidData):
+    """The record ends with the direct light: no hidden scene can be in it."""
+
+
 class SaturatedBins(InvalidData):
     """A bin reached the counter's limit: how many photons it stands for is not known."""
 

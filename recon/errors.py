@@ -13,5 +13,9 @@ class ReconstructionFailed(ReconError):
     """The data are fine and the reconstruction is not: too little memory, a method that cannot take this geometry."""
 
 
+class NoLight(InvalidData):
+    """Counts that hold no light above what was subtracted."""
+
+
 class InvalidSettings(ReconError, ValueError):
     """The method or one of its settings does not exist, or has a value it cannot have."""

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.configs.settings import Settings
-from nlos.recon.errors import InvalidData, ReconstructionFailed
+from nlos.recon.errors import InvalidData, NoLight, ReconstructionFailed
 from nlos.recon.explained import explained_light
 from nlos.recon.explained_share import Explained
 from nlos.recon.gridding import confidence
@@ -186,7 +186,7 @@ def check(transient: Transient) -> None:
         )
     total = float(counts.sum(dtype=np.float64))
     if total < 0:
-        raise InvalidData(
+        raise NoLight(
             f"the counts add up to {total:g}, below 0: there is no light above the background that was subtracted. "
             "Check the background, or that these are counts."
         )

@@ -115,6 +115,7 @@ def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
         direct_cut_bins=_direct_cut(stored, given, rectified, time.bins),
         falloff=_falloff(stored),
         rectified=rectified,
+        rectified_assumed=NOT_SAID in notes,
         time_offset_bins=offsets,
         wall_known=known or given.wall_m is not None,
         response=_response(stored),
@@ -128,6 +129,11 @@ def _rectified(stored: StoredArrays, given: Given) -> tuple[bool, list[str]]:
         return given.rectified, []
     if "rectified" in stored.beside:
         return _flag(stored, "rectified", True), []
+    if "samples_left_aside" in stored.beside:
+        raise InvalidData(
+            f"{stored.name}: is an export of an earlier version, which did not store whether a scan is rectified. Say "
+            "it: --rectified if time 0 is the wall point and direct light is gone, else --raw. Or export it again."
+        )
     return True, [NOT_SAID]
 
 

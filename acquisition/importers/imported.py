@@ -19,7 +19,7 @@ LONGEST_EXPOSURE_S = 1e7
 NO_WALL = "the wall's size is not stored"
 """How a note begins that says what was assumed of it."""
 
-PLAIN_FIELDS = ("source_format", "direct_cut_bins", "falloff", "rectified", "wall_known")
+PLAIN_FIELDS = ("source_format", "direct_cut_bins", "falloff", "rectified", "rectified_assumed", "wall_known")
 """Fields of a scan that are single values."""
 
 
@@ -47,6 +47,8 @@ class ImportedScan:
     """4 diffuse, 2 retroreflective; None where the file says nothing."""
     rectified: bool = True
     """Whether time 0 is already the arrival at the wall point."""
+    rectified_assumed: bool = False
+    """Whether neither the file nor the user has said so."""
     time_offset_bins: npt.NDArray[np.float64] | None = None  # (H, W)
     """Bin in which the rectified time 0 lies, where the file says so."""
     wall_known: bool = True

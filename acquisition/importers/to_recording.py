@@ -91,6 +91,7 @@ def _said(scan: ImportedScan, source: Path) -> dict[str, object]:
         "file": source.name,
         "format": scan.source_format,
         "rectified": scan.rectified,
+        "rectified_assumed": scan.rectified_assumed,
         "wall_known": scan.wall_known,
         "direct_cut_bins": scan.direct_cut_bins,
         "falloff": scan.falloff,

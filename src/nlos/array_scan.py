@@ -1,6 +1,7 @@
 """A scan from NumPy arrays: every way in which they can be meant, told apart or refused."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,12 +26,12 @@ def scan_from_arrays(
     points: Sequence[npt.ArrayLike] | None = None,
     axes: str | None = None,
     exposure: npt.ArrayLike | None = None,
-    rectified: bool = True,
+    rectified: bool | None = None,
 ) -> LoadedScan:
     """A scan from histograms [H, W, T], or [N, T] with `points=(x_m, y_m)`; `axes` names another order.
 
     `wall`: its side, or width and height, in metres; `bin_width` in seconds. `rectified`: time 0 is the wall and direct
-    light is gone. Raises `InvalidData` saying what was given and what is expected.
+    light is gone, which is assumed unless said. Raises `InvalidData` saying what was given and what is expected.
     """
     width_s = _bin_width(bin_width)
     counts = _ordered(_numbers(histograms, "histograms"), axes, points is not None)
@@ -43,15 +44,18 @@ def scan_from_arrays(
         if exposed.shape != shape:
             raise InvalidData(f"exposure has shape {exposed.shape}; {shape} is expected, seconds per point.")
     time = TimeAxis(counts.shape[-1], width_s)
+    assumed, rectified = rectified is None, rectified is not False
     if points is None:
-        return _on_grid(counts, exposed, _wall(wall, *shape), time, rectified)
+        scan = _on_grid(counts, exposed, _wall(wall, *shape), time, rectified)
+        return replace(scan, rectified_assumed=assumed)
     x_m, y_m = _places(points, len(counts))
     grid = grid_around(x_m, y_m, None if wall is None else _sides(wall))
     nothing = np.zeros(len(counts))
     free = RawPoints(counts, x_m, y_m, exposed, nothing, nothing, time)
     on_grid = grid_samples(x_m, y_m, counts, exposed, grid, time)
     empty = np.zeros_like(on_grid.exposure_s)
-    return LoadedScan(on_grid, {}, empty, empty, rectified, None, None, None, points=free)
+    return LoadedScan(on_grid, {}, empty, empty, rectified, None, None, None, points=free,
+                      rectified_assumed=assumed)  # fmt: skip
 
 
 def _on_grid(

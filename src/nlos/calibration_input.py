@@ -83,7 +83,10 @@ def load_run(run: Path, wall_size_m: float | None = None) -> RunInput:
 
 def _refuse_rectified(run: Path, rectified: bool) -> None:
     if rectified:
-        raise InvalidData(f"{run}: is rectified already (time 0 is the direct arrival); there is nothing to measure.")
+        raise InvalidData(
+            f"{run}: is rectified already (time 0 is the direct arrival); there is nothing to measure. If it is raw "
+            "and only does not say so: `nlos import FILE -o RUN.h5 --raw`, and calibrate from RUN.h5."
+        )
 
 
 def _on_wall(run: Path, raw: "RawPoints", side_m: float, wall_size_m: float | None) -> "RawPoints":

@@ -1,7 +1,8 @@
 """From a file or arrays to a picture: read, calibrate, reconstruct, write. What every way to a picture shares."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,10 +12,13 @@ import numpy.typing as npt
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.bench_constants import correcting_constants
 from nlos.calibration.correct import CorrectedPoints, Report, correct, correct_points
+from nlos.calibration.errors import NoDirectPeak, NothingBehind, ShutterClosed
+from nlos.calibration.raw_points import RawPoints, from_transient
+from nlos.calibration.seems_raw import mean_arrival_s
 from nlos.loaded import LoadedScan, load_scan
 from nlos.recipe import Recipe
 from nlos.recon.depth_range import within_depths
-from nlos.recon.errors import InvalidSettings
+from nlos.recon.errors import InvalidSettings, NoLight
 from nlos.recon.gridding import grid_samples
 from nlos.recon.methods import find
 from nlos.recon.reconstruct import reconstruct
@@ -33,6 +37,10 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+IF_RECTIFIED = (
+    "If time 0 is the wall already and direct light is gone, say --rectified (in Python rectified=True): nothing is "
+    "aligned then."
+)
 FIRST_STAGE, STAGES = "reading", 4
 """A file is read, calibrated, reconstructed and drawn."""
 
@@ -92,8 +100,13 @@ def _calibrated(
         points = scan.points
         if scan.rectified and scan.direct_cut_bins is not None:
             points = replace(points, counts=without_first(points.counts.T, scan.direct_cut_bins).T)
-        done = correct_points(points, constants, rectified=scan.rectified, remove_direct=scan.direct_cut_bins is None)
-        if not scan.rectified:
+        with _or_rectified(scan):
+            done = correct_points(
+                points, constants, rectified=scan.rectified, remove_direct=scan.direct_cut_bins is None
+            )
+        if scan.rectified:
+            _tell_if_not_rectified(scan, points, done, tell)
+        else:
             hear(done)
             _tell_calibration(done.report(), tell)
         gridded = grid_samples(
@@ -103,7 +116,9 @@ def _calibrated(
     if scan.rectified and scan.direct_cut_bins is not None:
         return cut_direct(transient, scan.direct_cut_bins), None
     if scan.rectified:
-        return correct(transient, rectified=True).transient, None
+        done_so = correct(transient, rectified=True)
+        _tell_if_not_rectified(scan, from_transient(transient), done_so.points, tell)
+        return done_so.transient, None
     if use_file_offsets or arrivals is not None:
         of_a_whole = None if use_file_offsets else arrivals
         known = correct(
@@ -111,7 +126,8 @@ def _calibrated(
             sync_count=scan.sync_count, total_count=scan.total_count,
         )  # fmt: skip
         return known.transient, None if of_a_whole is None else of_a_whole.response
-    corrected = correct(transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
+    with _or_rectified(scan):
+        corrected = correct(transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
     hear(corrected.points)
     _tell_calibration(corrected.report(), tell)
     return corrected.transient, _own(corrected.points)
@@ -131,11 +147,48 @@ def _own(points: "CorrectedPoints") -> "ImpulseResponse | None":
     return None if points.offsets is None else points.offsets.response
 
 
+@contextmanager
+def _or_rectified(scan: LoadedScan) -> Iterator[None]:
+    """Where another program's scan cannot be aligned, it may need no alignment: the error says how to say so."""
+    try:
+        yield
+    except (NoDirectPeak, NothingBehind, NoLight) as error:
+        if scan.rectified or scan.devices or isinstance(error, ShutterClosed):
+            raise
+        raise type(error)(f"{error} {IF_RECTIFIED}") from error
+
+
+def _tell_if_not_rectified(scan: LoadedScan, raw: RawPoints, done: CorrectedPoints, tell: Tell) -> None:
+    """Says so where a rectified scan still holds direct light at time 0, and asks where one that is only assumed to be
+    rectified seems to hold it elsewhere."""
+    if done.direct.end_bin:
+        tell(
+            logging.WARNING,
+            "direct light is still in it, though it counts as rectified: the first %.2f ns are left out. With --raw "
+            "(in Python rectified=False) it is aligned by that light, and its response is measured.",
+            done.direct.end_bin * done.time.bin_width_s * 1e9,
+        )
+    elif scan.rectified_assumed and (arrival_s := mean_arrival_s(raw)) is not None:
+        tell(
+            logging.WARNING,
+            "is time 0 the wall? Each point's light is mainly one sharp pulse, %.2f ns later on average, and arrives "
+            "as if straight from a plane wall. If it does, the scan is raw: --raw (in Python rectified=False). If time "
+            "0 is the wall: --rectified.",
+            arrival_s * 1e9,
+        )
+
+
 def _tell_calibration(report: "Report", tell: Tell) -> None:
     rms_bins, points = report["offset_rms_bins"], report["points"]
     assert isinstance(points, int)
     if not isinstance(rms_bins, float):
-        if points >= 9:
+        spread_bins = report["arrival_spread_bins"]
+        if points >= 9 and isinstance(spread_bins, float) and spread_bins < 1:
+            tell(
+                logging.INFO,
+                "calibrated: direct light arrives at all %d points at the same time, which is taken for time 0", points,
+            )  # fmt: skip
+        elif points >= 9:
             tell(
                 logging.INFO,
                 "calibrated: no plane wall explains the arrivals at %d points; each was aligned by its own",
@@ -149,8 +202,9 @@ def _tell_calibration(report: "Report", tell: Tell) -> None:
         tell(
             logging.WARNING,
             "arrivals scatter by %.1f bins about a plane wall. Is this a raw scan, does its time window hold the "
-            "direct light, is the wall plane? `nlos calibrate` draws them.",
+            "direct light, is the wall plane? `nlos calibrate` draws them. %s",
             rms_bins,
+            IF_RECTIFIED,
         )
 
 
@@ -185,7 +239,8 @@ def reconstruct_scan(
     if unlike := _unlike_trained(chosen.get("weights"), transient, scan.falloff):
         log.warning("%s", unlike)
     stage(f"{recipe.method} on {transient.wall.rows} x {transient.wall.cols} x {transient.time.bins}")
-    made = reconstruct(transient, recipe.method, chosen, recipe.device, elsewhere=True)
+    with _or_rectified(scan):
+        made = reconstruct(transient, recipe.method, chosen, recipe.device, elsewhere=True)
     return replace(made, left_aside=scan.left_aside)
 
 

@@ -54,6 +54,10 @@ class LoadedScan:
     """What the instrument makes of an instant of light, as the file states it."""
     left_aside: int = 0
     """Samples that were damaged or unreadable, and are not in it."""
+    rectified_assumed: bool = False
+    """Whether nobody has said whether it is rectified."""
+    wall_error_m: float | None = None
+    """The standard error of a width that the direct times told; None where they did not."""
 
 
 def load_scan(path: Path, given: Given = NOTHING, frames: range | None = None) -> LoadedScan:
@@ -97,6 +101,7 @@ def _as_loaded(scan: ImportedScan) -> LoadedScan:
         scan.wall_known,
         points,
         response=scan.response,
+        rectified_assumed=scan.rectified_assumed,
     )
 
 
@@ -111,7 +116,7 @@ def _as_given(path: Path, scan: LoadedScan, given: Given) -> LoadedScan:
         scan = replace(scan, transient=replace(scan.transient, wall=wall), wall_known=True)
         log.info("%s: a wall of %g x %g m, as given", path, *given.wall_m)
     if given.rectified is not None:
-        scan = replace(scan, rectified=given.rectified)
+        scan = replace(scan, rectified=given.rectified, rectified_assumed=False)
         log.info("%s: %s, as given", path, "rectified" if given.rectified else "raw")
     return scan
 
@@ -129,7 +134,7 @@ def _on_found_wall(path: Path, scan: LoadedScan) -> LoadedScan:
     log.info("%s: the wall's size is not stored: by the direct times it is %.3f +- %.3f m wide", path, *found)
     scale = found[0] / wall.width_m
     wall = replace(wall, width_m=wall.width_m * scale, height_m=wall.height_m * scale)
-    return replace(scan, transient=replace(scan.transient, wall=wall))
+    return replace(scan, transient=replace(scan.transient, wall=wall), wall_error_m=found[1])
 
 
 def _gridded(points: RawPoints, wall: WallGrid) -> Transient:
@@ -203,6 +208,7 @@ def as_recorded(
         bool(said.get("wall_known", True)),
         bench_json=recording.header.bench_json,
         response=_response(recording, said.get("response")),
+        rectified_assumed=bool(said.get("rectified_assumed", False)),
     )
 
 

@@ -26,7 +26,7 @@ def reconstruct(
     points: Sequence[npt.ArrayLike] | None = None,
     axes: str | None = None,
     exposure: npt.ArrayLike | None = None,
-    rectified: bool = True,
+    rectified: bool | None = None,
     constants: str | Path | None = None,
     response: ResponseSaid = "auto",
     device: str = "cpu",
@@ -36,8 +36,9 @@ def reconstruct(
 
     For arrays: `wall` its side or (width, height) in metres, `bin_width` in seconds, `axes` the order of the axes where
     it is another ("TYX"), `exposure` in seconds per point (0 = not measured), `rectified` whether time 0 is the wall
-    and direct light is gone; if not, both are found in the histograms. `response`: what the instrument makes of an
-    instant of light, as `--response`: "auto", "none", a FWHM in picoseconds, a file, or (curve, bin width in seconds);
+    and direct light is gone, which is assumed unless said; if not, both are found in the histograms. `response`: what
+    the instrument makes of an instant of light, as `--response`: "auto", "none", a FWHM in picoseconds, a file, or
+    (curve, bin width in seconds);
     `picture.response` says which was taken. `method` is `lct`, unless `weights` (a file, or
     a name of those that ship) say another: they bring method and architecture. Other keywords are settings of the
     method: `nlos.methods()[method].settings`. Raises `InvalidData`, `InvalidSettings` and `ReconstructionFailed` of

@@ -7,6 +7,7 @@ import typer
 
 from nlos.acquisition.importers.isolated import one_reader
 from nlos.acquisition.importers.to_recording import write_recording
+from nlos.acquisition.wall import ORIENTATION
 from nlos.cli.file_words import Axes, BinWidth, Rectified, WallSize, given
 from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
@@ -41,7 +42,7 @@ def import_(
                 points = write_recording(scan, file, target, overwrite=overwrite, step=progress.step)
             photons = int(scan.held.counts.sum(dtype="float64"))
             terminal.result(f"{target}: {points} points, {photons} photons ({scan.source_format})")
-            for note in scan.notes:
+            for note in (*scan.notes, ORIENTATION):
                 terminal.log(f"  {note}")
             if not scan.wall_known:
                 terminal.log("  `reconstruct` and `calibrate` find the wall by the direct times; or use --wall-size-m")

@@ -14,6 +14,7 @@ from nlos.acquisition.importers.to_recording import said_by_source
 from nlos.acquisition.recording.frames import frame_table
 from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.acquisition.scanning.advice import reasons
+from nlos.acquisition.wall import ORIENTATION
 from nlos.cli.info_of_products import of_product
 from nlos.cli.terminal import terminal
 
@@ -45,10 +46,27 @@ def _found(run: Path) -> dict[str, Any]:
         return summary(str(run))
     if is_recording(run):
         with open_checked(run) as recording:
-            return _of_recording(recording)
+            found = _of_recording(recording)
+        return found if _imported_wall_known(found) else found | {"wall": _found_wall(run)}
     if magic_of(run) == HDF5_MAGIC and (product := of_product(run)) is not None:
         return product
     return _of_import(run)
+
+
+def _imported_wall_known(found: dict[str, Any]) -> bool:
+    return found["imported"].get("wall_known", True) is not False
+
+
+def _found_wall(run: Path) -> str:
+    """The wall of a file that does not say it, as `reconstruct` takes it."""
+    from nlos.loaded import load_scan
+
+    scan = load_scan(run)
+    wall = scan.transient.wall
+    size = f"{wall.width_m:.4g} x {wall.height_m:.4g} m, {wall.rows} x {wall.cols}"
+    if scan.wall_error_m is None:
+        return f"{size}: assumed; neither the file nor its times tell it. `reconstruct` takes --wall-size-m"
+    return f"{size}: not stored, found by the direct times to {scan.wall_error_m:.1g} m"
 
 
 def _ships(run: Path) -> bool:
@@ -71,6 +89,7 @@ def _of_recording(recording: "Recording") -> dict[str, Any]:
         "skipped": left_aside,
         "identity": header.identity,
         "wall": f"{plan.wall.width_m:g} x {plan.wall.height_m:g} m, {plan.wall.rows} x {plan.wall.cols}",
+        "orientation": ORIENTATION,
         **_of_frames(recording, records),
         "time axis": f"{plan.axis.bins} bins of {plan.axis.bin_width_s * 1e12:g} ps, "
         f"from {plan.axis.offset_s * 1e9:g} ns",
@@ -159,7 +178,10 @@ def _of_import(run: Path) -> dict[str, Any]:
     points = "" if scan.points is None else f"{len(scan.points.x_m)} points at free positions; grid "
     return {
         "format": scan.source_format,
-        "wall": f"{wall.width_m:g} x {wall.height_m:g} m, {points}{wall.rows} x {wall.cols}",
+        "wall": f"{wall.width_m:g} x {wall.height_m:g} m, {points}{wall.rows} x {wall.cols}"
+        if scan.wall_known
+        else _found_wall(run),
+        "orientation": ORIENTATION,
         "time axis": f"{time.bins} bins of {time.bin_width_s * 1e12:g} ps",
         "photons": float(held.counts.sum(dtype="float64")),
         "rectified": scan.rectified,

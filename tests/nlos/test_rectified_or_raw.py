@@ -1,0 +1,104 @@
+"""A scan that is said to be what it is not is told so, with the word that mends it; one that is what it says is not."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from nlos.acquisition.transient import TimeAxis
+from nlos.calibration.raw_points import RawPoints
+from nlos.calibration.seems_raw import mean_arrival_s
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.simulated.beam import BeamPath
+from nlos.drivers.simulated.scene import SceneLight, SceneSettings
+from nlos.drivers.simulated.spad import DetectorSettings
+from nlos.drivers.simulated.surfaces import Surface
+
+SIDE, BINS, BIN_S, WALL_M, AWAY_M, DWELL_S = 16, 1024, 16e-12, 0.9, 1.6, 0.3
+AT_M = ((np.arange(SIDE) + 0.5) / SIDE - 0.5) * WALL_M
+LETTER = Surface(letter="F", centre_m=(0.0, 0.0, 0.7), height_m=0.6)
+BOARD = Surface(centre_m=(0.0, 0.0, 0.9), panel_m=(0.8, 0.8))
+DOT = Surface(centre_m=(0.1, 0.1, 0.5), panel_m=(0.03, 0.03))
+
+
+def photons(hidden: Surface, direct_cps: float, from_wall: bool) -> np.ndarray:
+    """Drawn counts (H, W, T) of the simulated bench's scene: timed by its clock, or from each point of the wall."""
+    scene = SceneSettings(objects=(hidden,), direct_cps=direct_cps, ambient_cps=100.0)
+    path = BeamPath(AWAY_M)
+    light = SceneLight(scene, DetectorSettings(dark_cps=100.0), path, 10e6, seed=5)
+    rng, counts = np.random.default_rng(2), np.zeros((SIDE, SIDE, BINS), np.uint16)
+    for row, y_m in enumerate(-AT_M):
+        for col, x_m in enumerate(AT_M):
+            y_rad = np.arctan(y_m / AWAY_M)
+            spot = path.spot(MirrorAngles(float(np.arctan(x_m * np.cos(y_rad) / AWAY_M)), float(y_rad)))
+            assert spot is not None
+            begins_s = 2 * spot.range_m / 299792458 if from_wall else 8e-9
+            expected = light.photons_per_pulse(spot, BIN_S, begins_s)[:BINS]
+            counts[row, col, : len(expected)] = rng.poisson(expected * 10e6 * DWELL_S)
+    return counts
+
+
+def points(counts: np.ndarray) -> RawPoints:
+    x_m, y_m = (each.ravel() for each in np.meshgrid(AT_M, -AT_M))
+    nothing = np.zeros(SIDE * SIDE)
+    return RawPoints(counts.reshape(-1, BINS), x_m, y_m, nothing + DWELL_S, nothing, nothing, TimeAxis(BINS, BIN_S))
+
+
+def nlos(folder: Path, *words: str) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-m", "nlos", *words]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+
+
+def write(folder: Path, counts: np.ndarray) -> None:
+    with h5py.File(folder / "scan.h5", "w") as file:
+        file["histograms"] = counts
+        file.attrs.update({"bin_width_s": BIN_S, "wall_size_m": WALL_M})
+
+
+@pytest.mark.parametrize("hidden", [LETTER, DOT], ids=["letter", "dot"])
+def test_scans_with_direct_light_seem_raw(hidden: Surface) -> None:
+    """A letter's light is no single pulse, a dot's has no delay."""
+    raw = points(photons(hidden, direct_cps=40000.0, from_wall=False))
+    arrival_s = mean_arrival_s(raw)
+    assert arrival_s is not None
+    ranges_m = np.sqrt(raw.x_m**2 + raw.y_m**2 + AWAY_M**2)
+    assert arrival_s == pytest.approx(float(np.mean(2 * ranges_m / 299792458)) - 8e-9, abs=100e-12)
+    assert mean_arrival_s(points(photons(hidden, direct_cps=0.0, from_wall=True))) is None
+
+
+def test_an_aligned_scan_with_its_direct_light_is_told_of_raw(tmp_path: Path) -> None:
+    write(tmp_path, photons(LETTER, direct_cps=400000.0, from_wall=True))
+    done = nlos(tmp_path, "reconstruct", "scan.h5", "-o", "a")
+    assert done.returncode == 0, done.stderr
+    assert "direct light is still in it" in done.stderr
+    assert "--raw" in done.stderr
+    done = nlos(tmp_path, "reconstruct", "scan.h5", "-o", "b", "--raw")
+    assert done.returncode == 0, done.stderr
+    assert "at the same time" in done.stderr
+    assert "--rectified" not in done.stderr
+    assert "scan's own direct peak" in done.stdout
+
+
+def test_a_raw_scan_that_counts_as_rectified_is_told_of_raw(tmp_path: Path) -> None:
+    write(tmp_path, photons(LETTER, direct_cps=40000.0, from_wall=False))
+    done = nlos(tmp_path, "reconstruct", "scan.h5", "-o", "a")
+    assert "is time 0 the wall?" in done.stderr
+    assert "--raw" in done.stderr
+    done = nlos(tmp_path, "reconstruct", "scan.h5", "-o", "b", "--raw")
+    assert done.returncode == 0, done.stderr
+    assert "is time 0" not in done.stderr
+    told = nlos(tmp_path, "reconstruct", "scan.h5", "-o", "c", "--rectified")
+    assert "is time 0" not in told.stderr
+    assert "warning" not in told.stderr
+
+
+def test_a_rectified_scan_that_counts_as_raw_is_told_of_rectified(tmp_path: Path) -> None:
+    write(tmp_path, photons(BOARD, direct_cps=0.0, from_wall=True))
+    done = nlos(tmp_path, "reconstruct", "scan.h5", "-o", "a", "--raw")
+    assert "--rectified" in done.stderr
+    done = nlos(tmp_path, "reconstruct", "scan.h5", "-o", "b", "--rectified")
+    assert done.returncode == 0, done.stderr
+    assert "warning" not in done.stderr
