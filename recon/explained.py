@@ -74,7 +74,9 @@ def explained_light(
         doubt = better_wall(transient, told, with_wall)
     note = told.note
     if unit != 1.0:
-        note = "; ".join(word for word in (note, "these are not photon counts: their noise is estimated") if word)
+        note = "; ".join(
+            word for word in (note, "after corrections these are no whole photons: their noise is estimated") if word
+        )
     return replace(found, note=note, doubt=doubt, seconds=clock.perf_counter() - began)
 
 

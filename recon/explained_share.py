@@ -29,6 +29,11 @@ class Explained:
         return f"{self.figure}; doubtful: {self.doubt}" if self.doubt else self.figure
 
     @property
+    def remark(self) -> str:
+        """What to know about the figure, in brackets; nothing where the figure says it, or there is nothing."""
+        return f" ({self.note})" if self.note and self.share is not None else ""
+
+    @property
     def figure(self) -> str:
         """How much, in words, without what speaks against it."""
         if self.share is None:

@@ -32,7 +32,7 @@ def gallery(results: Sequence[Reconstruction], titles: Sequence[str], width_mm: 
     with matplotlib.rc_context(
         {"font.size": 7, "axes.linewidth": 0.5, "xtick.major.width": 0.5, "ytick.major.width": 0.5}
     ):
-        figure = Figure(figsize=(width, lines * (2 * each + 0.45) + 0.2), layout="constrained")
+        figure = Figure(figsize=(width, lines * (2 * each + 0.45) + 0.2), layout="compressed")
         panels = figure.subplots(2 * lines, columns, squeeze=False)
         scale, colours = Normalize(*depth_limits(results), clip=True), matplotlib.colormaps["viridis_r"]
         for panel in panels.flat:
@@ -60,6 +60,9 @@ def gallery(results: Sequence[Reconstruction], titles: Sequence[str], width_mm: 
         figure.colorbar(grey, ax=panels[0::2].ravel().tolist(), label="brightness (relative)", aspect=30, pad=0.01)
         bar = ScalarMappable(scale, colours)
         figure.colorbar(bar, ax=panels[1::2].ravel().tolist(), label="depth from the wall (m)", aspect=30, pad=0.01)
+        for _ in range(3):  # no more paper than is drawn on, whose layout depends on how much there is
+            figure.draw_without_rendering()
+            figure.set_size_inches(width, figure.get_tightbbox().height + 0.1)
     return figure
 
 

@@ -18,6 +18,8 @@ from nlos.recon.volume import Reconstruction
 
 NARROWEST_M, WIDEST_M = 0.002, 0.5
 TICKS_CM = (0.2, 0.5, 1, 2, 5, 10, 20, 50)
+LIKELY, MOST = 0.5, 0.98
+"""The scale of brightness is made for this share of the pixels where there is as likely a surface as this."""
 SHRUNK = 0.75  # a colour bar to the height of its picture
 
 
@@ -43,13 +45,22 @@ def draw_uncertainty(reconstruction: Reconstruction, figure: Figure) -> None:
     figure.colorbar(shown, ax=left, label="probability of a surface", shrink=SHRUNK)
     left.set(title="is there a surface?", xlabel="x (m)", ylabel="y (m)")
     wide = (sure.albedo_high - sure.albedo_low) / brightest(reconstruction)
-    _faded(
-        middle, figure, reconstruction, wide, Normalize(0, 1, clip=True), "1: as wide as the brightest point is bright"
-    )
+    widest = _widest(wide, sure.seen)
+    name = "1: as wide as the brightest point is bright"
+    _faded(middle, figure, reconstruction, wide, Normalize(0, widest, clip=True), name)
     middle.set(title="brightness: width of its 90 % interval")
     deep = np.clip(sure.depth_high_m - sure.depth_low_m, NARROWEST_M, WIDEST_M) * 100
     _faded(right, figure, reconstruction, deep, LogNorm(NARROWEST_M * 100, WIDEST_M * 100, clip=True), "cm")
     right.set(title="depth: width of its 90 % interval")
+
+
+def _widest(wide: np.ndarray, seen: np.ndarray) -> float:
+    """The end of a scale on which widths can be read where there is a surface: a round number that hardly one of them
+    exceeds. Intervals are as wide as the brightest point is bright, and wider, where light is dim."""
+    there = wide[seen >= min(LIKELY, 0.5 * float(seen.max()))]
+    reached = max(float(np.quantile(there, MOST)), 1e-3)
+    step = 10.0 ** np.floor(np.log10(reached))
+    return float(next(step * each for each in (1, 2, 3, 5, 10) if step * each >= 0.999 * reached))
 
 
 def _faded(
@@ -61,7 +72,8 @@ def _faded(
     colour = colours(scale(values))[..., :3]
     axes.imshow(ink * colour + (1 - ink) * BACKGROUND, extent=extent(reconstruction), interpolation="nearest")
     axes.set(xlabel="x (m)", ylabel="y (m)")
-    bar = figure.colorbar(ScalarMappable(scale, colours), ax=axes, label=name, shrink=SHRUNK)
+    beyond = "max" if (values > scale.vmax).any() else "neither"
+    bar = figure.colorbar(ScalarMappable(scale, colours), ax=axes, label=name, shrink=SHRUNK, extend=beyond)
     bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, place: f"{value:g}"))
     if isinstance(scale, LogNorm):
         bar.set_ticks(TICKS_CM)

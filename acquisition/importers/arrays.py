@@ -106,13 +106,16 @@ def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
         held = _free(stored, counts, exposed, sides_m, time)
         if sides_m is None:
             notes.append(f"{NO_WALL}; assuming {held.wall.width_m:.3g} x {held.wall.height_m:.3g} m around all points")
+    cut = _direct_cut(stored, time.bins)
+    if cut and not rectified:
+        notes.append("not used: direct_cut_bins, which counts from time 0 of a rectified scan; this one is raw")
     if stored.others:
         more = ", ..." if len(stored.others) > MOST_NAMED else ""
         notes.append(f"not used: {', '.join(sorted(stored.others)[:MOST_NAMED])}{more}")
     return ImportedScan(
         held,
         stored.format,
-        direct_cut_bins=_direct_cut(stored, given, rectified, time.bins),
+        direct_cut_bins=cut if rectified else 0,
         falloff=_falloff(stored),
         rectified=rectified,
         rectified_assumed=NOT_SAID in notes,
@@ -173,16 +176,11 @@ def _free(
     return FreePoints(np.ascontiguousarray(counts, dtype=np.float32), exposed, places[0], places[1], wall, time)
 
 
-def _direct_cut(stored: StoredArrays, given: Given, rectified: bool, bins: int) -> int:
+def _direct_cut(stored: StoredArrays, bins: int) -> int:
     cut = int(_number(stored, "direct_cut_bins", 0))
     if not 0 <= cut < bins:
         raise InvalidData(f"{stored.name}: direct_cut_bins is {cut}, but histograms have {bins} bins")
-    if cut and not rectified and given.rectified is None:
-        raise InvalidData(
-            f"{stored.name}: says that it is not rectified, and direct_cut_bins {cut}, which counts from time 0 of a "
-            "rectified scan. Leave one out: a raw scan's direct light is found."
-        )
-    return cut if rectified else 0
+    return cut
 
 
 def _falloff(stored: StoredArrays) -> int | None:
@@ -231,7 +229,7 @@ def _number(stored: StoredArrays, key: str, default: float | None = None, option
     remedy = f". {put_there(option)}" if option else ""
     if value is None:
         held = ", ".join(sorted({stored.place, *stored.beside, *stored.others})[:MOST_NAMED])
-        raise InvalidData(f"{stored.name}: {key}: is not stored; the file holds {held}{remedy}")
+        raise InvalidData(f"{stored.name}: {key} must be one finite number, and is not stored; there is {held}{remedy}")
     if value.size != 1 or value.dtype.kind not in "uifb" or not np.isfinite(value).all():
         raise InvalidData(f"{stored.name}: {key} must be one finite number (found {_shown(value)}){remedy}")
     return float(value.reshape(()))

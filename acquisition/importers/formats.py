@@ -10,6 +10,7 @@ from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.magic import HDF5_MAGIC, magic_of
 from nlos.acquisition.importers.matlab import read_matlab
 from nlos.acquisition.importers.npz import read_npz
+from nlos.acquisition.importers.own_data import how_to_convert
 from nlos.acquisition.importers.photon_hdf5 import is_photon_hdf5, read_photon_hdf5
 from nlos.acquisition.importers.picoquant import SUFFIXES as PICOQUANT_SUFFIXES
 from nlos.acquisition.importers.picoquant import read_picoquant
@@ -46,7 +47,7 @@ def reader_of(path: Path) -> Reader:
         )
     raise InvalidData(
         f"{path}: in no format that is read here (HDF5, MAT, NPZ, PTU, PT3, HT3, T3R, PHD, HHD, SDT). Its name ends in "
-        f"'{suffix}' and it begins with {magic!r}."
+        f"'{suffix}' and it begins with {magic!r}. {how_to_convert()}"
     )
 
 

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from nlos.acquisition.importers.own_data import how_to_convert
 from nlos.acquisition.recording.header import FORMAT
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -29,6 +30,6 @@ def magic_of(path: Path) -> bytes:
 def check_is_file(path: Path) -> None:
     """Raises `FileNotFoundError`, or `IsADirectoryError` for a folder."""
     if path.is_dir():
-        raise IsADirectoryError(f"{path}: is a folder. Name a file in it.")
+        raise IsADirectoryError(f"{path}: is a folder. Name a file in it. One histogram a file? {how_to_convert()}")
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")

@@ -102,3 +102,15 @@ def test_a_rectified_scan_that_counts_as_raw_is_told_of_rectified(tmp_path: Path
     done = nlos(tmp_path, "reconstruct", "scan.h5", "-o", "b", "--rectified")
     assert done.returncode == 0, done.stderr
     assert "warning" not in done.stderr
+
+
+def test_what_to_know_about_the_explained_light_is_printed_and_reported(tmp_path: Path) -> None:
+    write(tmp_path, photons(LETTER, direct_cps=400000.0, from_wall=True))
+    done = nlos(tmp_path, "reconstruct", "scan.h5", "-o", "a", "--raw")
+    with h5py.File(tmp_path / "a" / "reconstruction.h5") as made:
+        note = str(made.attrs["explained_note"])
+    assert "noise is estimated" in note
+    assert f"({note})" in done.stdout
+    assert nlos(tmp_path, "import", "scan.h5", "-o", "run.h5", "--raw").returncode == 0
+    assert nlos(tmp_path, "report", "run.h5", "-o", "r.html").returncode == 0
+    assert note in (tmp_path / "r.html").read_text(encoding="utf-8")

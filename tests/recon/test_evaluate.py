@@ -112,7 +112,7 @@ def test_what_does_not_exist_is_named(tmp_path: Path) -> None:
         evaluate([tmp_path / "none.h5"], ["lct"])
     with h5py.File(scene, "a") as file:
         del file.attrs["bin_width_s"]
-    with pytest.raises(NotAMeasurement, match="attribute bin_width_s must be one finite number"):
+    with pytest.raises(NotAMeasurement, match="bin_width_s must be one finite number"):
         evaluate([scene], ["lct"], ["transient"])
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 
+from nlos.acquisition.importers.own_data import how_to_convert
 from nlos.cli.archive_crew import Crew
 from nlos.cli.archive_on_dask import connected
 from nlos.cli.archive_on_this_machine import begun_when_worth_it, processes_of
@@ -29,7 +30,7 @@ def files_of(runs: Sequence[Path]) -> list[Path]:
     for run in runs:
         inside = sorted(path for path in run.iterdir() if path.suffix.lower() in SUFFIXES) if run.is_dir() else [run]
         if not inside:
-            raise UsageError(f"{run}: holds no scans ({', '.join(SUFFIXES)})")
+            raise UsageError(f"{run}: holds no scans ({', '.join(SUFFIXES)}). {how_to_convert()}")
         files += [path for path in inside if not path.name.startswith(".")]
     return list(dict.fromkeys(files))
 

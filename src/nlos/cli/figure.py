@@ -1,7 +1,7 @@
 """`nlos figure`: results side by side on one scale, at a journal's width."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -9,6 +9,9 @@ from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
 from nlos.recon.results import read_reconstruction
 from nlos.whole_file import whole_file
+
+if TYPE_CHECKING:
+    from nlos.recon.volume import Reconstruction
 
 KINDS = (".pdf", ".svg", ".png")
 
@@ -22,7 +25,7 @@ def figure(
         float, typer.Option(min=40, max=400, help="A column of many journals is 89 mm wide, a page 178.")
     ] = 178.0,
     titles: Annotated[
-        str | None, typer.Option(help="One per result, separated by commas. Default: scan and method.")
+        str | None, typer.Option(help="One per result, separated by commas. Default: folder and method.")
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
@@ -35,11 +38,18 @@ def figure(
         raise FileExistsError(f"{output}: exists. Choose another name with -o, or use --overwrite.")
     files = [place / "reconstruction.h5" if place.is_dir() else place for place in results]
     made = [read_reconstruction(file) for file in files]
-    names = [f"{place.name}, {one.method.upper()}" for place, one in zip(results, made, strict=True)]
-    if titles is not None:
-        names = titles.split(",")
+    names = _named(results, made) if titles is None else [title.strip() for title in titles.split(",")]
     if len(names) != len(made):
         raise UsageError(f"--titles {titles}: {len(names)} titles for {len(made)} results")
     with whole_file(output) as partial:
         save_gallery(gallery(made, names, width_mm), partial, output.suffix[1:].lower())
     terminal.result(f"{output}: {len(made)} results, {width_mm:g} mm wide", figure=str(output))
+
+
+def _named(results: list[Path], made: "list[Reconstruction]") -> list[str]:
+    """The folder of each, and its method where the folder's name does not say it."""
+    folders = [place.resolve() if place.is_dir() else place.resolve().parent for place in results]
+    return [
+        folder.name if one.method.lower() in folder.name.lower() else f"{folder.name}, {one.method.upper()}"
+        for folder, one in zip(folders, made, strict=True)
+    ]

@@ -188,7 +188,7 @@ def _say(method: str, done: list[tuple[str, Path, float | None]]) -> None:
                 f"{folder}: WARNING: the picture {explained}: do not believe it. {explained.note}".rstrip(), -1
             )
         else:
-            terminal.result(f"{folder}: {explained.figure}")
+            terminal.result(f"{folder}: {explained.figure}{explained.remark}")
             if explained.doubt:
                 terminal.log(f"{folder}: WARNING: geometry in doubt: {explained.doubt}", -1)
     terminal.document["reconstructions"] = [

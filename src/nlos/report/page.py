@@ -100,7 +100,11 @@ def _summary(said: ScanPart, quality: str, best: "Sequence[Reconstruction]") -> 
             else f"{result.method.upper()} sees nothing: the front view is no brighter anywhere than its noise."
         )
         if result.explained is not None:
-            words.append(f"The picture {result.explained.figure}." if result.explained.share is not None else "")
+            words.append(
+                f"The picture {result.explained.figure}{result.explained.remark}."
+                if result.explained.share is not None
+                else ""
+            )
     label = "".join(_label(result) for result in best)
     return f'<p class="summary">{escape(" ".join(word for word in words if word))}</p>{label}{said.warnings}'
 

@@ -1,7 +1,6 @@
 """Every state of a scan comes back from every format that is both written and read, and makes the picture it made."""
 
-import subprocess
-import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import h5py
@@ -9,8 +8,10 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
+from nlos.__main__ import run as cli
 from nlos.acquisition.importers.formats import read_any
 from nlos.acquisition.importers.given import Given
+from nlos.acquisition.importers.isolated import one_reader
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 from nlos.loaded import load_scan
 
@@ -47,26 +48,42 @@ def write(path: Path, state: str) -> Path:
     return path
 
 
-def nlos(folder: Path, *words: str) -> str:
-    command = [sys.executable, "-m", "nlos", *words]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout + done.stderr
+@pytest.fixture(scope="module", autouse=True)
+def _one_child_reads_all() -> Iterator[None]:
+    with one_reader():
+        yield
+
+
+Command = Callable[..., str]
+
+
+@pytest.fixture
+def nlos(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Command:
+    """The command line in this process and in `tmp_path`; what it said."""
+    monkeypatch.chdir(tmp_path)
+
+    def command(*words: str) -> str:
+        code = cli(list(words))
+        said = capfd.readouterr()
+        assert code == 0, said.err
+        return said.out + said.err
+
+    return command
 
 
 @pytest.mark.parametrize("imported", [True, False], ids=["from a recording", "from the file"])
 @pytest.mark.parametrize("word", FORMATS)
 @pytest.mark.parametrize("state", STATES)
-def test_a_state_comes_back(state: str, word: str, imported: bool, tmp_path: Path) -> None:
+def test_a_state_comes_back(state: str, word: str, imported: bool, tmp_path: Path, nlos: Command) -> None:
     write(tmp_path / "scan.h5", state)
     source = "scan.h5"
     if imported:
-        nlos(tmp_path, "import", "scan.h5", "-o", "run.h5")
+        nlos("import", "scan.h5", "-o", "run.h5")
         source = "run.h5"
     if state.startswith("free") and word in ("ytal", "ptu"):
         return  # refused, as `test_every_exporter` says
     target = f"there{FORMATS[word]}"
-    told = nlos(tmp_path, "export", source, "--to", word, "-o", target)
+    told = nlos("export", source, "--to", word, "-o", target)
     first, stated = read_any(tmp_path / "scan.h5"), STATES[state]
     given = Given()
     if word == "ptu":  # what the format has no place for is said, with the words that bring it back
@@ -106,7 +123,7 @@ def test_a_state_comes_back(state: str, word: str, imported: bool, tmp_path: Pat
         assert back.response is None
 
 
-def test_a_rectified_export_is_reconstructed_as_what_it_is(tmp_path: Path) -> None:
+def test_a_rectified_export_is_reconstructed_as_what_it_is(tmp_path: Path, nlos: Command) -> None:
     """A bright patch 0.4 m behind the wall's middle, its light timed from the wall: an export that forgot to say so
     would be aligned by that patch."""
     wall_m, side = 1.0, 16
@@ -118,9 +135,9 @@ def test_a_rectified_export_is_reconstructed_as_what_it_is(tmp_path: Path) -> No
     with h5py.File(tmp_path / "scan.h5", "w") as file:
         file["histograms"] = counts
         file.attrs.update({"bin_width_s": 32e-12, "wall_size_m": wall_m})
-    nlos(tmp_path, "export", "scan.h5", "--to", "npz,mat,ytal")
+    nlos("export", "scan.h5", "--to", "npz,mat,ytal")
     for suffix in (".npz", ".mat", ".hdf5"):
-        nlos(tmp_path, "reconstruct", f"scan{suffix}", "-o", suffix[1:])
+        nlos("reconstruct", f"scan{suffix}", "-o", suffix[1:])
         with h5py.File(tmp_path / suffix[1:] / "reconstruction.h5") as made:
             albedo, depth_m = made["albedo"][()], made["depth_m"][()]
         row, col = np.unravel_index(albedo.argmax(), albedo.shape)
@@ -128,10 +145,10 @@ def test_a_rectified_export_is_reconstructed_as_what_it_is(tmp_path: Path) -> No
         assert depth_m[row, col] == pytest.approx(0.4, abs=0.02)
 
 
-def test_other_readers_find_the_facts_in_the_exports(tmp_path: Path) -> None:
+def test_other_readers_find_the_facts_in_the_exports(tmp_path: Path, nlos: Command) -> None:
     """NumPy's and SciPy's own."""
     write(tmp_path / "scan.h5", "rectified, cut, retroreflective")
-    nlos(tmp_path, "export", "scan.h5", "--to", "npz,mat")
+    nlos("export", "scan.h5", "--to", "npz,mat")
     for held in (dict(np.load(tmp_path / "scan.npz")), loadmat(tmp_path / "scan.mat", squeeze_me=True)):
         assert int(held["rectified"]) == 1
         assert int(held["direct_cut_bins"]) == 7
@@ -141,10 +158,10 @@ def test_other_readers_find_the_facts_in_the_exports(tmp_path: Path) -> None:
         assert np.allclose(held["y_m"], Y_M)
 
 
-def test_a_free_scan_is_loaded_from_its_export_as_from_itself(tmp_path: Path) -> None:
+def test_a_free_scan_is_loaded_from_its_export_as_from_itself(tmp_path: Path, nlos: Command) -> None:
     write(tmp_path / "scan.h5", "free, rectified")
-    nlos(tmp_path, "import", "scan.h5", "-o", "run.h5")
-    nlos(tmp_path, "export", "run.h5", "--to", "npz,mat")
+    nlos("import", "scan.h5", "-o", "run.h5")
+    nlos("export", "run.h5", "--to", "npz,mat")
     first = load_scan(tmp_path / "scan.h5")
     for name in ("run.h5", "run.npz", "run.mat"):
         again = load_scan(tmp_path / name)

@@ -128,6 +128,9 @@ def test_every_documented_key_is_read_and_every_other_is_named(suffix: str, tmp_
     assert scan.response is not None
     assert scan.response.fwhm_s == pytest.approx(90e-12, rel=0.02)
     assert "not used: operator, wall_szie_m" in scan.notes
+    raw = read(tmp_path, suffix, WHOLE | more | {"rectified": 0})
+    assert raw.direct_cut_bins == 0
+    assert any(note.startswith("not used: direct_cut_bins") for note in raw.notes)
 
 
 def test_keys_that_cannot_be_read_without_trust_are_named_too(tmp_path: Path) -> None:
@@ -144,7 +147,6 @@ def test_keys_that_cannot_be_read_without_trust_are_named_too(tmp_path: Path) ->
         ({"x_m": X_M, "y_m": Y_M, "wall_size_m": 0.7}, "wall_size_m says 0.7 m"),
         ({"x_m": np.sort(X_M**3 + X_M), "y_m": Y_M}, "not evenly spaced"),
         ({"x_m": X_M[:-1], "y_m": Y_M}, "5 positions for 6 columns"),
-        ({"rectified": 0, "direct_cut_bins": 5}, "not rectified, and direct_cut_bins"),
         ({"time_offset_bins": np.ones((2, 2))}, "time_offset_bins"),
         ({"direct_cut_bins": BINS}, "direct_cut_bins is 96"),
         ({"falloff_exponent_authors": 3}, "2 or 4"),

@@ -1,0 +1,48 @@
+"""`nlos figure`: results side by side, each by its name, on no more paper than they need."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from PIL import Image
+
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.gallery import gallery
+from nlos.recon.results import write_results
+from nlos.recon.volume import Reconstruction
+
+
+def picture(method: str, side_m: float = 1.0) -> Reconstruction:
+    y, x = np.mgrid[:16, :16]
+    albedo = np.exp(-((x - 10) ** 2 + (y - 5) ** 2) / 6).astype(np.float32)
+    depth_m = np.full((16, 16), 0.7, np.float32)
+    return Reconstruction(albedo, depth_m, WallGrid(side_m, side_m, 16, 16), method, 0.1, {}, None)
+
+
+def drawn(figure: Figure) -> float:
+    """The share of the figure's height that its contents span."""
+    figure.draw_without_rendering()
+    return float(figure.get_tightbbox().height / figure.get_size_inches()[1])
+
+
+def test_no_paper_is_left_empty_and_the_width_is_the_journals() -> None:
+    for count in (1, 2, 3, 8):
+        figure = gallery([picture("lct")] * count, ["one"] * count, 89 if count < 3 else 178)
+        assert drawn(figure) > 0.88
+        above, below = (next(axes for axes in figure.axes if axes.images and bool(axes.get_title()) is top)
+                        .get_position() for top in (True, False))  # fmt: skip
+        assert 0 < above.y0 - below.y1 < 0.25 * above.height
+        assert figure.get_size_inches()[0] == (89 if count < 3 else 178) / 25.4
+
+
+def test_names_say_the_method_once(nlos, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    from nlos.cli.figure import _named
+
+    for name, method in (("run7_lct", "lct"), ("statue", "nano")):
+        write_results(tmp_path / name, picture(method))
+    results = [tmp_path / "run7_lct", tmp_path / "statue" / "reconstruction.h5"]
+    assert _named(results, [picture("lct"), picture("nano")]) == ["run7_lct", "statue, NANO"]
+    done = nlos("figure", "run7_lct", "statue/reconstruction.h5", "-o", "f.png", "--width-mm", "89")
+    assert done.returncode == 0, done.stderr
+    with Image.open(tmp_path / "f.png") as image:
+        assert image.width == round(89 / 25.4 * 300)
