@@ -15,7 +15,20 @@ import numpy as np
 from nlos.recon.training.train import train
 from studies.judged import FIGURES, Judged, judge, judged
 from studies.paired import Difference, Figures, difference
-from studies.rows import FORM, JUDGED, SAMPLES, SEEDS, SMALL, TABLES, Row, folder_of, in_order, kept_of, settings_of
+from studies.rows import (
+    FORM,
+    JUDGED,
+    PRINTED_AT,
+    SAMPLES,
+    SEEDS,
+    SMALL,
+    TABLES,
+    Row,
+    folder_of,
+    in_order,
+    kept_of,
+    settings_of,
+)
 
 PAGE = Path("docs/ablations.md")
 UNITS = {"psnr": ("PSNR dB", 1.0, ".2f"), "ssim": ("SSIM", 1.0, ".3f"), "depth_rmse_m": ("depth RMSE mm", 1e3, ".1f"),
@@ -98,7 +111,7 @@ def written(found: Known, samples: int, seeds: Sequence[int]) -> str:
     for title, rows in TABLES.items():
         lines += ["", f"## {title}"]
         for where in JUDGED:
-            table = _table(rows, partial(figures_of, found, samples, seeds, where))
+            table = _table(rows, partial(figures_of, found, samples, seeds, where), where)
             if table:
                 lines += ["", f"Scans of {where}:", "", *table]
         if len(lines) and lines[-1] == f"## {title}":
@@ -106,7 +119,7 @@ def written(found: Known, samples: int, seeds: Sequence[int]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _table(rows: Sequence[Row], get: Callable[[Row, str], Figures | None]) -> list[str]:
+def _table(rows: Sequence[Row], get: Callable[[Row, str], Figures | None], where: str) -> list[str]:
     """Markdown lines; none where no row is trained."""
     if all(get(row, "psnr") is None for row in rows):
         return []
@@ -115,8 +128,9 @@ def _table(rows: Sequence[Row], get: Callable[[Row, str], Figures | None]) -> li
     last = rows[-1]
     for row in rows:
         paper = "-"
-        if "psnr" in row.paper and "psnr" in last.paper:
-            paper = f"{row.paper['psnr'] - last.paper['psnr']:+.2f}"
+        own_print, last_print = printed_at(row, where), printed_at(last, where)
+        if "psnr" in own_print and "psnr" in last_print:
+            paper = f"{own_print['psnr'] - last_print['psnr']:+.2f}"
         own = get(row, "psnr")
         if own is None:
             lines.append(f"| {row.name} | 0 |{' | |' * len(FIGURES)} {paper} |")
@@ -131,6 +145,11 @@ def _table(rows: Sequence[Row], get: Callable[[Row, str], Figures | None]) -> li
             cells.append("-" if same or other is None else _cell(difference(values, other), scale, form))
         lines.append(f"| {row.name} | {len(own)} | {' | '.join(cells)} | {paper} |")
     return lines
+
+
+def printed_at(row: Row, where: str) -> dict[str, float]:
+    """The paper's figures for a row in this range of noise; none where it has none."""
+    return getattr(row, PRINTED_AT[where]) if where in PRINTED_AT else {}
 
 
 def _cell(found: Difference, scale: float, form: str) -> str:

@@ -29,6 +29,8 @@ def photons(least: float, most: float) -> DatasetSettings:
     return DatasetSettings(seed=4, scenes=48, degradations=1, held_out=True, detector=detector, **SMALL)
 
 
+PRINTED_AT = {"15 to 30 dB": "paper", "15 to 20 dB": "paper_dim"}
+"""Where the paper has figures, and which of a row's they are."""
 JUDGED = {
     "15 to 30 dB": photons(71.0, 2240.0),  # 20 counts are 9.5 dB of signal energy over noise energy, see `snr.py`
     "15 to 20 dB": photons(71.0, 224.0),
@@ -48,6 +50,9 @@ class Row:
     switches: dict[str, Any] = field(default_factory=dict)
     loss: LossSettings = PRINTED_LOSS
     paper: dict[str, float] = field(default_factory=dict)
+    """At 15 to 30 dB, or where the paper says no range."""
+    paper_dim: dict[str, float] = field(default_factory=dict)
+    """At 15 to 20 dB."""
 
 
 def printed(psnr: float, ssim: float, rmse_m: float | None = None, mad_m: float | None = None) -> dict[str, float]:
@@ -60,13 +65,16 @@ NO_NLE = {"nle": False}
 WHOLE: dict[str, Any] = {"symmetries": False, "lifting": "both", "sfe": True}
 """NANO before what brings nothing left it (decision 321), and the scan seen once, unmirrored."""
 TABLES: dict[str, tuple[Row, ...]] = {
-    "Parts of the printed network (paper: table III, high)": (
+    "Parts of the printed network (paper: table III)": (
         Row("I: no lifting, no projection, no NLE", switches={"lifting": "none", "projection": False} | NO_NLE,
-            paper=printed(25.34, 0.87, 0.126, 0.031)),
-        Row("II: MLP lifting, no NLE", switches={"lifting": "mlp"} | NO_NLE, paper=printed(24.68, 0.85, 0.103, 0.053)),
-        Row("III: both liftings, no NLE", switches=NO_NLE, paper=printed(26.21, 0.87, 0.082, 0.030)),
-        Row("IV: no SFE", switches={"sfe": False}, paper=printed(26.48, 0.87, 0.070, 0.025)),
-        Row("V: whole", paper=printed(28.09, 0.90, 0.065, 0.021)),
+            paper=printed(25.34, 0.87, 0.126, 0.031), paper_dim=printed(23.49, 0.84, 0.176, 0.053)),
+        Row("II: MLP lifting, no NLE", switches={"lifting": "mlp"} | NO_NLE, paper=printed(24.68, 0.85, 0.103, 0.053),
+            paper_dim=printed(24.33, 0.81, 0.125, 0.050)),
+        Row("III: both liftings, no NLE", switches=NO_NLE, paper=printed(26.21, 0.87, 0.082, 0.030),
+            paper_dim=printed(25.71, 0.82, 0.085, 0.031)),
+        Row("IV: no SFE", switches={"sfe": False}, paper=printed(26.48, 0.87, 0.070, 0.025),
+            paper_dim=printed(26.54, 0.84, 0.073, 0.030)),
+        Row("V: whole", paper=printed(28.09, 0.90, 0.065, 0.021), paper_dim=printed(28.06, 0.88, 0.065, 0.023)),
     ),
     "Lifting of the printed network (paper: table IV)": (
         Row("none", switches={"lifting": "none"}),

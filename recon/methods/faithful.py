@@ -42,7 +42,7 @@ class Settings(AnySettings):
     sfe: bool = True
     """Stochastic frequency encoding at the coarsest scale."""
     sfe_bandwidth: Annotated[int, Field(ge=1)] = 256
-    """B. Its complex MLP grows with B^2; the paper's 66 M parameters mean about 4,096."""
+    """B. Its complex MLP grows with B^2; the paper's 66 M parameters mean about 5,700."""
     outer_iterations: Annotated[int, Field(ge=1, le=6)] = 1
     """S of algorithm 1."""
     channels: tuple[int, ...] = (8, 16, 32, 48, 64)
@@ -127,7 +127,8 @@ class Faithful(nn.Module):
         return MethodResult(albedo, depth_m, volume)
 
     def prepared(self, counts: Tensor, exposure: Tensor | None) -> Prepared:
-        """u^0 of the first pass, F_st and u_g, each from its own source, and the noise level."""
+        """u^0 of the first pass, F_st and u_g, and the noise level. With `start` and `guide` at `inverse` the first
+        and the last are the same; F_st has a source of its own."""
         rates = rates_of(self.physics.rebin(counts), exposure)
         log_noise = self.noise(rates.raw, rates.exposure)
         tau = self.physics.slices(rates.net)

@@ -63,7 +63,7 @@ class Settings(AnySettings):
     nle: bool = True
     """The operator is told the noise level; False: a middling one, while falloff and snr still follow the estimate."""
     sfe: bool = False
-    """Spectral feature enhancement by random Fourier frequencies."""
+    """Stochastic frequency encoding: random Fourier features of the coarsest scale's spectrum."""
     sfe_bandwidth: Annotated[int, Field(ge=1)] = 64
     """Number of its frequencies."""
     outer_iterations: Annotated[int, Field(ge=1, le=6)] = 1

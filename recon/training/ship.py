@@ -57,7 +57,7 @@ def card(name: str, about: dict[str, Any], tensors: dict[str, Any], size: int) -
     grid += f"{data['bins']} bins of {data['bin_width_ps']:g} ps"
     recipe = f"AdamW, {settings['learning_rate']:g} to {settings['last_rate']:g}, batch {settings['batch']}, "
     recipe += f"weights averaged with {settings['average']:g}, "
-    recipe += f"{settings['pooled_share']:.0%} of the steps on whole scans at half the grid"
+    recipe += f"whole scans at half the grid in {settings['pooled_share']:.0%} of their steps"
     rows = {
         "method": f"`{about['method']}`, settings `{json.dumps(settings['method_settings'])}`",
         "parameters": f"{count:,} ({size:,} bytes{', half precision' if about.get('half') else ''})",

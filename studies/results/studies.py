@@ -71,7 +71,7 @@ def drawn(name: str, measure: Callable[[Path], dict[str, Any]], pictures: Path, 
 def targets(levels: Kept, grid: list[dict[str, Any]], fast: list[dict[str, Any]]) -> list[Target]:
     """Targets that are not about the rendered scenes."""
     fit = levels.figures
-    found = [Target("nle", "noise level, R² on held-out kinds", 0.98, True, fit["r_squared"], "", 4)]
+    found = [Target("nle", "noise level, R² on held-out kinds, photon noise", 0.98, True, fit["r_squared"], "", 4)]
     rising = float(noise_figure.monotone(fit["beyond"]))
     found.append(Target("nle", "noise level monotone beyond the training range (1 = yes)", 1, True, rising, "", 0))
     trained_psnr = grid[0]["psnr"]
