@@ -26,6 +26,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.cli.interrupts import BY_HAND
 
 FOLDER = Path(__file__).parent / "live-page"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -123,8 +124,9 @@ def watched(recording: Recording, grows: Path, shown: dict[tuple[int, str], Page
     seen(shown, 2)  # NANO's: LCT's would be replaced while the widths are taken one by one
     taken(shown, folder, "tenth")
     bench.takes(0.3)
-    bench.says("shutter", "closed: Ctrl-C")
-    bench.says("scan", "paused: Ctrl-C")
+    bench.says("signal", "SIGINT")
+    bench.says("shutter", "closed: SIGINT")
+    bench.says("scan", f"paused by {BY_HAND}")
     seen(shown, bench.count)
     taken(shown, folder, "paused")
     bench.says("scan", "resumed")

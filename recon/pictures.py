@@ -10,6 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 
 from nlos.recon.contours import contours
 from nlos.recon.errors import InvalidData
@@ -37,7 +38,7 @@ def draw_albedo(reconstruction: Reconstruction, figure: Figure, axes: Axes) -> N
     doubt = ", hatched: likely no surface" if _hatched(axes, reconstruction) else ""
     figure.colorbar(drawn, ax=axes, label=f"brightness (relative){doubt}", shrink=0.85)
     _label(axes, f"{reconstruction.method.upper()}: front view")
-    _scale_bar(axes, reconstruction, "white")
+    scale_bar(axes, reconstruction.wall.width_m, reconstruction.wall.height_m, "white")
 
 
 def depth_picture(reconstruction: Reconstruction, path: Path) -> None:
@@ -68,7 +69,7 @@ def draw_depth(
         axes.contour(wall.x_m(), wall.y_m(), lines.depth_m, lines.levels_m, colors="black", linewidths=0.5, alpha=0.6)
         bar.ax.hlines(lines.levels_m, 0, 1, color="black", linewidth=0.5, alpha=0.6)
     _label(axes, f"{reconstruction.method.upper()}: depth")
-    _scale_bar(axes, reconstruction, "0.25")
+    scale_bar(axes, reconstruction.wall.width_m, reconstruction.wall.height_m, "0.25")
 
 
 def summary_figure(reconstruction: Reconstruction, figure: Figure | None = None) -> Figure:
@@ -122,20 +123,24 @@ def _hatched(axes: Axes, reconstruction: Reconstruction) -> bool:
     doubtful = (sure.seen < DOUBTFUL) & (reconstruction.albedo > FAINT * brightest(reconstruction))
     if doubtful.any():
         y_m, x_m = reconstruction.wall.y_m(), reconstruction.wall.x_m()
-        axes.contourf(x_m, y_m, doubtful.astype(float), levels=[0.5, 1.5], colors="none", hatches=["////"])
+        drawn = axes.contourf(x_m, y_m, doubtful.astype(float), levels=[0.5, 1.5], colors="none", hatches=["///"])
+        drawn.set_edgecolor("0.4")  # calm on what is dark and on what is bright
+        drawn.set_linewidth(0)
     return bool(doubtful.any())
 
 
-def _scale_bar(axes: Axes, reconstruction: Reconstruction, colour: str) -> None:
-    """A bar of a round length, about a fifth of the picture wide, in its lower right corner."""
-    wall = reconstruction.wall
+def scale_bar(axes: Axes, width_m: float, height_m: float, colour: str, share: float = 0.26) -> None:
+    """A bar of a round length, at most this share of a picture of the wall wide, in its lower right corner; the wall's
+    centre is the origin."""
     length_m = max(step for step in (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10)
-                   if step <= 0.26 * wall.width_m or step == 0.001)  # fmt: skip
-    right, bottom = 0.46 * wall.width_m, -0.46 * wall.height_m
-    axes.plot([right - length_m, right], [bottom, bottom], color=colour, linewidth=2, solid_capstyle="butt")
+                   if step <= share * width_m or step == 0.001)  # fmt: skip
+    right, bottom = 0.46 * width_m, -0.46 * height_m
+    rim = [withStroke(linewidth=3.5, foreground="black")] if colour == "white" else []  # whatever bright lies below
+    axes.plot([right - length_m, right], [bottom, bottom], color=colour, linewidth=2, solid_capstyle="butt",
+              path_effects=rim)  # fmt: skip
     name = f"{length_m * 100:g} cm" if length_m < 1 else f"{length_m:g} m"
-    axes.text(right - length_m / 2, bottom + 0.012 * wall.height_m, name, color=colour, fontsize=7, ha="center",
-              va="bottom")  # fmt: skip
+    axes.text(right - length_m / 2, bottom + 0.012 * height_m, name, color=colour, fontsize=7, ha="center",
+              va="bottom", path_effects=rim)  # fmt: skip
 
 
 def extent(reconstruction: Reconstruction) -> tuple[float, float, float, float]:

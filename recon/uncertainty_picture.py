@@ -21,6 +21,8 @@ TICKS_CM = (0.2, 0.5, 1, 2, 5, 10, 20, 50)
 LIKELY, MOST = 0.5, 0.98
 """The scale of brightness is made for this share of the pixels where there is as likely a surface as this."""
 SHRUNK = 0.75  # a colour bar to the height of its picture
+TITLE_POINTS = 10
+"""As wide as a panel; larger, a title runs into the colour bar beside it."""
 
 
 def uncertainty_picture(reconstruction: Reconstruction, path: Path) -> None:
@@ -43,15 +45,16 @@ def draw_uncertainty(reconstruction: Reconstruction, figure: Figure) -> None:
     left, middle, right = figure.subplots(1, 3)
     shown = left.imshow(sure.seen, cmap="gray", vmin=0, vmax=1, extent=extent(reconstruction), interpolation="nearest")
     figure.colorbar(shown, ax=left, label="probability of a surface", shrink=SHRUNK)
-    left.set(title="is there a surface?", xlabel="x (m)", ylabel="y (m)")
+    left.set(xlabel="x (m)", ylabel="y (m)")
+    left.set_title("is there a surface?", fontsize=TITLE_POINTS)
     wide = (sure.albedo_high - sure.albedo_low) / brightest(reconstruction)
     widest = _widest(wide, sure.seen)
     name = "1: as wide as the brightest point is bright"
     _faded(middle, figure, reconstruction, wide, Normalize(0, widest, clip=True), name)
-    middle.set(title="brightness: width of its 90 % interval")
+    middle.set_title("brightness: width of its 90 % interval", fontsize=TITLE_POINTS)
     deep = np.clip(sure.depth_high_m - sure.depth_low_m, NARROWEST_M, WIDEST_M) * 100
     _faded(right, figure, reconstruction, deep, LogNorm(NARROWEST_M * 100, WIDEST_M * 100, clip=True), "cm")
-    right.set(title="depth: width of its 90 % interval")
+    right.set_title("depth: width of its 90 % interval", fontsize=TITLE_POINTS)
 
 
 def _widest(wide: np.ndarray, seen: np.ndarray) -> float:

@@ -58,8 +58,9 @@ class ScanControl:
         """Why the scan should pause; empty while nobody asked."""
         return self._wanted
 
-    def interrupt(self, why: str = "interrupted") -> None:
-        """Asks for a pause. Only notes it, so it may be called from a signal handler."""
+    def interrupt(self, why: str = "a person") -> None:
+        """Asks for a pause. `why`: by whom or what, or which alarm. Only notes it, so it may be called from a signal
+        handler."""
         self._wanted = why
 
     def enter(self, state: ScanState) -> None:

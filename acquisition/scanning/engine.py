@@ -211,9 +211,10 @@ class _Run:
         """Light off, gate closed, then somebody decides. Raises `AlarmRaised` where an alarm's pause ends the scan."""
         why, alarm, self._alarm = self._control.wanted, self._alarm, None
         self._dark(why)
-        self._bench.report("scan", f"paused: {why}")
+        paused = f"paused by {why}" if alarm is None else f"paused: {why}"
+        self._bench.report("scan", paused)
         going = self._control.pause(ScanState.STOPPED if alarm is not None else ScanState.ENDED)
-        self._bench.report("scan", "resumed" if going else "ended while paused")
+        self._bench.report("scan", "resumed" if going else f"ended while {paused}")
         if going:
             self._bench.shutter.release()
             undeterred(self._look_around)

@@ -99,7 +99,7 @@ def test_a_pause_discards_the_point_under_way_and_going_on_takes_it_again(
         assert asked == [("Ctrl-C", False), ("Ctrl-C", False)]
     assert [sample.point.number for sample in samples] == list(range(36))
     assert (histograms(samples) == undisturbed).all()
-    assert ("scan", "paused: Ctrl-C") in events
+    assert ("scan", "paused by Ctrl-C") in events
     assert control.state is ScanState.COMPLETE
 
 

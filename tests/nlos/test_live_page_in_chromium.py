@@ -17,6 +17,9 @@ import pytest
 import yaml
 from matplotlib.colors import Normalize
 
+from nlos.acquisition.recording.recording import Recording, Status
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.cli.interrupts import BY_HAND
 from nlos.configs.load import find
 from nlos.recon.pictures import BACKGROUND
 from nlos.recon.results import read_reconstruction
@@ -61,8 +64,8 @@ def nlos(folder: Path, *arguments: str) -> str:
 
 
 @contextmanager
-def viewed(folder: Path, *words: str) -> Iterator[str]:
-    """The address of the page of `nlos live WORDS`, ended by Ctrl-C."""
+def viewed(folder: Path, *words: str, ends: int | None = 0) -> Iterator[str]:
+    """The address of the page of `nlos live WORDS`, ended by Ctrl-C; None: killed."""
     process = subprocess.Popen(
         [sys.executable, "-m", "nlos", "live", *words],
         cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
@@ -70,8 +73,9 @@ def viewed(folder: Path, *words: str) -> Iterator[str]:
     try:
         assert process.stdout is not None
         yield process.stdout.readline().strip()
-        process.send_signal(signal.SIGINT)
-        assert process.wait(20) == 0
+        if ends is not None:
+            process.send_signal(signal.SIGINT)
+            assert process.wait(20) == ends
     finally:
         process.kill()
         process.wait()
@@ -109,6 +113,9 @@ def test_a_finished_scan_is_shown_whole_and_along_its_time(viewer: str, browser:
     page.wait_for_selector('body[data-picture="256"]')
     assert page.locator("#points").inner_text() == "256 of 256"
     assert page.locator("#rate").inner_text().endswith("counts/s")
+    shows(page, "rateof", "^count rate at the end$")
+    shows(page, "noiseof", "^photon noise of the picture of 256 points$")
+    shows(page, "laser", r"^laser off since the scan's end \(simulated\)$")
     shows(page, "banner", r"Scan complete")
     for canvas in ("map", "albedo", "depth", "histo"):
         assert colours(page, canvas) > 2, canvas
@@ -121,7 +128,7 @@ def test_a_finished_scan_is_shown_whole_and_along_its_time(viewer: str, browser:
     page.keyboard.press("l")
     assert page.evaluate(PIXELS, "histo") != logarithmic
     page.keyboard.press("Escape")
-    shows(page, "histotitle", r"newest point")
+    shows(page, "histotitle", r"last point taken")
 
     box, drawn = page.locator("#albedo").bounding_box(), page.evaluate("panels[0].frame.box")
     page.mouse.move(box["x"] + drawn[0] + drawn[2] / 2, box["y"] + drawn[1] + drawn[3] / 2)
@@ -323,7 +330,8 @@ def test_a_scan_under_way_shows_what_comes_next_and_its_end(folder: Path, browse
         stdout=subprocess.DEVNULL,
     )  # fmt: skip
     shows(page, "left", r" s left$")
-    shows(page, "status", r"^Scanning")
+    shows(page, "status", r"^Replaying a recording$")
+    shows(page, "laser", r"^replay of a recording: no laser$")
     assert page.locator("#slider").is_hidden()
     assert bench.wait(60) == 0
     page.wait_for_selector('body[data-picture="256"]')
@@ -332,11 +340,182 @@ def test_a_scan_under_way_shows_what_comes_next_and_its_end(folder: Path, browse
     assert complaints == []
     process.send_signal(signal.SIGINT)
     assert process.wait(20) == 0
-    shows(page, "status", r"^no answer")
+    shows(page, "status", r"^No answer")
     shows(page, "banner", r"The viewer has ended")
     page.wait_for_timeout(300)  # nothing is asked any more: the banner alone has made everything another size
     assert page.evaluate("""[...document.querySelectorAll("canvas")].every(c => Math.abs(c.width - c.clientWidth) < 2
       && Math.abs(c.height - c.clientHeight) < 2)""")
+    page.close()
+
+
+class Bench:
+    """A scan that is written word by word and sample by sample, for a viewer to follow."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        with Recording.open(folder / "run.h5") as recording:
+            self._samples = list(recording.samples())
+            self._writer = RecordingWriter.create(folder / name, recording.plan, recording.header)
+        self._taken = 0
+
+    def says(self, kind: str, text: str) -> None:
+        self._writer.log(kind, text, self._samples[max(0, self._taken - 1)].taken_s)
+        self._writer.flush()
+
+    def takes(self, count: int) -> None:
+        for sample in self._samples[self._taken : self._taken + count]:
+            self._writer.write(sample)
+        self._taken += count
+        self._writer.flush()
+
+    def ends(self, status: Status) -> None:
+        self._writer.finish(status)
+
+
+LAMP = """id => { const e = document.getElementById(id), s = getComputedStyle(e), rgb = c => (c.match(/[\\d.]+/g) || []).map(Number);
+  const over = e => { for (let at = e; at; at = at.parentElement) { const c = rgb(getComputedStyle(at).backgroundColor); if (c.length === 3) return c; } return [255, 255, 255]; };
+  return {ink: rgb(s.color), ground: over(e), page: over(document.body), size: parseFloat(s.fontSize), box: e.getBoundingClientRect().toJSON()}; }"""  # noqa: E501
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_light_that_is_on_is_loud_and_light_that_is_off_is_calm_and_always_said(
+    folder: Path, browser: Any, scheme: str
+) -> None:
+    name = f"lamp-{scheme}.h5"
+    with viewed(folder, name, "--method", "lct", ends=None) as url:
+        page = browser.new_page(viewport={"width": 1280, "height": 800}, color_scheme=scheme)
+        page.set_default_timeout(PATIENCE_MS)
+        page.goto(url)
+        shows(page, "laser", "^laser: not known before the scan begins$")
+        bench = Bench(folder, name)
+        shows(page, "laser", r"^laser off \(simulated\)$")
+        bench.says("shutter", "opened")
+        bench.takes(64)
+        shows(page, "laser", r"^LASER ON \(simulated\)$")
+        shows(page, "rateof", "^count rate$")
+        lit = page.evaluate(LAMP, "laser")
+        bench.says("signal", "SIGINT")
+        bench.says("shutter", "closed: SIGINT")
+        bench.says("scan", f"paused by {BY_HAND}")
+        shows(page, "laser", r"^laser off \(simulated\)$")
+        shows(page, "rateof", "^count rate before the pause$")
+        shows(page, "banner", "^Paused ?by Ctrl-C in the terminal. The laser is off. Pressing Enter there resumes")
+        dark = page.evaluate(LAMP, "laser")
+        assert contrast(lit["ground"], lit["page"]) > 3.0 > contrast(dark["ground"], dark["page"])
+        assert min(contrast(each["ink"], each["ground"]) for each in (lit, dark)) > 4.5  # text (WCAG 2.1, 1.4.3)
+        assert lit["size"] > 1.2 * dark["size"]
+        assert dark["size"] >= 15
+        bench.says("scan", "paused")
+        shows(page, "banner", "^Paused ?The laser is off")
+        bench.says("scan", "paused: Ctrl-C")  # as recordings of before say it
+        shows(page, "banner", "^Paused ?by Ctrl-C in the terminal. The laser is off")
+        bench.says("shutter", "NOT CONFIRMED CLOSED: no answer")
+        shows(page, "laser", r"^LASER MAY BE ON \(simulated\)$")
+        bench.says("shutter", "closed: SIGINT")
+        bench.says("scan", f"ended while paused by {BY_HAND}")
+        bench.says("scan", "interrupted")
+        bench.ends(Status.INTERRUPTED)
+        shows(page, "status", "^Ended early$")
+        shows(page, "banner", "^Ended early ?while paused by Ctrl-C in the terminal: 64 of 256 points")
+        shows(page, "laser", r"^laser off since the scan's end \(simulated\)$")
+        shows(page, "rateof", "^count rate at the end$")
+        page.close()
+
+
+def test_a_viewer_that_is_killed_leaves_behind_first_of_all_that_the_laser_may_be_on(
+    folder: Path, browser: Any
+) -> None:
+    with viewed(folder, "orphan.h5", "--method", "lct", ends=None) as url:
+        page, _ = opened(browser, url)
+        bench = Bench(folder, "orphan.h5")
+        bench.says("shutter", "opened")
+        bench.takes(64)
+        page.wait_for_selector("body[data-picture]")
+        bench.takes(8)
+        shows(page, "points", "^72 of 256$")
+        shows(page, "noiseof", f"of the picture of {page.evaluate('document.body.dataset.picture')} points$")
+        assert int(page.evaluate("document.body.dataset.picture")) < 72
+    shows(page, "laser", r"^LASER MAY BE ON \(simulated\)$")
+    large = page.locator("#banner strong")
+    assert large.inner_text() == "The laser may still be on"
+    assert page.evaluate(LAMP, "laser")["size"] < float(large.evaluate("e => parseFloat(getComputedStyle(e).fontSize)"))
+    shows(page, "banner", "The viewer has ended: this page no longer changes. When last seen: scanning, 72 of 256")
+    shows(page, "rateof", "^count rate when last seen$")
+    shows(page, "histotitle", r"\(last point taken\)$")
+    bench.ends(Status.INTERRUPTED)
+    page.close()
+
+
+HAPPENED = """() => { const state = scans[0].state; const long = "a photon where none was expected, and none where many were ".repeat(3);
+  state.events = [...Array(30).keys()].map(i => [i, i % 3 ? "shutter" : "alarm", (i === 7 ? "x".repeat(200) : long) + i]); tell();
+  const log = $("log"), out = [];
+  for (const row of document.querySelectorAll("#events tr")) {
+    row.scrollIntoView({block: "nearest"}); const r = row.getBoundingClientRect(), l = log.getBoundingClientRect(), cells = [...row.children];
+    out.push([r.top >= Math.max(l.top, 0) - 1, r.bottom <= Math.min(l.bottom, innerHeight) + 1, r.right <= l.right + 1, cells.every(c => c.scrollWidth <= c.clientWidth + 1)]);
+  } return out; }"""  # noqa: E501
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (420, 860), (1920, 1080)])
+def test_every_event_can_be_read_to_its_end(viewer: str, browser: Any, width: int, height: int) -> None:
+    page = browser.new_page(viewport={"width": width, "height": height})
+    page.set_default_timeout(PATIENCE_MS)
+    page.goto(viewer)
+    page.wait_for_selector("#slider", state="visible")
+    rows = page.evaluate(HAPPENED)
+    assert len(rows) == 30
+    assert [row for row in rows if not all(row)] == []
+    if width > 900:  # the panel is on the screen, whole, without scrolling the page
+        box = page.locator("#happened").bounding_box()
+        assert box["y"] + box["height"] <= height
+    page.close()
+
+
+WRITTEN = """() => { const said = [], g = CanvasRenderingContext2D.prototype, before = g.fillText;
+  g.fillText = function (text, x, y) { if (this.canvas.id === "histo") said.push([text, x, y]); return before.call(this, text, x, y); };
+  histogram.draw(); g.fillText = before; const {start, bin} = scans[0].plan;
+  return {said, start, end: start + bin * histogram.counts.length, zero: histogram.zero, wide: $("histo").clientWidth - 66}; }"""  # noqa: E501
+
+
+def test_the_scale_over_a_histogram_is_range_from_the_wall_point(viewer: str, browser: Any) -> None:
+    """Light that went out and back: c t / 2 after time zero, and no depth."""
+    page, _ = opened(browser, viewer)
+    page.wait_for_function("() => scans.length && histogram.zero !== null && histogram.counts", timeout=PATIENCE_MS)
+    found = page.evaluate(WRITTEN)
+    texts = [text for text, _, _ in found["said"]]
+    assert "range from the wall point, c t / 2 (m)" in texts
+    assert not [text for text in texts if "depth" in text]
+    label_y = next(y for text, _, y in found["said"] if text.startswith("range"))
+    scale = [(float(text), x) for text, x, y in found["said"] if y == label_y + 13 and re.fullmatch(r"[\d.]+", text)]
+    assert len(scale) >= 2
+    for range_m, x in scale:
+        along = (found["zero"] + 2e9 * range_m / 299792458.0 - found["start"]) / (found["end"] - found["start"])
+        assert x == pytest.approx(58 + found["wide"] * along, abs=0.01)
+    page.close()
+
+
+DOUBT = """([dark, size]) => { const out = {};
+  for (const sure of [.9, .2]) {
+    const c = Object.assign(document.createElement("canvas"), {width: size, height: size});
+    const g = c.getContext("2d"), n = 64;
+    const p = {seen: new Float32Array(n * n).fill(sure), albedo: new Float32Array(n * n).fill(dark)};
+    image(g, p.albedo, n, n, [0, 0, size, size], gray); hatch(g, p, n, n, [0, 0, size, size]);
+    out[sure] = [...g.getImageData(0, 0, size, size).data];
+  } return out; }"""
+
+
+@pytest.mark.parametrize("brightness", [0.03, 0.2, 0.39, 0.41, 0.7, 1.0])
+@pytest.mark.parametrize("size", [128, 384])
+def test_doubt_is_seen_and_what_is_drawn_is_seen_through_it(
+    viewer: str, browser: Any, brightness: float, size: int
+) -> None:
+    """In grey alone, so that every eye sees it."""
+    page, _ = opened(browser, viewer)
+    found = page.evaluate(DOUBT, [brightness, size])
+    plain, hatched = (np.reshape(found[key], (size, size, 4))[..., :3].astype(float) for key in ("0.9", "0.2"))
+    off = np.abs(hatched - plain).max(axis=-1)
+    assert off.max() > 30  # an eighth of the whole range, on every ground
+    assert off.mean() < 25
+    assert off.max() < 110
+    assert np.ptp(hatched, axis=-1).max() == 0
     page.close()
 
 

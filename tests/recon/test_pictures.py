@@ -16,7 +16,7 @@ from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData
 from nlos.recon.gallery import difference_figure
-from nlos.recon.pictures import depth_picture, summary_figure
+from nlos.recon.pictures import albedo_picture, depth_picture, summary_figure
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.results import write_results
 from nlos.recon.seen import FAINT, FULL, depth_limits, depth_opacity, depth_span, visible_depth
@@ -64,6 +64,23 @@ def test_hatches_are_explained_where_there_are_any() -> None:
         told = replace(made(), intervals=Intervals(*(made().albedo,) * 2, *(made().depth_m,) * 2, seen))
         labels = [axes.get_ylabel() for axes in summary_figure(told).axes]
         assert any("hatched: likely no surface" in label for label in labels) is explained
+
+
+@pytest.mark.parametrize("brightness", [0.03, 0.2, 0.8])
+def test_hatches_are_seen_and_what_they_lie_on_is_seen_through_them(tmp_path: Path, brightness: float) -> None:
+    """Both of what is dark and of what is bright, and in grey alone."""
+    albedo = np.full((32, 32), brightness, dtype=np.float32)
+    albedo[0, :] = 1.0
+    drawn = []
+    for name, seen in (("sure", 0.9), ("doubted", 0.2)):
+        held = Intervals(albedo, albedo, *(made().depth_m,) * 2, np.full_like(albedo, seen))
+        albedo_picture(replace(made(), albedo=albedo, intervals=held), tmp_path / f"{name}.png")
+        with Image.open(tmp_path / f"{name}.png") as image:
+            drawn.append(np.asarray(image.convert("RGB"), dtype=float)[250:500, 250:450])  # within the wall
+    off = np.abs(drawn[1] - drawn[0])
+    assert 30 < off.max() < 120
+    assert off.mean() < 30
+    assert np.ptp(drawn[1], axis=-1).max() == 0
 
 
 def test_a_depth_picture_is_grey_beside_the_scene(tmp_path: Path) -> None:

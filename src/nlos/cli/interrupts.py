@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from nlos.acquisition.scanning.control import ScanControl
 
 
+BY_HAND = "Ctrl-C in the terminal"
+"""What a recording says of a pause: the bare name of the keys reads as if somebody were to press them."""
 _IMPORT = "<frozen importlib._bootstrap>"
 _AGAIN_S = 0.02
 
@@ -73,7 +75,7 @@ class Interrupts:
         self.seen = False
         self._control: ScanControl | None = None
         self._asking = False
-        self._light = ""
+        self._light, self._by = "", BY_HAND
 
     @contextmanager
     def caught(self) -> Iterator["Interrupts"]:
@@ -88,13 +90,15 @@ class Interrupts:
     def pauses(self, control: "ScanControl", shuttered: bool) -> None:
         """From now on Ctrl-C pauses this scan, in the dark where there is a shutter."""
         self._control = control
+        self._by = BY_HAND if sys.stdin.isatty() else "SIGINT"
         self._light = "the shutter is closed" if shuttered else "the laser is as it was, this bench has no shutter"
 
     def ask(self, why: str) -> bool:
         """Waits for Enter (True) or a second Ctrl-C (False); without a terminal the answer is False."""
         if not (sys.stdin.isatty() and sys.stderr.isatty()):
             return False
-        terminal.log(f"paused ({why}); {self._light}. Enter resumes, Ctrl-C ends the scan.", -9)
+        how = f"by {why}" if why == BY_HAND else f"({why})"
+        terminal.log(f"paused {how}; {self._light}. Enter resumes, Ctrl-C ends the scan.", -9)
         self._asking = True
         try:
             input()
@@ -110,4 +114,4 @@ class Interrupts:
         if self._asking or self._control is None or again:
             interrupt(frame)
             return
-        self._control.interrupt("Ctrl-C")
+        self._control.interrupt(self._by)

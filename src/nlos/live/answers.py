@@ -7,6 +7,7 @@ import numpy as np
 from nlos.live.describe import described, packed, solid
 from nlos.live.file_seen import Seen
 from nlos.live.frames import Frames
+from nlos.live.laser import Light, is_simulated, light_said
 from nlos.live.scan import LiveScan
 
 if TYPE_CHECKING:
@@ -65,14 +66,16 @@ class ScanAnswers:
         with held.lock:
             done, elapsed_s = len(held.samples), held.elapsed_s
             detections, live_s = (sum(each) for each in zip(*held.recent, strict=True)) if held.recent else (0, 0.0)
-        planned = seen.plan.most_samples
+        planned, status = seen.plan.most_samples, _status(scan, seen)
+        light = light_said(seen.header, seen.events, status in ("running", "paused"))
         if held.film is not None:
             answer["film"] = {
                 "frame": held.film.shown_frame + 1, "frames": seen.plan.frames, "pictures": scan.pictures,
                 "dropped": held.film.dropped, "objects": held.film.trails.told,
             }  # fmt: skip
         return answer | {
-            "samples": done, "planned": planned, "status": _status(scan, seen), "light": _light(seen),
+            "samples": done, "planned": planned, "status": status, "light": light.value,
+            "simulated": light not in (Light.REPLAYED, Light.UNTOLD) and is_simulated(seen.header),
             "started_utc": seen.started_utc, "notes": dict(seen.notes), "elapsed_s": elapsed_s,
             "left_s": elapsed_s / done * (planned - done) if done else None,
             "rate_hz": detections / live_s if live_s else None,
@@ -167,9 +170,3 @@ def _status(scan: LiveScan, seen: Seen) -> str:
         return "lost"
     said = [event.text for event in seen.events if event.kind == "scan"]
     return "paused" if said and said[-1].startswith("paused") else "running"
-
-
-def _light(seen: Seen) -> bool | None:
-    """Whether the shutter was last said to be open; None where nothing was said."""
-    said = [event.text for event in seen.events if event.kind == "shutter"]
-    return said[-1].startswith("opened") if said else None

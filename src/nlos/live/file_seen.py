@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Event, Recording, Status
 
 
@@ -19,6 +20,7 @@ class Seen:
     """The recording's identity: the file may be another one by now."""
     notes: Mapping[str, str] = field(default_factory=dict)
     """What a person said of the run, by name."""
+    header: Header = field(default_factory=Header)
 
     @classmethod
     def of(cls, recording: Recording) -> "Seen":
@@ -26,5 +28,5 @@ class Seen:
         header = recording.header
         return cls(
             recording.plan, recording.status, tuple(recording.events()), header.started_utc, header.identity,
-            header.notes.shown(),
+            header.notes.shown(), header,
         )  # fmt: skip

@@ -1,5 +1,6 @@
-// The histogram of one point: the one clicked, else the newest; log or linear, with real ticks, time zero and depth.
-const M_PER_NS = .299792458 / 2; // depth of a nanosecond there and back
+// The histogram of one point: the one clicked, else the newest; log or linear, with real ticks, time zero and range.
+const M_PER_NS = .299792458 / 2; // range of a nanosecond there and back: c t / 2
+const RANGE = "range from the wall point, c t / 2 (m)";
 const histogram = {
   pinned: null, log: true, counts: null, shown: null, zero: null, masked: null,
   place() {
@@ -13,7 +14,7 @@ const histogram = {
   },
   draw() {
     const [g, w, h] = pen($("histo")), known = scans[chosen]; if (!this.counts || !known.plan) return;
-    const {start, bin, window: gate} = known.plan, n = this.counts.length, [left, right, bottom] = [58, 8, 34], top = this.zero === null ? 8 : 34, wide = w - left - right, high = h - bottom - top;
+    const {start, bin, window: gate} = known.plan, n = this.counts.length, [left, right, bottom] = [58, 8, 34], top = this.zero === null ? 8 : 48, wide = w - left - right, high = h - bottom - top;
     let peak = 0, sum = 0, where = 0; this.counts.forEach((c, i) => { sum += c; if (c > peak) { peak = c; where = i; } });
     const lift = this.log ? v => Math.log10(1 + v) : v => v, most = lift(Math.max(peak, 1)), px = ns => left + wide * (ns - start) / (n * bin), py = v => top + high * (1 - lift(v) / most);
     if (gate) { g.fillStyle = inks.line; g.fillRect(px(start + gate[0] * bin), top, wide * (gate[1] - gate[0]) / n, high); }
@@ -34,25 +35,26 @@ const histogram = {
     for (const v of ys) { g.moveTo(left - 4, py(v)); g.lineTo(left + wide, py(v)); g.fillText(v >= 1e4 ? v.toExponential(0) : count(v), left - 7, py(v)); }
     g.strokeStyle = inks.grid; g.stroke();
   },
-  // Above: depth, from the arrival of direct light on. Before a picture knows that, the highest bin alone is marked.
+  // Above: the range from this wall point, c t / 2 after the arrival of direct light: a slanted way, no depth. Before a
+  // picture knows that arrival, the highest bin alone is marked.
   marks(g, {left, top, wide, high, px, start, end, w, highest}) {
     const at = this.zero === null ? highest : this.zero; if (at === null) return;
     g.textBaseline = "bottom"; g.fillStyle = inks.dim; g.strokeStyle = inks.dim;
     if (this.zero !== null && at < end) {
-      const [depths, digits] = ticks(0, (end - at) * M_PER_NS, Math.max(2, (left + wide - px(at)) / 48)); let first = "depth "; g.beginPath(); g.moveTo(px(at), top); g.lineTo(left + wide, top); g.textAlign = "center";
-      for (const z of depths) { const x = px(at + z / M_PER_NS); g.moveTo(x, top); g.lineTo(x, top - 4); if (z) { g.fillText(`${first}${fixed(z, digits)} m`, x, top - 5); first = ""; } }
-      g.stroke();
+      const [ranges, digits] = ticks(0, (end - at) * M_PER_NS, Math.max(2, (left + wide - px(at)) / 40)); g.beginPath(); g.moveTo(px(at), top); g.lineTo(left + wide, top); g.textAlign = "center";
+      for (const r of ranges) { const x = px(at + r / M_PER_NS); g.moveTo(x, top); g.lineTo(x, top - 4); if (r && x < left + wide - 6) g.fillText(fixed(r, digits), x, top - 5); }
+      g.stroke(); g.textAlign = "right"; g.fillText(RANGE, left + wide, top - 18);
       g.fillStyle = inks.mark; g.globalAlpha = .25; g.fillRect(px(at), top, Math.max(1, px(at + this.masked) - px(at)), high); g.globalAlpha = 1;
     }
     if (at < start || at > end) return;
     g.strokeStyle = g.fillStyle = inks.mark; g.setLineDash([3, 3]); g.beginPath(); g.moveTo(px(at), top - (this.zero === null ? 0 : 6)); g.lineTo(px(at), top + high); g.stroke(); g.setLineDash([]);
     if (this.zero === null) { g.textAlign = px(at) > w * .6 ? "right" : "left"; g.textBaseline = "top"; g.fillText(` highest bin ${at.toFixed(2)} ns `, px(at), top); }
-    else { g.textAlign = px(at) > left + 70 ? "right" : "left"; g.fillText(`time zero ${at.toFixed(2)} ns`, Math.max(px(at) + (px(at) > left + 70 ? 24 : 0), left), top - 18); }
+    else { const text = `time zero ${at.toFixed(2)} ns`, half = g.measureText(text).width / 2; g.textAlign = "center"; g.fillText(text, Math.min(Math.max(px(at), half), left + wide - half), top - 33); }
   },
   tell(sum, peak) {
     const {x, y, window: gate} = scans[chosen].plan;
-    $("histotitle").textContent = `Histogram at x ${x[this.shown].toFixed(3)}, y ${y[this.shown].toFixed(3)} m ${this.pinned === null ? "(newest point)" : "(kept; Esc lets go)"}`;
-    $("histosay").textContent = `${count(sum)} counts, ${count(peak)} in the highest bin` + (this.masked ? `; the wall's own light, ${(1e3 * this.masked).toFixed(0)} ps, is cut` : "") + (gate ? "; grey: the window that ends a point" : "");
+    $("histotitle").textContent = `Histogram at x ${x[this.shown].toFixed(3)}, y ${y[this.shown].toFixed(3)} m ${this.pinned === null ? scans[chosen].state.status === "running" && !gone ? "(newest point)" : "(last point taken)" : "(kept; Esc lets go)"}`;
+    $("histosay").textContent = `${count(sum)} counts, ${count(peak)} in the highest bin` + (this.masked ? `; the wall's own light (${(1e3 * this.masked).toFixed(0)} ps) left out` : "") + (gate ? "; grey: the window that ends a point" : "");
     $("scale").lastElementChild.textContent = this.log ? "log" : "linear";
   },
 };

@@ -1,5 +1,5 @@
 // What the page knows of each scan, how it asks for more, and what it says about it.
-const WORDS = {waiting: "Waiting for the scan's file", running: "Scanning", paused: "Paused", complete: "Scan complete", interrupted: "Ended early by a person", stopped: "Stopped by an alarm", failed: "Failed", lost: "The scan was killed"};
+const WORDS = {waiting: "Waiting for the scan's file", running: "Scanning", paused: "Paused", complete: "Scan complete", interrupted: "Ended early", stopped: "Stopped by an alarm", failed: "Failed", lost: "The scan was killed"};
 let scans = [], panels = [], chosen = 0, overlaid = false, compared = false, method = null, frame = null, gone = false, shape = "";
 const panelName = (kind, scan) => (kind === "front" ? "albedo" : kind === "turn" ? "volume" : kind) + (scan ? scan : "");
 function opened(p) { return p && p.albedo ? {...p, albedo: unpacked(p.albedo), depth_m: unpacked(p.depth_m), seen: p.seen && unpacked(p.seen)} : null; }
@@ -59,28 +59,56 @@ function next(state) {
   const c = state.coming; if (state.message) return state.message; if (!c || state.over) return ""; const what = Object.keys(state.pictures).length ? `${c.method.toUpperCase()} picture` : "first picture";
   return c.making ? `${what} of ${count(c.samples)} points is being made` : c.in_s === null ? "" : `${what} of ${count(c.samples)} points in about ${seconds(c.in_s)}`;
 }
-function words(state) { const light = state.light === true ? ", laser light on" : state.light === false && state.status !== "complete" ? ", laser light off" : ""; return WORDS[state.status] + (state.status === "running" || state.status === "paused" ? light : ""); }
+// Light: what it is called, and whether it is loud. What no program switches, or nobody commands any more, is loud as well.
+const LIGHTS = {on: "LASER ON", off: "laser off", maybe: "LASER MAY BE ON", "no shutter": "NO SHUTTER: TREAT THE LASER AS ON", replayed: "replay of a recording: no laser", untold: "laser: this file does not say"};
+const OVER = ["complete", "interrupted", "stopped", "failed"], mayBeOn = state => ["on", "maybe", "no shutter"].includes(state.light);
+function lightOf(state) { // its words, and whether they are loud
+  const over = OVER.includes(state.status), simulated = state.simulated ? " (simulated)" : "";
+  if (!state.light) return ["laser: not known" + (gone ? "" : " before the scan begins"), false];
+  if (gone && mayBeOn(state) && !over) return [LIGHTS.maybe + simulated, true];
+  if (state.light === "off") return ["laser off" + (gone ? " when last seen" : over ? " since the scan's end" : "") + simulated, false];
+  if (state.light === "no shutter" && over) return ["laser: not switched by this bench" + simulated, false];
+  return [LIGHTS[state.light] + simulated, mayBeOn(state)];
+}
+function tellLight() { // of several scans the one whose light is on, else the one chosen
+  const all = scans.map(s => s.state), state = [all[chosen], ...all].find(s => lightOf(s)[1]) || all[chosen], [text, lit] = lightOf(state);
+  $("laser").hidden = false; $("laser").className = lit ? "lit" : ""; $("laser").textContent = whose(state) + text;
+}
+function words(state) { return state.status === "running" && state.light === "replayed" ? "Replaying a recording" : WORDS[state.status] || WORDS.waiting; }
+const lightWords = state => state.light === "off" ? " The laser is off." : state.light === "no shutter" ? " This bench has no shutter: the laser is as it was." : mayBeOn(state) ? " The laser may be on." : "";
+// Recordings of before say "paused: Ctrl-C": bare, the keys read as if somebody were to press them.
+const byWhom = text => text.replace(/^(ended while )?paused(: | by |$)/, "").replace(/^Ctrl-C$/, "Ctrl-C in the terminal");
+function whyEnded(state) { // the last word on it before the status itself
+  const said = (state.events.filter(e => e[1] === "scan" && e[2].startsWith("ended")).pop() || [0, "", ""])[2], signal = state.events.filter(e => e[1] === "signal").pop();
+  if (said.startsWith("ended while paused")) { const paused = state.events.filter(e => e[1] === "scan" && e[2].startsWith("paused")).pop(), who = byWhom(said) || (paused ? byWhom(paused[2]) : ""); return `while paused${who ? ` by ${who}` : ""}: `; }
+  return said ? said.replace(/^ended early: /, "") + ": " : signal ? `by ${signal[2]}: ` : "";
+}
 function banner(state) {
   const last = kind => (state.events.filter(e => e[1] === kind).pop() || [0, "", ""])[2], box = $("banner"), alarm = state.events.filter(e => e[1] === "alarm" || e[1] === "trip").pop(); let big = "", small = "", kind = "";
-  if (gone) [big, small, kind] = ["The viewer has ended", `This page no longer changes. When last seen: ${words(state).toLowerCase()}, ${count(state.samples)} of ${count(state.planned)} points. The scan itself continues without the viewer; see its terminal, or start nlos live again.`, state.light === true ? "bad" : ""];
-  else if (state.status === "paused" && last("scan").startsWith("paused: alarm: ")) [big, small, kind] = ["Alarm: the scan is paused", last("scan").slice(15).replace(/\.?$/, ".") + (state.light === false ? " The light is off." : "") + " Enter on the scan's terminal resumes it.", "bad"];
-  else if (state.status === "paused") [big, small] = ["Paused", last("scan").replace(/^paused: /, "") + (state.light === false ? ". The light is off." : ".") + " Enter on the scan's terminal resumes it."];
-  else if (state.status === "lost") [big, small, kind] = [state.light === false ? "The scan was killed; its light was off" : "The scan was killed: the light may be on", `Nobody commands the shutter now: look at the laser, then run \`nlos shutter close\`. ${count(state.samples)} samples are safe; \`nlos scan --resume\` takes the others.`, "bad"];
+  const seen = state.planned ? `When last seen: ${words(state).toLowerCase()}, ${count(state.samples)} of ${count(state.planned)} points. ` : "", under = !OVER.includes(state.status) && state.status !== "lost";
+  if (gone) { const lit = lightOf(state)[1]; [big, small, kind] = [lit ? "The laser may still be on" : "The viewer has ended", (lit ? "The viewer has ended: this" : "This") + ` page no longer changes. ${seen}` + (under ? "The scan itself goes on without the viewer, and it alone commands the shutter: see its terminal, or start nlos live again." : "Start nlos live again to see more."), lit ? "bad" : ""]; }
+  else if (state.status === "paused" && last("scan").startsWith("paused: alarm: ")) [big, small, kind] = ["Alarm: the scan is paused", last("scan").slice(15).replace(/\.?$/, ".") + lightWords(state) + " Pressing Enter in the scan's terminal resumes it.", "bad"];
+  else if (state.status === "paused") { const who = byWhom(last("scan")); [big, small] = ["Paused", (who ? `by ${who}.` : "") + lightWords(state) + " Pressing Enter there resumes the scan."]; }
+  else if (state.status === "lost") [big, small, kind] = [mayBeOn(state) ? "The scan was killed: the laser may be on" : "The scan was killed; the laser was off", `Nobody commands the shutter now: look at the laser, then run \`nlos shutter close\`. ${count(state.samples)} samples are safe; \`nlos scan --resume\` takes the others.`, "bad"];
   else if (state.status === "stopped" || state.status === "failed") [big, small, kind] = [WORDS[state.status], last("trip") || last("alarm") || last("device"), "bad"];
-  else if (state.status === "interrupted") [big, small] = ["Ended early", `${count(state.samples)} of ${count(state.planned)} points; --resume takes the others.`];
+  else if (state.status === "interrupted") [big, small] = ["Ended early", `${whyEnded(state)}${count(state.samples)} of ${count(state.planned)} points are taken; \`nlos scan --resume\` takes the others.`];
   else if (state.status === "complete") [big, small, kind] = ["Scan complete", `${count(state.samples)} points in ${seconds(state.elapsed_s)}` + (state.alarms ? `; ${state.alarms === 1 ? "one alarm" : count(state.alarms) + " alarms"}, see the events` : "") + (state.over ? "" : "; the last picture is being made"), "good"];
   else if (alarm && state.elapsed_s - alarm[0] < 30) [big, small, kind] = ["Alarm", `${alarm[2]} (at ${seconds(alarm[0])})`, "bad"];
   box.hidden = !big; box.className = kind; box.firstElementChild.textContent = big; box.lastElementChild.textContent = (big && state.run && !gone ? whose(state) : "") + small;
 }
+// A rate is of now only while points are being taken; else it says of when it is.
+const counting = state => !gone && state.status === "running" && state.light !== "off";
+function rateOf(state) { return counting(state) ? "count rate" : gone ? "count rate when last seen" : state.status === "paused" ? "count rate before the pause" : OVER.includes(state.status) ? "count rate at the end" : "last count rate"; }
 function whose(state) { return scans.length > 1 ? `${state.run}: ` : ""; } // of several scans, figures and events are of the one clicked last
 function tell() {
   const state = scans[chosen].state, p = best(scans[chosen]), noise = p && frame === null ? state.pictures[p.method] : p;
-  $("run").textContent = scans.map(s => s.state.run).join(" and "); document.title = `${gone ? "The viewer has ended" : WORDS[state.status]} - ${state.run}`; $("notes").textContent = Object.entries(state.notes || {}).map(([name, text]) => `${name}: ${text}`).join(" · "); $("status").textContent = gone ? "no answer; the viewer has ended" : whose(state) + words(state); $("next").textContent = gone ? "" : next(state);
-  $("points").textContent = `${count(state.samples)} of ${count(state.planned)}`; $("rate").textContent = state.rate_hz && !gone ? rate(state.rate_hz) : "–"; $("noise").textContent = noise ? `${(100 * noise.error).toFixed(1)} %` : "–";
+  $("run").textContent = scans.map(s => s.state.run).join(" and "); document.title = `${gone ? "The viewer has ended" : words(state)} - ${state.run}`; $("notes").textContent = Object.entries(state.notes || {}).map(([name, text]) => `${name}: ${text}`).join(" · "); $("status").textContent = gone ? "No answer: the viewer has ended" : whose(state) + words(state); $("next").textContent = gone ? "" : next(state);
+  $("points").textContent = `${count(state.samples)} of ${count(state.planned)}`; $("rate").textContent = state.rate_hz ? rate(state.rate_hz) : "–"; $("rateof").textContent = rateOf(state); $("rate").className = counting(state) ? "" : "before";
+  $("noise").textContent = noise ? `${(100 * noise.error).toFixed(1)} %` : "–"; $("noiseof").textContent = noise ? `photon noise of the picture of ${count(p.samples)} points` : "photon noise of the picture"; tellLight();
   $("left").textContent = state.status === "running" && state.left_s !== null && !gone ? `${seconds(state.left_s)} left` : state.elapsed_s ? `${seconds(state.elapsed_s)} taken` : "–"; $("done").style.width = 100 * state.samples / (state.planned || 1) + "%";
   const film = state.film; $("film").hidden = !film; if (film) $("film").lastElementChild.textContent = `${count(p && p.of_film ? p.of_film.frame + 1 : film.frame)} of ${count(film.frames)}` + (film.dropped ? `, ${count(film.dropped)} dropped` : "");
   $("alarms").hidden = !state.alarms; $("alarms").lastElementChild.textContent = state.alarms; banner(state); $("difference").hidden = scans.length < 2;
-  const key = state.events.length + "/" + (state.events_before || 0); if (tell.events !== key + chosen) { tell.events = key + chosen; $("earlier").textContent = state.events_before ? `and ${count(state.events_before)} before` : "";
+  const key = state.events.length + "/" + (state.events_before || 0); if (tell.events !== key + chosen) { tell.events = key + chosen; $("earlier").textContent = "newest first, " + (state.events_before ? `the last ${count(state.events.length)} of ${count(state.events.length + state.events_before)}` : `${count(state.events.length)} in all`);
     $("events").replaceChildren(...state.events.slice().reverse().map(e => { const tr = document.createElement("tr"); tr.className = e[1]; e.forEach((t, i) => { const td = document.createElement("td"); td.textContent = i ? t : fixed(t, 2) + " s"; tr.append(td); }); return tr; })); }
   tellSlider(scans[0]);
   $("overlay").setAttribute("aria-pressed", overlaid); $("difference").setAttribute("aria-pressed", compared);
@@ -96,7 +124,7 @@ async function tick() { // nothing is asked while nobody looks; whoever looks ag
       besideAt = performance.now(); for (let i = 0; i < scans.length; i++) await refreshBeside(i);
       if (frame === null) await histogram.ask(); tell(); if (films && another) drawBeside(); else draw();
     }
-  } catch (error) { if (!(error instanceof TypeError || /^[45]/.test(error.message))) throw error; gone = ++missed >= 3; if (!gone) return; if (scans.length) tell(); else { $("status").textContent = "no answer; the viewer has ended"; banner({events: []}); } }
+  } catch (error) { if (!(error instanceof TypeError || /^[45]/.test(error.message))) throw error; gone = ++missed >= 3; if (!gone) return; if (scans.length) { tell(); drawBeside(); } else { $("status").textContent = "No answer: the viewer has ended"; banner({events: []}); } }
   finally { busy = false; timer = setTimeout(tick, gone || (scans.length && scans.every(s => s.state.over && s.state.frames_version >= s.state.frames.length * s.state.methods.length)) ? 1500 : scans.some(s => underWay(s.state)) ? 5 : scans.some(s => s.state.coming && s.state.coming.making) ? 120 : 350); }
 }
 function look(view) { document.body.dataset.view = view; draw(); }

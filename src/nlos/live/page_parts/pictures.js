@@ -1,6 +1,6 @@
 // The panels with pictures: front view, depth, difference; axes, colour bar, value under the cursor, scan points.
 const FAINT = FAINT_AT, FULL = FULL_AT, DOUBTFUL = DOUBTFUL_AT; // depth has no colour below FAINT of the brightest point, and its full colour from FULL on; what is less likely a surface than DOUBTFUL is hatched
-const PAPER = [224, 224, 224], PAPER_CSS = "rgb(224, 224, 224)"; // as in depth.png: the far end of the colours is dark, and to be told from nothing
+const PAPER = [224, 224, 224]; // as in depth.png: the far end of the colours is dark, and to be told from nothing
 const TRAILS = ["#4cc9f0", "#80ed99", "#f15bb5", "#ffffff"]; // as in film.gif
 const fade = a => a < FAINT ? 0 : Math.min(1, .1 + .9 * (a - FAINT) / (FULL - FAINT));
 function depthSpan(pictures) {
@@ -9,10 +9,17 @@ function depthSpan(pictures) {
   let [low, high] = quantiles(seen, .02, .98); const pad = Math.max(.02, .05 * (high - low)); return [Math.max(0, low - pad), high + pad];
 }
 const doubted = (p, i) => !!p.seen && p.seen[i] < DOUBTFUL && p.albedo[i] > FAINT;
-function hatch(g, p, rows, cols, [bx, by, bw, bh]) { // one stroke for each pixel; whether there are any
-  let any = false; g.save(); g.strokeStyle = PAPER_CSS; g.lineWidth = 1; g.beginPath();
-  for (let i = 0; i < rows * cols; i++) if (doubted(p, i)) { any = true; const x = bx + (i % cols) * bw / cols, y = by + Math.floor(i / cols) * bh / rows; g.moveTo(x, y + bh / rows); g.lineTo(x + bw / cols, y); }
-  g.stroke(); g.restore(); return any;
+// Thin strokes as far apart on every grid, a little lighter than what is dark and a little darker than what is bright: doubt is seen, and what is drawn is seen through it.
+const HATCH_PX = 7, HATCH_LIGHT = "rgba(255, 255, 255, .42)", HATCH_DARK = "rgba(0, 0, 0, .42)", HATCH_TURNS = .4;
+function hatch(g, p, rows, cols, [bx, by, bw, bh]) { // whether there are any
+  let any = false; const pw = bw / cols, ph = bh / rows;
+  for (const [ink, here] of [[HATCH_LIGHT, v => v < HATCH_TURNS], [HATCH_DARK, v => v >= HATCH_TURNS]]) {
+    g.save(); g.beginPath(); let some = false;
+    for (let i = 0; i < rows * cols; i++) if (doubted(p, i) && here(p.albedo[i])) { some = true; g.rect(bx + (i % cols) * pw, by + Math.floor(i / cols) * ph, pw, ph); }
+    if (some) { any = true; g.clip(); g.strokeStyle = ink; g.lineWidth = 1; g.beginPath(); for (let x = bx - bh; x < bx + bw; x += HATCH_PX) { g.moveTo(x, by + bh); g.lineTo(x + bh, by); } g.stroke(); }
+    g.restore();
+  }
+  return any;
 }
 const NEITHER = [150, 150, 150]; // where one of two pictures has no depth; no colour of a difference is that grey
 function onGrid(p, rows, cols) { // every pixel of a finer grid takes what the picture has at its centre
@@ -41,7 +48,7 @@ class PicturePanel {
   }
   draw(picture, limits, other) {
     this.picture = picture; const [g, w, h] = pen(this.canvas); this.empty.hidden = !!picture; if (!picture) { this.frame = null; return; }
-    const wall = picture.wall, [rows, cols] = picture.albedo.shape, tall = h - w > 20, margin = tall ? [56, 8, 16, 96] : [56, 8, 92, 38]; this.frame = wallFrame(g, w, h, wall, margin); this.limits = limits;
+    const wall = picture.wall, [rows, cols] = picture.albedo.shape, tall = Math.min((w - 64) / wall[0], (h - 112) / wall[1]) > Math.min((w - 148) / wall[0], (h - 46) / wall[1]), margin = tall ? [56, 8, 16, 96] : [56, 8, 92, 38]; this.frame = wallFrame(g, w, h, wall, margin); this.limits = limits;
     const [bx, by, bw, bh] = this.frame.box, [low, high] = limits, e = PAPER; g.save();
     let hatched = false;
     if (this.kind === "front") { image(g, picture.albedo, rows, cols, this.frame.box, gray); hatched = hatch(g, picture, rows, cols, this.frame.box); }
