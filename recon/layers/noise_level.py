@@ -11,6 +11,7 @@ DIM = (0.7, 2.0, 100.0)  # in mean rates: the dim part, all but the peaks, every
 LAGS = (1, 2, 4, 8)  # bins
 MIDDLING = -0.07  # log10 of the signal's contraharmonic mean over its mean peak, in a middling scene
 FLOOR = 1e-6
+KNOWN = 1 + 2 * len(DIM) + len(LAGS) + len(WINDOWS)
 
 
 class NoiseLevel(nn.Module):
@@ -31,8 +32,7 @@ class NoiseLevel(nn.Module):
         last = nn.Linear(32, 1)
         nn.init.zeros_(last.weight)
         nn.init.constant_(last.bias, MIDDLING)
-        known = 1 + 2 * len(DIM) + len(LAGS) + len(WINDOWS)
-        inputs = 2 * widths[-1] + known
+        inputs = 2 * widths[-1] + KNOWN
         self.scalar = nn.Sequential(nn.Linear(inputs, 32), nn.GELU(), nn.Linear(32, 32), nn.GELU(), last)
         end = nn.Conv2d(16, 1, 1)
         nn.init.zeros_(end.weight)
@@ -40,6 +40,12 @@ class NoiseLevel(nn.Module):
         self.map = nn.Sequential(nn.Conv2d(2 * widths[0] + 2, 16, 3, padding=1), nn.ReLU(), end)
 
     def forward(self, rates: Tensor, exposure: Tensor) -> tuple[Tensor, Tensor]:
+        eta, noise_map, _ = self.with_statistics(rates, exposure)
+        return eta, noise_map
+
+    def with_statistics(self, rates: Tensor, exposure: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """The same, and what the estimate rests on, (B, KNOWN) log10: of the points the share that was measured, rate
+        and spread of the `DIM` parts, the signal's power at the `LAGS`, its mean peak over the `WINDOWS`."""
         measured = (exposure > 0).float()[:, None, None]  # (B, 1, 1, H, W)
         difference = 0.5 * torch.diff(rates, dim=2, prepend=rates[:, :, :1]).square()
         seen = (exposure[:, None, None] * measured).expand_as(rates)
@@ -73,7 +79,7 @@ class NoiseLevel(nn.Module):
         shape = F.interpolate(shape, size=exposure.shape[1:], mode="bilinear", align_corners=False)[:, 0]
         # Poisson noise goes with the root of the rate, and a longer dwell averages it away
         noise = eta[:, None, None] + local[:, 0] + shape - 0.5 * exposure.clamp(min=FLOOR).log10()
-        return eta, torch.where(exposure > 0, noise, torch.inf)
+        return eta, torch.where(exposure > 0, noise, torch.inf), known
 
 
 def log10_of(value: Tensor, least: float) -> Tensor:

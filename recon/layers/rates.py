@@ -109,11 +109,11 @@ def rates_of(counts: Tensor, exposure: Tensor | None) -> Rates:
     raw = counts / exposure.clamp(min=1e-6)[:, None, None]
     profile = counts.sum(dim=(1, 3, 4)) / points[:, None]  # weighted by exposure, so by precision
     background = estimate_background(profile)
-    level = (profile.mean(dim=1) - background).clamp(min=0)
+    recorded = ((profile.cumsum(dim=1) > 0) & (profile.flip(1).cumsum(dim=1).flip(1) > 0)).to(counts)
+    level = (profile.mean(dim=1) - background * recorded.mean(dim=1)).clamp(min=0)
     present = presence(raw, exposure) * (level > 0)
     unit = torch.where(level > 0, level, 1.0)
     scale = unit[:, None, None, None, None]
-    recorded = ((profile.cumsum(dim=1) > 0) & (profile.flip(1).cumsum(dim=1).flip(1) > 0)).to(counts)
     flat = (background[:, None] * recorded)[:, None, :, None, None] * exposure[:, None, None]
     signal = (counts - flat) * measured[:, None, None]
     net = fill(signal, exposure) / scale

@@ -12,7 +12,9 @@ from torch import Tensor, nn
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
+from nlos.recon.any_noise import any_noise_for
 from nlos.recon.intervals import CalibratedHead, head_for, intervals_of
+from nlos.recon.layers.any_noise import AnyNoise, noise_traits, unless_photons
 from nlos.recon.layers.evidence import evidence
 from nlos.recon.layers.fine_detail import halves, in_the_large, with_detail
 from nlos.recon.layers.in_bfloat16 import in_bfloat16
@@ -125,6 +127,7 @@ class Nano(nn.Module):
         self.refinement: Refinement | None = None
         self.halved: list[Nano] = []  # the same for half the points a side, where that sees better in the large
         self.noise_level = NoiseLevel()
+        self.any_noise: AnyNoise | None = None
         self.lifted = None
         if settings.lifting != "none":
             self.lifted = LiftedVolumes(settings.lifting, self.physics, (rows, cols))
@@ -202,9 +205,20 @@ class Nano(nn.Module):
 
     def noise(self, rates: Rates) -> tuple[Tensor, Tensor]:
         """eta, log10 of the noise level (B,), and D_n, log10 of the noise of every wall point (B, H, W), inf = none."""
+        photons, noise_map, any_kind = self.noise_of_all_kinds(rates)
+        eta = unless_photons(photons, any_kind)
+        return eta, noise_map + (eta - photons)[:, None, None]
+
+    def noise_of_all_kinds(self, rates: Rates) -> tuple[Tensor, Tensor, Tensor]:
+        """eta and D_n as `noise`, both from photon statistics, and eta of noise of any kind, NaN where it is not
+        known: of weights without such an estimate, without signal, or where too few points were measured."""
         with torch.set_grad_enabled(torch.is_grad_enabled() and self.settings.stage == "noise"):
-            eta, noise_map = self.noise_level(rates.raw, rates.exposure)
-        return eta, noise_map
+            eta, noise_map, known = self.noise_level.with_statistics(rates.raw, rates.exposure)
+        if self.any_noise is None or self.training:
+            return eta, noise_map, torch.full_like(eta, torch.nan)
+        wall, time = self.physics.wall, self.physics.time
+        traits = noise_traits(rates, known, eta, (wall.height_m, wall.width_m), time.bin_width_s)
+        return eta, noise_map, torch.where(rates.presence > 0, self.any_noise(traits), torch.nan)
 
     # B. The operator, S times (algorithm 1)
 
@@ -295,6 +309,7 @@ def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
     network = with_weights(network, settings.weights)
     if settings.weights is not None:  # weights that were never told a response are better off without
         network.takes_response = holds(settings.weights, TOLD)
+    network.any_noise = any_noise_for(settings.weights) if settings.noise_weights is None else None
     network.head_of_intervals = head_for(settings.weights) if settings.refine else None
     correction = correction_for(settings.weights) if settings.refine and min(wall.rows, wall.cols) >= REFINED else None
     if correction is not None:

@@ -150,8 +150,16 @@ def page(data: Path, docs: Path) -> str:
             noiseless(data / "synthetic", quality),
             "## Noise level estimation\n",
             f"R² = {levels.figures['r_squared']:.4f} on {noise_figure.SCANS} scans of held-out kinds inside the "
-            "training range.\n\n"
-            "![noise level](results/noise_level.png)\n",
+            "training range.\n",
+            table(
+                ["noise", "R²", "bias, decades", "scatter"],
+                [
+                    [kind, f"{fit['r_squared']:.3f}", f"{fit['bias']:+.3f}", f"{fit['scatter']:.3f}"]
+                    for kind, ways in levels.figures["kinds"].items()
+                    for fit in (ways[noise_figure.SHOWN],)
+                ],
+            ),
+            "\n![noise level](results/noise_level.png)\n",
             "Both axes: log10 of the standard deviation of a bin's counts over the signal's mean peak.\n",
             table(
                 ["peak counts, beyond the training range", "true level, log10", "estimated"],

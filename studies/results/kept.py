@@ -77,7 +77,7 @@ def weights_path(method: str) -> Path:
 def of_method(method: str) -> dict[str, str]:
     """What a reconstruction by this method depends on, beside its input."""
     path = weights_path(method)
-    files = [each for each in (path, path.with_suffix(".refinement")) if each.exists()]
+    files = [each for each in (path, path.with_suffix(".refinement"), path.with_suffix(".noise")) if each.exists()]
     return {"code": of_code(method), "weights": of_files(files) if files else "none"}
 
 

@@ -98,6 +98,16 @@ def test_rates_do_not_depend_on_the_units_of_counts_or_exposure() -> None:
     torch.testing.assert_close(one.background, other.background)
 
 
+def test_strong_background_behind_bins_that_were_cut_does_not_hide_the_signal() -> None:
+    lit = 20 * signal(photons=20.0)
+    ambient = torch.poisson(torch.full_like(lit, 30.0), generator=torch.Generator().manual_seed(2))
+    cut = lit + ambient
+    cut[:, :, :20] = 0
+    rates = rates_of(cut, None)
+    assert float(rates.presence) > 0.2
+    assert float(rates.net.mean()) == pytest.approx(1.0, rel=1e-3)
+
+
 def test_an_empty_measurement_has_no_signal_and_finite_rates() -> None:
     rates = rates_of(torch.zeros(1, 1, 64, 12, 12), None)
     assert float(rates.presence) == 0

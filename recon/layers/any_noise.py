@@ -1,0 +1,101 @@
+"""The noise level of scans whose noise is not photons alone: what lies below the light cone, over the signal's peak."""
+
+import math
+
+import torch
+from torch import Tensor, nn
+
+from nlos.recon.layers.below_the_cone import below_the_cone
+from nlos.recon.layers.noise_level import DIM, FLOOR, KNOWN, LAGS, log10_of
+from nlos.recon.layers.rates import Rates
+
+ORDERS = ((2, 6.0), (4, 70.0))  # of differences along time, and what they make of the variance of white noise
+BELOW = 6
+INPUTS = BELOW + 3 + len(ORDERS) + KNOWN
+POWER = 1 + 2 * len(DIM)  # among the statistics of photons: the signal's mean over itself
+PEAK = POWER + len(LAGS) + 2  # and its mean peak, of averages over 3 x 3 points
+OWN = INPUTS - KNOWN  # where these statistics begin among the traits
+ENOUGH = 4.0  # frequencies
+AGREE = 0.07  # decades: photon statistics that lie no farther from the estimate of any kind are left as they are
+
+
+class AnyNoise(nn.Module):
+    """log10 noise level (B,) of photons, of noise that does not know the light, and of grain that goes with it.
+
+    The noise itself is what a scan holds below its light cone (`below_the_cone`), the signal's peak is that of averages
+    over 3 x 3 points; the mean of a few small networks corrects their ratio from how both compare with the photon
+    statistics, with differences of higher order along time, and with averages over more points. Where nothing below the
+    cone can be told from light, differences along time stand in for it.
+    """
+
+    def __init__(self, width: int = 64, members: int = 3):
+        super().__init__()
+        self.corrections = nn.ModuleList(correction(width) for _ in range(members))
+
+    def forward(self, traits: Tensor) -> Tensor:
+        """traits (B, INPUTS), as `noise_traits` makes them -> (B,)."""
+        corrections = torch.stack([network(traits)[:, 0] for network in self.corrections])
+        return traits[:, 0] - traits[:, OWN + PEAK] + corrections.mean(dim=0)
+
+
+def correction(width: int) -> nn.Sequential:
+    """Traits (B, INPUTS) -> (B, 1) decades, none before it is fitted."""
+    last = nn.Linear(width, 1)
+    nn.init.zeros_(last.weight)
+    nn.init.zeros_(last.bias)
+    return nn.Sequential(nn.Linear(INPUTS, width), nn.GELU(), nn.Linear(width, width), nn.GELU(), last)
+
+
+def noise_traits(
+    rates: Rates, known: Tensor, photons: Tensor, size_m: tuple[float, float], bin_width_s: float
+) -> Tensor:
+    """(B, INPUTS) log10 of what tells kinds of noise apart, on points of a wall of `size_m` (height, width); deviations
+    and peaks are over the signal's own mean.
+
+    `known` are the statistics of photon noise (B, KNOWN) and `photons` the level that follows from them (B,).
+    """
+    power = known[:, POWER]
+    measured = (rates.exposure > 0).sum(dim=(1, 2))
+    others = torch.stack((photons, measured.to(power).log10(), log10_of(rates.background, 1e-3)), dim=1)
+    share = rates.kept.to(power).clamp(min=FLOOR)
+    differences = [
+        0.5 * log10_of(torch.diff(rates.raw, n=order, dim=2).square().mean(dim=(1, 2, 3, 4)) / share / scale, 1e-12)
+        - power
+        for order, scale in ORDERS
+    ]
+    below = torch.tensor(
+        [
+            traits_below(raw, exposure > 0, size_m, bin_width_s)
+            for raw, exposure in zip(rates.raw[:, 0], rates.exposure, strict=True)
+        ]
+    ).to(power)
+    below[:, :2] -= power[:, None]
+    below[:, :2] = torch.where(torch.isfinite(below[:, :2]), below[:, :2], differences[-1][:, None])
+    own = known.clone()
+    own[:, 2:POWER:2] = 0.5 * known[:, 2:POWER:2] - power[:, None]
+    own[:, POWER + 1 :] -= power[:, None]
+    return torch.cat((below, others, torch.stack(differences, dim=1), own), dim=1)
+
+
+def traits_below(raw: Tensor, measured: Tensor, size_m: tuple[float, float], bin_width_s: float) -> list[float]:
+    """log10 of both deviations of rates (T, H, W) below the cone, NaN where they are not known; how many frequencies
+    tell, the room of light, and how far noise of other kinds was weighed otherwise than photons."""
+    rest = below_the_cone(raw, measured, size_m, bin_width_s)
+    if rest is None or min(rest.variance, rest.least) <= 0:
+        return [math.nan] * 2 + [0.0] * (BELOW - 2)
+    deviations = [0.5 * math.log10(variance) for variance in (rest.variance, rest.least)]
+    return [
+        *deviations,
+        min(rest.frequencies / ENOUGH, 1.0),
+        rest.room,
+        0.5 * math.log10(rest.even),
+        0.5 * math.log10(rest.bright),
+    ]
+
+
+def unless_photons(photons: Tensor, any_kind: Tensor) -> Tensor:
+    """The estimate of photon statistics (B,) as far as that of any kind (B,) agrees with it to `AGREE`, that one from
+    twice as far on, and in between what lies between; the photons' where the other is NaN."""
+    apart = any_kind - photons
+    share = (apart.abs() / AGREE - 1).clamp(0, 1)
+    return torch.where(torch.isfinite(any_kind), photons + share * apart, photons)
