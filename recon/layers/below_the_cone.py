@@ -192,10 +192,8 @@ def _joint(wall: _Points, kept: list[npt.NDArray[np.bool_]]) -> Floats:
     first = np.full(kept[-1].shape, len(kept))
     for number, one in reversed(list(enumerate(kept))):
         first[: one.shape[0], : one.shape[1]][one] = number
-    up, along = (
-        legvander((2 * at + 1) / n - 1, m - 1)
-        for at, n, m in zip((wall.rows, wall.cols), wall.shape, first.shape, strict=True)
-    )
+    at = (wall.rows, wall.cols)
+    up, along = (legvander((2 * at[k] + 1) / wall.shape[k] - 1, first.shape[k] - 1) for k in range(2))
     needed = np.argsort(first, axis=None, kind="stable")[: int((first < len(kept)).sum())]
     ups, alongs = np.unravel_index(needed, first.shape)
     return np.asarray(np.linalg.qr(up[:, ups] * along[:, alongs])[0])
