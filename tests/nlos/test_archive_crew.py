@@ -200,11 +200,22 @@ def test_ctrl_c_at_a_cluster_leaves_a_record_of_what_the_folder_holds(tmp_path: 
                 time.sleep(0.3)
             said = process.communicate(timeout=120)[1]
         time.sleep(5)  # what goes on after the command has ended
+        rows, there = record(tmp_path / "out"), times(tmp_path / "out")
+        again = subprocess.run(
+            [sys.executable, "-m", "nlos", *words, "--skip-existing"],
+            cwd=tmp_path, capture_output=True, text=True, timeout=240, check=False,
+        )  # fmt: skip
     assert process.returncode == 130, said
     assert "waiting up to" in said
     assert "Traceback" not in said
-    rows, there = record(tmp_path / "out"), times(tmp_path / "out")
     done = {name for name, row in rows.items() if row["outcome"] == "done"}
     begun = {name for name, row in rows.items() if "whether it finished" in row["reason"]}
     assert done <= set(there) <= done | begun
     assert begun == set() or presses == 2
+    assert again.returncode == 7, again.stderr  # five files are broken
+    assert f"{len(done)} of 35 files already exist, skipped" in again.stderr
+    after = times(tmp_path / "out")
+    assert {name for name in done if after[name] != there[name]} == set()
+    rows = record(tmp_path / "out")
+    assert {name for name, row in rows.items() if row["outcome"] == "done"} == set(after)
+    assert len(after) == 30
