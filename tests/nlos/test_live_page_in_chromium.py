@@ -399,6 +399,7 @@ def test_light_that_is_on_is_loud_and_light_that_is_off_is_calm_and_always_said(
         shows(page, "laser", r"^laser off \(simulated\)$")
         shows(page, "rateof", "^count rate before the pause$")
         shows(page, "banner", "^Paused ?by Ctrl-C in the terminal. The laser is off. Pressing Enter there resumes")
+        shows(page, "banner", "resumes the scan and opens the shutter.$")
         dark = page.evaluate(LAMP, "laser")
         assert contrast(lit["ground"], lit["page"]) > 3.0 > contrast(dark["ground"], dark["page"])
         assert min(contrast(each["ink"], each["ground"]) for each in (lit, dark)) > 4.5  # text (WCAG 2.1, 1.4.3)
@@ -438,7 +439,8 @@ def test_a_viewer_that_is_killed_leaves_behind_first_of_all_that_the_laser_may_b
     large = page.locator("#banner strong")
     assert large.inner_text() == "The laser may still be on"
     assert page.evaluate(LAMP, "laser")["size"] < float(large.evaluate("e => parseFloat(getComputedStyle(e).fontSize)"))
-    shows(page, "banner", "The viewer has ended: this page no longer changes. When last seen: scanning, 72 of 256")
+    shows(page, "banner", "Treat it as on and see the scan's terminal. The viewer has ended: this page no longer")
+    shows(page, "banner", "changes. When last seen: scanning, 72 of 256")
     shows(page, "rateof", "^count rate when last seen$")
     shows(page, "histotitle", r"\(last point taken\)$")
     bench.ends(Status.INTERRUPTED)

@@ -76,6 +76,7 @@ function tellLight() { // of several scans the one whose light is on, else the o
 }
 function words(state) { return state.status === "running" && state.light === "replayed" ? "Replaying a recording" : WORDS[state.status] || WORDS.waiting; }
 const lightWords = state => state.light === "off" ? " The laser is off." : state.light === "no shutter" ? " This bench has no shutter: the laser is as it was." : mayBeOn(state) ? " The laser may be on." : "";
+const resumes = state => "resumes the scan" + (state.light === "off" ? " and opens the shutter" : "");
 // Recordings of before say "paused: Ctrl-C": bare, the keys read as if somebody were to press them.
 const byWhom = text => text.replace(/^(ended while )?paused(: | by |$)/, "").replace(/^Ctrl-C$/, "Ctrl-C in the terminal");
 function whyEnded(state) { // the last word on it before the status itself
@@ -86,9 +87,9 @@ function whyEnded(state) { // the last word on it before the status itself
 function banner(state) {
   const last = kind => (state.events.filter(e => e[1] === kind).pop() || [0, "", ""])[2], box = $("banner"), alarm = state.events.filter(e => e[1] === "alarm" || e[1] === "trip").pop(); let big = "", small = "", kind = "";
   const seen = state.planned ? `When last seen: ${words(state).toLowerCase()}, ${count(state.samples)} of ${count(state.planned)} points. ` : "", under = !OVER.includes(state.status) && state.status !== "lost";
-  if (gone) { const lit = lightOf(state)[1]; [big, small, kind] = [lit ? "The laser may still be on" : "The viewer has ended", (lit ? "The viewer has ended: this" : "This") + ` page no longer changes. ${seen}` + (under ? "The scan itself goes on without the viewer, and it alone commands the shutter: see its terminal, or start nlos live again." : "Start nlos live again to see more."), lit ? "bad" : ""]; }
-  else if (state.status === "paused" && last("scan").startsWith("paused: alarm: ")) [big, small, kind] = ["Alarm: the scan is paused", last("scan").slice(15).replace(/\.?$/, ".") + lightWords(state) + " Pressing Enter in the scan's terminal resumes it.", "bad"];
-  else if (state.status === "paused") { const who = byWhom(last("scan")); [big, small] = ["Paused", (who ? `by ${who}.` : "") + lightWords(state) + " Pressing Enter there resumes the scan."]; }
+  if (gone) { const lit = lightOf(state)[1]; [big, small, kind] = [lit ? "The laser may still be on" : "The viewer has ended", (lit ? "Treat it as on and see the scan's terminal. The viewer has ended: this" : "This") + ` page no longer changes. ${seen}` + (under ? "The scan itself goes on without the viewer, and it alone commands the shutter; nlos live shows it again." : "Start nlos live again to see more."), lit ? "bad" : ""]; }
+  else if (state.status === "paused" && last("scan").startsWith("paused: alarm: ")) [big, small, kind] = ["Alarm: the scan is paused", last("scan").slice(15).replace(/\.?$/, ".") + lightWords(state) + ` Look for the cause first: pressing Enter in the scan's terminal ${resumes(state)}.`, "bad"];
+  else if (state.status === "paused") { const who = byWhom(last("scan")); [big, small] = ["Paused", (who ? `by ${who}.` : "") + lightWords(state) + ` Pressing Enter there ${resumes(state)}.`]; }
   else if (state.status === "lost") [big, small, kind] = [mayBeOn(state) ? "The scan was killed: the laser may be on" : "The scan was killed; the laser was off", `Nobody commands the shutter now: look at the laser, then run \`nlos shutter close\`. ${count(state.samples)} samples are safe; \`nlos scan --resume\` takes the others.`, "bad"];
   else if (state.status === "stopped" || state.status === "failed") [big, small, kind] = [WORDS[state.status], last("trip") || last("alarm") || last("device"), "bad"];
   else if (state.status === "interrupted") [big, small] = ["Ended early", `${whyEnded(state)}${count(state.samples)} of ${count(state.planned)} points are taken; \`nlos scan --resume\` takes the others.`];
