@@ -26,6 +26,7 @@ from studies.rows import (
     Row,
     folder_of,
     in_order,
+    judged_on,
     kept_of,
     settings_of,
 )
@@ -48,8 +49,9 @@ def run(samples: int = SAMPLES, seeds: Sequence[int] = SEEDS, page: Path = PAGE)
                 continue
             print(f"{row.method}: {row.name}, seed {seed}: {folder}", file=sys.stderr, flush=True)
             settings = settings_of(row, samples, seed)
-            train(settings, folder, lambda line: None)
-            judge(settings, folder, kept)
+            if row.trained:
+                train(settings, folder, lambda line: None)
+            judge(settings, folder if row.trained else None, kept, judged_on(row, JUDGED))
         page.write_text(written(known(samples, seeds), samples, seeds), encoding="utf-8")
 
 
@@ -100,8 +102,9 @@ def written(found: Known, samples: int, seeds: Sequence[int]) -> str:
         "",
         f"Every row is trained on the same {samples:,} scenes, one a step ({SMALL['rows']} x {SMALL['cols']} points, "
         f"{SMALL['bins']} bins of {SMALL['bin_width_ps']:g} ps), with each of {len(seeds)} seeds, and judged on "
-        f"{len(next(iter(JUDGED.values())))} scenes of kinds that none was trained on, for each range of noise. "
-        "Differences are to the last row of the table, paired over scenes and seeds, ± one standard error of both; a "
+        f"{len(next(iter(JUDGED.values())))} scenes of kinds that none was trained on (the last table on other scenes "
+        "of its kind), for each range of noise. Differences are to the last row of the table, paired over scenes and "
+        "seeds, ± one standard error of both; a "
         "difference is told from nothing where it is above two of its errors and has more than one seed, and marked * "
         "then. The paper's differences are its own, from longer training on another set: compare sign and order.",
         "",

@@ -17,19 +17,20 @@ from nlos.recon.training.train import build
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.training_sample import collate
 from nlos.recon.weights.files import load_weights
-from studies.rows import JUDGED
 
 FIGURES = ("psnr", "ssim", "depth_rmse_m", "depth_mad_m")
 Judged = Mapping[str, Mapping[str, list[float]]]
 """Set of scenes -> figure -> one value a scene."""
 
 
-def judge(settings: TrainSettings, folder: Path, to: Path, sets: Mapping[str, DatasetSettings] = JUDGED) -> Judged:
-    """Measure the weights in `folder` on every set, and write the figures `to` a file."""
+def judge(settings: TrainSettings, folder: Path | None, to: Path, sets: Mapping[str, DatasetSettings]) -> Judged:
+    """Measure the weights in `folder`, None for a method without any, on every set, and write the figures `to` a
+    file."""
     found: dict[str, dict[str, list[float]]] = {}
     for name, data in sets.items():
         network = build(settings, data.wall, data.time)
-        load_weights(network, str(folder / WEIGHTS))
+        if folder is not None:
+            load_weights(network, str(folder / WEIGHTS))
         network.eval()
         scenes = [_scores(network, data, index, settings.cache_path) for index in range(len(data))]
         found[name] = {figure: [round(scene[figure], 5) for scene in scenes] for figure in FIGURES}

@@ -36,8 +36,11 @@ JUDGED = {
     "15 to 20 dB": photons(71.0, 224.0),
     "all conditions": DatasetSettings(seed=4, scenes=48, degradations=1, held_out=True, **SMALL),
 }
+SURROGATE = ("cycles",)
+"""Motorcycles and bicycles: what comes nearest to the paper's 277 motorcycles, and no more than that."""
 PRINTED_LOSS = LossSettings(picture=10.0, depth=0.0, total_variation=0.3)
 OWN_LOSS = LossSettings(picture=5.0, log_picture=0.06, depth=2.0)
+RATE = 1e-3
 Paper = Mapping[str, float]
 
 
@@ -53,6 +56,17 @@ class Row:
     """At 15 to 30 dB, or where the paper says no range."""
     paper_dim: dict[str, float] = field(default_factory=dict)
     """At 15 to 20 dB."""
+    times: float = 1.0
+    """So many times the samples of other rows."""
+    rate: float = RATE
+    kinds: tuple[str, ...] = ()
+    """Trained and judged on scenes of these kinds alone, judged on other ones of them; all, judged on kinds that none
+    was trained on, unless given."""
+
+    @property
+    def trained(self) -> bool:
+        """Whether there is anything to train."""
+        return self.method != "lct"
 
 
 def printed(psnr: float, ssim: float, rmse_m: float | None = None, mad_m: float | None = None) -> dict[str, float]:
@@ -64,6 +78,35 @@ def printed(psnr: float, ssim: float, rmse_m: float | None = None, mad_m: float 
 NO_NLE = {"nle": False}
 WHOLE: dict[str, Any] = {"symmetries": False, "lifting": "both", "sfe": True}
 """NANO before what brings nothing left it (decision 321), and the scan seen once, unmirrored."""
+SHIPS = WHOLE | {"lifting": "none", "sfe": False}
+"""As it ships, the scan seen once."""
+NEAR = {"farthest": 0.9}
+LFE_RATE, NLOST_RATE, UNET_RATE = 0.0015, 0.001, 0.0015
+"""The best of three on the validation scenes (`docs/rivals.md`); NANO's rows keep theirs."""
+STEP_MS = {"nano": 268, "lfe": 102, "nlost": 184, "unet": 141}
+"""Of one core's time a step, data aside, as it ships; the four by turns in one process (bfloat16)."""
+WITHOUT = "studies/nano_without.py"
+OURS = ("nano", "faithful", WITHOUT)
+"""They are told the noise level."""
+
+
+def rivals(how: str, kinds: tuple[str, ...] = ()) -> tuple[Row, ...]:
+    """NANO as it ships, last, and three other networks on the same scenes with the same losses."""
+
+    def times(method: str) -> float:
+        return round(STEP_MS["nano"] / STEP_MS[method], 2) if how == "seconds" else 1.0
+
+    wide = how == "parameters"
+    lfe: dict[str, Any] = NEAR | ({"features": 8, "renderer_width": 52} if wide else {})
+    unet: dict[str, Any] = NEAR | ({"widths": [18, 36, 54], "finish_widths": [36, 72, 144]} if wide else {})
+    return (
+        Row("LFE", "lfe", lfe, OWN_LOSS, times=times("lfe"), rate=LFE_RATE, kinds=kinds),
+        Row("NLOST", "nlost", NEAR, OWN_LOSS, times=times("nlost"), rate=NLOST_RATE, kinds=kinds),
+        Row("U-Net", "unet", unet, OWN_LOSS, times=times("unet"), rate=UNET_RATE, kinds=kinds),
+        Row("NANO", "nano", SHIPS, OWN_LOSS, kinds=kinds),
+    )
+
+
 TABLES: dict[str, tuple[Row, ...]] = {
     "Parts of the printed network (paper: table III)": (
         Row("I: no lifting, no projection, no NLE", switches={"lifting": "none", "projection": False} | NO_NLE,
@@ -116,26 +159,50 @@ TABLES: dict[str, tuple[Row, ...]] = {
         Row("no 2D network", "nano", {"projection": False}, OWN_LOSS),
         Row("whole", "nano", {}, OWN_LOSS),
     ),
+    "NANO as it ships, without one part (this project)": (
+        Row("no volume with empty gaps", WITHOUT, SHIPS | {"without": "empty gaps"}, OWN_LOSS),
+        Row("no 2D network, attention alone", WITHOUT, SHIPS | {"without": "2D network"}, OWN_LOSS),
+        Row("no noise estimation", "nano", SHIPS | {"nle": False}, OWN_LOSS),
+        Row("no spectral updates", "nano", SHIPS | {"spectral_scales": 0}, OWN_LOSS),
+        Row("as it ships", "nano", SHIPS, OWN_LOSS),
+    ),
+    "Rivals at equal samples (this project)": (
+        Row("light-cone transform", "lct"), Row("the printed network"), *rivals("samples"),
+    ),
+    "Rivals at equal seconds of training (this project)": rivals("seconds"),
+    "Rivals at equal parameters, 1.1 to 1.2 million (this project)": rivals("parameters"),
+    "Cycles alone, a surrogate of the paper's data: margins only (this project)": (
+        Row("light-cone transform", "lct", kinds=SURROGATE), Row("the printed network", kinds=SURROGATE),
+        *rivals("samples", SURROGATE),
+    ),
 }  # fmt: skip
 
 
 def settings_of(row: Row, samples: int, seed: int) -> TrainSettings:
     """The training of one row: only what the row names differs from the others of its method."""
-    own = WHOLE if row.method == "nano" else {}
+    own = {"noise_weights": "nano"} if row.method in OURS else {}
+    samples = round(samples * row.times)
     return TrainSettings(
         method=row.method,
-        method_settings={"noise_weights": "nano"} | own | row.switches,
-        data=DatasetSettings(seed=1, scenes=samples, degradations=1, **SMALL),
+        method_settings=own | (WHOLE if row.method == "nano" else {}) | row.switches,
+        data=DatasetSettings(seed=1, scenes=samples, degradations=1, kinds=row.kinds, **SMALL),
         validation=WATCHED,
         loss=row.loss,
         seed=seed,
         samples=samples,
         batch=1,
-        learning_rate=1e-3,
+        learning_rate=row.rate,
         average=0.998,
         cache=str(FOLDER / "scenes"),
         uniform_noise_most=10.0 if row.method == "faithful" else 0.0,
     )
+
+
+def judged_on(row: Row, sets: Mapping[str, DatasetSettings]) -> dict[str, DatasetSettings]:
+    """`sets`, of the row's kinds of scenes where it has some."""
+    if not row.kinds:
+        return dict(sets)
+    return {name: data.model_copy(update={"held_out": False, "kinds": row.kinds}) for name, data in sets.items()}
 
 
 def folder_of(row: Row, samples: int, seed: int) -> Path:
@@ -149,8 +216,11 @@ def kept_of(row: Row, samples: int, seed: int) -> Path:
 
 
 def _name(row: Row, samples: int, seed: int) -> Path:
-    words = [row.method, *(f"{key}-{value}" for key, value in sorted(row.switches.items()))]
+    words = [Path(row.method).stem, *(f"{key}-{value}" for key, value in sorted(row.switches.items()))]
     words += [f"{key}-{value:g}" for key, value in row.loss.model_dump(exclude_defaults=True).items()]
+    words += [f"rate-{row.rate:g}"] if row.rate != RATE else []
+    words += [f"times-{row.times:g}"] if row.times != 1 else []
+    words += [*row.kinds]
     return Path(f"{samples}-{FORM}") / "_".join(words).replace(" ", "") / f"seed-{seed}"
 
 

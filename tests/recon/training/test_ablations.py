@@ -5,8 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from nlos.recon.methods import find
+from nlos.recon.methods.nano import Nano
+from nlos.recon.training.dataset import sample
+from nlos.recon.training.detector import DetectorSettings
+from nlos.recon.training.train import build
+from nlos.recon.training.training_sample import collate
 from studies import ablations, rows
 from studies.ablations import Claim, run, written
 from studies.judged import FIGURES
@@ -20,13 +26,44 @@ ROWS = [(title, row) for title, table in TABLES.items() for row in table]
 def test_every_row_is_a_valid_training(title: str, row: Row) -> None:
     settings = settings_of(row, 100, 1)
     find(row.method).Settings.model_validate_json(json.dumps(settings.method_settings))
-    assert settings.steps == 100
+    assert settings.steps == round(100 * row.times)
+
+
+def without(part: str) -> tuple[Nano, Nano]:
+    """NANO without it, and as it ships."""
+    table = TABLES["NANO as it ships, without one part (this project)"]
+    (row,) = (row for row in table if row.switches.get("without") == part)
+    made = []
+    for each in (row, table[-1]):
+        settings = settings_of(each, 1, 1)
+        network = build(settings, settings.data.wall, settings.data.time)
+        assert isinstance(network, Nano)
+        made.append(network)
+    return made[0], made[1]
+
+
+def test_without_empty_gaps_the_filled_volume_comes_twice() -> None:
+    data = settings_of(ROWS[0][1], 1, 1).data
+    batch = collate([sample(data.model_copy(update={"detector": DetectorSettings(sparse=1.0)}), 0)])
+    network, whole = without("empty gaps")
+    with torch.inference_mode():
+        filled, volumes = (each.prepared(batch["counts"], batch["exposure"]).volumes for each in (network, whole))
+    assert torch.equal(filled[:, -1], filled[:, -2])
+    assert torch.equal(filled[:, :-1], volumes[:, :-1])
+    assert not torch.equal(volumes[:, -1], volumes[:, -2])
+
+
+def test_without_the_2d_network_nothing_of_it_is_trained() -> None:
+    network, whole = without("2D network")
+    ours, theirs = ({name for name, _ in each.named_parameters()} for each in (network, whole))
+    assert ours < theirs
+    assert all(name.startswith("projection.finish.") for name in theirs - ours)
 
 
 def test_rows_that_differ_have_folders_of_their_own_and_equal_ones_share() -> None:
-    folders = {folder_of(row, 100, 1): (row.method, row.switches, row.loss) for _, row in ROWS}
+    folders = {folder_of(row, 100, 1): settings_of(row, 100, 1) for _, row in ROWS}
     for _, row in ROWS:
-        assert folders[folder_of(row, 100, 1)] == (row.method, row.switches, row.loss)
+        assert folders[folder_of(row, 100, 1)] == settings_of(row, 100, 1)
     assert len(in_order(100)) == len(folders) * len(SEEDS)
 
 
@@ -102,7 +139,7 @@ def test_the_queue_trains_judges_and_resumes(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(rows, "SMALL", tiny)
     monkeypatch.setattr(rows, "WATCHED", rows.WATCHED.model_copy(update=tiny | {"scenes": 1}))
     small = {name: data.model_copy(update=tiny | {"scenes": 2}) for name, data in JUDGED.items()}
-    monkeypatch.setattr("studies.judged.judge.__defaults__", (small,))
+    monkeypatch.setattr(ablations, "JUDGED", small)
     table = {
         "t": (
             Row("none", switches={"lifting": "none", "channels": [4, 4]}),
