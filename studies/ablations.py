@@ -49,8 +49,8 @@ def run(samples: int = SAMPLES, seeds: Sequence[int] = SEEDS, page: Path = PAGE)
                 continue
             print(f"{row.method}: {row.name}, seed {seed}: {folder}", file=sys.stderr, flush=True)
             settings = settings_of(row, samples, seed)
-            if row.trained:
-                train(settings, folder, lambda line: None)
+            if row.trained and not train(settings, folder, lambda line: None)["finished"]:
+                return  # told to end: what is half trained is not judged, and goes on next time
             judge(settings, folder if row.trained else None, kept, judged_on(row, JUDGED))
         page.write_text(written(known(samples, seeds), samples, seeds), encoding="utf-8")
 

@@ -47,6 +47,11 @@ def without_the_2d_network(network: Nano) -> None:
     head.bias.zero_()  # type: ignore[union-attr, operator]
 
 
+def seen_once(network: Nano) -> None:
+    """No mean over the mirror images of the wall."""
+    network.settings = network.settings.model_copy(update={"symmetries": False})
+
+
 def zeroed(*parts: str) -> Callable[[Faithful], None]:
     """All parameters of the unfolding or the projection whose names hold one of `parts` to zero."""
 
@@ -67,6 +72,7 @@ PARTS: dict[str, Callable[[Nano], None]] = {
     "noise conditioning": one_noise_level,
     "spectral updates": without_spectral_updates,
     "2D network": without_the_2d_network,
+    "mean over mirror images": seen_once,
 }
 PRINTED: dict[str, Callable[[Faithful], None]] = {
     "SFE": zeroed("unfolding.encoded.convolution"),

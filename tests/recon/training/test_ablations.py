@@ -155,3 +155,12 @@ def test_the_queue_trains_judges_and_resumes(tmp_path: Path, monkeypatch: pytest
     assert len(times) == 2
     run(2, (1,), tmp_path / "page.md")
     assert [path.stat().st_mtime_ns for path in (tmp_path / "kept").rglob("*.json")] == times
+
+
+def test_a_row_that_was_told_to_end_is_not_judged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rows, "FOLDER", tmp_path)
+    monkeypatch.setattr(rows, "KEPT", tmp_path / "kept")
+    monkeypatch.setattr(ablations, "train", lambda *_: {"finished": False, "signal": 2})
+    run(2, (1,), tmp_path / "page.md")
+    assert not (tmp_path / "kept").exists()
+    assert not (tmp_path / "page.md").exists()
