@@ -9,6 +9,7 @@ import numpy.typing as npt
 from scipy.ndimage import distance_transform_edt
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, Transient
+from nlos.recon.kept_noise import KeptNoise
 from nlos.recon.methods import find, parse_settings
 from nlos.recon.over_time.half_grid import HalfGrid
 from nlos.recon.predicted_error import said_by
@@ -44,7 +45,8 @@ class LivePicture:
 
 
 class LiveReconstruction:
-    """Reconstructs again whenever asked; remembers only the front views that the next ones are compared with.
+    """Reconstructs again whenever asked; remembers only the front views that the next ones are compared with, and how
+    noisy a film is.
 
     Every picture is made from all samples so far and equals that of a recording of just these samples.
     """
@@ -57,6 +59,7 @@ class LiveReconstruction:
         self._device = device
         self._earlier: list[tuple[int, Picture]] = []
         self._bound = math.inf
+        self._noise = KeptNoise()
         self._knows_falloff = "falloff" in find(method).Settings.model_fields
 
     def update(self, transient: Transient, samples: int, falloff: int | None = None) -> LivePicture:
@@ -87,12 +90,14 @@ class LiveReconstruction:
     def made_of_film(self, seen: HalfGrid, falloff: int | None = None, hurried: bool = False) -> Reconstruction:
         """A picture of a frame on half the grid, for speed without averages over mirror images, without a look at how
         much light it explains, in bfloat16 where the processor computes in it, and told the response only where that is
-        wider than a quarter of a cell; `hurried` without refinement too. May be asked for in several threads."""
+        wider than a quarter of a cell; `hurried` without refinement too. How noisy a film is is found for every fourth
+        frame. May be asked for in several threads."""
         wall, response = seen.light.wall, seen.light.response
         cell_s = 2 * max(wall.width_m / wall.cols, wall.height_m / wall.rows) / SPEED_OF_LIGHT_M_PER_S
         told = response is not None and response.fwhm_s > cell_s / 4
         light = seen.light if told else replace(seen.light, response=None)
-        return reconstruct(light, self.method, self._set_for_film(falloff, hurried), self._device, explain=False)
+        with self._noise.in_use():
+            return reconstruct(light, self.method, self._set_for_film(falloff, hurried), self._device, explain=False)
 
     def get_ready_for_film(self, seen: HalfGrid, falloff: int | None = None, hurried: bool = False) -> None:
         """Builds what `made_of_film` needs for such a frame. Raises as it does."""

@@ -44,8 +44,14 @@ class NoiseLevel(nn.Module):
         return eta, noise_map
 
     def with_statistics(self, rates: Tensor, exposure: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """The same, and what the estimate rests on, (B, KNOWN) log10: of the points the share that was measured, rate
-        and spread of the `DIM` parts, the signal's power at the `LAGS`, its mean peak over the `WINDOWS`."""
+        """The same, and what the estimate rests on: see `everywhere`."""
+        eta, spread, known = self.everywhere(rates, exposure)
+        return eta, noise_map_of(eta, spread, exposure), known
+
+    def everywhere(self, rates: Tensor, exposure: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """The level (B,), by how much each wall point would differ from it were it exposed as long as all are on
+        average (B, H, W), and what both rest on, (B, KNOWN) log10: of the points the share that was measured, rate and
+        spread of the `DIM` parts, the signal's power at the `LAGS`, its mean peak over the `WINDOWS`."""
         measured = (exposure > 0).float()[:, None, None]  # (B, 1, 1, H, W)
         difference = 0.5 * torch.diff(rates, dim=2, prepend=rates[:, :, :1]).square()
         seen = (exposure[:, None, None] * measured).expand_as(rates)
@@ -77,9 +83,13 @@ class NoiseLevel(nn.Module):
         coarse = F.adaptive_avg_pool2d(local, (fine.shape[3], fine.shape[4]))
         shape = self.map(torch.cat((fine.mean(dim=2), fine.amax(dim=2), coarse), dim=1)).float()
         shape = F.interpolate(shape, size=exposure.shape[1:], mode="bilinear", align_corners=False)[:, 0]
-        # Poisson noise goes with the root of the rate, and a longer dwell averages it away
-        noise = eta[:, None, None] + local[:, 0] + shape - 0.5 * exposure.clamp(min=FLOOR).log10()
-        return eta, torch.where(exposure > 0, noise, torch.inf), known
+        return eta, local[:, 0] + shape, known  # Poisson noise goes with the root of the rate
+
+
+def noise_map_of(eta: Tensor, spread: Tensor, exposure: Tensor) -> Tensor:
+    """D_n (B, H, W) from level and spread: a longer dwell averages noise away; +inf where nothing was measured."""
+    noise = eta[:, None, None] + spread - 0.5 * exposure.clamp(min=FLOOR).log10()
+    return torch.where(exposure > 0, noise, torch.inf)
 
 
 def log10_of(value: Tensor, least: float) -> Tensor:

@@ -14,13 +14,14 @@ from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.any_noise import any_noise_for
 from nlos.recon.intervals import CalibratedHead, head_for, intervals_of
+from nlos.recon.kept_noise import kept_noise
 from nlos.recon.layers.any_noise import AnyNoise, noise_traits, unless_photons
 from nlos.recon.layers.evidence import evidence
 from nlos.recon.layers.fine_detail import halves, in_the_large, with_detail
 from nlos.recon.layers.in_bfloat16 import in_bfloat16
 from nlos.recon.layers.lifted_volumes import LiftedVolumes
 from nlos.recon.layers.light_cone_inverse import brightest
-from nlos.recon.layers.noise_level import NoiseLevel
+from nlos.recon.layers.noise_level import NoiseLevel, noise_map_of
 from nlos.recon.layers.operator_grid import to_grid
 from nlos.recon.layers.physical_unfolding import PhysicalUnfolding
 from nlos.recon.layers.prepared import Prepared
@@ -184,7 +185,7 @@ class Nano(nn.Module):
     def prepared(self, counts: Tensor, exposure: Tensor | None, response: Tensor | None = None) -> Prepared:
         """What the operator is given of counts and exposure as `forward` takes them."""
         rates = rates_of(self.physics.rebin(counts), exposure)
-        log_noise, noise_map = self.noise(rates)
+        log_noise, noise_map = self.noise(rates, counts)
         reach = self.reach(rates.net)
         scaled = max(reach, TRAINED_SLICES)
         known = None if response is None else self.physics.told(response, self.time.bin_width_s, rates.net)
@@ -203,22 +204,38 @@ class Nano(nn.Module):
 
     # A. Noise level estimation
 
-    def noise(self, rates: Rates) -> tuple[Tensor, Tensor]:
-        """eta, log10 of the noise level (B,), and D_n, log10 of the noise of every wall point (B, H, W), inf = none."""
-        photons, noise_map, any_kind = self.noise_of_all_kinds(rates)
-        eta = unless_photons(photons, any_kind)
-        return eta, noise_map + (eta - photons)[:, None, None]
+    def noise(self, rates: Rates, counts: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """eta, log10 of the noise level (B,), and D_n, log10 of the noise of every wall point (B, H, W), inf = none.
+        Of a look at a scene that was looked at before, known by its `counts`, they may be told by those (`KeptNoise`).
+        """
+
+        def find() -> tuple[Tensor, Tensor]:
+            photons, spread, any_kind = self._noise_everywhere(rates)
+            return unless_photons(photons, any_kind), spread
+
+        kept = kept_noise()
+        if kept is None or counts is None:
+            eta, spread = find()
+        else:
+            counts_a_point = counts.sum(dim=(1, 2, 3, 4)) / (rates.exposure > 0).sum(dim=(1, 2))
+            eta, spread = kept.of((rates.exposure.shape, rates.exposure.device), counts_a_point, find)
+        return eta, noise_map_of(eta, spread, rates.exposure)
 
     def noise_of_all_kinds(self, rates: Rates) -> tuple[Tensor, Tensor, Tensor]:
         """eta and D_n as `noise`, both from photon statistics, and eta of noise of any kind, NaN where it is not
         known: of weights without such an estimate, without signal, or where too few points were measured."""
+        eta, spread, any_kind = self._noise_everywhere(rates)
+        return eta, noise_map_of(eta, spread, rates.exposure), any_kind
+
+    def _noise_everywhere(self, rates: Rates) -> tuple[Tensor, Tensor, Tensor]:
+        """eta, its spread over the wall as in `NoiseLevel.everywhere`, and eta of noise of any kind."""
         with torch.set_grad_enabled(torch.is_grad_enabled() and self.settings.stage == "noise"):
-            eta, noise_map, known = self.noise_level.with_statistics(rates.raw, rates.exposure)
+            eta, spread, known = self.noise_level.everywhere(rates.raw, rates.exposure)
         if self.any_noise is None or self.training:
-            return eta, noise_map, torch.full_like(eta, torch.nan)
+            return eta, spread, torch.full_like(eta, torch.nan)
         wall, time = self.physics.wall, self.physics.time
         traits = noise_traits(rates, known, eta, (wall.height_m, wall.width_m), time.bin_width_s)
-        return eta, noise_map, torch.where(rates.presence > 0, self.any_noise(traits), torch.nan)
+        return eta, spread, torch.where(rates.presence > 0, self.any_noise(traits), torch.nan)
 
     # B. The operator, S times (algorithm 1)
 
