@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize_scalar
+import scipy
 
 from nlos.calibration.errors import InvalidData
 
@@ -49,7 +49,7 @@ def from_full_period(
     trial_s = np.arange(first_s, period_s, bin_width_s)
     for _ in range(2):
         span = (float(np.log(max(decay / 4, 3 * bin_width_s))), float(np.log(min(decay * 4, period_s))))
-        found = minimize_scalar(_chi2_of_decay, bounds=span, args=(model, dead), method="bounded")
+        found = scipy.optimize.minimize_scalar(_chi2_of_decay, bounds=span, args=(model, dead), method="bounded")
         decay = float(np.exp(found.x))
         chi2s = np.array([model.fit(float(trial), decay).chi2 for trial in trial_s])
         dead = float(trial_s[np.argmin(chi2s)])

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import least_squares
+import scipy
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 from nlos.calibration.errors import InvalidData
@@ -118,7 +118,7 @@ def fit_geometry(
         solution = _solved(model, first, keep, scatter)
     else:
         solution, keep, scatter = _robust(model, first)
-    here = least_squares(model.residuals, solution, args=(keep, scatter), max_nfev=1)
+    here = scipy.optimize.least_squares(model.residuals, solution, args=(keep, scatter), max_nfev=1)
     jacobian = np.asarray(here.jac, dtype=np.float64)
     information = jacobian.T @ jacobian
     scale = np.sqrt(np.diag(information))
@@ -148,7 +148,7 @@ def fit_geometry(
 def _solved(model: "_Model", first: Floats, keep: Flags, scatter: Floats, soft: bool = False) -> Floats:
     """What the points leave open is searched no longer than 50 steps: its error says so afterwards."""
     loss: Literal["soft_l1", "linear"] = "soft_l1" if soft else "linear"
-    found = least_squares(
+    found = scipy.optimize.least_squares(
         model.residuals, first, args=(keep, scatter), x_scale="jac", max_nfev=50, loss=loss, f_scale=2.0
     )
     return np.asarray(found.x, dtype=np.float64)

@@ -3,7 +3,7 @@ coordinates of a wrong scale fit no scanner position."""
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import least_squares
+import scipy
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 from nlos.calibration.background import is_flat
@@ -60,7 +60,11 @@ def fit_scale(arrival_s: Floats, error_s: Floats, x_m: Floats, y_m: Floats) -> Q
     for scale in TRIED:
         start = np.array([x.mean(), y.mean(), extent, 0.0, scale])
         start[3] = -float(np.median(residuals(start) * error_m))
-        fits.append(least_squares(residuals, start, "3-point", bounds, loss="soft_l1", x_scale="jac", max_nfev=300))
+        fits.append(
+            scipy.optimize.least_squares(
+                residuals, start, "3-point", bounds, loss="soft_l1", x_scale="jac", max_nfev=300
+            )
+        )
     best = min(fits, key=lambda fit: float(fit.cost))
     slopes = np.asarray(best.jac, dtype=np.float64)
     information = slopes.T @ slopes

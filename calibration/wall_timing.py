@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import least_squares
+import scipy
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 
@@ -71,7 +71,7 @@ def fit_wall_timing(
     best = None
     for start in starts:
         start[3] = -np.median(residuals(start, usable) * error_m[usable])
-        fit = least_squares(
+        fit = scipy.optimize.least_squares(
             residuals, start, slopes, bounds, loss="soft_l1", f_scale=2.0, x_scale=[extent] * 4, args=(usable,)
         )
         if best is None or fit.cost < best.cost:
@@ -88,7 +88,9 @@ def fit_wall_timing(
         if (kept == accepted).all():
             break
         accepted = kept
-        solution = least_squares(residuals, solution, slopes, bounds, x_scale=[extent] * 4, args=(accepted,)).x
+        solution = scipy.optimize.least_squares(
+            residuals, solution, slopes, bounds, x_scale=[extent] * 4, args=(accepted,)
+        ).x
     off = residuals(solution, accepted)
     jacobian = slopes(solution, accepted)
     information = jacobian.T @ jacobian

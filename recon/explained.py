@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import convolve1d, gaussian_filter1d, uniform_filter1d
+import scipy
 
 from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
@@ -97,19 +97,21 @@ def _judge(
 
     had, left = stretches(seen.counts[:, row, col]), stretches(judging.counts[:, row, col])
     flat = np.ones_like(had) * dwell
-    profile = np.maximum(uniform_filter1d((had / dwell).mean(axis=1), 3), 0)
+    profile = np.maximum(scipy.ndimage.uniform_filter1d((had / dwell).mean(axis=1), 3), 0)
     floor = max(float(np.quantile(profile, 0.1)), 0.0) + 0.02 * float(profile.max())
-    near = np.maximum(uniform_filter1d(had, 5, axis=0), 0)
+    near = np.maximum(scipy.ndimage.uniform_filter1d(had, 5, axis=0), 0)
     weight = 1 / (floor * dwell + 0.5 * profile[:, None] * dwell + 0.5 * near)
     best: tuple[float, Floats] | None = None
     for falloff in falloffs:
         light = stretches(surface_light(albedo, depth_m, seen.wall, points, seen.time, falloff) * dwell)
         if seen.response is not None:
-            light = convolve1d(light, seen.response.taps(joined * seen.time.bin_width_s), axis=0, mode="constant")
+            light = scipy.ndimage.convolve1d(
+                light, seen.response.taps(joined * seen.time.bin_width_s), axis=0, mode="constant"
+            )
         for width in WIDTHS:
             rendered = light
             if width:
-                rendered = gaussian_filter1d(rendered, width, axis=0, mode="constant")
+                rendered = scipy.ndimage.gaussian_filter1d(rendered, width, axis=0, mode="constant")
             model = _fitted(had, rendered, flat, weight)
             misfit = float((weight * (had - model) ** 2).sum())
             if best is None or misfit < best[0]:

@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse
-from scipy.ndimage import distance_transform_edt
-from scipy.spatial import Delaunay, KDTree, QhullError
+import scipy
 
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
@@ -71,7 +69,7 @@ def confidence(exposure_s: Floats) -> npt.NDArray[np.float32]:
     measured = exposure_s > 0
     if not measured.any():
         return np.zeros(exposure_s.shape, np.float32)
-    distance, (row, col) = distance_transform_edt(~measured, return_indices=True)
+    distance, (row, col) = scipy.ndimage.distance_transform_edt(~measured, return_indices=True)
     enough = np.minimum(1.0, exposure_s[row, col] / np.median(exposure_s[measured]))
     return np.asarray(np.exp(-0.5 * distance**2) * enough, dtype=np.float32)
 
@@ -90,14 +88,14 @@ def filled(x: npt.NDArray[np.float32], measured: npt.NDArray[np.bool_]) -> npt.N
     return x if measured.all() else _times(fill_matrix(measured), x)
 
 
-def fill_matrix(measured: npt.NDArray[np.bool_]) -> scipy.sparse.csr_array:
+def fill_matrix(measured: npt.NDArray[np.bool_]) -> "scipy.sparse.csr_array":
     """(H * W, H * W): every grid point from the `measured` ones (H, W). Raises `InvalidData` where there is none."""
     if not measured.any():
         raise InvalidData("no point of the wall was measured: every exposure is 0.")
     return _fill_matrix(measured.tobytes(), *measured.shape)
 
 
-def _times(matrix: scipy.sparse.csr_array, x: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def _times(matrix: "scipy.sparse.csr_array", x: npt.NDArray[Any]) -> npt.NDArray[Any]:
     flat = x.reshape(-1, matrix.shape[0]).T
     return np.ascontiguousarray((matrix.astype(flat.dtype) @ flat).T).reshape(x.shape)
 
@@ -112,14 +110,14 @@ def _filled(sample: "torch.Tensor", measured: "torch.Tensor") -> "torch.Tensor":
     matrix = fill_matrix(measured.cpu().numpy())
     transposed = scipy.sparse.csr_array(matrix.T)
 
-    def times(held: scipy.sparse.csr_array, x: torch.Tensor) -> torch.Tensor:
+    def times(held: "scipy.sparse.csr_array", x: torch.Tensor) -> torch.Tensor:
         return torch.from_numpy(_times(held, x.detach().cpu().numpy())).to(x.device)
 
     return linear(sample, lambda x: times(matrix, x), lambda x: times(transposed, x))
 
 
 @lru_cache(maxsize=16)
-def _fill_matrix(mask: bytes, rows: int, cols: int) -> scipy.sparse.csr_array:
+def _fill_matrix(mask: bytes, rows: int, cols: int) -> "scipy.sparse.csr_array":
     """(H * W, H * W): every grid point from the measured ones."""
     chosen = np.flatnonzero(np.frombuffer(mask, dtype=np.bool_))
     row, col = np.divmod(chosen, cols)
@@ -127,7 +125,7 @@ def _fill_matrix(mask: bytes, rows: int, cols: int) -> scipy.sparse.csr_array:
     return scipy.sparse.csr_array((spread.data, (spread.row, chosen[spread.col])), shape=(rows * cols, rows * cols))
 
 
-def interpolation(row: Ints, col: Ints, rows: int, cols: int) -> scipy.sparse.csr_array:
+def interpolation(row: Ints, col: Ints, rows: int, cols: int) -> "scipy.sparse.csr_array":
     """The matrix (H * W, N) of linear interpolation from the N different pixels (row, col) to all of the grid."""
     grid_rows, grid_cols = np.unique(row), np.unique(col)
     if len(row) == len(grid_rows) * len(grid_cols):
@@ -137,7 +135,7 @@ def interpolation(row: Ints, col: Ints, rows: int, cols: int) -> scipy.sparse.cs
     return _over_triangles(row, col, rows, cols)
 
 
-def _between(at: Ints, count: int) -> scipy.sparse.coo_array:
+def _between(at: Ints, count: int) -> "scipy.sparse.coo_array":
     """Linear interpolation in one dimension from positions `at` to 0 .. count - 1, constant beyond the ends."""
     target = np.clip(np.arange(count), at[0], at[-1])
     if len(at) == 1:
@@ -151,7 +149,7 @@ def _between(at: Ints, count: int) -> scipy.sparse.coo_array:
     )
 
 
-def _over_triangles(row: Ints, col: Ints, rows: int, cols: int) -> scipy.sparse.csr_array:
+def _over_triangles(row: Ints, col: Ints, rows: int, cols: int) -> "scipy.sparse.csr_array":
     """Linear interpolation inside the triangles between samples, 0 in holes; beyond all of them the nearest sample.
 
     Samples around more hole than area lie along a curve, not on a surface: nothing is interpolated between those.
@@ -159,11 +157,11 @@ def _over_triangles(row: Ints, col: Ints, rows: int, cols: int) -> scipy.sparse.
     samples = np.stack([row, col], axis=1).astype(np.float64)
     points = np.stack(np.divmod(np.arange(rows * cols), cols), axis=1).astype(np.float64)
     shape = (rows * cols, len(samples))
-    tree = KDTree(samples)
+    tree = scipy.spatial.KDTree(samples)
     nearest = np.asarray(tree.query(points)[1])
     try:
-        mesh = Delaunay(samples)
-    except (QhullError, ValueError):  # too few, or all on a line: there are no triangles
+        mesh = scipy.spatial.Delaunay(samples)
+    except (scipy.spatial.QhullError, ValueError):  # too few, or all on a line: there are no triangles
         return scipy.sparse.csr_array((np.ones(len(points)), (np.arange(len(points)), nearest)), shape=shape)
     spacing = float(np.median(np.asarray(tree.query(samples, k=2)[0])[:, 1]))
     corners = samples[mesh.simplices]  # (M, 3, 2)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import distance_transform_edt
+import scipy
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, Transient
 from nlos.recon.kept_noise import KeptNoise
@@ -176,4 +176,4 @@ def _nearness(measured: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
     """1 at measured points, falling with the distance in pixels to the nearest one."""
     if not measured.any():
         return np.zeros(measured.shape)
-    return np.exp(-0.25 * np.asarray(distance_transform_edt(~measured)))
+    return np.exp(-0.25 * np.asarray(scipy.ndimage.distance_transform_edt(~measured)))

@@ -5,10 +5,11 @@ measured there), `x_m` (W,), `y_m` (H,); where the method knows how sure it is `
 `depth_low_m`, `depth_high_m` (90 % intervals) and `seen` (probability of a surface), all (H, W); and where it has them
 `volume` (D, H, W) and `depths_m` (D,); attributes `method`, `settings` (JSON), `seconds`, `weights_sha256`, `software`,
 `response` (which response of the instrument was taken, in words), where one is known `response_fwhm_ps`,
-`samples_left_aside` (damaged or unreadable, not used), `explained` and `explained_error` (the share of light that the
-picture accounts for, NaN where that could not be found), `explained_note`, and `explained_doubt` (what speaks against
-the scan's wall, time zero or order of points, empty where nothing does). Row 0 is the top, column 0 the left, seen from
-the wall.
+`scan` (the name of the file that it was made from), `points` and `photons` (measured, and in their histograms; 0 where
+that is not known), `samples_left_aside` (damaged or unreadable, not used), `explained` and `explained_error` (the share
+of light that the picture accounts for, NaN where that could not be found), `explained_note`, and `explained_doubt`
+(what speaks against the scan's wall, time zero or order of points, empty where nothing does). Row 0 is the top, column
+0 the left, seen from the wall.
 """
 
 import json
@@ -26,7 +27,6 @@ from nlos.acquisition.recording.validation import json_object
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData
 from nlos.recon.explained_share import NOT_LOOKED_FOR, Explained
-from nlos.recon.uncertainty_picture import uncertainty_picture
 from nlos.recon.view3d import write_view3d
 from nlos.recon.volume import Intervals, Reconstruction, Volume, refuse_not_finite, response_words
 from nlos.recon.whole_files import whole_files
@@ -59,6 +59,7 @@ def write_results(
     """
     from nlos.recon.pictures import albedo_picture, confidence_picture, depth_picture
     from nlos.recon.slices_picture import slices_picture
+    from nlos.recon.uncertainty_picture import uncertainty_picture
 
     refuse_not_finite(reconstruction)
     paths = [folder / name for name in NAMES]
@@ -95,6 +96,8 @@ def write_reconstruction(path: Path, reconstruction: Reconstruction, keep_volume
         file.attrs["response"] = response_words(reconstruction)
         if reconstruction.response is not None:
             file.attrs["response_fwhm_ps"] = reconstruction.response.fwhm_s * 1e12
+        file.attrs["scan"] = reconstruction.scan
+        file.attrs["points"], file.attrs["photons"] = reconstruction.points, reconstruction.photons
         file.attrs["samples_left_aside"] = reconstruction.left_aside
         told = reconstruction.explained or NOT_LOOKED_FOR
         file.attrs["explained"] = np.nan if told.share is None else told.share
@@ -142,6 +145,9 @@ def read_reconstruction(path: Path) -> Reconstruction:
                 settings=json_object("settings", str(file.attrs["settings"])),
                 volume=volume,
                 weights_sha256=str(file.attrs["weights_sha256"]) or None,
+                points=int(file.attrs.get("points", 0)),
+                photons=float(file.attrs.get("photons", 0.0)),
+                scan=str(file.attrs.get("scan", "")),
                 left_aside=int(file.attrs.get("samples_left_aside", 0)),
                 confidence=needed_array(file, "confidence", (rows, cols)) if known else None,
                 intervals=_intervals(file, rows, cols),

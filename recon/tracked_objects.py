@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import binary_dilation, label
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from nlos.recon.track import SEEN, track
 
@@ -72,7 +71,7 @@ class ObjectTracker:
         still = [each for each in self.followed if frame - max(each.places_m) <= MISSED]
         expected = [each.expected_m(frame, self.time_s) for each in still]
         off_m = np.array([[np.linalg.norm(a - b) for b in places_m] for a in expected]).reshape(len(still), len(parts))
-        pairs = zip(*linear_sum_assignment(off_m), strict=True)
+        pairs = zip(*scipy.optimize.linear_sum_assignment(off_m), strict=True)
         known = {int(part): still[who] for who, part in pairs if off_m[who, part] < FASTEST * self._side_m}
         for number, (part, place_m) in enumerate(zip(parts, places_m, strict=True)):
             if number not in known:
@@ -127,8 +126,9 @@ def _parts(
     row, col = np.nonzero(seen)
     solid[planes[row, col] - first, row, col] = True
     # Two planes that touch are within a step of one another.
-    wide = np.stack([binary_dilation(plane, np.ones((3, 3), np.bool_), iterations=reach) for plane in solid])
-    labels, _ = label(wide, np.ones((3, 3, 3), np.bool_))
+    near = np.ones((3, 3), np.bool_)
+    wide = np.stack([scipy.ndimage.binary_dilation(plane, near, iterations=reach) for plane in solid])
+    labels, _ = scipy.ndimage.label(wide, np.ones((3, 3, 3), np.bool_))
     own = np.where(seen, labels[np.clip(planes - first, 0, len(solid) - 1), *np.indices(light.shape)], 0)
     sums = np.bincount(own.ravel(), np.where(seen, light, 0.0).ravel())
     sums[0] = 0.0

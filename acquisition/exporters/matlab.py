@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from scipy.io import savemat
+import scipy
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.exporters.scan_arrays import ScanArrays
@@ -20,5 +20,5 @@ def write_matlab(scan: ScanArrays, path: Path) -> list[str]:
         raise InvalidData(
             f"{path}: {scan.histograms.nbytes / 2**30:.1f} GiB of histograms; MATLAB v5 holds 2 GiB. Export npz."
         )
-    savemat(str(path), facts_of(scan), appendmat=False, do_compression=True)
+    scipy.io.savemat(str(path), facts_of(scan), appendmat=False, do_compression=True)
     return ["the event log, the settings and the devices stay in the recording"]

@@ -105,7 +105,7 @@ def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
     else:
         held = _free(stored, counts, exposed, sides_m, time)
         if sides_m is None:
-            notes.append(f"{NO_WALL}; assuming {held.wall.width_m:.3g} x {held.wall.height_m:.3g} m around all points")
+            notes.append(f"{NO_WALL}; by its points it is {held.wall.width_m:.4g} x {held.wall.height_m:.4g} m")
     cut = _direct_cut(stored, time.bins)
     if cut and not rectified:
         notes.append("not used: direct_cut_bins, which counts from time 0 of a rectified scan; this one is raw")

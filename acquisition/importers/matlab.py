@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from scipy.io import loadmat, whosmat
-from scipy.io.matlab import MatReadError
+import scipy
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.arrays import KNOWN, MOST_NAMED, StoredArrays, scan_of
@@ -138,13 +137,12 @@ def _shapes(path: Path) -> dict[str, tuple[int, ...]]:
             found = {name: find_dataset(file, name) for name in file}
             return {name: tuple(reversed(item.shape)) for name, item in found.items() if item is not None}
     try:
-        return {name: tuple(int(n) for n in shape) for name, shape, _ in whosmat(str(path))}
-    except _BROKEN as error:
+        return {name: tuple(int(n) for n in shape) for name, shape, _ in scipy.io.whosmat(str(path))}
+    except (scipy.io.matlab.MatReadError, *_BROKEN) as error:
         raise InvalidData(f"{path}: not a readable MATLAB file ({error or type(error).__name__})") from error
 
 
 _BROKEN = (
-    MatReadError,
     ArithmeticError,
     AttributeError,
     LookupError,
@@ -157,7 +155,7 @@ _BROKEN = (
     struct.error,
     zlib.error,
 )
-"""What scipy's reader raises on a damaged file."""
+"""What scipy's reader raises on a damaged file, beside its own error."""
 
 
 def _read(path: Path, key: str, shapes: dict[str, tuple[int, ...]]) -> Array:
@@ -173,8 +171,8 @@ def _read(path: Path, key: str, shapes: dict[str, tuple[int, ...]]) -> Array:
     if size > MAX_BYTES or size > 1100 * 8 * path.stat().st_size:
         raise InvalidData(f"{path}: {key}: states shape {shapes[key]}, which the file cannot hold")
     try:
-        array = loadmat(str(path), variable_names=[key]).get(key)
-    except _BROKEN as error:
+        array = scipy.io.loadmat(str(path), variable_names=[key]).get(key)
+    except (scipy.io.matlab.MatReadError, *_BROKEN) as error:
         raise InvalidData(f"{path}: {key}: cannot be read ({error or type(error).__name__})") from error
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "uifb" or array.size == 0:
         raise InvalidData(f"{path}: {key}: is not an array of numbers")

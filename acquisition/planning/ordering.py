@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import KDTree
+import scipy
 
 NEIGHBOURS = 10
 """How many nearest points 2-opt tries to put next to each point."""
@@ -44,7 +44,7 @@ def two_opt(x_m: npt.NDArray[np.float64], y_m: npt.NDArray[np.float64]) -> npt.N
     x: list[float] = x_m[order].tolist()
     y: list[float] = y_m[order].tolist()
     places = np.column_stack([x, y])
-    _, near = KDTree(places).query(places, min(NEIGHBOURS + 1, count), p=np.inf)
+    _, near = scipy.spatial.KDTree(places).query(places, min(NEIGHBOURS + 1, count), p=np.inf)
     near_lists: list[list[int]] = np.asarray(near)[:, 1:].tolist()
     path, place = list(range(count)), list(range(count))
 

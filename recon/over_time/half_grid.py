@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import map_coordinates
+import scipy
 
 from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
@@ -33,7 +33,7 @@ class HalfGrid:
         row = _cells(-self.wall.y_m() + self.shift_m[1], made.wall.height_m, made.wall.rows)
         col = _cells(self.wall.x_m() - self.shift_m[0], made.wall.width_m, made.wall.cols)
         at = np.stack(np.meshgrid(row, col, indexing="ij"))
-        albedo = map_coordinates(made.albedo, at, order=3, mode="nearest")
+        albedo = scipy.ndimage.map_coordinates(made.albedo, at, order=3, mode="nearest")
         near = np.clip(np.rint(at).astype(np.intp), 0, np.array(made.albedo.shape)[:, None, None] - 1)
         return replace(
             made,

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.fft import irfftn, rfftn
+import scipy
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
@@ -55,7 +55,7 @@ class Registration:
         volume = self._volume(counts) / max(float(points.exposure_s.sum()), 1e-30)
         power = np.maximum(volume, 0.0).astype(np.float64).sum(axis=(1, 2)) ** 2
         depth_m = float(np.average(self._invert.depths_m, weights=power)) if power.any() else 0.0
-        return Seen(rfftn(volume), float((volume**2).sum()), depth_m, repeats)
+        return Seen(scipy.fft.rfftn(volume), float((volume**2).sum()), depth_m, repeats)
 
     def _repeats(self, points: Moments, counts: npt.NDArray[np.float32]) -> float:
         """See `Seen`; `counts` (T, H, W) are those of the points on the grid."""
@@ -80,7 +80,7 @@ class Registration:
         """x, y, z (3,) in metres from `before` to `now`, at most `most_m` along each, and the height of the
         correlation there, to be compared with `energy`."""
         shape = (self._time.bins, self._wall.rows, self._wall.cols)
-        both = np.fft.fftshift(irfftn(now.spectrum * before.spectrum.conj(), shape))
+        both = np.fft.fftshift(scipy.fft.irfftn(now.spectrum * before.spectrum.conj(), shape))
         middle = [side // 2 for side in shape]
         reach = [
             min(int(np.ceil(most_m / abs(cell))), half - 1)

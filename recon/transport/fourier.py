@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-import scipy.fft
+import scipy
 
 from nlos.recon.parts import counted
 

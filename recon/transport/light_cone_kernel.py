@@ -9,8 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-import scipy.fft
-from scipy.special import fresnel
+import scipy
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
@@ -73,7 +72,7 @@ def _fresnel_integral(
 ) -> npt.NDArray[np.complex128]:
     """The integral of exp(-i w x^2) from a to b, w >= 0."""
     scale = np.sqrt(2 * np.maximum(w, 1e-12) / np.pi)
-    (sine_a, cosine_a), (sine_b, cosine_b) = fresnel(scale * a), fresnel(scale * b)
+    (sine_a, cosine_a), (sine_b, cosine_b) = scipy.special.fresnel(scale * a), scipy.special.fresnel(scale * b)
     return np.asarray(((cosine_b - cosine_a) - 1j * (sine_b - sine_a)) / scale, dtype=np.complex128)
 
 

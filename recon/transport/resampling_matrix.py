@@ -6,14 +6,14 @@ Sparse and in closed form: a cell of t^2 collects the parts of the time bins tha
 from functools import lru_cache
 
 import numpy as np
-import scipy.sparse
+import scipy
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.recon.transport.conventions import Conventions
 
 
 @lru_cache(maxsize=16)
-def resampling_matrix(time: TimeAxis, conventions: Conventions) -> scipy.sparse.csr_array:
+def resampling_matrix(time: TimeAxis, conventions: Conventions) -> "scipy.sparse.csr_array":
     """The matrix (V, T) of `LightConeResampling`, float64."""
     if conventions == "authors":
         bins = time.bins

@@ -6,7 +6,7 @@ beyond the frequency at which light first sinks below a twentieth of the noise i
 
 import numpy as np
 import numpy.typing as npt
-import scipy.fft
+import scipy
 
 from nlos.recon.transport.fourier import threads
 

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse
+import scipy
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
@@ -51,7 +51,7 @@ class PlainLightConeTransform(PlainVolumeMethod):
         return np.maximum(along_time(scipy.sparse.csr_array(self.matrix.T), image), 0)
 
 
-def along_time(matrix: scipy.sparse.csr_array, x: Cube) -> Cube:
+def along_time(matrix: "scipy.sparse.csr_array", x: Cube) -> Cube:
     """A sparse matrix (V, T) applied along the first axis of (T, H, W)."""
     return np.asarray(matrix @ x.reshape(len(x), -1)).reshape(matrix.shape[0], *x.shape[1:])
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.isolated import read_isolated
 from nlos.acquisition.importers.magic import is_recording
 from nlos.acquisition.importers.to_recording import said_by_source
@@ -46,13 +47,15 @@ class RunInput:
     """Its bench file, where the run says."""
 
 
-def load_run(run: Path, wall_size_m: float | None = None) -> RunInput:
-    """Reads a recording or an importer's format. Raises `InvalidData` for one that is rectified already.
+def load_run(run: Path, given: Given = NOTHING) -> RunInput:
+    """Reads a recording or an importer's format. Raises `InvalidData` for one that is rectified already, unless it is
+    `given` that it is not.
 
-    `wall_size_m`: the wall's side, where the file does not store it; without, the direct times are asked.
+    The wall's width is as given where the file does not store it; without, the direct times are asked.
     """
+    wall_size_m = None if given.wall_m is None else given.wall_m[0]
     if not is_recording(run):
-        scan = read_isolated(run)
+        scan = read_isolated(run, Given(rectified=given.rectified))
         _refuse_rectified(run, scan.rectified)
         free = scan.points
         if free is None:
@@ -65,7 +68,7 @@ def load_run(run: Path, wall_size_m: float | None = None) -> RunInput:
         return RunInput(raw, {}, None, False)
     with open_checked(run) as recording:
         said = said_by_source(recording)
-        _refuse_rectified(run, bool(said.get("rectified", False)))
+        _refuse_rectified(run, given.rectified is None and bool(said.get("rectified", False)))
         try:
             raw = from_samples(recording.samples())
             recording.left_aside()
@@ -85,7 +88,7 @@ def _refuse_rectified(run: Path, rectified: bool) -> None:
     if rectified:
         raise InvalidData(
             f"{run}: is rectified already (time 0 is the direct arrival); there is nothing to measure. If it is raw "
-            "and only does not say so: `nlos import FILE -o RUN.h5 --raw`, and calibrate from RUN.h5."
+            "and only does not say so: --raw."
         )
 
 

@@ -131,12 +131,12 @@ def with_response(transient: Transient, wanted: ResponseWanted) -> Transient:
 
 
 def say_response(transient: Transient) -> None:
-    """Logs which response is taken, and that it is too slow where it is."""
+    """Warns of a response that is too slow; with -v which one is known (what it was used for, every verb says once)."""
     found = transient.response
     if found is None:
-        log.info("response: none known")
+        log.debug("response: none known")
         return
-    log.info("response: %.0f ps FWHM, %s", found.fwhm_s * 1e12, found.source)
+    log.debug("response: %.0f ps FWHM, %s", found.fwhm_s * 1e12, found.source)
     across_m, wall_m = lateral_m(transient, found.fwhm_s), transient.wall.width_m
     if across_m * FEWEST_WIDTHS > wall_m:
         log.warning(

@@ -90,6 +90,25 @@ def test_a_plain_raw_file_is_calibrated_too(folder: Path, capsys: pytest.Capture
     assert told["scanner_position_m"] == pytest.approx([0.1, -0.2, 2.0], abs=0.02)
 
 
+@pytest.mark.parametrize("recorded", [False, True])
+def test_a_raw_file_that_does_not_say_so_is_calibrated_with_raw(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], recorded: bool
+) -> None:
+    with h5py.File(folder / "plain.h5") as plain, h5py.File(tmp_path / "silent.h5", "w") as file:
+        file["histograms"] = plain["histograms"][:]
+        file.attrs.update({name: plain.attrs[name] for name in ("bin_width_s", "wall_size_m")})
+    if recorded:
+        assert nlos(["import", str(tmp_path / "silent.h5"), "-o", str(tmp_path / "run.h5")]) == 0
+        capsys.readouterr()
+    path = tmp_path / ("run.h5" if recorded else "silent.h5")
+    code, told = called(capsys, path, "-o", tmp_path / "c.h5")
+    assert code == 7
+    assert "--raw" in told["error"]["message"]  # type: ignore[index]
+    code, told = called(capsys, path, "--raw", "-o", tmp_path / "c.h5")
+    assert code == 0, told
+    assert told["scanner_position_m"] == pytest.approx([0.1, -0.2, 2.0], abs=0.02)
+
+
 def test_spots_tell_the_mirrors_gains(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     angles = np.linspace(-12, 12, 5)
     x_deg, y_deg = (a.ravel() for a in np.meshgrid(angles, angles))

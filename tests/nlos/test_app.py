@@ -30,6 +30,18 @@ def test_help_names_every_verb_and_loads_neither_torch_nor_h5py() -> None:
         assert verb in done.stdout
 
 
+def test_no_verb_loads_what_only_its_work_may_need() -> None:
+    """Most of a short command's time once went into loading what it never used: PyTorch, pictures, parts of SciPy."""
+    program = (
+        "import sys; from nlos.cli.app import VERBS, load_verb\n"
+        "for verb in VERBS: load_verb(verb)\n"
+        "heavy = ('torch', 'matplotlib', 'scipy.io', 'scipy.optimize', 'scipy.sparse', 'scipy.spatial')\n"
+        "sys.exit(' '.join(name for name in heavy if name in sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
+    assert done.stderr.strip() == ""
+
+
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_has_its_file_and_its_help(verb: str) -> None:
     command = load_verb(verb)

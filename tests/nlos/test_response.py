@@ -207,6 +207,7 @@ def test_the_result_says_what_was_taken(nlos: Nlos, tmp_path: Path) -> None:
                 assert str(file.attrs["response"]).startswith(f"{file.attrs['response_fwhm_ps']:.0f} ps")
     done = nlos("reconstruct", str(path), "-o", "out", "--response", "2000")
     assert "response: 2000 ps FWHM, a Gaussian, as given" in done.stdout
+    assert "response: " not in done.stderr  # it is said once
     assert "is slow for this wall" in done.stderr
 
 

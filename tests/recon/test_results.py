@@ -39,8 +39,9 @@ def made() -> Reconstruction:
     volume = Volume(albedo, depths, WALL)
     confidence = np.ones((8, 12), dtype=np.float32)
     return Reconstruction(
-        front_view(albedo), depth_map(albedo, depths), WALL, "lct", 0.5, {"snr": 0.1}, volume, None, confidence
-    )
+        front_view(albedo), depth_map(albedo, depths), WALL, "lct", 0.5, {"snr": 0.1}, volume, None, confidence,
+        points=96, photons=4000.5, scan="run.h5",
+    )  # fmt: skip
 
 
 def test_depth_lies_between_planes_where_the_light_does() -> None:
@@ -78,6 +79,7 @@ def test_the_file_holds_what_its_layout_says(made: Reconstruction, tmp_path: Pat
         assert file["x_m"][0] < file["x_m"][-1]
         assert "torch" in file.attrs["software"]
     again = read_reconstruction(paths[0])
+    assert (again.scan, again.points, again.photons) == ("run.h5", 96, 4000.5)
     assert np.array_equal(again.albedo, made.albedo)
     assert np.array_equal(again.depth_m, made.depth_m, equal_nan=True)
     assert again.volume is not None

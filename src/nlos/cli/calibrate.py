@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from nlos.acquisition.importers.given import Given
 from nlos.bench_constants import folder_of
 from nlos.calibration.checked import response_checked
 from nlos.calibration.constants import BenchConstants, Quantity, save
@@ -56,6 +57,10 @@ def calibrate(
             help="Side of the wall, for files that do not store it; otherwise estimated from direct times.",
         ),
     ] = None,
+    raw: Annotated[
+        bool,
+        typer.Option("--raw", help="Time 0 is not the wall: of files that do not say so, and count as rectified."),
+    ] = False,
     dark: Annotated[
         bool, typer.Option("--dark", help="These runs were meant to be dark, even if there is only one.")
     ] = False,
@@ -73,7 +78,7 @@ def calibrate(
     before there is a recording, written with `-o BENCH.yaml`."""
     of_runs = {
         "--dead-time-ns": dead_time_ns is not None, "--response": response is not None,
-        "--wall-size-m": wall_size_m is not None, "--dark": dark,
+        "--wall-size-m": wall_size_m is not None, "--raw": raw, "--dark": dark,
     }  # fmt: skip
     if ruler_mm is not None and spots is None:
         raise UsageError("--ruler-mm goes with --spots FILE: how well its places were read")
@@ -107,7 +112,8 @@ def calibrate(
     )
     if known.spots is not None:
         check_sense(known.spots)
-    _from_runs(runs, known, output, wall_size_m=wall_size_m, dark=dark, overwrite=overwrite)
+    given = Given(None if wall_size_m is None else (wall_size_m, wall_size_m), rectified=False if raw else None)
+    _from_runs(runs, known, output, given=given, dark=dark, overwrite=overwrite)
 
 
 def _from_runs(
@@ -115,7 +121,7 @@ def _from_runs(
     known: KnownBefore,
     output: Path | None,
     *,
-    wall_size_m: float | None,
+    given: Given,
     dark: bool,
     overwrite: bool,
 ) -> None:
@@ -124,7 +130,7 @@ def _from_runs(
     with Progress(len(runs), what="calibrate", unit="runs") as progress:
         for run in runs:
             progress.at(f"reading {run.name}")
-            loaded.append(load_run(run, wall_size_m))
+            loaded.append(load_run(run, given))
             progress.step()
     devices = common_devices(runs, [one.devices for one in loaded])
     bench, facts = common_bench(runs, [one.bench_json for one in loaded])

@@ -64,9 +64,12 @@ def _of_result(path: Path) -> dict[str, Any]:
     volume = held.volume
     return {
         "format": "reconstruction",
+        "scan": held.scan or "not stored",
         "method": held.method,
         "settings": held.settings,
         "seconds": held.seconds,
+        "points": held.points or "not stored",
+        "photons": held.photons or "not stored",
         "picture": f"{rows} x {cols} on {held.wall.width_m:g} x {held.wall.height_m:g} m",
         "depths": depths,
         "volume": "none" if volume is None else f"{len(volume.depths_m)} planes to {volume.depths_m[-1]:.3f} m",

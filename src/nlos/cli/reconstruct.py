@@ -81,6 +81,7 @@ def reconstruct(
     ] = False,
 ) -> None:
     """From a recording, or any file that an importer reads, to a picture."""
+    asked = method is not None or weights is not None or bool(settings) or device != "cpu"
     method, chosen = chosen_method(weights, method, parse_settings(settings or []))
     said, limits_m = given(wall_size_m, bin_width_ps, axes, rectified), depths(depth_m)
     of_files = {
@@ -117,8 +118,9 @@ def reconstruct(
             "a film holds brightness and depth of every frame of a recording, as it is",
             "Leave these out, or reconstruct single frames with --frame K.",
         )  # fmt: skip
-    _check(method, chosen, device)
     recipe = Recipe(method, chosen, constants, response_wanted(response), device)
+    if asked:
+        _check(method, chosen, device)
     results = ResultsFolder(output, volume, html, limits_m, overwrite)
     if follow:
         _follow(runs, recipe, results)
@@ -202,7 +204,7 @@ def _say(method: str, done: list[tuple[str, Path, float | None]]) -> None:
 
 
 def _check(method: str, settings: dict[str, object], device: str) -> None:
-    """Refuses what no file can change, before any is read. Raises `InvalidSettings`."""
+    """Refuses what no file can change, before any is read; it may load PyTorch. Raises `InvalidSettings`."""
     from nlos.recon.methods import parse_settings
 
     parse_settings(method, {key: value for key, value in settings.items() if key != "offsets"})

@@ -177,5 +177,8 @@ def test_free_points_lie_on_the_wall_that_is_told(suffix: str, tmp_path: Path) -
     points = read(tmp_path, suffix, free).points
     assert points is not None
     assert all(points.counts[n].argmax() == at(x_m[n], y_m[n]) for n in range(len(x_m)))
+    derived = read(tmp_path, suffix, {name: values for name, values in free.items() if name != "wall_size_m"})
+    width_m, height_m = derived.held.wall.width_m, derived.held.wall.height_m
+    assert f"the wall's size is not stored; by its points it is {width_m:.4g} x {height_m:.4g} m" in derived.notes
     with pytest.raises(InvalidData, match=r"beyond the edge of a wall of 1\.2 x 0\.8 m"):
         read(tmp_path, suffix, free | {"x_m": x_m * 100})

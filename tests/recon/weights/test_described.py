@@ -121,6 +121,7 @@ def test_the_command_line_takes_weights_alone(
             assert file.attrs["method"] == "unet"
     for name, what in ((str(path), "weights"), ("run/reconstruction.h5", "reconstruction")):
         assert json.loads(said("--json", "info", name)[0])["format"] == what
+    assert json.loads(said("--json", "info", "again/reconstruction.h5")[0])["scan"] == "again.h5"
     said("calibrate", "run.h5", "-o", "constants.h5")
     assert json.loads(said("--json", "info", "constants.h5")[0])["format"] == "constants"
 
