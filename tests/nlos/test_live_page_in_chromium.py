@@ -1,5 +1,6 @@
 """What a person sees on the live page: the system's Chromium, driven by Playwright, on a scan and on a finished one."""
 
+import base64
 import re
 import shutil
 import signal
@@ -81,9 +82,9 @@ def viewed(folder: Path, *words: str, ends: int | None = 0) -> Iterator[str]:
         process.wait()
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def viewer(folder: Path) -> Iterator[str]:
-    """The address of the page of the finished scan."""
+    """The address of the page of the finished scan, one for all tests: it is read-only, and each opens its own page."""
     with viewed(folder, "run.h5", "--method", "lct") as url:
         yield url
 
@@ -500,7 +501,7 @@ DOUBT = """([dark, size]) => { const out = {};
     const g = c.getContext("2d"), n = 64;
     const p = {seen: new Float32Array(n * n).fill(sure), albedo: new Float32Array(n * n).fill(dark)};
     image(g, p.albedo, n, n, [0, 0, size, size], gray); hatch(g, p, n, n, [0, 0, size, size]);
-    out[sure] = [...g.getImageData(0, 0, size, size).data];
+    out[sure] = btoa(Array.from(g.getImageData(0, 0, size, size).data, v => String.fromCharCode(v)).join(""));
   } return out; }"""
 
 
@@ -512,7 +513,8 @@ def test_doubt_is_seen_and_what_is_drawn_is_seen_through_it(
     """In grey alone, so that every eye sees it."""
     page, _ = opened(browser, viewer)
     found = page.evaluate(DOUBT, [brightness, size])
-    plain, hatched = (np.reshape(found[key], (size, size, 4))[..., :3].astype(float) for key in ("0.9", "0.2"))
+    drawn = (np.frombuffer(base64.b64decode(found[key]), np.uint8) for key in ("0.9", "0.2"))
+    plain, hatched = (pixels.reshape(size, size, 4)[..., :3].astype(float) for pixels in drawn)
     off = np.abs(hatched - plain).max(axis=-1)
     assert off.max() > 30  # an eighth of the whole range, on every ground
     assert off.mean() < 25
