@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+import torch
 from torch import Tensor, nn
 
 from nlos.acquisition.transient import TimeAxis
@@ -39,6 +40,8 @@ class LightConeInverse(nn.Module):
     def solved(self, on_cone: Tensor, snr: Tensor, spectra: Tensor | None = None) -> Tensor:
         """Over cells of t^2 -> over cells of z^2, (B, V, cells, H, W)."""
         if snr.ndim == 2 and on_cone.shape[1] < snr.shape[1]:
+            if spectra is None and not torch.is_grad_enabled():
+                return self.cone.wiener_of_each(on_cone.float(), snr)
             on_cone = on_cone.repeat(1, snr.shape[1], 1, 1, 1)
         return self.cone.wiener(on_cone, snr, spectra)
 

@@ -60,6 +60,12 @@ class LightConeConvolution(nn.Module):
         gain = _wiener_gain(torch.full((y.shape[0] * y.shape[1],), snr, dtype=y.dtype, device=y.device))
         return linear(y, lambda x: self._filtered(x, True, gain), lambda x: self._filtered(x, False, gain))
 
+    def wiener_of_each(self, y: torch.Tensor, snr: torch.Tensor) -> torch.Tensor:
+        """`wiener` of one channel (B, 1, V, H, W) by each snr of (B, C), which is quicker; without a gradient."""
+        gains = [_wiener_gain(each.to(y.device, y.dtype)) for each in snr.unbind(dim=1)]
+        done = self.filter.by_each(array_of(y[:, 0]), True, gains)
+        return torch.stack([tensor_of(each) for each in done], dim=1)
+
     def _wiener_of_both(self, y: torch.Tensor, snr: Snr, response: torch.Tensor) -> torch.Tensor:
         """conj(H K) / (|H K|^2 + 1 / snr) applied to `y`."""
         level = _one_each(torch.as_tensor(snr, dtype=y.dtype, device=y.device).detach(), y)

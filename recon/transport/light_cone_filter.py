@@ -3,7 +3,7 @@
 Zero-padded so far that nothing wraps around: twice in space, and along v by the largest delay between two wall points.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.transport.conventions import Conventions, check_supported
+from nlos.recon.transport.even_planes import Weights, filter_even, small_enough
 from nlos.recon.transport.fourier import (
     Array,
     Multiply,
@@ -57,22 +58,52 @@ class LightConeFilter:
 
     def __call__(self, x: Array, conjugate: bool, gain: Gain | None = None) -> Array:
         """x (N, V, H, W) * H, or x * conj(H), times a gain that may depend on |H|^2."""
+        return self.by_each(x, conjugate, [gain])[0]
+
+    def by_each(self, x: Array, conjugate: bool, gains: Sequence[Gain | None]) -> list[Array]:
+        """The same with one gain after the other: small planes are transformed once for all of them."""
         if tuple(x.shape[1:]) != (self.cells, self.wall.rows, self.wall.cols):
             raise ValueError(
                 f"the light cone was built for {self.cells} x {self.wall.rows} x {self.wall.cols} (V, H, W), "
                 f"the data are {x.shape[1]} x {x.shape[2]} x {x.shape[3]}. Build it for the wall and time axis of the "
                 "data."
             )
+        frequencies = self.padded[0] // 2 + 1
+        tile = min(self.tile or frequencies, frequencies)
+        small = isinstance(x, np.ndarray) and self.conventions == "physical" and tile == frequencies
+        if small and small_enough(self.wall.rows, self.wall.cols):
+            return filter_even(x, self.padded, self._weights(x, conjugate, gains))
+        return [self._by_transforms(x, conjugate, gain, tile) for gain in gains]
+
+    def _by_transforms(self, x: Array, conjugate: bool, gain: Gain | None, tile: int) -> Array:
+        """So many frequencies at a time."""
         done = empty(x, tuple(x.shape))
         done[:] = 0
         frequencies = self.padded[0] // 2 + 1
-        tile = min(self.tile or frequencies, frequencies)
         for first in range(0, frequencies, tile):
             planes = slice(first, min(first + tile, frequencies))
             spectrum = half_spectrum(x, self.padded[0], planes=planes)
             filter_planes_(spectrum, self.padded[1:], self._multiplier(spectrum, conjugate, gain, first))
             add_signal_(done, spectrum, self.padded[0], planes)
         return done
+
+    def _weights(self, x: npt.NDArray[Any], conjugate: bool, gains: Sequence[Gain | None]) -> Weights:
+        """H or its conjugate times each gain; frequencies along v lie side by side in memory, for speed."""
+        rows, cols = (
+            np.ascontiguousarray(part.T.astype(np.result_type(x.dtype, np.complex64)))
+            for part in (self._rows, self._cols)
+        )
+        rows_power, cols_power = (part.real**2 + part.imag**2 for part in (rows, cols))
+        if conjugate:
+            rows, cols = rows.conj(), cols.conj()
+
+        def weights(planes: slice) -> list[npt.NDArray[Any]]:
+            h = (rows[:, None, planes] * cols[:, planes]).transpose(2, 0, 1)
+            power = (rows_power[:, None, planes] * cols_power[:, planes]).transpose(2, 0, 1)
+            made = [h if gain is None else h * gain(power, planes) for gain in gains]
+            return [each if each.ndim == 4 else each[None] for each in made]
+
+        return weights
 
     def _multiplier(self, spectrum: Array, conjugate: bool, gain: Gain | None, first: int) -> Multiply:
         """What multiplies padded planes of the spectrum, which begins at frequency `first`, by H or its conjugate."""
