@@ -114,12 +114,11 @@ def page() -> str:
     lines = [
         "# Time and memory, as the paper's table VI has them",
         "",
-        "Trained at {rows} x {cols} points and {bins} bins, one sample a step; used at ".format(**TRAINED_AT)
-        + "{rows} x {cols} points and {bins} bins, seen once. One core of a CPU, each in a process of its own, ".format(
-            **USED_AT
-        )
-        + "PyTorch and the scan in the memory. The paper's: training / picture, memory, parameters, four RTX A6000: "
-        "compare ratios. Made by `python -m studies.complexity docs/complexity.md`.",
+        "Trained at {rows} x {cols} points and {bins} bins, one sample a step;".format(**TRAINED_AT),
+        "used at {rows} x {cols} points and {bins} bins, seen once. One core of a CPU,".format(**USED_AT),
+        "each in a process of its own; PyTorch and the scan are in the memory. The paper's column: training / picture,",
+        "memory, parameters, on four RTX A6000: compare ratios. Made by `python -m studies.complexity",
+        "docs/complexity.md`.",
         "",
     ]
     rows = []
@@ -130,12 +129,12 @@ def page() -> str:
             f"{b['used_gb']:.1f}", network.paper,
         ])  # fmt: skip
     heads = ["network", "parameters, M", "s a step", "GB trained", "s a picture", "GB used", "paper"]
-    lines += [table(heads, rows), "", "Memory by passes of algorithm 1, as in its table VII, trained as above:", ""]
+    lines += [table(heads, rows), "Memory by passes of algorithm 1, as in its table VII, trained as above:", ""]
     rows = []
     for name, network in PASSES.items():
         a = alone(name, "trained")
         rows.append([name, f"{a['step_s']:.2f}", f"{a['trained_gb']:.1f}", network.paper])
-    return "\n".join([*lines, table(["printed network", "s a step", "GB trained", "paper"], rows)]) + "\n"
+    return "\n".join([*lines, table(["printed network", "s a step", "GB trained", "paper"], rows)])
 
 
 if __name__ == "__main__":

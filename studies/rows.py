@@ -81,7 +81,7 @@ WHOLE: dict[str, Any] = {"symmetries": False, "lifting": "both", "sfe": True}
 SHIPS = WHOLE | {"lifting": "none", "sfe": False}
 """As it ships, the scan seen once."""
 NEAR = {"farthest": 0.9}
-LFE_RATE, NLOST_RATE, UNET_RATE = 0.0015, 0.001, 0.0015
+RIVALS_RATE = 0.0015
 """The best of three on the validation scenes (`docs/rivals.md`); NANO's rows keep theirs."""
 STEP_MS = {"nano": 268, "lfe": 102, "nlost": 184, "unet": 141}
 """Of one core's time a step, data aside, as it ships; the four by turns in one process (bfloat16)."""
@@ -100,9 +100,9 @@ def rivals(how: str, kinds: tuple[str, ...] = ()) -> tuple[Row, ...]:
     lfe: dict[str, Any] = NEAR | ({"features": 8, "renderer_width": 52} if wide else {})
     unet: dict[str, Any] = NEAR | ({"widths": [18, 36, 54], "finish_widths": [36, 72, 144]} if wide else {})
     return (
-        Row("LFE", "lfe", lfe, OWN_LOSS, times=times("lfe"), rate=LFE_RATE, kinds=kinds),
-        Row("NLOST", "nlost", NEAR, OWN_LOSS, times=times("nlost"), rate=NLOST_RATE, kinds=kinds),
-        Row("U-Net", "unet", unet, OWN_LOSS, times=times("unet"), rate=UNET_RATE, kinds=kinds),
+        Row("LFE", "lfe", lfe, OWN_LOSS, times=times("lfe"), rate=RIVALS_RATE, kinds=kinds),
+        Row("NLOST", "nlost", NEAR, OWN_LOSS, times=times("nlost"), rate=RIVALS_RATE, kinds=kinds),
+        Row("U-Net", "unet", unet, OWN_LOSS, times=times("unet"), rate=RIVALS_RATE, kinds=kinds),
         Row("NANO", "nano", SHIPS, OWN_LOSS, kinds=kinds),
     )
 
