@@ -3,13 +3,19 @@
 import torch
 from torch import nn
 
+from nlos.recon.layers.physical_unfolding import PhysicalUnfolding
 from nlos.recon.layers.residual_block import ResidualBlock
 from nlos.recon.layers.small_convolution import SmallConv3d
 
 
 def in_bfloat16(network: nn.Module) -> None:
-    """Lets the convolutions in three dimensions of `network` multiply in bfloat16: on a CPU, nothing being learned."""
+    """Lets the convolutions in three dimensions of `network` multiply in bfloat16: on a CPU, nothing being learned. The
+    operator's volumes stay in it from one to the next: to convert, add up and clip them takes as long as the rest."""
     for part in network.modules():
+        if isinstance(part, PhysicalUnfolding):
+            for inner in part.modules():
+                if isinstance(inner, SmallConv3d):
+                    inner.gives_bfloat16 = True
         if isinstance(part, SmallConv3d):
             part.by_bfloat16 = True
         if isinstance(part, ResidualBlock) and isinstance(part.first, SmallConv3d):

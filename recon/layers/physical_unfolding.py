@@ -132,7 +132,8 @@ class PhysicalUnfolding(nn.Module):
         shifts: list[Tensor] = []
         if width is not None:
             of_u, of_g, *shifts = self.response(width, eta)
-            u, guide = u + of_u[:, :, None, None, None], guide + of_g[:, :, None, None, None]
+            of_u, of_g = (each.to(u.dtype)[:, :, None, None, None] for each in (of_u, of_g))
+            u, guide = u + of_u, guide + of_g
         size = tuple(features.shape[2:])
         extent = tuple(n * step for n, step in zip(size, pitch, strict=True))
         outputs: list[Tensor] = []
@@ -151,5 +152,5 @@ class PhysicalUnfolding(nn.Module):
         u = self.encode_frequencies(outputs.pop())
         for scale in range(len(outputs) - 1, -1, -1):
             fine = outputs[scale]
-            u = self.refine[scale](fine + resample_field(self.prolong[scale](u), fine.shape[2:]))
+            u = self.refine[scale](fine + resample_field(self.prolong[scale](u), fine.shape[2:]).to(fine.dtype))
         return u

@@ -1,5 +1,6 @@
 """Coarser and finer grids by keeping or adding frequencies: restriction and prolongation without aliasing."""
 
+import math
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -43,10 +44,11 @@ def resample_field(field: Tensor, size: Sequence[int]) -> Tensor:
     """
     if tuple(field.shape[2:]) == tuple(size):
         return field
-    along = [resampling_matrix(n, m).to(field.device) for n, m in zip(field.shape[2:], size, strict=True)]
     x = field.permute(0, 2, 3, 4, 1)  # (B, D, H, W, C), contiguous where channels come last in memory
-    batch, depth, rows, cols, channels = x.shape
-    x = along[0] @ x.reshape(batch, depth, rows * cols * channels)
-    x = along[1] @ x.reshape(batch, size[0], rows, cols * channels)
-    x = along[2] @ x.reshape(batch, size[0], size[1], cols, channels)
-    return x.permute(0, 4, 1, 2, 3)
+    x = x if torch.is_grad_enabled() else x.float()
+    shape = [*x.shape]
+    for axis in (1, 2, 3) if size[0] < field.shape[2] else (3, 2, 1):  # most is done where there is least of it
+        along = resampling_matrix(shape[axis], size[axis - 1]).to(field.device)
+        x = along @ x.reshape(*shape[: axis + 1], math.prod(shape[axis + 1 :]))
+        shape[axis] = size[axis - 1]
+    return x.reshape(shape).permute(0, 4, 1, 2, 3)

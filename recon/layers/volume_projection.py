@@ -6,6 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from nlos.recon.layers.operator_grid import to_grid
 from nlos.recon.layers.residual_block import ResidualBlock
 from nlos.recon.layers.unet import UNet
 
@@ -109,7 +110,7 @@ class AttentionProjection(nn.Module):
         seen = summed_along_depth(weight, volumes)
         coarse = features.shape[2]
         # attention is averaged to the coarse depths instead of every feature being spread over the fine ones
-        lateral = F.adaptive_avg_pool3d(weight[:, None], (coarse, *weight.shape[2:]))[:, 0] * (weight.shape[1] / coarse)
+        lateral = to_grid(weight[:, None], (coarse, *weight.shape[2:]))[:, 0] * (weight.shape[1] / coarse)
         read = summed_along_depth(lateral, features)
         depth = torch.einsum("bdhw,d->bhw", weight, depths)
         peak = weight.amax(dim=1)

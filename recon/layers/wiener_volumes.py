@@ -16,6 +16,7 @@ from nlos.acquisition.wall import WallGrid
 from nlos.recon.layers.counts import added
 from nlos.recon.layers.light_cone_inverse import LightConeInverse, undone
 from nlos.recon.layers.noise_adapted import BY_NOISE_LEVEL, DIFFUSE
+from nlos.recon.layers.operator_grid import to_grid
 from nlos.recon.layers.rates import Rates
 from nlos.recon.layers.told_response import BANDS, MIDDLE, Told
 from nlos.recon.transport.response_bands import knots, windows
@@ -122,5 +123,5 @@ class WienerVolumes(nn.Module):
         volume = planes[:, :, self.first :]
         size = (self.slices, *volume.shape[3:])
         if self.slices <= volume.shape[2]:
-            return F.adaptive_avg_pool3d(volume, size)
+            return to_grid(volume, size)
         return F.interpolate(volume, size=size, mode="trilinear", align_corners=False)

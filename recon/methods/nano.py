@@ -296,6 +296,7 @@ class Nano(nn.Module):
         """One pass: Phi_eta, B_p, and the volume projection (C)."""
         width = eta[:, CONDITIONS] if eta.shape[1] > CONDITIONS else None
         u = self.unfolding(features, eta[:, :CONDITIONS], self.pitch, width)
+        u = u if torch.is_grad_enabled() else u.float()
         out, depths = self.head(u).float(), self.physics.depths[: volumes.shape[2]]
         if isinstance(self.projection, AttentionProjection):
             return cast(Projection, self.projection(out[:, 0], out[:, 1:], volumes, maps, depths))

@@ -52,14 +52,15 @@ def moved(points: Moments, by_m: Floats, depth_m: float, seed: int) -> Moments:
     on_wall = (np.abs(x_m) < points.wall.width_m / 2) & (np.abs(y_m) < points.wall.height_m / 2)
     x_m, y_m, counts, by_m = x_m[on_wall], y_m[on_wall], points.counts[on_wall], by_m[on_wall]
     if by_m[:, 2].any():
+        point, bin_ = np.nonzero(counts)  # of most bins there is nothing to move
         ways_m = time.centres_s() * (SPEED_OF_LIGHT_M_PER_S / 2)
-        squared = np.sign(ways_m) * ways_m**2 + (depth_m**2 - (depth_m - by_m[:, 2:]) ** 2)
-        shares = np.random.default_rng(seed).random((len(counts), 1)) - 0.5
+        squared = (np.sign(ways_m) * ways_m**2)[bin_] + (depth_m**2 - (depth_m - by_m[:, 2]) ** 2)[point]
+        shares = np.random.default_rng(seed).random(len(counts))[point] - 0.5
         arrivals_s = np.sqrt(np.maximum(squared, 0.0)) * (2 / SPEED_OF_LIGHT_M_PER_S)
         index = np.rint((arrivals_s - time.start_s) / time.bin_width_s - 0.5 + shares).astype(np.intp)
         kept = (squared > 0) & (index >= 0) & (index < bins)
-        flat = (np.arange(len(counts))[:, None] * bins + index)[kept]
-        counts = np.bincount(flat, counts[kept], len(counts) * bins).reshape(counts.shape).astype(np.float32)
+        flat, held = (point * bins + index)[kept], counts[point, bin_][kept]
+        counts = np.bincount(flat, held, len(counts) * bins).reshape(counts.shape).astype(np.float32)
     return Moments(x_m, y_m, counts, points.exposure_s[on_wall], points.taken_s[on_wall], points.wall, time)
 
 

@@ -60,7 +60,9 @@ class Registration:
     def _repeats(self, points: Moments, counts: npt.NDArray[np.float32]) -> float:
         """See `Seen`; `counts` (T, H, W) are those of the points on the grid."""
         rng = np.random.default_rng(len(points.x_m))
-        drawn = rng.binomial(np.rint(np.maximum(points.counts, 0)).astype(np.int64), 0.5).astype(np.float32)
+        drawn = np.zeros_like(points.counts)
+        lit = points.counts > 0
+        drawn[lit] = rng.binomial(np.rint(points.counts[lit]).astype(np.int64), 0.5)
         half = self._on_grid(replace(points, counts=drawn))
         one, other = (self._volume(each) for each in (half, counts - half))
         norm = float(np.sqrt((one**2).sum() * (other**2).sum()))
@@ -97,14 +99,14 @@ class Registration:
         counts = points.counts[:, : bins * self._factor].reshape(len(points.x_m), bins, self._factor).sum(axis=2)
         row, col = (0.5 - points.y_m / wall.height_m) * wall.rows - 0.5, (points.x_m / wall.width_m + 0.5) * wall.cols
         col = col - 0.5
-        made = np.zeros((wall.rows * wall.cols, bins), np.float32)
-        for r in (np.floor(row), np.floor(row) + 1):
-            for c in (np.floor(col), np.floor(col) + 1):
-                share = (1 - np.abs(row - r)) * (1 - np.abs(col - c))
-                on = (r >= 0) & (r < wall.rows) & (c >= 0) & (c < wall.cols)
-                cell = (r * wall.cols + c)[on].astype(np.intp)
-                np.add.at(made, cell, counts[on] * share[on, None].astype(np.float32))
-        return np.ascontiguousarray(made.T).reshape(bins, wall.rows, wall.cols)
+        above, left = np.floor(row), np.floor(col)
+        r, c = np.stack([above, above, above + 1, above + 1]), np.stack([left, left + 1, left, left + 1])
+        share = (1 - np.abs(row - r)) * (1 - np.abs(col - c))
+        on = (r >= 0) & (r < wall.rows) & (c >= 0) & (c < wall.cols)
+        cell, point = (r * wall.cols + c)[on].astype(np.intp), np.nonzero(on)[1]
+        shape = (wall.rows * wall.cols, len(counts))
+        shared = scipy.sparse.csr_array((share[on].astype(np.float32), (cell, point)), shape)
+        return np.ascontiguousarray((shared @ counts).T).reshape(bins, wall.rows, wall.cols)
 
 
 def _vertex(values: npt.NDArray[np.floating], peak: tuple[np.intp, ...], axis: int) -> float:

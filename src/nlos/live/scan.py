@@ -24,6 +24,7 @@ from nlos.calibration.errors import InvalidData as InvalidCalibration
 from nlos.cli.terminal import terminal
 from nlos.live.calibrated import Calibrated
 from nlos.live.file_seen import Seen
+from nlos.live.freed_memory import keep_freed_memory
 from nlos.live.gathered import Gathered, nothing_yet
 from nlos.live.hurry import Hurry
 from nlos.live.in_order import InOrder
@@ -177,6 +178,7 @@ class LiveScan:
     def _paint(self) -> None:
         ready = False
         try:
+            keep_freed_memory()
             get_ready(self.lives)
             while not self._stopped.is_set():
                 self._news.wait(0.2)
