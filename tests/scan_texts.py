@@ -1,8 +1,8 @@
 """Scan files that several tests use, and a recording made by one of them."""
 
-import subprocess
-import sys
 from pathlib import Path
+
+from tests.command import nlos
 
 COARSE_TO_FINE = """\
 wall: {width_m: 1.0, height_m: 1.0, rows: 16, cols: 16}
@@ -21,6 +21,5 @@ histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
 def recorded(folder: Path, text: str) -> Path:
     """Writes `scan.yaml` to the folder and scans it on the simulated bench: `run.h5`."""
     (folder / "scan.yaml").write_text(text)
-    words = [sys.executable, "-m", "nlos", "scan", "scan.yaml", "-o", "run.h5"]
-    subprocess.run(words, cwd=folder, check=True, capture_output=True, timeout=120)
+    nlos(folder, "scan", "scan.yaml", "-o", "run.h5", check=True)
     return folder / "run.h5"

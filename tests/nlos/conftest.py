@@ -1,4 +1,4 @@
-"""The command line as a user calls it: in a process of its own."""
+"""Commands in a fresh folder, small scans for them, and viewers in processes of their own."""
 
 import base64
 import http.client
@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -17,6 +18,8 @@ from urllib.parse import urlsplit
 import h5py
 import numpy as np
 import pytest
+
+from tests import command
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -30,13 +33,8 @@ histogram: {bins: 1024, bin_width_ps: 16, offset_ns: 10}
 
 @pytest.fixture
 def nlos(tmp_path: Path) -> Nlos:
-    """Runs `nlos ARGUMENTS` in a fresh folder."""
-
-    def run(*arguments: str) -> "subprocess.CompletedProcess[str]":
-        command = [sys.executable, "-m", "nlos", *arguments]
-        return subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
-
-    return run
+    """Runs `nlos ARGUMENTS` in a fresh folder, within this process."""
+    return partial(command.nlos, tmp_path)
 
 
 @pytest.fixture

@@ -24,6 +24,7 @@ from nlos.cli.archive_task import Task
 from nlos.cli.exit_codes import UsageError
 from nlos.recipe import Recipe
 from nlos.results_folder import ResultsFolder
+from tests import command
 
 SOAK = bool(os.environ.get("NLOS_SOAK"))
 
@@ -52,9 +53,14 @@ def archive(folder: Path, good: int, points: int = 8, bins: int = 64) -> Path:
 
 
 def nlos(folder: Path, *words: str) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-m", "nlos", *words]
+    """As a process: its workers, and Dask's threads, end with it."""
     return subprocess.run(
-        command, cwd=folder, capture_output=True, text=True, timeout=1500 if SOAK else 500, check=False
+        [sys.executable, "-m", "nlos", *words],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=1500 if SOAK else 500,
+        check=False,
     )
 
 
@@ -116,7 +122,7 @@ def free_port() -> int:
 
 def test_the_broken_are_named_with_their_reasons_and_the_others_are_done(tmp_path: Path) -> None:
     archive(tmp_path / "in", 3)
-    done = nlos(tmp_path, "reconstruct", "in", "-o", "out")
+    done = command.nlos(tmp_path, "reconstruct", "in", "-o", "out")
     assert done.returncode == 7, done.stderr
     rows = record(tmp_path / "out")
     assert len(rows) == 8
@@ -137,7 +143,7 @@ def test_the_broken_are_named_with_their_reasons_and_the_others_are_done(tmp_pat
     assert page.count("<tr>") == 5
     for number in range(3):
         alone = tmp_path / f"alone{number}"
-        assert nlos(tmp_path, "reconstruct", f"in/good_{number:03d}.h5", "-o", str(alone)).returncode == 0
+        assert command.nlos(tmp_path, "reconstruct", f"in/good_{number:03d}.h5", "-o", str(alone)).returncode == 0
         assert np.array_equal(albedo(alone), albedo(tmp_path / "out" / f"good_{number:03d}"))
 
 
@@ -170,9 +176,9 @@ def test_skip_existing_does_what_is_missing_and_nothing_twice(tmp_path: Path) ->
 def test_one_file_is_skipped_too(tmp_path: Path) -> None:
     scan(tmp_path / "a.h5", 1)
     words = ("reconstruct", "a.h5", "-o", "out", "--skip-existing")
-    assert nlos(tmp_path, *words).returncode == 0
+    assert command.nlos(tmp_path, *words).returncode == 0
     before = (tmp_path / "out" / "reconstruction.h5").stat().st_mtime_ns
-    assert nlos(tmp_path, *words).returncode == 0
+    assert command.nlos(tmp_path, *words).returncode == 0
     assert (tmp_path / "out" / "reconstruction.h5").stat().st_mtime_ns == before
 
 
@@ -208,7 +214,7 @@ def test_a_cluster_gives_each_file_its_outcome_though_a_worker_dies(tmp_path: Pa
     rows = record(tmp_path / "out")
     assert sum(row["outcome"] == "done" for row in rows.values()) == count
     assert sum(row["outcome"] == "failed" for row in rows.values()) == 5
-    assert nlos(tmp_path, "reconstruct", "in", "-o", "here").returncode == 7
+    assert command.nlos(tmp_path, "reconstruct", "in", "-o", "here").returncode == 7
     for number in range(count):
         name = f"good_{number:03d}"
         assert np.array_equal(albedo(tmp_path / "out" / name), albedo(tmp_path / "here" / name))

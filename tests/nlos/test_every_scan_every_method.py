@@ -1,8 +1,6 @@
 """Every scan file that ships, stopped anywhere, times every method: a finite picture, or a refusal in words."""
 
 import os
-import subprocess
-import sys
 from itertools import islice
 from pathlib import Path
 
@@ -19,6 +17,7 @@ from nlos.loaded import LoadedScan
 from nlos.recon.errors import ReconError
 from nlos.recon.methods import catalogue
 from nlos.recon.reconstruct import reconstruct
+from tests.command import nlos
 
 SCANS, METHODS = names("scan"), sorted(catalogue())
 SHARES = (0.01, 0.1, 1.0)
@@ -36,9 +35,7 @@ def taken(runs: dict[str, Path], name: str) -> Path:
     """The complete recording of a scan file that ships."""
     if name not in runs:
         runs[name] = runs[""] / f"{name}.h5"
-        command = [sys.executable, "-m", "nlos", "scan", name, "-o", str(runs[name])]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=runs[""])
-        assert done.returncode == 0, done.stderr
+        nlos(runs[""], "scan", name, "-o", str(runs[name]), check=True)
     return runs[name]
 
 

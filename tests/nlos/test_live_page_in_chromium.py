@@ -25,6 +25,7 @@ from nlos.configs.load import find
 from nlos.recon.pictures import BACKGROUND
 from nlos.recon.results import read_reconstruction
 from nlos.recon.seen import depth_limits, depth_opacity, visible_depth
+from tests import command
 
 playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -47,7 +48,7 @@ def folder() -> Iterator[Path]:
     with tempfile.TemporaryDirectory() as name:
         there = Path(name)
         (there / "scan.yaml").write_text(SCAN)
-        nlos(there, "scan", "scan.yaml", "-o", "run.h5")
+        command.nlos(there, "scan", "scan.yaml", "-o", "run.h5", check=True)
         yield there
 
 
@@ -57,11 +58,6 @@ def browser() -> Iterator[Any]:
         chromium = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         yield chromium
         chromium.close()
-
-
-def nlos(folder: Path, *arguments: str) -> str:
-    command = [sys.executable, "-m", "nlos", *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True, timeout=120).stdout
 
 
 @contextmanager
@@ -187,7 +183,7 @@ frames: 6
 
 def test_a_finished_film_replays_frame_by_frame_with_its_memory(folder: Path, browser: Any) -> None:
     (folder / "film.yaml").write_text(FILM)
-    nlos(folder, "scan", "film.yaml", "--bench", "moving", "-o", "film.h5")
+    command.nlos(folder, "scan", "film.yaml", "--bench", "moving", "-o", "film.h5", check=True)
     with viewed(folder, "film.h5", "--method", "lct") as url:
         page, complaints = opened(browser, url)
         page.wait_for_selector("#slider", state="visible")
@@ -224,7 +220,7 @@ def test_a_finished_film_replays_frame_by_frame_with_its_memory(folder: Path, br
 
 def test_nanos_depths_have_the_colours_of_the_picture_on_disk(folder: Path, browser: Any) -> None:
     """What the page draws at every pixel is what `depth.png` has there: faded with brightness and doubt, on grey."""
-    nlos(folder, "reconstruct", "run.h5", "--method", "nano", "-o", "nano", "--no-volume")
+    command.nlos(folder, "reconstruct", "run.h5", "--method", "nano", "-o", "nano", "--no-volume", check=True)
     made = read_reconstruction(folder / "nano" / "reconstruction.h5")
     scale, ink = Normalize(*depth_limits([made]), clip=True), depth_opacity(made)[..., None]
     colour = matplotlib.colormaps["viridis_r"](scale(np.nan_to_num(visible_depth(made))))[..., :3]
@@ -524,7 +520,7 @@ def test_doubt_is_seen_and_what_is_drawn_is_seen_through_it(
 
 
 def test_two_scans_are_set_side_by_side_with_their_difference(folder: Path, browser: Any) -> None:
-    nlos(folder, "replay", "run.h5", "--speed", "max", "-o", "same.h5", "--overwrite")
+    command.nlos(folder, "replay", "run.h5", "--speed", "max", "-o", "same.h5", "--overwrite", check=True)
     with viewed(folder, "run.h5", "same.h5", "--method", "lct") as url:
         page, complaints = opened(browser, url)
         page.wait_for_selector("#slider", state="visible")
@@ -558,7 +554,7 @@ def test_two_scans_are_set_side_by_side_with_their_difference(folder: Path, brow
 def test_scans_of_one_wall_on_two_grids_are_compared_on_the_finer(folder: Path, browser: Any) -> None:
     """With what the coarser picture has at the centre of every pixel."""
     (folder / "coarse.yaml").write_text(SCAN.replace("rows: 16, cols: 16", "rows: 8, cols: 8"))
-    nlos(folder, "scan", "coarse.yaml", "-o", "coarse.h5", "--overwrite")
+    command.nlos(folder, "scan", "coarse.yaml", "-o", "coarse.h5", "--overwrite", check=True)
     with viewed(folder, "run.h5", "coarse.h5", "--method", "lct") as url:
         page, complaints = opened(browser, url)
         page.wait_for_selector("#slider", state="visible")
@@ -584,7 +580,9 @@ def test_the_depths_of_two_scans_are_compared_where_both_have_one(folder: Path, 
         bench = yaml.safe_load(find("bench", "simulated").read_text("utf-8"))
         bench["simulation"]["scene"]["objects"] = [{"letter": "I", "centre_m": [0.0, 0.0, z_m], "height_m": 0.6}]
         (folder / f"{name}.yaml").write_text(yaml.safe_dump(bench))
-        nlos(folder, "scan", "scan.yaml", "--bench", f"{name}.yaml", "-o", f"{name}.h5", "--overwrite")
+        command.nlos(
+            folder, "scan", "scan.yaml", "--bench", f"{name}.yaml", "-o", f"{name}.h5", "--overwrite", check=True
+        )
     with viewed(folder, "near.h5", "far.h5", "--method", "lct") as url:
         page, complaints = opened(browser, url)
         page.wait_for_selector("#slider", state="visible")
@@ -631,7 +629,7 @@ def test_a_page_that_was_hidden_goes_on_where_somebody_looks_again(viewer: str, 
 
 
 def test_a_report_needs_nothing_but_itself_and_prints(folder: Path, browser: Any) -> None:
-    nlos(folder, "report", "run.h5", "-o", "run.html", "--methods", "lct,fk", "--overwrite")
+    command.nlos(folder, "report", "run.h5", "-o", "run.html", "--methods", "lct,fk", "--overwrite", check=True)
     page, complaints = browser.new_page(), []
     page.on("pageerror", lambda error: complaints.append(str(error)))
     asked: list[str] = []
@@ -660,8 +658,10 @@ def test_a_report_needs_nothing_but_itself_and_prints(folder: Path, browser: Any
 
 def test_a_report_on_two_scans_sets_them_side_by_side(folder: Path, browser: Any) -> None:
     (folder / "dim.yaml").write_text(SCAN.replace("dwell_ms: 20", "dwell_ms: 2"))
-    nlos(folder, "scan", "dim.yaml", "-o", "dim.h5", "--overwrite")
-    nlos(folder, "report", "run.h5", "dim.h5", "-o", "two.html", "--methods", "lct,fk", "--overwrite")
+    command.nlos(folder, "scan", "dim.yaml", "-o", "dim.h5", "--overwrite", check=True)
+    command.nlos(
+        folder, "report", "run.h5", "dim.h5", "-o", "two.html", "--methods", "lct,fk", "--overwrite", check=True
+    )
     page = browser.new_page()
     page.goto((folder / "two.html").as_uri())
     assert page.locator("h1").all_inner_texts() == ["Side by side", "run.h5", "dim.h5"]

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import nlos.recon.memory
 from nlos.acquisition.recording.recording import Recording
+from nlos.recon.memory import available_bytes
+from tests.command import nlos
 
 SCAN = """\
 wall: {width_m: %s, height_m: 0.5, rows: %d, cols: %d}
@@ -22,7 +23,13 @@ histogram: {bins: %d, bin_width_ps: 16, offset_ns: 10}
 LONG = "a" * 300
 
 
-def nlos_(*arguments: str | bytes, cwd: Path, **variables: str) -> tuple[int, str, str]:
+def nlos_(*arguments: str, cwd: Path) -> tuple[int, str, str]:
+    done = nlos(cwd, *arguments)
+    assert "Traceback" not in done.stderr
+    return done.returncode, done.stdout, done.stderr
+
+
+def as_a_process(*arguments: str | bytes, cwd: Path, **variables: str) -> tuple[int, str, str]:
     command = [sys.executable, "-P", "-m", "nlos", *arguments]
     done = subprocess.run(command, cwd=cwd, capture_output=True, env={**os.environ, **variables}, timeout=120)
     err = done.stderr.decode("utf-8", "replace")
@@ -74,10 +81,10 @@ def test_a_plan_beyond_all_measure_is_answered_at_once(folder: Path, scan: str, 
 def test_names_that_are_no_text_and_a_terminal_of_ascii_work(folder: Path) -> None:
     name = b"na\xffme.h5"
     for variables in ({}, {"PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0", "LC_ALL": "C"}):
-        code, _, err = nlos_("scan", "small.yaml", "-o", name, "--overwrite", cwd=folder, **variables)
+        code, _, err = as_a_process("scan", "small.yaml", "-o", name, "--overwrite", cwd=folder, **variables)
         assert code == 0, err
         for options in ((), ("--json",)):
-            code, out, err = nlos_("info", name, *options, cwd=folder, **variables)
+            code, out, err = as_a_process("info", name, *options, cwd=folder, **variables)
             assert code == 0, err
             assert "complete" in out
 
@@ -120,7 +127,7 @@ def test_a_replayed_file_says_that_it_is_one(folder: Path) -> None:
 def test_memory_is_asked_for_without_the_module_that_windows_lacks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "resource", None)
     monkeypatch.setattr(sys, "platform", "win32")
-    assert nlos.recon.memory.available_bytes() > 0
+    assert available_bytes() > 0
 
 
 def test_an_old_python_is_told_so_in_one_line(tmp_path: Path) -> None:

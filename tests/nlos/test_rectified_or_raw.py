@@ -1,7 +1,5 @@
 """A scan that is said to be what it is not is told so, with the word that mends it; one that is what it says is not."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import h5py
@@ -16,6 +14,7 @@ from nlos.drivers.simulated.beam import BeamPath
 from nlos.drivers.simulated.scene import SceneLight, SceneSettings
 from nlos.drivers.simulated.spad import DetectorSettings
 from nlos.drivers.simulated.surfaces import Surface
+from tests.command import nlos
 
 SIDE, BINS, BIN_S, WALL_M, AWAY_M, DWELL_S = 16, 1024, 16e-12, 0.9, 1.6, 0.3
 AT_M = ((np.arange(SIDE) + 0.5) / SIDE - 0.5) * WALL_M
@@ -45,11 +44,6 @@ def points(counts: np.ndarray) -> RawPoints:
     x_m, y_m = (each.ravel() for each in np.meshgrid(AT_M, -AT_M))
     nothing = np.zeros(SIDE * SIDE)
     return RawPoints(counts.reshape(-1, BINS), x_m, y_m, nothing + DWELL_S, nothing, nothing, TimeAxis(BINS, BIN_S))
-
-
-def nlos(folder: Path, *words: str) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-m", "nlos", *words]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
 
 
 def write(folder: Path, counts: np.ndarray) -> None:

@@ -22,6 +22,7 @@ from nlos.drivers.tcspc.counter import Histogram, HistogramFlag
 from nlos.live.process import state_file
 from nlos.live.where_next import WhereNext
 from nlos.recon.wall_doubt import Wanted
+from tests import command
 from tests.scan_texts import recorded
 
 ADAPTIVE = """\
@@ -153,10 +154,7 @@ def why(path: Path) -> list[Reason]:
 
 
 def nlos(folder: Path, *words: str) -> str:
-    command = [sys.executable, "-m", "nlos", *words]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    return command.nlos(folder, *words, check=True).stdout
 
 
 @pytest.fixture(scope="module")
@@ -224,8 +222,8 @@ def test_the_scan_that_ships_is_adaptive() -> None:
 def test_killed_and_resumed_it_goes_on_within_its_time(tmp_path: Path) -> None:
     text = ADAPTIVE.replace("rows: 16, cols: 16", "rows: 48, cols: 48").replace("seconds: 1.5", "seconds: 12")
     (tmp_path / "scan.yaml").write_text(text)
-    run, command = tmp_path / "run.h5", [sys.executable, "-m", "nlos", "scan", "scan.yaml", "-o", "run.h5"]
-    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as scanning:
+    run, words = tmp_path / "run.h5", [sys.executable, "-m", "nlos", "scan", "scan.yaml", "-o", "run.h5"]
+    with subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as scanning:
         held = 0
         while held < 200 and scanning.poll() is None:
             time.sleep(0.01)

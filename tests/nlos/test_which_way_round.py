@@ -4,8 +4,6 @@ Meshes and volumes lie where the object is in the room: they are the object, and
 import json
 import re
 import struct
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +16,7 @@ from nlos.drivers.simulated.font import bitmap
 from nlos.drivers.simulated.scene import SceneLight, SceneSettings
 from nlos.drivers.simulated.spad import DetectorSettings
 from nlos.drivers.simulated.surfaces import Surface, surfels
+from tests import command
 
 SIDE, BINS, BIN_S, WALL_M, AWAY_M = 16, 256, 64e-12, 1.0, 2.0
 
@@ -116,8 +115,7 @@ def test_every_export_of_a_turned_letter_lies_where_the_letter_is(tmp_path: Path
     x to the right and y up for who faces the wall, z from there towards who does: right-handed in the room."""
     letter = Surface(letter="F", centre_m=(0.05, 0.0, 0.5), height_m=0.7, yaw_deg=30.0)
     nlos.reconstruct(lit(letter), "lct", wall=WALL_M, bin_width=BIN_S).save(tmp_path)
-    command = [sys.executable, "-m", "nlos", "export", "reconstruction.h5", "--to", "ply,obj,glb,vti"]
-    subprocess.run(command, cwd=tmp_path, check=True, timeout=120, capture_output=True)
+    command.nlos(tmp_path, "export", "reconstruction.h5", "--to", "ply,obj,glb,vti", check=True)
     pieces = surfels([letter], 0.02)
     true_m, facing = pieces.positions_m, pieces.normals.mean(axis=0)
     places = {}
