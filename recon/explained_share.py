@@ -25,6 +25,13 @@ class Explained:
         """Whether the picture explains nothing: nobody should believe it."""
         return self.share is not None and self.share < max(LEAST, ERRORS * (self.error or 0.0))
 
+    @property
+    def verdict(self) -> str:
+        """What to make of the picture, in words; none where the share is unknown, or a doubt says it."""
+        if self.share is None or self.doubt:
+            return ""
+        return "do not believe it" if self.nothing else "believable"
+
     def __str__(self) -> str:
         return f"{self.figure}; doubtful: {self.doubt}" if self.doubt else self.figure
 

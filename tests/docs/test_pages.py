@@ -1,6 +1,7 @@
 """What the pages show works: every code block is run, page by page, in an empty folder; those that take long in `make
 soak` alone."""
 
+import itertools
 import os
 import re
 import subprocess
@@ -63,19 +64,14 @@ def run_page(page: str, tmp_path: Path, long: bool) -> None:
     array = "import numpy as np\nhistograms = np.random.default_rng(0).poisson(0.5, (16, 16, 128))\n"
     (tmp_path / "blocks.py").write_text(array if page == "README.md" else "")  # the README's is the reader's own
     script = ["set -euo pipefail"]
-    for skipped, language, code in found:
-        if skipped and not (long and "make soak" in skipped):
-            continue
+    kept = [(language, code) for skipped, language, code in found if not skipped or (long and "make soak" in skipped)]
+    for (language, code), (following, _) in itertools.zip_longest(kept, kept[1:], fillvalue=("", "")):
         if language == "sh":
             script.append(code)
-        else:  # blocks of Python share their names: each run repeats the earlier ones
-            script += [
-                "cat >> blocks.py <<'END_OF_BLOCK'",
-                code.rstrip(),
-                "END_OF_BLOCK",
-                "rm -rf out run.h5*",
-                "python blocks.py",
-            ]
+            continue
+        script += ["cat >> blocks.py <<'END_OF_BLOCK'", code.rstrip(), "END_OF_BLOCK"]
+        if following != "python":  # blocks of Python share their names: each run repeats the earlier ones
+            script += ["rm -rf out run.h5*", "python blocks.py"]
     here = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     words = ["bash", "-c", "\n".join(script)]
     done = subprocess.run(

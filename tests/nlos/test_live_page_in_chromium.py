@@ -22,6 +22,7 @@ from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.cli.interrupts import BY_HAND
 from nlos.configs.load import find
+from nlos.recon.explained_share import Explained
 from nlos.recon.pictures import BACKGROUND
 from nlos.recon.results import read_reconstruction
 from nlos.recon.seen import depth_limits, depth_opacity, visible_depth
@@ -112,7 +113,7 @@ def test_a_finished_scan_is_shown_whole_and_along_its_time(viewer: str, browser:
     assert page.locator("#rate").inner_text().endswith("counts/s")
     shows(page, "rateof", "^count rate at the end$")
     shows(page, "noiseof", "^photon noise of the picture of 256 points$")
-    shows(page, "laser", r"^laser off since the scan's end \(simulated\)$")
+    shows(page, "laser", r"^laser off since the scan's end \(simulated bench\)$")
     shows(page, "banner", r"Scan complete")
     for canvas in ("map", "albedo", "depth", "histo"):
         assert colours(page, canvas) > 2, canvas
@@ -373,6 +374,11 @@ LAMP = """id => { const e = document.getElementById(id), s = getComputedStyle(e)
   return {ink: rgb(s.color), ground: over(e), page: over(document.body), size: parseFloat(s.fontSize), box: e.getBoundingClientRect().toJSON()}; }"""  # noqa: E501
 
 
+TAPE = """() => { const s = getComputedStyle($("banner"));
+  return s.borderImageSource === "none" && s.borderTopWidth === "0px" ? "banner" : "banner with tape"; }"""
+"""What is about light that may be on has the look of a hazard, and no other trouble has."""
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_light_that_is_on_is_loud_and_light_that_is_off_is_calm_and_always_said(
     folder: Path, browser: Any, scheme: str
@@ -384,16 +390,16 @@ def test_light_that_is_on_is_loud_and_light_that_is_off_is_calm_and_always_said(
         page.goto(url)
         shows(page, "laser", "^laser: not known before the scan begins$")
         bench = Bench(folder, name)
-        shows(page, "laser", r"^laser off \(simulated\)$")
+        shows(page, "laser", r"^laser off \(simulated bench\)$")
         bench.says("shutter", "opened")
         bench.takes(64)
-        shows(page, "laser", r"^LASER ON \(simulated\)$")
+        shows(page, "laser", r"^LASER ON \(simulated bench\)$")
         shows(page, "rateof", "^count rate$")
         lit = page.evaluate(LAMP, "laser")
         bench.says("signal", "SIGINT")
         bench.says("shutter", "closed: SIGINT")
         bench.says("scan", f"paused by {BY_HAND}")
-        shows(page, "laser", r"^laser off \(simulated\)$")
+        shows(page, "laser", r"^laser off \(simulated bench\)$")
         shows(page, "rateof", "^count rate before the pause$")
         shows(page, "banner", "^Paused ?by Ctrl-C in the terminal. The laser is off. Pressing Enter there resumes")
         shows(page, "banner", "resumes the scan and opens the shutter.$")
@@ -407,14 +413,21 @@ def test_light_that_is_on_is_loud_and_light_that_is_off_is_calm_and_always_said(
         bench.says("scan", "paused: Ctrl-C")  # as recordings of before say it
         shows(page, "banner", "^Paused ?by Ctrl-C in the terminal. The laser is off")
         bench.says("shutter", "NOT CONFIRMED CLOSED: no answer")
-        shows(page, "laser", r"^LASER MAY BE ON \(simulated\)$")
+        shows(page, "laser", r"^LASER MAY BE ON \(simulated bench\)$")
+        bench.says("shutter", "closed: SIGINT")
+        bench.says("scan", "paused: alarm: no photon where 40 were expected")
+        shows(page, "banner", "^Alarm: the scan is paused")
+        assert page.evaluate(TAPE) == "banner"
+        bench.says("shutter", "NOT CONFIRMED CLOSED: no answer")
+        shows(page, "laser", "^LASER MAY BE ON")
+        assert page.evaluate(TAPE) == "banner with tape"
         bench.says("shutter", "closed: SIGINT")
         bench.says("scan", f"ended while paused by {BY_HAND}")
         bench.says("scan", "interrupted")
         bench.ends(Status.INTERRUPTED)
         shows(page, "status", "^Ended early$")
         shows(page, "banner", "^Ended early ?while paused by Ctrl-C in the terminal: 64 of 256 points")
-        shows(page, "laser", r"^laser off since the scan's end \(simulated\)$")
+        shows(page, "laser", r"^laser off since the scan's end \(simulated bench\)$")
         shows(page, "rateof", "^count rate at the end$")
         page.close()
 
@@ -432,12 +445,13 @@ def test_a_viewer_that_is_killed_leaves_behind_first_of_all_that_the_laser_may_b
         shows(page, "points", "^72 of 256$")
         shows(page, "noiseof", f"of the picture of {page.evaluate('document.body.dataset.picture')} points$")
         assert int(page.evaluate("document.body.dataset.picture")) < 72
-    shows(page, "laser", r"^LASER MAY BE ON \(simulated\)$")
+    shows(page, "laser", r"^LASER MAY BE ON \(simulated bench\)$")
     large = page.locator("#banner strong")
     assert large.inner_text() == "The laser may still be on"
     assert page.evaluate(LAMP, "laser")["size"] < float(large.evaluate("e => parseFloat(getComputedStyle(e).fontSize)"))
     shows(page, "banner", "Treat it as on and see the scan's terminal. The viewer has ended: this page no longer")
-    shows(page, "banner", "changes. When last seen: scanning, 72 of 256")
+    shows(page, "banner", r"changes. When last seen, at \d\d:\d\d:\d\d: scanning, 72 of 256")
+    assert page.evaluate(TAPE) == "banner with tape"
     shows(page, "rateof", "^count rate when last seen$")
     shows(page, "histotitle", r"\(last point taken\)$")
     bench.ends(Status.INTERRUPTED)
@@ -465,6 +479,53 @@ def test_every_event_can_be_read_to_its_end(viewer: str, browser: Any, width: in
     if width > 900:  # the panel is on the screen, whole, without scrolling the page
         box = page.locator("#happened").bounding_box()
         assert box["y"] + box["height"] <= height
+    page.close()
+
+
+@pytest.mark.parametrize(
+    ("peak", "labels"),
+    [
+        (0, ["0"]),
+        (4, ["0", "1", "2"]),
+        (60, ["0", "1", "5", "10", "20", "50"]),
+        (7000, ["0", "1", "10", "100", "1,000", "5,000"]),
+    ],
+)
+def test_counts_have_labels_up_to_the_peak(viewer: str, browser: Any, peak: int, labels: list[str]) -> None:
+    """On a logarithmic axis the last one stood at 10 for a peak of 99."""
+    page, _ = opened(browser, viewer)
+    page.wait_for_function("() => scans.length && histogram.counts", timeout=PATIENCE_MS)
+    said = page.evaluate(
+        """peak => { const most = Math.log10(1 + Math.max(peak, 1)), py = v => 130 * (1 - Math.log10(1 + v) / most);
+        return histogram.decades(peak, py).sort((a, b) => a - b).map(count); }""",
+        peak,
+    )
+    assert said == labels
+    page.close()
+
+
+VERDICTS = """([change, bound, said, verdict]) => { const panel = panels.find(p => p.kind === "front");
+  Object.assign(panel.picture, {change, bound, explained: said, verdict, refined: true}); return panel.about().map(e => e.textContent).join(""); }"""  # noqa: E501
+
+
+@pytest.mark.parametrize(
+    ("change", "bound", "explained", "words"),
+    [
+        (0.03, 0.3, Explained(0.9, 0.01), ("(settled)", "(good)", "(believable)")),
+        (0.08, 0.4, Explained(0.02, 0.01), ("(still changing)", "(not good yet)", "(do not believe it)")),
+        (0.08, 1.0, Explained(0.5, 0.01, doubt="another wall"), ("not good yet", "doubtful: another wall")),
+    ],
+)
+def test_every_percentage_has_a_verdict(
+    viewer: str, browser: Any, change: float, bound: float, explained: Explained, words: tuple[str, ...]
+) -> None:
+    page, complaints = opened(browser, viewer)
+    page.wait_for_selector("body[data-picture]")
+    said = page.evaluate(VERDICTS, [change, bound, str(explained), explained.verdict])
+    assert [word for word in words if word not in said] == [], said
+    assert ("believable" in said) == (explained.verdict == "believable")
+    shows(page, "noise", r"^\d+\.\d %, (low|high)$")
+    assert complaints == []
     page.close()
 
 

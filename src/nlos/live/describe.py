@@ -40,6 +40,7 @@ def described(picture: "LivePicture") -> dict[str, Any]:
         "seconds": result.seconds,
         "refined": result.settings.get("refine", True),
         "explained": None if result.explained is None else str(result.explained),
+        "verdict": "" if result.explained is None else result.explained.verdict,
         "explains_nothing": result.explained is not None and bool(result.explained.nothing or result.explained.doubt),
         "wall": [result.wall.width_m, result.wall.height_m],
         "albedo": packed(result.albedo / brightest(result)),

@@ -11,6 +11,7 @@ from typing import Any
 
 from nlos.live.admission import admitted, page_answer
 from nlos.live.answers import ScanAnswers
+from nlos.live.good_enough import LEVELS, STABLE, SURE
 from nlos.live.scan import LiveScan
 from nlos.live.web import Answer, Refused, Request
 from nlos.recon.seen import DOUBTFUL, FAINT, FULL, SOLID
@@ -90,6 +91,10 @@ def assembled() -> str:
         .replace("FULL_AT", f"{FULL:g}")
         .replace("SOLID_AT", f"{SOLID:g}")
         .replace("DOUBTFUL_AT", f"{DOUBTFUL:g}")
+        .replace("SURE_PERCENT", f"{100 * LEVELS[SURE]:g}")
+        .replace("SETTLED_PERCENT", f"{100 * LEVELS[STABLE]:g}")
+        .replace("SURE_AT", f"{LEVELS[SURE]:g}")
+        .replace("STABLE_AT", f"{LEVELS[STABLE]:g}")
     )
 
 

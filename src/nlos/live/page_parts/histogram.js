@@ -31,9 +31,14 @@ const histogram = {
     g.fillText("time after the laser pulse (ns)", left + wide / 2, top + high + 20);
     g.save(); g.translate(9, top + high / 2); g.rotate(-Math.PI / 2); g.textBaseline = "middle"; g.fillText(`counts in ${(1e3 * bin).toFixed(0)} ps`, 0, 0); g.restore();
     g.textAlign = "right"; g.textBaseline = "middle";
-    const ys = this.log ? [0, 1, 10, 100, 1e3, 1e4, 1e5, 1e6].filter(v => v <= peak) : ticks(0, peak || 1, 4)[0];
+    const ys = this.log ? this.decades(peak, py) : ticks(0, peak || 1, 4)[0];
     for (const v of ys) { g.moveTo(left - 4, py(v)); g.lineTo(left + wide, py(v)); g.fillText(v >= 1e4 ? v.toExponential(0) : count(v), left - 7, py(v)); }
     g.strokeStyle = inks.grid; g.stroke();
+  },
+  decades(peak, py) { // 0, 1, 10, ... up to the peak; 5, 50, ... and 2, 20, ... where there is room
+    const powers = [...Array(10).keys()].map(k => 10 ** k), out = [0, ...powers.filter(v => v <= peak)];
+    for (const times of [5, 2]) for (const v of powers.map(p => times * p)) if (v <= peak && out.every(u => Math.abs(py(u) - py(v)) > 13)) out.push(v);
+    return out;
   },
   // Above: the range from this wall point, c t / 2 after the arrival of direct light: a slanted way, no depth. Before a
   // picture knows that arrival, the highest bin alone is marked.

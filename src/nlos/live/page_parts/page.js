@@ -63,7 +63,7 @@ function next(state) {
 const LIGHTS = {on: "LASER ON", off: "laser off", maybe: "LASER MAY BE ON", "no shutter": "NO SHUTTER: TREAT THE LASER AS ON", replayed: "replay of a recording: no laser", untold: "laser: this file does not say"};
 const OVER = ["complete", "interrupted", "stopped", "failed"], mayBeOn = state => ["on", "maybe", "no shutter"].includes(state.light);
 function lightOf(state) { // its words, and whether they are loud
-  const over = OVER.includes(state.status), simulated = state.simulated ? " (simulated)" : "";
+  const over = OVER.includes(state.status), simulated = state.simulated ? " (simulated bench)" : "";
   if (!state.light) return ["laser: not known" + (gone ? "" : " before the scan begins"), false];
   if (gone && mayBeOn(state) && !over) return [LIGHTS.maybe + simulated, true];
   if (state.light === "off") return ["laser off" + (gone ? " when last seen" : over ? " since the scan's end" : "") + simulated, false];
@@ -86,7 +86,7 @@ function whyEnded(state) { // the last word on it before the status itself
 }
 function banner(state) {
   const last = kind => (state.events.filter(e => e[1] === kind).pop() || [0, "", ""])[2], box = $("banner"), alarm = state.events.filter(e => e[1] === "alarm" || e[1] === "trip").pop(); let big = "", small = "", kind = "";
-  const seen = state.planned ? `When last seen: ${words(state).toLowerCase()}, ${count(state.samples)} of ${count(state.planned)} points. ` : "", under = !OVER.includes(state.status) && state.status !== "lost";
+  const seen = state.planned ? `When last seen, at ${seenAt.toLocaleTimeString("en-GB")}: ${words(state).toLowerCase()}, ${count(state.samples)} of ${count(state.planned)} points. ` : "", under = !OVER.includes(state.status) && state.status !== "lost";
   if (gone) { const lit = lightOf(state)[1]; [big, small, kind] = [lit ? "The laser may still be on" : "The viewer has ended", (lit ? "Treat it as on and see the scan's terminal. The viewer has ended: this" : "This") + ` page no longer changes. ${seen}` + (under ? "The scan itself goes on without the viewer, and it alone commands the shutter; nlos live shows it again." : "Start nlos live again to see more."), lit ? "bad" : ""]; }
   else if (state.status === "paused" && last("scan").startsWith("paused: alarm: ")) [big, small, kind] = ["Alarm: the scan is paused", last("scan").slice(15).replace(/\.?$/, ".") + lightWords(state) + ` Look for the cause first: pressing Enter in the scan's terminal ${resumes(state)}.`, "bad"];
   else if (state.status === "paused") { const who = byWhom(last("scan")); [big, small] = ["Paused", (who ? `by ${who}.` : "") + lightWords(state) + ` Pressing Enter there ${resumes(state)}.`]; }
@@ -95,6 +95,7 @@ function banner(state) {
   else if (state.status === "interrupted") [big, small] = ["Ended early", `${whyEnded(state)}${count(state.samples)} of ${count(state.planned)} points are taken; \`nlos scan --resume\` takes the others.`];
   else if (state.status === "complete") [big, small, kind] = ["Scan complete", `${count(state.samples)} points in ${seconds(state.elapsed_s)}` + (state.alarms ? `; ${state.alarms === 1 ? "one alarm" : count(state.alarms) + " alarms"}, see the events` : "") + (state.over ? "" : "; the last picture is being made"), "good"];
   else if (alarm && state.elapsed_s - alarm[0] < 30) [big, small, kind] = ["Alarm", `${alarm[2]} (at ${seconds(alarm[0])})`, "bad"];
+  if (kind === "bad" && state.light && lightOf(state)[1] && (gone || state.status === "paused" || state.status === "lost")) kind = "bad lit"; // about light: no other trouble looks like it
   box.hidden = !big; box.className = kind; box.firstElementChild.textContent = big; box.lastElementChild.textContent = (big && state.run && !gone ? whose(state) : "") + small;
 }
 // A rate is of now only while points are being taken; else it says of when it is.
@@ -105,7 +106,7 @@ function tell() {
   const state = scans[chosen].state, p = best(scans[chosen]), noise = p && frame === null ? state.pictures[p.method] : p;
   $("run").textContent = scans.map(s => s.state.run).join(" and "); document.title = `${gone ? "The viewer has ended" : words(state)} - ${state.run}`; $("notes").textContent = Object.entries(state.notes || {}).map(([name, text]) => `${name}: ${text}`).join(" · "); $("status").textContent = gone ? "No answer: the viewer has ended" : whose(state) + words(state); $("next").textContent = gone ? "" : next(state);
   $("points").textContent = `${count(state.samples)} of ${count(state.planned)}`; $("rate").textContent = state.rate_hz ? rate(state.rate_hz) : "–"; $("rateof").textContent = rateOf(state); $("rate").className = counting(state) ? "" : "before";
-  $("noise").textContent = noise ? `${(100 * noise.error).toFixed(1)} %` : "–"; $("noiseof").textContent = noise ? `photon noise of the picture of ${count(p.samples)} points` : "photon noise of the picture"; tellLight();
+  $("noise").textContent = noise ? `${(100 * noise.error).toFixed(1)} %, ${noise.error <= SETTLED ? "low" : "high"}` : "–"; $("noiseof").textContent = noise ? `photon noise of the picture of ${count(p.samples)} points` : "photon noise of the picture"; tellLight();
   $("left").textContent = state.status === "running" && state.left_s !== null && !gone ? `${seconds(state.left_s)} left` : state.elapsed_s ? `${seconds(state.elapsed_s)} taken` : "–"; $("done").style.width = 100 * state.samples / (state.planned || 1) + "%";
   const film = state.film; $("film").hidden = !film; if (film) $("film").lastElementChild.textContent = `${count(p && p.of_film ? p.of_film.frame + 1 : film.frame)} of ${count(film.frames)}` + (film.dropped ? `, ${count(film.dropped)} dropped` : "");
   $("alarms").hidden = !state.alarms; $("alarms").lastElementChild.textContent = state.alarms; banner(state); $("difference").hidden = scans.length < 2;
@@ -114,11 +115,12 @@ function tell() {
   tellSlider(scans[0]);
   $("overlay").setAttribute("aria-pressed", overlaid); $("difference").setAttribute("aria-pressed", compared);
 }
+let seenAt = null; // when the viewer answered last, by this clock
 let busy = false, missed = 0, timer = 0, besideAt = -Infinity;
 async function tick() { // nothing is asked while nobody looks; whoever looks again is told at once
   clearTimeout(timer); if (busy || document.hidden) return; busy = true;
   try {
-    const films = scans.some(s => underWay(s.state)), got = await ask(films ? `state?made=${scans.map(s => s.state.made)}` : "state"); gone = false; missed = 0; let another = false;
+    const films = scans.some(s => underWay(s.state)), got = await ask(films ? `state?made=${scans.map(s => s.state.made)}` : "state"); gone = false; missed = 0; seenAt = new Date(); let another = false;
     for (let i = 0; i < got.scans.length; i++) another = await refresh(i, got.scans[i]) || another;
     if (films && another) drawPictures();
     if (!films || performance.now() - besideAt >= BESIDE_MS) {

@@ -1,5 +1,5 @@
 // The panels with pictures: front view, depth, difference; axes, colour bar, value under the cursor, scan points.
-const FAINT = FAINT_AT, FULL = FULL_AT, DOUBTFUL = DOUBTFUL_AT; // depth has no colour below FAINT of the brightest point, and its full colour from FULL on; what is less likely a surface than DOUBTFUL is hatched
+const FAINT = FAINT_AT, FULL = FULL_AT, DOUBTFUL = DOUBTFUL_AT, SURE = SURE_AT, SETTLED = STABLE_AT; // depth has no colour below FAINT of the brightest point, and its full colour from FULL on; what is less likely a surface than DOUBTFUL is hatched
 const PAPER = [224, 224, 224]; // as in depth.png: the far end of the colours is dark, and to be told from nothing
 const TRAILS = ["#4cc9f0", "#80ed99", "#f15bb5", "#ffffff"]; // as in film.gif
 const fade = a => a < FAINT ? 0 : Math.min(1, .1 + .9 * (a - FAINT) / (FULL - FAINT));
@@ -99,9 +99,9 @@ class PicturePanel {
     if (this.kind === "difference") return [document.createTextNode(`${whose(this.picture)} less ${whose(this.other)}`)];
     const p = this.picture, state = scans[this.scan].state, since = state.samples - p.samples, old = this.isOld(p), span = document.createElement("span");
     span.className = old ? "stale" : ""; span.textContent = frame === null && old ? `older picture, of ${count(p.samples)} points: ${count(since)} more were taken since` : `of ${count(p.samples)} points`;
-    const rest = p.change < 1 && frame === null ? `, changed by ${(100 * p.change).toFixed(1)} % from the previous picture` : "";
-    const bound = p.bound === null || p.bound >= 1 ? "" : `, error below ${(100 * p.bound).toFixed(0)} % of its strength in nine cases of ten`;
-    const said = document.createElement("span"); said.className = p.explains_nothing ? "nothing" : ""; said.textContent = p.explained ? `, ${p.explained}` : "";
+    const rest = p.change < 1 && frame === null ? `, changed by ${(100 * p.change).toFixed(1)} % from the previous picture (${p.change <= SETTLED ? "settled" : "still changing"})` : "";
+    const bound = p.bound === null ? "" : p.bound >= 1 ? ", error up to all of its strength (not good yet)" : `, error below ${(100 * p.bound).toFixed(0)} % of its strength in nine cases of ten (${p.bound <= SURE ? "good" : "not good yet"})`;
+    const said = document.createElement("span"); said.className = p.explains_nothing ? "nothing" : ""; said.textContent = p.explained ? `, ${p.explained}` + (p.verdict && ` (${p.verdict})`) : "";
     const quick = p.refined ? "" : ", not refined, to keep up";
     return [document.createTextNode(`${p.method.toUpperCase()} `), span, document.createTextNode(quick + rest + bound), said];
   }
