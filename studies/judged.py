@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from nlos.recon.methods import find
 from nlos.recon.metrics import depth_scores, image_scores
 from nlos.recon.training.dataset import sample
 from nlos.recon.training.dataset_settings import DatasetSettings
@@ -28,9 +29,7 @@ def judge(settings: TrainSettings, folder: Path | None, to: Path, sets: Mapping[
     file."""
     found: dict[str, dict[str, list[float]]] = {}
     for name, data in sets.items():
-        network = build(settings, data.wall, data.time)
-        if folder is not None:
-            load_weights(network, str(folder / WEIGHTS))
+        network = _network(settings, data, folder)
         network.eval()
         scenes = [_scores(network, data, index, settings.cache_path) for index in range(len(data))]
         found[name] = {figure: [round(scene[figure], 5) for scene in scenes] for figure in FIGURES}
@@ -45,6 +44,15 @@ def judged(kept: Path) -> Judged | None:
         return None
     found: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8"))
     return found
+
+
+def _network(settings: TrainSettings, data: DatasetSettings, folder: Path | None) -> torch.nn.Module:
+    if folder is None:
+        method = find(settings.method)
+        return method.build(method.Settings.model_validate(settings.method_settings), data.wall, data.time)
+    network = build(settings, data.wall, data.time)
+    load_weights(network, str(folder / WEIGHTS))
+    return network
 
 
 def _scores(network: torch.nn.Module, data: DatasetSettings, index: int, cache: Path | None) -> dict[str, float]:

@@ -143,6 +143,7 @@ def test_the_queue_trains_judges_and_resumes(tmp_path: Path, monkeypatch: pytest
     table = {
         "t": (
             Row("none", switches={"lifting": "none", "channels": [4, 4]}),
+            Row("light-cone transform", "lct"),
             Row("whole", switches={"channels": [4, 4]}),
         )
     }
@@ -150,9 +151,9 @@ def test_the_queue_trains_judges_and_resumes(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(ablations, "TABLES", table)
     run(2, (1,), tmp_path / "page.md")
     page = (tmp_path / "page.md").read_text()
-    assert "2 of 2 trainings are done" in page
+    assert "3 of 3 trainings are done" in page
     times = [path.stat().st_mtime_ns for path in (tmp_path / "kept").rglob("*.json")]
-    assert len(times) == 2
+    assert len(times) == 3
     run(2, (1,), tmp_path / "page.md")
     assert [path.stat().st_mtime_ns for path in (tmp_path / "kept").rglob("*.json")] == times
 
