@@ -30,6 +30,24 @@ class Moments:
         """The mean moment of exposure."""
         return float(np.average(self.taken_s, weights=self.exposure_s))
 
+    @cached_property
+    def lit(self) -> "Lit":
+        """Where the counts are: most bins hold none, and what is held of a frame is moved many times."""
+        flat = np.flatnonzero(self.counts)
+        point, at = np.divmod(flat, self.time.bins)
+        ways_m = self.time.centres_s() * (SPEED_OF_LIGHT_M_PER_S / 2)
+        return Lit(point, self.counts.reshape(-1)[flat], (np.sign(ways_m) * ways_m**2)[at])
+
+
+@dataclass(frozen=True, eq=False)
+class Lit:
+    """The bins of a frame that hold counts, (L,) each."""
+
+    point: npt.NDArray[np.intp]
+    counts: npt.NDArray[np.float32]
+    squared_m2: Floats
+    """The squares of their lengths of way, (ct / 2)^2, negative before time 0."""
+
 
 def moments_of(frame: Transient, taken_s: Floats) -> Moments:
     """The points of a calibrated frame that were measured; `taken_s` (H, W), the middle of each one's exposure."""
@@ -50,18 +68,20 @@ def moved(points: Moments, by_m: Floats, depth_m: float, seed: int) -> Moments:
     time, bins = points.time, points.time.bins
     x_m, y_m = points.x_m + by_m[:, 0], points.y_m + by_m[:, 1]
     on_wall = (np.abs(x_m) < points.wall.width_m / 2) & (np.abs(y_m) < points.wall.height_m / 2)
-    x_m, y_m, counts, by_m = x_m[on_wall], y_m[on_wall], points.counts[on_wall], by_m[on_wall]
-    if by_m[:, 2].any():
-        point, bin_ = np.nonzero(counts)  # of most bins there is nothing to move
-        ways_m = time.centres_s() * (SPEED_OF_LIGHT_M_PER_S / 2)
-        squared = (np.sign(ways_m) * ways_m**2)[bin_] + (depth_m**2 - (depth_m - by_m[:, 2]) ** 2)[point]
-        shares = np.random.default_rng(seed).random(len(counts))[point] - 0.5
-        arrivals_s = np.sqrt(np.maximum(squared, 0.0)) * (2 / SPEED_OF_LIGHT_M_PER_S)
-        index = np.rint((arrivals_s - time.start_s) / time.bin_width_s - 0.5 + shares).astype(np.intp)
+    counts = points.counts
+    if by_m[on_wall, 2].any():
+        lit = points.lit
+        squared = lit.squared_m2 + (depth_m**2 - (depth_m - by_m[:, 2]) ** 2)[lit.point]
+        shares = np.zeros(len(counts))
+        shares[on_wall] = np.random.default_rng(seed).random(np.count_nonzero(on_wall)) - 0.5
+        arrivals_bins = np.sqrt(np.maximum(squared, 0.0)) * (2 / SPEED_OF_LIGHT_M_PER_S / time.bin_width_s)
+        first = shares - time.start_s / time.bin_width_s - 0.5
+        index = np.rint(arrivals_bins + first[lit.point]).astype(np.intp)
         kept = (squared > 0) & (index >= 0) & (index < bins)
-        flat, held = (point * bins + index)[kept], counts[point, bin_][kept]
-        counts = np.bincount(flat, held, len(counts) * bins).reshape(counts.shape).astype(np.float32)
-    return Moments(x_m, y_m, counts, points.exposure_s[on_wall], points.taken_s[on_wall], points.wall, time)
+        flat = (lit.point * bins + index)[kept]
+        counts = np.bincount(flat, lit.counts[kept], counts.size).reshape(counts.shape).astype(np.float32)
+    exposure_s, taken_s = points.exposure_s[on_wall], points.taken_s[on_wall]
+    return Moments(x_m[on_wall], y_m[on_wall], counts[on_wall], exposure_s, taken_s, points.wall, time)
 
 
 def added(frames: list[Moments], weights: list[float]) -> Transient:
