@@ -31,7 +31,10 @@ class Contours:
 
 
 def contours(reconstruction: Reconstruction, limits_m: tuple[float, float]) -> Contours | None:
-    """Lines between `limits_m`, `MOST_LINES` at most; None where they would not help."""
+    """Lines between `limits_m`, `MOST_LINES` at most; None where they would not help, or a single row or column of
+    points leaves nothing to draw them on."""
+    if min(reconstruction.depth_m.shape) < 2:
+        return None
     clear = depth_opacity(reconstruction) > 0.5
     depth_m = np.where(clear, visible_depth(reconstruction), np.nan).astype(np.float64)
     low, high = limits_m

@@ -9,6 +9,7 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
+import h5py
 import numpy as np
 import numpy.typing as npt
 import scipy
@@ -59,9 +60,9 @@ def read_matlab(path: Path, given: Given = NOTHING) -> ImportedScan:
     layout = next((layout for layout in _LAYOUTS if layout.key in shapes), None)
     if layout is None:
         known = ", ".join(layout.key for layout in _LAYOUTS)
+        held = ", ".join([*shapes, *_structs(path)]) or "nothing"
         raise InvalidData(
-            f"{path}: none of the known scans (histograms; {known}); the file holds {', '.join(shapes) or 'nothing'}. "
-            f"{how_to_convert()}"
+            f"{path}: none of the known scans (histograms; {known}); the file holds {held}. {how_to_convert()}"
         )
     counts = _read(path, layout.key, shapes)
     if counts.ndim != 3:
@@ -126,6 +127,16 @@ def _is_hdf5(path: Path) -> bool:
     with path.open("rb") as file:
         head = file.read(520)
     return head[:8] == _HDF5_MAGIC or head[512:520] == _HDF5_MAGIC
+
+
+def _structs(path: Path) -> list[str]:
+    """Structs of a file of version 7.3, each with the names in it: no scan is looked for there."""
+    if not _is_hdf5(path):
+        return []
+    with open_hdf5(path) as file:
+        here = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
+        groups = {name: file[name] for name in here if isinstance(file[name], h5py.Group) and not name.startswith("#")}
+        return [f"{name} (a struct: {', '.join(list(each)[:MOST_NAMED])})" for name, each in groups.items()]
 
 
 def _shapes(path: Path) -> dict[str, tuple[int, ...]]:

@@ -65,6 +65,8 @@ class Recording:
         """Rows before this one were acknowledged when they were read, and do not change any more."""
         self._unpromised = 0
         """Rows from this one on were never acknowledged."""
+        self._aside_told = 0
+        """Samples left aside when the log last said so."""
         self.refresh()
 
     @classmethod
@@ -212,9 +214,10 @@ class Recording:
         return Condition.of(self._states)
 
     def left_aside(self) -> int:
-        """How many samples are damaged or unreadable, so that nothing uses them; the log says so."""
+        """How many samples are damaged or unreadable, so that nothing uses them; the log says so, once."""
         found = self.condition()
-        if found.left_aside:
+        if found.left_aside > self._aside_told:
+            self._aside_told = found.left_aside
             log.warning("%s: %s. `nlos verify` says more.", self.path, found.warning)
         return found.left_aside
 

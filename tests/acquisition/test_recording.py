@@ -1,5 +1,6 @@
 """A scan file keeps every acknowledged sample, exactly, and says what it does not hold."""
 
+import logging
 import os
 import re
 import signal
@@ -219,6 +220,25 @@ def test_a_damaged_sample_is_named_and_taken_again(tmp_path: Path) -> None:
     writer.write(sample_of(plan, 7))
     writer.finish(Status.COMPLETE)
     assert verify(path).complete
+
+
+def test_what_is_left_aside_is_said_once_and_again_only_where_it_is_more(tmp_path: Path) -> None:
+    """A film asks for every frame's."""
+    write_all(tmp_path / "run.h5", plan_of())
+    with h5py.File(tmp_path / "run.h5", "r+") as file:
+        file["samples/counts"][[4, 7]] += 1
+    said: list[str] = []
+    handler = logging.Handler()
+    handler.emit = lambda record: said.append(record.getMessage())  # type: ignore[method-assign]
+    recording_module.log.addHandler(handler)
+    try:
+        for _ in range(2):  # openings
+            with Recording.open(tmp_path / "run.h5") as recording:
+                assert [recording.left_aside() for _ in range(3)] == [2, 2, 2]
+    finally:
+        recording_module.log.removeHandler(handler)
+    assert len(said) == 2
+    assert all("2 of 30 samples are skipped" in each for each in said)
 
 
 def test_a_truncated_copy_gives_what_it_still_holds(tmp_path: Path) -> None:

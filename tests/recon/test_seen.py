@@ -91,3 +91,14 @@ def test_no_lines_on_what_is_flat_or_torn_by_noise_or_across_a_step() -> None:
     lines = contours(step, depth_limits([step]))
     assert lines is not None
     assert np.isnan(lines.depth_m[:, 31:33]).all()
+
+
+@pytest.mark.parametrize("along", ["x", "y"])
+def test_a_single_line_of_points_has_its_pictures_without_lines(tmp_path: Path, along: str) -> None:
+    """Between whose points matplotlib draws none; everything else would have drawn them."""
+    wall = WallGrid(1.0, 0.01, 1, 100) if along == "x" else WallGrid(0.01, 1.0, 100, 1)
+    depth_m = (0.6 + 0.0023 * np.arange(100, dtype=np.float32)).reshape(wall.rows, wall.cols)
+    line = Reconstruction(np.ones_like(depth_m), depth_m, wall, "lct", 0.1)
+    assert contours(line, depth_limits([line])) is None
+    write_results(tmp_path / "out", line)
+    assert (tmp_path / "out" / "depth.png").is_file()

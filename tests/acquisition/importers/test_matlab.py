@@ -51,6 +51,18 @@ def test_other_contents_are_refused_by_name(tmp_path: Path) -> None:
         read_matlab(tmp_path / "flat.mat")
 
 
+def test_a_struct_of_version_73_is_named_with_what_is_in_it(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "struct.mat", "w", userblock_size=512) as file:
+        file["lab/hist"], file["lab/dt"], file["#refs#/a"] = COUNTS, 32e-12, 1
+        file["far"] = h5py.ExternalLink("elsewhere.h5", "/")
+    with pytest.raises(InvalidData, match="far: is a link to elsewhere"):
+        read_matlab(tmp_path / "struct.mat")
+    with h5py.File(tmp_path / "struct.mat", "r+") as file:
+        del file["far"]
+    with pytest.raises(InvalidData, match=r"the file holds lab \(a struct: dt, hist\)\. "):
+        read_matlab(tmp_path / "struct.mat")
+
+
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(position=st.integers(0, 400), value=st.integers(0, 255), length=st.integers(0, 600), packed=st.booleans())
 def test_damaged_files_are_read_or_refused(
