@@ -149,7 +149,7 @@ def one_pass(network: Network, counts: Tensor, exposure: Tensor | None) -> Pass:
 
 
 def _of_nano(network: nano.Nano, counts: Tensor, exposure: Tensor | None) -> Pass:
-    volumes, eta, maps, lifted, _ = network.prepared(counts, exposure)
+    volumes, eta, maps, lifted = network.prepared(counts, exposure)[:4]
     features = network.features(volumes, maps, lifted)
     unfolding = network.unfolding
 

@@ -13,3 +13,4 @@ class Prepared(NamedTuple):
     maps: Tensor  # (B, 2, H, W), exposure and confidence
     lifted: Tensor | None  # features of the lifting
     presence: Tensor  # (B,), whether there is any light
+    first: int = 0  # the depth, counted in slices from the wall, that the volumes begin with

@@ -10,6 +10,8 @@ from nlos.recon.layers.counts import exposed
 
 TREND = 3
 STEEPEST = 0.3
+AROUND = 4
+"""Time bins before and behind each over which a mean histogram is averaged."""
 
 
 @dataclass(frozen=True)
@@ -128,15 +130,18 @@ def rates_of(counts: Tensor, exposure: Tensor | None) -> Rates:
     )
 
 
-def last_light(net: Tensor) -> int:
-    """The last time bin with light in any of (B, 1, T, H, W) net rates: mean histograms five deviations above 0.
+def lit_bins(net: Tensor) -> tuple[int, int]:
+    """From which time bin to which there is light in any of (B, 1, T, H, W) net rates: mean histograms five deviations
+    above 0.
 
-    Noise beyond it, magnified by r^4, would only drown what is nearer. T where nothing stands out.
+    Noise beyond the last, magnified by r^4, would only drown what is nearer. 0 and T where nothing stands out.
     """
     profile = net.mean(dim=(1, 3, 4))  # (B, T)
-    around = F.avg_pool1d(profile[:, None], 9, stride=1, padding=4)[:, 0]
+    around = F.avg_pool1d(profile[:, None], 2 * AROUND + 1, stride=1, padding=AROUND)[:, 0]
     steps = profile.diff(dim=1)
-    deviation = 1.4826 / (2 * 9) ** 0.5 * steps.abs().median(dim=1, keepdim=True).values
+    deviation = 1.4826 / (2 * (2 * AROUND + 1)) ** 0.5 * steps.abs().median(dim=1, keepdim=True).values
     lit = around > torch.maximum(5 * deviation, 0.01 * around.amax(dim=1, keepdim=True)).clamp(min=1e-12)
     where = lit.any(dim=0).nonzero()
-    return int(where[-1]) + 1 if len(where) else profile.shape[1]
+    if not len(where):
+        return 0, profile.shape[1]
+    return max(0, int(where[0]) - AROUND), int(where[-1]) + 1

@@ -25,7 +25,7 @@ from nlos.recon.layers.noise_level import NoiseLevel, noise_map_of
 from nlos.recon.layers.operator_grid import to_grid
 from nlos.recon.layers.physical_unfolding import PhysicalUnfolding
 from nlos.recon.layers.prepared import Prepared
-from nlos.recon.layers.rates import Rates, last_light, rates_of
+from nlos.recon.layers.rates import Rates, lit_bins, rates_of
 from nlos.recon.layers.refinement import Refinement, as_it_was
 from nlos.recon.layers.symmetries import Fields, mean_over_symmetries
 from nlos.recon.layers.told_conditions import conditions, confidence
@@ -46,7 +46,8 @@ OWN_FEATURES = 2 * VOLUMES + 3  # volumes averaged and at their maximum, depth, 
 MIDDLE_NOISE = -1.0
 FEWEST_SLICES = 80
 PROFILE = 3  # slices before and behind a surface that the last network sees
-MARGIN = 8  # slices behind the last light
+FEWEST_LEFT = 48
+MARGIN = 8  # slices behind the last light, and before the first
 REFINED = 24  # points a side from which on pictures are refined: those it was learned on had 32 and 64
 DIMMEST = 0.003  # of the brightest point; below it there is no depth
 OWN_BYTES = 1 << 28  # peak memory at small grids, measured from 128 x 128 x 512 to 512 x 512 x 1024 (float32, CPU)
@@ -91,6 +92,8 @@ class Settings(AnySettings):
     picture without intervals, which are those of corrected ones."""
     bfloat16: bool = False
     """Convolutions in three dimensions in bfloat16, once trained: for films, where the processor multiplies in it."""
+    from_first_light: bool = False
+    """Depths before the first light are left out, once trained: for films, where each costs time."""
     stage: Literal["whole", "noise"] = "whole"
     """What is trained: the operator with frozen noise estimation, or noise estimation alone."""
 
@@ -157,11 +160,11 @@ class Nano(nn.Module):
     ) -> MethodResult[Tensor]:
         coarse = None if self.training else in_the_large(self.halved, counts, exposure, response)
         given = self.prepared(counts, exposure, response)
-        volumes, eta, maps, lifted, presence = given
+        volumes, eta, maps, lifted, presence, first = given
         if self.settings.symmetries and not self.training:
-            seen = self.over_symmetries(volumes, eta, maps, lifted)
+            seen = self.over_symmetries(volumes, eta, maps, lifted, first)
         else:
-            seen = self.iterate(volumes, eta, maps, lifted)
+            seen = self.iterate(volumes, eta, maps, lifted, first)
         present = presence[:, None, None]
         albedo = seen.albedo
         if not self.training:
@@ -176,27 +179,27 @@ class Nano(nn.Module):
             depth_m = torch.where(dark, torch.nan, depth_m)
         sure = None
         if self.head_of_intervals is not None and seen.spreads is not None:
-            found = evidence(seen, refined, given, self.physics.depths)
+            found = evidence(seen, refined, given, self.physics.depths[first:])
             sure = intervals_of(self.head_of_intervals, found, presence, self.physics)
-        behind = self.physics.slices - seen.volume.shape[1]  # too far for any light
-        volume = F.pad(seen.volume * present[..., None], (0, 0, 0, 0, 0, behind))
+        behind = self.physics.slices - first - seen.volume.shape[1]  # too far for any light
+        volume = F.pad(seen.volume * present[..., None], (0, 0, 0, 0, first, behind))
         return with_intervals(MethodResult(albedo, depth_m, volume), sure)
 
     def prepared(self, counts: Tensor, exposure: Tensor | None, response: Tensor | None = None) -> Prepared:
         """What the operator is given of counts and exposure as `forward` takes them."""
         rates = rates_of(self.physics.rebin(counts), exposure)
         log_noise, noise_map = self.noise(rates, counts)
-        reach = self.reach(rates.net)
+        first, reach = self.reach(rates.net)
         scaled = max(reach, TRAINED_SLICES)
         known = None if response is None else self.physics.told(response, self.time.bin_width_s, rates.net)
-        volumes = self.normalised(self.physics(rates, log_noise, known)[:, :, :scaled])[:, :, :reach]
+        volumes = self.normalised(self.physics(rates, log_noise, known)[:, :, :scaled])[:, :, first:reach]
         lifted = None if self.lifted is None else self.lifted(rates.net, log_noise, scaled, known)
         maps = confidence(log_noise, noise_map, rates.exposure)
         told = log_noise if self.settings.nle else torch.full_like(log_noise, MIDDLE_NOISE)
         eta = conditions(told, rates)
         if known is not None:
             eta = torch.cat((eta, self.width(known)[:, None]), dim=1)
-        return Prepared(volumes, eta, maps, lifted, rates.presence)
+        return Prepared(volumes, eta, maps, lifted, rates.presence, first)
 
     def width(self, response: Told) -> Tensor:
         """(B,) of order 1: the response's width in slices, as it grows in decades."""
@@ -239,22 +242,27 @@ class Nano(nn.Module):
 
     # B. The operator, S times (algorithm 1)
 
-    def reach(self, net: Tensor) -> int:
-        """How many slices, an even number unless it is all of them, the light reaches into."""
+    def reach(self, net: Tensor) -> tuple[int, int]:
+        """From which slice to which there is light, even numbers unless the last is that of all of them; the first is
+        the wall's unless the settings leave out what is nearer."""
         physics = self.physics
-        share = (last_light(net) - physics.first) / (physics.bins - physics.first)
-        return min(physics.slices, max(FEWEST_SLICES, 2 * math.ceil(share * physics.slices / 2) + MARGIN))
+        lit = lit_bins(net)
+        nearest, farthest = ((at - physics.first) / (physics.bins - physics.first) * physics.slices for at in lit)
+        reach = min(physics.slices, max(FEWEST_SLICES, 2 * math.ceil(farthest / 2) + MARGIN))
+        if self.training or not self.settings.from_first_light or self.lifted is not None:
+            return 0, reach
+        return max(0, 2 * (min(int(nearest) - MARGIN, reach - FEWEST_LEFT) // 2)), reach
 
     def normalised(self, volumes: Tensor) -> Tensor:
         """Every volume over its brightest surfaces: the count unit ends here."""
         return (volumes / brightest(volumes).clamp(min=1e-12)[:, :, None, None, None]).clamp(-3, 4)
 
-    def iterate(self, volumes: Tensor, eta: Tensor, maps: Tensor, lifted: Tensor | None) -> Projection:
+    def iterate(self, volumes: Tensor, eta: Tensor, maps: Tensor, lifted: Tensor | None, first: int = 0) -> Projection:
         """u^s = G(u^{s-1}), s = 1..S, from u^0 = 0; trained through all of them."""
-        features = self.features(volumes, maps, lifted)
-        seen = self.operator(features, volumes, eta, maps)
+        features = self.features(volumes, maps, lifted, first)
+        seen = self.operator(features, volumes, eta, maps, first)
         for _ in range(1, self.settings.outer_iterations):
-            seen = self.operator(self.with_last(features, seen.volume), volumes, eta, maps)
+            seen = self.operator(self.with_last(features, seen.volume), volumes, eta, maps, first)
         return seen
 
     def with_last(self, features: Tensor, u: Tensor) -> Tensor:
@@ -264,14 +272,16 @@ class Nano(nn.Module):
         own = (features[:, : OWN_FEATURES - 1], last, features[:, OWN_FEATURES:])
         return torch.cat(own, dim=1).contiguous(memory_format=torch.channels_last_3d)
 
-    def over_symmetries(self, volumes: Tensor, eta: Tensor, maps: Tensor, lifted: Tensor | None) -> Projection:
+    def over_symmetries(
+        self, volumes: Tensor, eta: Tensor, maps: Tensor, lifted: Tensor | None, first: int = 0
+    ) -> Projection:
         """The mean of what the operator makes of every mirror image of the measurement, mirrored back."""
         pitch = self.physics.pitch
         square = volumes.shape[3] == volumes.shape[4] and pitch[1] == pitch[2]
         both = torch.cat((eta, eta))
 
         def see(images: Fields) -> tuple[Tensor, ...]:
-            seen = self.iterate(cast(Tensor, images[0]), both, cast(Tensor, images[1]), images[2])
+            seen = self.iterate(cast(Tensor, images[0]), both, cast(Tensor, images[1]), images[2], first)
             return seen.albedo, seen.depth, seen.volume, seen.albedo.square(), seen.depth.square()
 
         albedo, depth, volume, *squares = mean_over_symmetries(see, (volumes, maps, lifted), square)
@@ -279,11 +289,12 @@ class Nano(nn.Module):
         of_albedo, of_depth = ((mean - whole.square()).clamp(min=0).sqrt() for mean, whole in means)
         return Projection(albedo, depth, volume, (of_albedo, of_depth))
 
-    def features(self, volumes: Tensor, maps: Tensor, lifted: Tensor | None) -> Tensor:
+    def features(self, volumes: Tensor, maps: Tensor, lifted: Tensor | None, first: int = 0) -> Tensor:
         """B_l: what is lifted to u^0, u_g and F_st, on the operator's own metric grid, (B, F, d, h, w)."""
         batch, slices = len(volumes), volumes.shape[2]
         size = (math.ceil(slices / 2), *self.points)
-        depth = F.interpolate(self.physics.depths[None, None, :slices], size=size[0], mode="linear")[0, 0]
+        depths = self.physics.depths[first : first + slices]
+        depth = F.interpolate(depths[None, None], size=size[0], mode="linear")[0, 0]
         depth = depth.clamp(max=TRAINED_SLICES * SLICE) - 0.5
         depth = depth[None, None, :, None, None].expand(batch, 1, *size)
         sure = F.interpolate(maps[:, 1:], size=self.points, mode="area")[:, :, None].expand(batch, 1, *size)
@@ -292,12 +303,12 @@ class Nano(nn.Module):
             parts.append(F.interpolate(lifted[:, :, : size[0]], size=size, mode="trilinear"))
         return torch.cat(parts, dim=1).contiguous(memory_format=torch.channels_last_3d)
 
-    def operator(self, features: Tensor, volumes: Tensor, eta: Tensor, maps: Tensor) -> Projection:
+    def operator(self, features: Tensor, volumes: Tensor, eta: Tensor, maps: Tensor, first: int = 0) -> Projection:
         """One pass: Phi_eta, B_p, and the volume projection (C)."""
         width = eta[:, CONDITIONS] if eta.shape[1] > CONDITIONS else None
         u = self.unfolding(features, eta[:, :CONDITIONS], self.pitch, width)
         u = u if torch.is_grad_enabled() else u.float()
-        out, depths = self.head(u).float(), self.physics.depths[: volumes.shape[2]]
+        out, depths = self.head(u).float(), self.physics.depths[first : first + volumes.shape[2]]
         if isinstance(self.projection, AttentionProjection):
             return cast(Projection, self.projection(out[:, 0], out[:, 1:], volumes, maps, depths))
         correction = F.interpolate(out[:, :1], size=volumes.shape[2:], mode="trilinear")[:, 0]

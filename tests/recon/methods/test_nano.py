@@ -13,6 +13,8 @@ from nlos.acquisition.wall import WallGrid
 from nlos.recon.layers.rates import rates_of
 from nlos.recon.methods.nano import Nano, Settings, build
 from nlos.recon.reconstruct import reconstruct
+from nlos.recon.training.rendering import render
+from nlos.recon.training.scenes import make_scene, surfels
 from nlos.recon.weights.files import save
 from tests.recon.methods.one_point import shell
 
@@ -146,14 +148,36 @@ def test_noise_estimation_trains_alone_and_can_be_taken_over(tmp_path: Path) -> 
         assert not b.requires_grad
 
 
+def test_depths_before_the_first_light_are_left_out_of_films() -> None:
+    wall, time = WallGrid(2.0, 2.0, 32, 32), TimeAxis(512, 32e-12)
+    scene = surfels(make_scene(7, 3, wall), np.random.default_rng(0))
+    light = render(scene, wall, time)
+    light = 5 * light / light.amax(dim=0).mean() + 0.01
+    counts = torch.poisson(light, generator=torch.Generator().manual_seed(0))[None, None]
+    with torch.inference_mode():
+        whole, part = (
+            build(Settings(symmetries=False, from_first_light=on), wall, time).eval()(counts) for on in (False, True)
+        )
+        method = build(Settings(symmetries=False, from_first_light=True), wall, time).eval()
+        given = method.prepared(counts, None)
+    nearest_m = float(scene.position_m[:, 2].min())
+    assert 4 <= given.first <= np.searchsorted(method.depths_m, nearest_m) - 4
+    assert part.volume is not None
+    assert whole.volume is not None
+    assert part.volume.shape == whole.volume.shape
+    assert not part.volume[:, : given.first].any()
+    assert float((part.albedo - whole.albedo).norm() / whole.albedo.norm()) < 0.1
+    bright = (whole.albedo > 0.3) & (part.albedo > 0.3)
+    assert float((part.depth_m - whole.depth_m)[bright].abs().median()) < 0.01
+
+
 def test_depths_behind_the_last_light_are_left_out() -> None:
     wall, time = WallGrid(0.5, 0.5, 16, 16), TimeAxis(256, 32e-12)
     torch.manual_seed(0)
     method = build(Settings.model_validate(SMALL), wall, time).eval()
     near = shell(wall, time)
-    assert method.reach(method.prepared(near, None)[0].new_zeros(1, 1, method.physics.bins, 16, 16)) == len(
-        method.depths_m
-    )
+    dark = method.prepared(near, None)[0].new_zeros(1, 1, method.physics.bins, 16, 16)
+    assert method.reach(dark) == (0, len(method.depths_m))
     volumes = method.prepared(near, None)[0]
     assert 80 <= volumes.shape[2] < len(method.depths_m)
     with torch.no_grad():
