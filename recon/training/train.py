@@ -52,6 +52,7 @@ from nlos.recon.training.run_folder import (
     save_weights,
 )
 from nlos.recon.training.schedule import learning_rate, rate_rises, validation_steps, whole_batches
+from nlos.recon.training.shallow_convolutions import ShallowInFloat32
 from nlos.recon.training.told import told
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.validation import validate
@@ -272,7 +273,7 @@ def objective(
 ) -> dict[str, torch.Tensor]:
     """The terms of the loss and their sum, `loss`, computed in the precision of the settings."""
     kind = torch.device(device).type
-    with torch.autocast(kind, torch.bfloat16, enabled=half_precision(settings, kind)):
+    with torch.autocast(kind, torch.bfloat16, enabled=half_precision(settings, kind)), ShallowInFloat32():
         own: Objective | None = getattr(network, "training_loss", None)
         if own is not None:
             return own(batch)
