@@ -90,8 +90,8 @@ class LiveReconstruction:
     def made_of_film(self, seen: HalfGrid, falloff: int | None = None, hurried: bool = False) -> Reconstruction:
         """A picture of a frame on half the grid, for speed without averages over mirror images, without a look at how
         much light it explains, in bfloat16 where the processor computes in it, and told the response only where that is
-        wider than a quarter of a cell, from the first light's depth on; `hurried` without refinement too. How noisy a
-        film is is found for every fourth frame. May be asked for in several threads."""
+        wider than a quarter of a cell; `hurried` without refinement too, and from the first light's depth on. How noisy
+        a film is is found for every fourth frame. May be asked for in several threads."""
         wall, response = seen.light.wall, seen.light.response
         cell_s = 2 * max(wall.width_m / wall.cols, wall.height_m / wall.rows) / SPEED_OF_LIGHT_M_PER_S
         told = response is not None and response.fwhm_s > cell_s / 4
@@ -112,13 +112,13 @@ class LiveReconstruction:
 
     def _set_for_film(self, falloff: int | None, hurried: bool) -> dict[str, object]:
         known = find(self.method).Settings.model_fields
-        quick: dict[str, object] = {"symmetries": False, "from_first_light": True}
+        quick: dict[str, object] = {"symmetries": False}
         if "bfloat16" in known and self._device == "cpu":
             from nlos.recon.layers.in_bfloat16 import bfloat16_is_fast
 
             quick["bfloat16"] = bfloat16_is_fast()
         if hurried:
-            quick["refine"] = False
+            quick |= {"refine": False, "from_first_light": True}
         return {name: value for name, value in quick.items() if name in known} | self._set(falloff)
 
     def _set(self, falloff: int | None) -> dict[str, object]:
