@@ -2,6 +2,7 @@
 that waits for ever fails after a while, and says where."""
 
 import atexit
+import contextlib
 import itertools
 import os
 import shutil
@@ -69,3 +70,17 @@ def nothing_is_left_behind() -> Iterator[None]:
     before = Held.now()
     yield
     assert left_behind(before) == []
+
+
+@pytest.fixture(scope="module")
+def one_child_reads(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """All files that a module's tests read are read by one child, begun before the first: where no file ends it."""
+    from nlos.acquisition.errors import InvalidData
+    from nlos.acquisition.importers.isolated import one_reader
+
+    empty = tmp_path_factory.mktemp("begun") / "empty.h5"
+    empty.touch()
+    with one_reader() as reader:
+        with contextlib.suppress(InvalidData):
+            reader.check(empty, "nlos.acquisition.recording.read_by_child:read_through")
+        yield

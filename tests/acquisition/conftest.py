@@ -1,14 +1,11 @@
 """A small scan on a simulated bench whose cables take no time."""
 
-import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.importers.isolated import one_reader
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.configs.load import load
@@ -46,17 +43,6 @@ def small_plan() -> Callable[..., ScanPlan]:
         return ScanSettings.model_validate(settings).plan()
 
     return make
-
-
-@pytest.fixture(scope="module")
-def one_child_reads(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """All recordings that a module's tests resume are checked by one child, begun before the first of them."""
-    empty = tmp_path_factory.mktemp("begun") / "empty.h5"
-    empty.touch()
-    with one_reader() as reader:
-        with contextlib.suppress(InvalidData):
-            reader.check(empty, "nlos.acquisition.recording.read_by_child:read_through")
-        yield
 
 
 @pytest.fixture

@@ -23,6 +23,8 @@ from nlos.results_folder import ResultsFolder
 from tests import scan_texts
 from tests.nlos.test_archives import scan
 
+pytestmark = pytest.mark.usefixtures("one_child_reads")
+
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:

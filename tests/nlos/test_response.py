@@ -34,6 +34,8 @@ from nlos.report import page
 from nlos.response import known_response, lateral_m, response_wanted, say_response
 from nlos.results_folder import ResultsFolder
 
+pytestmark = pytest.mark.usefixtures("one_child_reads")
+
 BIN_S = 64e-12
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]

@@ -25,6 +25,8 @@ from nlos.recon.wall_doubt import Wanted
 from tests import command
 from tests.scan_texts import recorded
 
+pytestmark = pytest.mark.usefixtures("one_child_reads")
+
 ADAPTIVE = """\
 wall: {width_m: 1.0, height_m: 1.0, rows: 16, cols: 16}
 pattern: {kind: adaptive, seconds: 1.5, step_ms: 1, lengths: 2}

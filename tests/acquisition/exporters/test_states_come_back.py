@@ -14,6 +14,8 @@ from nlos.acquisition.importers.given import Given
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 from nlos.loaded import load_scan
 
+pytestmark = pytest.mark.usefixtures("one_child_reads")
+
 ROWS, COLS, BINS, BIN_S = 6, 5, 128, 64e-12
 WIDTH_M, HEIGHT_M = 1.0, 1.2
 X_M = ((np.arange(COLS) + 0.5) / COLS - 0.5) * WIDTH_M
