@@ -118,7 +118,7 @@ class LiveReconstruction:
 
             quick["bfloat16"] = bfloat16_is_fast()
         if hurried:
-            quick |= {"refine": False, "from_first_light": True}
+            quick |= {"refine": False, "from_first_light": not self.settings.get("refine", False)}
         return {name: value for name, value in quick.items() if name in known} | self._set(falloff)
 
     def _set(self, falloff: int | None) -> dict[str, object]:

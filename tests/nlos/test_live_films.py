@@ -186,7 +186,7 @@ def test_a_picture_in_a_hurry_is_not_refined_and_what_was_asked_for_is_kept(run:
     live = LiveReconstruction("nano")
     usual, hurried = (live.made_of_film(light, hurried=each).settings for each in (False, True))
     assert (usual["symmetries"], usual["refine"]) == (False, True)
-    assert hurried == usual | {"refine": False}
+    assert hurried == usual | {"refine": False, "from_first_light": True}
     assert LiveReconstruction("nano", {"symmetries": True, "refine": True}).made_of_film(
         light, hurried=True
     ).settings == (usual | {"symmetries": True})
