@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,10 @@ from nlos.recon.over_time.half_grid import HalfGrid
 from nlos.recon.predicted_error import said_by
 from nlos.recon.reconstruct import explained, get_ready, reconstruct
 from nlos.recon.volume import Reconstruction
+
+if TYPE_CHECKING:
+    from nlos.recon.film_network import FilmFinish
+    from nlos.recon.layers.film_network import FilmNetwork
 
 Picture = npt.NDArray[np.float32]
 
@@ -60,6 +65,7 @@ class LiveReconstruction:
         self._earlier: list[tuple[int, Picture]] = []
         self._bound = math.inf
         self._noise = KeptNoise()
+        self._finish: FilmFinish | None = None
         self._knows_falloff = "falloff" in find(method).Settings.model_fields
 
     def update(self, transient: Transient, samples: int, falloff: int | None = None) -> LivePicture:
@@ -90,36 +96,63 @@ class LiveReconstruction:
     def made_of_film(self, seen: HalfGrid, falloff: int | None = None, hurried: bool = False) -> Reconstruction:
         """A picture of a frame on half the grid, for speed without averages over mirror images, without a look at how
         much light it explains, in bfloat16 where the processor computes in it, and told the response only where that is
-        wider than a quarter of a cell; `hurried` without refinement too, and from the first light's depth on. How noisy
-        a film is is found for every fourth frame. May be asked for in several threads."""
+        wider than a quarter of a cell; `hurried`, or if it will be finished, without refinement too; `hurried` from the
+        first light's depth on. How noisy a film is is found for every fourth frame. May be asked for in several
+        threads."""
         wall, response = seen.light.wall, seen.light.response
         cell_s = 2 * max(wall.width_m / wall.cols, wall.height_m / wall.rows) / SPEED_OF_LIGHT_M_PER_S
         told = response is not None and response.fwhm_s > cell_s / 4
         light = seen.light if told else replace(seen.light, response=None)
+        chosen = self._set_for_film(falloff, hurried, self.finishes(seen))
         with self._noise.in_use():
-            return reconstruct(light, self.method, self._set_for_film(falloff, hurried), self._device, explain=False)
+            return reconstruct(light, self.method, chosen, self._device, explain=False)
 
     def get_ready_for_film(self, seen: HalfGrid, falloff: int | None = None, hurried: bool = False) -> None:
         """Builds what `made_of_film` needs for such a frame. Raises as it does."""
-        get_ready(seen.light, self.method, self._set_for_film(falloff, hurried))
+        get_ready(seen.light, self.method, self._set_for_film(falloff, hurried, self.finishes(seen)))
 
     def judged_of_film(self, seen: HalfGrid, made: Reconstruction, samples: int) -> LivePicture:
-        """That picture on the whole grid, and how far it can be trusted; to be asked for in the order of the frames."""
+        """That picture on the whole grid, finished by the network for films where there is one for it, and how far it
+        can be trusted; to be asked for in the order of the frames."""
         picture = self._judged(seen.light, made, samples)
         confidence = seen.enlarged(replace(made, confidence=picture.confidence)).confidence
         assert confidence is not None
-        return replace(picture, reconstruction=seen.enlarged(made), confidence=confidence)
+        return replace(picture, reconstruction=self._finished(seen, made), confidence=confidence)
 
-    def _set_for_film(self, falloff: int | None, hurried: bool) -> dict[str, object]:
+    def finishes(self, seen: HalfGrid) -> bool:
+        """Whether the network for films that comes with NANO's weights will finish pictures of such frames."""
+        return self._network(seen) is not None
+
+    def _network(self, seen: HalfGrid) -> "FilmNetwork | None":
+        if "video" not in find(self.method).Settings.model_fields:
+            return None
+        from nlos.recon.film_network import film_network_for, takes
+
+        chosen = parse_settings(self.method, {"video": True} | self.settings).model_dump()
+        return film_network_for(chosen["weights"]) if chosen["video"] and takes(seen) else None
+
+    def _finished(self, seen: HalfGrid, made: Reconstruction) -> Reconstruction:
+        whole, network = seen.enlarged(made), self._network(seen)
+        if network is None or seen.given is None:
+            return whole
+        from nlos.recon.film_network import FilmFinish
+
+        self._finish = self._finish or FilmFinish(network)
+        return self._finish(seen.given, whole, made.volume)
+
+    def _set_for_film(self, falloff: int | None, hurried: bool, finished: bool) -> dict[str, object]:
         known = find(self.method).Settings.model_fields
         quick: dict[str, object] = {"symmetries": False}
+        finish = {"video": finished} if "video" in known else {}
         if "bfloat16" in known and self._device == "cpu":
             from nlos.recon.layers.in_bfloat16 import bfloat16_is_fast
 
             quick["bfloat16"] = bfloat16_is_fast()
+        if hurried or finished:
+            quick["refine"] = False
         if hurried:
-            quick |= {"refine": False, "from_first_light": not self.settings.get("refine", False)}
-        return {name: value for name, value in quick.items() if name in known} | self._set(falloff)
+            quick["from_first_light"] = not self.settings.get("refine", False)
+        return {name: value for name, value in quick.items() if name in known} | self._set(falloff) | finish
 
     def _set(self, falloff: int | None) -> dict[str, object]:
         settings = dict(self.settings)

@@ -90,6 +90,9 @@ class Settings(AnySettings):
     refine: bool = True
     """Hold the picture against the light that it was made from, and correct it, for the weights that ship; False: a
     picture without intervals, which are those of corrected ones."""
+    video: bool = False
+    """Of a film that is watched, where it is the default: finish its pictures by a network that carries over what it
+    has seen, for the weights that ship."""
     bfloat16: bool = False
     """Convolutions in three dimensions in bfloat16, once trained: for films, where the processor multiplies in it."""
     from_first_light: bool = False

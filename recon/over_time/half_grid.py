@@ -8,6 +8,7 @@ import scipy
 
 from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.over_time.given import Given
 from nlos.recon.over_time.moments import Moments, added
 from nlos.recon.volume import Reconstruction
 
@@ -24,6 +25,8 @@ class HalfGrid:
     light: Transient
     wall: WallGrid
     shift_m: tuple[float, float] = (0.0, 0.0)
+    given: Given | None = None
+    """Where the light is a film's: what a network for films is told of it."""
 
     def enlarged(self, made: Reconstruction) -> Reconstruction:
         """A picture of the light on the whole grid: brightness by cubic splines, depth that of the nearest cell. The

@@ -1,12 +1,16 @@
 """A memory of the light of the last frames: brought to the newest one's moment, and weighted by how well it agrees."""
 
 from collections import deque
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.over_time.given import Given
+from nlos.recon.over_time.half_grid import HalfGrid, on_half_grid
 from nlos.recon.over_time.moments import Moments, added, moved
 from nlos.recon.over_time.path import along, path_through
 from nlos.recon.over_time.registration import Registration, Seen
@@ -71,6 +75,20 @@ class LightMemory:
                 by_m = -along(self.path_m, moments_s, held.taken_s)
                 brought.append((moved(held, by_m, depth_m, number), float(weight)))
         return [each for each, _ in brought], [weight for _, weight in brought]
+
+    def given(self) -> Given:
+        """What a network for films is told of the newest frame."""
+        _, newest, seen = self._held[-1]
+        photons = [float(held.counts.sum(dtype=np.float64)) for _, held, _ in self._held]
+        return Given(
+            partial(self._registration.volume_of, seen), seen.repeats, float(self.weights.sum()),
+            (photons[-1], float(np.dot(photons, self.weights))), len(newest.x_m),
+            np.array([held.mean_s for _, held, _ in self._held]), self.path_m,
+        )  # fmt: skip
+
+    def on_half_grid(self) -> HalfGrid:
+        """The light on half the grid, and what a network for films is told of it."""
+        return replace(on_half_grid(*self.light()), given=self.given())
 
     def _compare(self, frame: Moments) -> None:
         """Adds the frame, compares it with those before, and finds the path."""

@@ -69,6 +69,11 @@ class Registration:
         halves = max(float((one * other).sum()) / norm, 0.0) if norm > 0 else 0.0
         return 2 * halves / (1 + halves)
 
+    def volume_of(self, seen: Seen) -> tuple[npt.NDArray[np.float32], Floats]:
+        """The volume (D, h, w) that was made of it, less its mean, and the depths of its planes (D,)."""
+        made = scipy.fft.irfftn(seen.spectrum, (self._time.bins, self._wall.rows, self._wall.cols))
+        return np.asarray(made, dtype=np.float32), self._invert.depths_m
+
     @property
     def cell_m(self) -> float:
         """The larger side of a cell."""

@@ -6,7 +6,7 @@ import math
 import shutil
 import subprocess
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -51,6 +51,8 @@ class Film:
     """Which response of the instrument the method was told, in words."""
     explained: tuple[Explained, ...]
     """How much of light that it was not made from each picture accounts for."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """The method and its settings, as each picture was made."""
 
     def track(self) -> dict[str, npt.NDArray[Any]]:
         """Centroid, extent and velocity of what is seen, a row a picture; see `recon.track`."""
@@ -108,12 +110,13 @@ def film_of(
         np.stack([one.albedo for one in pictures]), np.stack([one.depth_m for one in pictures]), np.array(frames),
         np.array(times_s), wall.x_m(), wall.y_m(), each if earlier is None else earlier.frames_to_a_picture,
         response_words(pictures[0]), tuple(one.explained or NOT_LOOKED_FOR for one in pictures),
+        {"method": pictures[-1].method, **pictures[-1].settings},
     )  # fmt: skip
 
 
 def write_film(folder: Path, film: Film) -> list[Path]:
-    """film.npz (`albedo`, `depth_m`, `frame`, `time_s`, `x_m`, `y_m`, `explained`, `explained_error`), film.gif,
-    track.csv and track.json of all that is seen as one, and objects.csv of each object alone."""
+    """film.npz (`albedo`, `depth_m`, `frame`, `time_s`, `x_m`, `y_m`, `explained`, `explained_error`, `settings`
+    as JSON), film.gif, track.csv and track.json of all that is seen as one, and objects.csv of each object alone."""
     with whole_files(folder) as fresh:
         _write_film(fresh, film)
     return [folder / name for name in NAMES]
@@ -126,6 +129,7 @@ def _write_film(folder: Path, film: Film) -> None:
     }
     for name, figure in (("explained", "share"), ("explained_error", "error")):
         arrays[name] = np.array([getattr(one, figure) for one in film.explained], dtype=np.float64)  # None becomes NaN
+    arrays["settings"] = np.array(json.dumps(film.settings))
     np.savez_compressed(paths[0], **arrays)
     write_gif(paths[1], film)
     columns = film.track()

@@ -38,7 +38,7 @@ def described(picture: "LivePicture") -> dict[str, Any]:
         "error": picture.error,
         "bound": picture.bound,
         "seconds": result.seconds,
-        "refined": result.settings.get("refine", True),
+        "refined": result.settings.get("refine", True) or result.settings.get("video", False),
         "explained": None if result.explained is None else str(result.explained),
         "verdict": "" if result.explained is None else result.explained.verdict,
         "explains_nothing": result.explained is not None and bool(result.explained.nothing or result.explained.doubt),

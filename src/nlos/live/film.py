@@ -17,7 +17,7 @@ from nlos.chain import calibrate_scan
 from nlos.live.calibrated import Calibrated
 from nlos.live.time_zero import TimeZero
 from nlos.live.trails import Trails
-from nlos.recon.over_time.half_grid import HalfGrid, on_half_grid
+from nlos.recon.over_time.half_grid import HalfGrid
 from nlos.recon.over_time.memory import LightMemory
 from nlos.recon.over_time.moments import Moments
 from nlos.recon.volume import Reconstruction
@@ -117,7 +117,7 @@ class LiveFilm:
         assert self._alignment is not None
         assert self._zero is not None
         if self._light is None:
-            held = on_half_grid(*self._memory.light())
+            held = self._memory.on_half_grid()
             self._light = replace(held, light=replace(held.light, response=self._alignment.response))
         return Calibrated(count, whole, self._light.light, self._falloff, self._zero, self._light, self.newest)
 
