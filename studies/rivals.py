@@ -33,6 +33,7 @@ PAIRS = (
     Pair("nano_4000", "lfe_4000", "NANO is averaged over eight mirror images; an eighth of its scenes is far away"),
     Pair("nano_4000_once", "lfe_4000", "an eighth of NANO's scenes is far away; both see the scan once, unmirrored"),
     Pair("nano_4000_once", "unet_4000", "an eighth of NANO's scenes is far away, and it has a volume with empty gaps"),
+    Pair("nano_4000_once", "nlost_4000", "an eighth of NANO's scenes is far away, and it has a volume with empty gaps"),
     Pair("nano_4000", "lfe", "LFE: two samples a step, 2,000 scenes, square error; 1,000 samples to twice the depth"),
     Pair("nano_4000", "nlost", "NLOST: two samples a step, 2,000 scenes, square error"),
     Pair("nano_4000_once", "faithful", "faithful: the paper's loss (MSE and total variation) and its added noise"),

@@ -15,7 +15,12 @@ from nlos.recon.weights.files import OWN_FOLDER, place_of
 FOLDER = Path("runs/results")
 EQUAL = {"lfe": "nano_4000", "nlost": "nano_4000", "unet": "nano_6500"}
 """Weights of a NANO that has seen as many samples as each rival."""
-BASE = dict.fromkeys(EQUAL.values(), "nano") | {"lfe_4000": "lfe", "unet_4000": "unet", "nano_4000_once": "nano"}
+BASE = dict.fromkeys(EQUAL.values(), "nano") | {
+    "lfe_4000": "lfe",
+    "unet_4000": "unet",
+    "nlost_4000": "nlost",
+    "nano_4000_once": "nano",
+}
 """The method of weights that are not called like it."""
 WEIGHTS_OF = {"nano_4000_once": "nano_4000"}
 """The weights of what is called otherwise: here the same, without the mean over mirror images."""

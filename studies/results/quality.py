@@ -30,6 +30,7 @@ FEWER_AND_SLOWER = ("counts_p20@8x8", "counts_p20~100ps", "counts_p20~300ps", "c
 ALL_PARTS: dict[str, object] = {"lifting": "both", "sfe": True}
 AS_TRAINED: dict[str, dict[str, object]] = {
     "lfe_4000": {"farthest": 0.9},
+    "nlost_4000": {"farthest": 0.9},
     "nano_4000": ALL_PARTS,
     "nano_4000_once": ALL_PARTS | {"symmetries": False},
     "nano_6500": ALL_PARTS,
