@@ -48,7 +48,7 @@ def test_every_rival_is_compared_with_a_nano_that_saw_as_many_samples() -> None:
 def network() -> Nano:
     """Untrained, with every part that starts from zero made to matter."""
     torch.manual_seed(0)
-    made = build(Settings(weights=None, channels=(4, 6, 8), features=3, symmetries=False), WALL, TIME).eval()
+    made = build(Settings(weights=None, channels=(4, 6, 8), features=3), WALL, TIME).eval()
     with torch.no_grad():
         for parameter in made.parameters():
             if parameter.requires_grad and not parameter.any():
