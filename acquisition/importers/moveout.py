@@ -14,7 +14,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 FARTHEST = 0.25
-"""Pairs of an exhaustive scan farther apart than this share of its grid are left out: surfaces are not opposite."""
+"""Pairs of an exhaustive scan farther apart than this share of its grid are skipped: surfaces are not opposite."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def of_every_pair(
     counts: npt.NDArray[np.generic], lasers: Array, sensors: Array, first_m: Array, delta_m: float
 ) -> MovedOut:
     """Histograms (T, A, B, A, B) of every pair of one grid's points (A, B, 3), added up at their midpoints, a grid of
-    half its spacing; `first_m` (A, B, A, B). Pairs far apart are left out."""
+    half its spacing; `first_m` (A, B, A, B). Pairs far apart are skipped."""
     bins, rows, cols = counts.shape[0], *sensors.shape[:2]
     reach_m = FARTHEST * float(np.linalg.norm(np.ptp(sensors.reshape(-1, 3), axis=0)) / np.sqrt(2))
     moved, grid = np.zeros((bins, 2 * rows - 1, 2 * cols - 1)), np.zeros((2 * rows - 1, 2 * cols - 1, 3))
