@@ -1,20 +1,15 @@
-"""The estimate of noise of any kind that comes with NANO's weights: read, and tied to the weights it was fitted to."""
+"""The estimate of noise of any kind that comes with NANO's weights."""
 
 from functools import lru_cache
 
 from nlos.recon.layers.any_noise import AnyNoise
-from nlos.recon.weights.files import OWN_FOLDER, goes_with, put_weights, read_weights
+from nlos.recon.weights.companions import companion
 
-ANY_NOISE = "nano.noise"  # safetensors; by another name, for it is no weights of a method
+ANY_NOISE = "nano.noise"
 
 
 @lru_cache(maxsize=4)
 def any_noise_for(weights: str | None) -> AnyNoise | None:
     """The network that was fitted to the photon statistics of these weights of NANO; None for others. Raises
     WeightsError."""
-    path = OWN_FOLDER / ANY_NOISE
-    if weights is None or not path.is_file() or not goes_with(path, weights):
-        return None
-    network = AnyNoise()
-    put_weights(network, {name: x.float() for name, x in read_weights(path).tensors.items()}, str(path))
-    return network.eval().requires_grad_(False)
+    return companion(AnyNoise, ANY_NOISE, weights)

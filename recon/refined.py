@@ -1,19 +1,14 @@
-"""The refinement that comes with NANO's weights: read, and tied to the weights whose pictures it learned from."""
+"""The refinement that comes with NANO's weights."""
 
 from functools import lru_cache
 
 from nlos.recon.layers.refinement import Correction
-from nlos.recon.weights.files import OWN_FOLDER, goes_with, put_weights, read_weights
+from nlos.recon.weights.companions import companion
 
-REFINEMENT = "nano.refinement"  # safetensors; by another name, for it is no weights of a method
+REFINEMENT = "nano.refinement"
 
 
 @lru_cache(maxsize=4)
 def correction_for(weights: str | None) -> Correction | None:
     """The network that was fitted to pictures made by these weights of NANO; None for others. Raises WeightsError."""
-    path = OWN_FOLDER / REFINEMENT
-    if weights is None or not path.is_file() or not goes_with(path, weights):
-        return None
-    correction = Correction()
-    put_weights(correction, {name: x.float() for name, x in read_weights(path).tensors.items()}, str(path))
-    return correction.eval().requires_grad_(False)
+    return companion(Correction, REFINEMENT, weights)

@@ -1,6 +1,5 @@
 """Fits the head of NANO's intervals to what NANO made of simulated scans."""
 
-import copy
 import json
 from collections.abc import Iterable
 
@@ -10,6 +9,7 @@ from torch import Tensor
 
 from nlos.recon.layers.interval_head import IntervalHead
 from nlos.recon.layers.symmetries import mirrored
+from nlos.recon.training.averaged_fit import AveragedFit
 from nlos.recon.training.interval_set import Judged
 
 COVERED = 0.5  # of a pixel: from there on a surface is there
@@ -35,9 +35,8 @@ def fit(scans: Iterable[Judged], steps: int, begun: IntervalHead | None = None, 
     shares = np.array([len(by_size[size]) for size in sizes], dtype=np.float64)
     head = IntervalHead() if begun is None else begun.train()
     rate = RATE if begun is None else RATE / 3
-    mean = copy.deepcopy(head)
-    optimiser = torch.optim.AdamW(head.parameters(), lr=rate, weight_decay=DECAY)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=steps)
+    fitted = AveragedFit(head, rate, DECAY, AVERAGE)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(fitted.optimiser, rate, total_steps=steps)
     total = 0.0
     for step in range(steps):
         size = int(rng.choice(sizes, p=shares / shares.sum()))
@@ -47,17 +46,11 @@ def fit(scans: Iterable[Judged], steps: int, begun: IntervalHead | None = None, 
         flips = [dim for dim in (-1, -2) if rng.random() < 0.5]
         turned = bool(rng.random() < 0.5)
         evidence, *truth = [mirrored(x, flips, turned).contiguous() for x in fields]
-        optimiser.zero_grad()
         loss = head.loss(evidence, *truth)
-        loss.backward()  # type: ignore[no-untyped-call]
-        torch.nn.utils.clip_grad_norm_(head.parameters(), 1.0)
-        optimiser.step()
+        fitted.step(loss, float(schedule.get_last_lr()[0]))
         schedule.step()
-        with torch.no_grad():
-            for kept, now in zip(mean.parameters(), head.parameters(), strict=True):
-                kept.lerp_(now, 1 - min(AVERAGE, (step + 1) / (step + 10)))
         total += float(loss.detach())
         if step % 250 == 249:
             print(json.dumps({"step": step + 1, "loss": round(total / 250, 4)}), flush=True)
             total = 0.0
-    return mean.eval()
+    return fitted.mean.eval()

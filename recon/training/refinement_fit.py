@@ -1,6 +1,5 @@
 """Fits NANO's refinement to pictures of simulated scans, and says what it gains on others."""
 
-import copy
 import json
 import math
 import time
@@ -13,6 +12,7 @@ from torch import Tensor
 
 from nlos.recon.layers.refinement import ALBEDO, ASKED, Correction
 from nlos.recon.layers.symmetries import mirrored
+from nlos.recon.training.averaged_fit import AveragedFit, falling
 from nlos.recon.training.losses import best_scale
 from nlos.recon.training.refinement_set import Held
 
@@ -59,29 +59,19 @@ def fit(scans: Iterable[Held], minutes: float, begun: Correction | None = None, 
     sizes = sorted(by_size)
     shares = np.array([size * len(by_size[size]) for size in sizes], dtype=np.float64)
     correction = Correction() if begun is None else begun.train().requires_grad_(True)
-    mean = copy.deepcopy(correction)
-    optimiser = torch.optim.AdamW(correction.parameters(), lr=RATE, weight_decay=DECAY)
-    start, step, total, over = time.monotonic(), 0, 0.0, 0.0
+    fitted = AveragedFit(correction, RATE, DECAY, AVERAGE)
+    start, total, over = time.monotonic(), 0.0, 0.0
     while over < 1:
         over = (time.monotonic() - start) / (60 * minutes)
-        rate = LAST_RATE + (RATE - LAST_RATE) * 0.5 * (1 + math.cos(math.pi * min(1.0, over)))
-        optimiser.param_groups[0]["lr"] = rate * min(1.0, (step + 1) / WARM_UP)
         size = int(rng.choice(sizes, p=shares / shares.sum()))
         chosen = [by_size[size][k] for k in rng.integers(len(by_size[size]), size=BATCH)]
         loss = loss_of(correction, _batch(chosen, rng.integers(8, size=BATCH)))
-        optimiser.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
-        torch.nn.utils.clip_grad_norm_(correction.parameters(), 1.0)
-        optimiser.step()
-        step += 1
-        with torch.no_grad():
-            for kept, now in zip(mean.parameters(), correction.parameters(), strict=True):
-                kept.lerp_(now, 1 - min(AVERAGE, step / (step + 10)))
+        fitted.step(loss, falling(RATE, LAST_RATE, over) * min(1.0, (fitted.steps + 1) / WARM_UP))
         total += float(loss.detach())
-        if step % 500 == 0:
-            print(json.dumps({"step": step, "loss": round(total / 500, 4), "over": round(over, 3)}), flush=True)
+        if fitted.steps % 500 == 0:
+            print(json.dumps({"step": fitted.steps, "loss": round(total / 500, 4), "over": round(over, 3)}), flush=True)
             total = 0.0
-    return mean.eval()
+    return fitted.mean.eval()
 
 
 @torch.inference_mode()

@@ -48,7 +48,7 @@ def about_run(
         "architecture": method_settings(settings).model_dump(mode="json"),
         "range": range_of(settings.data.model_dump(mode="json")),
         "licence": settings.licence,
-        "settings": settings.model_dump(mode="json"),
+        "settings": settings.model_dump(mode="json", exclude={"cache"}),  # a place on one computer
         "validation": dict(validation),
         "learned_from": begun_with.learned_from,
         "step": step,

@@ -1,6 +1,5 @@
 """Fits the network for films to NANO's pictures of simulated films, and says what it gains on others."""
 
-import copy
 import json
 import math
 import time
@@ -16,6 +15,7 @@ from torch import Tensor
 
 from nlos.recon.layers.film_network import Carried, FilmNetwork, Shown
 from nlos.recon.layers.symmetries import mirrored
+from nlos.recon.training.averaged_fit import AveragedFit, falling
 from nlos.recon.training.refinement_fit import LEAST_ERROR, ROBUST, errors
 from nlos.recon.training.video_set import BACK, COMPARED, TRAINING, HeldFilm, all_held
 from nlos.recon.weights.files import save
@@ -66,34 +66,24 @@ def fit(folder: Path, minutes: float, begun: FilmNetwork | None = None, seed: in
     rng = np.random.default_rng(seed)
     network = FilmNetwork() if begun is None else begun.train().requires_grad_(True)
     first_rate = RATE if begun is None else RATE_AGAIN
-    mean = copy.deepcopy(network)
-    optimiser = torch.optim.AdamW(network.parameters(), lr=first_rate, weight_decay=DECAY)
-    start, step, total, over = time.monotonic(), 0, 0.0, 0.0
+    fitted = AveragedFit(network, first_rate, DECAY, AVERAGE)
+    start, total, over = time.monotonic(), 0.0, 0.0
     films: list[HeldFilm] = []
     while over < 1:
-        if step % LOOK == 0:
+        if fitted.steps % LOOK == 0:
             films += list(all_held(TRAINING, folder, len(films)))
         over = (time.monotonic() - start) / (60 * minutes)
-        rate = LAST_RATE + (first_rate - LAST_RATE) * 0.5 * (1 + math.cos(math.pi * min(1.0, over)))
-        optimiser.param_groups[0]["lr"] = rate * min(1.0, (step + 1) / WARM_UP)
         length, batch = next(each[1:] for each in LENGTHS if over <= each[0] or each is LENGTHS[-1])
         chosen = [films[k] for k in rng.integers(len(films), size=batch)]
         loss = loss_of(network, _batch(chosen, rng.integers(8, size=batch)), _numbers(rng, len(chosen[0].told), length))
-        optimiser.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
-        torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
-        optimiser.step()
-        step += 1
-        with torch.no_grad():
-            for kept, now in zip(mean.parameters(), network.parameters(), strict=True):
-                kept.lerp_(now, 1 - min(AVERAGE, step / (step + 10)))
+        fitted.step(loss, falling(first_rate, LAST_RATE, over) * min(1.0, (fitted.steps + 1) / WARM_UP))
         total += float(loss.detach())
-        if step % LOOK == 0:
-            told = {"step": step, "loss": round(total / LOOK, 4), "over": round(over, 3), "films": len(films)}
+        if fitted.steps % LOOK == 0:
+            told = {"step": fitted.steps, "loss": round(total / LOOK, 4), "over": round(over, 3), "films": len(films)}
             print(json.dumps(told), flush=True)
-            save(folder / DRAFT, mean.state_dict(), {"method": "network for films of nano", **told})
+            save(folder / DRAFT, fitted.mean.state_dict(), {"method": "network for films of nano", **told})
             total = 0.0
-    return mean.eval()
+    return fitted.mean.eval()
 
 
 def _numbers(rng: np.random.Generator, frames: int, length: int) -> list[int]:

@@ -6,20 +6,9 @@ import numpy as np
 import torch
 
 from nlos.recon.methods.nano import Nano, Settings, build
-from nlos.recon.refined import correction_for
 from nlos.recon.training.losses import psnr
 from nlos.recon.training.refinement_set import TEST, all_held, hold, scan
 from nlos.recon.training.training_sample import collate
-from nlos.recon.weights.files import find_weights, read_weights, save
-
-
-def test_the_refinement_goes_with_the_weights_whose_pictures_it_learned_from(tmp_path: Path) -> None:
-    assert correction_for("nano") is not None
-    assert correction_for(None) is None
-    shipped = read_weights(find_weights("nano"))
-    other = tmp_path / "other.safetensors"
-    save(other, {name: x * 1.001 for name, x in shipped.tensors.items()}, shipped.about)
-    assert correction_for(str(other)) is None
 
 
 def refined(index: int, refine: bool) -> tuple[float, torch.Tensor]:

@@ -5,7 +5,6 @@ import numpy.typing as npt
 import pytest
 import torch
 
-from nlos.recon.any_noise import any_noise_for
 from nlos.recon.layers.any_noise import AGREE, unless_photons
 from nlos.recon.layers.below_the_cone import Rest, below_the_cone, recorded
 
@@ -111,9 +110,3 @@ def test_photon_statistics_stand_where_the_other_agrees_or_is_unknown_and_give_w
     other = photons + torch.tensor([0.9 * AGREE, torch.nan, 1.5 * AGREE, 3 * AGREE, -3 * AGREE])
     expected = torch.tensor([-1.0, -1.0, -1.0 + 0.75 * AGREE, -1.0 + 3 * AGREE, -1.0 - 3 * AGREE])
     torch.testing.assert_close(unless_photons(photons, other), expected)
-
-
-def test_the_estimate_of_any_kind_goes_with_the_weights_whose_statistics_it_was_fitted_to() -> None:
-    assert any_noise_for("nano") is not None
-    assert any_noise_for("lfe") is None
-    assert any_noise_for(None) is None
