@@ -1,5 +1,4 @@
-"""The network for films that comes with NANO's weights: read, tied to the weights whose pictures it learned from, and
-applied to the pictures of one film after the other."""
+"""The network for films that comes with NANO's weights, and how it goes along a film."""
 
 from collections import deque
 from contextlib import nullcontext
@@ -15,9 +14,9 @@ from nlos.recon.over_time.given import Given, depth_everywhere
 from nlos.recon.over_time.half_grid import HalfGrid
 from nlos.recon.transport.fourier import on_one_core
 from nlos.recon.volume import Reconstruction, Volume
-from nlos.recon.weights.files import OWN_FOLDER, goes_with, put_weights, read_weights
+from nlos.recon.weights.companions import companion
 
-VIDEO = "nano.video"  # safetensors; by another name, for it is no weights of a method
+VIDEO = "nano.video"
 POINTS = 64
 """A side of the pictures that it learned from."""
 FEWEST, MOST = 128, 512
@@ -29,12 +28,7 @@ MOST_GAP = 4
 @lru_cache(maxsize=4)
 def film_network_for(weights: str | None) -> FilmNetwork | None:
     """The network that was fitted to pictures made by these weights of NANO; None for others. Raises WeightsError."""
-    path = OWN_FOLDER / VIDEO
-    if weights is None or not path.is_file() or not goes_with(path, weights):
-        return None
-    network = FilmNetwork()
-    put_weights(network, {name: x.float() for name, x in read_weights(path).tensors.items()}, str(path))
-    return network.eval().requires_grad_(False)
+    return companion(FilmNetwork, VIDEO, weights)
 
 
 def takes(seen: HalfGrid) -> bool:

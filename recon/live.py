@@ -15,7 +15,7 @@ from nlos.recon.methods import find, parse_settings
 from nlos.recon.over_time.half_grid import HalfGrid
 from nlos.recon.predicted_error import said_by
 from nlos.recon.reconstruct import explained, get_ready, reconstruct
-from nlos.recon.volume import Reconstruction
+from nlos.recon.volume import FINISHED, Reconstruction
 
 if TYPE_CHECKING:
     from nlos.recon.film_network import FilmFinish
@@ -56,8 +56,12 @@ class LiveReconstruction:
     Every picture is made from all samples so far and equals that of a recording of just these samples.
     """
 
-    def __init__(self, method: str = METHOD, settings: Mapping[str, object] | None = None, device: str = "cpu") -> None:
-        """Raises `InvalidSettings` for a method or a setting that does not exist."""
+    def __init__(
+        self, method: str = METHOD, settings: Mapping[str, object] | None = None, device: str = "cpu",
+        finish: bool = True,
+    ) -> None:  # fmt: skip
+        """`finish` False: pictures of films stay as the method makes them, although the weights come with a network for
+        films. Raises `InvalidSettings` for a method or a setting that does not exist."""
         self.method = method
         self.settings = dict(settings or {})
         parse_settings(method, self.settings)
@@ -65,8 +69,13 @@ class LiveReconstruction:
         self._earlier: list[tuple[int, Picture]] = []
         self._bound = math.inf
         self._noise = KeptNoise()
+        self._finishes = finish
         self._finish: FilmFinish | None = None
         self._knows_falloff = "falloff" in find(method).Settings.model_fields
+
+    def anew(self) -> "LiveReconstruction":
+        """The same, which has seen nothing yet."""
+        return LiveReconstruction(self.method, self.settings, self._device, self._finishes)
 
     def update(self, transient: Transient, samples: int, falloff: int | None = None) -> LivePicture:
         """The picture of `transient`, which holds `samples` samples; `falloff` where its file says one, for methods
@@ -124,12 +133,12 @@ class LiveReconstruction:
         return self._network(seen) is not None
 
     def _network(self, seen: HalfGrid) -> "FilmNetwork | None":
-        if "video" not in find(self.method).Settings.model_fields:
+        if not self._finishes or self.method != "nano":
             return None
         from nlos.recon.film_network import film_network_for, takes
 
-        chosen = parse_settings(self.method, {"video": True} | self.settings).model_dump()
-        return film_network_for(chosen["weights"]) if chosen["video"] and takes(seen) else None
+        weights = parse_settings(self.method, self.settings).model_dump()["weights"]
+        return film_network_for(weights) if takes(seen) else None
 
     def _finished(self, seen: HalfGrid, made: Reconstruction) -> Reconstruction:
         whole, network = seen.enlarged(made), self._network(seen)
@@ -138,12 +147,12 @@ class LiveReconstruction:
         from nlos.recon.film_network import FilmFinish
 
         self._finish = self._finish or FilmFinish(network)
-        return self._finish(seen.given, whole, made.volume)
+        finished = self._finish(seen.given, whole, made.volume)
+        return replace(finished, settings={**finished.settings, FINISHED: True})
 
     def _set_for_film(self, falloff: int | None, hurried: bool, finished: bool) -> dict[str, object]:
         known = find(self.method).Settings.model_fields
         quick: dict[str, object] = {"symmetries": False}
-        finish = {"video": finished} if "video" in known else {}
         if "bfloat16" in known and self._device == "cpu":
             from nlos.recon.layers.in_bfloat16 import bfloat16_is_fast
 
@@ -152,7 +161,7 @@ class LiveReconstruction:
             quick["refine"] = False
         if hurried:
             quick["from_first_light"] = not self.settings.get("refine", False)
-        return {name: value for name, value in quick.items() if name in known} | self._set(falloff) | finish
+        return {name: value for name, value in quick.items() if name in known} | self._set(falloff)
 
     def _set(self, falloff: int | None) -> dict[str, object]:
         settings = dict(self.settings)

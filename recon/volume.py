@@ -11,6 +11,9 @@ from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import ReconstructionFailed
 from nlos.recon.explained_share import Explained
 
+FINISHED = "finished"
+"""Among a picture's settings where a network for films finished it."""
+
 
 @dataclass(frozen=True)
 class Volume:

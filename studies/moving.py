@@ -157,7 +157,7 @@ def psnr(light: Transient, truth: Floats, method: str) -> float:
 def measured(scene: int) -> list[dict[str, Any]]:
     """A row a look: of a moving scene single frames and the memory, of a still one the memory and all light."""
     film, memory, rows, kept = Film(scene), LightMemory(WALL, TIME), [], []
-    lives = {name: LiveReconstruction("nano", {"video": name == "video"}) for name in ("half", "video")}
+    lives = {name: LiveReconstruction("nano", finish=name == "video") for name in ("half", "video")}
     still = scene in STILL
     for number in range(FRAMES if still else max(LOOKS) + 1):
         frame = film.frame(number)

@@ -2,11 +2,10 @@
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Annotated, Literal, cast
+from typing import cast
 
 import torch
 import torch.nn.functional as F
-from pydantic import Field
 from torch import Tensor, nn
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
@@ -30,12 +29,11 @@ from nlos.recon.layers.refinement import Refinement, as_it_was
 from nlos.recon.layers.symmetries import Fields, mean_over_symmetries
 from nlos.recon.layers.told_conditions import conditions, confidence
 from nlos.recon.layers.told_response import Told
-from nlos.recon.layers.transient_lifting import LiftingName
 from nlos.recon.layers.volume_projection import AttentionProjection, MaximumProjection, Projection
-from nlos.recon.layers.wiener_volumes import SLICE, TRAINED_SLICES, VOLUMES, WienerVolumes, rebinned_axis
-from nlos.recon.memory import cube_bytes
+from nlos.recon.layers.wiener_volumes import SLICE, TRAINED_SLICES, VOLUMES, WienerVolumes
 from nlos.recon.method import MethodResult
 from nlos.recon.method import sure as with_intervals
+from nlos.recon.nano_settings import Settings as Settings
 from nlos.recon.refined import correction_for
 from nlos.recon.weights.files import holds, put_part, with_weights
 
@@ -50,64 +48,6 @@ FEWEST_LEFT = 48
 MARGIN = 8  # slices behind the last light, and before the first
 REFINED = 24  # points a side from which on pictures are refined: those it was learned on had 32 and 64
 DIMMEST = 0.003  # of the brightest point; below it there is no depth
-OWN_BYTES = 1 << 28  # peak memory at small grids, measured from 128 x 128 x 512 to 512 x 512 x 1024 (float32, CPU)
-CUBES = 13.0  # and what comes on top, in float32 volumes of the rebinned counts' size
-TOLD_CUBES = 3.5  # more where a response is told, measured at 128 x 128 x 512
-
-
-class Settings(AnySettings):
-    """The switches of the paper's tables. The defaults are those of the weights that come with the program."""
-
-    weights: str | None = "nano"
-    """Weights file, or a name of those that ship; none for an untrained network."""
-    lifting: LiftingName = "none"
-    """How the transient is lifted to the operator's channels: from each point's surroundings, from all points."""
-    projection: bool = True
-    """Attention and a 2D network; False: the bare maximum."""
-    nle: bool = True
-    """The operator is told the noise level; False: a middling one, while falloff and snr still follow the estimate."""
-    sfe: bool = False
-    """Stochastic frequency encoding: random Fourier features of the coarsest scale's spectrum."""
-    sfe_bandwidth: Annotated[int, Field(ge=1)] = 64
-    """Number of its frequencies."""
-    outer_iterations: Annotated[int, Field(ge=1, le=6)] = 1
-    """S of algorithm 1."""
-    channels: tuple[int, ...] = (16, 32, 48)
-    """One entry per scale (J)."""
-    iterations: Annotated[int, Field(ge=1)] = 2
-    """Updates in each scale (n_j)."""
-    spectral_scales: int = 2
-    """Scales, the coarsest ones, that are updated in the frequency domain."""
-    features: int = 8
-    """Feature channels handed to the volume projection."""
-    noise_weights: str | None = None
-    """Noise level estimation from these weights, frozen."""
-    falloff: Literal[2, 4] = 4
-    """The light's, 4 from diffuse and 2 from retroreflective surfaces: what is undone before the operator sees it."""
-    symmetries: bool = True
-    """Average over the flips (and, on a square grid, the transpose) of the wall once trained: eight times the operator,
-    not the physics."""
-    refine: bool = True
-    """Hold the picture against the light that it was made from, and correct it, for the weights that ship; False: a
-    picture without intervals, which are those of corrected ones."""
-    video: bool = False
-    """Of a film that is watched, where it is the default: finish its pictures by a network that carries over what it
-    has seen, for the weights that ship."""
-    bfloat16: bool = False
-    """Convolutions in three dimensions in bfloat16, once trained: for films, where the processor multiplies in it."""
-    from_first_light: bool = False
-    """Depths before the first light are left out, once trained: for films, where each costs time."""
-    stage: Literal["whole", "noise"] = "whole"
-    """What is trained: the operator with frozen noise estimation, or noise estimation alone."""
-
-    def bytes_needed(self, wall: WallGrid, time: TimeAxis, told: bool = False) -> int:
-        """Peak memory beside the program itself and the counts: the operator's own grid does not grow with the scan's,
-        what noise estimation and the Wiener volumes hold does."""
-        return OWN_BYTES + int((CUBES + told * TOLD_CUBES) * cube_bytes(wall, rebinned_axis(wall, time)[1]))
-
-    def smaller(self, wall: WallGrid, time: TimeAxis, free: int, told: bool = False) -> dict[str, int]:
-        """No setting makes it less."""
-        return {}
 
 
 class Nano(nn.Module):
@@ -247,7 +187,7 @@ class Nano(nn.Module):
 
     def reach(self, net: Tensor) -> tuple[int, int]:
         """From which slice to which there is light, even numbers unless the last is that of all of them; the first is
-        the wall's unless the settings leave out what is nearer."""
+        the wall's unless the settings skip what is nearer."""
         physics = self.physics
         lit = lit_bins(net)
         nearest, farthest = ((at - physics.first) / (physics.bins - physics.first) * physics.slices for at in lit)

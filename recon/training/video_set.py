@@ -48,7 +48,7 @@ def hold(part: str, index: int, folder: Path) -> None:
     if path.exists():
         return
     film = TrainingFilm(SEEDS[part], index, FRAMES, held_out=part == TEST)
-    memory, live = LightMemory(WALL, TIME), LiveReconstruction("nano", {"video": False, "refine": False})
+    memory, live = LightMemory(WALL, TIME), LiveReconstruction("nano", {"refine": False}, finish=False)
     rows: list[dict[str, np.ndarray]] = []
     moments: list[float] = []
     scores: list[float] = []

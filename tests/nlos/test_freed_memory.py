@@ -9,7 +9,7 @@ import pytest
 ASKS = """
 import resource, sys
 import numpy as np
-from nlos.live.freed_memory import keep_freed_memory
+from nlos.live.own_process import keep_freed_memory
 
 if sys.argv[1] == "kept":
     assert keep_freed_memory()

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.film_network import MOST_GAP, FilmFinish, film_network_for, takes
+from nlos.recon.film_network import MOST_GAP, FilmFinish, takes
 from nlos.recon.layers.film_network import FilmNetwork
 from nlos.recon.live import LiveReconstruction
 from nlos.recon.metrics import image_scores
@@ -19,8 +19,7 @@ from nlos.recon.training import video_set
 from nlos.recon.training.films import FRAME_S, TIME, WALL, TrainingFilm
 from nlos.recon.training.video_fit import judge
 from nlos.recon.training.video_set import SEEDS, TEST, all_held, hold
-from nlos.recon.volume import Reconstruction
-from nlos.recon.weights.files import find_weights, read_weights, save
+from nlos.recon.volume import FINISHED, Reconstruction
 
 FRAMES = 7
 
@@ -37,7 +36,7 @@ def frames_of(film: TrainingFilm, count: int = FRAMES) -> list[tuple[HalfGrid, n
 
 def shown(frames: list[HalfGrid], finish: bool) -> list[Reconstruction]:
     """As `nlos live` shows them, one after the other."""
-    live = LiveReconstruction("nano", {} if finish else {"video": False, "refine": False})
+    live = LiveReconstruction("nano", {} if finish else {"refine": False}, finish=finish)
     return [live.of_film(seen, number).reconstruction for number, seen in enumerate(frames)]
 
 
@@ -47,17 +46,8 @@ def film() -> list[tuple[HalfGrid, np.ndarray]]:
     return frames_of(TrainingFilm(SEEDS[TEST], 101, FRAMES, held_out=True))
 
 
-def test_the_network_goes_with_the_weights_whose_pictures_it_learned_from(tmp_path: Path) -> None:
-    assert film_network_for("nano") is not None
-    assert film_network_for(None) is None
-    shipped = read_weights(find_weights("nano"))
-    other = tmp_path / "other.safetensors"
-    save(other, {name: x * 1.001 for name, x in shipped.tensors.items()}, shipped.about)
-    assert film_network_for(str(other)) is None
-
-
 def test_before_it_learns_it_leaves_pictures_as_they_are(film: list[tuple[HalfGrid, np.ndarray]]) -> None:
-    finish, live = FilmFinish(FilmNetwork()), LiveReconstruction("nano", {"video": False, "refine": False})
+    finish, live = FilmFinish(FilmNetwork()), LiveReconstruction("nano", {"refine": False}, finish=False)
     for seen, _ in film[:3]:
         assert seen.given is not None
         picture = seen.enlarged(live.made_of_film(seen))
@@ -110,10 +100,11 @@ def test_other_grids_and_other_frames_are_left_as_they_are(film: list[tuple[Half
     live = LiveReconstruction("nano")
     whole = replace(seen, given=replace(seen.given, points=4096))
     made = live.of_film(whole, 0).reconstruction
-    assert (made.settings["video"], made.settings["refine"]) == (False, True)
+    assert FINISHED not in made.settings
+    assert made.settings["refine"]
     assert np.array_equal(made.albedo, whole.enlarged(live.made_of_film(whole)).albedo)
     assert not LiveReconstruction("lct").finishes(seen)
-    assert live.of_film(seen, 1).reconstruction.settings["video"]
+    assert live.of_film(seen, 1).reconstruction.settings[FINISHED]
 
 
 def test_of_what_has_vanished_nothing_is_left_after_two_frames() -> None:

@@ -20,6 +20,7 @@ from nlos.cli.exit_codes import UsageError
 from nlos.cli.file_words import Response
 from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.terminal import terminal
+from nlos.live.own_process import prepare_process
 from nlos.live.page import LivePage
 from nlos.live.process import SOCKET, TOKEN, listening, methods_for, state_file, write_state
 from nlos.live.scan import LiveScan
@@ -59,6 +60,7 @@ def live(
     if weights is not None:
         method, seeing = chosen_method(weights, method, {})
     methods = methods_for(method)
+    prepare_process()
     if len({run.resolve() for run in runs}) < len(runs) or len(runs) > MOST_RUNS:
         raise UsageError(f"{len(runs)} RUNs: name up to {MOST_RUNS} different ones")
     inherited = os.environ.pop(SOCKET, "")

@@ -19,6 +19,7 @@ from nlos.cli.method_settings import Weights, chosen_method, parse_settings
 from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
 from nlos.live.following import follow_to_folder
+from nlos.live.own_process import prepare_process
 from nlos.recipe import Recipe
 from nlos.recon.device import check_device
 from nlos.recon.parts import heard_by
@@ -214,6 +215,7 @@ def _check(method: str, settings: dict[str, object], device: str) -> None:
 def _follow(runs: Sequence[Path], recipe: Recipe, results: ResultsFolder) -> None:
     if len(runs) != 1:
         raise UsageError("--follow: follows one RUN. Name one recording.")
+    prepare_process()
     scan, output = follow_to_folder(runs[0], recipe, results), results.path
     if scan.picture is None:
         raise Stopped(ExitCode.DATA, f"{runs[0]}: the scan ended without a picture. {scan.message}")

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from nlos.recon.seen import brightest, visible_depth
 from nlos.recon.view3d import solid_points, solid_scene
+from nlos.recon.volume import FINISHED
 
 if TYPE_CHECKING:
     from nlos.recon.live import LivePicture
@@ -38,7 +39,7 @@ def described(picture: "LivePicture") -> dict[str, Any]:
         "error": picture.error,
         "bound": picture.bound,
         "seconds": result.seconds,
-        "refined": result.settings.get("refine", True) or result.settings.get("video", False),
+        "refined": result.settings.get("refine", True) or result.settings.get(FINISHED, False),
         "explained": None if result.explained is None else str(result.explained),
         "verdict": "" if result.explained is None else result.explained.verdict,
         "explains_nothing": result.explained is not None and bool(result.explained.nothing or result.explained.doubt),

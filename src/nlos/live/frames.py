@@ -9,10 +9,10 @@ from nlos.calibration.errors import InvalidData
 from nlos.live.describe import described, packed, solid
 from nlos.live.steps import FRAMES, Step, film_frames, steps_of_film, steps_of_scan
 from nlos.recon.errors import ReconError
-from nlos.recon.live import LiveReconstruction
 
 if TYPE_CHECKING:
     from nlos.live.scan import LiveScan
+    from nlos.recon.live import LiveReconstruction
 
 
 class Frames:
@@ -55,7 +55,7 @@ class Frames:
 
     def _make(self) -> None:
         for live in self._scan.lives:
-            self._make_by(LiveReconstruction(live.method, live.settings))
+            self._make_by(live.anew())
 
     def _make_by(self, live: "LiveReconstruction") -> None:
         held = self._scan.gathered

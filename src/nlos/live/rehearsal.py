@@ -39,5 +39,5 @@ def rehearse(live: "LiveReconstruction") -> None:
     scan = LoadedScan(transient, {}, exposed * 0, exposed * 0, False, None, None, None)
     with contextlib.suppress(CalibrationError):  # its libraries are loaded all the same
         calibrate_scan(scan, tell=lambda *said: None)
-    rehearsed = LiveReconstruction(live.method, live.settings)
+    rehearsed = live.anew()
     described(rehearsed.explained(rehearsed.update(transient, SIDE * SIDE), transient))

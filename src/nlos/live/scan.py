@@ -8,7 +8,6 @@ Where the bench's constants are known, pictures in passing are of samples correc
 last sample is in, what is being made is given up, and the last picture is that of the finished recording.
 """
 
-import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -25,7 +24,6 @@ from nlos.calibration.errors import InvalidData as InvalidCalibration
 from nlos.cli.terminal import terminal
 from nlos.live.calibrated import Calibrated
 from nlos.live.file_seen import Seen
-from nlos.live.freed_memory import keep_freed_memory
 from nlos.live.gathered import Gathered, nothing_yet
 from nlos.live.hurry import Hurry
 from nlos.live.in_order import InOrder
@@ -45,9 +43,6 @@ if TYPE_CHECKING:
 Tell = Callable[["LivePicture"], None]
 
 LOOK_S = 0.02
-HANDED_ON_S = 0.5e-3
-"""After how long Python's lock goes to whoever waits for it: pictures that are made beside each other ask for it
-thousands of times, and Python's own 5 ms cost each a fifth of its time."""
 MOST_AT_A_TIME = 4
 """Pictures of a film that are being made at most: with more, more than four frames would have passed before each."""
 
@@ -182,8 +177,6 @@ class LiveScan:
     def _paint(self) -> None:
         ready = False
         try:
-            keep_freed_memory()
-            sys.setswitchinterval(HANDED_ON_S)
             get_ready(self.lives)
             while not self._stopped.is_set():
                 self._news.wait(0.2)
