@@ -42,6 +42,8 @@ class DetectorSettings(Settings):
     """Share with dwells that differ."""
     sparsest_step: Annotated[int, Field(ge=2, le=32)] = 4
     """The sparsest scans keep one point in this many along each side: 2, 4 and, doubling, up to this."""
+    swept: Share = 0.0
+    """Of the scans of all points, share whose lines are swept: each point is a mean along a pixel of its row."""
     jitter_fwhm_most_ps: NotBelow0 = 120.0
     """Widest response of ordinary detectors."""
     slow: Share = 0.0
@@ -99,6 +101,8 @@ def measure(
     residue = rng.random() < settings.calibration_residue
     if residue:
         signal = shift_points(signal, rng.normal(0, rng.uniform(0.05, 0.6), signal.shape[1:]))
+    if settings.swept and rng.random() < settings.swept and not sparse:
+        signal = swept(signal)
     exposure = _exposure(signal.shape[1:], settings, sparse, rng)
     if condition == "noiseless":
         grain = rng.uniform(0.03, 0.20)
@@ -158,6 +162,13 @@ def shift_points(signal: Array, bins: npt.NDArray[np.floating]) -> Array:
     earlier = np.concatenate((signal[1:], np.zeros_like(signal[:1])))
     shifted = signal * (1 - np.abs(part)) + np.where(part > 0, later, earlier) * np.abs(part)
     return np.asarray(shifted, dtype=np.float32)
+
+
+def swept(signal: Array) -> Array:
+    """Histograms (T, H, W) of points that a mirror in motion passes: the mean along a pixel of each row, of light that
+    is linear between points."""
+    beside = np.pad(signal, ((0, 0), (0, 0), (1, 1)), mode="edge")
+    return np.asarray(0.75 * signal + 0.125 * (beside[..., :-2] + beside[..., 2:]), dtype=np.float32)
 
 
 def pile_up(rate: Array, detections_per_pulse: float) -> Array:
