@@ -27,6 +27,10 @@ DWELL_S, POINTS, SIDE = 0.4e-3, 256, 4
 FRAME_S = POINTS * DWELL_S
 MOMENTS = 8
 """Of a frame, at which things are looked at."""
+SWEPT = 0.25
+"""Share of films whose lines are swept: a point's light is that of the way from one point to the next."""
+WAY = (-1 / 3, 0.0, 1 / 3)
+"""Where on it, in ways."""
 KINDS = ("letters", "boards", "bodies", "vessels", "animals", "furniture", "cycles", "tubes")
 HELD_OUT = ("signs", "stacks", "hands", "rocks")
 COARSE = 0.8
@@ -85,6 +89,7 @@ class TrainingFilm:
             for k in range(self.objects)
         ]
         self._same_points = rng.random() < 0.12
+        self._swept = bool(np.random.default_rng((*self._seed, 8)).random() < SWEPT)
         fwhm_ps, tail = float(rng.uniform(30, 110)), float(rng.uniform(0, 0.15) * (rng.random() < 0.5))
         self._response = pulse(TIME, fwhm_ps, tail, float(rng.uniform(60, 200)))
         self._background = float(np.exp(rng.uniform(np.log(1e-5), np.log(0.02))))
@@ -133,21 +138,29 @@ class TrainingFilm:
         return [now for each in self.bodies if (now := each.at(moment_s, fine)) is not None]
 
     def _light(self, there: list[Surfels], points: npt.NDArray[np.intp]) -> Floats:
-        """(P, T), in arbitrary units, as O'Toole et al. 2018, eq. 1, with both cosines."""
+        """(P, T), in arbitrary units."""
         row, col = np.divmod(points, WALL.cols)
         x_m, y_m = WALL.x_m()[col].astype(np.float32), WALL.y_m()[row].astype(np.float32)
-        bins_per_m = np.float32(2 / (SPEED_OF_LIGHT_M_PER_S * TIME.bin_width_s))
-        made = np.zeros((len(points), TIME.bins + 1))
-        base = (np.arange(len(points)) * (TIME.bins + 1))[:, None]
-        for each in there:
-            position, normal = each.position_m, each.normal
-            dx, dy, z = x_m[:, None] - position[:, 0], y_m[:, None] - position[:, 1], position[:, 2]
-            squared = dx * dx + dy * dy + z * z
-            facing = np.maximum(dx * normal[:, 0] + dy * normal[:, 1] - z * normal[:, 2], 0)
-            light = (facing * z / squared) ** 2 / squared**2 * each.weight_m2
-            at = np.minimum((np.sqrt(squared) * bins_per_m).astype(np.intp), TIME.bins) + base
-            made += np.bincount(at.ravel(), light.ravel(), made.size).reshape(made.shape)
-        return _blurred(made[:, : TIME.bins], self._response)
+        way_m = np.float32(SIDE * WALL.width_m / WALL.cols)
+        ways = WAY if self._swept else (0.0,)
+        made = [_light_at(there, x_m + np.float32(part) * way_m, y_m) for part in ways]
+        return _blurred(np.mean(made, axis=0), self._response)
+
+
+def _light_at(there: list[Surfels], x_m: Array, y_m: Array) -> Floats:
+    """(P, T), of points of the wall (P,), as O'Toole et al. 2018, eq. 1, with both cosines."""
+    bins_per_m = np.float32(2 / (SPEED_OF_LIGHT_M_PER_S * TIME.bin_width_s))
+    made = np.zeros((len(x_m), TIME.bins + 1))
+    base = (np.arange(len(x_m)) * (TIME.bins + 1))[:, None]
+    for each in there:
+        position, normal = each.position_m, each.normal
+        dx, dy, z = x_m[:, None] - position[:, 0], y_m[:, None] - position[:, 1], position[:, 2]
+        squared = dx * dx + dy * dy + z * z
+        facing = np.maximum(dx * normal[:, 0] + dy * normal[:, 1] - z * normal[:, 2], 0)
+        light = (facing * z / squared) ** 2 / squared**2 * each.weight_m2
+        at = np.minimum((np.sqrt(squared) * bins_per_m).astype(np.intp), TIME.bins) + base
+        made += np.bincount(at.ravel(), light.ravel(), made.size).reshape(made.shape)
+    return made[:, : TIME.bins]
 
 
 def _blurred(light: Floats, response: Floats) -> Floats:
