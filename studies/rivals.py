@@ -29,15 +29,22 @@ class Pair:
     unequal: str
 
 
+FAR = "an eighth of NANO's scenes is far away"
+NLE = "NANO's noise estimation, frozen, had learned from 1,900 steps before, which are not among its samples"
 PAIRS = (
-    Pair("nano_4000", "lfe_4000", "NANO is averaged over eight mirror images; an eighth of its scenes is far away"),
-    Pair("nano_4000_once", "lfe_4000", "an eighth of NANO's scenes is far away; both see the scan once, unmirrored"),
-    Pair("nano_4000_once", "unet_4000", "an eighth of NANO's scenes is far away, and it has a volume with empty gaps"),
-    Pair("nano_4000_once", "nlost_4000", "an eighth of NANO's scenes is far away, and it has a volume with empty gaps"),
-    Pair("nano_4000", "lfe", "LFE: two samples a step, 2,000 scenes, square error; 1,000 samples to twice the depth"),
-    Pair("nano_4000", "nlost", "NLOST: two samples a step, 2,000 scenes, square error"),
+    Pair("nano_4000", "lfe_4000", f"NANO is averaged over eight mirror images; {FAR}; {NLE}"),
+    Pair("nano_4000_once", "lfe_4000", f"{FAR}; {NLE}; both see the scan once, unmirrored"),
+    Pair("nano_4000_once", "unet_4000", f"{FAR}, and it has a volume with empty gaps; {NLE}"),
+    Pair("nano_4000_once", "nlost_4000", f"{FAR}, and it has a volume with empty gaps; {NLE}"),
+    Pair(
+        "nano_4000", "lfe",
+        f"LFE: two samples a step, 2,000 scenes, square error; 1,000 samples to twice the depth; {NLE}",
+    ),
+    Pair("nano_4000", "nlost", f"NLOST: two samples a step, 2,000 scenes, square error; {NLE}"),
     Pair("nano_4000_once", "faithful", "faithful: the paper's loss (MSE and total variation) and its added noise"),
-    Pair("nano_6500", "unet", "U-Net: two samples a step, 2,000 scenes, square error; no volume with empty gaps"),
+    Pair(
+        "nano_6500", "unet", f"U-Net: two samples a step, 2,000 scenes, square error; no volume with empty gaps; {NLE}"
+    ),
 )  # fmt: skip
 
 
@@ -110,10 +117,11 @@ def page(data: Path) -> str:
     parts = [
         "# NANO and its rivals at equal samples",
         f"On the {len(quality.scenes)} rendered scenes, in every condition of the results page. Differences are "
-        "NANO's less the rival's, paired over scenes, ± one standard error over scenes; one seed each, so the error of "
-        "the seeds is not in it. * above two errors in NANO's favour; worse: above two errors against it; no mark: not "
-        "told. These scenes also helped to choose designs; held-out kinds are the stricter test. Made by "
-        "`python -m studies.rivals DATA docs/rivals.md`.",
+        "NANO's less the rival's, paired over scenes, ± one standard error over scenes; one seed each, so the error "
+        "of the seeds is not in it. * above two errors in NANO's favour; worse: above two errors against it; no "
+        "mark: not told. These scenes also helped to choose designs; held-out kinds are the stricter test. Seconds "
+        "of training are by the clock of a shared machine, on mixed grids: compare a step's time in "
+        "[complexity](complexity.md). Made by `python -m studies.rivals DATA docs/rivals.md`.",
         costs(names),
         table(["PSNR at the best scale, dB", *CONDITIONS], means),
         *(of_pair(quality, pair) for pair in chosen),

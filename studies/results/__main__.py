@@ -180,7 +180,8 @@ def page(data: Path, docs: Path) -> str:
                 ["figure", "value", "target", "met"],
                 [[f["figure"], f"{f['value']:g} {f['unit']}", f["target"], "yes" if f["met"] else "no"] for f in fast],
             ),
-            "## Measured scenes\n",
+            say("machine", ""),
+            "\n## Measured scenes\n",
             measured_scenes(data / "real", [m for m in PICTURED if m in methods], pictures),
         ]
     )
