@@ -109,6 +109,7 @@ def rivals(how: str, kinds: tuple[str, ...] = ()) -> tuple[Row, ...]:
     )
 
 
+PASSES = "Passes of the printed network (paper: table VII)"
 TABLES: dict[str, tuple[Row, ...]] = {
     "Parts of the printed network (paper: table III)": (
         Row("I: no lifting, no projection, no NLE", switches={"lifting": "none", "projection": False} | NO_NLE,
@@ -135,7 +136,7 @@ TABLES: dict[str, tuple[Row, ...]] = {
         Row("IV: albedo and TV", "nano", loss=LossSettings(depth=0.0, total_variation=30.0),
             paper=printed(28.09, 0.90, 0.065, 0.021)),
     ),
-    "Passes of the printed network (paper: table VII)": tuple(
+    PASSES: tuple(
         Row(f"S = {s}", switches={"outer_iterations": s} if s > 1 else {}, paper=printed(psnr, ssim))
         for s, psnr, ssim in (
             (6, 28.36, 0.910), (5, 28.22, 0.905), (4, 28.21, 0.902), (3, 28.21, 0.885), (2, 28.26, 0.886),

@@ -109,7 +109,7 @@ def page(data: Path, docs: Path) -> str:
         shown = [method for method in ("lct", "fk", "phasor", "lfe", "nlost", "unet", "nano") if method in methods]
         draw_gallery(quality, shown, [condition], pictures / f"{name}.png")
     levels = studies.drawn("noise_level", noise_figure.measure, pictures)
-    others = [path for path, _ in convergence.trained().values()]
+    others = [Path(convergence.__file__), *(path for path, _ in convergence.trained().values())]
     steps = studies.drawn("convergence", convergence.measure, pictures, others)
     grids = {method: studies.grids(method) for method in trained(("nano", "unet"))}
     fast = studies.speed()

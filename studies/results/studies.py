@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 import torch
@@ -87,18 +88,28 @@ def targets(levels: Kept, grid: list[dict[str, Any]], fast: list[dict[str, Any]]
     return found
 
 
+def spread(values: Sequence[float]) -> str:
+    """Mean, least and most."""
+    return f"{fmean(values):.2f} ({min(values):.2f} to {max(values):.2f})"
+
+
 def convergence_text(found: Kept) -> str:
     """The estimates as a table, one column a network."""
+    scans = len(next(iter(found.figures.values()))["whole_passes"])
     rows: dict[str, Callable[[dict[str, Any]], str]] = {
         "C_l, lifting": lambda one: f"{one['lifting']:.2f}",
         "I - dt S, largest of the iterations": lambda one: f"{max(one['iterations']):.2f}",
         "I - dt S, each": lambda one: " ".join(f"{value:.2f}" for value in one["iterations"]),
         "C_p, projection": lambda one: f"{one['projection']:.2f}",
-        "C_p C_B^K C_l": lambda one: f"{one['product']:.3g}",
-        "whole pass u(s-1) -> u(s)": lambda one: f"{one['whole_pass']:.3g}",
+        "C_p C_B^K C_l, C_B the largest": lambda one: f"{one['product']:.3g}",
+        "the same with each iteration's own": lambda one: f"{one['own_product']:.3g}",
+        f"whole pass u(1) -> u(2), {scans} scans: mean (least to most)": lambda one: spread(one["whole_passes"]),
         "relative change of each iteration, log10": lambda one: " ".join(f"{v:.2f}" for v in one["changes"]),
-        "relative change after pass 1, 2, 4, 8, log10": lambda one: " ".join(
-            f"{one['log10_changes'][k]:.1f}" for k in (0, 1, 3, 7)
+        f"relative change after pass 1, 2, 4, 8, 11, log10, mean of {scans} scans": lambda one: " ".join(
+            f"{fmean(changes[k] for changes in one['log10_changes']):.1f}" for k in (0, 1, 3, 7, 10)
+        ),
+        f"a change over the one before, of the last five, {scans} scans": lambda one: (
+            spread(one["ratios"]) if one["lifting"] else "-"
         ),
     }
     found_by = list(found.figures.items())

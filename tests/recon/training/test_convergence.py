@@ -7,7 +7,16 @@ from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.methods import faithful
 from nlos.recon.methods.nano import Settings, build
-from studies.convergence import contraction, lipschitz, one_pass, passes, relative_changes
+from studies.convergence import (
+    Contraction,
+    Settling,
+    contraction,
+    lipschitz,
+    one_pass,
+    passes,
+    relative_changes,
+    settling,
+)
 
 WALL, TIME = WallGrid(2.0, 2.0, 8, 8), TimeAxis(32, 256e-12)
 
@@ -60,3 +69,22 @@ def test_every_part_of_the_printed_network_gets_an_estimate() -> None:
     one = one_pass(network, shell(), None)
     with torch.no_grad():
         torch.testing.assert_close(one.run(one.start), passes(network, shell(), None, 1)[0])
+
+
+def test_the_product_of_the_theorem_has_one_constant_for_all_iterations() -> None:
+    found = Contraction(lifting=2.0, projection=0.5, iterations=(3.0, 1.5, 1.0), whole_pass=1.0, changes=())
+    assert found.product == pytest.approx(2.0 * 0.5 * 3.0**3)
+    assert found.own_product == pytest.approx(2.0 * 0.5 * 3.0 * 1.5)
+
+
+def test_whole_passes_are_measured_scan_by_scan() -> None:
+    torch.manual_seed(0)
+    settings = faithful.Settings(weights=None, channels=(4, 6), sfe_bandwidth=8)
+    network = faithful.build(settings, WALL, TIME).eval()
+    scans = [{"counts": k * shell(), "exposure": torch.ones(1, 8, 8)} for k in (1, 3)]
+    found = settling(network, scans, 4, steps=4)
+    assert [len(changes) for changes in found.log10_changes] == [3, 3]
+    one = contraction(network, scans[0]["counts"], scans[0]["exposure"], steps=4)
+    assert found.whole_passes[0] == pytest.approx(one.whole_pass)
+    halving = Settling((1.0,), (tuple(-0.30103 * k for k in range(11)),))
+    assert halving.ratios == pytest.approx((0.5,), rel=1e-4)
