@@ -33,8 +33,6 @@ STEPS = 3
 PICTURES = 2
 PRINTED: dict[str, Any] = {"channels": [8, 16, 32, 64, 64], "sfe_bandwidth": 5700}
 """As in configs/train/faithful.yaml."""
-TRAINED: dict[str, Any] = {"noise_weights": "nano"}
-"""As in configs/train/faithful_4000.yaml: a bandwidth of 256, so 2.2 M parameters are trained, not `PRINTED`'s 68 M."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,7 @@ NETWORKS: dict[str, Measured] = {
     "NANO as it ships": Measured("nano", {"symmetries": False}),
 }
 PASSES: dict[str, Measured] = {
-    f"S = {s}": Measured("faithful", TRAINED | {"outer_iterations": s}, f"{memory} G")
+    f"S = {s}": Measured("faithful", PRINTED | {"outer_iterations": s}, f"{memory} G")
     for s, memory in ((1, 14), (2, 18), (3, 23), (4, 26), (5, 30), (6, 34))
 }
 
@@ -118,7 +116,7 @@ def page() -> str:
         "",
         "Trained at {rows} x {cols} points and {bins} bins, one sample a step;".format(**TRAINED_AT),
         "used at {rows} x {cols} points and {bins} bins, seen once. Processor time of one thread".format(**USED_AT),
-        f"({machine()}, others at work beside it), the best of {STEPS}",
+        f"({machine()}, shared with other programs), the best of {STEPS}",
         f"steps and of {PICTURES} pictures, each network in a process of its own; PyTorch and the scan are",
         "in the memory. Parameters are those that are trained: NANO's frozen noise estimation and its refinement are",
         "not among them. The paper's column: training / picture, memory, parameters, on four RTX A6000: compare",
@@ -135,9 +133,7 @@ def page() -> str:
     heads = ["network", "trainable, M", "s a step", "GB trained", "s a picture", "GB used", "paper"]
     lines += [
         table(heads, rows),
-        "Memory by passes of algorithm 1, as in its table VII, at the same points and bins, of a smaller network than",
-        "the one above: a bandwidth of 256 and 2.2 M parameters trained, as in configs/train/faithful_4000.yaml, where",
-        "the paper's has 70 M. What passes add compares with the paper's, their ratio to S = 1 only roughly:",
+        "Memory by passes of algorithm 1, as in its table VII, of the printed network above:",
         "",
     ]
     rows = []
