@@ -319,6 +319,8 @@ def test_a_picture_is_due_with_every_frame_and_those_dropped_are_counted() -> No
     assert schedule.skipped == 0
     schedule.made("lct", 64 * 5, planned, 0.0, True)
     assert schedule.skipped == 3
+    schedule.made("lct", planned - 128, planned, 60.0, True)  # however long pictures take
+    assert schedule.due(planned - 64, planned, True, False) == "lct"
 
 
 def test_thousands_of_samples_a_second_are_counted_in_few_entries() -> None:

@@ -26,7 +26,8 @@ class Coming:
 
 class Schedule:
     """Methods in the order of their speed. The first one's picture comes first, and the last one's replaces it; what
-    would not be ready before the last sample is left to the last. Of a finished recording there is one picture each."""
+    would not be ready before the last sample is left to the last, but for a film's frames, which follow each other. Of
+    a finished recording there is one picture each."""
 
     def __init__(self, methods: Sequence[str], first_fraction: float, every_fraction: float = 0.05) -> None:
         """Of which part of the plan's points the first picture is, and how many more a new one is due after; a new one
@@ -98,8 +99,8 @@ class Schedule:
         if method != best and self.of(best) and self.pace.picture_s(best) < QUICK_AFTER_S:
             return False
         late = count > made and now_s - self._made_s[method] >= EVERY_S
-        left_s = self.pace.left_s(planned - count, now_s)
-        return (count - made >= self._step(planned) or late) and left_s > ROOM * self.pace.picture_s(method)
+        ready = self._frame is not None or self.pace.left_s(planned - count, now_s) > ROOM * self.pace.picture_s(method)
+        return ready and (count - made >= self._step(planned) or late)
 
     def _first(self, method: str, planned: int) -> int:
         """A slower method follows the quickest one's first picture."""
