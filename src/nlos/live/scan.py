@@ -238,10 +238,9 @@ class LiveScan:
                     return  # the last one is made when those before it are shown
                 light = known.of_film
                 assert light is not None
-                hurried = self._hurry.on
-                if not self._schedule.of(live.method):
-                    for less in (False, True):
-                        live.get_ready_for_film(light, known.falloff, less)
+                hurried, first = self._hurry.on, not self._schedule.of(live.method)
+                if first:
+                    live.get_ready_for_film(light, known.falloff, hurried)
         except (InvalidCalibration, InvalidData, ReconError) as error:
             self._no_picture(live, held, len(held), began_s, error)
             return
@@ -265,6 +264,9 @@ class LiveScan:
             self._news.set()
 
         aside.begin(make, show)
+        if first:  # beside that picture
+            with on_one_core(), suppress(InvalidData, ReconError):
+                live.get_ready_for_film(light, known.falloff, not hurried)
 
     def _picture(self, live: "LiveReconstruction", held: Gathered, count: int, began_s: float) -> None:
         """One picture of `count` samples: a slower method's is of those of the quickest one's."""
