@@ -80,7 +80,6 @@ def film_of(
         plan = recording.plan
         if plan.frames == 1:
             raise InvalidData(f"{run}: is a scan of one frame; `frames` in a scan file makes more (docs/howto)")
-        earlier = FilmMemory(recording) if memory else None
         each = (1 if memory else plan.cycle) if window is None else window
         if each > plan.frames:
             raise InvalidData(f"{run}: {each} frames to a picture, but it has {plan.frames}")
@@ -88,6 +87,7 @@ def film_of(
         whole = loaded_frames(recording, None)
         known = constants_for(whole, recipe.constants)
         arrivals = arrivals_of(whole, known)
+        earlier = FilmMemory(recording, calibrate_scan(whole, False, known, arrivals)) if memory else None
         pictures: list[Reconstruction] = []
         frames, times_s = [], []
         for last in range(each - 1, plan.frames):

@@ -12,15 +12,17 @@ from nlos.recon.over_time.moments import moments_of
 
 
 class FilmMemory:
-    """Fed with the calibrated frames of one recording, in the order of time. Raises `InvalidData` for free positions,
-    whose light has no place on the grid until it is moved."""
+    """Fed with the calibrated frames of one recording, in the order of time, and told all of them as one scan: what its
+    points have behind their direct light is looked at. Raises `InvalidData` for free positions, whose light has no
+    place on the grid until it is moved."""
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: Recording, whole: Transient) -> None:
         if not recording.on_grid:
             raise InvalidData(f"{recording.path}: its points are off the grid; --memory moves light along a grid")
         self._plan, self._records = recording.plan, recording.intact_records()
         self._memory: LightMemory | None = None
         self._frames: list[float] = []
+        self._bins = whole.time.bins
 
     @property
     def frames_to_a_picture(self) -> int:
@@ -29,6 +31,8 @@ class FilmMemory:
 
     def with_earlier(self, frame: int, calibrated: Transient) -> Transient:
         """The light of `frame` and what earlier ones add to it, at the mean moment of its exposure."""
+        time = replace(calibrated.time, bins=min(self._bins, calibrated.time.bins))
+        calibrated = replace(calibrated, counts=calibrated.counts[: time.bins], time=time)
         records = self._records[self._plan.pass_[self._records["number"]] == frame]
         taken_s = np.zeros(calibrated.exposure_s.shape)
         place = (self._plan.positions.row[records["number"]], self._plan.positions.col[records["number"]])

@@ -16,8 +16,10 @@ from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.engine import record, scan
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.film import film_of
 from nlos.live.frames import Frames
 from nlos.live.scan import LiveScan
+from nlos.recipe import Recipe
 from nlos.recon.live import LiveReconstruction
 from nlos.recon.volume import FINISHED, Reconstruction
 
@@ -42,6 +44,13 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with open_bench(settings) as bench, RecordingWriter.create(path, plan, Header(), clock=bench.clock) as writer:
         record(scan(plan, bench), writer)
     return path
+
+
+def letters_way() -> tuple[npt.NDArray[np.float64], list[float]]:
+    """Where the bench's letter is (K, 3), and when."""
+    (letter,) = load("bench", "moving", BenchSettings).settings.simulation.scene.objects
+    path_m = np.array([letter.centre_m, *(each.centre_m for each in letter.path)])
+    return path_m, [0.0, *(each.at_s for each in letter.path)]
 
 
 def replayed(run: Path, finish: bool) -> tuple[list[npt.NDArray[np.float32]], list[float], Reconstruction]:
@@ -72,15 +81,24 @@ def test_a_films_pictures_are_finished_live_and_in_replay_and_lie_where_the_obje
     live = last.albedo / np.percentile(last.albedo, 99.9)
     replay = shown[-1] / np.percentile(shown[-1], 99.9)
     assert np.corrcoef(live.ravel(), replay.ravel())[0, 1] > 0.97  # the memory began at another frame
-    (letter,) = load("bench", "moving", BenchSettings).settings.simulation.scene.objects
-    path = [letter.centre_m, *(each.centre_m for each in letter.path)]
-    at_s = [0.0, *(each.at_s for each in letter.path)]
+    path_m, at_s = letters_way()
     with Recording.open(run) as recording:
         wall = recording.plan.wall
     for picture, moment_s in zip(shown[-LOOKED_AT:], moments_s[-LOOKED_AT:], strict=True):
         weight = np.where(picture > 0.3, picture, 0.0)
         found_m = np.array([(weight.sum(axis=0) @ wall.x_m()), (weight.sum(axis=1) @ wall.y_m())]) / weight.sum()
-        true_m = [np.interp(moment_s, at_s, [place[axis] for place in path]) for axis in (0, 1)]
+        true_m = [np.interp(moment_s, at_s, path_m[:, axis]) for axis in (0, 1)]
         np.testing.assert_allclose(found_m, true_m, atol=AIM_M)
     depth_m = float(np.nanmedian(last.depth_m[last.albedo > 0.3 * last.albedo.max()]))
-    assert depth_m == pytest.approx(np.interp(moments_s[-1], at_s, [place[2] for place in path]), abs=DEPTH_M)
+    assert depth_m == pytest.approx(np.interp(moments_s[-1], at_s, path_m[:, 2]), abs=DEPTH_M)
+
+
+def test_with_a_memory_frames_of_other_points_have_one_time_axis(run: Path) -> None:
+    """Points lie at other distances in every frame of an interleaved film, and have as many bins behind them."""
+    film = film_of(run, Recipe("nano", {"symmetries": False}, constants=Path("none")), memory=True)
+    assert film.albedo.shape == (FRAMES, 64, 64)
+    path_m, at_s = letters_way()
+    found = film.track()
+    for axis, column in enumerate(("x_m", "y_m", "z_m")):
+        off_m = np.abs(found[column] - np.interp(film.time_s, at_s, path_m[:, axis]))[-LOOKED_AT:]
+        assert off_m.max() < AIM_M, column
