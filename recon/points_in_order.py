@@ -26,7 +26,10 @@ def out_of_order(transient: Transient) -> str:
     neighbours."""
     least = [low for low in (_least_ratio(transient, axis) for axis in (0, 1)) if low is not None]
     if len(least) == 2 and min(least) > MIXED:
-        return "neighbouring points differ as points far apart do: check their order, and how evenly they were lit"
+        return (
+            "neighbouring points differ as points far apart do: check their order, how evenly they were lit, and that "
+            "nothing moved"
+        )
     if least and max(least) > SHIFTED:
         return "every second line of the wall differs from those beside it: check their direction and the mirror's lag"
     return ""
