@@ -98,8 +98,9 @@ def test_the_light_of_a_frame_is_that_of_the_film_made_afterwards(run: Path) -> 
     """Aligned alike, whatever was there before it."""
     whole = load_scan(run)
     with Recording.open(run) as recording:
-        live, earlier = LiveFilm(recording.plan, None, AUTO), FilmMemory(recording)
-        samples, arrivals = list(recording.samples()), arrivals_of(whole)
+        live, arrivals = LiveFilm(recording.plan, None, AUTO), arrivals_of(whole)
+        earlier = FilmMemory(recording, calibrate_scan(whole, False, None, arrivals))
+        samples = list(recording.samples())
         each = len(samples) // FRAMES
         for frame in range(FRAMES):
             for sample in samples[frame * each : (frame + 1) * each]:
@@ -251,7 +252,8 @@ def test_a_finished_films_slider_shows_every_frame_with_its_memory(run: Path) ->
     moments_s = [(shown or {})["of_film"]["time_s"] for shown in frames.pictures]
     whole = load_scan(run)
     with Recording.open(run) as recording:
-        earlier, arrivals, records = FilmMemory(recording), arrivals_of(whole), recording.intact_records()
+        arrivals, records = arrivals_of(whole), recording.intact_records()
+        earlier = FilmMemory(recording, calibrate_scan(whole, False, None, arrivals))
         for frame in range(FRAMES):
             taken = records[recording.plan.pass_[records["number"]] == frame]
             assert taken["taken_s"].min() < moments_s[frame] < taken["taken_s"].max()
