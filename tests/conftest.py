@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from types import FrameType
 
 import pytest
+from hypothesis import settings
 
 from tests import campaign_journal
 from tests.left_behind import MARK, Held, left_behind
@@ -24,6 +25,9 @@ LONGEST_S = 300.0
 """Of a test, outside campaigns."""
 os.environ["NLOS_STATE"] = _STATE
 os.environ[MARK] = str(os.getpid())
+settings.register_profile("the same cases every time", derandomize=True)
+if os.environ.get("NLOS_SOAK") != "1":  # a campaign looks for new ones
+    settings.load_profile("the same cases every time")
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(name, "1")
