@@ -18,6 +18,7 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.arrays import KNOWN, MOST_NAMED, StoredArrays, scan_of
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.imported import NO_WALL, ImportedScan
+from nlos.acquisition.importers.mat5_types import no_number
 from nlos.acquisition.importers.own_data import how_to_convert
 from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES, find_dataset, open_hdf5, read_array
 from nlos.acquisition.transient import TimeAxis, Transient
@@ -181,6 +182,8 @@ def _read(path: Path, key: str, shapes: dict[str, tuple[int, ...]]) -> Array:
     # zlib expands at most about 1032 times, so a header that promises more than that is a lie.
     if size > MAX_BYTES or size > 1100 * 8 * path.stat().st_size:
         raise InvalidData(f"{path}: {key}: states shape {shapes[key]}, which the file cannot hold")
+    if (wrong := no_number(path, key)) is not None:
+        raise InvalidData(f"{path}: {key}: cannot be read (its numbers are of type {wrong}, which there is not)")
     try:
         array = scipy.io.loadmat(str(path), variable_names=[key]).get(key)
     except (scipy.io.matlab.MatReadError, *_BROKEN) as error:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.mat5_types import no_number
 from nlos.acquisition.importers.matlab import read_matlab
 
 COUNTS = np.arange(3 * 2 * 5, dtype=np.uint16).reshape(3, 2, 5)
@@ -61,6 +62,25 @@ def test_a_struct_of_version_73_is_named_with_what_is_in_it(tmp_path: Path) -> N
         del file["far"]
     with pytest.raises(InvalidData, match=r"the file holds lab \(a struct: dt, hist\)\. "):
         read_matlab(tmp_path / "struct.mat")
+
+
+@pytest.mark.parametrize(("position", "value"), [(184, 0), (185, 1), (184, 14)])
+def test_numbers_of_no_type_are_refused(tmp_path: Path, position: int, value: int) -> None:
+    """SciPy 1.17 ends the process on the first two."""
+    savemat(tmp_path / "typed.mat", {"meas": COUNTS})
+    raw = bytearray((tmp_path / "typed.mat").read_bytes())
+    raw[position] = value
+    (tmp_path / "typed.mat").write_bytes(bytes(raw))
+    with pytest.raises(InvalidData, match=r"typed\.mat: meas: cannot be read \(its numbers are of type"):
+        read_matlab(tmp_path / "typed.mat")
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("kind", ["u1", "i2", "u2", "i4", "f4", "f8", "u8", "i8"])
+def test_numbers_of_every_type_are_read(tmp_path: Path, packed: bool, kind: str) -> None:
+    savemat(tmp_path / "typed.mat", {"other": np.ones(3), "meas": COUNTS.astype(kind)}, do_compression=packed)
+    assert no_number(tmp_path / "typed.mat", "meas") is None
+    assert read_matlab(tmp_path / "typed.mat").transient.counts.sum() == COUNTS.sum()
 
 
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
