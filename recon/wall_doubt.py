@@ -16,7 +16,7 @@ CELLS = 32
 GENTLY = 0.3
 """New points lie as densely as this power of the doubt that they see."""
 LEAST = 0.02
-"""Of the mean width: no point is left out for good."""
+"""Of the mean width: no point is skipped for good."""
 
 Floats = npt.NDArray[np.float64]
 Map = npt.NDArray[np.float32]

@@ -111,7 +111,7 @@ def below_the_cone(raw: Tensor, measured: Tensor, size_m: tuple[float, float], b
 
 
 def recorded(profile: Tensor) -> tuple[int, int]:
-    """From which bin to which a scan was recorded, by its histogram (T,) over all points: what was cut is left out,
+    """From which bin to which a scan was recorded, by its histogram (T,) over all points: what was cut is skipped,
     what is merely dark before the first light and behind the last is not."""
     lit = profile.nonzero()[:, 0]
     if len(lit) == 0:

@@ -164,7 +164,7 @@ def _tell_if_not_rectified(scan: LoadedScan, raw: RawPoints, done: CorrectedPoin
     if done.direct.end_bin:
         tell(
             logging.WARNING,
-            "direct light is still in it, though it counts as rectified: the first %.2f ns are left out. With --raw "
+            "direct light is still in it, though it counts as rectified: the first %.2f ns are skipped. With --raw "
             "(in Python rectified=False) it is aligned by that light, and its response is measured.",
             done.direct.end_bin * done.time.bin_width_s * 1e9,
         )

@@ -2,26 +2,22 @@
 bench's object was."""
 
 import base64
-import json
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from nlos.acquisition.planning.scan_settings import ScanSettings
-from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
-from nlos.acquisition.recording.writer import RecordingWriter
-from nlos.acquisition.scanning.engine import record, scan
 from nlos.configs.load import load
-from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.drivers.bench import BenchSettings
 from nlos.film import film_of
 from nlos.live.frames import Frames
 from nlos.live.scan import LiveScan
 from nlos.recipe import Recipe
 from nlos.recon.live import LiveReconstruction
 from nlos.recon.volume import FINISHED, Reconstruction
+from tests.nlos.bench_films import filmed
 
 FRAMES, PARTS, LOOKED_AT = 20, 16, 3
 WORDS = {
@@ -38,12 +34,7 @@ AIM_M, DEPTH_M = 0.06, 0.06
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("film") / "run.h5"
-    plan = ScanSettings.model_validate_json(json.dumps(WORDS)).plan()
-    settings = load("bench", "moving", BenchSettings).settings
-    with open_bench(settings) as bench, RecordingWriter.create(path, plan, Header(), clock=bench.clock) as writer:
-        record(scan(plan, bench), writer)
-    return path
+    return filmed(tmp_path_factory.mktemp("film") / "run.h5", WORDS)
 
 
 def letters_way() -> tuple[npt.NDArray[np.float64], list[float]]:

@@ -9,14 +9,10 @@ import numpy as np
 import pytest
 
 from nlos.acquisition.planning.scan_settings import ScanSettings
-from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer import RecordingWriter
-from nlos.acquisition.scanning.engine import record, scan
 from nlos.acquisition.scanning.newest_visits import NewestVisits
 from nlos.chain import arrivals_of, calibrate_scan
-from nlos.configs.load import load
-from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.film_memory import FilmMemory
 from nlos.live.film import LiveFilm
 from nlos.live.frames import Frames
@@ -33,6 +29,7 @@ from nlos.recon.over_time.half_grid import HalfGrid
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.seen import brightest
 from nlos.response import AUTO
+from tests.nlos.bench_films import filmed
 
 FRAMES, PARTS = 6, 2
 WORDS = {
@@ -48,12 +45,7 @@ WORDS = {
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Six frames of half of 8 x 8 points of the shipped bench with something that moves."""
-    path = tmp_path_factory.mktemp("live") / "run.h5"
-    plan = ScanSettings.model_validate_json(json.dumps(WORDS)).plan()
-    settings = load("bench", "moving", BenchSettings).settings
-    with open_bench(settings) as bench, RecordingWriter.create(path, plan, Header(), clock=bench.clock) as writer:
-        record(scan(plan, bench), writer)
-    return path
+    return filmed(tmp_path_factory.mktemp("live") / "run.h5", WORDS)
 
 
 def test_newest_visits_are_the_sum_of_the_last_cycle(run: Path) -> None:
