@@ -28,6 +28,7 @@ from nlos.recon.metrics import image_scores
 from nlos.recon.over_time.memory import LightMemory
 from nlos.recon.over_time.moments import Moments, added
 from nlos.recon.reconstruct import reconstruct
+from nlos.recon.volume import Reconstruction
 from studies.by_scene import run
 
 Floats = npt.NDArray[np.float64]
@@ -146,46 +147,62 @@ def response() -> Response:
     return Response(shares / shares.sum(), 4e-12, float(shares.argmax()), "the simulated detector's")
 
 
-def psnr(light: Transient, truth: Floats, method: str) -> float:
-    """By NANO as it ships, for speed without averages over mirror images, or by LCT at the best of five snr."""
-    told = replace(light, response=response())
-    choices: list[dict[str, object]] = [{"snr": snr} for snr in SNR] if method == "lct" else [{"symmetries": False}]
-    pictures = [reconstruct(told, method, each, explain=False).albedo for each in choices]
-    return max(image_scores(picture, truth)["psnr"] for picture in pictures)
+def pictured(light: Transient) -> Reconstruction:
+    """By NANO as it ships, for speed without averages over mirror images."""
+    return reconstruct(replace(light, response=response()), "nano", {"symmetries": False}, explain=False)
+
+
+def by_lct(light: Transient, snr: float) -> Reconstruction:
+    """By the light-cone transform."""
+    return reconstruct(replace(light, response=response()), "lct", {"snr": snr}, explain=False)
+
+
+def psnr(made: Reconstruction, truth: Floats) -> float:
+    """At the best least-squares scale."""
+    return image_scores(made.albedo, truth)["psnr"]
+
+
+class Remembered:
+    """A film in one of the `FORMS`: each frame with the light of those before it, which its own pictures lead."""
+
+    def __init__(self, form: str) -> None:
+        self.memory, self._live = LightMemory(WALL, TIME), LiveReconstruction("nano", finish=form == "video")
+        self._whole = form == "memory"
+
+    def next(self, frame: Moments, number: int) -> Reconstruction:
+        """The picture of the next frame."""
+        self.memory.watch(frame)
+        if self._whole:
+            made = pictured(added(*self.memory.light()))
+        else:
+            seen = self.memory.on_half_grid()
+            told = replace(seen, light=replace(seen.light, response=response()))
+            made = self._live.of_film(told, number).reconstruction
+        self.memory.pictured(made)
+        return made
 
 
 def measured(scene: int) -> list[dict[str, Any]]:
     """A row a look: of a moving scene single frames and the memory, of a still one the memory and all light."""
-    film, memory, rows, kept = Film(scene), LightMemory(WALL, TIME), [], []
-    lives = {name: LiveReconstruction("nano", finish=name == "video") for name in ("half", "video")}
+    film, forms, rows = Film(scene), {name: Remembered(name) for name, _ in FORMS}, []
     still = scene in STILL
-    for number in range(FRAMES if still else max(LOOKS) + 1):
+    looks = (AFTER_1_S,) if still else LOOKS
+    for number in range(max(looks) + 1):
         frame = film.frame(number)
-        kept.append(frame)
-        if number > (AFTER_1_S if still else max(LOOKS)):
-            continue
-        memory.watch(frame)
+        row: dict[str, Any] = {"scene": scene, "frame": number, "objects": len(film.objects)}
         truth = film.truth(frame.mean_s)
-        looked = number in ((AFTER_1_S,) if still else LOOKS)
-        seen = memory.on_half_grid()
-        seen = replace(seen, light=replace(seen.light, response=response()))
-        shown = {
-            name: image_scores(live.of_film(seen, number).reconstruction.albedo, truth)["psnr"]
-            for name, live in lives.items()
-            if looked or name == "video"  # which carries over what it has seen
-        }
-        if not looked:
+        row |= {name: psnr(form.next(frame, number), truth) for name, form in forms.items()}
+        if number not in looks:
             continue
-        light = added(*memory.light())
-        row = {"scene": scene, "frame": number, "objects": len(film.objects), "peak": mean_peak(scene)}
+        alone = added([frame], [1.0])
+        row |= {"peak": mean_peak(scene), "frames": float(forms["memory"].memory.weights.sum())}
         if not still:
-            row |= {
-                "lct": psnr(added([frame], [1.0]), truth, "lct"),
-                "nano": psnr(added([frame], [1.0]), truth, "nano"),
-            }
-        rows.append(row | shown | {"memory": psnr(light, truth, "nano"), "frames": float(memory.weights.sum())})
+            row["lct"] = max(psnr(by_lct(alone, snr), truth) for snr in SNR)
+            row["nano"] = psnr(pictured(alone), truth)
+        rows.append(row)
     if still:
-        rows[0]["long"] = psnr(added(kept, [1.0] * len(kept)), film.truth(0.0), "nano")
+        everything = added([film.frame(number) for number in range(FRAMES)], [1.0] * FRAMES)
+        rows[0]["long"] = psnr(pictured(everything), film.truth(0.0))
     return rows
 
 

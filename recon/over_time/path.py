@@ -51,9 +51,13 @@ def along(path_m: Floats, moments_s: Floats, at_s: Floats) -> Floats:
     """Places (N, 3) at moments (N,) of a path (F, 3) that is straight between its own moments (F,) and beyond them."""
     if len(path_m) < 2:
         return np.zeros((len(at_s), 3))
-    begin, end = path_m[0] - path_m[1], path_m[-1] - path_m[-2]
-    times = np.concatenate(
-        [[2 * moments_s[0] - moments_s[1]], moments_s, [2 * moments_s[-1] - moments_s[-2]]],
-    )
-    places = np.concatenate([[path_m[0] + begin], path_m, [path_m[-1] + end]])
-    return np.stack([np.interp(at_s, times, places[:, axis]) for axis in range(3)], axis=1)
+    return np.asarray(weights_along(moments_s, at_s) @ path_m, dtype=np.float64)
+
+
+def weights_along(moments_s: Floats, at_s: Floats) -> Floats:
+    """(N, F): how much each place of such a path, of two or more, counts at moments (N,)."""
+    before = np.clip(np.searchsorted(moments_s, at_s, side="right") - 1, 0, len(moments_s) - 2)
+    later = (at_s - moments_s[before]) / np.diff(moments_s)[before]
+    weights, row = np.zeros((len(at_s), len(moments_s))), np.arange(len(at_s))
+    weights[row, before], weights[row, before + 1] = 1 - later, later
+    return weights

@@ -14,6 +14,8 @@ from nlos.recon.without_torch.lct import PlainLightConeTransform, Settings
 Floats = npt.NDArray[np.float64]
 ACROSS = 32
 """Cells of the volumes along the wall's longer side, at most."""
+LOW = 0.3
+"""Of a volume's highest: below that it may be noise."""
 DEEP = 3
 """Cells in depth per cell along the wall: arrivals tell depths that much better."""
 
@@ -23,8 +25,6 @@ class Seen:
     """The volume of one frame, as its spectrum, ready to be correlated."""
 
     spectrum: npt.NDArray[np.complex64]
-    energy: float
-    """The sum of its squares; 0 where there is nothing."""
     depth_m: float
     """Where most of it is."""
     repeats: float
@@ -40,11 +40,11 @@ class Registration:
         longer = max(wall.width_m, wall.height_m)
         cells = min(max(wall.rows, wall.cols), ACROSS)
         rows, cols = (max(2, round(cells * side / longer)) for side in (wall.height_m, wall.width_m))
-        self._wall = WallGrid(wall.width_m, wall.height_m, rows, cols)
+        self.wall = WallGrid(wall.width_m, wall.height_m, rows, cols)
         wanted_s = 2 * longer / cells / DEEP / SPEED_OF_LIGHT_M_PER_S
         self._factor = max(1, round(wanted_s / time.bin_width_s))
         self._time = TimeAxis(time.bins // self._factor, time.bin_width_s * self._factor, time.start_s)
-        self._invert = PlainLightConeTransform(Settings(), self._wall, self._time)
+        self._invert = PlainLightConeTransform(Settings(), self.wall, self._time)
         depth_m = self._time.bin_width_s * SPEED_OF_LIGHT_M_PER_S / 2
         self._cell_m = np.array([wall.width_m / cols, -wall.height_m / rows, depth_m])  # x, y, z
 
@@ -55,7 +55,7 @@ class Registration:
         volume = self._volume(counts) / max(float(points.exposure_s.sum()), 1e-30)
         power = np.maximum(volume, 0.0).astype(np.float64).sum(axis=(1, 2)) ** 2
         depth_m = float(np.average(self._invert.depths_m, weights=power)) if power.any() else 0.0
-        return Seen(scipy.fft.rfftn(volume), float((volume**2).sum()), depth_m, repeats)
+        return Seen(scipy.fft.rfftn(volume), depth_m, repeats)
 
     def _repeats(self, points: Moments, counts: npt.NDArray[np.float32]) -> float:
         """See `Seen`; `counts` (T, H, W) are those of the points on the grid."""
@@ -71,13 +71,14 @@ class Registration:
 
     def volume_of(self, seen: Seen) -> tuple[npt.NDArray[np.float32], Floats]:
         """The volume (D, h, w) that was made of it, less its mean, and the depths of its planes (D,)."""
-        made = scipy.fft.irfftn(seen.spectrum, (self._time.bins, self._wall.rows, self._wall.cols))
+        made = scipy.fft.irfftn(seen.spectrum, (self._time.bins, self.wall.rows, self.wall.cols))
         return np.asarray(made, dtype=np.float32), self._invert.depths_m
 
-    @property
-    def cell_m(self) -> float:
-        """The larger side of a cell."""
-        return float(np.abs(self._cell_m[:2]).max())
+    def front_of(self, seen: Seen) -> tuple[npt.NDArray[np.float32], Floats]:
+        """That volume from the wall (h, w): its highest over depth, and where that is, NaN where it is low."""
+        volume, depths_m = self.volume_of(seen)
+        light = np.maximum(volume, 0.0).max(axis=0)
+        return light, np.where(light > LOW * light.max(initial=0.0), depths_m[volume.argmax(axis=0)], np.nan)
 
     def _volume(self, counts: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         volume = self._invert.volume(counts, np.ones(counts.shape[1:]))
@@ -85,8 +86,8 @@ class Registration:
 
     def displacement(self, before: Seen, now: Seen, most_m: float) -> tuple[Floats, float]:
         """x, y, z (3,) in metres from `before` to `now`, at most `most_m` along each, and the height of the
-        correlation there, to be compared with `energy`."""
-        shape = (self._time.bins, self._wall.rows, self._wall.cols)
+        correlation there."""
+        shape = (self._time.bins, self.wall.rows, self.wall.cols)
         both = np.fft.fftshift(scipy.fft.irfftn(now.spectrum * before.spectrum.conj(), shape))
         middle = [side // 2 for side in shape]
         reach = [
@@ -100,7 +101,7 @@ class Registration:
 
     def _on_grid(self, points: Moments) -> npt.NDArray[np.float32]:
         """Counts (T, H, W), each point's shared by the four cells around it."""
-        wall, bins = self._wall, self._time.bins
+        wall, bins = self.wall, self._time.bins
         counts = points.counts[:, : bins * self._factor].reshape(len(points.x_m), bins, self._factor).sum(axis=2)
         row, col = (0.5 - points.y_m / wall.height_m) * wall.rows - 0.5, (points.x_m / wall.width_m + 0.5) * wall.cols
         col = col - 0.5

@@ -100,6 +100,8 @@ def film_of(
                 if not pictures:
                     say_response(transient)
                 pictures.append(reconstruct(transient, recipe.method, recipe.settings, recipe.device))
+                if earlier is not None:
+                    earlier.pictured(pictures[-1])
                 frames.append(last)
                 times_s.append(float(np.average(table.mean_s[some], weights=table.live_s[some])))
             step(plan.frames - each + 1)

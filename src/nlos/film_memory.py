@@ -9,6 +9,7 @@ from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.transient import Transient
 from nlos.recon.over_time.memory import LightMemory
 from nlos.recon.over_time.moments import moments_of
+from nlos.recon.volume import Reconstruction
 
 
 class FilmMemory:
@@ -41,3 +42,8 @@ class FilmMemory:
         light = self._memory.add(moments_of(calibrated, taken_s))
         self._frames.append(float(self._memory.weights.sum()))
         return replace(light, response=calibrated.response)
+
+    def pictured(self, made: Reconstruction) -> None:
+        """A picture was made of that light: what it shows is followed through the next frames."""
+        assert self._memory is not None
+        self._memory.pictured(made)
