@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.over_time.body import Body, Motion, body_of, motion_of
+from nlos.recon.over_time.body import Motion, body_of, motion_of
+from nlos.recon.over_time.body_light import Body
 from nlos.recon.over_time.given import Given
 from nlos.recon.over_time.half_grid import HalfGrid, on_half_grid
 from nlos.recon.over_time.moments import Moments, added, moved

@@ -120,7 +120,7 @@ def judge(network: FilmNetwork, films: Sequence[HeldFilm]) -> dict[str, Any]:
                 row += [-10 * math.log10(float(error) + 1e-12) for error in errors(picture, truth)]
                 row += [float(off.median()) if len(off) else math.nan]
             rows.append(row)
-    mean = np.nanmean(np.array(rows), axis=0).round(3).tolist()
+    mean = np.ma.masked_invalid(rows).mean(axis=0).filled(np.nan).round(3).tolist()
     return {
         "frame_by_frame": mean[0], "psnr": mean[1:5:3], "psnr_by_maximum": mean[2:6:3], "depth_off": mean[3::3],
         "pictures": len(rows),

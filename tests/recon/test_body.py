@@ -7,7 +7,8 @@ import pytest
 
 from nlos.acquisition.wall import WallGrid
 from nlos.drivers.simulated.surfaces import Surface
-from nlos.recon.over_time.body import Body, body_of, motion_of
+from nlos.recon.over_time.body import body_of, motion_of
+from nlos.recon.over_time.body_light import Body
 from nlos.recon.over_time.moments import Moments
 from tests.recon.test_over_time import START_M, VELOCITY_M_PER_S, WALL, frame, light, panel
 
