@@ -25,6 +25,7 @@ from nlos.drivers.simulated.spad import Response as Jitter
 from nlos.drivers.simulated.surfaces import Surface
 from nlos.recon.live import LiveReconstruction
 from nlos.recon.metrics import image_scores
+from nlos.recon.over_time.following import FollowingMemory
 from nlos.recon.over_time.memory import LightMemory
 from nlos.recon.over_time.moments import Moments, added
 from nlos.recon.reconstruct import reconstruct
@@ -166,7 +167,8 @@ class Remembered:
     """A film in one of the `FORMS`: each frame with the light of those before it, which its own pictures lead."""
 
     def __init__(self, form: str) -> None:
-        self.memory, self._live = LightMemory(WALL, TIME), LiveReconstruction("nano", finish=form == "video")
+        self.memory = (FollowingMemory if form == "memory" else LightMemory)(WALL, TIME)
+        self._live = LiveReconstruction("nano", finish=form == "video")
         self._whole = form == "memory"
 
     def next(self, frame: Moments, number: int) -> Reconstruction:
@@ -178,7 +180,8 @@ class Remembered:
             seen = self.memory.on_half_grid()
             told = replace(seen, light=replace(seen.light, response=response()))
             made = self._live.of_film(told, number).reconstruction
-        self.memory.pictured(made)
+        if isinstance(self.memory, FollowingMemory):
+            self.memory.pictured(made)
         return made
 
 
@@ -208,7 +211,7 @@ def measured(scene: int) -> list[dict[str, Any]]:
 
 FORMS = (
     ("memory", "with a memory, as `--film --memory` makes them"),
-    ("half", "the same on half the grid"),
+    ("half", "with the memory of films that are watched, on half the grid"),
     ("video", "that, unrefined and finished by the network for films, as `nlos live` shows it"),
 )
 """Of NANO's pictures, in words."""

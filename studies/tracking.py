@@ -75,8 +75,6 @@ def measured(scene: int) -> list[dict[str, Any]]:
             told = replace(half, light=replace(half.light, response=response()))
             seen = ways[name].of_film(told, number + 1).reconstruction
             pictures[name].append((seen.albedo, seen.depth_m))
-            if name == "memory":
-                memory.pictured(seen)
     rows = []
     for name, made in pictures.items():
         found = tracked_objects(

@@ -1,4 +1,4 @@
-"""A memory of the light of the last frames: brought to the newest one's moment along the way of what pictures show."""
+"""A memory of the light of the last frames: brought to the newest one's moment, and weighted by how well it agrees."""
 
 from collections import deque
 from dataclasses import replace
@@ -9,14 +9,11 @@ import numpy.typing as npt
 
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.over_time.body import Motion, body_of, motion_of
-from nlos.recon.over_time.body_light import Body
 from nlos.recon.over_time.given import Given
 from nlos.recon.over_time.half_grid import HalfGrid, on_half_grid
 from nlos.recon.over_time.moments import Moments, added, moved
 from nlos.recon.over_time.path import along, path_through
 from nlos.recon.over_time.registration import Registration, Seen
-from nlos.recon.volume import Reconstruction
 
 Floats = npt.NDArray[np.float64]
 
@@ -33,25 +30,18 @@ LOOKED_AT = 4
 """Of so many successive frames, how far photons let two looks agree is found for the first: their mean counts."""
 FORGOTTEN_S = 2.0
 """Light of what rests counts for a third after so long."""
-MOVING_S = 0.15
-"""Light of what moves, and so may turn, counts for a third after so long, unless it has gone less far than `REST_M`."""
-REST_M = 0.03
-BLUR_M = 0.014
-"""So far parts may have moved against each other until light counts for a third."""
-CHANGE = 0.3
-"""Light counts half where the body's parts are on average so much brighter or darker."""
-FOLLOWED = 4
-"""Newest frames that the body of a picture is followed through."""
-STEADY = 0.5
-"""Share of what is known of a body's parts that a frame renews."""
+DISTRUST = 6.0
+"""Of disagreement over photon noise: what is wrong with light that is not noise does not average out."""
+SUREST = 0.98
+"""Frames never agree better than that, however much light there is: points differ, and so does what they tell."""
 FAINTEST = 0.1
 """Of the newest frame's weight: light that counts less is not carried along."""
 
 
 class LightMemory:
-    """Fed with frames in the order of time and with pictures made of them, gives each one's light with that of the
-    frames before it, moved as what the last picture shows has moved. What turns or is several objects is not followed:
-    the more parts of it move against each other, the less the light of earlier frames counts."""
+    """Fed with frames in the order of time, gives each one's light with that of the frames before it, moved by the
+    motion that registering their volumes tells. What several objects or turns do is not followed: the less a frame's
+    volume agrees with the newest one's, the less its light counts."""
 
     def __init__(self, wall: WallGrid, time: TimeAxis) -> None:
         self._registration = Registration(wall, time)
@@ -59,9 +49,6 @@ class LightMemory:
         self._pairs: dict[tuple[int, int], tuple[Floats, float]] = {}
         self._velocity_m_per_s = np.zeros(3)
         self._number = 0
-        self._body: Body | None = None
-        self._followed: Motion | None = None
-        self._apart_m2_per_s2: float | None = None
         self.path_m = np.zeros((0, 3))
         """Where what is seen was at each frame held, from where it is now."""
         self.weights = np.zeros(0)
@@ -74,16 +61,8 @@ class LightMemory:
 
     def watch(self, frame: Moments) -> None:
         """Takes the newest frame, and finds how what is seen has moved."""
-        path_m = self.path_m
         self._compare(frame)
-        self._follow(path_m)
         self.weights = self._weights()
-
-    def pictured(self, made: Reconstruction, moment_s: float | None = None) -> None:
-        """A picture was made, of the newest frame or of the one of that mean moment: what it shows is followed from the
-        next frame on. May be told in another thread."""
-        moment_s = self._held[-1][1].mean_s if moment_s is None else moment_s
-        self._body = body_of(made.albedo, made.depth_m, made.wall, moment_s)
 
     def light(self) -> tuple[list[Moments], list[float]]:
         """The light of each frame that counts, moved to where what it shows was at the mean moment of the newest one,
@@ -137,37 +116,6 @@ class LightMemory:
             if np.linalg.norm(self._velocity_m_per_s - before_m_per_s) < SETTLED_M_PER_S:
                 break
 
-    def _follow(self, before_m: Floats) -> None:
-        """Betters the path that registering told by what the photons of the newest frames tell of the last picture's
-        body; `before_m`, the path until the frame before."""
-        frames = [held for _, held, _ in self._held][-FOLLOWED:]
-        moments_s = np.array([held.mean_s for _, held, _ in self._held])
-        count, body = len(frames), self._body_since(moments_s[-FOLLOWED:])
-        if body is None:
-            self._followed = self._apart_m2_per_s2 = None
-            return
-        start_m = self.path_m
-        if count > 2:
-            earlier = before_m[-len(start_m) + 1 :]
-            start_m = np.concatenate([earlier, earlier[-1:] + start_m[-1] - start_m[-2]])
-        start_m = start_m - along(start_m, moments_s, np.array([body.moment_s]))
-        found = motion_of(body, frames, start_m[-count:])
-        start_m[:-count] += found.path_m[0] - start_m[-count]
-        start_m[-count:] = found.path_m
-        self.path_m, self._followed = start_m - start_m[-1], found
-        apart, before = found.apart_m_per_s**2, self._apart_m2_per_s2
-        self._apart_m2_per_s2 = apart if before is None else before + STEADY * (apart - before)
-
-    def _body_since(self, moments_s: Floats) -> Body | None:
-        """What a picture of one of the frames of these moments showed; where there is none, what the volume of the last
-        frame but one does; None where that is nothing, or the newest frame is the first."""
-        if len(moments_s) < 2:
-            return None
-        if self._body is not None and moments_s[0] <= self._body.moment_s <= moments_s[-2]:
-            return self._body
-        _, frame, seen = self._held[-2]
-        return body_of(*self._registration.front_of(seen), self._registration.wall, frame.mean_s)
-
     def _depth_m(self) -> float:
         """Of most of what is seen, now: the median over the frames held, each moved along the path."""
         if not self._held or len(self.path_m) != len(self._held):
@@ -177,15 +125,36 @@ class LightMemory:
         )
 
     def _weights(self) -> Floats:
-        """Of each frame, 1 for the newest, as far as a picture's body could be followed through them: the less the
-        older, the more its parts move against each other, and the more their brightness has changed."""
-        moments_s = np.array([held.mean_s for _, held, _ in self._held])
-        if self._followed is None or self._apart_m2_per_s2 is None:
-            return np.where(moments_s == moments_s[-1], 1.0, 0.0)
-        ages_s, ways_m = moments_s[-1] - moments_s, np.linalg.norm(self.path_m, axis=1)
-        old = np.minimum(ways_m / REST_M, ages_s / MOVING_S) + ages_s / FORGOTTEN_S
-        apart = self._apart_m2_per_s2 * (ages_s / BLUR_M) ** 2
-        changed = np.full(len(ages_s), self._followed.change[0])
-        changed[-len(self._followed.change) :] = self._followed.change
-        weights = np.exp(-old - apart) / (1 + (changed / CHANGE) ** 2)
+        """Of each frame, 1 for the newest: photon noise over that and what its light is wrong by, which is how much
+        less its volume agrees with the newest one's than two looks at one scene would. And the less the farther what is
+        seen has moved since, as a path is never quite right."""
+        *earlier, (_, frame, _) = self._held
+        weights = np.ones(len(earlier) + 1)
+        same = self._same()
+        agrees = 0.0
+        for place in reversed(range(len(earlier))):
+            held = earlier[place][1]
+            agrees = self._agreement(place, len(earlier)) if len(earlier) - place <= LAGS else agrees
+            noise, error = 1 - same, DISTRUST * max(same - agrees, 0.0)
+            way_m = float(np.linalg.norm(self.path_m[place]))
+            age_s = frame.mean_s - held.mean_s
+            weights[place] = noise / (noise + error) * np.exp(-way_m / self._registration.cell_m - age_s / FORGOTTEN_S)
         return np.where(weights < FAINTEST, 0.0, weights)
+
+    def _agreement(self, before: int, now: int) -> float:
+        """From 0 to 1, of two of the frames held, displaced as they are."""
+        (one, _, first), (other, _, second) = self._held[before], self._held[now]
+        height = self._pairs[one, other][1]
+        return height / max(float(np.sqrt(first.energy * second.energy)), 1e-30)
+
+    def _same(self) -> float:
+        """How well two looks at one scene would agree: as far as photons allow, and as neighbouring frames do, but for
+        what comes of the time between them."""
+        count = len(self._held)
+        apart = [
+            float(np.median([self._agreement(k, k + lag) for k in range(count - lag)]))
+            for lag in (1, 2, 3)
+            if lag < count
+        ]
+        photons = min(float(np.mean([seen.repeats for _, _, seen in self._held])), SUREST)
+        return min(photons, apart[0] + (apart[0] - apart[-1]) / 2) if apart else photons

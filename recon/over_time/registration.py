@@ -25,6 +25,8 @@ class Seen:
     """The volume of one frame, as its spectrum, ready to be correlated."""
 
     spectrum: npt.NDArray[np.complex64]
+    energy: float
+    """The sum of its squares; 0 where there is nothing."""
     depth_m: float
     """Where most of it is."""
     repeats: float
@@ -55,7 +57,7 @@ class Registration:
         volume = self._volume(counts) / max(float(points.exposure_s.sum()), 1e-30)
         power = np.maximum(volume, 0.0).astype(np.float64).sum(axis=(1, 2)) ** 2
         depth_m = float(np.average(self._invert.depths_m, weights=power)) if power.any() else 0.0
-        return Seen(scipy.fft.rfftn(volume), depth_m, repeats)
+        return Seen(scipy.fft.rfftn(volume), float((volume**2).sum()), depth_m, repeats)
 
     def _repeats(self, points: Moments, counts: npt.NDArray[np.float32]) -> float:
         """See `Seen`; `counts` (T, H, W) are those of the points on the grid."""
@@ -80,13 +82,18 @@ class Registration:
         light = np.maximum(volume, 0.0).max(axis=0)
         return light, np.where(light > LOW * light.max(initial=0.0), depths_m[volume.argmax(axis=0)], np.nan)
 
+    @property
+    def cell_m(self) -> float:
+        """The larger side of a cell."""
+        return float(np.abs(self._cell_m[:2]).max())
+
     def _volume(self, counts: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         volume = self._invert.volume(counts, np.ones(counts.shape[1:]))
         return np.asarray(volume - volume.mean(), dtype=np.float32)
 
     def displacement(self, before: Seen, now: Seen, most_m: float) -> tuple[Floats, float]:
         """x, y, z (3,) in metres from `before` to `now`, at most `most_m` along each, and the height of the
-        correlation there."""
+        correlation there, to be compared with `energy`."""
         shape = (self._time.bins, self.wall.rows, self.wall.cols)
         both = np.fft.fftshift(scipy.fft.irfftn(now.spectrum * before.spectrum.conj(), shape))
         middle = [side // 2 for side in shape]

@@ -65,7 +65,6 @@ def hold(part: str, index: int, folder: Path) -> None:
             made = live.made_of_film(light)
             picture, seen = light.enlarged(made), None if made.volume is None else made.volume.albedo
             albedo, depth_m = picture.albedo, depth_everywhere(picture.albedo, picture.depth_m)
-            memory.pictured(picture)
         ways = [given.way_m(moments[-back]) if back <= len(moments) else np.zeros(3) for back in range(1, BACK + 1)]
         moments.append(frame.mean_s)
         rows.append(

@@ -7,7 +7,7 @@ import numpy as np
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.transient import Transient
-from nlos.recon.over_time.memory import LightMemory
+from nlos.recon.over_time.following import FollowingMemory
 from nlos.recon.over_time.moments import moments_of
 from nlos.recon.volume import Reconstruction
 
@@ -21,7 +21,7 @@ class FilmMemory:
         if not recording.on_grid:
             raise InvalidData(f"{recording.path}: its points are off the grid; --memory moves light along a grid")
         self._plan, self._records = recording.plan, recording.intact_records()
-        self._memory: LightMemory | None = None
+        self._memory: FollowingMemory | None = None
         self._frames: list[float] = []
         self._bins = whole.time.bins
 
@@ -38,7 +38,7 @@ class FilmMemory:
         taken_s = np.zeros(calibrated.exposure_s.shape)
         place = (self._plan.positions.row[records["number"]], self._plan.positions.col[records["number"]])
         taken_s[place] = records["taken_s"] + records["live_time_s"] / 2
-        self._memory = self._memory or LightMemory(calibrated.wall, calibrated.time)
+        self._memory = self._memory or FollowingMemory(calibrated.wall, calibrated.time)
         light = self._memory.add(moments_of(calibrated, taken_s))
         self._frames.append(float(self._memory.weights.sum()))
         return replace(light, response=calibrated.response)

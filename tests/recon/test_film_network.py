@@ -26,12 +26,11 @@ FRAMES = 7
 
 def frames_of(film: TrainingFilm, count: int = FRAMES) -> list[tuple[HalfGrid, np.ndarray]]:
     """What the memory makes of each frame, and the truth's brightness."""
-    memory, live, made = LightMemory(WALL, TIME), LiveReconstruction("nano", {"refine": False}, finish=False), []
+    memory, made = LightMemory(WALL, TIME), []
     for number in range(count):
         frame = film.frame(number)
         memory.watch(frame)
         made.append((memory.on_half_grid(), film.truth(frame.mean_s).intensity))
-        memory.pictured(live.of_film(made[-1][0], number).reconstruction)
     return made
 
 

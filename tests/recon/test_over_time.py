@@ -1,4 +1,4 @@
-"""The light of frames brought to one moment: moved as what they show has moved, by what their photons tell."""
+"""The light of frames brought to one moment: moved as what they show has moved, by what registering them tells."""
 
 from dataclasses import replace
 
@@ -11,6 +11,7 @@ from nlos.drivers.simulated.beam import SPEED_OF_LIGHT_M_PER_S, BeamPath, Spot
 from nlos.drivers.simulated.scene import SceneLight, SceneSettings
 from nlos.drivers.simulated.spad import DetectorSettings
 from nlos.drivers.simulated.surfaces import Surface
+from nlos.recon.over_time.following import FollowingMemory
 from nlos.recon.over_time.memory import LightMemory
 from nlos.recon.over_time.moments import Moments, added, moments_of, moved
 from nlos.recon.over_time.path import along, path_through
@@ -90,20 +91,17 @@ def test_a_path_goes_through_its_pairs_and_not_through_an_outlier() -> None:
     assert path_through({}, [0, 1, 2]) == pytest.approx(np.zeros((3, 3)))
 
 
-@pytest.mark.parametrize("pictured", [True, False])
-def test_a_memory_finds_the_motion_and_brings_the_light_along(pictured: bool) -> None:
+def test_a_memory_finds_the_motion_and_brings_the_light_along() -> None:
     seen, memory = light(panel(VELOCITY_M_PER_S)), LightMemory(WALL, TIME)
     frames = [frame(seen, number) for number in range(6)]
-    moments_s = np.array([each.mean_s for each in frames])
-    way_m = VELOCITY_M_PER_S * (moments_s - moments_s[-1])[:, None]
     for each in frames:
         together = memory.add(each)
-        if pictured:
-            memory.pictured(reconstruct(together, "lct", explain=False))
+    moments_s = np.array([each.mean_s for each in frames])
+    way_m = VELOCITY_M_PER_S * (moments_s - moments_s[-1])[:, None]
     assert memory.path_m == pytest.approx(way_m, abs=0.02)
-    assert np.abs(memory.path_m - way_m).mean() < 0.004
+    assert np.abs(memory.path_m - way_m).mean() < 0.008
     assert memory.weights[-1] == 1
-    assert 0.3 < memory.weights[-2] < 1
+    assert 0.05 < memory.weights[-2] < 1
     assert together.exposure_s.sum() == pytest.approx(256 * DWELL_S * memory.weights.sum(), rel=0.1)
 
 
@@ -112,9 +110,38 @@ def test_light_of_what_rests_is_kept_and_of_what_is_gone_is_not() -> None:
     memory = LightMemory(WALL, TIME)
     for number in range(5):
         kept = memory.add(frame(still, number))
-        memory.pictured(reconstruct(kept, "lct", explain=False))
     assert memory.weights.min() > 0.3
     assert np.abs(memory.path_m).max() < 0.02
+    assert np.count_nonzero(kept.exposure_s) == 4 * 256
+    other = light(Surface.model_validate({"letter": "X", "height_m": 0.5, "centre_m": (0.5, -0.4, 1.3)}))
+    memory.add(frame(other, 5))
+    assert memory.weights[:-1].max() < 0.1
+
+
+@pytest.mark.parametrize("pictured", [True, False])
+def test_a_memory_that_follows_pictures_finds_the_motion_better(pictured: bool) -> None:
+    """Or what the volume of the frame before shows, where nobody made a picture."""
+    seen, memory = light(panel(VELOCITY_M_PER_S)), FollowingMemory(WALL, TIME)
+    frames = [frame(seen, number) for number in range(6)]
+    for each in frames:
+        together = memory.add(each)
+        if pictured:
+            memory.pictured(reconstruct(together, "lct", explain=False))
+    moments_s = np.array([each.mean_s for each in frames])
+    way_m = VELOCITY_M_PER_S * (moments_s - moments_s[-1])[:, None]
+    assert memory.path_m == pytest.approx(way_m, abs=0.02)
+    assert np.abs(memory.path_m - way_m).mean() < 0.004
+    assert memory.weights[-1] == 1
+    assert 0.3 < memory.weights[-2] < 1
+    assert together.exposure_s.sum() == pytest.approx(256 * DWELL_S * memory.weights.sum(), rel=0.1)
+
+
+def test_a_memory_that_follows_pictures_keeps_the_light_of_what_rests_and_drops_that_of_what_is_gone() -> None:
+    still, memory = light(panel(np.zeros(3))), FollowingMemory(WALL, TIME)
+    for number in range(5):
+        kept = memory.add(frame(still, number))
+        memory.pictured(reconstruct(kept, "lct", explain=False))
+    assert memory.weights.min() > 0.3
     assert np.count_nonzero(kept.exposure_s) == 4 * 256
     other = light(Surface.model_validate({"letter": "X", "height_m": 0.5, "centre_m": (0.5, -0.4, 1.3)}))
     memory.add(frame(other, 5))

@@ -142,8 +142,6 @@ class LiveFilm:
         dropped = max(self.shown_frame - before - 1, 0) if before >= 0 else 0
         self.dropped += dropped
         self.trails.add(picture, moment_s)
-        if self._memory is not None:
-            self._memory.pictured(picture, moment_s)
         return dropped
 
     def _align(self, scan: "LoadedScan") -> None:
