@@ -140,7 +140,7 @@ def gather(folder: Path) -> None:
 
 
 def fit(folder: Path, weights: Path) -> None:
-    """Fits, prints the error in decades on scenes left out, and stores."""
+    """Fits, prints the error in decades on held-out scenes, and stores."""
     parts = [np.load(folder / f"{part.seed}.npz") for part in PARTS]
     traits, levels = (
         torch.from_numpy(np.concatenate([p[name] for p in parts])).float() for name in ("traits", "levels")
@@ -156,7 +156,7 @@ def fit(folder: Path, weights: Path) -> None:
     with torch.no_grad():
         error = network(traits[left_out]) - levels[left_out]
     rms, scans_seen = float(error.square().mean().sqrt()), int((~left_out).sum())
-    print(f"{scans_seen} scans; {len(error)} left out: bias {float(error.mean()):+.3f}, rms {rms:.3f} decades")
+    print(f"{scans_seen} scans; {len(error)} held out: bias {float(error.mean()):+.3f}, rms {rms:.3f} decades")
     about = {"of": sha256_of("nano"), "scans": scans_seen, "steps": STEPS, "validation_rms_decades": round(rms, 4)}
     save(weights, dict(network.named_parameters()), about)
 

@@ -45,15 +45,18 @@ class BodyLight:
         time, wall, self.parts = frames[0].time, frames[0].wall, int(body.part.max()) + 1
         wanted_s = max(wall.width_m, wall.height_m) / FINE / SPEED_OF_LIGHT_M_PER_S
         factor = min(max(1, round(wanted_s / time.bin_width_s)), time.bins)
-        some = [np.arange(0, len(each.x_m), max(1, -(-len(each.x_m) // MEASURED))) for each in frames]
-        self._x_m, self._y_m, taken_s = (
+        # drawn, since every n-th point of a grid may lie in a few of its columns
+        some = [np.sort(np.random.default_rng(0).permutation(len(each.x_m))[:MEASURED]) for each in frames]
+        self.x_m, self.y_m, taken_s = (
             np.concatenate([getattr(each, name)[one] for each, one in zip(frames, some, strict=True)])
             for name in ("x_m", "y_m", "taken_s")
         )
         self._body, self._bin_m = body, factor * time.bin_width_s * SPEED_OF_LIGHT_M_PER_S / 2
         self._frame = np.repeat(np.arange(len(frames)), [len(one) for one in some])
         self._along = weights_along(np.array([each.mean_s for each in frames]), taken_s)  # (N, F)
-        self._since_s = taken_s - taken_s.mean()  # from the middle on, so that velocities do not mend the body's shape
+        self._since_s = (
+            taken_s - taken_s.mean()
+        )  # from the middle on, so that velocities do not correct the body's shape
         whole = time.bins // factor * factor
         counts = np.concatenate([each.counts[one, :whole] for each, one in zip(frames, some, strict=True)])
         counts = counts.reshape(len(counts), -1, factor).sum(axis=2, dtype=np.float32)
@@ -104,7 +107,7 @@ class BodyLight:
             displaced_m = displaced_m + self._since_s[:, None, None] * apart_m_per_s[self._body.part]
         places_m = self._body.places_m + displaced_m
         x, y, z = np.moveaxis(places_m, -1, 0).astype(np.float32)
-        x, y = x - self._x_m[:, None].astype(np.float32), y - self._y_m[:, None].astype(np.float32)
+        x, y = x - self.x_m[:, None].astype(np.float32), y - self.y_m[:, None].astype(np.float32)
         long_m = np.sqrt(x * x + y * y + z * z)
         return long_m, np.stack([x, y, z]) / long_m
 

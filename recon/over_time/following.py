@@ -1,5 +1,7 @@
 """A memory of light that follows what the last picture of a film shows by the photons of the frames themselves."""
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
@@ -36,7 +38,7 @@ class FollowingMemory(LightMemory):
         super().__init__(wall, time)
         self._body: Body | None = None
         self._followed: Motion | None = None
-        self._apart_m2_per_s2: float | None = None
+        """Through the newest frames; how fast parts move apart is an average over them and those before."""
 
     def watch(self, frame: Moments) -> None:
         """Takes the newest frame, and finds how what is seen has moved."""
@@ -55,8 +57,8 @@ class FollowingMemory(LightMemory):
         frames = [held for _, held, _ in self._held][-FOLLOWED:]
         moments_s = np.array([held.mean_s for _, held, _ in self._held])
         count, body = len(frames), self._body_since(moments_s[-FOLLOWED:])
+        before, self._followed = self._followed, None
         if body is None:
-            self._followed = self._apart_m2_per_s2 = None
             return
         start_m = self.path_m
         if count > 2:
@@ -66,9 +68,11 @@ class FollowingMemory(LightMemory):
         found = motion_of(body, frames, start_m[-count:])
         start_m[:-count] += found.path_m[0] - start_m[-count]
         start_m[-count:] = found.path_m
-        self.path_m, self._followed = start_m - start_m[-1], found
-        apart, before = found.apart_m_per_s**2, self._apart_m2_per_s2
-        self._apart_m2_per_s2 = apart if before is None else before + STEADY * (apart - before)
+        self.path_m = start_m - start_m[-1]
+        if before is not None:
+            squared = STEADY * found.apart_m_per_s**2 + (1 - STEADY) * before.apart_m_per_s**2
+            found = replace(found, apart_m_per_s=squared**0.5)
+        self._followed = found
 
     def _body_since(self, moments_s: Floats) -> Body | None:
         """What a picture of one of the frames of these moments showed; where there is none, what the volume of the last
@@ -84,12 +88,13 @@ class FollowingMemory(LightMemory):
         """Of each frame, 1 for the newest, as far as a picture's body could be followed through them: the less the
         older, the more its parts move against each other, and the more their brightness has changed."""
         moments_s = np.array([held.mean_s for _, held, _ in self._held])
-        if self._followed is None or self._apart_m2_per_s2 is None:
+        followed = self._followed
+        if followed is None:
             return np.where(moments_s == moments_s[-1], 1.0, 0.0)
         ages_s, ways_m = moments_s[-1] - moments_s, np.linalg.norm(self.path_m, axis=1)
         old = np.minimum(ways_m / REST_M, ages_s / MOVING_S) + ages_s / FORGOTTEN_S
-        apart = self._apart_m2_per_s2 * (ages_s / BLUR_M) ** 2
-        changed = np.full(len(ages_s), self._followed.change[0])
-        changed[-len(self._followed.change) :] = self._followed.change
+        apart = (followed.apart_m_per_s * ages_s / BLUR_M) ** 2
+        older = len(ages_s) - len(followed.change)
+        changed = np.pad(followed.change, (older, 0), "edge")
         weights = np.exp(-old - apart) / (1 + (changed / CHANGE) ** 2)
         return np.where(weights < FAINTEST, 0.0, weights)

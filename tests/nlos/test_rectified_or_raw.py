@@ -1,4 +1,5 @@
-"""A scan that is said to be what it is not is told so, with the word that mends it; one that is what it says is not."""
+"""A scan that is said to be what it is not is told so, with the word that corrects it; one that is what it says is
+not."""
 
 from pathlib import Path
 

@@ -8,7 +8,7 @@ import pytest
 from nlos.acquisition.wall import WallGrid
 from nlos.drivers.simulated.surfaces import Surface
 from nlos.recon.over_time.body import body_of, motion_of
-from nlos.recon.over_time.body_light import Body
+from nlos.recon.over_time.body_light import Body, BodyLight
 from nlos.recon.over_time.moments import Moments
 from tests.recon.test_over_time import START_M, VELOCITY_M_PER_S, WALL, frame, light, panel
 
@@ -56,6 +56,18 @@ def test_a_body_is_followed_to_millimetres() -> None:
     assert np.abs(off_m).max() < 0.012
     assert found.apart_m_per_s < 0.05
     assert found.change.max() < 0.2
+
+
+def test_of_frames_of_many_points_some_are_enough_wherever_they_lie(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A quarter of them: every fourth would be four of sixteen columns."""
+    monkeypatch.setattr("nlos.recon.over_time.body_light.MEASURED", 64)
+    frames, moments_s = frames_of(moving(0))
+    where_m = START_M + VELOCITY_M_PER_S * moments_s[:, None]
+    body, start_m = body_at(moments_s[2], where_m[2]), where_m - where_m[2]
+    seen = BodyLight(body, frames, start_m)
+    assert len(np.unique(seen.x_m[:64])) > 12
+    off_m = np.diff(motion_of(body, frames, start_m).path_m - where_m, axis=0)
+    assert np.sqrt((off_m**2).mean()) < 0.01
 
 
 def test_where_its_picture_is_wrong_ways_between_frames_are_not() -> None:
