@@ -6,7 +6,7 @@ sixteenth, and makes the page; `python -m studies.moving ROWS.jsonl 0 1 2 ...` m
 to take up.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -163,42 +163,45 @@ def psnr(made: Reconstruction, truth: Floats) -> float:
     return image_scores(made.albedo, truth)["psnr"]
 
 
-class Remembered:
-    """A film in one of the `FORMS`: each frame with the light of those before it, which its own pictures lead."""
+class Live:
+    """A film as it is watched, in one of the `FORMS` that are: each frame with the light of those before it."""
 
     def __init__(self, form: str) -> None:
-        self.memory = (FollowingMemory if form == "memory" else LightMemory)(WALL, TIME)
-        self._live = LiveReconstruction("nano", finish=form == "video")
-        self._whole = form == "memory"
+        self._memory, self._live = LightMemory(WALL, TIME), LiveReconstruction("nano", finish=form == "video")
 
-    def next(self, frame: Moments, number: int) -> Reconstruction:
-        """The picture of the next frame."""
-        self.memory.watch(frame)
-        if self._whole:
-            made = pictured(added(*self.memory.light()))
-        else:
-            seen = self.memory.on_half_grid()
-            told = replace(seen, light=replace(seen.light, response=response()))
-            made = self._live.of_film(told, number).reconstruction
-        if isinstance(self.memory, FollowingMemory):
-            self.memory.pictured(made)
-        return made
+    def picture(self, frame: Moments, number: int) -> Reconstruction:
+        """Of the newest frame."""
+        self._memory.watch(frame)
+        seen = self._memory.on_half_grid()
+        told = replace(seen, light=replace(seen.light, response=response()))
+        return self._live.of_film(told, number).reconstruction
+
+
+def recorded(frames: Sequence[Moments]) -> Iterator[tuple[Reconstruction, float]]:
+    """Pictures of a film that is over, and how many frames' light each holds."""
+    memory = FollowingMemory(WALL, TIME)
+    for light in memory.each_brought(frames):
+        made = pictured(light)
+        memory.pictured(made)
+        yield made, float(memory.weights.sum())
 
 
 def measured(scene: int) -> list[dict[str, Any]]:
-    """A row a look: of a moving scene single frames and the memory, of a still one the memory and all light."""
-    film, forms, rows = Film(scene), {name: Remembered(name) for name, _ in FORMS}, []
-    still = scene in STILL
+    """A row a look: of a moving scene single frames and memories, of a still one memories and all light. A film of a
+    still one ends after a second."""
+    film, rows, still = Film(scene), [], scene in STILL
     looks = (AFTER_1_S,) if still else LOOKS
-    for number in range(max(looks) + 1):
-        frame = film.frame(number)
-        row: dict[str, Any] = {"scene": scene, "frame": number, "objects": len(film.objects)}
-        truth = film.truth(frame.mean_s)
-        row |= {name: psnr(form.next(frame, number), truth) for name, form in forms.items()}
+    seen = max(looks) + (1 if still else 2)
+    frames = [film.frame(number) for number in range(seen)]
+    live = {form: Live(form) for form in ("half", "video")}
+    for number, (frame, (made, light)) in enumerate(zip(frames, recorded(frames), strict=True)):
+        watched = {form: each.picture(frame, number) for form, each in live.items()}
         if number not in looks:
             continue
-        alone = added([frame], [1.0])
-        row |= {"peak": mean_peak(scene), "frames": float(forms["memory"].memory.weights.sum())}
+        alone, truth = added([frame], [1.0]), film.truth(frame.mean_s)
+        row: dict[str, Any] = {"scene": scene, "frame": number, "objects": len(film.objects), "peak": mean_peak(scene)}
+        row |= {"frames": light, "memory": psnr(made, truth)}
+        row |= {form: psnr(each, truth) for form, each in watched.items()}
         if not still:
             row["lct"] = max(psnr(by_lct(alone, snr), truth) for snr in SNR)
             row["nano"] = psnr(pictured(alone), truth)

@@ -21,7 +21,7 @@ from nlos.recon.over_time.half_grid import on_half_grid
 from nlos.recon.over_time.memory import LightMemory
 from nlos.recon.tracked_objects import tracked_objects
 from studies.by_scene import run
-from studies.moving import DWELL_S, POINTS, TIME, WALL, Film, mean_peak, response
+from studies.moving import DWELL_S, POINTS, TIME, WALL, Film, mean_peak, recorded, response
 
 Floats = npt.NDArray[np.float64]
 
@@ -60,16 +60,23 @@ def panels(scene: int) -> tuple[Surface, ...]:
     return tuple(made)
 
 
+WAYS = {
+    "single": "single frames, as `nlos live` shows them",
+    "memory": "with a memory, as `nlos live` shows them",
+    "recorded": "of a recording, as `--film --memory` makes them",
+}
+
+
 def measured(scene: int) -> list[dict[str, Any]]:
-    """A row an object and way of making pictures, NANO's as `nlos live` shows them: of single frames, with a memory."""
+    """A row an object and way of making NANO's pictures: see `WAYS`."""
     film, memory = Film(scene, panels(scene)), LightMemory(WALL, TIME)
+    frames = [film.frame(number) for number in range(FRAMES)]
+    time_s = [frame.mean_s for frame in frames]
     ways = {"single": LiveReconstruction("nano"), "memory": LiveReconstruction("nano")}
-    pictures: dict[str, list[tuple[Any, Any]]] = {name: [] for name in ways}
-    time_s = []
-    for number in range(FRAMES):
-        frame = film.frame(number)
+    pictures: dict[str, list[tuple[Any, Any]]] = {name: [] for name in WAYS}
+    pictures["recorded"] = [(made.albedo, made.depth_m) for made, _ in recorded(frames)]
+    for number, frame in enumerate(frames):
         memory.watch(frame)
-        time_s.append(frame.mean_s)
         for name, light in (("single", ([frame], [1.0])), ("memory", memory.light())):
             half = on_half_grid(*light)
             told = replace(half, light=replace(half.light, response=response()))
@@ -133,13 +140,13 @@ def page(rows: list[dict[str, Any]]) -> str:
     lines = [
         "# Objects in films, measured", "",
         "Made by `python -m studies.tracking docs/tracking.md`, which says what is drawn: panels of 20 cm at 0.2 to",
-        "1 m/s, 16 x 16 points of 0.4 ms a frame, mean peaks of 1 to 5 counts; NANO's pictures as `nlos live` shows",
-        "them. Wanted: within 1 cm and 10 % in the median, appearing within two frames, in 90 % intervals 90 % of",
-        "the time.", "",
+        "1 m/s, 16 x 16 points of 0.4 ms a frame, mean peaks of 1 to 5 counts; NANO's pictures.",
+        "Wanted: within 1 cm and 10 % in the median, appearing within two frames, in 90 % intervals 90 % of the time.",
+        "",
         "| pictures | objects | found | position off | velocity off | in 90 % interval | of velocity | appears off |",
         "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]  # fmt: skip
-    for name in ("single", "memory"):
+    for name, made in WAYS.items():
         for count, words in ((1, "one"), (2, "two apart"), (0, "all")):
             some = [row for row in rows if row["pictures"] == name and count in (0, row["objects"])]
             good = [row for row in some if row["found"]]
@@ -151,7 +158,6 @@ def page(rows: list[dict[str, Any]]) -> str:
             )
             late = [row["appears_off"] for row in good if "appears_off" in row]
             shown = f"{np.median(np.abs(late)):.0f} frames, most {max(map(abs, late))}" if late else ""
-            made = "with a memory" if name == "memory" else "single frames"
             lines.append(
                 f"| {made} | {words} | {len(good)} of {len(some)} | "
                 f"{100 * np.median(off):.1f} cm | {100 * np.median(way):.0f} % | {100 * inside.mean():.0f} % | "

@@ -42,7 +42,7 @@ class Motion:
     apart_m_per_s: float
     """How fast its parts move against each other, root mean square."""
     change: Floats  # (F,)
-    """What share of its parts' light is not that of the last frame, root mean square."""
+    """What share of its parts' light is not that of the frame looked at, root mean square."""
 
 
 def body_of(
@@ -62,13 +62,14 @@ def body_of(
     return Body(places_m, light / light.sum(), np.unique(part, return_inverse=True)[1], moment_s)
 
 
-def motion_of(body: Body, frames: Sequence[Moments], start_m: Floats) -> Motion:
-    """Of a body during two frames or more, in the order of time, sought near the path `start_m` (F, 3)."""
+def motion_of(body: Body, frames: Sequence[Moments], start_m: Floats, at: int = -1) -> Motion:
+    """Of a body during two frames or more, in the order of time, sought near the path `start_m` (F, 3), its brightness
+    held against that in frame `at`."""
     seen, share = BodyLight(body, frames, start_m), np.asarray(np.bincount(body.part, body.shares), np.float64)
     path_m = _likeliest_path(seen, start_m)
     bright = seen.brightness(path_m)
     bright = bright / np.maximum(bright.mean(axis=0), 1e-30)
-    change = np.sqrt((bright - bright[-1]) ** 2 @ share)
+    change = np.sqrt((bright - bright[at]) ** 2 @ share)
     return Motion(path_m, _speed_apart(seen, path_m, start_m, share), change)
 
 

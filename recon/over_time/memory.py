@@ -49,10 +49,12 @@ class LightMemory:
         self._pairs: dict[tuple[int, int], tuple[Floats, float]] = {}
         self._velocity_m_per_s = np.zeros(3)
         self._number = 0
+        self._at = -1
+        """The place among the frames held of the one that is looked at: the newest."""
         self.path_m = np.zeros((0, 3))
-        """Where what is seen was at each frame held, from where it is now."""
+        """Where what is seen was at each frame held, from where it is at the one looked at."""
         self.weights = np.zeros(0)
-        """Of the light of each frame held, the newest one's being 1."""
+        """Of the light of each frame held, that one's being 1."""
 
     def add(self, frame: Moments) -> Transient:
         """The light at the mean moment of `frame`, the newest one."""
@@ -65,8 +67,8 @@ class LightMemory:
         self.weights = self._weights()
 
     def light(self) -> tuple[list[Moments], list[float]]:
-        """The light of each frame that counts, moved to where what it shows was at the mean moment of the newest one,
-        which is the last, and how much it counts."""
+        """The light of each frame that counts, moved to where what it shows was at the mean moment of the one looked
+        at, and how much it counts."""
         moments_s = np.array([held.mean_s for _, held, _ in self._held])
         depth_m = self._depth_m()
         brought = []
@@ -117,7 +119,7 @@ class LightMemory:
                 break
 
     def _depth_m(self) -> float:
-        """Of most of what is seen, now: the median over the frames held, each moved along the path."""
+        """Of most of what is seen at the frame looked at: the median over those held, each moved along the path."""
         if not self._held or len(self.path_m) != len(self._held):
             return self._held[-1][2].depth_m if self._held else 1.0
         return float(

@@ -5,7 +5,7 @@ import json
 import math
 import shutil
 import subprocess
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import cycle
 from pathlib import Path
@@ -19,6 +19,7 @@ from PIL import Image, ImageDraw
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.recording.frames import frame_table
 from nlos.acquisition.recording.read_by_child import open_checked
+from nlos.acquisition.transient import Transient
 from nlos.chain import arrivals_of, calibrate_scan, constants_for
 from nlos.film_memory import FilmMemory
 from nlos.loaded import loaded_frames
@@ -73,8 +74,8 @@ def film_of(
     memory: bool = False,
 ) -> Film:
     """Every frame of a recording by `recipe`, each from `window` successive ones: by default as many as it takes for
-    all points; with a `memory` each from its own light, and that of earlier ones moved along. Aligned by the direct
-    light of all. `step` is told how many there will be, after each. Raises
+    all points; with a `memory` each from its own light, and that of others moved along. Aligned by the direct light of
+    all. `step` is told how many there will be, after each. Raises
     `InvalidData`."""
     with open_checked(run) as recording:
         plan = recording.plan
@@ -87,30 +88,33 @@ def film_of(
         whole = loaded_frames(recording, None)
         known = constants_for(whole, recipe.constants)
         arrivals = arrivals_of(whole, known)
-        earlier = FilmMemory(recording, calibrate_scan(whole, False, known, arrivals)) if memory else None
+        remembered = FilmMemory(recording, calibrate_scan(whole, False, known, arrivals)) if memory else None
         pictures: list[Reconstruction] = []
         frames, times_s = [], []
-        for last in range(each - 1, plan.frames):
+
+        def scans() -> Iterator[tuple[int, Transient]]:
+            for last in range(each - 1, plan.frames):
+                some = slice(last - each + 1, last + 1)
+                if (table.points[some] > 0).all():
+                    scan = loaded_frames(recording, range(some.start, some.stop))
+                    yield last, with_response(calibrate_scan(scan, False, known, arrivals), recipe.response)
+                step(plan.frames - each + 1)
+
+        for last, transient in scans() if remembered is None else remembered.brought(scans()):
+            if not pictures:
+                say_response(transient)
+            pictures.append(reconstruct(transient, recipe.method, recipe.settings, recipe.device))
+            if remembered is not None:
+                remembered.pictured(pictures[-1])
             some = slice(last - each + 1, last + 1)
-            if (table.points[some] > 0).all():
-                scan = loaded_frames(recording, range(some.start, some.stop))
-                transient = with_response(calibrate_scan(scan, False, known, arrivals), recipe.response)
-                if earlier is not None:
-                    transient = earlier.with_earlier(last, transient)
-                if not pictures:
-                    say_response(transient)
-                pictures.append(reconstruct(transient, recipe.method, recipe.settings, recipe.device))
-                if earlier is not None:
-                    earlier.pictured(pictures[-1])
-                frames.append(last)
-                times_s.append(float(np.average(table.mean_s[some], weights=table.live_s[some])))
-            step(plan.frames - each + 1)
+            frames.append(last)
+            times_s.append(float(np.average(table.mean_s[some], weights=table.live_s[some])))
     if not pictures:
         raise InvalidData(f"{run}: no {each} successive frames of it were taken")
     wall = pictures[0].wall
     return Film(
         np.stack([one.albedo for one in pictures]), np.stack([one.depth_m for one in pictures]), np.array(frames),
-        np.array(times_s), wall.x_m(), wall.y_m(), each if earlier is None else earlier.frames_to_a_picture,
+        np.array(times_s), wall.x_m(), wall.y_m(), each if remembered is None else remembered.frames_to_a_picture,
         response_words(pictures[0]), tuple(one.explained or NOT_LOOKED_FOR for one in pictures),
         {"method": pictures[-1].method, **pictures[-1].settings},
     )  # fmt: skip

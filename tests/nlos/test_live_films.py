@@ -87,20 +87,21 @@ def test_the_viewer_shows_the_newest_frames_of_a_film_and_a_follower_the_sum(run
         live.stop(30)
 
 
-def test_the_light_of_a_frame_is_that_of_the_film_made_afterwards(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Aligned alike, whatever was there before it; but for what following its pictures betters."""
-    monkeypatch.setattr("nlos.film_memory.FollowingMemory", LightMemory)
+def test_the_light_of_a_frame_is_that_of_the_film_made_afterwards(run: Path) -> None:
+    """Aligned alike, whatever was there before it."""
     whole = load_scan(run)
     with Recording.open(run) as recording:
         live, arrivals = LiveFilm(recording.plan, None, AUTO), arrivals_of(whole)
-        earlier = FilmMemory(recording, calibrate_scan(whole, False, None, arrivals))
+        remembered, memory = FilmMemory(recording, calibrate_scan(whole, False, None, arrivals)), None
         samples = list(recording.samples())
         each = len(samples) // FRAMES
         for frame in range(FRAMES):
             for sample in samples[frame * each : (frame + 1) * each]:
                 live.add(sample)
             alone = loaded_frames(recording, range(frame, frame + 1))
-            wanted = earlier.with_earlier(frame, calibrate_scan(alone, False, None, arrivals))
+            moments = remembered.moments(frame, calibrate_scan(alone, False, None, arrivals))
+            memory = memory or LightMemory(moments.wall, moments.time)
+            wanted = memory.add(moments)
             known = live.calibrated(False, lambda: whole)
             assert known.samples == (frame + 1) * each
             assert known.transient.time == wanted.time
@@ -237,10 +238,8 @@ def made_along(run: Path, steps: int) -> Frames:
     return frames
 
 
-def test_a_finished_films_slider_shows_every_frame_with_its_memory(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each as `--film --memory` makes it, but for what following its pictures betters there, whatever was dropped while
-    it was live; at its own moment."""
-    monkeypatch.setattr("nlos.film_memory.FollowingMemory", LightMemory)
+def test_a_finished_films_slider_shows_every_frame_with_its_memory(run: Path) -> None:
+    """Of the light of each frame of the recording, whatever was dropped while it was live; at its own moment."""
     frames = made_along(run, FRAMES)
     assert frames.samples == [32 * (frame + 1) for frame in range(FRAMES)]
     assert [(shown or {})["of_film"]["frame"] for shown in frames.pictures] == list(range(FRAMES))
@@ -249,13 +248,15 @@ def test_a_finished_films_slider_shows_every_frame_with_its_memory(run: Path, mo
     whole = load_scan(run)
     with Recording.open(run) as recording:
         arrivals, records = arrivals_of(whole), recording.intact_records()
-        earlier = FilmMemory(recording, calibrate_scan(whole, False, None, arrivals))
+        remembered, memory = FilmMemory(recording, calibrate_scan(whole, False, None, arrivals)), None
         for frame in range(FRAMES):
             taken = records[recording.plan.pass_[records["number"]] == frame]
             assert taken["taken_s"].min() < moments_s[frame] < taken["taken_s"].max()
             alone = loaded_frames(recording, range(frame, frame + 1))
-            light = earlier.with_earlier(frame, calibrate_scan(alone, False, None, arrivals))
-            wanted = LiveReconstruction("lct").of_film(HalfGrid(light, recording.plan.wall), 1, whole.falloff)
+            moments = remembered.moments(frame, calibrate_scan(alone, False, None, arrivals))
+            memory = memory or LightMemory(moments.wall, moments.time)
+            light = HalfGrid(memory.add(moments), recording.plan.wall)
+            wanted = LiveReconstruction("lct").of_film(light, 1, whole.falloff)
             packed = (frames.pictures[frame] or {})["albedo"]
             shown = np.frombuffer(base64.b64decode(packed["f4"]), dtype="<f4")
             made = wanted.reconstruction.albedo / brightest(wanted.reconstruction)

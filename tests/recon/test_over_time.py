@@ -1,13 +1,12 @@
 """The light of frames brought to one moment: moved as what they show has moved, by what registering them
 and their photons tell."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.drivers.simulated.beam import SPEED_OF_LIGHT_M_PER_S, BeamPath, Spot
 from nlos.drivers.simulated.scene import SceneLight, SceneSettings
@@ -93,22 +92,20 @@ def test_a_path_goes_through_its_pairs_and_not_through_an_outlier() -> None:
     assert path_through({}, [0, 1, 2]) == pytest.approx(np.zeros((3, 3)))
 
 
-def off_its_way_m(memory: LightMemory, after: Callable[[Transient], object]) -> np.ndarray:
-    """How far off the panel's path that of a memory is after six frames (6, 3); `after` is given the light of each."""
-    seen = light(panel(VELOCITY_M_PER_S))
-    frames = [frame(seen, number) for number in range(6)]
-    for each in frames:
-        together = memory.add(each)
-        after(together)
-    assert memory.weights[-1] == 1
-    assert together.exposure_s.sum() == pytest.approx(256 * DWELL_S * memory.weights.sum(), rel=0.1)
-    moments_s = np.array([each.mean_s for each in frames])
-    return np.abs(memory.path_m - VELOCITY_M_PER_S * (moments_s - moments_s[-1])[:, None])
+def off_its_way_m(memory: LightMemory, seen_s: list[float], at: int) -> np.ndarray:
+    """How far off the panel's path that of a memory is, of frames of these moments (F, 3)."""
+    moments_s = np.array(seen_s)
+    return np.abs(memory.path_m - VELOCITY_M_PER_S * (moments_s - moments_s[at])[:, None])
 
 
 def test_a_memory_finds_the_motion_and_brings_the_light_along() -> None:
-    memory = LightMemory(WALL, TIME)
-    off_m = off_its_way_m(memory, id)
+    memory, seen = LightMemory(WALL, TIME), light(panel(VELOCITY_M_PER_S))
+    frames = [frame(seen, number) for number in range(6)]
+    for each in frames:
+        together = memory.add(each)
+    assert memory.weights[-1] == 1
+    assert together.exposure_s.sum() == pytest.approx(256 * DWELL_S * memory.weights.sum(), rel=0.1)
+    off_m = off_its_way_m(memory, [each.mean_s for each in frames], 5)
     assert off_m.max() < 0.02
     assert off_m.mean() < 0.008
     assert 0.05 < memory.weights[-2] < 1
@@ -116,12 +113,29 @@ def test_a_memory_finds_the_motion_and_brings_the_light_along() -> None:
 
 @pytest.mark.parametrize("pictured", [True, False])
 def test_a_memory_that_follows_pictures_finds_the_motion_better(pictured: bool) -> None:
-    """Or what the volume of the frame before shows, where nobody made a picture."""
-    memory = FollowingMemory(WALL, TIME)
-    off_m = off_its_way_m(memory, lambda held: pictured and memory.pictured(reconstruct(held, "lct", explain=False)))
-    assert off_m.max() < 0.02
+    """Or what the volume of the frame before shows, where nobody made a picture. Each frame's light holds that of
+    frames before and after it."""
+    memory, seen = FollowingMemory(WALL, TIME), light(panel(VELOCITY_M_PER_S))
+    frames = [frame(seen, number) for number in range(6)]
+    for number, together in enumerate(memory.each_brought(frames)):
+        there = [each.mean_s for each in frames[: number + 2]]
+        assert memory.weights[number] == 1
+        assert together.exposure_s.sum() == pytest.approx(256 * DWELL_S * memory.weights.sum(), rel=0.1)
+        off_m = off_its_way_m(memory, there, number)
+        assert off_m[max(number - 2, 0) :].max() < 0.02
+        assert (np.delete(memory.weights, number)[max(number - 1, 0) :] > 0.2).all()
+        if pictured:
+            memory.pictured(reconstruct(together, "lct", explain=False))
+    assert number == 5
     assert off_m.mean() < 0.004
-    assert 0.3 < memory.weights[-2] < 1
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_of_short_films_every_frame_has_its_light(count: int) -> None:
+    memory, seen = FollowingMemory(WALL, TIME), light(panel(np.zeros(3)))
+    brought = list(memory.each_brought(frame(seen, number) for number in range(count)))
+    assert len(brought) == count
+    assert all(np.count_nonzero(each.exposure_s) == 256 * count for each in brought)
 
 
 def test_light_of_what_rests_is_kept_and_of_what_is_gone_is_not() -> None:
@@ -139,14 +153,17 @@ def test_light_of_what_rests_is_kept_and_of_what_is_gone_is_not() -> None:
 
 def test_a_memory_that_follows_pictures_keeps_the_light_of_what_rests_and_drops_that_of_what_is_gone() -> None:
     still, memory = light(panel(np.zeros(3))), FollowingMemory(WALL, TIME)
-    for number in range(5):
-        kept = memory.add(frame(still, number))
-        memory.pictured(reconstruct(kept, "lct", explain=False))
-    assert memory.weights.min() > 0.3
-    assert np.count_nonzero(kept.exposure_s) == 4 * 256
     other = light(Surface.model_validate({"letter": "X", "height_m": 0.5, "centre_m": (0.5, -0.4, 1.3)}))
-    memory.add(frame(other, 5))
-    assert memory.weights[:-1].max() < 0.1
+    frames = [*(frame(still, number) for number in range(5)), frame(other, 5)]
+    for number, brought in enumerate(memory.each_brought(frames)):
+        if number == 3:
+            assert memory.weights.min() > 0.3
+            assert np.count_nonzero(brought.exposure_s) == 4 * 256
+        if number == 4:
+            assert memory.weights[-1] < 0.1  # what comes next
+        memory.pictured(reconstruct(brought, "lct", explain=False))
+    assert memory.weights[:5].max() < 0.1
+    assert memory.weights[5] == 1
 
 
 def test_frames_without_light_leave_each_frame_its_own() -> None:
