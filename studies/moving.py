@@ -213,7 +213,7 @@ def measured(scene: int) -> list[dict[str, Any]]:
 
 
 FORMS = (
-    ("memory", "with a memory, as `--film --memory` makes them"),
+    ("memory", "of a recording, with light of frames before and after, as `--film --memory` makes them"),
     ("half", "with the memory of films that are watched, on half the grid"),
     ("video", "that, unrefined and finished by the network for films, as `nlos live` shows it"),
 )
@@ -236,7 +236,7 @@ def page(rows: list[dict[str, Any]]) -> str:
             parts = [[row for row in moving if row["objects"] in some] for some in ((1, 2), (1,), (2,))]
             lines.append(f"| {made} | {words} | {' | '.join(_difference(part, form, name) for part in parts)} |")
     long_s = FRAMES * POINTS * DWELL_S
-    lines += ["", f"Still scenes after 1 s, against NANO's picture of all light of {long_s:.1f} s:", ""]
+    lines += ["", f"Still scenes, the last picture of a film of 1 s, against NANO's of all light of {long_s:.1f} s:", ""]
     lines += [f"- {made}: {_difference(still, form, 'long')}." for form, made in FORMS]
     head = "| scene | frame | objects | mean peak | LCT | NANO | memory | half grid | finished |"
     lines += ["", head + " light of frames | all light |", "|" + " --- |" * 11]

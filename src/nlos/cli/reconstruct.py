@@ -74,7 +74,7 @@ def reconstruct(
     ] = None,
     memory: Annotated[
         bool,
-        typer.Option("--memory", help="With --film: each picture from one frame and earlier ones' light, moved."),
+        typer.Option("--memory", help="With --film: each picture from one frame and the light of those around it, moved."),
     ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
     skip_existing: Annotated[
@@ -105,7 +105,7 @@ def reconstruct(
     refuse_without("--memory", memory and not film, "--film", "it is of the frames of a film")
     refuse_together(
         "--memory", {"--window": memory and window is not None}, "each picture is of one frame's light and what "
-        "earlier ones add", "Use one.",
+        "others add", "Use one.",
     )  # fmt: skip
     if follow:
         refuse_together(
