@@ -236,7 +236,8 @@ def page(rows: list[dict[str, Any]]) -> str:
             parts = [[row for row in moving if row["objects"] in some] for some in ((1, 2), (1,), (2,))]
             lines.append(f"| {made} | {words} | {' | '.join(_difference(part, form, name) for part in parts)} |")
     long_s = FRAMES * POINTS * DWELL_S
-    lines += ["", f"Still scenes, the last picture of a film of 1 s, against NANO's of all light of {long_s:.1f} s:", ""]
+    words = f"the last picture of a film of 1 s, against NANO's of all light of {long_s:.1f} s"
+    lines += ["", f"Still scenes, {words}:", ""]
     lines += [f"- {made}: {_difference(still, form, 'long')}." for form, made in FORMS]
     head = "| scene | frame | objects | mean peak | LCT | NANO | memory | half grid | finished |"
     lines += ["", head + " light of frames | all light |", "|" + " --- |" * 11]

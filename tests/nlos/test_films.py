@@ -101,17 +101,18 @@ def test_two_frames_to_a_picture_take_out_what_alternates(run: Path) -> None:
     assert alternates_m[1] < alternates_m[0] / 2
 
 
-def test_with_a_memory_every_frame_has_a_picture_of_its_own_moment(run: Path) -> None:
+@pytest.mark.parametrize("method", ["lct", "fk", "phasor", "lfe", "nlost"])
+def test_with_a_memory_every_frame_has_a_picture_of_its_own_moment(run: Path, method: str) -> None:
     """Also where a frame holds a fourth of the points; and a panel that comes nearer is not seen alternately too high
     and too low."""
-    film = film_of(run, LCT, memory=True)
+    film = film_of(run, replace(LCT, method=method), memory=True)
     assert film.frame.tolist() == list(range(8))
     assert film.window >= 1
     found, panel = film.track(), Surface.model_validate_json(json.dumps(PANEL))
     true = np.array([pose_at(time_s, panel.pose, panel.path).centre_m for time_s in film.time_s])
     late = slice(3, None)  # of fourths, the first frames have seen a part of the points each
     for axis, column in enumerate(("x_m", "y_m", "z_m")):
-        assert np.median(np.abs(found[column] - true[:, axis])[late]) < 0.03
+        assert np.median(np.abs(found[column] - true[:, axis])[late]) < 0.04  # half a pitch
     assert np.median(found["vx_m_per_s"]) == pytest.approx(0.25, rel=0.25)
 
 

@@ -74,7 +74,7 @@ def reconstruct(
     ] = None,
     memory: Annotated[
         bool,
-        typer.Option("--memory", help="With --film: each picture from one frame and the light of those around it, moved."),
+        typer.Option("--memory", help="With --film: each picture from one frame and light of those around it."),
     ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
     skip_existing: Annotated[
