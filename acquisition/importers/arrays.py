@@ -12,7 +12,7 @@ import numpy.typing as npt
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.given import Given, put_there
 from nlos.acquisition.importers.grid_places import on_even_grid
-from nlos.acquisition.importers.imported import NO_WALL, FreePoints, ImportedScan
+from nlos.acquisition.importers.imported import ASSUMED, NO_WALL, FreePoints, ImportedScan, assumed_sides_m
 from nlos.acquisition.response import Response, stated
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid, grid_around
@@ -64,7 +64,7 @@ def refuse_separate_points(name: str, names: Iterable[str]) -> None:
 def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
     """The scan; what is `given` goes before what is stored. Raises `InvalidData` naming file, place and reason."""
     refuse_separate_points(stored.name, (*stored.beside, *stored.others))
-    counts = stored.counts
+    counts = without_single_axes(stored.counts)
     if counts.ndim not in (2, 3):
         raise InvalidData(
             f"{stored.name}: {stored.place}: has {counts.ndim} dimensions {counts.shape}; 3 dimensions [H, W, T] are "
@@ -75,18 +75,27 @@ def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
         raise InvalidData(f"{stored.name}: bin_width_s is {width_s:g} s; expected 1e-13 to 1e-6 s")
     rectified, notes = _rectified(stored, given)
     exposed = _flat(stored, "exposure_s", counts.ndim)
-    counts = given.ordered(counts, f"{stored.name}: {stored.place}", _order_told(stored, exposed))
+    told = _order_told(stored, exposed, counts.shape[:-1])
+    counts = given.ordered(counts, f"{stored.name}: {stored.place}", told)
     shape = counts.shape[:-1]
     if exposed is None:
         notes.append("exposure is not stored; assuming 1 s per point")
         exposed = np.ones(shape)
     elif exposed.shape != shape:
         raise InvalidData(f"{stored.name}: exposure_s: has shape {exposed.shape}, the scan {shape}")
-    time = TimeAxis(counts.shape[-1], width_s, _number(stored, "offset_s", 0.0))
+    counts, exposed = without_missing(counts, exposed, notes)
     offsets = _flat(stored, "time_offset_bins", counts.ndim)
     if offsets is not None and offsets.shape != shape:
         raise InvalidData(f"{stored.name}: time_offset_bins has shape {offsets.shape}, the scan {shape}")
+    begins_s = _number(stored, "offset_s", 0.0)
+    early = _bins_before_wall(stored, begins_s, width_s, counts.shape[-1], rectified)
+    if early:
+        counts, offsets = counts[..., early:], None if offsets is None else offsets - early
+        notes.append(f"the first {early} bins, which are before time 0, hold nothing hidden and are left out")
+    time = TimeAxis(counts.shape[-1], width_s, max(begins_s + early * width_s, 0.0) if early else begins_s)
     sides_m = given.wall_m or _wall_size(stored)
+    if counts.ndim == 3 and not told and given.axes is None and sides_m is not None:
+        _refuse_turned_grid(stored, shape, sides_m)
     known = not _flag(stored, "wall_size_assumed", False)
     held: Transient | FreePoints
     if counts.ndim == 3:
@@ -97,16 +106,16 @@ def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
             raise InvalidData(f"{stored.name}: wall_size_m: is not stored. {put_there('--wall-size-m W or WxH')}")
         if grid.sides_m is None:
             known = False
-            notes.append(f"{NO_WALL}; assuming 1 m x 1 m")
+            notes.append(f"{NO_WALL}; assuming {ASSUMED}")
         counts, exposed = grid.upright(counts), grid.upright(exposed)
         offsets = None if offsets is None else grid.upright(offsets)
         cube = np.ascontiguousarray(np.moveaxis(counts, 2, 0), dtype=np.float32)
-        held = Transient(cube, exposed, WallGrid(*(grid.sides_m or (1.0, 1.0)), *shape), time)
+        held = Transient(cube, exposed, WallGrid(*(grid.sides_m or assumed_sides_m(*shape)), *shape), time)
     else:
         held = _free(stored, counts, exposed, sides_m, time)
         if sides_m is None:
             notes.append(f"{NO_WALL}; by its points it is {held.wall.width_m:.4g} x {held.wall.height_m:.4g} m")
-    cut = _direct_cut(stored, time.bins)
+    cut = max(_direct_cut(stored, time.bins + early) - early, 0)
     if cut and not rectified:
         notes.append("not used: direct_cut_bins, which counts from time 0 of a rectified scan; this one is raw")
     if stored.others:
@@ -140,9 +149,58 @@ def _rectified(stored: StoredArrays, given: Given) -> tuple[bool, list[str]]:
     return True, [NOT_SAID]
 
 
-def _order_told(stored: StoredArrays, exposed: Array | None) -> bool:
+def without_single_axes(counts: Array) -> Array:
+    """Counts of more than three dimensions without outer and inner axes of length 1: a frame, a colour."""
+    while counts.ndim > 3 and 1 in (counts.shape[0], counts.shape[-1]):
+        counts = counts[0] if counts.shape[0] == 1 else counts[..., 0]
+    return counts
+
+
+def without_missing(
+    counts: Array, exposure_s: npt.NDArray[np.float64], notes: list[str]
+) -> tuple[Array, npt.NDArray[np.float64]]:
+    """Counts (..., T) and exposures (...) where points of which nothing is a number are not measured: exposure 0. Where
+    that is 0, nothing is counted, whatever stands there. Other points that are no counts are refused later."""
+    if counts.dtype.kind == "f" and (unsaid := np.isnan(counts).all(axis=-1) & (exposure_s > 0)).any():
+        notes.append(f"{int(unsaid.sum())} points hold NaN alone: taken for not measured")
+        exposure_s = np.where(unsaid, 0.0, exposure_s)
+    unmeasured = exposure_s == 0
+    bad = unmeasured.any() and not (np.isfinite(held := counts[unmeasured]) & (held >= 0)).all()
+    return (np.where(unmeasured[..., None], 0, counts) if bad else counts), exposure_s
+
+
+def _bins_before_wall(stored: StoredArrays, begins_s: float, width_s: float, bins: int, rectified: bool) -> int:
+    """How many bins of a rectified scan lie before time 0, where nothing hidden can be. Raises `InvalidData` where it
+    cannot be."""
+    if begins_s >= 0:
+        return 0
+    early = int(np.ceil(-begins_s / width_s - 1e-6))
+    if not rectified or early >= bins:
+        raise InvalidData(
+            f"{stored.name}: offset_s is {begins_s:g} s: "
+            + (
+                f"all {bins} bins lie before the wall"
+                if rectified
+                else "of a raw scan it cannot be below 0; leave it out"
+            )
+        )
+    return early
+
+
+def _refuse_turned_grid(stored: StoredArrays, shape: tuple[int, ...], sides_m: tuple[float, float]) -> None:
+    """Raises `InvalidData` where points are evenly spaced in x and y only if rows and columns changed places."""
+    (rows, cols), (width_m, height_m) = shape, sides_m
+    as_is, turned = (width_m / cols) / (height_m / rows), (width_m / rows) / (height_m / cols)
+    if abs(np.log(as_is)) > np.log(1.5) and abs(np.log(turned)) < np.log(1.02):
+        raise InvalidData(
+            f"{stored.name}: {stored.place}: {rows} rows and {cols} columns on a wall {width_m:g} m wide and "
+            f"{height_m:g} m high: is x the first axis? Store it as [H, W, T] if so; `nlos reconstruct` and `nlos "
+            "import` also take --axes XYT, and --axes YXT if it is [H, W, T] as it is."
+        )
+
+
+def _order_told(stored: StoredArrays, exposed: Array | None, shape: tuple[int, ...]) -> bool:
     """Whether arrays beside the histograms show these to be [H, W, T]."""
-    shape = stored.counts.shape[:-1]
     if exposed is not None and exposed.shape == shape:
         return True
     places = [stored.beside.get(axis) for axis in ("y_m", "x_m")]

@@ -7,9 +7,9 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.becker_hickl import is_sdt, read_sdt
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.imported import ImportedScan
-from nlos.acquisition.importers.magic import HDF5_MAGIC, magic_of
-from nlos.acquisition.importers.matlab import read_matlab
-from nlos.acquisition.importers.npz import read_npz
+from nlos.acquisition.importers.magic import is_hdf5, magic_of
+from nlos.acquisition.importers.matlab import by_matlab, read_matlab
+from nlos.acquisition.importers.npz import is_npz, read_npy, read_npz
 from nlos.acquisition.importers.own_data import how_to_convert
 from nlos.acquisition.importers.photon_hdf5 import is_photon_hdf5, read_photon_hdf5
 from nlos.acquisition.importers.picoquant import SUFFIXES as PICOQUANT_SUFFIXES
@@ -19,23 +19,32 @@ from nlos.acquisition.importers.untrusted_hdf5 import open_hdf5
 from nlos.acquisition.importers.ytal import read_ytal, read_zaragoza
 
 Reader = Callable[[Path, Given], ImportedScan]
+KNOWN_FORMATS = "HDF5, MAT, NPZ, NPY, PTU, PHU, PT3, HT3, T3R, PHD, HHD, SDT"
+_PACKED = {
+    b"PK\x03\x04": "ZIP", b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ": "xz", b"(\xb5/\xfd": "Zstandard",
+    b"7z\xbc\xaf": "7-Zip", b"Rar!": "RAR",
+}  # fmt: skip
 
 
 def reader_of(path: Path) -> Reader:
     """The importer for a file. Raises `InvalidData` where none knows its contents."""
     suffix, magic = path.suffix.lower(), magic_of(path)
-    if suffix == ".mat":
+    if is_hdf5(path):
+        return _reader_of_hdf5(path)
+    if suffix == ".mat" or magic == b"MATLAB 5":
         return read_matlab
-    if magic[:6] == b"PQTTTR":
+    if magic[:6] == b"PQTTTR" or magic[:7] == b"PQHISTO":
         return lambda path, given: read_picoquant(path)
     if is_sdt(path):
         return read_sdt
-    if magic == HDF5_MAGIC:
-        return _reader_of_hdf5(path)
     if not magic:
         raise InvalidData(f"{path}: is empty, 0 bytes. Copy it again from where it was made.")
-    if suffix == ".npz":
+    if suffix == ".npz" or is_npz(path):
         return read_npz
+    if suffix == ".npy" or magic[:6] == b"\x93NUMPY":
+        return read_npy
+    if packed := next((name for head, name in _PACKED.items() if magic.startswith(head)), None):
+        raise InvalidData(f"{path}: is packed by {packed}. Unpack it, and name the file inside.")
     if suffix in PICOQUANT_SUFFIXES:
         return lambda path, given: read_picoquant(path)
     if suffix == ".sdt":
@@ -46,7 +55,7 @@ def reader_of(path: Path) -> Reader:
             "Name the SDT file that SPCM makes of it, or convert it to Photon-HDF5 (phconvert)."
         )
     raise InvalidData(
-        f"{path}: in no format that is read here (HDF5, MAT, NPZ, PTU, PT3, HT3, T3R, PHD, HHD, SDT). Its name ends in "
+        f"{path}: in no format that is read here ({KNOWN_FORMATS}). Its name ends in "
         f"'{suffix}' and it begins with {magic!r}. {how_to_convert()}"
     )
 
@@ -60,6 +69,8 @@ def _reader_of_hdf5(path: Path) -> Reader:
         return lambda path, given: read_ytal(path)
     if {"data", "cameraGridPositions"} <= names:
         return lambda path, given: read_zaragoza(path)
+    if by_matlab(path):
+        return read_matlab
     return lambda path, given: read_plain(path, given=given)
 
 

@@ -38,11 +38,12 @@ class Given:
                     f"the letters of {expected} in the order in which they are stored."
                 )
             return np.transpose(counts, [named.index(letter) for letter in expected])
-        if counts.ndim == 3 and not told and _time_seems_first(counts.shape):
+        if counts.ndim == 3 and not told and (axis := time_seems_at(counts.shape)) is not None:
+            which, letters = ("first", "TYX") if axis == 0 else ("second", "YTX")
             raise InvalidData(
-                f"{place}: has shape {counts.shape}, where [H, W, T] is expected: is time the first axis? "
-                "Store it as [H, W, T] if so; `nlos reconstruct` and `nlos import` also take --axes TYX, and --axes "
-                "YXT if it is [H, W, T] as it is."
+                f"{place}: has shape {counts.shape}, where [H, W, T] is expected: is time the {which} axis? "
+                f"Store it as [H, W, T] if so; `nlos reconstruct` and `nlos import` also take --axes {letters}, and "
+                "--axes YXT if it is [H, W, T] as it is."
             )
         return counts
 
@@ -66,7 +67,11 @@ class Given:
 
     def refuse_axes(self, name: str, scan: ImportedScan) -> None:
         """Raises `InvalidData` where axes were named for a format that has one order only."""
-        if self.axes is not None and not scan.source_format.startswith(("plain", "NPZ", "MATLAB export")):
+        if (
+            self.axes is not None
+            and not scan.source_format.startswith(("plain", "NPZ", "NumPy", "MATLAB export"))
+            and (not scan.source_format.endswith(".mat"))
+        ):
             raise InvalidData(f"{name}: --axes: {scan.source_format} has an order of its own; leave --axes out")
 
 
@@ -78,7 +83,12 @@ def put_there(option: str) -> str:
     return f"Put it into the file; `nlos reconstruct` and `nlos import` also take {option}"
 
 
-def _time_seems_first(shape: tuple[int, ...]) -> bool:
-    """Grids are square more often than not, and no grid is four times as high as there are time bins."""
+def time_seems_at(shape: tuple[int, ...]) -> int | None:
+    """Which axis of three seems to be time where that is not the last. Grids are square more often than not, and no
+    grid is four times as high or wide as there are time bins."""
     first, second, third = shape
-    return (second == third != first) or (first >= 4 * third and first >= 4 * second)
+    if (second == third != first) or (first >= 4 * third and first >= 4 * second):
+        return 0
+    if (first == third and second >= 2 * first) or (second >= 4 * third and second >= 4 * first):
+        return 1
+    return None

@@ -19,6 +19,15 @@ LONGEST_EXPOSURE_S = 1e7
 NO_WALL = "the wall's size is not stored"
 """How a note begins that says what was assumed of it."""
 
+ASSUMED = "points as far apart in x as in y, 1 m over the longer side"
+
+
+def assumed_sides_m(rows: int, cols: int, longer_m: float = 1.0) -> tuple[float, float]:
+    """Width and height of a wall of which only the points are known: as far apart in x as in y."""
+    pitch_m = longer_m / max(rows, cols)
+    return cols * pitch_m, rows * pitch_m
+
+
 PLAIN_FIELDS = ("source_format", "direct_cut_bins", "falloff", "rectified", "rectified_assumed", "wall_known")
 """Fields of a scan that are single values."""
 
@@ -52,7 +61,7 @@ class ImportedScan:
     time_offset_bins: npt.NDArray[np.float64] | None = None  # (H, W)
     """Bin in which the rectified time 0 lies, where the file says so."""
     wall_known: bool = True
-    """Whether the file says how large the wall is; where it does not, 1 m x 1 m is assumed."""
+    """Whether the file says how large the wall is; where it does not, `assumed_sides_m` is."""
     response: Response | None = None
     """What the instrument makes of an instant of light, where the file says so."""
     notes: tuple[str, ...] = field(default=())
@@ -100,8 +109,9 @@ class ImportedScan:
             if bad.any():
                 place = _place(held, np.argwhere(bad)[0].tolist())
                 value = held.counts[tuple(np.argwhere(bad)[0])]
+                told = " Was background subtracted? Store what was counted." if what == "negative" else ""
                 raise InvalidData(
-                    f"{name}: histograms: {place} is {what} ({value:g}). Fix that point, or give it exposure 0."
+                    f"{name}: histograms: {place} is {what} ({value:g}).{told} Fix that point, or give it exposure 0."
                 )
 
 

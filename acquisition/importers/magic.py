@@ -7,6 +7,8 @@ from nlos.acquisition.recording.header import FORMAT
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _FIRST_BYTES, _HEAD_BYTES = 1 << 16, 8 << 20
+_SUPERBLOCKS = (0, 512, 1024, 2048, 4096, 8192, 16384, 32768, 65536)
+"""Where HDF5 may begin; further on nobody puts it."""
 
 
 def is_recording(path: Path) -> bool:
@@ -18,6 +20,17 @@ def is_recording(path: Path) -> bool:
     with path.open("rb") as file:
         head = file.read(_FIRST_BYTES)  # where ours have it; a damaged file is read on
         return word in head or word in head[-len(word) :] + file.read(_HEAD_BYTES - _FIRST_BYTES)
+
+
+def is_hdf5(path: Path) -> bool:
+    """Whether a file says that it is HDF5, also behind a block of the user's own, as MATLAB writes it."""
+    check_is_file(path)
+    with path.open("rb") as file:
+        for at in _SUPERBLOCKS:
+            file.seek(at)
+            if file.read(len(HDF5_MAGIC)) == HDF5_MAGIC:
+                return True
+    return False
 
 
 def magic_of(path: Path) -> bytes:

@@ -29,6 +29,31 @@ def read_npz(path: Path, given: Given = NOTHING) -> ImportedScan:
     return scan_of(StoredArrays(str(path), "NPZ", "histograms", counts, arrays, others), given)
 
 
+def is_npz(path: Path) -> bool:
+    """Whether a file, whatever it is called, is an archive of NumPy's arrays."""
+    with path.open("rb") as file:
+        if file.read(4) != b"PK\x03\x04":
+            return False
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return any(name.endswith(".npy") for name in archive.namelist())
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
+        return False
+
+
+def read_npy(path: Path, given: Given = NOTHING) -> ImportedScan:
+    """Reads an array alone, as `numpy.save` writes it: the user says its bin width and wall. Raises `InvalidData`."""
+    if path.stat().st_size > MAX_BYTES:
+        raise InvalidData(f"{path}: is {path.stat().st_size / 2**30:.1f} GiB; at most {MAX_BYTES >> 30} GiB are read")
+    try:
+        counts = np.load(path, allow_pickle=False, mmap_mode="r")
+    except (ValueError, EOFError, OSError, SyntaxError, TypeError, OverflowError, MemoryError, RuntimeError) as error:
+        raise InvalidData(f"{path}: not a readable NPY file ({type(error).__name__}: {error})") from error
+    if not isinstance(counts, np.ndarray) or counts.dtype.kind not in "uifb" or counts.size == 0:
+        raise InvalidData(f"{path}: holds no array of numbers. {how_to_convert()}")
+    return scan_of(StoredArrays(str(path), "NumPy array", path.name, np.asarray(counts), {}), given)
+
+
 def _arrays(path: Path) -> tuple[dict[str, npt.NDArray[np.generic]], tuple[str, ...]]:
     """The arrays that mean something, and the names of the others, which are not read."""
     try:

@@ -1,10 +1,12 @@
-"""PicoQuant files: PTU images, and the older PT3, HT3, T3R, PHD and HHD as scans of single points.
+"""PicoQuant files: PTU images; points and rows of points in PTU, PHU, and the older PT3, HT3, T3R, PHD and HHD.
 
-PTU is decoded by `ptufile` (C. Gohlke). T2 files have no delay times and are refused by name.
+PTU's records and PHU's tags are decoded by `ptufile` (C. Gohlke). T2 files have no delay times and are refused by name.
 """
 
 import struct
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import ptufile
@@ -24,7 +26,15 @@ from nlos.acquisition.importers.picoquant_headers import (
 from nlos.acquisition.importers.raw_histograms import raw_scan
 from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES
 
-SUFFIXES = (".ptu", ".pt2", ".pt3", ".ht2", ".ht3", ".t3r", ".phd", ".hhd")
+SUFFIXES = (".ptu", ".phu", ".pt2", ".pt3", ".ht2", ".ht3", ".t3r", ".phd", ".hhd")
+
+
+MOST_CURVES = 1 << 20
+_DAMAGE = (
+    ptufile.PqFileError, ValueError, KeyError, IndexError, TypeError, OverflowError, ZeroDivisionError, struct.error,
+    MemoryError, EOFError, AttributeError, UnicodeDecodeError, OSError, NameError,
+)  # fmt: skip
+"""What `ptufile` raises where a file is not as it should be."""
 
 
 def read_picoquant(path: Path) -> ImportedScan:
@@ -34,9 +44,11 @@ def read_picoquant(path: Path) -> ImportedScan:
     if path.stat().st_size > MAX_BYTES:
         raise InvalidData(f"{path}: is {path.stat().st_size / 2**30:.1f} GiB; at most {MAX_BYTES >> 30} GiB are read")
     with path.open("rb") as file:
-        magic = file.read(6)
-    if magic == b"PQTTTR":
+        magic = file.read(7)
+    if magic[:6] == b"PQTTTR":
         return _read_ptu(path)
+    if magic == b"PQHISTO":
+        return _points(path, "PicoQuant PHU", _phu_curves(path), path.read_bytes())
     name, data = str(path), path.read_bytes()
     ident, version = instrument_and_version(name, data)
     suffix = path.suffix.lower()
@@ -51,7 +63,7 @@ def read_picoquant(path: Path) -> ImportedScan:
             return _one_point(path, "HydraHarp HT3", hydraharp_records(name, data), data)
         case "TimeHarp 200", "5.0", _:
             return _one_point(path, "TimeHarp T3R", timeharp_records(name, data), data)
-    raise InvalidData(f"{path}: {ident!r} format {version!r} is not read; known: PTU, PT3, HT3, T3R 5.0, PHD, HHD")
+    raise InvalidData(f"{path}: {ident!r} format {version!r} is not read; known: PTU, PHU, PT3, HT3, T3R 5.0, PHD, HHD")
 
 
 def _read_ptu(path: Path) -> ImportedScan:
@@ -60,17 +72,18 @@ def _read_ptu(path: Path) -> ImportedScan:
             tags = ptu.tags
             if int(tags.get("Measurement_Mode", 3)) == 2:
                 raise InvalidData(f"{path}: is a T2 measurement: it has no delay times, so no histograms")
+            if int(tags.get("Measurement_SubMode", 0)) < 2:  # oscilloscope, point
+                return _ptu_point(path, ptu)
             shape = tuple(int(n) for n in ptu.shape)
             if int(tags.get("Measurement_SubMode", 0)) != 3 or len(shape) != 5:
-                raise InvalidData(f"{path}: is a point or line measurement, not an image of scan points")
+                raise InvalidData(f"{path}: is a line measurement, not an image of scan points, nor one point")
             _, rows, cols, _, bins = shape
             if min(shape) < 1 or rows * cols * bins * 4 > MAX_BYTES:
                 raise InvalidData(f"{path}: states an image of {shape}, beyond {MAX_BYTES >> 30} GiB")
             image = np.asarray(ptu.decode_image(frame=-1, channel=-1, dtype=np.uint32))
             bin_width_s, dwell_s = float(ptu.tcspc_resolution), float(tags.get("ImgHdr_TimePerPixel", 0.0)) * 1e-3
             frames = shape[0]
-    except (ptufile.PqFileError, ValueError, KeyError, IndexError, TypeError, OverflowError, ZeroDivisionError,
-            struct.error, MemoryError, EOFError, AttributeError, UnicodeDecodeError) as error:  # fmt: skip
+    except _DAMAGE as error:
         if isinstance(error, InvalidData):
             raise
         raise InvalidData(f"{path}: not a readable PTU file ({type(error).__name__}: {error})") from error
@@ -80,6 +93,47 @@ def _read_ptu(path: Path) -> ImportedScan:
         notes.append("the dwell is not stored; assuming 1 s per point")
     exposure = np.full((rows, cols), dwell_s * frames if dwell_s > 0 else 1.0)
     return raw_scan(counts, exposure, bin_width_s, "PTU image", tuple(notes), str(path))
+
+
+def _ptu_point(path: Path, ptu: ptufile.PtuFile) -> ImportedScan:
+    """All photons of a measurement of one point, whatever marks are among them. Raises `InvalidData` for none."""
+    curves = np.asarray(ptu.decode_histogram(dtype=np.uint32))
+    counts = curves.sum(axis=0, dtype=np.uint32)
+    if not counts.any():
+        raise InvalidData(f"{path}: holds no photons")
+    lasts_s = float(ptu.tags.get("MeasDesc_AcquisitionTime", 0.0)) * 1e-3
+    notes = ["is a measurement of one point: arrival times since the start and marker signals are not imported"]
+    if int(curves.any(axis=1).sum()) > 1:
+        notes.append(f"photons of {int(curves.any(axis=1).sum())} channels are added up")
+    exposure = np.full((1, 1), lasts_s if lasts_s > 0 else 1.0)
+    return raw_scan(counts[None, None], exposure, float(ptu.tcspc_resolution), "PTU point", tuple(notes), str(path))
+
+
+def _phu_curves(path: Path) -> list[Curve]:
+    """Directory of the histograms in a .phu file. Raises `InvalidData` where its tags do not say them."""
+    try:
+        with ptufile.PhuFile(path) as phu:
+            count, tags = int(phu.number_histograms), phu.tags
+            if int(tags.get("HistoResult_BitsPerBin", 32)) != 32 or not 0 < count <= MOST_CURVES:
+                raise InvalidData(f"{path}: states {count} histograms; 1 to {MOST_CURVES} of 32 bits a bin are read")
+            found = [
+                _each(tags, f"HistResDscr_{name}", count)
+                for name in ("DataOffset", "HistogramBins", "MDescResolution", "IntegralCount", "MDescStopAfter")
+            ]
+    except _DAMAGE as error:
+        if isinstance(error, InvalidData):
+            raise
+        raise InvalidData(f"{path}: not a readable PHU file ({type(error).__name__}: {error})") from error
+    at, bins, width_s, total, stop_ms = found
+    return [Curve(int(at[i]), int(bins[i]), width_s[i], stop_ms[i] * 1e-3, int(total[i])) for i in range(count)]
+
+
+def _each(tags: Mapping[str, Any], name: str, count: int) -> list[float]:
+    """A number of each histogram; of one alone `ptufile` may give the number itself."""
+    values = np.asarray(tags[name], dtype=np.float64).ravel()
+    if values.shape != (count,) or not np.isfinite(values).all():
+        raise ValueError(f"{name} is not one number for each of {count} histograms")
+    return [float(value) for value in values]
 
 
 def _one_point(path: Path, name: str, head: RecordFile, data: bytes) -> ImportedScan:

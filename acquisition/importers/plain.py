@@ -16,6 +16,8 @@ from nlos.acquisition.importers.own_data import how_to_convert
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, open_hdf5, read_array
 
 DIFFUSE = 4
+_OF_HDF5 = ("CLASS", "DIMENSION_LIST", "DIMENSION_LABELS", "NAME", "REFERENCE_LIST")
+"""Attributes that libraries write for themselves."""
 
 
 def read_plain(path: Path, dataset: str = "histograms", given: Given = NOTHING) -> ImportedScan:
@@ -32,19 +34,20 @@ def read_plain(path: Path, dataset: str = "histograms", given: Given = NOTHING) 
                 f"{path}: no dataset '{dataset}' [H, W, T], or [N, T] with x_m and y_m [N]; the file holds {present}. "
                 f"{how_to_convert()}"
             )
-        counts = read_array(stored, 2 if len(stored.shape) == 2 else 3)
-        beside = {name: held for name in KNOWN if (held := _beside(path, file, name)) is not None}
-        others = tuple({*file.keys(), *file.attrs.keys()} - {dataset, *KNOWN})
+        counts = read_array(stored, len(stored.shape) if len(stored.shape) in (2, 4, 5) else 3)
+        beside = {name: held for name in KNOWN if (held := _beside(path, file, stored, name)) is not None}
+        said = {name for name in stored.attrs if name not in _OF_HDF5}
+        others = tuple({*file.keys(), *file.attrs.keys(), *said} - {dataset, *KNOWN})
     return scan_of(StoredArrays(str(path), "plain HDF5", dataset, counts, beside, others, DIFFUSE), given)
 
 
-def _beside(path: Path, file: h5py.File, name: str) -> npt.NDArray[Any] | None:
-    """What goes with the histograms, an attribute or a dataset. Raises `InvalidData` where these differ."""
+def _beside(path: Path, file: h5py.File, histograms: h5py.Dataset, name: str) -> npt.NDArray[Any] | None:
+    """What goes with the histograms: an attribute of the file or of their dataset, or a dataset. Raises `InvalidData`
+    where these differ."""
     stored = find_dataset(file, name)
-    attribute = np.asarray(file.attrs[name]) if name in file.attrs else None
-    if stored is None or stored.shape is None:
-        return attribute
-    array = read_array(stored, len(stored.shape))
-    if attribute is not None and not np.array_equal(attribute.ravel(), np.ravel(array)):
+    said = [np.asarray(item.attrs[name]) for item in (file, histograms) if name in item.attrs]
+    if stored is not None and stored.shape is not None:
+        said.append(np.asarray(read_array(stored, len(stored.shape))))
+    if any(not np.array_equal(each.ravel(), said[0].ravel()) for each in said[1:]):
         raise InvalidData(f"{path}: {name}: is an attribute and a dataset of different values. Leave one out.")
-    return np.asarray(array)
+    return said[-1] if said else None

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.importers.imported import NO_WALL, ImportedScan
+from nlos.acquisition.importers.imported import ASSUMED, NO_WALL, ImportedScan, assumed_sides_m
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 
@@ -27,9 +27,9 @@ def raw_scan(
     transient = Transient(
         np.ascontiguousarray(np.moveaxis(counts, 2, 0), dtype=np.float32),
         exposure_s,
-        WallGrid(1.0, 1.0, rows, cols),
+        WallGrid(*assumed_sides_m(rows, cols), rows, cols),
         TimeAxis(bins, bin_width_s),
     )
     return ImportedScan(
-        transient, name, rectified=False, wall_known=False, notes=(f"{NO_WALL}; assuming 1 m x 1 m", *notes)
+        transient, name, rectified=False, wall_known=False, notes=(f"{NO_WALL}; assuming {ASSUMED}", *notes)
     )

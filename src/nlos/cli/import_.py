@@ -18,7 +18,7 @@ def import_(
         list[Path],
         typer.Argument(
             metavar="FILE...",
-            help="MAT, NPZ; PTU, PT3, HT3, T3R, PHD, HHD; SDT; HDF5: plain, y-tal, Zaragoza, Photon-HDF5.",
+            help="MAT, NPZ, NPY; PTU, PHU, PT3, HT3, T3R, PHD, HHD; SDT; HDF5: plain, y-tal, Zaragoza, Photon-HDF5.",
         ),
     ],
     output: Annotated[
