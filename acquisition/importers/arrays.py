@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.given import Given, put_there
-from nlos.acquisition.importers.grid_places import on_even_grid
+from nlos.acquisition.importers.grid_places import on_even_grid, refuse_turned_grid
 from nlos.acquisition.importers.imported import ASSUMED, NO_WALL, FreePoints, ImportedScan, assumed_sides_m
+from nlos.acquisition.importers.stored_counts import without_missing, without_single_axes
 from nlos.acquisition.response import Response, stated
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid, grid_around
@@ -95,7 +96,7 @@ def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
     time = TimeAxis(counts.shape[-1], width_s, max(begins_s + early * width_s, 0.0) if early else begins_s)
     sides_m = given.wall_m or _wall_size(stored)
     if counts.ndim == 3 and not told and given.axes is None and sides_m is not None:
-        _refuse_turned_grid(stored, shape, sides_m)
+        refuse_turned_grid(f"{stored.name}: {stored.place}", shape, sides_m)
     known = not _flag(stored, "wall_size_assumed", False)
     held: Transient | FreePoints
     if counts.ndim == 3:
@@ -149,26 +150,6 @@ def _rectified(stored: StoredArrays, given: Given) -> tuple[bool, list[str]]:
     return True, [NOT_SAID]
 
 
-def without_single_axes(counts: Array) -> Array:
-    """Counts of more than three dimensions without outer and inner axes of length 1: a frame, a colour."""
-    while counts.ndim > 3 and 1 in (counts.shape[0], counts.shape[-1]):
-        counts = counts[0] if counts.shape[0] == 1 else counts[..., 0]
-    return counts
-
-
-def without_missing(
-    counts: Array, exposure_s: npt.NDArray[np.float64], notes: list[str]
-) -> tuple[Array, npt.NDArray[np.float64]]:
-    """Counts (..., T) and exposures (...) where points of which nothing is a number are not measured: exposure 0. Where
-    that is 0, nothing is counted, whatever stands there. Other points that are no counts are refused later."""
-    if counts.dtype.kind == "f" and (unsaid := np.isnan(counts).all(axis=-1) & (exposure_s > 0)).any():
-        notes.append(f"{int(unsaid.sum())} points hold NaN alone: taken for not measured")
-        exposure_s = np.where(unsaid, 0.0, exposure_s)
-    unmeasured = exposure_s == 0
-    bad = unmeasured.any() and not (np.isfinite(held := counts[unmeasured]) & (held >= 0)).all()
-    return (np.where(unmeasured[..., None], 0, counts) if bad else counts), exposure_s
-
-
 def _bins_before_wall(stored: StoredArrays, begins_s: float, width_s: float, bins: int, rectified: bool) -> int:
     """How many bins of a rectified scan lie before time 0, where nothing hidden can be. Raises `InvalidData` where it
     cannot be."""
@@ -185,18 +166,6 @@ def _bins_before_wall(stored: StoredArrays, begins_s: float, width_s: float, bin
             )
         )
     return early
-
-
-def _refuse_turned_grid(stored: StoredArrays, shape: tuple[int, ...], sides_m: tuple[float, float]) -> None:
-    """Raises `InvalidData` where points are evenly spaced in x and y only if rows and columns changed places."""
-    (rows, cols), (width_m, height_m) = shape, sides_m
-    as_is, turned = (width_m / cols) / (height_m / rows), (width_m / rows) / (height_m / cols)
-    if abs(np.log(as_is)) > np.log(1.5) and abs(np.log(turned)) < np.log(1.02):
-        raise InvalidData(
-            f"{stored.name}: {stored.place}: {rows} rows and {cols} columns on a wall {width_m:g} m wide and "
-            f"{height_m:g} m high: is x the first axis? Store it as [H, W, T] if so; `nlos reconstruct` and `nlos "
-            "import` also take --axes XYT, and --axes YXT if it is [H, W, T] as it is."
-        )
 
 
 def _order_told(stored: StoredArrays, exposed: Array | None, shape: tuple[int, ...]) -> bool:

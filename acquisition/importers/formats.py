@@ -8,7 +8,8 @@ from nlos.acquisition.importers.becker_hickl import is_sdt, read_sdt
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.magic import is_hdf5, magic_of
-from nlos.acquisition.importers.matlab import by_matlab, read_matlab
+from nlos.acquisition.importers.mat_file import by_matlab
+from nlos.acquisition.importers.matlab import read_matlab
 from nlos.acquisition.importers.npz import is_npz, read_npy, read_npz
 from nlos.acquisition.importers.own_data import how_to_convert
 from nlos.acquisition.importers.photon_hdf5 import is_photon_hdf5, read_photon_hdf5

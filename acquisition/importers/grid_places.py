@@ -79,6 +79,18 @@ def on_even_grid(
     return EvenGrid(both, flip_rows, flip_cols, tuple(notes))
 
 
+def refuse_turned_grid(place: str, shape: tuple[int, ...], sides_m: tuple[float, float]) -> None:
+    """Raises `InvalidData` where points are evenly spaced in x and y only if rows and columns changed places."""
+    (rows, cols), (width_m, height_m) = shape, sides_m
+    as_is, turned = (width_m / cols) / (height_m / rows), (width_m / rows) / (height_m / cols)
+    if abs(np.log(as_is)) > np.log(1.5) and abs(np.log(turned)) < np.log(1.02):
+        raise InvalidData(
+            f"{place}: {rows} rows and {cols} columns on a wall {width_m:g} m wide and "
+            f"{height_m:g} m high: is x the first axis? Store it as [H, W, T] if so; `nlos reconstruct` and `nlos "
+            "import` also take --axes XYT, and --axes YXT if it is [H, W, T] as it is."
+        )
+
+
 def _line(
     name: str, key: str, values: Array | None, count: int, shape: tuple[int, ...], axis: int
 ) -> npt.NDArray[np.float64] | None:
