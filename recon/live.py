@@ -105,9 +105,9 @@ class LiveReconstruction:
     def made_of_film(self, seen: HalfGrid, falloff: int | None = None, hurried: bool = False) -> Reconstruction:
         """A picture of a frame on half the grid, for speed without averages over mirror images, without a look at how
         much light it explains, in bfloat16 where the processor computes in it, and told the response only where that is
-        wider than a quarter of a cell; `hurried`, or if it will be finished, without refinement too; `hurried` from the
-        first light's depth on. How noisy a film is is found for every fourth frame. May be asked for in several
-        threads."""
+        wider than a quarter of a cell; `hurried`, or if it will be finished, without refinement and from the first
+        light's depth on too. How noisy a film is is found for every fourth frame. May be asked for in several threads.
+        """
         wall, response = seen.light.wall, seen.light.response
         cell_s = 2 * max(wall.width_m / wall.cols, wall.height_m / wall.rows) / SPEED_OF_LIGHT_M_PER_S
         told = response is not None and response.fwhm_s > cell_s / 4
@@ -119,6 +119,11 @@ class LiveReconstruction:
     def get_ready_for_film(self, seen: HalfGrid, falloff: int | None = None, hurried: bool = False) -> None:
         """Builds what `made_of_film` needs for such a frame. Raises as it does."""
         get_ready(seen.light, self.method, self._set_for_film(falloff, hurried, self.finishes(seen)))
+
+    def can_hurry(self, seen: HalfGrid) -> bool:
+        """Whether pictures of such frames can be made with less."""
+        finished = self.finishes(seen)
+        return self._set_for_film(None, True, finished) != self._set_for_film(None, False, finished)
 
     def judged_of_film(self, seen: HalfGrid, made: Reconstruction, samples: int) -> LivePicture:
         """That picture on the whole grid, finished by the network for films where there is one for it, and how far it
@@ -158,9 +163,7 @@ class LiveReconstruction:
 
             quick["bfloat16"] = bfloat16_is_fast()
         if hurried or finished:
-            quick["refine"] = False
-        if hurried:
-            quick["from_first_light"] = not self.settings.get("refine", False)
+            quick |= {"refine": False, "from_first_light": not self.settings.get("refine", False)}
         return {name: value for name, value in quick.items() if name in known} | self._set(falloff)
 
     def _set(self, falloff: int | None) -> dict[str, object]:

@@ -1,5 +1,6 @@
 """A film while it is scanned: the newest frame that is over, with the light of those before it moved along."""
 
+import math
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 
 BACKLOG = 8
 """Frames that wait at most for a picture: the oldest are dropped, and their light is not remembered."""
+ALIGNED_BY = 0.6
+"""Of the frames of the first whole scan: of the points between theirs the wall's fit says when direct light arrives."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +54,7 @@ class LiveFilm:
     def __init__(self, plan: "ScanPlan", constants: "BenchConstants | None", response: ResponseWanted) -> None:
         self._plan, self._constants, self._wanted = plan, constants, response
         self._planned = np.bincount(plan.pass_, minlength=plan.frames)
+        self._whole = plan.cycle
         self._lock = threading.Lock()
         self._coming: list[Sample] = []
         self._frame = -1
@@ -78,6 +82,26 @@ class LiveFilm:
         film = LiveFilm(self._plan, self._constants, self._wanted)
         film._alignment, film._falloff, film._zero = self._alignment, self._falloff, self._zero
         return film
+
+    def by_now(self) -> "LiveFilm":
+        """The same film as if it ended here, for a look at what has come since the last one."""
+        film = self.again()
+        with self._lock:
+            film._waiting.extend(self._waiting)
+            if not film._waiting and self._coming:
+                film._waiting.append((self._frame, list(self._coming)))
+            film.samples = self._came
+        return film
+
+    @property
+    def share_of_whole_scan(self) -> float:
+        """How many of the points of the first whole scan have come; more than 1 once others have."""
+        return self._came / int(self._planned[: self._whole].sum())
+
+    @property
+    def can_be_aligned(self) -> bool:
+        """Whether enough frames of the first whole scan are over."""
+        return self._alignment is not None or self.over + 1 >= math.ceil(ALIGNED_BY * self._whole)
 
     @property
     def waiting(self) -> bool:
@@ -109,8 +133,8 @@ class LiveFilm:
             self._coming, self.samples, self.over = [], self._came, self._frame
 
     def calibrated(self, whole: bool, gathered: "Callable[[], LoadedScan]") -> Calibrated:
-        """The light of the newest frame that is over, with what those before it add: aligned by the direct light of the
-        first whole scan that is `gathered`. Raises what calibrating raises."""
+        """The light of the newest frame that is over, with what those before it add: aligned by the direct light of
+        what is `gathered` when that is first asked for. Raises what calibrating raises."""
         count = self.samples
         self.watch(gathered)
         assert self._memory is not None

@@ -24,9 +24,8 @@ from nlos.calibration.errors import InvalidData as InvalidCalibration
 from nlos.cli.terminal import terminal
 from nlos.live.calibrated import Calibrated
 from nlos.live.file_seen import Seen
+from nlos.live.film_pictures import FilmPictures
 from nlos.live.gathered import Gathered, nothing_yet
-from nlos.live.hurry import Hurry
-from nlos.live.in_order import InOrder
 from nlos.live.overtaken import Overtaken, given_up_once
 from nlos.live.rehearsal import get_ready
 from nlos.live.schedule import Coming, Schedule
@@ -35,16 +34,12 @@ from nlos.recon.transport.fourier import on_one_core, threads
 from nlos.response import AUTO, ResponseWanted
 
 if TYPE_CHECKING:
-    from nlos.live.film import LiveFilm
     from nlos.live.time_zero import TimeZero
     from nlos.recon.live import LivePicture, LiveReconstruction
-    from nlos.recon.volume import Reconstruction
 
 Tell = Callable[["LivePicture"], None]
 
 LOOK_S = 0.02
-MOST_AT_A_TIME = 4
-"""Pictures of a film that are being made at most: with more, more than four frames would have passed before each."""
 
 
 @dataclass
@@ -87,8 +82,7 @@ class LiveScan:
     def __post_init__(self) -> None:
         self._stopped, self._news, self._ended = threading.Event(), threading.Event(), threading.Event()
         self._calibrated: Calibrated | None = None
-        self._aside: InOrder | None = None
-        self._hurry = Hurry()
+        self._film: FilmPictures | None = None
         self._schedule = Schedule([live.method for live in self.lives], self.first_fraction)
         self._threads = [threading.Thread(target=target, daemon=True) for target in (self._follow, self._paint)]
 
@@ -185,24 +179,27 @@ class LiveScan:
                 held = self.gathered
                 count, planned = (0, 0) if held is None else (len(held), held.planned)
                 growing = held is None or held.growing
-                if self._aside is not None and last:
-                    self._aside.finish()
-                if self._aside is not None and self._aside.full:
-                    self._watch(held)
+                film = self._film_pictures(held)
+                if film is not None and last:
+                    film.finish()
+                if film is not None and film.full:
+                    film.watch()
                     continue
                 due = self._schedule.due(count, planned, growing, last)
                 if due is not None and held is not None:
-                    self._paint_next(next(live for live in self.lives if live.method == due), held)
+                    self._paint_next(next(live for live in self.lives if live.method == due), held, film)
                 elif last and self._schedule.done(0 if held is None else len(held)):
                     self.over = True
                     return
+                elif film is not None:
+                    film.watch()
                 elif held is not None and not ready and self._schedule.ending(count, planned, growing):
                     ready = True
                     self._get_ready_for_last(held)
                 self.coming = self._schedule.coming(count, planned, growing, last) if planned else None
         finally:
-            if self._aside is not None:
-                self._aside.stop()
+            if self._film is not None:
+                self._film.stop()
             self.coming = None
             if not (self.over or self._stopped.is_set()):
                 self.broke_off = True
@@ -211,62 +208,38 @@ class LiveScan:
                 )
             self._ended.set()
 
-    def _paint_next(self, live: "LiveReconstruction", held: Gathered) -> None:
+    def _paint_next(self, live: "LiveReconstruction", held: Gathered, film: FilmPictures | None) -> None:
         self.coming = Coming(live.method, len(held), True, self._schedule.pace.picture_s(live.method) or None)
         with suppress(Overtaken):
-            if held.film is not None and not self.read and (cores := threads()) > 1:
-                self._aside = self._aside or InOrder(min(cores, MOST_AT_A_TIME))
-                self._begin_frame(live, held, held.film, self._aside, time.monotonic())
+            if film is not None and not self.read:
+                self._begin_frame(live, held, film, time.monotonic())
             else:
                 self._picture(live, held, len(held), time.monotonic())
 
-    def _watch(self, held: Gathered | None) -> None:
-        """While all cores make pictures: what comes is remembered all the same."""
-        assert held is not None
-        assert held.film is not None
-        with on_one_core(), suppress(InvalidCalibration, InvalidData):  # the next picture will say it
-            held.film.watch(held.so_far)
-
-    def _begin_frame(
-        self, live: "LiveReconstruction", held: Gathered, film: "LiveFilm", aside: InOrder, began_s: float
-    ) -> None:
+    def _begin_frame(self, live: "LiveReconstruction", held: Gathered, film: FilmPictures, began_s: float) -> None:
         """The newest frame's picture, made while the next one is waited for."""
-        try:
-            with on_one_core():
-                known = self._light_for(live, held, len(held))
-                if known.whole:
-                    return  # the last one is made when those before it are shown
-                light = known.of_film
-                assert light is not None
-                hurried, first = self._hurry.on, not self._schedule.of(live.method)
-                if first:
-                    live.get_ready_for_film(light, known.falloff, hurried)
-        except (InvalidCalibration, InvalidData, ReconError) as error:
-            self._no_picture(live, held, len(held), began_s, error)
-            return
-        count = known.samples
-        self._schedule.begun(live.method, count, held.planned, held.growing)
+        count = len(held)
 
-        def make() -> "Reconstruction | ReconError | InvalidData":
-            try:
-                return live.made_of_film(light, known.falloff, hurried)
-            except (InvalidData, ReconError) as error:
-                return error
-
-        def show(made: "Reconstruction | ReconError | InvalidData") -> None:
-            if isinstance(made, ReconError | InvalidData):
-                self._no_picture(live, held, count, began_s, made)
-            else:
-                picture = live.judged_of_film(light, replace(made, scan=self.run.name), count)
-                if live is self.lives[-1]:
-                    self._hurry.shown(film.shown(picture.reconstruction, known.frame))
-                self._shown(live, picture, began_s)
+        def show(picture: "LivePicture") -> None:
+            named = replace(picture, reconstruction=replace(picture.reconstruction, scan=self.run.name))
+            self._shown(live, named, began_s)
             self._news.set()
 
-        aside.begin(make, show)
-        if first:  # beside that picture
-            with on_one_core(), suppress(InvalidData, ReconError):
-                live.get_ready_for_film(light, known.falloff, not hurried)
+        def failed(error: Exception) -> None:
+            self._no_picture(live, held, count, began_s, error)
+            self._news.set()
+
+        try:
+            with on_one_core():
+                known = self._light_for(live, held, count)
+            if known.whole:
+                return  # the last one is made when those before it are shown
+            count = known.samples
+            film.begin(live, known, self._schedule.frame_s(), show, failed)
+        except (InvalidCalibration, InvalidData, ReconError) as error:
+            self._no_picture(live, held, count, began_s, error)
+            return
+        self._schedule.begun(live.method, count, held.planned, held.growing)
 
     def _picture(self, live: "LiveReconstruction", held: Gathered, count: int, began_s: float) -> None:
         """One picture of `count` samples: a slower method's is of those of the quickest one's."""
@@ -306,14 +279,18 @@ class LiveScan:
 
     def _get_ready_for_last(self, held: Gathered) -> None:
         """While too little is left of the scan for another picture: what its last one is likely to need is built."""
-        if held.film is not None:
-            return  # which is half a grid's
         with suppress(CalibrationError, InvalidData, ReconError):
             light, falloff = held.as_last()
             for live in self.lives:
                 if self.read:
                     return
                 live.get_ready(light, falloff)
+
+    def _film_pictures(self, held: Gathered | None) -> FilmPictures | None:
+        """Those of a film that is under way; else None."""
+        if self._film is None and held is not None and held.film is not None and held.growing:
+            self._film = FilmPictures(held.film, self.lives, threads(), held.so_far)
+        return self._film
 
     def _light_for(self, live: "LiveReconstruction", held: Gathered, count: int) -> Calibrated:
         """What the picture before was made from, unless this method has had it, or it is to be of what is new."""

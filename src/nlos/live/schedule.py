@@ -46,6 +46,10 @@ class Schedule:
             self._frame = max(1, len(plan) // plan.frames)
             self._first_fraction = plan.cycle / plan.frames
 
+    def frame_s(self) -> float:
+        """How long a frame of a film takes, as samples come; infinite while none do."""
+        return self.pace.left_s(self._frame or 0, time.monotonic())
+
     def of(self, method: str) -> int:
         """Of how many samples the newest picture by `method` is; 0 where there is none."""
         return self._made.get(method, 0)
