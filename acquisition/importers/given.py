@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.imported import NO_WALL, ImportedScan
+from nlos.acquisition.importers.missing_direct import SAID
 
 _LETTERS = {"T": "T", "Y": "Y", "H": "Y", "X": "X", "W": "X", "N": "N"}
 
@@ -63,6 +64,9 @@ class Given:
             notes.append(f"{'rectified' if self.rectified else 'raw'}, as given")
             cut = scan.direct_cut_bins if self.rectified else 0
             scan = replace(scan, rectified=self.rectified, direct_cut_bins=cut)
+        if self.rectified is not None and scan.no_direct_light:
+            notes = [note for note in notes if note != SAID]
+            scan = replace(scan, no_direct_light=False)
         return replace(scan, notes=tuple(notes))
 
     def refuse_axes(self, name: str, scan: ImportedScan) -> None:

@@ -28,7 +28,15 @@ def assumed_sides_m(rows: int, cols: int, longer_m: float = 1.0) -> tuple[float,
     return cols * pitch_m, rows * pitch_m
 
 
-PLAIN_FIELDS = ("source_format", "direct_cut_bins", "falloff", "rectified", "rectified_assumed", "wall_known")
+PLAIN_FIELDS = (
+    "source_format",
+    "direct_cut_bins",
+    "falloff",
+    "rectified",
+    "rectified_assumed",
+    "wall_known",
+    "no_direct_light",
+)
 """Fields of a scan that are single values."""
 
 
@@ -60,6 +68,8 @@ class ImportedScan:
     """Whether neither the file nor the user has said so."""
     time_offset_bins: npt.NDArray[np.float64] | None = None  # (H, W)
     """Bin in which the rectified time 0 lies, where the file says so."""
+    no_direct_light: bool = False
+    """Whether the record lacks direct light, so that only `time_offset_bins` say when light reaches the wall."""
     wall_known: bool = True
     """Whether the file says how large the wall is; where it does not, `assumed_sides_m` is."""
     response: Response | None = None

@@ -21,6 +21,7 @@ from nlos.acquisition.importers.arrays import (
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.imported import NO_WALL, ImportedScan, assumed_sides_m
 from nlos.acquisition.importers.mat_file import read_variable, shapes_of, structs_of
+from nlos.acquisition.importers.missing_direct import SAID, direct_is_missing
 from nlos.acquisition.importers.own_data import how_to_convert
 from nlos.acquisition.importers.stored_counts import without_missing, without_single_axes
 from nlos.acquisition.transient import TimeAxis, Transient
@@ -103,8 +104,11 @@ def read_matlab(path: Path, given: Given = NOTHING) -> ImportedScan:
     offsets = None
     if layout.key == "meas":
         offsets = _time_of_flight(path, (rows, cols), given.bin_width_s or time.bin_width_s, x_first)
+    cube = np.ascontiguousarray(np.moveaxis(counts, 2, 0), dtype=np.float32)
+    if only_offsets := offsets is not None and direct_is_missing(cube, offsets):
+        notes.append(SAID)
     transient = Transient(
-        np.ascontiguousarray(np.moveaxis(counts, 2, 0), dtype=np.float32),
+        cube,
         exposure_s,
         WallGrid(*sides_m, rows, cols),
         time,
@@ -115,6 +119,7 @@ def read_matlab(path: Path, given: Given = NOTHING) -> ImportedScan:
         falloff=layout.falloff,
         rectified=offsets is None,
         time_offset_bins=offsets,
+        no_direct_light=only_offsets,
         notes=tuple(notes),
     )
 

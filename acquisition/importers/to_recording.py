@@ -92,6 +92,7 @@ def _said(scan: ImportedScan, source: Path) -> dict[str, object]:
         "format": scan.source_format,
         "rectified": scan.rectified,
         "rectified_assumed": scan.rectified_assumed,
+        "no_direct_light": scan.no_direct_light,
         "wall_known": scan.wall_known,
         "direct_cut_bins": scan.direct_cut_bins,
         "falloff": scan.falloff,

@@ -15,8 +15,10 @@ import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.imported import ImportedScan
+from nlos.acquisition.importers.missing_direct import SAID, direct_is_missing
 from nlos.acquisition.importers.moveout import at_midpoints, of_every_pair
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, needed_dataset, needed_number, open_hdf5, read_array
+from nlos.acquisition.importers.wall_plane import on_wall
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 
@@ -40,10 +42,11 @@ def read_ytal(path: Path) -> ImportedScan:
         delta_m, start_m = needed_number(file, "delta_t"), needed_number(file, "t_start")
         legs = bool(needed_number(file, "t_accounts_first_and_last_bounces"))
         origins = [_point(file, name) if legs else np.zeros(3) for name in ("laser_xyz", "sensor_xyz")]
+        hints = _sides(file, sensors, ("sensor_xyz", "laser_xyz"), "sensor_grid_normals")
         ours = _said_by_ourselves(file)
     _check_time(path, delta_m, start_m)
     if kind == _T_SX_SY and sensors.shape == lasers.shape and np.allclose(sensors, lasers, atol=1e-4):
-        capture = _Capture("y-tal HDF5", counts, sensors, origins if legs else None, delta_m, start_m)
+        capture = _Capture("y-tal HDF5", counts, sensors, origins if legs else None, delta_m, start_m, hints=hints)
         return _as_exported(_upright(path, capture), ours)
     _check_geometry(path, counts, lasers, sensors)
     ways = [
@@ -60,7 +63,7 @@ def read_ytal(path: Path) -> ImportedScan:
         f"laser and sensor points are up to {done.farthest_m:.3g} m apart: taken for a confocal scan of midpoints "
         "by normal moveout, which assumes surfaces opposite these; others come out too near"
     )
-    moved = _Capture("y-tal HDF5", done.counts, done.grid, None, delta_m, 0.0, done.pairs, (note,))
+    moved = _Capture("y-tal HDF5", done.counts, done.grid, None, delta_m, 0.0, done.pairs, (note,), hints)
     return _upright(path, moved)
 
 
@@ -126,15 +129,18 @@ def read_zaragoza(path: Path) -> ImportedScan:
     """Reads a confocal capture of the Zaragoza dataset; bounces and colours are summed. Raises `InvalidData`."""
     with open_hdf5(path) as file:
         stored = needed_dataset(file, "data")
-        if len(stored.shape) != 5:
+        grid = read_array(needed_dataset(file, "cameraGridPositions"), 3).astype(np.float64)
+        by_matlab = len(stored.shape) == 4 and grid.shape == (3, *stored.shape[2:])  # which drops a last axis of 1
+        if len(stored.shape) != 5 and not by_matlab:
             raise InvalidData(
                 f"{path}: data has {len(stored.shape)} dimensions; confocal captures have 5. One of separate laser and "
                 "sensor points is read as y-tal writes it (HDF5_TAL): `tal.io.read_capture`, then `write_capture`."
             )
-        data = read_array(stored, 5)
-        grid = read_array(needed_dataset(file, "cameraGridPositions"), 3).astype(np.float64)
+        data = read_array(stored, 4)[None] if by_matlab else read_array(stored, 5)
         delta_m, start_m = needed_number(file, "deltaT"), needed_number(file, "t0")
         origins = [_point(file, "laserPosition"), _point(file, "cameraPosition")]
+        upright = np.moveaxis(grid, 0, 2) if grid.shape[0] == 3 and grid.shape[2] != 3 else grid
+        hints = _sides(file, upright, ("hiddenVolumePosition", "cameraPosition"), "cameraGridNormals")
     # Two axis orders are in use: (sy, sx, bounce, t, colour) and (colour, t, bounce, sx, sy).
     if data.shape[0] <= 3 and data.shape[3:] in (grid.shape[1:], grid.shape[:2]):
         counts = data.sum(axis=(0, 2))
@@ -142,7 +148,7 @@ def read_zaragoza(path: Path) -> ImportedScan:
         counts = np.moveaxis(data.sum(axis=(2, 4)), 2, 0).swapaxes(1, 2)
     if grid.shape == (3, *counts.shape[1:]):
         grid = np.moveaxis(grid, 0, 2)
-    return _upright(path, _Capture("Zaragoza HDF5", counts, grid, origins, delta_m, start_m))
+    return _upright(path, _Capture("Zaragoza HDF5", counts, grid, origins, delta_m, start_m, hints=hints))
 
 
 @dataclass(frozen=True)
@@ -158,6 +164,23 @@ class _Capture:
     exposure_s: Array | None = None
     """Where it is not one second per point."""
     notes: tuple[str, ...] = ()
+    hints: tuple[Array, ...] = ()
+    """From the wall to the hidden scene, as `on_wall` takes them."""
+
+
+def _sides(file: h5py.File, grid: Array, points: tuple[str, ...], normals: str) -> tuple[Array, ...]:
+    """Vectors from the wall to the hidden scene's side, by what is stored: points on that side, else the normals."""
+    middle, found = grid.reshape(-1, 3).mean(axis=0), []
+    for name in points:
+        stored = find_dataset(file, name)
+        if stored is not None and stored.shape is not None and stored.size == 3 and stored.dtype.kind in "uif":
+            found.append(_point(file, name) - middle)
+    stored = find_dataset(file, normals)
+    if stored is not None and stored.shape is not None and 3 in stored.shape and stored.dtype.kind in "uif":
+        every = read_array(stored, len(stored.shape)).astype(np.float64)
+        axis = 0 if every.shape[0] == 3 and every.shape[-1] != 3 else -1
+        found.append(np.moveaxis(every, axis, -1).reshape(-1, 3).mean(axis=0))
+    return tuple(each for each in found if np.isfinite(each).all())
 
 
 def _upright(path: Path, capture: _Capture) -> ImportedScan:
@@ -171,20 +194,24 @@ def _upright(path: Path, capture: _Capture) -> ImportedScan:
         raise InvalidData(f"{path}: its grid is not finite")
     if min(counts.shape[1:]) < 2:
         raise InvalidData(f"{path}: a grid of {counts.shape[1:]} points has no spacing; at least 2 x 2 are needed")
-    if np.ptp(grid[:, 0, 0]) > np.ptp(grid[0, :, 0]):
-        counts, grid, exposure_s = counts.swapaxes(1, 2), grid.swapaxes(0, 1), exposure_s.T
-    if grid[0, 0, 0] > grid[0, -1, 0]:
-        counts, grid, exposure_s = counts[:, :, ::-1], grid[:, ::-1], exposure_s[:, ::-1]
-    if grid[0, 0, 1] < grid[-1, 0, 1]:
-        counts, grid, exposure_s = counts[:, ::-1], grid[::-1], exposure_s[::-1]
+    places, faces = on_wall(str(path), grid, list(capture.hints))
+    if np.ptp(places[:, 0, 0]) > np.ptp(places[0, :, 0]):
+        counts, exposure_s = counts.swapaxes(1, 2), exposure_s.T
+        grid, places = grid.swapaxes(0, 1), places.swapaxes(0, 1)
+    if places[0, 0, 0] > places[0, -1, 0]:
+        counts, exposure_s = counts[:, :, ::-1], exposure_s[:, ::-1]
+        grid, places = grid[:, ::-1], places[:, ::-1]
+    if places[0, 0, 1] < places[-1, 0, 1]:
+        counts, exposure_s, grid, places = counts[:, ::-1], exposure_s[::-1], grid[::-1], places[::-1]
     rows, cols = counts.shape[1:]
-    pitch_x = (grid[0, -1, 0] - grid[0, 0, 0]) / (cols - 1)
-    pitch_y = (grid[0, 0, 1] - grid[-1, 0, 1]) / (rows - 1)
+    pitch_x = (places[0, -1, 0] - places[0, 0, 0]) / (cols - 1)
+    pitch_y = (places[0, 0, 1] - places[-1, 0, 1]) / (rows - 1)
     straight = (
-        np.abs(np.diff(grid[..., 0], axis=1) - pitch_x).max() + np.abs(np.diff(grid[..., 1], axis=0) + pitch_y).max()
+        np.abs(np.diff(places[..., 0], axis=1) - pitch_x).max()
+        + np.abs(np.diff(places[..., 1], axis=0) + pitch_y).max()
     )
-    if not (pitch_x > 0 and pitch_y > 0) or straight > 0.02 * (pitch_x + pitch_y) or np.ptp(grid[..., 2]) > 1e-3:
-        raise InvalidData(f"{path}: its points are not a regular grid in a plane z = const")
+    if not (pitch_x > 0 and pitch_y > 0) or straight > 0.02 * (pitch_x + pitch_y):
+        raise InvalidData(f"{path}: its points are not a regular grid")
     width_s = delta_m / SPEED_OF_LIGHT_M_PER_S
     late_m = start_m if capture.origins is None and start_m > 0 else 0.0  # the record begins after the wall's light
     offsets = np.full((rows, cols), (late_m - start_m) / delta_m)
@@ -197,6 +224,8 @@ def _upright(path: Path, capture: _Capture) -> ImportedScan:
         TimeAxis(int(counts.shape[0]), width_s, late_m / SPEED_OF_LIGHT_M_PER_S),
     )
     rectified = bool((np.abs(offsets) < 1e-6).all())
+    only_offsets = not rectified and direct_is_missing(counts, offsets)
+    found = (*capture.notes, *faces, *([SAID] if only_offsets else []))
     notes = ("exposure is not stored; assuming 1 s per point", "scene description and normals are not imported")
     return ImportedScan(
         transient,
@@ -204,7 +233,8 @@ def _upright(path: Path, capture: _Capture) -> ImportedScan:
         falloff=4,
         rectified=rectified,
         time_offset_bins=None if rectified else offsets,
-        notes=(*capture.notes, *notes),
+        no_direct_light=only_offsets,
+        notes=(*found, *notes),
     )
 
 

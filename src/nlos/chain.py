@@ -59,7 +59,7 @@ def constants_for(scan: LoadedScan, given: Path | None, tell: Tell = log.log) ->
 def arrivals_of(scan: LoadedScan, constants: "BenchConstants | None" = None) -> "TimeOffsets | None":
     """When direct light arrives at each point of a grid, by a whole scan: what its single frames, of far fewer photons,
     are aligned by. None where the file says it or only constants know, and at free positions."""
-    if scan.rectified or scan.points is not None:
+    if scan.rectified or scan.points is not None or scan.no_direct_light:
         return None
     done = correct(scan.transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
     _tell_calibration(done.report(), log.log)
@@ -96,6 +96,7 @@ def _calibrated(
     transient = scan.transient
     if use_file_offsets:
         _check_file_offsets(scan)
+    use_file_offsets = use_file_offsets or (scan.no_direct_light and not scan.rectified)
     if scan.points is not None:
         points = scan.points
         if scan.rectified and scan.direct_cut_bins is not None:

@@ -56,6 +56,8 @@ class LoadedScan:
     """Samples that were damaged or unreadable, and are not in it."""
     rectified_assumed: bool = False
     """Whether nobody has said whether it is rectified."""
+    no_direct_light: bool = False
+    """Whether only `offset_bins` say when light reaches the wall: direct light is not in the record."""
     wall_error_m: float | None = None
     """The standard error of a width that the direct times told; None where they did not."""
 
@@ -102,6 +104,7 @@ def _as_loaded(scan: ImportedScan) -> LoadedScan:
         points,
         response=scan.response,
         rectified_assumed=scan.rectified_assumed,
+        no_direct_light=scan.no_direct_light,
     )
 
 
@@ -116,7 +119,7 @@ def _as_given(path: Path, scan: LoadedScan, given: Given) -> LoadedScan:
         scan = replace(scan, transient=replace(scan.transient, wall=wall), wall_known=True)
         log.info("%s: a wall of %g x %g m, as given", path, *given.wall_m)
     if given.rectified is not None:
-        scan = replace(scan, rectified=given.rectified, rectified_assumed=False)
+        scan = replace(scan, rectified=given.rectified, rectified_assumed=False, no_direct_light=False)
         log.info("%s: %s, as given", path, "rectified" if given.rectified else "raw")
     return scan
 
@@ -209,6 +212,7 @@ def as_recorded(
         bench_json=recording.header.bench_json,
         response=_response(recording, said.get("response")),
         rectified_assumed=bool(said.get("rectified_assumed", False)),
+        no_direct_light=isinstance(offsets, list) and bool(said.get("no_direct_light", False)),
     )
 
 
