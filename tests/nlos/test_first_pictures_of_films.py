@@ -1,5 +1,6 @@
 """The first picture of a film waits for nothing that could have been done before: it is as quick as those after it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,10 +8,11 @@ import pytest
 
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.sample import Sample
+from nlos.calibration.errors import NoDirectPeak
 from nlos.chain import arrivals_of
 from nlos.live.film_pictures import FilmPictures
 from nlos.live.gathered import Gathered, nothing_yet
-from nlos.loaded import load_scan
+from nlos.loaded import LoadedScan, load_scan
 from nlos.recon.live import LivePicture, LiveReconstruction
 from nlos.recon.with_torch import built
 from nlos.response import AUTO
@@ -125,3 +127,27 @@ def test_a_look_at_what_has_come_of_a_film_changes_nothing_of_it(
     for sample in frames[0][-8:]:
         held.add(sample)
     assert (film.over, film.waiting, film.samples) == (0, True, len(frames[0]))
+
+
+def test_a_film_that_cannot_be_aligned_is_rehearsed_a_few_times_and_its_first_picture_says_why(
+    growing: tuple[Gathered, list[list[Sample]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held, frames = growing
+    assert held.film is not None
+    tried: list[int] = []
+    whole = held.so_far
+
+    def dark() -> LoadedScan:
+        scan = whole()
+        tried.append(len(held.samples))
+        return replace(scan, transient=replace(scan.transient, counts=np.ones_like(scan.transient.counts)))
+
+    pictures = FilmPictures(held.film, [LiveReconstruction("lct")], 1, dark)
+    for sample in (sample for frame in frames[: PARTS - 1] for sample in frame[:-1]):
+        held.add(sample)
+        pictures.watch()
+    assert len(tried) == 4
+    held.add(frames[PARTS - 1][0])
+    with pytest.raises(NoDirectPeak):
+        held.film.calibrated(False, dark)
+    pictures.stop()

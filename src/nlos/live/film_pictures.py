@@ -5,13 +5,14 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.errors import CalibrationError
 from nlos.live.calibrated import Calibrated
 from nlos.live.film import LiveFilm
 from nlos.live.hurry import Hurry
 from nlos.live.in_order import InOrder
-from nlos.recon.errors import InvalidData, ReconError
+from nlos.recon.errors import ReconError
 from nlos.recon.transport.fourier import on_one_core
 
 if TYPE_CHECKING:
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
 MOST_AT_A_TIME = 4
 """Pictures that are being made at most: with more, more than four frames would have passed before each."""
 REHEARSED_BY = 0.06
-"""Of the points of the first whole scan: with these pictures are made that nobody is shown."""
+"""Of the points of the first whole scan: with these pictures are made that nobody is shown; where they cannot be, with
+twice as many."""
 KEEPS_UP = 0.65
 """Of what all cores have of time for a frame: a picture that is made in that leaves enough to remember and to show."""
 
@@ -38,7 +40,7 @@ class FilmPictures:
         self._film, self._lives, self._gathered = film, lives, gathered
         self._cores = min(cores, MOST_AT_A_TIME)
         self._aside, self._hurry = InOrder(self._cores), Hurry()
-        self._rehearsed = False
+        self._rehearsed, self._rehearsed_by = False, REHEARSED_BY
         self._ready_for: TimeAxis | None = None
 
     @property
@@ -54,9 +56,10 @@ class FilmPictures:
                 if not self._film.waiting:
                     return
                 known = self._film.calibrated(False, self._gathered)
-            elif self._rehearsed or self._film.share_of_whole_scan < REHEARSED_BY:
+            elif self._rehearsed or self._film.share_of_whole_scan < self._rehearsed_by:
                 return
             else:
+                self._rehearsed_by *= 2
                 known = self._film.by_now().calibrated(False, self._gathered)
             self._build_for(known)
             if not self._rehearsed:

@@ -1,18 +1,24 @@
-"""One picture of next to nothing before the first photon: so that the first real one waits for no library to load."""
+"""What the first and the last picture of a scan need, got ready before: neither waits for a library or a network."""
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.calibration.errors import CalibrationError
 from nlos.chain import calibrate_scan
 from nlos.live.describe import described
 from nlos.loaded import LoadedScan
+from nlos.recon.errors import ReconError
 from nlos.recon.live import LiveReconstruction
 from nlos.recon.methods import PLAIN, find
+
+if TYPE_CHECKING:
+    from nlos.live.gathered import Gathered
 
 SIDE, BINS = 8, 128
 
@@ -24,6 +30,17 @@ def get_ready(lives: Sequence["LiveReconstruction"]) -> None:
         find(live.method)
     if lives[0].method in PLAIN:
         rehearse(lives[0])
+
+
+def get_ready_for_last(lives: Sequence["LiveReconstruction"], held: "Gathered", read: Callable[[], bool]) -> None:
+    """While too little is left of a scan for another picture: what its last one is likely to need is built, until the
+    scan is `read`."""
+    with contextlib.suppress(CalibrationError, InvalidData, ReconError):
+        light, falloff = held.as_last()
+        for live in lives:
+            if read():
+                return
+            live.get_ready(light, falloff)
 
 
 def rehearse(live: "LiveReconstruction") -> None:

@@ -27,7 +27,7 @@ from nlos.live.file_seen import Seen
 from nlos.live.film_pictures import FilmPictures
 from nlos.live.gathered import Gathered, nothing_yet
 from nlos.live.overtaken import Overtaken, given_up_once
-from nlos.live.rehearsal import get_ready
+from nlos.live.rehearsal import get_ready, get_ready_for_last
 from nlos.live.schedule import Coming, Schedule
 from nlos.recon.errors import ReconError, ReconstructionFailed
 from nlos.recon.transport.fourier import on_one_core, threads
@@ -195,7 +195,7 @@ class LiveScan:
                     film.watch()
                 elif held is not None and not ready and self._schedule.ending(count, planned, growing):
                     ready = True
-                    self._get_ready_for_last(held)
+                    get_ready_for_last(self.lives, held, lambda: self.read)
                 self.coming = self._schedule.coming(count, planned, growing, last) if planned else None
         finally:
             if self._film is not None:
@@ -276,15 +276,6 @@ class LiveScan:
         self.pictures += 1  # whoever waits for that finds the picture
         self._schedule.pace.took(live.method, time.monotonic() - began_s)
         self.coming = None
-
-    def _get_ready_for_last(self, held: Gathered) -> None:
-        """While too little is left of the scan for another picture: what its last one is likely to need is built."""
-        with suppress(CalibrationError, InvalidData, ReconError):
-            light, falloff = held.as_last()
-            for live in self.lives:
-                if self.read:
-                    return
-                live.get_ready(light, falloff)
 
     def _film_pictures(self, held: Gathered | None) -> FilmPictures | None:
         """Those of a film that is under way; else None."""
