@@ -55,6 +55,15 @@ def test_no_more_pictures_are_begun_than_there_are_cores() -> None:
     aside.stop()
 
 
+def test_who_is_told_that_a_core_is_free_finds_it_free() -> None:
+    told, found = threading.Event(), list[bool]()
+    aside = InOrder(1, lambda: (found.append(aside.full), told.set()))
+    aside.begin(lambda: 1, lambda made: None)
+    assert told.wait(60)
+    assert found == [False]
+    aside.stop()
+
+
 def test_on_one_core_blocks_are_computed_in_this_thread_and_elsewhere_as_before() -> None:
     used: set[int] = set()
     ready = np.zeros(1)

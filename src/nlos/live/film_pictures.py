@@ -33,15 +33,17 @@ class FilmPictures:
     """Asked by one thread, the painter's; pictures are made and shown in others."""
 
     def __init__(
-        self, film: LiveFilm, lives: "Sequence[LiveReconstruction]", cores: int, gathered: "Callable[[], LoadedScan]"
-    ) -> None:
+        self, film: LiveFilm, lives: "Sequence[LiveReconstruction]", cores: int, gathered: "Callable[[], LoadedScan]",
+        freed: Callable[[], None] = lambda: None,
+    ) -> None:  # fmt: skip
         """Frames are aligned by what is `gathered`; the dropped ones are those without a picture by the last of
-        `lives`."""
+        `lives`. `freed` is called whenever a core is free again."""
         self._film, self._lives, self._gathered = film, lives, gathered
         self._cores = min(cores, MOST_AT_A_TIME)
-        self._aside, self._hurry = InOrder(self._cores), Hurry()
+        self._aside, self._hurry = InOrder(self._cores, freed), Hurry()
         self._rehearsed, self._rehearsed_by = False, REHEARSED_BY
-        self._ready_for: TimeAxis | None = None
+        self._ready = False
+        self._built_for: TimeAxis | None = None
 
     @property
     def full(self) -> bool:
@@ -53,17 +55,14 @@ class FilmPictures:
         need is got ready. What is wrong with it the next picture will say."""
         with on_one_core(), suppress(CalibrationError, InvalidData, ReconError):
             if self._film.can_be_aligned:
-                if not self._film.waiting:
-                    return
-                known = self._film.calibrated(False, self._gathered)
-            elif self._rehearsed or self._film.share_of_whole_scan < self._rehearsed_by:
-                return
-            else:
+                if self._film.waiting:
+                    self._film.watch(self._gathered)
+                if not self._ready:
+                    self._get_ready(self._film.calibrated(False, self._gathered))
+                    self._ready = True
+            elif not self._rehearsed and self._film.share_of_whole_scan >= self._rehearsed_by:
                 self._rehearsed_by *= 2
-                known = self._film.by_now().calibrated(False, self._gathered)
-            self._build_for(known)
-            if not self._rehearsed:
-                self._rehearse(known)
+                self._get_ready(self._film.by_now().calibrated(False, self._gathered))
 
     def begin(
         self, live: "LiveReconstruction", known: Calibrated, frame_s: float,
@@ -71,7 +70,7 @@ class FilmPictures:
     ) -> None:  # fmt: skip
         """The picture of one frame; frames come every `frame_s`. One of the two is called once the pictures that were
         begun before are shown. Raises what building a method raises."""
-        self._rehearsed = True  # by what nobody waits for, or by this one
+        self._ready = True
         with on_one_core():
             self._build_for(known)
         light = known.of_film
@@ -106,19 +105,24 @@ class FilmPictures:
         """The same, whatever they raise; nothing can be begun any more."""
         self._aside.stop()
 
+    def _get_ready(self, known: Calibrated) -> None:
+        self._build_for(known)
+        if not self._rehearsed:
+            self._rehearsed = True
+            self._rehearse(known)
+
     def _build_for(self, known: Calibrated) -> None:
         """What pictures of such a frame need, unless that is built."""
-        if known.of_film is None or known.of_film.light.time == self._ready_for:
+        if known.of_film is None or known.of_film.light.time == self._built_for:
             return
         for live in self._lives:
             for hurried in (False, True):
                 live.get_ready_for_film(known.of_film, known.falloff, hurried)
-        self._ready_for = known.of_film.light.time
+        self._built_for = known.of_film.light.time
 
     def _rehearse(self, known: Calibrated) -> None:
         """A picture of each kind in every thread, of the points that have come: what is used for the first time takes
         its time then, and every thread asks for its memory."""
-        self._rehearsed = True
         light = known.of_film
         assert light is not None
 

@@ -15,8 +15,9 @@ class InOrder:
     """Up to `cores` at a time. Threads that share the small operations of one picture wait for each other; those that
     make a picture each do not."""
 
-    def __init__(self, cores: int) -> None:
-        self._cores = cores
+    def __init__(self, cores: int, freed: Callable[[], None] = lambda: None) -> None:
+        """`freed` is called whenever one has been shown and its core may be given another."""
+        self._cores, self._freed = cores, freed
         self._pool = ThreadPoolExecutor(cores, thread_name_prefix="picture")
         self._begun: deque[Future[None]] = deque()
 
@@ -38,7 +39,9 @@ class InOrder:
                 wait([before])
             show(made)
 
-        self._begun.append(self._pool.submit(one))
+        picture = self._pool.submit(one)
+        self._begun.append(picture)
+        picture.add_done_callback(lambda done: self._freed())
 
     def finish(self) -> None:
         """Returns when all are shown. Raises what making or showing one has raised."""

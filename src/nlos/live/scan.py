@@ -223,11 +223,9 @@ class LiveScan:
         def show(picture: "LivePicture") -> None:
             named = replace(picture, reconstruction=replace(picture.reconstruction, scan=self.run.name))
             self._shown(live, named, began_s)
-            self._news.set()
 
         def failed(error: Exception) -> None:
             self._no_picture(live, held, count, began_s, error)
-            self._news.set()
 
         try:
             with on_one_core():
@@ -280,7 +278,7 @@ class LiveScan:
     def _film_pictures(self, held: Gathered | None) -> FilmPictures | None:
         """Those of a film that is under way; else None."""
         if self._film is None and held is not None and held.film is not None and held.growing:
-            self._film = FilmPictures(held.film, self.lives, threads(), held.so_far)
+            self._film = FilmPictures(held.film, self.lives, threads(), held.so_far, self._news.set)
         return self._film
 
     def _light_for(self, live: "LiveReconstruction", held: Gathered, count: int) -> Calibrated:
