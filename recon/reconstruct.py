@@ -14,12 +14,14 @@ from nlos.recon.errors import InvalidData, NoLight, ReconstructionFailed
 from nlos.recon.explained import explained_light
 from nlos.recon.explained_share import Explained
 from nlos.recon.gridding import confidence
+from nlos.recon.lit_window import lit_window
 from nlos.recon.memory import KnownMemory, available_bytes, refusal
 from nlos.recon.method import MethodResult, takes_response
 from nlos.recon.methods import find, parse_settings, torch_is_installed
 from nlos.recon.other_geometry import TELLING
 from nlos.recon.own_methods import name_of
-from nlos.recon.physics_settings import PhysicsSettings
+from nlos.recon.physics_settings import LightConeSettings, PhysicsSettings
+from nlos.recon.transport.conventions import depths_m
 from nlos.recon.volume import Intervals, Reconstruction, Volume, refuse_not_finite
 
 Image = npt.NDArray[np.float32]
@@ -53,7 +55,7 @@ def reconstruct(
         if why := refusal(method, rebinned.wall, rebinned.time, needed, free, remedies):
             raise ReconstructionFailed(why)
     began = clock.perf_counter()
-    made, depths_m, takes = _see(rebinned, method, chosen, device)
+    made, planes_m, takes = _see(rebinned, method, chosen, device)
     seconds = clock.perf_counter() - began
     known = getattr(made, "intervals", None)
     result = Reconstruction(
@@ -63,7 +65,7 @@ def reconstruct(
         method=name_of(method),
         seconds=seconds,
         settings=chosen.model_dump(mode="json"),
-        volume=None if made.volume is None else Volume(made.volume, depths_m, rebinned.wall),
+        volume=None if made.volume is None else Volume(made.volume, planes_m, rebinned.wall),
         weights_sha256=_weights_sha256(chosen),
         intervals=None if known is None else Intervals(**known),
         confidence=confidence(rebinned.exposure_s),
@@ -122,6 +124,20 @@ def _see(
     transient: Transient, method: str, chosen: Settings, device: str
 ) -> tuple[MethodResult[Image], npt.NDArray[np.float64], bool]:
     """What a method makes of one transient, the depths of its planes, (D,), and whether it takes a response."""
+    if isinstance(chosen, LightConeSettings) and chosen.conventions == "physical":
+        part = lit_window(transient)
+        made, _, takes = _see_all(part, method, chosen, device)
+        dark = transient.time.bins - part.time.bins
+        if dark and made.volume is not None:
+            made = MethodResult(made.albedo, made.depth_m, np.pad(made.volume, ((0, dark), (0, 0), (0, 0))))
+        return made, depths_m(transient.time, chosen.conventions), takes
+    return _see_all(transient, method, chosen, device)
+
+
+def _see_all(
+    transient: Transient, method: str, chosen: Settings, device: str
+) -> tuple[MethodResult[Image], npt.NDArray[np.float64], bool]:
+    """`_see` of the whole window."""
     if torch_is_installed():
         from nlos.recon.with_torch import see_by
 

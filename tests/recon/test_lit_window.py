@@ -1,0 +1,57 @@
+"""A window that is much longer than the light in it: pictures by the light cone are as deep as in a short one."""
+
+import numpy as np
+import pytest
+
+from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.lit_window import lit_window
+from nlos.recon.reconstruct import reconstruct
+
+POINTS, SIDE_M, LIGHT_M_PER_S = 24, 0.6, 299_792_458.0
+PLACES_M = (np.arange(POINTS) + 0.5) / POINTS * SIDE_M - SIDE_M / 2
+
+
+def drawn(depth_m: float, bins: int, bin_s: float, photons: float = 60_000.0, dark: float = 0.0) -> Transient:
+    """Photons by way of a plate of 12 x 12 cm aside of the wall's middle, light paths one by one; `dark` a bin."""
+    rates = np.zeros((bins, POINTS, POINTS))
+    rows, cols = np.mgrid[:POINTS, :POINTS]
+    for x, y in np.stack(np.meshgrid(*[np.linspace(0.02, 0.14, 9)] * 2), -1).reshape(-1, 2):
+        away = np.sqrt((PLACES_M[None] - x) ** 2 + (-PLACES_M[:, None] - y) ** 2 + depth_m**2)
+        at = np.floor(2 * away / LIGHT_M_PER_S / bin_s).astype(int)
+        np.add.at(rates, (at, rows, cols), depth_m**2 / away**6)
+    rates *= photons / rates.sum()
+    counts = np.random.default_rng(0).poisson(rates + dark).astype(np.float32)
+    return Transient(counts, np.ones((POINTS, POINTS)), WallGrid(SIDE_M, SIDE_M, POINTS, POINTS), TimeAxis(bins, bin_s))
+
+
+@pytest.mark.parametrize("method", ["lct", "gram", "backprojection"])
+@pytest.mark.parametrize("dark", [0.0, 0.01])
+@pytest.mark.parametrize(("bins", "bin_s"), [(1024, 64e-12), (2048, 32e-12)])
+def test_a_whole_laser_period_is_as_deep_as_a_short_window(bins: int, bin_s: float, dark: float, method: str) -> None:
+    picture = reconstruct(drawn(0.45, bins, bin_s, dark=dark), method, explain=False)
+    bright = picture.albedo > 0.5 * picture.albedo.max()
+    assert np.nanmedian(picture.depth_m[bright]) == pytest.approx(0.45, abs=0.015)
+    assert picture.volume is not None
+    assert picture.volume.albedo.shape[0] == picture.volume.depths_m.size == bins
+    assert picture.volume.depths_m[-1] == pytest.approx((bins - 0.5) * bin_s * LIGHT_M_PER_S / 2)
+
+
+def test_what_is_far_behind_is_kept() -> None:
+    near, far = drawn(0.45, 2048, 32e-12, dark=0.01), drawn(6.0, 2048, 32e-12, photons=3000.0)
+    both = Transient(near.counts + far.counts, near.exposure_s, near.wall, near.time)
+    assert lit_window(near).time.bins == 512
+    assert lit_window(both).time.bins == 2048
+    assert lit_window(far).time.bins == 2048
+
+
+def test_light_that_stands_out_nowhere_may_be_anywhere() -> None:
+    faint = drawn(0.45, 2048, 32e-12, photons=30.0, dark=0.05)
+    assert lit_window(faint) is faint
+
+
+def test_points_that_were_not_measured_say_nothing() -> None:
+    scan = drawn(0.45, 1024, 64e-12)
+    counts, exposure_s = scan.counts.copy(), scan.exposure_s.copy()
+    counts[900, 3, 4], exposure_s[3, 4] = 1e6, 0.0
+    assert lit_window(Transient(counts, exposure_s, scan.wall, scan.time)).time.bins == lit_window(scan).time.bins
