@@ -176,9 +176,9 @@ def test_a_finished_scan_is_shown_whole_and_along_its_time(viewer: str, browser:
 FILM = """\
 wall: {width_m: 1.0, height_m: 1.0, rows: 8, cols: 8}
 pattern: serpentine
-dwell_ms: 4
+dwell_ms: 1
 histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
-frames: 6
+frames: 24
 """
 
 
@@ -189,12 +189,13 @@ def test_a_finished_film_replays_frame_by_frame_with_its_memory(folder: Path, br
         page, complaints = opened(browser, url)
         page.wait_for_selector("#slider", state="visible")
         playwright.expect(page.locator("#first")).not_to_contain_text("ready", timeout=PATIENCE_MS)
-        assert page.locator("#time").get_attribute("max") == "6"
+        assert page.locator("#time").get_attribute("max") == "24"
+        assert page.locator("#time").input_value() == "24"  # what is shown: more than a page begins with
         shown = []
         for frame in range(1, 6):
             page.locator("#time").fill(str(frame))
             page.wait_for_selector(f'body[data-picture="{64 * frame}"]')
-            assert page.locator("#film dd").inner_text() == f"{frame} of 6"
+            assert page.locator("#film dd").inner_text() == f"{frame} of 24"
             playwright.expect(page.locator("#first")).to_have_text(re.compile(r"^at \d\.\d\d s$"))
             shown.append((page.locator("#first").inner_text(), page.evaluate(PIXELS, "albedo")))
         moments, pictures = zip(*shown, strict=True)
@@ -204,7 +205,7 @@ def test_a_finished_film_replays_frame_by_frame_with_its_memory(folder: Path, br
         assert page.evaluate("speedWords([0.3, 0.4, 0], [null, null, null])") == "0.50 m/s"
         page.locator("#time").fill("1")
         page.keyboard.press("Space")
-        page.wait_for_selector('body[data-picture="384"]')  # played to its end, at its own pace
+        page.wait_for_selector('body[data-picture="1536"]')  # played to its end, at its own pace
         playwright.expect(page.locator("#play")).to_contain_text("Play")
         assert complaints == []
         page.close()
@@ -212,8 +213,8 @@ def test_a_finished_film_replays_frame_by_frame_with_its_memory(folder: Path, br
         page, complaints = opened(browser, url)
         page.wait_for_selector("#slider", state="visible")
         playwright.expect(page.locator("#first")).not_to_contain_text("ready", timeout=PATIENCE_MS)
-        page.locator("#time").fill("3")
-        for place, points in enumerate((192, 128)):
+        page.locator("#time").fill("12")
+        for place, points in enumerate((768, 128)):
             playwright.expect(page.locator(".panel .say").nth(place)).to_contain_text(f"of {points} points")
         assert complaints == []
         page.close()

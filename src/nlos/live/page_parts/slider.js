@@ -9,6 +9,7 @@ function tellSlider(scan) {
   const state = scan.state, ready = scan.frames.filter(f => f).length, steps = state.frames.length, of = frame === null ? null : (scan.frames[stepOf(scan)] || {}).of_film;
   $("slider").hidden = !scans.every(s => s.state.over);
   $("time").max = steps;
+  if (frame === null) $("time").value = steps; // the whole scan, however many steps there turn out to be
   const points = frame === null ? state.samples : state.frames[frame];
   const some = state.film && scan.frames.length && steps < state.film.frame ? `, ${steps} of ${count(state.film.frame)} frames are shown` : "";
   const after = of ? `at ${of.time_s.toFixed(2)} s${some}` : points ? `after ${count(points)} of ${count(state.samples)} points${some}` : "being made";
