@@ -1,4 +1,4 @@
-"""The noise level of successive looks at one scene: found for every fourth of them, told by their counts in between."""
+"""The noise level of successive looks at one scene: found for every eighth of them, told by their counts in between."""
 
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterator
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Optional
 if TYPE_CHECKING:
     from torch import Tensor
 
-EVERY = 4
+EVERY = 8
 """Looks of which the noise level is found for one."""
 ALIKE = 0.15
 """Decades of counts a point by which a look may differ from the one whose noise level is known."""

@@ -106,7 +106,7 @@ class LiveReconstruction:
         """A picture of a frame on half the grid, for speed without averages over mirror images, without a look at how
         much light it explains, in bfloat16 where the processor computes in it, and told the response only where that is
         wider than a quarter of a cell; `hurried`, or if it will be finished, without refinement and from the first
-        light's depth on too. How noisy a film is is found for every fourth frame. May be asked for in several threads.
+        light's depth on too. How noisy a film is is found for every eighth frame. May be asked for in several threads.
         """
         wall, response = seen.light.wall, seen.light.response
         cell_s = 2 * max(wall.width_m / wall.cols, wall.height_m / wall.rows) / SPEED_OF_LIGHT_M_PER_S
