@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 
 from nlos.drivers.clock import Clock
@@ -53,9 +53,9 @@ class Closing:
             self._events.deferred = False
 
     def close(self) -> None:
-        """Light, gate, mirror, links. A failure, of whatever kind, stops none of the later steps. The first that a
-        device reports is raised at the end, or noted on the exception that is already on its way."""
-        failures: list[DeviceError] = []
+        """Light, gate, mirror, links. A failure, of whatever kind, stops none of the later steps, nor that the light is
+        tried again. The first is raised at the end, or noted on the exception that is already on its way."""
+        failures: list[Exception] = []
         with ExitStack() as later:  # runs what it holds from last to first, come what may
             later.callback(self._events.deliver)
             if self.counter is not None:
@@ -74,29 +74,31 @@ class Closing:
             if self._error is not None:
                 self._error.add_note(str(failure))
 
-    def _shut(self, failures: list[DeviceError], shutter: GuardedShutter) -> bool:
-        """Whether it is dark. A cable that is lost takes nothing back that was confirmed before."""
-        if self._done(failures, partial(shutter.close, self._reason)):
+    def _shut(self, failures: list[Exception], shutter: GuardedShutter) -> bool:
+        """Whether it is dark. A cable that is lost, and a failure of who is told, take nothing back that was
+        confirmed before."""
+        if self._done(failures, partial(shutter.close_for_good, self._reason)):
             return True
         lost = isinstance(failures[-1], DeviceLost)
-        if lost and shutter.confirmed_closed:
+        if shutter.confirmed_closed and (lost or not isinstance(failures[-1], DeviceError)):
             return True
         _log.critical("THE LASER SHUTTER IS NOT CONFIRMED CLOSED (%s). Shut the laser off.", failures[-1])
         if lost:
             return shutter.outlast_watchdog(self._clock)
         return any(self._done(failures, partial(shutter.close, self._reason)) for _ in range(_MORE_CLOSINGS))
 
-    def _park(self, failures: list[DeviceError], mirror: GalvoMirror) -> None:
+    def _park(self, failures: list[Exception], mirror: GalvoMirror) -> None:
         if self._dark:
             self._done(failures, mirror.park)
         else:
             self._events.report("warning", "not parked: the shutter is not confirmed closed")
 
-    def _done(self, failures: list[DeviceError], step: Callable[[], object]) -> bool:
+    def _done(self, failures: list[Exception], step: Callable[[], object]) -> bool:
         try:
             step()
-        except DeviceError as error:
-            self._events.report("device", str(error))
+        except Exception as error:  # memory that ran out, say: the light is a device's business all the same
             failures.append(error)
+            with suppress(Exception):  # whoever is told of it may be what failed
+                self._events.report("device", str(error))
             return False
         return True

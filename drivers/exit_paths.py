@@ -12,7 +12,12 @@ from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Any
 
-_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name))
+_ENDS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK", "SIGQUIT", "SIGTSTP", "SIGUSR1", "SIGUSR2", "SIGALRM", "SIGVTALRM",
+         "SIGPROF", "SIGXCPU", "SIGPWR", "SIGIO", "SIGSTKFLT")  # fmt: skip
+_SIGNALS = tuple(getattr(signal, name) for name in _ENDS if hasattr(signal, name))
+"""All that end a program, or stop it (Ctrl-Z), unless it is told otherwise: a stopped one cannot close anything."""
+_UNHEEDED = tuple(getattr(signal, name) for name in ("SIGTTOU",) if hasattr(signal, name))
+"""It would stop a program in the background that prints (`stty tostop`): it prints all the same."""
 _SOON_S = 0.005
 _ENDING_TAKES_S = 20.0
 """A program that was told to end is told again only after so long: what it still does is bring things to an end."""
@@ -56,14 +61,14 @@ def undisturbed() -> Iterator[None]:
 
 
 class ExitPaths:
-    """Calls `shut_light` within SIGINT, SIGTERM and SIGHUP before whatever else the program does about them, and
-    `close` when the block is left or the interpreter ends. Neither SIGKILL nor a power cut passes here: against those
-    stand the instrument's watchdog and the interlock.
+    """Calls `shut_light` within every signal that ends or stops a program before whatever else the program does about
+    it, and `close` when the block is left or the interpreter ends. Neither SIGKILL and SIGSTOP, a crash of the
+    interpreter (SIGSEGV) nor a power cut passes here: against those stand the instrument's watchdog and the interlock.
 
-    A signal that would have killed the process raises `SystemExit(128 + number)` instead, so that every `with` and
-    `finally` on the way runs. That happens once: signals that follow, and those that arrive while the bench is closing
-    or while something is `undisturbed`, shut the light and wait. An end that Python swallowed, because it fell into a
-    finaliser, is raised again.
+    A signal that would have killed or stopped the process raises `SystemExit(128 + number)` instead, so that every
+    `with` and `finally` on the way runs. That happens once: signals that follow, and those that arrive while the bench
+    is closing or while something is `undisturbed`, shut the light and wait. An end that Python swallowed, because it
+    fell into a finaliser, is raised again.
     """
 
     def __init__(self, shut_light: Callable[[str], None], close: Callable[[], None]) -> None:
@@ -81,10 +86,10 @@ class ExitPaths:
     def __enter__(self) -> "ExitPaths":
         atexit.register(self._close_once)
         if threading.current_thread() is threading.main_thread():
-            for number in _SIGNALS:
+            for number in (*_SIGNALS, *_UNHEEDED):
                 # A signal that is ignored (nohup) or handled outside Python stays so.
                 if signal.getsignal(number) not in (signal.SIG_IGN, None):
-                    self._previous[number] = signal.signal(number, self._on_signal)
+                    self._previous[number] = signal.signal(number, self._handler(number))
             self._unraisable, sys.unraisablehook = sys.unraisablehook, self._raise_again
             _open.append(self)
         return self
@@ -101,12 +106,15 @@ class ExitPaths:
                 sys.unraisablehook = self._unraisable
             for number, previous in self._previous.items():
                 # Whoever took the signal over meanwhile keeps it.
-                if signal.getsignal(number) == self._on_signal:
+                if signal.getsignal(number) == self._handler(number):
                     signal.signal(number, previous)
         self.held = 0
         self._closing = False
         if kind is None:  # else the program is on its way out already
             self.deliver()
+
+    def _handler(self, number: int) -> Any:
+        return signal.SIG_IGN if number in _UNHEEDED else self._on_signal
 
     def _close_once(self) -> None:
         if self._closing or os.getpid() != self._process:

@@ -3,9 +3,11 @@
 This asks for the light to be shut off and checks that it was. The hard-wired interlock is the safety device.
 """
 
+import threading
+
 from nlos.drivers.arming import Arming
 from nlos.drivers.clock import Clock
-from nlos.drivers.errors import DeviceError, SafetyTrip, ShutterHeld
+from nlos.drivers.errors import BenchClosed, DeviceError, SafetyTrip, ShutterHeld
 from nlos.drivers.events import EventLog
 from nlos.drivers.safety_settings import SafetySettings
 from nlos.drivers.shutter import LaserShutter, NoShutter, ShutterState
@@ -13,6 +15,8 @@ from nlos.drivers.tcspc.counter import CountRates, Histogram, HistogramCounter
 from nlos.drivers.trip_latch import TripLatch
 
 _SHUTTER_MOVES_S = 0.1
+_OPENING_S = 2.0
+"""So long another thread is given to end an opening that it has begun."""
 
 
 class GuardedShutter:
@@ -35,6 +39,8 @@ class GuardedShutter:
         self._latch = latch
         self._trip: str | None = None if latch is None else latch.standing()
         self._held = ""
+        self._for_good = False
+        self._opening = threading.RLock()
         self._arming = arming
 
     @property
@@ -77,6 +83,12 @@ class GuardedShutter:
         `hold`, until `release`, `LimitError` where this terminal may have no light. In a dry run nothing opens."""
         self.check_trip()
         self.arm()
+        with self._opening:
+            self._open_now()
+
+    def _open_now(self) -> None:
+        if self._for_good:
+            raise BenchClosed("shutter", "stays closed: the bench is being closed.")
         if self.is_held():
             raise ShutterHeld("shutter", f"stays closed after {self._held}.")
         if self._settings.dry_run:
@@ -92,19 +104,25 @@ class GuardedShutter:
         try:
             self._shutter.open()
         except DeviceError as error:
+            meanwhile = self._closed_meanwhile()
             try:
                 self.close("its opening was not confirmed")
             finally:
                 if isinstance(error, SafetyTrip):
                     self._events.report("trip", f"the shutter refused to open: {error}")
-            if self.is_held() and not isinstance(error, SafetyTrip):  # what it was told to, so it is no fault
-                raise ShutterHeld("shutter", f"was closed again after {self._held}.") from error
+            if meanwhile and not isinstance(error, SafetyTrip):  # what it was told to, so it is no fault
+                raise ShutterHeld("shutter", f"was closed again after {meanwhile}.") from error
             raise
-        if self.is_held():  # a signal came in between
-            self.close(self._held)
-            raise ShutterHeld("shutter", f"was closed again after {self._held}.")
+        if meanwhile := self._closed_meanwhile():
+            self._open, self.confirmed_closed = True, False  # what was on its way came after the command to close
+            self.close(meanwhile)
+            raise ShutterHeld("shutter", f"was closed again after {meanwhile}.")
         if not was_open and self._there:
             self._events.report("shutter", "opened")
+
+    def _closed_meanwhile(self) -> str:
+        """What closed the shutter while it was being opened: a signal, a timer's or one that ends the program."""
+        return self._held or ("" if self._open else "its time")
 
     def check_trip(self) -> None:
         """Raises `SafetyTrip` while a trip stands, of this program or one before it."""
@@ -118,6 +136,13 @@ class GuardedShutter:
     def hold(self, why: str) -> None:
         """Closes, and keeps closed what somebody may be about to open: within a signal handler."""
         self._held = why
+        self.close(why)
+
+    def close_for_good(self, why: str = "") -> None:
+        """`close`, and whatever another thread is about to: it opens no more. The bench is being closed."""
+        self._for_good = True
+        if self._opening.acquire(timeout=_OPENING_S):
+            self._opening.release()
         self.close(why)
 
     def release(self) -> None:

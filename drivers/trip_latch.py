@@ -17,7 +17,8 @@ def file_word(name: str) -> str:
 
 
 class TripLatch:
-    """The log of one bench: a line a trip, override or name. The last line says whether a trip stands."""
+    """The log of one bench: a line a trip, override or name. The last line says whether a trip stands; one that is not
+    whole, as a full disk leaves it, stands for a trip: nothing else is written down while light is on."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -32,12 +33,15 @@ class TripLatch:
     def standing(self) -> str | None:
         """Why the bench is tripped; None where it is not."""
         try:
-            lines = self.path.read_text(encoding="utf-8").splitlines()
+            text = self.path.read_text(encoding="utf-8", errors="replace")
         except FileNotFoundError:
             return None
-        _, _, last = lines[-1].partition(" ") if lines else ("", "", "")
-        kind, _, why = last.partition(": ")
-        return why if kind == "trip" else None
+        line = text.rstrip("\n").rpartition("\n")[2]
+        kind, _, why = line.partition(" ")[2].partition(": ")
+        if kind == "trip":
+            return why
+        whole = kind == "override" and text.endswith("\n")
+        return None if whole else f"what was written down of it ends in {line[-40:]!r}"
 
     def trip(self, why: str) -> None:
         """Writes down that, when and why the light was shut off."""
@@ -53,9 +57,22 @@ class TripLatch:
     def _add(self, text: str) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         line = f"{datetime.now(UTC).isoformat(timespec='seconds')} {' '.join(text.split())}\n"
-        log = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        log = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
         try:
-            os.write(log, line.encode("utf-8", "replace"))
+            left = line.encode("utf-8", "replace")
+            if not _ends_its_line(log):
+                left = b"\n" + left
+            while left:  # a disk that fills up takes a part and says nothing
+                left = left[os.write(log, left) :]
             os.fsync(log)
         finally:
             os.close(log)
+
+
+def _ends_its_line(log: int) -> bool:
+    """Whether what is there ends in a line's end: a full disk cuts lines off."""
+    size = os.lseek(log, 0, os.SEEK_END)
+    if not size:
+        return True
+    os.lseek(log, size - 1, os.SEEK_SET)
+    return os.read(log, 1) == b"\n"

@@ -14,6 +14,7 @@ from nlos.drivers.galvo.mirror import GalvoMirror
 from nlos.drivers.galvo.optotune.model import OPTOTUNE
 from nlos.drivers.galvo.triggerscope.model import TRIGGERSCOPE
 from nlos.drivers.plug_ins import with_plug_ins
+from nlos.drivers.wire_log import unfailing
 
 MIRRORS: dict[str, DeviceModel[GalvoMirror]] = with_plug_ins(
     "nlos.mirrors",
@@ -41,4 +42,4 @@ def open_mirror(
     `backend` is what replaces libusb, where the controller needs it: the simulated bench's, or None for the real
     one.
     """
-    return MIRRORS[settings.model].open(settings, clock, backend, wire_log)
+    return MIRRORS[settings.model].open(settings, clock, backend, unfailing(wire_log))

@@ -14,6 +14,7 @@ from nlos.drivers.tcspc.counter import HistogramCounter
 from nlos.drivers.tcspc.picoquant.model import PICOQUANT
 from nlos.drivers.tcspc.tcspc488.model import TCSPC488
 from nlos.drivers.tcspc.timetagger.model import TIMETAGGER
+from nlos.drivers.wire_log import unfailing
 
 COUNTERS: dict[str, DeviceModel[HistogramCounter]] = with_plug_ins(
     "nlos.counters",
@@ -40,4 +41,4 @@ def open_counter(
 
     `backend` replaces libusb or the vendor's library: the simulated bench's, or None for the real one.
     """
-    return COUNTERS[settings.model].open(settings, clock, backend, wire_log)
+    return COUNTERS[settings.model].open(settings, clock, backend, unfailing(wire_log))

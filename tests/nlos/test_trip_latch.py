@@ -1,12 +1,17 @@
 """A trip outlasts the program: the next scan refuses until somebody clears it by name, and the log keeps all of it."""
 
+import os
+import resource
 from collections.abc import Callable
+from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 from nlos.configs.load import find
+from nlos.drivers.trip_latch import TripLatch
+from tests.acquisition.killed_scans import FORK
 
 if TYPE_CHECKING:
     import subprocess
@@ -87,3 +92,38 @@ def test_the_light_goes_off_although_the_other_instrument_is_missing(
     assert any(line.split()[:2] in (["PASS", "shutter"], ["WARN", "shutter"]) for line in done.stdout.splitlines())
     assert "shutter open" not in (tmp_path / "table.log").read_text()
     assert any(line.startswith("FAIL") and role in line for line in done.stdout.splitlines()), done.stdout
+
+
+def test_a_trip_that_a_full_disk_cut_off_stands_and_so_does_the_one_after_it(tmp_path: Path) -> None:
+    whole, latch = tmp_path / "whole.log", TripLatch(tmp_path / "latch.log")
+    TripLatch(whole).trip("first")
+    TripLatch(whole).clear("Ada")
+    cleared = whole.read_bytes()
+    TripLatch(whole).trip("5e+07 counts/s")
+    text = whole.read_bytes()
+    for size in range(len(text) + 1):
+        latch.path.write_bytes(text[:size])
+        assert (latch.standing() is None) == (size == len(cleared)), text[:size]
+        latch.trip("another")
+        assert latch.standing() == "another", text[:size]
+        latch.clear("Grace")
+        assert latch.standing() is None
+
+
+def test_a_trip_that_does_not_fit_the_disk_is_no_silent_one(tmp_path: Path) -> None:
+    latch = TripLatch(tmp_path / "latch.log")
+
+    def trips(raised: "Synchronized[int]") -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (20, resource.RLIM_INFINITY))
+        try:
+            latch.trip("5e+07 counts/s")
+        except OSError:
+            raised.value = 1
+        os._exit(0)
+
+    raised = FORK.Value("q", 0, lock=False)
+    child = FORK.Process(target=trips, args=(raised,))
+    child.start()
+    child.join()
+    assert raised.value == 1
+    assert latch.standing() is not None

@@ -71,7 +71,8 @@ def keys_of_terminal() -> Iterator[Keys]:
         return
     file = sys.stdin.fileno()
     before = termios.tcgetattr(file)
-    stopped = signal.signal(signal.SIGTSTP, signal.SIG_IGN)  # a program that is stopped cannot shut the light
+    # A program that is stopped, by Ctrl-Z or because it reads in the background, cannot shut the light.
+    before_stops = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGTSTP, signal.SIGTTIN)}
     try:
         tty.setcbreak(file)
         changed = termios.tcgetattr(file)
@@ -80,4 +81,5 @@ def keys_of_terminal() -> Iterator[Keys]:
         yield Keys(file)
     finally:
         termios.tcsetattr(file, termios.TCSADRAIN, before)
-        signal.signal(signal.SIGTSTP, stopped)
+        for number, handler in before_stops.items():
+            signal.signal(number, handler)

@@ -3,18 +3,19 @@
 import signal
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from types import FrameType
 
 from nlos.drivers.alignment_settings import AlignmentSettings
 from nlos.drivers.clock import Clock
-from nlos.drivers.errors import DeviceError, LimitError
+from nlos.drivers.errors import DeviceError, LimitError, ShutterHeld
 from nlos.drivers.safety import GuardedShutter
 
 SPARE_S = 0.06
 """So much earlier than its time the light is told to go off: the command takes a while, and so may a busy computer."""
 SHORTEST_S = 0.2
 _ALARM_EARLY_S = 0.03
+_ALARM_AGAIN_S = 0.05
 
 
 class LightOnRequest:
@@ -84,7 +85,11 @@ class LightOnRequest:
         if wanted and not self._shutter.may_be_open:
             self._set_timer(off_s - now_s - _ALARM_EARLY_S)
             self._opened_s = self._clock.now()
-            self._shutter.open()
+            try:
+                self._shutter.open()
+            except ShutterHeld:  # its time was over before it was open
+                if self._shutter.is_held():
+                    raise
         elif not wanted and self._shutter.may_be_open:
             self._shutter.close("its time is over")
             self._set_timer(0.0)
@@ -127,5 +132,7 @@ class LightOnRequest:
     def _on_alarm(self, number: int, frame: FrameType | None) -> None:
         if not self.lit or self._shutter is None:
             return
-        with suppress(DeviceError):  # reported; the next `tick` tries again
+        try:
             self._shutter.close("its time is over")
+        except DeviceError:  # reported; the program may wait for something else, so `tick` may not come to try again
+            self._set_timer(_ALARM_AGAIN_S)

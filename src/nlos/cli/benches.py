@@ -83,18 +83,32 @@ def opened(loaded: "Loaded[BenchSettings]", scene: Path | None = None, quiet: bo
 
 @contextmanager
 def wire_logged() -> Iterator[Callable[[str, str, bytes], None] | None]:
-    """Every byte to and from the devices, one line each: time, device, direction, bytes as Python writes them."""
+    """Every byte to and from the devices, one line each: time, device, direction, bytes as Python writes them. A disk
+    that fills up ends the log and nothing else."""
     if terminal.wire_log is None:
         yield None
         return
-    with terminal.wire_log.open("x", encoding="utf-8") as file:
+    whole = True
+    file = terminal.wire_log.open("x", encoding="utf-8")
 
-        def log(device: str, direction: str, data: bytes) -> None:
-            now = datetime.now(UTC).isoformat(timespec="microseconds")
+    def log(device: str, direction: str, data: bytes) -> None:
+        nonlocal whole
+        now = datetime.now(UTC).isoformat(timespec="microseconds")
+        try:
             file.write(f"{now} {device} {direction} {data!r}\n")
+        except OSError:
+            whole = False
+            raise
 
+    try:
         yield log
-    terminal.log(f"{terminal.wire_log}: every byte to and from the devices")
+    finally:
+        try:
+            file.close()
+        except OSError:
+            whole = False
+        what = "every byte to and from the devices" if whole else "not every byte: it could not be written to its end"
+        terminal.log(f"{'' if whole else 'warning: '}{terminal.wire_log}: {what}")
 
 
 def _scene(path: Path | None) -> "RecordedScan | None":

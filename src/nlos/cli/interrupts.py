@@ -1,4 +1,5 @@
-"""Ctrl-C: an end between two imports, or a pause of a scan on a terminal. A bench shuts its light before any of it."""
+"""Ctrl-C: an end between two imports, or a pause of a scan on a terminal, as Ctrl-Z is. A bench shuts its light before
+any of it."""
 
 import signal
 import sys
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
 
 BY_HAND = "Ctrl-C in the terminal"
 """What a recording says of a pause: the bare name of the keys reads as if somebody were to press them."""
+_BY_HAND = {"SIGINT": BY_HAND, "SIGTSTP": "Ctrl-Z in the terminal"}
+_PAUSES = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTSTP") if hasattr(signal, name))
+"""Ctrl-Z would stop the program where it is, with the light on."""
 _IMPORT = "<frozen importlib._bootstrap>"
 _AGAIN_S = 0.02
 
@@ -69,35 +73,36 @@ def ignore_interrupts() -> None:
 
 
 class Interrupts:
-    """Turns SIGINT into a wish to pause. `seen` says whether anybody pressed Ctrl-C."""
+    """Turns SIGINT and SIGTSTP into a wish to pause. `seen` says whether anybody pressed Ctrl-C or Ctrl-Z."""
 
     def __init__(self) -> None:
         self.seen = False
         self._control: ScanControl | None = None
         self._asking = False
-        self._light, self._by = "", BY_HAND
+        self._light, self._at_terminal = "", True
 
     @contextmanager
     def caught(self) -> Iterator["Interrupts"]:
-        """SIGINT comes here until the block ends. Enter this before the bench is opened: the bench's own handler,
-        which shuts the light, then runs first and hands the signal on."""
-        previous = signal.signal(signal.SIGINT, self._on_signal)
+        """SIGINT and SIGTSTP come here until the block ends. Enter this before the bench is opened: the bench's own
+        handler, which shuts the light, then runs first and hands the signal on."""
+        previous = {number: signal.signal(number, self._on_signal) for number in _PAUSES}
         try:
             yield self
         finally:
-            signal.signal(signal.SIGINT, previous)
+            for number, handler in previous.items():
+                signal.signal(number, handler)
 
     def pauses(self, control: "ScanControl", shuttered: bool) -> None:
         """From now on Ctrl-C pauses this scan, in the dark where there is a shutter."""
         self._control = control
-        self._by = BY_HAND if sys.stdin.isatty() else "SIGINT"
+        self._at_terminal = sys.stdin.isatty()
         self._light = "the shutter is closed" if shuttered else "the laser is as it was, this bench has no shutter"
 
     def ask(self, why: str) -> bool:
         """Waits for Enter (True) or a second Ctrl-C (False); without a terminal the answer is False."""
         if not (sys.stdin.isatty() and sys.stderr.isatty()):
             return False
-        how = f"by {why}" if why == BY_HAND else f"({why})"
+        how = f"by {why}" if why in _BY_HAND.values() else f"({why})"
         terminal.log(f"paused {how}; {self._light}. Enter resumes, Ctrl-C ends the scan.", -9)
         self._asking = True
         try:
@@ -114,4 +119,5 @@ class Interrupts:
         if self._asking or self._control is None or again:
             interrupt(frame)
             return
-        self._control.interrupt(self._by)
+        name = signal.Signals(number).name
+        self._control.interrupt(_BY_HAND.get(name, name) if self._at_terminal else name)

@@ -1,0 +1,68 @@
+"""What else fails on the way out keeps no light on: the wire log's disk, who is told of events, another thread."""
+
+import errno
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from nlos.configs.load import load
+from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.drivers.simulated.faults import Fault
+from tests.acquisition.witnessed_bench import bench_file, witnessed
+
+BENCHES = ("S1, TTL shutter", "S2", "S2, TTL shutter", "S1")
+
+
+def light(folder: Path) -> list[str]:
+    return [line for line in witnessed(folder) if line.startswith("shutter")]
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_a_wire_log_whose_disk_is_full_holds_up_no_command(
+    tmp_path: Path, name: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    full = False
+
+    def log(device: str, direction: str, data: bytes) -> None:
+        if full:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    settings = load("bench", str(bench_file(tmp_path, name)), BenchSettings).settings
+    with open_bench(settings, wire_log=log) as bench:
+        bench.shutter.open()
+        full = True
+    assert light(tmp_path)[-2:] == ["shutter open", "shutter closed"]
+    assert caplog.text.count("the wire log of") == 2  # each device's, once
+    assert "ends here" in caplog.text
+
+
+@pytest.mark.parametrize("fault", ["A2", "G4", "G9"])
+def test_light_is_shut_again_and_again_although_whoever_is_told_fails(tmp_path: Path, fault: str) -> None:
+    """The first command to close is lost; the events go to a pipe that nobody reads any more."""
+
+    def tell(kind: str, text: str) -> None:
+        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+    settings = load("bench", str(bench_file(tmp_path, "S1, TTL shutter")), BenchSettings).settings
+    with pytest.raises(BrokenPipeError), open_bench(settings) as bench:  # noqa: PT012
+        bench.shutter.open()
+        with suppress(BrokenPipeError):
+            bench.on_event = tell
+        assert bench.simulated is not None
+        bench.simulated.faults.add(Fault(name=fault, after_s=bench.clock.now(), times=2))
+    assert light(tmp_path)[-2:] == ["shutter open", "shutter closed"]
+
+
+@pytest.mark.parametrize("name", ["S1, TTL shutter", "S2"])
+def test_no_thread_opens_the_shutter_of_a_bench_that_the_end_of_the_program_closes(tmp_path: Path, name: str) -> None:
+    child = Path(__file__).with_name("threaded_child.py")
+    for seconds in ("0.0", "0.013", "0.03"):
+        (tmp_path / "witness.txt").unlink(missing_ok=True)
+        command = [sys.executable, str(child), str(bench_file(tmp_path, name)), seconds]
+        assert subprocess.run(command, cwd=Path(__file__).parents[2], timeout=120).returncode == 0
+        seen = light(tmp_path)
+        assert "shutter open" in seen
+        assert seen[-1] == "shutter closed"
