@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from nlos.acquisition.transient import Transient
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, Transient
 
 _FEWEST_BINS = 128
 _COARSE = 3
@@ -21,10 +21,10 @@ _SHORTEST = 4
 """Bins of the shortest stretch that is looked at."""
 
 
-def lit_window(transient: Transient) -> Transient:
+def lit_window(transient: Transient, farthest_m: float = 0.0) -> Transient:
     """The transient without the last half of its window, or three quarters, ..., while cells are deeper than `_COARSE`
     bins where light begins, and nothing stands out of the noise there: halves, so that there are few time axes to build
-    operators for. Time 0 is at the wall."""
+    operators for. It reaches `farthest_m` at least, if it did. Time 0 is at the wall."""
     time, measured = transient.time, transient.exposure_s > 0
     if time.bins < 2 * _FEWEST_BINS or not measured.any():
         return transient
@@ -32,7 +32,9 @@ def lit_window(transient: Transient) -> Transient:
     mean = np.tensordot(transient.counts, weight, axes=([1, 2], [0, 1])) / measured.sum()
     bins, begins = time.bins, time.start_s / time.bin_width_s
     begins += float(np.argmax(mean > 0.1 * mean.max()))
-    while bins // 2 >= _FEWEST_BINS and bins > 2 * _COARSE * begins and is_dark(mean[int(bins // 2 * _ROOM) :]):
+    farthest = (2 * farthest_m / SPEED_OF_LIGHT_M_PER_S - time.start_s) / time.bin_width_s
+    fewest = max(_FEWEST_BINS, farthest)
+    while bins // 2 >= fewest and bins > 2 * _COARSE * begins and is_dark(mean[int(bins // 2 * _ROOM) :]):
         bins //= 2
     if bins == time.bins or is_dark(mean[:bins]):  # what stands out nowhere may be anywhere
         return transient

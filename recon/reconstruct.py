@@ -1,5 +1,6 @@
 """From a transient to a reconstruction, by any method of the catalogue."""
 
+import logging
 import time as clock
 from collections.abc import Mapping
 from dataclasses import replace
@@ -25,6 +26,7 @@ from nlos.recon.transport.conventions import depths_m
 from nlos.recon.volume import Intervals, Reconstruction, Volume, refuse_not_finite
 
 Image = npt.NDArray[np.float32]
+_log = logging.getLogger(__name__)
 PUBLISHED_BIN_WIDTH_S = 16e-12  # two halvings of 4 ps: O'Toole et al. 2018, Lindell et al. 2019
 
 
@@ -36,10 +38,12 @@ def reconstruct(
     *,
     explain: bool = True,
     elsewhere: bool = False,
+    farthest_m: float = 0.0,
 ) -> Reconstruction:
     """What `method`, a name or a file that ends in `.py`, sees in `transient` (time 0 at the wall, no direct light);
     and how much of the light that explains, unless `explain` is False. With `elsewhere` it is asked, too, whether
-    a wall of another size would explain more; of methods that can tell (`other_geometry.TELLING`).
+    a wall of another size would explain more; of methods that can tell (`other_geometry.TELLING`). Up to `farthest_m`
+    methods that leave out a window's dark end look there, too (`lit_window.py`).
 
     Raises `InvalidData` for counts nobody can reconstruct, `InvalidSettings` for a method or setting that does not
     exist, `ReconstructionFailed` where memory or the method does not reach, or what it makes is not finite.
@@ -55,7 +59,7 @@ def reconstruct(
         if why := refusal(method, rebinned.wall, rebinned.time, needed, free, remedies):
             raise ReconstructionFailed(why)
     began = clock.perf_counter()
-    made, planes_m, takes = _see(rebinned, method, chosen, device)
+    made, planes_m, takes = _see(rebinned, method, chosen, device, farthest_m, say=True)
     seconds = clock.perf_counter() - began
     known = getattr(made, "intervals", None)
     result = Reconstruction(
@@ -121,13 +125,18 @@ def explained(
 
 
 def _see(
-    transient: Transient, method: str, chosen: Settings, device: str
+    transient: Transient, method: str, chosen: Settings, device: str, farthest_m: float = 0.0, say: bool = False
 ) -> tuple[MethodResult[Image], npt.NDArray[np.float64], bool]:
     """What a method makes of one transient, the depths of its planes, (D,), and whether it takes a response."""
     if isinstance(chosen, LightConeSettings) and chosen.conventions == "physical":
-        part = lit_window(transient)
+        part = lit_window(transient, farthest_m)
         made, _, takes = _see_all(part, method, chosen, device)
         dark = transient.time.bins - part.time.bins
+        if dark and say:
+            reach_m = (part.time.start_s + part.time.bins * part.time.bin_width_s) * SPEED_OF_LIGHT_M_PER_S / 2
+            _log.info(
+                "nothing stands out of the noise behind %.2f m: not looked at, but up to FAR of --depth-m", reach_m
+            )
         if dark and made.volume is not None:
             made = MethodResult(made.albedo, made.depth_m, np.pad(made.volume, ((0, dark), (0, 0), (0, 0))))
         return made, depths_m(transient.time, chosen.conventions), takes

@@ -45,6 +45,11 @@ def test_what_is_far_behind_is_kept() -> None:
     assert lit_window(far).time.bins == 2048
 
 
+@pytest.mark.parametrize(("farthest_m", "bins"), [(0.0, 512), (2.4, 512), (2.5, 1024), (6.0, 2048), (50.0, 2048)])
+def test_depths_that_are_asked_for_are_looked_at(farthest_m: float, bins: int) -> None:
+    assert lit_window(drawn(0.45, 2048, 32e-12, dark=0.01), farthest_m).time.bins == bins
+
+
 def test_light_that_stands_out_nowhere_may_be_anywhere() -> None:
     faint = drawn(0.45, 2048, 32e-12, photons=30.0, dark=0.05)
     assert lit_window(faint) is faint
