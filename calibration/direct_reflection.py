@@ -16,7 +16,9 @@ SMOOTHING_S = 60e-12
 PRESENT_WITHIN_S = 200e-12
 """A direct pulse has its maximum this close to time 0 ..."""
 PRESENT_ABOVE = 3.0
-"""... and is this many times brighter than anything a nanosecond later."""
+"""... and is this many times brighter than anything a nanosecond later, or than what is darkest until then."""
+LEAST_PRESENT = 0.1
+"""Of the brightest later return, which may well outshine it: of a gated detector, or of an object near the wall."""
 MASKED_ABOVE = 0.3
 """Bins are masked where the direct light's model exceeds this share of the brightest later return."""
 FAINTEST = 1e-4
@@ -56,9 +58,11 @@ def find_direct_light(aligned: npt.ArrayLike, bin_width_s: float) -> DirectLight
     nothing = DirectLight(np.zeros(bins), np.zeros(points), 0, 0.0)
     if bins <= late + early or not smooth[:early].max() > 0:
         return nothing
-    if smooth[:early].max() < PRESENT_ABOVE * smooth[late:].max():
-        return nothing
     peak = int(np.argmax(smooth[:early]))
+    dip, later_peak = float(smooth[peak : late + 1].min()), float(smooth[late:].max())
+    stands_alone = smooth[peak] > max(PRESENT_ABOVE * dip, LEAST_PRESENT * later_peak, 5 * noise[peak])
+    if smooth[peak] < PRESENT_ABOVE * later_peak and not stands_alone:
+        return nothing
     turn = _first_rise(smooth, noise, peak)
     lowest = max(float(smooth[turn]), 3 * float(noise[turn]), FAINTEST * float(smooth[peak]) / 3)
     clean_end = _first_below(smooth, 3 * lowest, peak)

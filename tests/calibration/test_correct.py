@@ -6,6 +6,7 @@ import pytest
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.calibration.correct import correct, correct_points
+from nlos.calibration.direct_reflection import find_direct_light
 from nlos.calibration.errors import InvalidData, SaturatedBins
 from nlos.calibration.raw_points import RawPoints
 from tests.calibration.conftest import RawScan, make_raw_scan
@@ -37,6 +38,30 @@ def test_time_zero_is_the_direct_arrival_and_only_the_hidden_light_is_left() -> 
     assert abs(done.counts[elsewhere].mean()) < 0.05
     rest = (done.counts / np.sqrt(np.maximum(done.variance, 0.2)))[elsewhere]
     assert rest.std() < 1.3
+
+
+@pytest.mark.parametrize("direct_counts", [1200.0, 1600.0])
+def test_direct_light_that_hardly_outshines_hidden_light_is_removed(direct_counts: float) -> None:
+    """On a small wall returns come at nearly the same time: in the mean the pulse is less than 3 times as bright."""
+    scan = make_raw_scan(wall_m=0.1, direct_counts=direct_counts, hidden_counts=1000.0)
+    kept, done = correct_points(raw(scan), remove_direct=False), correct_points(raw(scan))
+    mean = kept.counts.mean(axis=0)
+    assert mean[:3].max() < 3 * mean[30:].max()
+    assert 2 < done.direct.end_bin < 30
+    assert done.counts[:, : done.direct.end_bin].max() == 0
+    assert np.abs(done.counts[:, done.direct.end_bin : 150].mean(axis=0)).max() < 0.01 * mean.max()
+    assert done.counts[:, 150:].sum() == pytest.approx(scan.hidden.sum(), rel=0.02)
+
+
+@pytest.mark.parametrize("level", [0.003, 0.3, 30.0])
+def test_what_is_no_pulse_is_not_taken_for_direct_light(level: float) -> None:
+    """Noise; and light of an object that reaches the wall, brightest where that does."""
+    rng = np.random.default_rng(0)
+    for trial in range(20):
+        noise = rng.poisson(level, (100 + trial, 400))
+        assert find_direct_light(noise, 32e-12).end_bin == 0
+    near = rng.poisson(level + 5 * np.exp(-np.arange(400) / 40), (100, 400))
+    assert find_direct_light(near, 32e-12).end_bin == 0
 
 
 def test_the_model_gives_back_what_was_removed(raw_scan: RawScan) -> None:
