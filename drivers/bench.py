@@ -128,7 +128,7 @@ def open_bench(
         elif scene is not None:
             raise ValueError(f"bench {settings.name} is real; a recorded scan can only replace simulated light")
         closing = Closing(events, clock)
-        stack.enter_context(ExitPaths(closing.shut_light, closing.close))
+        stack.enter_context(ExitPaths(closing.shut_light, closing.close, closing.may_be_lit))
         with closing.on_error():
             try:
                 counter = closing.counter = open_counter(settings.counter, clock, counter_end, wire_log)

@@ -40,6 +40,10 @@ class Closing:
             self._reason = f"{type(error).__name__} {error}".strip()
             raise
 
+    def may_be_lit(self) -> bool:
+        """Whether the shutter may be open."""
+        return self.shutter is not None and self.shutter.may_be_open
+
     def shut_light(self, why: str) -> None:
         """Within a signal handler: closes the shutter, and leaves what was reported to be written down later."""
         self._events.deferred = True

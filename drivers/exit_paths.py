@@ -44,6 +44,11 @@ def a_bench_is_open() -> bool:
     return bool(_open)
 
 
+def light_may_be_on() -> bool:
+    """Whether the shutter of a bench that is open may be: then nothing is waited for that has no deadline."""
+    return any(paths.lit() for paths in _open)
+
+
 @contextmanager
 def undisturbed() -> Iterator[None]:
     """While the block runs, a signal shuts the light and waits: for the few steps that must not be cut in two, such as
@@ -71,8 +76,10 @@ class ExitPaths:
     fell into a finaliser, is raised again.
     """
 
-    def __init__(self, shut_light: Callable[[str], None], close: Callable[[], None]) -> None:
-        self._shut_light, self._close = shut_light, close
+    def __init__(
+        self, shut_light: Callable[[str], None], close: Callable[[], None], lit: Callable[[], bool] = lambda: False
+    ) -> None:
+        self._shut_light, self._close, self.lit = shut_light, close, lit
         self._process = os.getpid()
         self._previous: dict[int, Any] = {}
         self._closing = self._shutting = self._raising_again = False

@@ -66,7 +66,7 @@ def open_partial_bench(
             simulated, counter_end, mirror_end = plugged.bench, plugged.counter, plugged.mirror
             clock = simulated.clock
         closing = Closing(events, clock)
-        stack.enter_context(ExitPaths(closing.shut_light, closing.close))
+        stack.enter_context(ExitPaths(closing.shut_light, closing.close, closing.may_be_lit))
         with closing.on_error():
             bench = PartialBench(settings, clock, events, simulated=simulated)
             inner: LaserShutter | None = NoShutter() if settings.shutter_on == "nothing" else None

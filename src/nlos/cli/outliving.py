@@ -1,33 +1,69 @@
 """A command outlives its terminal: what can no longer be printed is dropped, and the work continues.
 
 A pipe whose reader went, a full device, a terminal that hung up, a stream closed before the command began: none of
-these is a reason to end a scan in its middle.
+these is a reason to end a scan in its middle. Nor does light wait for a terminal that takes nothing more (Ctrl-S, a
+connection that hangs), or a pipe whose reader sleeps: while it is on, what they do not take at once is dropped.
 """
 
 import os
+import select
+import stat
 import sys
+import time
+from typing import TextIO
 
 from nlos.cli.passing_stream import PassingStream
+from nlos.drivers.exit_paths import light_may_be_on
+
+_TAKES_S = 0.1
+"""So long is waited for a stream that took all that came before; one that did not is not waited for."""
+_PIECE = 512
+"""A pipe that has room at all takes so many bytes without waiting (PIPE_BUF)."""
 
 
 class OutlivingStream(PassingStream):
     """A text stream that sends to nowhere once what it sends to is gone."""
 
+    def __init__(self, sent: TextIO) -> None:
+        super().__init__(sent)
+        self._unwaiting = _without_waiting(sent)
+        self._stuck = False
+
     def write(self, text: str) -> int:
         try:
-            self.sent.write(text)
+            if self._unwaiting is not None and light_may_be_on():
+                self._offer(text.encode(self.sent.encoding, "backslashreplace"), self._unwaiting)
+            else:
+                self.sent.write(text)
         except (OSError, ValueError):  # ValueError: closed
             self._send_to_nowhere()
         return len(text)
 
     def flush(self) -> None:
         try:
-            self.sent.flush()
+            if self._unwaiting is None or not light_may_be_on():
+                self.sent.flush()
         except (OSError, ValueError):
             self._send_to_nowhere()
 
+    def _offer(self, data: bytes, number: int) -> None:
+        """Sends what is taken, past what is buffered below, where another thread may be waiting."""
+        until_s = time.monotonic() + (0.0 if self._stuck else _TAKES_S)
+        while data:
+            left_s = until_s - time.monotonic()
+            if select.select([], [number], [], max(left_s, 0.0))[1]:
+                try:
+                    data = data[os.write(number, data[:_PIECE]) :]
+                    continue
+                except BlockingIOError:  # room for less than the next character
+                    pass
+            if left_s <= 0:
+                break
+        self._stuck = bool(data)
+
     def _send_to_nowhere(self) -> None:
         """What is still buffered goes there too, also when the interpreter flushes for the last time."""
+        self._unwaiting = None
         try:
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self.sent.fileno())
@@ -40,6 +76,20 @@ class OutlivingStream(PassingStream):
             return self.sent.isatty()
         except (OSError, ValueError):
             return False
+
+
+def _without_waiting(sent: TextIO) -> int | None:
+    """A file number for the same terminal or pipe, writing to which waits for nothing once it says that it has room;
+    None where there is none, or no need. A terminal's is its own, so that who shares the terminal waits as before."""
+    if not hasattr(os, "ttyname"):
+        return None
+    try:
+        number = sent.fileno()
+        if os.isatty(number):
+            return os.open(os.ttyname(number), os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK)
+        return number if stat.S_ISFIFO(os.fstat(number).st_mode) else None
+    except (OSError, ValueError):
+        return None
 
 
 def outlive_terminal() -> None:
