@@ -10,7 +10,7 @@ from nlos.drivers.closing import Closing
 from nlos.drivers.device_model import WireLog
 from nlos.drivers.errors import BenchClosed, DeviceError
 from nlos.drivers.events import EventLog, OnEvent
-from nlos.drivers.exit_paths import ExitPaths
+from nlos.drivers.exit_paths import ExitPaths, whole
 from nlos.drivers.galvo.known_mirrors import MIRRORS, open_mirror
 from nlos.drivers.galvo.mirror import GalvoMirror, MirrorAngles
 from nlos.drivers.identity import DeviceIdentity
@@ -130,19 +130,21 @@ def open_bench(
         closing = Closing(events, clock)
         stack.enter_context(ExitPaths(closing.shut_light, closing.close, closing.may_be_lit))
         with closing.on_error():
-            try:
-                counter = closing.counter = open_counter(settings.counter, clock, counter_end, wire_log)
-            except DeviceError:
-                if settings.shutter_on == "mirror":  # the mirror's controller can still make it dark
-                    with suppress(DeviceError):
-                        open_mirror(settings.mirror, clock, wire_log, mirror_end).close()
-                raise
             inner: LaserShutter = NoShutter()
-            if settings.shutter_on == "counter":
-                inner = COUNTERS[settings.counter.model].shutters[settings.shutter.model].of(counter)
-                inner.close()
+            with whole(settings.shutter_on == "counter"):
+                try:
+                    counter = closing.counter = open_counter(settings.counter, clock, counter_end, wire_log)
+                except DeviceError:
+                    if settings.shutter_on == "mirror":  # the mirror's controller can still make it dark
+                        with suppress(DeviceError), whole(True):
+                            open_mirror(settings.mirror, clock, wire_log, mirror_end).close()
+                    raise
+                if settings.shutter_on == "counter":
+                    inner = COUNTERS[settings.counter.model].shutters[settings.shutter.model].of(counter)
+                    inner.close()
             # A mirror controller that drives the shutter closes it before it does anything else.
-            mirror = closing.mirror = open_mirror(settings.mirror, clock, wire_log, mirror_end)
+            with whole(settings.shutter_on == "mirror"):
+                mirror = closing.mirror = open_mirror(settings.mirror, clock, wire_log, mirror_end)
             if settings.shutter_on == "mirror":
                 inner = MIRRORS[settings.mirror.model].shutters[settings.shutter.model].of(mirror)
             arming = None if settings.arming is None else Arming(settings.arming, clock, events, agree)

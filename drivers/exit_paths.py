@@ -65,6 +65,17 @@ def undisturbed() -> Iterator[None]:
             paths.deliver()
 
 
+@contextmanager
+def whole(drives_the_shutter: bool) -> Iterator[None]:
+    """The opening of a device. Of one that drives the shutter it is `undisturbed` until it is dark, whatever light a
+    program that was killed left on; each of its exchanges has a deadline."""
+    if drives_the_shutter:
+        with undisturbed():
+            yield
+    else:
+        yield
+
+
 class ExitPaths:
     """Calls `shut_light` within every signal that ends or stops a program before whatever else the program does about
     it, and `close` when the block is left or the interpreter ends. Neither SIGKILL and SIGSTOP, a crash of the

@@ -12,7 +12,7 @@ from nlos.drivers.closing import Closing
 from nlos.drivers.device_model import WireLog
 from nlos.drivers.errors import DeviceError, LimitError
 from nlos.drivers.events import EventLog
-from nlos.drivers.exit_paths import ExitPaths
+from nlos.drivers.exit_paths import ExitPaths, whole
 from nlos.drivers.galvo.known_mirrors import MIRRORS, open_mirror
 from nlos.drivers.galvo.mirror import GalvoMirror
 from nlos.drivers.safety import GuardedShutter
@@ -73,11 +73,13 @@ def open_partial_bench(
             if inner is not None and not light_elsewhere and "mirror" in wanted:
                 raise _light_unknown("this bench has no shutter")
             if "counter" in wanted or settings.shutter_on == "counter":
-                inner = _open_counter(bench, closing, counter_end, wire_log) or inner
+                with whole(settings.shutter_on == "counter"):
+                    inner = _open_counter(bench, closing, counter_end, wire_log) or inner
             if "mirror" in wanted and settings.shutter_on == "counter" and inner is None and not light_elsewhere:
                 raise _light_unknown(f"the counter that drives the shutter does not answer ({bench.absent['counter']})")
             if "mirror" in wanted or settings.shutter_on == "mirror":
-                inner = _open_mirror(bench, closing, mirror_end, wire_log) or inner
+                with whole(settings.shutter_on == "mirror"):
+                    inner = _open_mirror(bench, closing, mirror_end, wire_log) or inner
             if bench.mirror is None and bench.counter is None:
                 raise next(iter(bench.absent.values()))
             if inner is not None:

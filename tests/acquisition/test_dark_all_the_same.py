@@ -1,6 +1,7 @@
 """What else fails on the way out keeps no light on: the wire log's disk, who is told of events, another thread."""
 
 import errno
+import signal
 import subprocess
 import sys
 from contextlib import suppress
@@ -66,3 +67,26 @@ def test_no_thread_opens_the_shutter_of_a_bench_that_the_end_of_the_program_clos
         seen = light(tmp_path)
         assert "shutter open" in seen
         assert seen[-1] == "shutter closed"
+
+
+def test_a_signal_while_a_bench_is_opened_leaves_no_light_on_that_another_program_left(tmp_path: Path) -> None:
+    """A program that was killed left a TTL shutter open; the one that would have closed it is told to end before."""
+    path = bench_file(tmp_path, "S1, TTL shutter")
+    left = "simulation:\n  faults: [{name: A8, parameters: {state: open}}]\n"
+    path.write_text(path.read_text().replace("simulation:\n", left))
+    settings = load("bench", str(path), BenchSettings).settings
+    told = 0
+
+    def end_once(device: str, direction: str, data: bytes) -> None:
+        nonlocal told
+        if light(tmp_path)[-1:] == ["shutter open"]:
+            told += 1
+            if told == when:
+                signal.raise_signal(signal.SIGTERM)
+
+    for when in (1, 2, 4, 6, 8):
+        told = 0
+        (tmp_path / "witness.txt").unlink(missing_ok=True)
+        with pytest.raises(SystemExit), open_bench(settings, wire_log=end_once):
+            pytest.fail("the signal was lost")
+        assert light(tmp_path)[-2:] == ["shutter open", "shutter closed"], when
