@@ -140,6 +140,8 @@ def _same_scan(recording: Recording, plan: ScanPlan, header: Header, same_run: b
         raise ResumeRefused(f"{place}its plan is not the one given{remedy}")
     if other := _other_constants(json.loads(recording.header.constants_json), json.loads(header.constants_json)):
         raise ResumeRefused(f"{place}it was taken with other calibration constants ({other}){remedy}")
+    if other := _other_geometry(recording.header, header):
+        raise ResumeRefused(f"{place}the bench file's geometry, by which it was aimed, is another ({other}){remedy}")
     if same_run and recording.header.identity != header.identity:
         raise ResumeRefused(f"{place}it is a recording of another run. Choose another folder or name.")
     if difference := _other_device(recording.header.devices, header.devices):
@@ -153,6 +155,16 @@ def _other_constants(before: Any, now: Any, name: str = "") -> str:
     if both and bool(before) == bool(now):
         return next((found for key in before if (found := _other_constants(before[key], now.get(key), key))), "")
     return "" if before == now else f"{name or 'constants'}: {_short(before)} then, {_short(now)} now"
+
+
+def _other_geometry(before: Header, now: Header) -> str:
+    """Where the bench file's geometry is not the one recorded, of a scan that is aimed by it and not by constants; what
+    is `allowed` aims nothing."""
+    if json.loads(now.constants_json):
+        return ""
+    then, here = (json.loads(each.bench_json).get("geometry") or {} for each in (before, now))
+    changed = (key for key in then if key != "allowed" and key in here and then[key] != here[key])
+    return next((f"{key}: {_short(then[key])} then, {_short(here[key])} now" for key in changed), "")
 
 
 def _short(value: Any) -> str:
