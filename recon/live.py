@@ -105,9 +105,9 @@ class LiveReconstruction:
     def made_of_film(self, seen: HalfGrid, falloff: int | None = None, hurried: bool = False) -> Reconstruction:
         """A picture of a frame on half the grid, for speed without averages over mirror images, without a look at how
         much light it explains, in bfloat16 where the processor computes in it, and told the response only where that is
-        wider than a quarter of a cell; `hurried`, or if it will be finished, without refinement and from the first
-        light's depth on too. How noisy a film is is found for every eighth frame. May be asked for in several threads.
-        """
+        wider than a quarter of a cell; `hurried`, or if it will be finished, without refinement too; `hurried` from the
+        first light's depth on. How noisy a film is is found for every eighth frame. May be asked for in several
+        threads."""
         wall, response = seen.light.wall, seen.light.response
         cell_s = 2 * max(wall.width_m / wall.cols, wall.height_m / wall.rows) / SPEED_OF_LIGHT_M_PER_S
         told = response is not None and response.fwhm_s > cell_s / 4
@@ -163,7 +163,9 @@ class LiveReconstruction:
 
             quick["bfloat16"] = bfloat16_is_fast()
         if hurried or finished:
-            quick |= {"refine": False, "from_first_light": not self.settings.get("refine", False)}
+            quick["refine"] = False
+        if hurried:
+            quick["from_first_light"] = not self.settings.get("refine", False)
         return {name: value for name, value in quick.items() if name in known} | self._set(falloff)
 
     def _set(self, falloff: int | None) -> dict[str, object]:

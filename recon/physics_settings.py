@@ -52,6 +52,8 @@ class LightConeSettings(PhysicsSettings):
 
     tile: Annotated[int, Field(ge=1)] | None = None
     """Frequencies held at a time, to save memory; all of them unless given. The result is the same."""
+    farthest_m: Annotated[float, Field(ge=0)] = 0.0
+    """Depths up to here are looked at even where nothing stands out of the noise; FAR of `--depth-m`."""
 
     told_cubes: ClassVar[float] = 0.0
     told_spectra: ClassVar[float] = 0.0

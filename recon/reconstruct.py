@@ -38,12 +38,10 @@ def reconstruct(
     *,
     explain: bool = True,
     elsewhere: bool = False,
-    farthest_m: float = 0.0,
 ) -> Reconstruction:
     """What `method`, a name or a file that ends in `.py`, sees in `transient` (time 0 at the wall, no direct light);
     and how much of the light that explains, unless `explain` is False. With `elsewhere` it is asked, too, whether
-    a wall of another size would explain more; of methods that can tell (`other_geometry.TELLING`). Up to `farthest_m`
-    methods that leave out a window's dark end look there, too (`lit_window.py`).
+    a wall of another size would explain more; of methods that can tell (`other_geometry.TELLING`).
 
     Raises `InvalidData` for counts nobody can reconstruct, `InvalidSettings` for a method or setting that does not
     exist, `ReconstructionFailed` where memory or the method does not reach, or what it makes is not finite.
@@ -59,7 +57,7 @@ def reconstruct(
         if why := refusal(method, rebinned.wall, rebinned.time, needed, free, remedies):
             raise ReconstructionFailed(why)
     began = clock.perf_counter()
-    made, planes_m, takes = _see(rebinned, method, chosen, device, farthest_m, say=True)
+    made, planes_m, takes = _see(rebinned, method, chosen, device, say=True)
     seconds = clock.perf_counter() - began
     known = getattr(made, "intervals", None)
     result = Reconstruction(
@@ -125,11 +123,11 @@ def explained(
 
 
 def _see(
-    transient: Transient, method: str, chosen: Settings, device: str, farthest_m: float = 0.0, say: bool = False
+    transient: Transient, method: str, chosen: Settings, device: str, say: bool = False
 ) -> tuple[MethodResult[Image], npt.NDArray[np.float64], bool]:
     """What a method makes of one transient, the depths of its planes, (D,), and whether it takes a response."""
     if isinstance(chosen, LightConeSettings) and chosen.conventions == "physical":
-        part = lit_window(transient, farthest_m)
+        part = lit_window(transient, chosen.farthest_m)
         made, _, takes = _see_all(part, method, chosen, device)
         dark = transient.time.bins - part.time.bins
         if dark and say:

@@ -228,10 +228,8 @@ def reconstruct_scan(
     use_file_offsets: bool = False,
     stage: Callable[[str], None] = lambda name: None,
     arrivals: "TimeOffsets | None" = None,
-    farthest_m: float = 0.0,
 ) -> "Reconstruction":
-    """A scan calibrated and reconstructed; the falloff that its file states is used unless the settings say another.
-    Depths up to `farthest_m` are looked at also where nothing stands out of the noise."""
+    """A scan calibrated and reconstructed; the falloff that its file states is used unless the settings say another."""
     chosen = dict(recipe.settings)
     if scan.falloff is not None and "falloff" in find(recipe.method).Settings.model_fields:
         chosen.setdefault("falloff", scan.falloff)
@@ -243,7 +241,7 @@ def reconstruct_scan(
         log.warning("%s", unlike)
     stage(f"{recipe.method} on {transient.wall.rows} x {transient.wall.cols} x {transient.time.bins}")
     with _or_rectified(scan):
-        made = reconstruct(transient, recipe.method, chosen, recipe.device, elsewhere=True, farthest_m=farthest_m)
+        made = reconstruct(transient, recipe.method, chosen, recipe.device, elsewhere=True)
     return replace(made, left_aside=scan.left_aside)
 
 
@@ -277,10 +275,11 @@ def reconstruct_file(
     offsets = chosen.pop("offsets", None)
     if offsets not in (None, "file"):
         raise InvalidSettings(f"offsets={offsets}: only `offsets=file` is known")
+    if results.depth_m is not None and "farthest_m" in find(recipe.method).Settings.model_fields:
+        chosen.setdefault("farthest_m", results.depth_m[1])
     result = reconstruct_scan(
-        scan, replace(recipe, settings=chosen), use_file_offsets=offsets == "file", stage=stage, arrivals=arrivals,
-        farthest_m=0.0 if results.depth_m is None else results.depth_m[1],
-    )  # fmt: skip
+        scan, replace(recipe, settings=chosen), use_file_offsets=offsets == "file", stage=stage, arrivals=arrivals
+    )
     if results.depth_m is not None:
         result = within_depths(result, *results.depth_m)
     result = replace(result, scan=run.name)
