@@ -88,7 +88,9 @@ def test_the_first_picture_of_a_film_builds_nothing_and_aligns_nothing(
     known = held.calibrated(False)
     assert known.of_film is not None
     for picture, live in zip(first, lives, strict=True):  # what was rehearsed leaves no trace
-        alone = live.anew().of_film(known.of_film, known.samples, known.falloff)
+        other, hurried = live.anew(), live is lives[-1]  # as films begin
+        made_alone = other.made_of_film(known.of_film, known.falloff, hurried)
+        alone = other.judged_of_film(known.of_film, made_alone, known.samples)
         np.testing.assert_array_equal(picture.reconstruction.albedo, alone.reconstruction.albedo)
         assert picture.change == 1.0
 

@@ -1,15 +1,16 @@
 """When pictures of a film are made with less, so that fewer frames get none."""
 
-FIRST_TRY = 30
+FIRST_TRY = 12
 """Pictures in a hurry without a dropped frame, after which one is tried with all; twice as many after each try."""
 LONGEST_TRY = 960
 
 
 class Hurry:
-    """On from the first dropped frame until a single picture with all was made as quickly as frames come."""
+    """On from the beginning, when pictures are latest, and from each dropped frame on, until a single picture with all
+    was made as quickly as frames come."""
 
     def __init__(self) -> None:
-        self.on = False
+        self.on = True
         self._kept_up, self._wanted, self._trying = 0, FIRST_TRY, False
 
     def next(self) -> bool:
