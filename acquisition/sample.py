@@ -4,6 +4,14 @@ from dataclasses import dataclass
 
 from nlos.drivers.tcspc.counter import Histogram
 
+PAUSE_S = 10.0
+
+
+def is_pause(between_s: float, dwell_s: float) -> bool:
+    """Whether so long a time between the ends of two samples is a pause, or a scan that was resumed later: it tells
+    nothing of the pace at which points are taken."""
+    return between_s > PAUSE_S + 10 * dwell_s
+
 
 @dataclass(frozen=True)
 class ScanPoint:

@@ -15,6 +15,7 @@ import time
 import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 
 from nlos.acquisition.recording.recording import Recording
@@ -31,6 +32,9 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 
 
 def main() -> None:
+    if CHROMIUM is None or find_spec("playwright") is None:
+        print("no Chromium, or no Playwright (pip install playwright): the page is not watched", file=sys.stderr)
+        return
     with tempfile.TemporaryDirectory() as folder:
         there = Path(folder)
         for number, (name, text) in enumerate(SCANS.items()):

@@ -18,11 +18,11 @@ import sys
 import tempfile
 import threading
 import time
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from playwright.sync_api import sync_playwright
 
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer import RecordingWriter
@@ -46,6 +46,9 @@ NOTED = """() => {
 
 
 def main() -> None:
+    if CHROMIUM is None or find_spec("playwright") is None:
+        print("no Chromium, or no Playwright (pip install playwright): films are not watched", file=sys.stderr)
+        return
     with tempfile.TemporaryDirectory() as folder:
         run = Path(folder) / "run.h5"
         run.with_suffix(".yaml").write_text(SCAN)
@@ -86,6 +89,8 @@ def watched(run: Path, grows: Path, method: str) -> dict[str, Any]:
                 writer.write(sample)
                 written_s[count] = time.time()
             writer.finish(Status.COMPLETE)
+
+    from playwright.sync_api import sync_playwright
 
     with sync_playwright() as started:
         browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])

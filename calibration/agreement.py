@@ -6,11 +6,11 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.planning.aim import Aim
+from nlos.calibration.arrival_rounds import TimeOffsets
 from nlos.calibration.geometry import ScannerGeometry
 from nlos.calibration.geometry_fit import GeometryFit
 from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.spots_fit import PlacedScanner
-from nlos.calibration.time_offset import TimeOffsets
 from nlos.calibration.wall_timing import WallTiming, fit_wall_timing
 
 Floats = npt.NDArray[np.float64]

@@ -10,13 +10,14 @@ from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.calibration import raw_points
 from nlos.calibration.alignment import align, align_variance, recorded_bins
+from nlos.calibration.arrival_rounds import TimeOffsets
 from nlos.calibration.background import Background, before_pulse, subtract
 from nlos.calibration.constants import BenchConstants
 from nlos.calibration.detector import subtract_dark, undo_dead_time
 from nlos.calibration.direct_reflection import DirectLight, find_direct_light, known_direct_light, remove_direct_light
 from nlos.calibration.errors import InvalidData, NoDirectPeak, NothingBehind
 from nlos.calibration.raw_points import RawPoints
-from nlos.calibration.time_offset import TimeOffsets, measure_time_offsets
+from nlos.calibration.time_offset import measure_time_offsets
 
 Floats = npt.NDArray[np.float64]
 LEAD_S = 300e-12
@@ -52,6 +53,8 @@ class CorrectedPoints:
             "offset_rms_bins": offsets.rms_bins if offsets and wall else None,
             "offset_rms_ps": rms_s * 1e12 if rms_s is not None else None,
             "offset_rms_mm": rms_s * SPEED_OF_LIGHT_M_PER_S / 2 * 1e3 if rms_s is not None else None,
+            "arrivals_known": offsets is None,
+            "on_a_plane": offsets.on_a_plane if offsets and wall else None,
             "arrival_spread_bins": float(np.std(offsets.measured_bins[offsets.found])) if offsets else None,
             "scanner_position_m": [float(v) for v in wall.scanner_position_m] if wall else None,
             "electronic_delay_ns": wall.delay_s * 1e9 if wall else None,
@@ -116,7 +119,8 @@ def correct_points(
         except NoDirectPeak:
             if constants is None or constants.arrivals is None:
                 raise
-            arrival = known_arrival_bins(constants, raw.x_m, raw.y_m, raw.time)
+        if constants is not None and constants.arrivals is not None and not (offsets and offsets.on_a_plane):
+            offsets, arrival = None, known_arrival_bins(constants, raw.x_m, raw.y_m, raw.time)
     lead_s = LEAD_S if offsets is None else -2 * offsets.response.start_s
     counts = subtract_dark(counts, raw, constants)
     dark_end = arrival - max(2.0, lead_s / raw.time.bin_width_s)

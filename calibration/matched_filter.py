@@ -2,10 +2,12 @@
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from nlos.calibration.impulse_response import ROWS_AT_ONCE, ImpulseResponse, windows
 
 Floats = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 FINE_STEPS = 8
 """Trial shifts a bin; the vertex of a parabola resolves finer."""
 DETECTION_NEARBY = 4.0
@@ -23,6 +25,33 @@ def boxcar_arrival(recorded: npt.NDArray[np.generic], background: Floats, box: i
     expected = box * background
     gain = held * np.log(np.maximum(held, expected) / expected) - (held - expected)
     return top.astype(np.float64) + box / 2, np.where(held > expected, gain, 0.0)
+
+
+def earliest_pulse(
+    recorded: npt.NDArray[np.generic], together: Indices, background: Floats, box: int, least_gain: float
+) -> tuple[Floats, Floats]:
+    """As `boxcar_arrival`, of the first `box` bins that beat the background by `least_gain`, moved on to where that
+    pulse is fullest: of points `together` (M, K), K at a time."""
+    arrival, gain = np.zeros(len(together)), np.zeros(len(together))
+    for start in range(0, len(together), ROWS_AT_ONCE):
+        rows = slice(start, start + ROWS_AT_ONCE)
+        total = np.zeros((len(together[rows]), recorded.shape[1]))
+        for member in together[rows].T:
+            total += recorded[member]
+        running = np.pad(np.cumsum(total, axis=1), ((0, 0), (1, 0)))
+        sums, expected = running[:, box:] - running[:, :-box], box * background[together[rows]].sum(axis=1)[:, None]
+        gains = np.where(sums > expected, sums * np.log(np.maximum(sums, expected) / expected) - (sums - expected), 0.0)
+        near = np.minimum(np.argmax(gains > least_gain, axis=1)[:, None] + np.arange(box), sums.shape[1] - 1)
+        top = np.take_along_axis(near, np.take_along_axis(sums, near, axis=1).argmax(axis=1)[:, None], axis=1)
+        arrival[rows], gain[rows] = top[:, 0] + box / 2, np.take_along_axis(gains, top, axis=1)[:, 0]
+    return arrival, gain
+
+
+def neighbours(x_m: Floats, y_m: Floats, count: int) -> Indices:
+    """Indices (N, K) of the `count` points nearest to each, itself included."""
+    places = np.column_stack([x_m, y_m])
+    nearest = scipy.spatial.cKDTree(places).query(places, min(count, len(places)))[1]
+    return np.asarray(nearest, dtype=np.int64).reshape(len(places), -1)
 
 
 def match(
@@ -84,6 +113,24 @@ def window_counts(
     whole = np.floor(np.where(known, at, 0)).astype(np.int64)
     total = windows(recorded, whole - before, before + after).sum(axis=1) - (before + after) * background
     return np.where(known, total, np.nan)
+
+
+def misfit(
+    recorded: npt.NDArray[np.generic], at: Floats, background: Floats, template: ImpulseResponse, width: float
+) -> float:
+    """Mean squared deviation of pulses at `at` (N,) from the response scaled to their counts, beyond what chance makes,
+    as a share of the response's own squares."""
+    before, after = _support(template, width)
+    off = power = 0.0
+    for start in range(0, len(at), ROWS_AT_ONCE):
+        rows = slice(start, start + ROWS_AT_ONCE)
+        whole = np.floor(at[rows]).astype(np.int64)
+        held, below = windows(recorded[rows], whole - before, before + after), background[rows, None]
+        shares = template.in_bins((whole - before - at[rows]) * width, before + after, width)
+        pulse = np.clip(held.sum(axis=1, keepdims=True) - (before + after) * below, 0, None) * shares
+        off += float(((held - below - pulse) ** 2 - pulse - below).sum())
+        power += float((pulse**2).sum())
+    return off / max(power, 1e-30)
 
 
 def _support(template: ImpulseResponse, width: float) -> tuple[int, int]:

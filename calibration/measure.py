@@ -10,6 +10,7 @@ import numpy.typing as npt
 from nlos.acquisition.planning.aim import Aim
 from nlos.calibration.afterpulsing import ClickAfterClick, from_full_period
 from nlos.calibration.agreement import disagreements, landed_at, off_its_aim
+from nlos.calibration.arrival_rounds import TimeOffsets
 from nlos.calibration.arrivals import Arrivals
 from nlos.calibration.background import dark_rate_per_bin, is_flat
 from nlos.calibration.constants import BenchConstants, Quantity
@@ -21,7 +22,7 @@ from nlos.calibration.geometry_fit import DirectTimes, GeometryFit, Spots, fit_g
 from nlos.calibration.impulse_response import ImpulseResponse
 from nlos.calibration.raw_points import RawPoints, joined
 from nlos.calibration.spots_fit import PlacedScanner, place_with_run
-from nlos.calibration.time_offset import TimeOffsets, measure_time_offsets
+from nlos.calibration.time_offset import measure_time_offsets
 from nlos.calibration.wall_timing import WallTiming
 
 Floats = npt.NDArray[np.float64]

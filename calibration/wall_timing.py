@@ -70,6 +70,7 @@ def fit_wall_timing(
         starts = [np.array([*near.scanner_position_m, 0.0])]
     best = None
     for start in starts:
+        start[2] = max(start[2], bounds[0][2])
         start[3] = -np.median(residuals(start, usable) * error_m[usable])
         fit = scipy.optimize.least_squares(
             residuals, start, slopes, bounds, loss="soft_l1", f_scale=2.0, x_scale=[extent] * 4, args=(usable,)

@@ -16,6 +16,7 @@ from nlos.drivers.galvo.mirror import GalvoMirror, MirrorAngles
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.safety import GuardedShutter
 from nlos.drivers.shutter import LaserShutter, NoShutter
+from nlos.drivers.silence import Silence, heard_by
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.recorded import RecordedScan
 from nlos.drivers.tcspc.counter import HistogramCounter
@@ -51,6 +52,7 @@ class Bench:
         counter.meanwhile(self._look)
 
     def _look(self) -> None:
+        self.shutter.heard()
         self.mirror.look()
         self.while_waiting()
 
@@ -65,6 +67,12 @@ class Bench:
         if self.simulated is not None:
             self.simulated.turns.announce(numbers, places)
 
+    def scene_goes_on(self, since_lit_s: float) -> None:
+        """Tells a simulated bench how long ago the first point of the scan was lit that is resumed now: what is in its
+        scene has moved on. A real scene knows."""
+        if self.simulated is not None:
+            self.simulated.first_lit(self.clock.now() - since_lit_s)
+
     @property
     def identities(self) -> tuple[DeviceIdentity, ...]:
         """Who mirror and counter said they are when they were opened."""
@@ -77,7 +85,7 @@ class Bench:
         if self.settings.shutter.model == "none":
             own.append("this bench has no shutter: nothing here can shut off the light")
         elif not self.shutter.has_watchdog:
-            own.append("no watchdog: if this computer hangs, the shutter stays as it is")
+            own.append("no watchdog: if the computer freezes or kills this program, the shutter stays open")
         if self.settings.safety.dry_run:
             stays = "the shutter stays closed" if self.settings.shutter_on != "nothing" else (
                 "there is no shutter that it could keep closed, switch the laser off by hand")  # fmt: skip
@@ -127,13 +135,15 @@ def open_bench(
             clock = simulated.clock
         elif scene is not None:
             raise ValueError(f"bench {settings.name} is real; a recorded scan can only replace simulated light")
+        silence = Silence(clock, settings.safety.watchdog_s) if settings.shutter_on == "mirror" else None
+        log = heard_by(silence, wire_log)
         closing = Closing(events, clock)
         stack.enter_context(ExitPaths(closing.shut_light, closing.close, closing.may_be_lit))
         with closing.on_error():
             inner: LaserShutter = NoShutter()
             with whole(settings.shutter_on == "counter"):
                 try:
-                    counter = closing.counter = open_counter(settings.counter, clock, counter_end, wire_log)
+                    counter = closing.counter = open_counter(settings.counter, clock, counter_end, log)
                 except DeviceError:
                     if settings.shutter_on == "mirror":  # the mirror's controller can still make it dark
                         with suppress(DeviceError), whole(True):
@@ -144,12 +154,15 @@ def open_bench(
                     inner.close()
             # A mirror controller that drives the shutter closes it before it does anything else.
             with whole(settings.shutter_on == "mirror"):
-                mirror = closing.mirror = open_mirror(settings.mirror, clock, wire_log, mirror_end)
+                mirror = closing.mirror = open_mirror(settings.mirror, clock, log, mirror_end)
             if settings.shutter_on == "mirror":
                 inner = MIRRORS[settings.mirror.model].shutters[settings.shutter.model].of(mirror)
             arming = None if settings.arming is None else Arming(settings.arming, clock, events, agree)
             shutter = closing.shutter = GuardedShutter(inner, counter, settings.safety, events, latch, arming)
+            shutter.listen(silence)
             shutter.close()
+            if settings.shutter_on == "mirror":
+                closing.make_dark = lambda: open_mirror(settings.mirror, clock, log, mirror_end).close()
             bench = Bench(settings, mirror, counter, shutter, clock, events, simulated)
             stack.callback(setattr, bench, "closed", True)
             for warning in bench.warnings:

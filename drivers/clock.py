@@ -3,9 +3,14 @@
 import time
 from typing import Protocol
 
+_AWAKE_OR_NOT: int | None = getattr(time, "CLOCK_BOOTTIME", None)
+
 
 class Clock(Protocol):
     """Seconds on a monotonic clock of arbitrary origin. Everything that waits is given one."""
+
+    passes_by_itself: bool
+    """Whether time goes on while nobody waits for it."""
 
     def now(self) -> float:
         """Seconds since some moment."""
@@ -17,10 +22,13 @@ class Clock(Protocol):
 
 
 class SystemClock:
-    """The computer's monotonic clock."""
+    """The computer's monotonic clock, which no setting of the time of day moves. Where the system has one (Linux) it is
+    the one that goes on while the computer sleeps: light that was on then is older than it looks."""
+
+    passes_by_itself = True
 
     def now(self) -> float:
-        return time.monotonic()
+        return time.monotonic() if _AWAKE_OR_NOT is None else time.clock_gettime(_AWAKE_OR_NOT)
 
     def sleep(self, seconds: float) -> None:
         if seconds > 0:
@@ -33,6 +41,8 @@ class VirtualClock:
     Time passes only when somebody waits for it - a dwell, a settling mirror, a byte on its way - so that a simulated
     scan reports the duration of the real one.
     """
+
+    passes_by_itself = False
 
     def __init__(self) -> None:
         self._now_s = 0.0
@@ -51,6 +61,8 @@ class VirtualClock:
 
 class RealTimeClock(VirtualClock):
     """A simulated bench's clock that keeps the computer's time: for a person who turns a knob and looks."""
+
+    passes_by_itself = True
 
     def __init__(self) -> None:
         self._began_s = time.monotonic()

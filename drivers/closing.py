@@ -15,6 +15,8 @@ from nlos.drivers.tcspc.counter import HistogramCounter
 _log = logging.getLogger(__name__)
 
 _MORE_CLOSINGS = 4  # answers that are seconds late come within so many
+_OPENINGS, _APART_S = 5, 1.0
+"""How often, and how far apart, a cable that is gone is looked for: one that only slipped is back within seconds."""
 
 
 class Closing:
@@ -25,6 +27,8 @@ class Closing:
         self.counter: HistogramCounter | None = None
         self.mirror: GalvoMirror | None = None
         self.shutter: GuardedShutter | None = None
+        self.make_dark: Callable[[], None] | None = None
+        """Opens what drives the shutter anew, shuts the light and lets go: for when its cable was lost."""
         self._events = events
         self._reason = ""
         self._error: BaseException | None = None
@@ -88,8 +92,23 @@ class Closing:
             return True
         _log.critical("THE LASER SHUTTER IS NOT CONFIRMED CLOSED (%s). Shut the laser off.", failures[-1])
         if lost:
-            return shutter.outlast_watchdog(self._clock)
+            return shutter.outlast_watchdog(self._clock) or self._shut_anew()
         return any(self._done(failures, partial(shutter.close, self._reason)) for _ in range(_MORE_CLOSINGS))
+
+    def _shut_anew(self) -> bool:
+        """Whether it is dark because the cable came back, as one does that only slipped."""
+        if self.make_dark is None or self.mirror is None:
+            return False
+        self.mirror.close()  # the name of its port is free again
+        for attempt in range(_OPENINGS):
+            if attempt:
+                self._clock.sleep(_APART_S)
+            with suppress(Exception):
+                self.make_dark()
+                _log.critical("The laser shutter is closed: its controller answers again.")
+                self._events.report("shutter", "closed: its controller answers again")
+                return True
+        return False
 
     def _park(self, failures: list[Exception], mirror: GalvoMirror) -> None:
         if self._dark:

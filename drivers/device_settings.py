@@ -15,6 +15,8 @@ class DeviceSettings(Settings):
     has the key that its `cable` calls for: `port`, `usb` or `library`."""
 
     cable: ClassVar[Cable]
+    incidental: ClassVar[frozenset[str]] = frozenset(_ADDRESS_KEY.values()) | {"serial", "timeout_s"}
+    """Keys that do not matter to what is counted where: a scan may be resumed with others. A model adds its own."""
 
     model: str
     """Which driver: the word by which a bench file names this kind of device."""

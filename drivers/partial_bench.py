@@ -17,6 +17,7 @@ from nlos.drivers.galvo.known_mirrors import MIRRORS, open_mirror
 from nlos.drivers.galvo.mirror import GalvoMirror
 from nlos.drivers.safety import GuardedShutter
 from nlos.drivers.shutter import LaserShutter, NoShutter
+from nlos.drivers.silence import Silence, heard_by
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.tcspc.counter import HistogramCounter
 from nlos.drivers.tcspc.known_counters import COUNTERS, open_counter
@@ -65,6 +66,8 @@ def open_partial_bench(
             plugged = stack.enter_context(plug_in(settings, clock=RealTimeClock()))
             simulated, counter_end, mirror_end = plugged.bench, plugged.counter, plugged.mirror
             clock = simulated.clock
+        silence = Silence(clock, settings.safety.watchdog_s) if settings.shutter_on == "mirror" else None
+        log = heard_by(silence, wire_log)
         closing = Closing(events, clock)
         stack.enter_context(ExitPaths(closing.shut_light, closing.close, closing.may_be_lit))
         with closing.on_error():
@@ -74,17 +77,20 @@ def open_partial_bench(
                 raise _light_unknown("this bench has no shutter")
             if "counter" in wanted or settings.shutter_on == "counter":
                 with whole(settings.shutter_on == "counter"):
-                    inner = _open_counter(bench, closing, counter_end, wire_log) or inner
+                    inner = _open_counter(bench, closing, counter_end, log) or inner
             if "mirror" in wanted and settings.shutter_on == "counter" and inner is None and not light_elsewhere:
                 raise _light_unknown(f"the counter that drives the shutter does not answer ({bench.absent['counter']})")
             if "mirror" in wanted or settings.shutter_on == "mirror":
                 with whole(settings.shutter_on == "mirror"):
-                    inner = _open_mirror(bench, closing, mirror_end, wire_log) or inner
+                    inner = _open_mirror(bench, closing, mirror_end, log) or inner
+            if bench.mirror is not None and settings.shutter_on == "mirror":
+                closing.make_dark = lambda: open_mirror(settings.mirror, clock, log, mirror_end).close()
             if bench.mirror is None and bench.counter is None:
                 raise next(iter(bench.absent.values()))
             if inner is not None:
                 arming = None if settings.arming is None else Arming(settings.arming, clock, events, agree)
                 guarded = GuardedShutter(inner, bench.counter, settings.safety, events, latch, arming)
+                guarded.listen(silence)
                 bench.shutter = closing.shutter = guarded
                 guarded.close()
             yield bench

@@ -11,6 +11,7 @@ from nlos.drivers.errors import BenchClosed, DeviceError, SafetyTrip, ShutterHel
 from nlos.drivers.events import EventLog
 from nlos.drivers.safety_settings import SafetySettings
 from nlos.drivers.shutter import LaserShutter, NoShutter, ShutterState
+from nlos.drivers.silence import Silence
 from nlos.drivers.tcspc.counter import CountRates, Histogram, HistogramCounter
 from nlos.drivers.trip_latch import TripLatch
 
@@ -42,6 +43,12 @@ class GuardedShutter:
         self._for_good = False
         self._opening = threading.RLock()
         self._arming = arming
+        self._silence: Silence | None = None
+
+    def listen(self, silence: Silence | None) -> None:
+        """From now on light is shut off in this one's silence, where no instrument's watchdog does so."""
+        if silence is not None and self._there and self._settings.watchdog_s > 0 and self._watchdog is None:
+            self._silence, silence.shut = silence, self._left_alone
 
     @property
     def on_counter(self) -> bool:
@@ -95,9 +102,12 @@ class GuardedShutter:
             if self._there:
                 self._events.report("shutter", "asked to open: stays closed in a dry run")
             return
+        self._check_heard()
         if (watchdog := self._watchdog) is not None:
             watchdog.arm_watchdog(self._settings.watchdog_s)
             self._watching = True
+        if self._silence is not None:
+            self._silence.lit()
         was_open = self._open
         # From here on the light may be on, whatever the instrument's answer will be.
         self._open, self.confirmed_closed = True, False
@@ -141,6 +151,8 @@ class GuardedShutter:
     def close_for_good(self, why: str = "") -> None:
         """`close`, and whatever another thread is about to: it opens no more. The bench is being closed."""
         self._for_good = True
+        if self._silence is not None:
+            self._silence.end()
         if self._opening.acquire(timeout=_OPENING_S):
             self._opening.release()
         self.close(why)
@@ -148,6 +160,8 @@ class GuardedShutter:
     def release(self) -> None:
         """A scan begins, or resumes: it may open again."""
         self._held = ""
+        if self._silence is not None:
+            self._silence.broken_off = ""
 
     def close(self, why: str = "") -> None:
         """As `LaserShutter.close`; then the watchdog, which has nothing left to watch, is turned off."""
@@ -158,6 +172,8 @@ class GuardedShutter:
             self._events.report("shutter", f"NOT CONFIRMED CLOSED: {error}")
             raise
         self._open, self.confirmed_closed = False, True
+        if self._silence is not None:
+            self._silence.dark()
         if was_open and self._there:
             self._events.report("shutter", f"closed{': ' + why if why else ''}")
         if self._watching and self._counter is not None:
@@ -176,6 +192,26 @@ class GuardedShutter:
         self._events.report("watchdog", f"silent for {self._settings.watchdog_s:g} s: its time to close the shutter")
         return True
 
+    def heard(self) -> None:
+        """A sign of life of whoever asked for the light. Raises `SafetyTrip` where it comes too late: the light is off,
+        or is to be shut off."""
+        if self._silence is not None:
+            self._silence.heard()
+            self._check_heard()
+
+    def _check_heard(self) -> None:
+        if self._silence is not None and self._silence.broken_off:
+            raise SafetyTrip(
+                "shutter",
+                f"closed by itself: {self._silence.broken_off}.",
+                "Find what held it up: a disk or network share that hangs, a driver, a computer that slept.",
+            )
+
+    def _left_alone(self) -> None:
+        """Within a thread of its own: the program hangs somewhere."""
+        if self._silence is not None:
+            self.close(self._silence.broken_off)
+
     def state(self) -> ShutterState:
         """What the guarded shutter's contact says."""
         return self._shutter.state()
@@ -183,8 +219,9 @@ class GuardedShutter:
     def watch(self, histogram: Histogram) -> None:
         """Checks one histogram's rate against the limit: the trip of benches whose counter has none of its own.
 
-        Raises `SafetyTrip` with the shutter closed and the trip latched.
+        Raises `SafetyTrip` with the shutter closed and the trip latched. A sign of life, as `heard` is.
         """
+        self.heard()
         if histogram.live_time_s * 1e3 < self._settings.trip_ms:
             return
         rate_cps = histogram.total_count / histogram.live_time_s

@@ -11,7 +11,8 @@ class SafetySettings(Settings):
     dry_run: bool = False
     """The light never comes on; everything else happens."""
     watchdog_s: float = Field(default=2.0, ge=0, le=60)
-    """The instrument closes the shutter when the host has been silent for so long; 0: never."""
+    """The shutter closes when this computer has been silent for so long; 0: never. A counter sees to it that drives the
+    shutter itself, else a thread of this program: against whatever hangs the program, not where it is killed."""
     trip_cps: float = Field(default=5e6, gt=0)
     """Detector rate above which the light is shut off, until a person clears it."""
     trip_ms: float = Field(default=10.0, ge=1)

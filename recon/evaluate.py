@@ -28,6 +28,7 @@ from nlos.recon.metrics import depth_scores, image_scores
 from nlos.recon.peak_memory import forget_peak, peak_rss_mb
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.subsets import measured_points
+from nlos.recon.truth_checks import check_reach, checked_depth, turned_truth
 from nlos.recon.volume import Reconstruction, response_words
 
 CONDITIONS = ("transient", "counts_p20", "counts_p5", "counts_p1", "counts_p5@16x16")
@@ -158,6 +159,12 @@ def evaluate(
             for row, picture in best:
                 rows.append(row)
                 pictures[row.scene, row.method, row.condition] = picture
+    for scene in scenes:
+        if said := turned_truth(
+            [made.albedo for key, made in pictures.items() if key[0] == scene.name], scene.intensity
+        ):
+            notes.append(f"{scene.name}: {said}")
+            say(notes[-1])
     return Evaluation(rows, scenes, pictures, notes)
 
 
@@ -206,6 +213,7 @@ def read_scene(path: Path) -> Scene | None:
         )
     if not (np.isfinite(intensity).all() and intensity.max(initial=0) > 0):
         raise InvalidData(f"{path}: gt_intensity holds no light or is not finite; there is nothing to compare with.")
+    depth_m = checked_depth(path, depth_m, mask > 0)
     return Scene(path.stem, path, intensity, depth_m, mask > 0, wall, None if falloff is None else int(falloff))
 
 
@@ -231,6 +239,7 @@ def transient_of(scene: Scene, condition: str) -> Transient:
             f"{scene.path}: {wanted.dataset} was measured on {whole.wall.rows} x {whole.wall.cols} points, the truth "
             f"is given on {scene.intensity.shape[0]} x {scene.intensity.shape[1]}."
         )
+    check_reach(scene.path, scene.depth_m, whole.time)
     if (whole.counts < 0).any():
         raise InvalidData(f"{scene.path}: {wanted.dataset} holds {int((whole.counts < 0).sum())} counts below 0.")
     if wanted.fwhm_ps is not None:

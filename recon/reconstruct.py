@@ -91,7 +91,7 @@ def get_ready(transient: Transient, method: str, settings: Mapping[str, object] 
         from nlos.recon.with_torch import get_ready_for
 
         chosen = parse_settings(method, dict(settings or {}))
-        get_ready_for(method, chosen, rebin(transient, _bin_width_s(chosen, transient)))
+        get_ready_for(method, chosen, _looked_at(rebin(transient, _bin_width_s(chosen, transient)), chosen))
 
 
 def explained(
@@ -127,7 +127,7 @@ def _see(
 ) -> tuple[MethodResult[Image], npt.NDArray[np.float64], bool]:
     """What a method makes of one transient, the depths of its planes, (D,), and whether it takes a response."""
     if isinstance(chosen, LightConeSettings) and chosen.conventions == "physical":
-        part = lit_window(transient, chosen.farthest_m)
+        part = _looked_at(transient, chosen)
         made, _, takes = _see_all(part, method, chosen, device)
         dark = transient.time.bins - part.time.bins
         if dark and say:
@@ -139,6 +139,13 @@ def _see(
             made = MethodResult(made.albedo, made.depth_m, np.pad(made.volume, ((0, dark), (0, 0), (0, 0))))
         return made, depths_m(transient.time, chosen.conventions), takes
     return _see_all(transient, method, chosen, device)
+
+
+def _looked_at(transient: Transient, chosen: Settings) -> Transient:
+    """The part of its window that a method looks at."""
+    if isinstance(chosen, LightConeSettings) and chosen.conventions == "physical":
+        return lit_window(transient, chosen.farthest_m)
+    return transient
 
 
 def _see_all(
@@ -204,7 +211,7 @@ def check(transient: Transient) -> None:
             f"column {col}. Mark that point as not measured (exposure 0) or scan it again."
         )
     if not counts.any():
-        raise InvalidData(
+        raise NoLight(
             "every count is 0. Check that the shutter was open and that the direct cut does not remove everything."
         )
     total = float(counts.sum(dtype=np.float64))

@@ -5,11 +5,11 @@ measured there), `x_m` (W,), `y_m` (H,); where the method knows how sure it is `
 `depth_low_m`, `depth_high_m` (90 % intervals) and `seen` (probability of a surface), all (H, W); and where it has them
 `volume` (D, H, W) and `depths_m` (D,); attributes `method`, `settings` (JSON), `seconds`, `weights_sha256`, `software`,
 `response` (which response of the instrument was taken, in words), where one is known `response_fwhm_ps`,
-`scan` (the name of the file that it was made from), `points` and `photons` (measured, and in their histograms; 0 where
-that is not known), `samples_left_aside` (damaged or unreadable, not used), `explained` and `explained_error` (the share
-of light that the picture accounts for, NaN where that could not be found), `explained_note`, and `explained_doubt`
-(what speaks against the scan's wall, time zero or order of points, empty where nothing does). Row 0 is the top, column
-0 the left, seen from the wall.
+`scan` (the name of the file that it was made from), `frame` (where it is one frame of it alone), `points` and `photons`
+(measured, and in their histograms; 0 where that is not known), `samples_left_aside` (damaged or unreadable, not used),
+`explained` and `explained_error` (the share of light that the picture accounts for, NaN where that could not be found),
+`explained_note`, and `explained_doubt` (what speaks against the scan's wall, time zero or order of points, empty where
+nothing does). Row 0 is the top, column 0 the left, seen from the wall.
 """
 
 import json
@@ -97,6 +97,8 @@ def write_reconstruction(path: Path, reconstruction: Reconstruction, keep_volume
         if reconstruction.response is not None:
             file.attrs["response_fwhm_ps"] = reconstruction.response.fwhm_s * 1e12
         file.attrs["scan"] = reconstruction.scan
+        if reconstruction.frame is not None:
+            file.attrs["frame"] = reconstruction.frame
         file.attrs["points"], file.attrs["photons"] = reconstruction.points, reconstruction.photons
         file.attrs["samples_left_aside"] = reconstruction.left_aside
         told = reconstruction.explained or NOT_LOOKED_FOR
@@ -148,6 +150,7 @@ def read_reconstruction(path: Path) -> Reconstruction:
                 points=int(file.attrs.get("points", 0)),
                 photons=float(file.attrs.get("photons", 0.0)),
                 scan=str(file.attrs.get("scan", "")),
+                frame=int(file.attrs["frame"]) if "frame" in file.attrs else None,
                 left_aside=int(file.attrs.get("samples_left_aside", 0)),
                 confidence=needed_array(file, "confidence", (rows, cols)) if known else None,
                 intervals=_intervals(file, rows, cols),
@@ -184,6 +187,15 @@ def read_explained(folder: Path) -> Explained:
     try:
         with open_hdf5(folder / NAMES[0]) as file:
             return _explained(file.attrs) or NOT_LOOKED_FOR
+    except (InvalidData, LookupError, OSError, ValueError, TypeError) as error:
+        raise InvalidData(f"{folder / NAMES[0]} is not a reconstruction: {error}") from error
+
+
+def read_made_of(folder: Path) -> tuple[str, int | None]:
+    """By which method the result in `folder` was made, and of which frame alone. Raises `InvalidData`."""
+    try:
+        with open_hdf5(folder / NAMES[0]) as file:
+            return str(file.attrs["method"]), int(file.attrs["frame"]) if "frame" in file.attrs else None
     except (InvalidData, LookupError, OSError, ValueError, TypeError) as error:
         raise InvalidData(f"{folder / NAMES[0]} is not a reconstruction: {error}") from error
 

@@ -6,7 +6,7 @@ from nlos.recon.volume import Reconstruction
 def small_print(reconstruction: Reconstruction) -> str:
     """Scan, method, points, photons and computing time, as far as they are known."""
     made = reconstruction
-    words = [made.scan, made.method.upper()]
+    words = [made.made_from, made.method.upper()]
     if made.points:
         words += [f"{made.points:,} points", f"{si(made.photons)}indirect photons"]
     if made.explained is not None and made.explained.share is not None:

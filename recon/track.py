@@ -28,9 +28,9 @@ def track(
     """`COLUMNS`, each (F,); NaN where nothing is seen, or too few frames are around.
 
     Centroids are weighted by brightness. Extents are those of an even bar with the same variance. Velocity is the slope
-    of a straight line through the nearest frames; errors are standard errors from how all frames scatter about
-    their lines, so what does not move evenly has larger ones. `window`: of how many frames each picture is the sum;
-    neighbours share photons then, and errors are larger by its root.
+    of a straight line through the nearest frames, none of them beyond a gap in time; errors are standard errors from
+    how all frames scatter about their lines, so what does not move evenly has larger ones. `window`: of how many frames
+    each picture is the sum; neighbours share photons then, and errors are larger by its root.
     """
     places, extents = np.full((2, 3, len(albedo)), np.nan)
     for frame, (light, depth) in enumerate(zip(albedo, depth_m, strict=True)):
@@ -61,9 +61,11 @@ def _lines(places: Floats, time_s: Floats) -> tuple[Floats, Floats, Floats]:
     sum of squared times about their mean."""
     slopes, span = np.full((2, 3, len(time_s)), np.nan)
     squares, freedom = np.zeros(3), 0.0
-    seen = np.flatnonzero(np.isfinite(places[0]))
+    seen, most = np.flatnonzero(np.isfinite(places[0])), fitted(time_s)
+    reach_s = most * float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     for frame in seen:
-        near = seen[np.argsort(np.abs(seen - frame), kind="stable")[: fitted(time_s)]]
+        near = seen[np.argsort(np.abs(seen - frame), kind="stable")[:most]]
+        near = near[np.abs(time_s[near] - time_s[frame]) <= reach_s]
         if len(near) < 3:
             continue
         times = time_s[near] - time_s[near].mean()

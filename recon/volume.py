@@ -58,6 +58,8 @@ class Reconstruction:
     """What their histograms held, direct light and background removed."""
     scan: str = ""
     """The name of the file that it was made from."""
+    frame: int | None = None
+    """Which frame of it; None: all that it holds."""
     response: Response | None = None
     """What the instrument makes of an instant of light, as far as it was known."""
     response_used: bool = False
@@ -68,6 +70,11 @@ class Reconstruction:
     """How sure the method is of every pixel, where it knows."""
     explained: Explained | None = None
     """How much of light that it was not made from the picture accounts for."""
+
+    @property
+    def made_from(self) -> str:
+        """The scan, and which frame of it, for people."""
+        return self.scan if self.frame is None else f"{self.scan} frame {self.frame}"
 
     def middle_depths_m(self) -> tuple[float, float] | None:
         """Nearest and farthest of the middle 96 % of the depths that are there; None where nothing is seen."""

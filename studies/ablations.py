@@ -49,6 +49,11 @@ NOTES = (
     "and its steps are not among the samples. Without it (no NLE) the operator alone is told a middling noise "
     "level; falloff and snr of the inverse that it starts from still follow the estimate. Such rows say less than "
     "what the estimate is worth, and are not the paper's.",
+    "",
+    "The printed network learns by the paper's loss (brightness and total variation) under the paper's noise, which is "
+    "added to what its detector counts; rivals and NANO learn by NANO's loss, with depth, and without that noise. "
+    "Where they stand in one table, its columns of depth compare losses as well. All of the paper's parts are, in "
+    "NANO, both liftings and an SFE whose M has rank 16, where eq. 13 has a dense one.",
 )
 """What a reader of the tables has to know about the rows."""
 Known = Mapping[Path, Judged]

@@ -29,9 +29,9 @@ def judge(settings: TrainSettings, folder: Path | None, to: Path, sets: Mapping[
     file."""
     found: dict[str, dict[str, list[float]]] = {}
     for name, data in sets.items():
-        network = _network(settings, data, folder)
+        network = network_of(settings, data, folder)
         network.eval()
-        scenes = [_scores(network, data, index, settings.cache_path) for index in range(len(data))]
+        scenes = [scores(network, collate([sample(data, k, settings.cache_path)])) for k in range(len(data))]
         found[name] = {figure: [round(scene[figure], 5) for scene in scenes] for figure in FIGURES}
     to.parent.mkdir(parents=True, exist_ok=True)
     to.write_text(json.dumps(found), encoding="utf-8")
@@ -46,7 +46,8 @@ def judged(kept: Path) -> Judged | None:
     return found
 
 
-def _network(settings: TrainSettings, data: DatasetSettings, folder: Path | None) -> torch.nn.Module:
+def network_of(settings: TrainSettings, data: DatasetSettings, folder: Path | None) -> torch.nn.Module:
+    """For the wall and time axis of `data`, with the weights in `folder`, None for a method without any."""
     if folder is None:
         method = find(settings.method)
         return method.build(method.Settings.model_validate(settings.method_settings), data.wall, data.time)
@@ -55,8 +56,8 @@ def _network(settings: TrainSettings, data: DatasetSettings, folder: Path | None
     return network
 
 
-def _scores(network: torch.nn.Module, data: DatasetSettings, index: int, cache: Path | None) -> dict[str, float]:
-    batch = collate([sample(data, index, cache)])
+def scores(network: torch.nn.Module, batch: Mapping[str, torch.Tensor]) -> dict[str, float]:
+    """Every figure of the picture that `network` makes of the one scan of a batch."""
     with torch.inference_mode():
         albedo, depth_m, _ = network(batch["counts"], batch["exposure"])
     truth, true_depth_m = picture_of(batch)[0].numpy(), batch["depth_m"][0].numpy()

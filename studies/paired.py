@@ -1,7 +1,9 @@
 """Differences between two trainings, paired over scenes and seeds, with the error that they have."""
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +27,15 @@ class Difference:
 
     def __str__(self) -> str:
         return f"{self.mean:+.2f} ± {self.error:.2f}"
+
+
+def of_scenes(
+    rows: Iterable[Mapping[str, Any]], scenes: Iterable[str], method: str, condition: str, figure: str
+) -> Figures:
+    """One figure of one method, (1, scenes) in the order of the scenes; NaN where a scene has none."""
+    known = {row["scene"]: row[figure] for row in rows if (row["method"], row["condition"]) == (method, condition)}
+    values = [known.get(scene) for scene in scenes]
+    return np.array([[np.nan if value is None else value for value in values]], dtype=np.float64)
 
 
 def difference(row: Figures, other: Figures) -> Difference:

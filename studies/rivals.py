@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from nlos.recon.weights.files import read_weights
-from studies.paired import Difference, Figures, difference
+from studies.paired import Difference, Figures, difference, of_scenes
 from studies.results.kept import weights_path
 from studies.results.quality import CONDITIONS, Quality, measure_quality, trained
 from studies.results.tables import FIGURES, shown, table
@@ -56,11 +56,7 @@ def samples_seen(name: str) -> int:
 
 def by_scene(quality: Quality, method: str, condition: str, figure: str) -> Figures:
     """(1, scenes) in the order of the scenes; NaN where a scene has no such figure."""
-    found = {
-        row["scene"]: row[figure] for row in quality.rows if (row["method"], row["condition"]) == (method, condition)
-    }
-    values = [found.get(scene.name) for scene in quality.scenes]
-    return np.array([[np.nan if value is None else value for value in values]], dtype=np.float64)
+    return of_scenes(quality.rows, (scene.name for scene in quality.scenes), method, condition, figure)
 
 
 def cell(found: Difference, figure: str) -> str:

@@ -128,7 +128,7 @@ TABLES: dict[str, tuple[Row, ...]] = {
         Row("II: local alone", switches={"lifting": "local"}, paper=printed(25.93, 0.86, 0.085, 0.029)),
         Row("III: both", paper=printed(28.09, 0.90, 0.065, 0.021)),
     ),
-    "Loss (paper: table V), on the network that ships: an argmax has no gradient for a depth loss": (
+    "Loss (paper: table V), on NANO with lifting and SFE: an argmax has no gradient for a depth loss": (
         Row("I: albedo", "nano", loss=LossSettings(depth=0.0), paper=printed(28.03, 0.89, 0.093, 0.036)),
         Row("II: albedo and depth", "nano", loss=LossSettings(), paper=printed(26.92, 0.81, 0.070, 0.022)),
         Row("III: albedo, depth and TV", "nano", loss=LossSettings(total_variation=30.0),

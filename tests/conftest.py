@@ -7,6 +7,7 @@ import itertools
 import os
 import shutil
 import signal
+import sys
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -16,18 +17,29 @@ import pytest
 from hypothesis import settings
 
 from tests import campaign_journal
-from tests.left_behind import MARK, Held, left_behind
+from tests.left_behind import MARK, Held, end_processes, left_behind
 
 _STATE = tempfile.mkdtemp(prefix="nlos-state-")
 atexit.register(shutil.rmtree, _STATE, ignore_errors=True)
 _numbers = itertools.count()
-LONGEST_S = 300.0
-"""Of a test, outside campaigns."""
+LONGEST_S = 600.0
+"""Of a test, outside campaigns. Here and where a test waits for a program, deadlines are those of a machine that is ten
+times as slow as usual: they end what hangs, and judge no speed."""
+SAID = 2000
+"""Characters of a failure that are said at once."""
 os.environ["NLOS_STATE"] = _STATE
 os.environ[MARK] = str(os.getpid())
-settings.register_profile("the same cases every time", derandomize=True)
-if os.environ.get("NLOS_SOAK") != "1":  # a campaign looks for new ones
-    settings.load_profile("the same cases every time")
+# Whoever shares the processor must not fail a case: how long one takes is judged nowhere.
+settings.register_profile("new cases", deadline=None)
+settings.register_profile("the same cases every time", derandomize=True, deadline=None)
+settings.load_profile("new cases" if os.environ.get("NLOS_SOAK") == "1" else "the same cases every time")
+
+# A run in the background, or under nohup, begins with these ignored, and so would every program that a test signals.
+for number, usual in ((signal.SIGINT, signal.default_int_handler), *(
+    (getattr(signal, name), signal.SIG_DFL) for name in ("SIGHUP", "SIGQUIT") if hasattr(signal, name)
+)):  # fmt: skip
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, usual)
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(name, "1")
@@ -38,7 +50,10 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     if os.environ.get("NLOS_SOAK") == "1" or not hasattr(signal, "pthread_kill"):
         return (yield)
 
+    held = Held.now()
+
     def overdue(number: int, frame: FrameType | None) -> None:
+        end_processes(held)  # a block that waits for its program would go on waiting
         raise TimeoutError(f"{item.nodeid} took more than {LONGEST_S:g} s")
 
     before = signal.signal(signal.SIGUSR1, overdue)
@@ -59,6 +74,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     campaign_journal.write(report)
+    if report.failed and "PYTEST_XDIST_WORKER" not in os.environ and sys.__stderr__ is not None:
+        # At once: a run that is broken off later prints no summary.
+        said = [report.longreprtext, *(f"{name}: {text}" for name, text in report.sections)]
+        sys.__stderr__.write("\n".join(["", f"{report.nodeid} ({report.when})", *(each[-SAID:] for each in said), ""]))
+        sys.__stderr__.flush()
 
 
 @pytest.fixture(autouse=True)
@@ -73,7 +93,9 @@ def nothing_is_left_behind() -> Iterator[None]:
     before it began."""
     before = Held.now()
     yield
-    assert left_behind(before) == []
+    left = left_behind(before)
+    end_processes(before)
+    assert left == []
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests import left_behind as gate
-from tests.left_behind import Held, left_behind
+from tests.left_behind import Held, end_processes, left_behind
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="/proc tells what a process holds")
 
@@ -26,7 +26,7 @@ def test_files_sockets_threads_and_processes_are_seen(tmp_path: Path, monkeypatc
     started = subprocess.Popen([sys.executable, "-c", command], stdin=subprocess.PIPE)
     assert started.stdin is not None
     with (tmp_path / "open.txt").open("w"), socket.socket():
-        started.wait(30)
+        started.wait(240)
         found = "\n".join(left_behind(before))
     for word in ("open.txt", "socket:", "thread waits", "sys.stdin.read"):
         assert word in found
@@ -50,3 +50,12 @@ def test_one_that_nobody_waited_for_is_seen(monkeypatch: pytest.MonkeyPatch) -> 
     started.stdout.close()
     started.wait()
     assert left_behind(before) == []
+
+
+def test_a_program_that_a_test_left_is_ended() -> None:
+    before = Held.now()
+    with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"]) as left:
+        while not Held.now().processes - before.processes:
+            time.sleep(0.01)
+        end_processes(before)
+        assert left.wait(240) == -9

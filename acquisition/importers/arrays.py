@@ -1,9 +1,8 @@
 """Histograms and what lies beside them as a scan: the one layout of plain HDF5, NPZ and MAT, and of what `nlos export`
 writes. `docs/howto/my-data.md` lists the names; whatever else a file holds is named and not used."""
 
-import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,17 +12,17 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.given import Given, put_there
 from nlos.acquisition.importers.grid_places import on_even_grid, refuse_turned_grid
 from nlos.acquisition.importers.imported import ASSUMED, NO_WALL, FreePoints, ImportedScan, assumed_sides_m
+from nlos.acquisition.importers.separate_points import POINTS, at_midpoints_of, has_points, refuse_other_names
 from nlos.acquisition.importers.stored_counts import without_missing, without_single_axes
 from nlos.acquisition.response import Response, stated
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid, grid_around
 
-_PLACES = re.compile(r"(laser|sensor|camera|detector)(_grid)?_(xyz|x_m|y_m|positions?)")
 Array = npt.NDArray[Any]
 KNOWN = (
     "bin_width_s", "wall_size_m", "wall_size_assumed", "offset_s", "x_m", "y_m", "exposure_s", "rectified",
     "direct_cut_bins", "falloff_exponent_authors", "time_offset_bins", "response", "response_bin_width_s",
-    "response_fwhm_ps", "samples_left_aside",
+    "response_fwhm_ps", "samples_left_aside", *POINTS,
 )  # fmt: skip
 """Names that have a meaning beside the histograms."""
 _ONE = ("x_m", "y_m", "response")
@@ -52,19 +51,9 @@ class StoredArrays:
     """Where the file states none."""
 
 
-def refuse_separate_points(name: str, names: Iterable[str]) -> None:
-    """Raises `InvalidData` for a file with places of laser and sensor each, which would be taken for confocal."""
-    places = sorted(each for each in names if _PLACES.fullmatch(each))
-    if len({each.partition("_")[0] for each in places}) > 1:
-        raise InvalidData(
-            f"{name}: holds {', '.join(places)}: places of laser and sensor of their own are read from y-tal's HDF5 "
-            "(HDF5_TAL: T_Sx_Sy, T_Lx_Ly_Sx_Sy). Write it as that; a confocal scan needs x_m and y_m alone."
-        )
-
-
 def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
     """The scan; what is `given` goes before what is stored. Raises `InvalidData` naming file, place and reason."""
-    refuse_separate_points(stored.name, (*stored.beside, *stored.others))
+    refuse_other_names(stored.name, (*stored.beside, *stored.others))
     counts = without_single_axes(stored.counts)
     if counts.ndim not in (2, 3):
         raise InvalidData(
@@ -95,6 +84,13 @@ def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
         notes.append(f"the first {early} bins, which are before time 0, hold nothing hidden and are left out")
     time = TimeAxis(counts.shape[-1], width_s, max(begins_s + early * width_s, 0.0) if early else begins_s)
     sides_m = given.wall_m or _wall_size(stored)
+    cut = max(_direct_cut(stored, time.bins + early) - early, 0)
+    if has_points(stored.name, stored.beside, rectified):
+        after = np.where(np.arange(time.bins) < cut, 0, counts)
+        placed = at_midpoints_of(stored.name, stored.beside, after, time)
+        counts, exposed, time, cut = placed.counts, exposed.ravel(), placed.time, 0
+        notes += placed.notes
+        stored = replace(stored, beside={**stored.beside, "x_m": placed.x_m, "y_m": placed.y_m})
     if counts.ndim == 3 and not told and given.axes is None and sides_m is not None:
         refuse_turned_grid(f"{stored.name}: {stored.place}", shape, sides_m)
     known = not _flag(stored, "wall_size_assumed", False)
@@ -116,7 +112,6 @@ def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
         held = _free(stored, counts, exposed, sides_m, time)
         if sides_m is None:
             notes.append(f"{NO_WALL}; by its points it is {held.wall.width_m:.4g} x {held.wall.height_m:.4g} m")
-    cut = max(_direct_cut(stored, time.bins + early) - early, 0)
     if cut and not rectified:
         notes.append("not used: direct_cut_bins, which counts from time 0 of a rectified scan; this one is raw")
     if stored.others:

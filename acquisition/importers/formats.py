@@ -55,6 +55,12 @@ def reader_of(path: Path) -> Reader:
             f"{path}: is a FIFO stream of Becker & Hickl: photons, and nothing that says how a scan is put together. "
             "Name the SDT file that SPCM makes of it, or convert it to Photon-HDF5 (phconvert)."
         )
+    if suffix == ".ttbin":
+        raise InvalidData(
+            f"{path}: is a stream of Swabian's Time Tagger: clicks, and nothing that says which belong to a point. "
+            "Replay it with the vendor's software (createTimeTaggerVirtual) into Flim or TimeDifferences by the "
+            f"scan's marker, and save their counts. {how_to_convert()}"
+        )
     raise InvalidData(
         f"{path}: in no format that is read here ({KNOWN_FORMATS}). Its name ends in "
         f"'{suffix}' and it begins with {magic!r}. {how_to_convert()}"

@@ -36,17 +36,25 @@ class _Layout:
     name: str
     bin_width_s: float
     wall_m: float
-    falloff: int | None
+    falloff: int
     x_first: bool
     """Whether the first axis runs along x (then the picture reads correctly after a transpose and a flip of x)."""
+    points: tuple[int, ...]
+    """Rows, and as many columns, of the published scans ..."""
+    bins: tuple[int, ...]
+    """... and their time bins: counts of another shape are somebody else's, of other bins on another wall."""
+
+    def published(self, shape: tuple[int, ...]) -> bool:
+        """Whether the group's own scans are of that shape, or these with points or bins put together."""
+        return len(shape) == 3 and shape[0] == shape[1] and shape[0] in self.points and shape[2] in self.bins
 
 
 _LAYOUTS = (
-    _Layout("rect_data", "O'Toole 2018 .mat", 4e-12, 0.7, None, True),
-    _Layout("meas", "Lindell 2019 f-k .mat", 32e-12, 2.0, 4, False),
-    _Layout("measlr", "LFE 2020 .mat", 32e-12, 2.0, 4, False),
-    _Layout("final_meas", "NLOST repackaged f-k .mat", 32e-12, 2.0, 4, False),
-    _Layout("data", "USTC / NLOST 2023 .mat", 32e-12, 2.0, 4, False),
+    _Layout("rect_data", "O'Toole 2018 .mat", 4e-12, 0.7, 2, True, (64, 32), (2048, 4096)),
+    _Layout("meas", "Lindell 2019 f-k .mat", 32e-12, 2.0, 4, False, (512, 256, 128, 64), (2048, 512)),
+    _Layout("measlr", "LFE 2020 .mat", 32e-12, 2.0, 4, False, (256, 128, 64), (512,)),
+    _Layout("final_meas", "NLOST repackaged f-k .mat", 32e-12, 2.0, 4, False, (256, 128, 64), (512,)),
+    _Layout("data", "USTC / NLOST 2023 .mat", 32e-12, 2.0, 4, False, (128, 256), (512,)),
 )
 _H_AND_W = str.maketrans("HW", "YX")
 _OF_LAYOUTS = ("width", "tofgrid", "pos", "bin_resolution", "wall_size")
@@ -77,6 +85,8 @@ def read_matlab(path: Path, given: Given = NOTHING) -> ImportedScan:
     if layout.key != "rect_data" and "bin_width_s" in shapes:
         return _read_own(path, shapes, given, layout.key)
     _refuse_unknown_facts(path, shapes, layout, given)
+    longer_m, width_s = _told_side_m(path, shapes), _told_bin_width_s(path, shapes)
+    _refuse_other_shapes(path, shapes, layout, (width_s or given.bin_width_s, longer_m or given.wall_m))
     counts = without_single_axes(read_variable(path, layout.key, shapes))
     if counts.ndim != 3:
         raise InvalidData(f"{path}: {layout.key}: has shape {counts.shape}; two wall axes and time are expected")
@@ -87,7 +97,6 @@ def read_matlab(path: Path, given: Given = NOTHING) -> ImportedScan:
     rows, cols, bins = counts.shape
     notes = ["exposure is not stored; assuming 1 s per point"]
     counts, exposure_s = without_missing(counts, np.ones((rows, cols)), notes)
-    longer_m, width_s = _told_side_m(path, shapes), _told_bin_width_s(path, shapes)
     sides_m = assumed_sides_m(rows, cols, longer_m or layout.wall_m)
     square = "" if rows == cols else ", points as far apart in x as in y"
     if longer_m is None:
@@ -96,11 +105,14 @@ def read_matlab(path: Path, given: Given = NOTHING) -> ImportedScan:
         notes.append(f"assuming a wall of {sides_m[0]:.4g} x {sides_m[1]:.4g} m{square}")
     if width_s is None and given.bin_width_s is None:
         notes.append(f"the bin width is not stored; assuming {layout.bin_width_s * 1e12:g} ps, this format's own")
-    if layout.falloff is None:
-        notes.append("diffuse or retroreflective is not stored; assuming diffuse (--set falloff=2 for the other)")
+    if layout.falloff == 2:
+        notes.append(
+            "diffuse or retroreflective is not stored; assuming retroreflective, as this format's own script does for "
+            "all scenes but one (diffuse: --set falloff=4)"
+        )
     if others := sorted(shapes.keys() - {layout.key, *_OF_LAYOUTS} | shapes.keys() & {"pos"}):
         notes.append(f"not used: {', '.join(others[:MOST_NAMED])}")
-    time = TimeAxis(bins, width_s or layout.bin_width_s)
+    time = TimeAxis(bins, width_s or given.bin_width_s or layout.bin_width_s)
     offsets = None
     if layout.key == "meas":
         offsets = _time_of_flight(path, (rows, cols), given.bin_width_s or time.bin_width_s, x_first)
@@ -146,6 +158,23 @@ def _refuse_unknown_facts(path: Path, shapes: dict[str, tuple[int, ...]], layout
     )
 
 
+def _refuse_other_shapes(
+    path: Path, shapes: dict[str, tuple[int, ...]], layout: _Layout, told: tuple[object, object]
+) -> None:
+    """Raises `InvalidData` for counts in a published format's name, but of no shape that it has, where bin width and
+    wall are not both `told`: the names are common ones, and the format's own bins and wall would be another lab's."""
+    shape = shapes[layout.key]
+    with_times = layout.key == "meas" and _tof_place(path, shapes) is not None
+    if None not in told or len(shape) != 3 or layout.published(shape) or with_times:
+        return
+    raise InvalidData(
+        f"{path}: {layout.key}: is what {layout.name} calls its counts, but those are {layout.points[0]} x "
+        f"{layout.points[0]} x {layout.bins[0]}, and these {' x '.join(map(str, shape))}: bins of "
+        f"{layout.bin_width_s * 1e12:g} ps and a wall of {layout.wall_m:g} m may be another lab's. Say what holds: "
+        f"--bin-width-ps and --wall-size-m (and --axes TYX, --raw where they are needed). {how_to_convert()}"
+    )
+
+
 def _told_side_m(path: Path, shapes: dict[str, tuple[int, ...]]) -> float | None:
     """The longer side of the wall, by its half (`width`, O'Toole) or whole (`wall_size`, Lindell); None where
     neither is there. Raises `InvalidData`."""
@@ -173,15 +202,19 @@ def _time_of_flight(
 ) -> npt.NDArray[np.float64] | None:
     """`tofgrid` (ps to each scan point) from the measurement itself or from `tof.mat` beside it, in bins; `x_first`
     where its rows run along x."""
-    for place in (path, path.with_name("tof.mat")):
-        if not place.is_file():
-            continue
-        shapes = shapes_of(place)
-        if "tofgrid" not in shapes:
-            continue
-        picoseconds = np.asarray(read_variable(place, "tofgrid", shapes), dtype=np.float64)
-        picoseconds = picoseconds.T if x_first else picoseconds
-        if picoseconds.shape != grid:
-            raise InvalidData(f"{place}: tofgrid: has shape {picoseconds.shape}, the scan {grid}")
-        return picoseconds * 1e-12 / bin_width_s
-    return None
+    place = _tof_place(path, shapes_of(path))
+    if place is None:
+        return None
+    picoseconds = np.asarray(read_variable(place, "tofgrid", shapes_of(place)), dtype=np.float64)
+    picoseconds = picoseconds.T if x_first else picoseconds
+    if picoseconds.shape != grid:
+        raise InvalidData(f"{place}: tofgrid: has shape {picoseconds.shape}, the scan {grid}")
+    return picoseconds * 1e-12 / bin_width_s
+
+
+def _tof_place(path: Path, shapes: dict[str, tuple[int, ...]]) -> Path | None:
+    """The file that holds `tofgrid`: the measurement itself, or `tof.mat` beside it; None where neither does."""
+    beside = path.with_name("tof.mat")
+    if "tofgrid" in shapes:
+        return path
+    return beside if beside.is_file() and "tofgrid" in shapes_of(beside) else None

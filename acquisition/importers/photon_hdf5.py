@@ -71,7 +71,8 @@ def is_photon_hdf5(file: h5py.File) -> bool:
 def read_photon_hdf5(path: Path, given: Given = NOTHING) -> ImportedScan:
     """Reads photons as a scan: an image where marks divide them, else a point for each spot. Raises `InvalidData`."""
     with open_hdf5(path) as file:
-        spots = [_photons(file, group, given) for group in _groups(file)]
+        groups = _groups(file)
+        spots = [_photons(file, group, given) for group in groups.values()]
         image = _image(file, marks=sum(len(spot.mark_times) for spot in spots))
         duration = find_dataset(file, "acquisition_duration")
         duration_s = 0.0 if duration is None else needed_number(file, "acquisition_duration")
@@ -84,27 +85,29 @@ def read_photon_hdf5(path: Path, given: Given = NOTHING) -> ImportedScan:
         counts, exposure_s = _sorted(path, spots[0], image)
         notes.append("photons between lines are not points of the scan and are not imported")
     else:
-        spot_of = np.repeat(np.arange(len(spots)), [len(spot.delays) for spot in spots])
+        spot_of = np.repeat(list(groups), [len(spot.delays) for spot in spots])
         delays = np.concatenate([spot.delays for spot in spots])
-        counts = _histograms(path, spot_of, delays, (len(spots), int(delays.max()) + 1))[None]
-        exposure_s = np.full(counts.shape[:2], duration_s if duration_s > 0 else 1.0)
+        counts = _histograms(path, spot_of, delays, (max(groups) + 1, int(delays.max()) + 1))[None]
+        exposure_s = np.zeros(counts.shape[:2])
+        exposure_s[0, list(groups)] = duration_s if duration_s > 0 else 1.0
+        if missing := exposure_s.size - len(groups):
+            notes.append(f"{missing} of {exposure_s.size} spots have no group of photons: not measured")
         notes.append("arrival times since the start and marks are not imported")
         if not duration_s > 0:
             notes.append("acquisition_duration is not stored; assuming 1 s per point")
     return raw_scan(counts, exposure_s, spots[0].bin_width_s, "Photon-HDF5", tuple(notes), str(path))
 
 
-def _groups(file: h5py.File) -> list[str]:
-    """`photon_data`, or `photon_data0`, `photon_data1`, ... of several spots."""
-    names = set(file.keys())
-    if "photon_data" in names:
-        return ["photon_data"]
-    groups: list[str] = []
-    while (name := f"photon_data{len(groups)}") in names and len(groups) < _MOST_SPOTS:
-        groups.append(name)
-    if not groups:
+def _groups(file: h5py.File) -> dict[int, str]:
+    """`photon_data`, or `photon_data0`, `photon_data1`, ... of several spots, some of which may have no photons."""
+    if "photon_data" in file:
+        return {0: "photon_data"}
+    numbers = sorted(int(name[11:]) for name in file if name.startswith("photon_data") and name[11:].isdecimal())
+    if not numbers:
         raise InvalidData(f"{file.filename}: is Photon-HDF5, but holds no photons (no group photon_data)")
-    return groups
+    if numbers[-1] >= _MOST_SPOTS:
+        raise InvalidData(f"{file.filename}: photon_data{numbers[-1]}: at most {_MOST_SPOTS} spots are read")
+    return {number: f"photon_data{number}" for number in numbers}
 
 
 def _photons(file: h5py.File, group: str, given: Given) -> _Photons:

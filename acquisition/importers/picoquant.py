@@ -82,7 +82,7 @@ def _read_ptu(path: Path) -> ImportedScan:
                 raise InvalidData(f"{path}: states an image of {shape}, beyond {MAX_BYTES >> 30} GiB")
             image = np.asarray(ptu.decode_image(frame=-1, channel=-1, dtype=np.uint32))
             bin_width_s, dwell_s = float(ptu.tcspc_resolution), float(tags.get("ImgHdr_TimePerPixel", 0.0)) * 1e-3
-            frames = shape[0]
+            frames, sine = shape[0], float(tags.get("ImgHdr_SinCorrection", 0)) / 100
     except _DAMAGE as error:
         if isinstance(error, InvalidData):
             raise
@@ -92,6 +92,9 @@ def _read_ptu(path: Path) -> ImportedScan:
     if not dwell_s > 0:
         notes.append("the dwell is not stored; assuming 1 s per point")
     exposure = np.full((rows, cols), dwell_s * frames if dwell_s > 0 else 1.0)
+    if sine:
+        notes.append("the mirror moved as a sine: points at the sides were looked at for longer")
+        exposure *= cols * np.diff(np.arcsin(np.linspace(-sine, sine, cols + 1))) / (2 * np.arcsin(sine))
     return raw_scan(counts, exposure, bin_width_s, "PTU image", tuple(notes), str(path))
 
 

@@ -69,7 +69,10 @@ def checked_angles(plan: ScanPlan, bench: Bench, aim: Aiming) -> list[MirrorAngl
     x_rad, y_rad = aim.angles_rad(plan.positions.x_m, plan.positions.y_m)
     angles = [MirrorAngles(x, y) for x, y in zip(x_rad.tolist(), y_rad.tolist(), strict=True)]
     allowed = bench.settings.geometry.allowed
+    first_at: dict[MirrorAngles, int] = {}  # of frames, each has the same points
     for number, each in enumerate(angles):
+        first_at.setdefault(each, number)
+    for each, number in first_at.items():
         if allowed is not None:
             allowed.check(plan[number].x_m, plan[number].y_m)
         try:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.planning.plan import ScanPlan
-from nlos.acquisition.sample import Sample
+from nlos.acquisition.sample import Sample, ScanPoint, is_pause
 from nlos.acquisition.scanning.clocked import Sequencer, Stepping, next_sequence, stepping
 from nlos.drivers.bench import Bench
 from nlos.drivers.device_settings import Cable
@@ -150,13 +150,18 @@ def clocked_forecast(
     ends_s = bench.settings.counter.listing_ends_s if bench.counter.list_mode else 0.0
     first, where = 0, MirrorAngles(0.0, 0.0)
     together, left = min(bench.counter.max_points, plan.most_together), list(before)
+    points: list[ScanPoint] = []
+    checked: set[MirrorAngles] = set()  # of frames, each has the same points
     while first < len(plan):
-        points = [plan[number] for number in range(first, min(first + together, len(plan)))]
+        # Of many points a sequence takes few.
+        points += [plan[number] for number in range(first + len(points), min(first + together, len(plan)))]
         part = next_sequence(bench, points, angles[first : first + len(points)], sequencer)
         if left:
             part = replace(left.pop(), count=0)
         for each in part.angles:
-            bench.mirror.check(each)
+            if each not in checked:
+                bench.mirror.check(each)
+                checked.add(each)
         dwell_s = sum(point.dwell_s for point in points[: part.count])
         whole = replace(
             whole,
@@ -165,7 +170,7 @@ def clocked_forecast(
             links_s=whole.links_s + links.sequence_s + ends_s,
             upload_s=whole.upload_s + -(-len(part.index) // bench.settings.mirror.steps_per_upload) * links.line_s,
         )
-        first, where = first + part.count, part.angles[-1]
+        first, where, points = first + part.count, part.angles[-1], points[part.count :]
     return whole
 
 
@@ -184,8 +189,10 @@ class Pace:
         last, self._last = self._last, sample
         self._taken[sample.point.number] = True
         if last is not None and sample.point.number == last.point.number + 1:
-            self._number.append(sample.point.number)
-            self._beyond_s.append(sample.taken_s - last.taken_s - last.histogram.live_time_s)
+            beyond_s = sample.taken_s - last.taken_s - last.histogram.live_time_s
+            if not is_pause(beyond_s, sample.histogram.live_time_s):
+                self._number.append(sample.point.number)
+                self._beyond_s.append(beyond_s)
 
     def host_s(self) -> tuple[float, float]:
         """(seconds per point, seconds per predicted second of settling) by least squares; the model's own settling and

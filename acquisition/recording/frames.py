@@ -9,6 +9,11 @@ import numpy.typing as npt
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.planning.plan import ScanPlan
 
+LEAST_PART = 0.75
+"""Of a frame's points: with fewer it is a part of one."""
+LONGEST = 2.0
+"""How many times as long as usual what makes a picture may have taken: else points of it were taken again later."""
+
 
 def rows_of(plan: ScanPlan, records: npt.NDArray[Any], frames: range) -> range:
     """The rows between which everything of `frames` lies; rows of other frames may lie between them as well, where
@@ -54,6 +59,51 @@ class FrameTable:
     def complete(self) -> int:
         """How many frames have all their points."""
         return int(np.count_nonzero(self.points == self.planned))
+
+    @property
+    def pace_hz(self) -> float | None:
+        """Complete frames a second, whatever pauses there were; None where there is none."""
+        whole = self.points == self.planned
+        start_s = np.sort(self.start_s[whole])
+        took_s = np.diff(start_s) if len(start_s) > 1 else (self.end_s - self.start_s)[whole]
+        usual_s = float(np.median(took_s)) if len(took_s) else 0.0
+        return 1 / usual_s if usual_s > 0 else None
+
+    def said(self) -> str:
+        """How many are complete, and how fast they came."""
+        pace = "" if self.pace_hz is None else f", {self.pace_hz:.3g} a second"
+        return f"{self.complete} of {len(self.planned)} complete{pace}"
+
+    def mean_of(self, frames: range) -> float:
+        """The mean moment of the exposure of some frames, as one."""
+        some = slice(frames.start, frames.stop)
+        return float(np.average(self.mean_s[some], weights=self.live_s[some]))
+
+    def pictured(self, each: int) -> "PicturedFrames":
+        """Which `each` successive frames make a picture."""
+        took: dict[range, float] = {}
+        short: list[int] = []
+        for first in range(len(self.planned) - each + 1):
+            some = slice(first, first + each)
+            if (self.points[some] < LEAST_PART * self.planned[some]).any():
+                short += [] if (self.points[some] == 0).any() else [first + each - 1]
+            else:
+                took[range(first, first + each)] = float(self.end_s[some].max() - self.start_s[some].min())
+        usual_s = sorted(took.values())[(len(took) - 1) // 2] if took else 0.0
+        kept = sorted((frames for frames in took if took[frames] <= LONGEST * usual_s), key=self.mean_of)
+        late = [frames.stop - 1 for frames in took if took[frames] > LONGEST * usual_s]
+        return PicturedFrames(tuple(kept), tuple(short), tuple(late))
+
+
+@dataclass(frozen=True)
+class PicturedFrames:
+    """What makes pictures of a film, in the order of time; the last frame of what does not."""
+
+    frames: tuple[range, ...]
+    short: tuple[int, ...]
+    """Of too few points."""
+    late: tuple[int, ...]
+    """Points of it were taken at quite another moment, as after a pause."""
 
 
 def frame_table(plan: ScanPlan, records: npt.NDArray[Any]) -> FrameTable:

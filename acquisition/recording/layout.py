@@ -56,10 +56,10 @@ def sample_crc(record: bytes, counts: npt.NDArray[np.uint32]) -> int:
     return zlib.crc32(counts.data, zlib.crc32(record[: -RECORD["crc"].itemsize]))
 
 
-def status_row(status: Status, acknowledged: int) -> npt.NDArray[Any]:
-    """What `/status` holds, (1,), as of now."""
+def status_row(status: Status, acknowledged: int, unix_s: float | None = None) -> npt.NDArray[Any]:
+    """What `/status` holds, (1,), as of now unless told another moment."""
     row = np.zeros(1, dtype=STATUS)
-    row[0] = (status, acknowledged, time.time())
+    row[0] = (status, acknowledged, time.time() if unix_s is None else unix_s)
     return row
 
 

@@ -91,10 +91,9 @@ class Recording:
     @property
     def status(self) -> Status:
         """Raises `InvalidData` where it is none, `StorageError` where it cannot be read."""
-        row, given = self._file.status.read(0, 1)
-        if not given[0]:
+        if (stored := self.stored_status()) is None:
             raise StorageError(f"{self.path}: status: the disk cannot read it. Copy the file to a sound disk.")
-        state, acknowledged, _ = row[0].tolist()
+        state, acknowledged, _ = stored
         check_status(str(self.path), state, acknowledged, self.plan.most_samples, tuple(Status))
         return Status(state)
 
@@ -104,9 +103,13 @@ class Recording:
         return self._promised() or 0
 
     def _promised(self) -> int | None:
+        stored = self.stored_status()
+        return stored[1] if stored is not None and stored[1] <= self.plan.most_samples else None
+
+    def stored_status(self) -> tuple[int, int, float] | None:
+        """State, acknowledged, and when that was written by the time of day; None where the disk does not give them."""
         row, given = self._file.status.read(0, 1)
-        acknowledged = int(row["acknowledged"][0])
-        return acknowledged if given[0] and acknowledged <= self.plan.most_samples else None
+        return row[0].tolist() if given[0] else None
 
     @property
     def on_grid(self) -> bool:

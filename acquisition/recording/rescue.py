@@ -1,6 +1,7 @@
 """Samples brought to safety: copied as they are into a new scan file, which is read back before it is relied on."""
 
 import itertools
+import math
 import os
 import tempfile
 import time
@@ -39,7 +40,7 @@ def copied(
             free = np.flatnonzero(log["kind"] == b"")[:1]
             log[free] = event_row("salvaged", f"{note}: {len(kept)} samples", unix_s=time.time())
             file.events.write(0, log)
-            file.status.write(0, status_row(status, len(kept)))
+            file.status.write(0, status_row(status, len(kept), written_unix_s(recording)))
             os.fsync(file.handle.fileno())
         _prove(fresh, kept)
     except OSError as error:
@@ -48,6 +49,12 @@ def copied(
             raise
         raise StorageError(f"{target}: the samples could not be copied ({error}). Nothing was changed.") from error
     return fresh, len(kept)
+
+
+def written_unix_s(recording: Recording) -> float | None:
+    """When, by the time of day, it was last written to; None where it does not say."""
+    _, _, found = recording.stored_status() or (0, 0, 0.0)
+    return found if 0 < found < math.inf else None
 
 
 def rescue(path: Path, file: ScanFile, pending: Rows) -> str:

@@ -1,10 +1,14 @@
 """What a crash left: recovered into a new file, or resumed."""
 
 import json
+import math
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.importers.isolated import ReaderDied
@@ -15,11 +19,13 @@ from nlos.acquisition.recording.layout import Status
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.read_by_child import check_recording, open_checked
 from nlos.acquisition.recording.recording import Recording
-from nlos.acquisition.recording.rescue import copied
+from nlos.acquisition.recording.rescue import copied, written_unix_s
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.recording.writer_lock import WriterLock, clear_left_lock
 from nlos.drivers.clock import Clock
+from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.identity import DeviceIdentity
+from nlos.drivers.tcspc.known_counters import COUNTERS
 
 _SHOWN = 60
 
@@ -61,6 +67,11 @@ class Resumed:
     writer: RecordingWriter | None
     taken: Mapping[int, int]
     elapsed_s: float
+    """Bench time since the scan's start, the time in which nobody was scanning included."""
+    away_s: float = 0.0
+    """How much of it that was."""
+    lit_s: float = 0.0
+    """When its first point was lit."""
 
 
 def resume(
@@ -117,54 +128,105 @@ def _resumed(recording: Recording, lock: WriterLock, clock: Clock | None) -> Res
             f"{path}: rows {listed(condition.unread)} cannot be read from the disk, so nobody knows what is missing. "
             f"Nothing was changed. Copy the file to a sound disk; or `nlos recover {path} -o NEW.h5` and resume that."
         )
-    taken, elapsed_s = recording.photons(), recording.elapsed_s
+    taken = recording.photons()
+    last_s, away_s = _since_the_last(recording) if taken else (0.0, 0.0)
+    lit_s = float(recording.intact_records()["taken_s"].min(initial=last_s))
     rows, done = condition.intact, not recording.plan.pending(taken)
     if done:
         if recording.status is Status.COMPLETE:
             lock.release()
         else:  # killed after its last sample
             RecordingWriter(path, lock, clock, acknowledged=rows).finish(Status.COMPLETE)
-        return Resumed(None, taken, elapsed_s)
+        return Resumed(None, taken, last_s)
     if condition.damaged or not condition.in_one_piece or len(taken) != rows or not recording.grows_in_place:
         fresh, rows = _copied(recording, path)
         if condition.damaged:
             keep_as(path, path, "damaged")
         put_in_place(fresh, path)
-    return Resumed(RecordingWriter(path, lock, clock, acknowledged=rows), taken, elapsed_s)
+    writer = RecordingWriter(path, lock, clock, acknowledged=rows)
+    if taken:
+        writer.log("resumed", f"{away_s:.1f} s after the last of it", last_s + away_s)
+    return Resumed(writer, taken, last_s + away_s, away_s, lit_s)
+
+
+def _since_the_last(recording: Recording) -> tuple[float, float]:
+    """The latest bench time that it tells of, samples and events, and how long ago that was by the time of day: 0 where
+    it does not say, or that is yet to come."""
+    events = [event for event in recording.events() if 0 < event.bench_s < math.inf and event.unix_s < math.inf]
+    bench_s = max((recording.elapsed_s, *(event.bench_s for event in events)))
+    unix_s = max((written_unix_s(recording) or 0.0, *(event.unix_s for event in events)))
+    return bench_s, max(time.time() - unix_s, 0.0) if unix_s > 0 else 0.0
 
 
 def _same_scan(recording: Recording, plan: ScanPlan, header: Header, same_run: bool) -> None:
     place = f"{recording.path}: cannot be resumed: "
     remedy = ". Go back to what it was made with, or start a new recording."
     if recording.plan != plan:
-        raise ResumeRefused(f"{place}its plan is not the one given{remedy}")
+        raise ResumeRefused(f"{place}its plan is not the one given ({_other_plan(recording.plan, plan)}){remedy}")
     if other := _other_constants(json.loads(recording.header.constants_json), json.loads(header.constants_json)):
         raise ResumeRefused(f"{place}it was taken with other calibration constants ({other}){remedy}")
-    if other := _other_geometry(recording.header, header):
+    then, now = (json.loads(each.bench_json) for each in (recording.header, header))
+    if other := _other_geometry(then, now, json.loads(header.constants_json)):
         raise ResumeRefused(f"{place}the bench file's geometry, by which it was aimed, is another ({other}){remedy}")
     if same_run and recording.header.identity != header.identity:
         raise ResumeRefused(f"{place}it is a recording of another run. Choose another folder or name.")
     if difference := _other_device(recording.header.devices, header.devices):
         raise ResumeRefused(f"{place}{difference}{remedy}")
+    if other := _other_bench(then, now):
+        raise ResumeRefused(f"{place}the bench file says otherwise by now ({other}){remedy}")
 
 
-def _other_constants(before: Any, now: Any, name: str = "") -> str:
-    """Where constants are not those recorded, of what was recorded: an earlier version wrote fewer keys. Empty where
-    they are; that none took part is itself recorded."""
-    both = isinstance(before, dict) and isinstance(now, dict)
-    if both and bool(before) == bool(now):
-        return next((found for key in before if (found := _other_constants(before[key], now.get(key), key))), "")
-    return "" if before == now else f"{name or 'constants'}: {_short(before)} then, {_short(now)} now"
+def _other_plan(before: ScanPlan, now: ScanPlan) -> str:
+    if len(before) != len(now):
+        return f"{len(before)} points then, {len(now)} now"
+    if other := _changed(before.scalars(), now.scalars()):
+        return other
+    pairs = ((name, column, now.columns()[name]) for name, column in before.columns().items())
+    for name, then, here in pairs:
+        for point in np.flatnonzero(then != here)[:1]:
+            return f"{name} of point {point}: {then[point]} then, {here[point]} now"
+    return "it has a budget or lines of its own"
 
 
-def _other_geometry(before: Header, now: Header) -> str:
-    """Where the bench file's geometry is not the one recorded, of a scan that is aimed by it and not by constants; what
-    is `allowed` aims nothing."""
-    if json.loads(now.constants_json):
-        return ""
-    then, here = (json.loads(each.bench_json).get("geometry") or {} for each in (before, now))
-    changed = (key for key in then if key != "allowed" and key in here and then[key] != here[key])
-    return next((f"{key}: {_short(then[key])} then, {_short(here[key])} now" for key in changed), "")
+def _other_constants(before: Any, now: Any) -> str:
+    """Where constants are not those recorded; that none took part is itself recorded."""
+    if bool(before) == bool(now):
+        return _changed(before, now)
+    return f"constants: {_short(before)} then, {_short(now)} now"
+
+
+def _other_geometry(before: Mapping[str, Any], now: Mapping[str, Any], constants: Any) -> str:
+    """Of a scan that is aimed by it and not by constants; what is `allowed` aims nothing."""
+    then, here = (each.get("geometry") or {} for each in (before, now))
+    return "" if constants else _changed({key: then[key] for key in then if key in here and key != "allowed"}, here)
+
+
+def _other_bench(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """What of mirror, counter and laser matters to the photons of a point: everything that a model does not name as
+    incidental. Of the laser, what was known then."""
+    for role, models in (("mirror", MIRRORS), ("counter", COUNTERS), ("laser", {})):
+        then, here = (each.get(role) or {} for each in (before, now))
+        model = models.get(str(here.get("model")))
+        aside = model.settings.incidental if model is not None else frozenset()
+        known = {key: then[key] for key in then if key in here and key not in aside and then[key] not in ("", None)}
+        if other := _changed(known, here):
+            return f"{role}: {other}"
+    return _other_simulation(before.get("simulation") or {}, now.get("simulation") or {})
+
+
+def _other_simulation(then: Mapping[str, Any], here: Mapping[str, Any]) -> str:
+    """Of a simulated bench, whose serial numbers tell nothing: what is on its table, faults and witnesses aside."""
+    known = {key: then[key] for key in then if key in here and key not in ("faults", "witness")}
+    other = _changed(known, here)
+    return other and f"simulation: {other}"
+
+
+def _changed(before: Any, now: Any, name: str = "") -> str:
+    """The first difference, of what was recorded: an earlier version wrote fewer keys. Empty where there is none."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        inner = f"{name}." if name else ""
+        return next((found for key in before if (found := _changed(before[key], now.get(key), inner + key))), "")
+    return "" if before == now else f"{name}: {_short(before)} then, {_short(now)} now"
 
 
 def _short(value: Any) -> str:

@@ -11,6 +11,7 @@ from nlos.drivers.galvo.settle import SettleModel
 class MirrorBlock(DeviceSettings):
     """Derived from by each model's own settings. Class variables are the model's, not the user's."""
 
+    incidental: ClassVar[frozenset[str]] = DeviceSettings.incidental | {"settle", "allowed_deg", "max_mechanical_deg"}
     commands_per_move: ClassVar[float] = 1
     """Exchanges that one move takes: one for both axes, or one for each."""
     commands_per_sequence: ClassVar[float] = 13

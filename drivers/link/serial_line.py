@@ -84,6 +84,7 @@ class SerialLine:
         self._lock = threading.RLock()
         self._in_flight = False
         self._lost: DeviceLost | None = None
+        self._said = b""
 
     @classmethod
     def open(
@@ -192,6 +193,7 @@ class SerialLine:
     def write(self, data: bytes) -> None:
         """Sends bytes and expects nothing."""
         self._check_usable()
+        self._said = data.strip()
         if self._wire_log:
             self._wire_log(self.device, ">", data)
         try:
@@ -227,6 +229,7 @@ class SerialLine:
 
     def _message(self, deadline_s: float, take: Take, what: str) -> bytes:
         while True:
+            echoed = self._said and self._buffer.startswith(self._said)
             try:
                 message = take(self._buffer)
                 if message is None and len(self._buffer) > _MAX_MESSAGE:
@@ -234,7 +237,10 @@ class SerialLine:
             except ValueError as error:
                 self._buffer.clear()
                 self.in_step = False
-                raise ProtocolError(self.device, f"{error}.") from error
+                raise self._echoes() if echoed else ProtocolError(self.device, f"{error}.") from error
+            if message is not None and echoed:
+                self.in_step = False
+                raise self._echoes()
             if message is not None:
                 return message
             remaining_s = deadline_s - self._clock.now()
@@ -243,6 +249,13 @@ class SerialLine:
                 got = f", only {bytes(self._buffer[:40])!r} came" if self._buffer else ""
                 raise DeviceTimeout(self.device, f"{what} in time{got}.", "Check its cable and power.")
             self._fill(min(remaining_s, _SLICE_S))
+
+    def _echoes(self) -> ProtocolError:
+        return ProtocolError(
+            self.device,
+            f"the port sends {self._said[:40]!r} back as it was sent.",
+            "Turn off the local echo of the adapter, or that of the program that shares the port.",
+        )
 
     def _fill(self, timeout_s: float) -> int:
         """Waits for bytes, appends what is there to the buffer; returns how many."""

@@ -89,26 +89,39 @@ def find_usb(device: str, vendor_id: int, product_id: int, serial: str | None, b
     """
     try:
         found = list(usb.core.find(find_all=True, backend=backend, idVendor=vendor_id, idProduct=product_id))
-        serials = {each.serial_number: each for each in found} if serial is not None else {}
+        serials = [_serial_of(each) for each in found] if serial is not None else []
     except usb.core.NoBackendError as error:
         raise DeviceNotFound(device, "libusb is not installed.", "Install libusb-1.0 and try again.") from error
     except usb.core.USBError as error:
         raise classify(device, "looking for it", error) from error
-    except ValueError as error:  # pyusb: the device has no language id, which is how a lack of permission shows
-        raise DeviceBusy(device, f"its serial number cannot be read ({error}).", "Check the udev rule.") from error
     ids = f"{vendor_id:04x}:{product_id:04x}"
     if serial is not None:
-        if serial not in serials:
+        named = [each for each, its in zip(found, serials, strict=True) if its == serial]
+        if not named and None in serials:
+            raise DeviceBusy(device, f"the serial number of a USB device {ids} cannot be read.", "Check the udev rule.")
+        if not named:
             others = ", ".join(sorted(str(each) for each in serials)) or "none"
             raise DeviceNotFound(
                 device, f"no USB device {ids} with serial number {serial} (found: {others}).", "Plug it in."
             )
-        return serials[serial]
+        if len(named) > 1:
+            raise DeviceNotFound(
+                device, f"{len(named)} USB devices {ids} with serial number {serial}.", "Unplug those not meant."
+            )
+        return named[0]
     if not found:
         raise DeviceNotFound(device, f"no USB device {ids} is plugged in.", "Check cable and power.")
     if len(found) > 1:
         raise DeviceNotFound(device, f"{len(found)} USB devices {ids}.", "Name one by its serial number.")
     return found[0]
+
+
+def _serial_of(found: Any) -> str | None:
+    """None where this user may not read it, or another device of the kind is just leaving: that one is not meant."""
+    try:
+        return str(found.serial_number)
+    except (usb.core.USBError, ValueError):  # pyusb raises ValueError where it may not read the language ids
+        return None
 
 
 @dataclass(frozen=True)

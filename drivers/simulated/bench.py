@@ -136,8 +136,8 @@ class SimulatedBench:
         """Raises `LimitError` where a recorded scene does not hold what is asked of it. Nothing moves."""
         light: object = self.light
         if isinstance(light, LimitedLight):
-            for beam, dwell_s in zip(beams, dwells_s, strict=True):
-                light.check(Gate(0.0, dwell_s, axis.bins, axis.bin_width_s, axis.offset_s), beam)
+            for number, (beam, dwell_s) in enumerate(zip(beams, dwells_s, strict=True)):
+                light.check(Gate(0.0, dwell_s, axis.bins, axis.bin_width_s, axis.offset_s, number), beam)
 
     def steer(self, angles: MirrorAngles, when_s: float | None = None, settle_s: float = 0.0) -> None:
         """A mirror controller's output changed at `when_s` (now): the beam points there `settle_s` later, until
@@ -230,6 +230,10 @@ class SimulatedBench:
             if self.on_gate is not None:
                 self.on_gate(gate, beam)
         return self.light(self.told_apart(gate, beam), beam, self._shutter_open)
+
+    def first_lit(self, when_s: float) -> None:
+        """When the scene's own time began, in bench time, before this bench was opened."""
+        self._lit_s = when_s
 
     def told_apart(self, gate: Gate, beam: MirrorAngles) -> Gate:
         """A gate without a number, and its turn among those like it."""

@@ -17,9 +17,10 @@ _SALT = 1
 
 @dataclass(frozen=True)
 class RecordedScan:
-    """Raw counts of N wall points, in wall coordinates; what `open_bench` takes as a scene.
+    """Raw counts of N visits to wall points, in wall coordinates; what `open_bench` takes as a scene.
 
-    `total_count` (N,), where known, are all detections, those outside the time window included.
+    `total_count` (N,), where known, are all detections, those outside the time window included. Of several visits to
+    one place a gate gets that of its own point `number`, else the one nearest to it in time.
     """
 
     counts: npt.NDArray[np.uint32]  # (N, T)
@@ -31,6 +32,10 @@ class RecordedScan:
     total_count: npt.NDArray[np.int64] | None = None
     holes_m: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
     """Places (M, 2) where it was to be measured, but was not, or is damaged."""
+    number: npt.NDArray[np.int64] | None = None
+    """(N,) of the recorded plan."""
+    taken_s: npt.NDArray[np.float64] | None = None
+    """(N,) when each visit began, in seconds since the first one."""
 
     def __post_init__(self) -> None:
         points = (len(self.counts),)
@@ -55,7 +60,12 @@ class RecordedLight:
     ) -> None:
         self._scan, self._path, self._repetition_hz, self._seed = scan, path, repetition_hz, seed
         self._measured = np.flatnonzero(scan.exposure_s > 0)
-        self._x, self._y = scan.x_m[self._measured], scan.y_m[self._measured]
+        places_m = np.stack([scan.x_m[self._measured], scan.y_m[self._measured]], axis=1)
+        apart_m, place = np.unique(places_m, axis=0, return_inverse=True)
+        self._x, self._y = apart_m.T.copy()
+        place = place.reshape(-1)
+        by_place = self._measured[np.argsort(place, kind="stable")]
+        self._visits = np.split(by_place, np.cumsum(np.bincount(place))[:-1])
         self._tolerance_m = _tolerance_m(self._x, self._y) if tolerance_m is None else tolerance_m
 
     def __call__(self, gate: Gate, beam: MirrorAngles, shutter_open: bool) -> Exposure:
@@ -66,7 +76,7 @@ class RecordedLight:
         if not gate.kept or gate.number in WAITING_NUMBERS:
             shown = int(rng.poisson(self._rate_cps(beam) * gate.dwell_s))
             return Exposure(np.zeros(gate.bins, dtype=np.uint32), gate.dwell_s, pulses, shown, False)
-        point = self._nearest(beam)
+        point = self._visit(gate, beam)
         part = self._part(point, gate.dwell_s)
         recorded = self._scan.counts[point]
         kept = rng.binomial(recorded, part)
@@ -77,7 +87,7 @@ class RecordedLight:
 
     def check(self, gate: Gate, beam: MirrorAngles) -> None:
         """Raises `LimitError` where nothing was recorded, not as long, or not in such bins."""
-        self._part(self._nearest(beam), gate.dwell_s)
+        self._part(self._visit(gate, beam), gate.dwell_s)
         rebin(np.zeros(0, dtype=np.int64), self._scan.bin_width_s, self._scan.offset_s, gate)
 
     def is_hole(self, beam: MirrorAngles) -> bool:
@@ -103,7 +113,8 @@ class RecordedLight:
 
     def _away_m(self, spot: Spot) -> npt.NDArray[np.float64]:
         """How far each measured point is."""
-        return np.hypot(self._x - spot.x_m, self._y - spot.y_m)
+        away_m: npt.NDArray[np.float64] = np.hypot(self._x - spot.x_m, self._y - spot.y_m)
+        return away_m
 
     def _detections(self, point: int) -> int:
         """All that were recorded at a point, those outside the time window included where they are known."""
@@ -113,18 +124,30 @@ class RecordedLight:
     def _rate_cps(self, beam: MirrorAngles) -> float:
         """What a rate meter shows there; 0 where nothing was recorded."""
         try:
-            point = self._nearest(beam)
+            point = int(self._nearest(beam)[0])
         except LimitError:
             return 0.0
         return self._detections(point) / float(self._scan.exposure_s[point])
 
-    def _nearest(self, beam: MirrorAngles) -> int:
+    def _visit(self, gate: Gate, beam: MirrorAngles) -> int:
+        """The recorded visit whose photons a gate gets."""
+        visits = self._nearest(beam)
+        if self._scan.number is not None and gate.number is not None:
+            own = visits[self._scan.number[visits] == gate.number]
+            if len(own):
+                return int(own[-1])
+        if self._scan.taken_s is None:
+            return int(visits[0])
+        return int(visits[np.abs(self._scan.taken_s[visits] - gate.since_lit_s).argmin()])
+
+    def _nearest(self, beam: MirrorAngles) -> npt.NDArray[np.int64]:
+        """All visits to the nearest place."""
         spot = self._path.spot(beam)
         if spot is not None:
             away_m = self._away_m(spot)
             best = int(away_m.argmin())
             if away_m[best] <= self._tolerance_m:
-                return int(self._measured[best])
+                return self._visits[best]
         where = "off the wall" if spot is None else f"at x = {spot.x_m:+.4f} m, y = {spot.y_m:+.4f} m"
         raise LimitError(
             "recorded scene",

@@ -1,4 +1,4 @@
-"""NANO: the noise-adapted neural operator, trained; any scan grid (it sees 32 points per wall), few photons."""
+"""NANO: the noise-adapted neural operator, trained on 8 x 8 to 128 x 128 points (32 a wall inside), few photons."""
 
 import math
 from collections.abc import Callable, Mapping

@@ -15,6 +15,7 @@ from nlos.calibration.correct import CorrectedPoints, Report, correct, correct_p
 from nlos.calibration.errors import NoDirectPeak, NothingBehind, ShutterClosed
 from nlos.calibration.raw_points import RawPoints, from_transient
 from nlos.calibration.seems_raw import mean_arrival_s
+from nlos.direct_times import DirectTimes
 from nlos.loaded import LoadedScan, load_scan
 from nlos.recipe import Recipe
 from nlos.recon.depth_range import within_depths
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from nlos.acquisition.transient import Transient
     from nlos.calibration.constants import BenchConstants
     from nlos.calibration.impulse_response import ImpulseResponse
-    from nlos.calibration.time_offset import TimeOffsets
     from nlos.recon.volume import Reconstruction
 
 
@@ -56,21 +56,26 @@ def constants_for(scan: LoadedScan, given: Path | None, tell: Tell = log.log) ->
     return known.constants
 
 
-def arrivals_of(scan: LoadedScan, constants: "BenchConstants | None" = None) -> "TimeOffsets | None":
-    """When direct light arrives at each point of a grid, by a whole scan: what its single frames, of far fewer photons,
-    are aligned by. None where the file says it or only constants know, and at free positions."""
-    if scan.rectified or scan.points is not None or scan.no_direct_light:
+def arrivals_of(scan: LoadedScan, constants: "BenchConstants | None" = None) -> DirectTimes | None:
+    """When direct light arrives at each point, by a whole scan: what its single frames are aligned by. None where the
+    file says it or only constants know."""
+    if scan.rectified or scan.no_direct_light:
         return None
-    done = correct(scan.transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
+    if scan.points is None:
+        raw, places = from_transient(scan.transient, scan.sync_count, scan.total_count), None
+    else:
+        raw = scan.points
+        places = {place: k for k, place in enumerate(zip(raw.x_m.tolist(), raw.y_m.tolist(), strict=True))}
+    done = correct_points(raw, constants)
     _tell_calibration(done.report(), log.log)
-    return done.points.offsets
+    return None if done.offsets is None else DirectTimes(done.offsets, places)
 
 
 def calibrate_scan(
     scan: LoadedScan,
     use_file_offsets: bool = False,
     constants: "BenchConstants | None" = None,
-    arrivals: "TimeOffsets | None" = None,
+    arrivals: DirectTimes | None = None,
     hear: "Callable[[CorrectedPoints], None]" = lambda done: None,
     tell: Tell = log.log,
 ) -> "Transient":
@@ -88,7 +93,7 @@ def _calibrated(
     scan: LoadedScan,
     use_file_offsets: bool,
     constants: "BenchConstants | None",
-    arrivals: "TimeOffsets | None",
+    arrivals: DirectTimes | None,
     hear: "Callable[[CorrectedPoints], None]",
     tell: Tell,
 ) -> "tuple[Transient, ImpulseResponse | None]":
@@ -103,17 +108,18 @@ def _calibrated(
             points = replace(points, counts=without_first(points.counts.T, scan.direct_cut_bins).T)
         with _or_rectified(scan):
             done = correct_points(
-                points, constants, rectified=scan.rectified, remove_direct=scan.direct_cut_bins is None
-            )
+                points, constants, rectified=scan.rectified, remove_direct=scan.direct_cut_bins is None,
+                offset_bins=None if scan.rectified or arrivals is None else arrivals.of(points),
+            )  # fmt: skip
         if scan.rectified:
             _tell_if_not_rectified(scan, points, done, tell)
-        else:
+        elif arrivals is None:
             hear(done)
             _tell_calibration(done.report(), tell)
         gridded = grid_samples(
             scan.points.x_m, scan.points.y_m, done.counts, done.exposure_s, transient.wall, done.time
         )
-        return gridded, _own(done)
+        return gridded, _own(done) if arrivals is None else arrivals.response
     if scan.rectified and scan.direct_cut_bins is not None:
         return cut_direct(transient, scan.direct_cut_bins), None
     if scan.rectified:
@@ -182,6 +188,9 @@ def _tell_if_not_rectified(scan: LoadedScan, raw: RawPoints, done: CorrectedPoin
 def _tell_calibration(report: "Report", tell: Tell) -> None:
     rms_bins, points = report["offset_rms_bins"], report["points"]
     assert isinstance(points, int)
+    if report["arrivals_known"]:
+        tell(logging.INFO, "calibrated: by the constants' arrivals, as no direct light was found in the scan itself")
+        return
     if not isinstance(rms_bins, float):
         spread_bins = report["arrival_spread_bins"]
         if points >= 9 and isinstance(spread_bins, float) and spread_bins < 1:
@@ -199,12 +208,13 @@ def _tell_calibration(report: "Report", tell: Tell) -> None:
     masked_ns = report["direct_masked_ns"]
     masked = f"direct light masked up to {masked_ns:.2f} ns" if masked_ns else "no bins masked for direct light"
     tell(logging.INFO, "calibrated: offsets to %.1f ps RMS of the wall fit, %s", report["offset_rms_ps"], masked)
-    if rms_bins > 1:
+    if not report["on_a_plane"]:
         tell(
             logging.WARNING,
-            "arrivals scatter by %.1f bins about a plane wall. Is this a raw scan, does its time window hold the "
-            "direct light, is the wall plane? `nlos calibrate` draws them. %s",
-            rms_bins,
+            "arrivals scatter by %.0f ps about a plane wall. Is the wall plane, does the time window hold its direct "
+            "light, or is a hidden object brighter than that (a gated detector)? `nlos calibrate` draws them. Then "
+            "time 0 has to be told: --constants of a scan with direct light, or --set offsets=file. %s",
+            report["offset_rms_ps"],
             IF_RECTIFIED,
         )
 
@@ -227,14 +237,16 @@ def reconstruct_scan(
     *,
     use_file_offsets: bool = False,
     stage: Callable[[str], None] = lambda name: None,
-    arrivals: "TimeOffsets | None" = None,
+    whole: LoadedScan | None = None,
 ) -> "Reconstruction":
-    """A scan calibrated and reconstructed; the falloff that its file states is used unless the settings say another."""
+    """A scan calibrated and reconstructed, a frame by the direct light of the `whole` one; the falloff that its file
+    states is used unless the settings say another."""
     chosen = dict(recipe.settings)
     if scan.falloff is not None and "falloff" in find(recipe.method).Settings.model_fields:
         chosen.setdefault("falloff", scan.falloff)
     stage("calibrating")
     known = constants_for(scan, recipe.constants)
+    arrivals = None if whole is None else arrivals_of(whole, known)
     transient = with_response(calibrate_scan(scan, use_file_offsets, known, arrivals), recipe.response)
     say_response(transient)
     if unlike := _unlike_trained(chosen.get("weights"), transient, scan.falloff):
@@ -267,10 +279,8 @@ def reconstruct_file(
     added up, or `frame` is taken alone. `stage` is told what begins, `STAGES` times."""
     results.check()
     stage(FIRST_STAGE)
-    scan, arrivals = load_scan(run, given), None
-    if frame is not None:
-        whole, scan = scan, load_scan(run, given, range(frame, frame + 1))
-        arrivals = arrivals_of(whole, constants_for(whole, recipe.constants))
+    frames = None if frame is None else range(frame, frame + 1)
+    scan, whole = load_scan(run, given, frames), None if frame is None else load_scan(run, given)
     chosen = dict(recipe.settings)
     offsets = chosen.pop("offsets", None)
     if offsets not in (None, "file"):
@@ -278,11 +288,11 @@ def reconstruct_file(
     if results.depth_m is not None and "farthest_m" in find(recipe.method).Settings.model_fields:
         chosen.setdefault("farthest_m", results.depth_m[1])
     result = reconstruct_scan(
-        scan, replace(recipe, settings=chosen), use_file_offsets=offsets == "file", stage=stage, arrivals=arrivals
+        scan, replace(recipe, settings=chosen), use_file_offsets=offsets == "file", stage=stage, whole=whole
     )
     if results.depth_m is not None:
         result = within_depths(result, *results.depth_m)
-    result = replace(result, scan=run.name)
+    result = replace(result, scan=run.name, frame=frame)
     stage("drawing")
     write_results(results.path, result, overwrite=results.overwrite, keep_volume=results.volume, html=results.html)
     return result

@@ -2,11 +2,12 @@
 
 import csv
 import json
+import logging
 import math
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -17,13 +18,15 @@ from matplotlib import colormaps
 from PIL import Image, ImageDraw
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.recording.frames import frame_table
+from nlos.acquisition.recording.condition import listed
+from nlos.acquisition.recording.frames import PicturedFrames, frame_table
 from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.acquisition.transient import Transient
 from nlos.chain import arrivals_of, calibrate_scan, constants_for
 from nlos.film_memory import FilmMemory
 from nlos.loaded import loaded_frames
 from nlos.recipe import Recipe
+from nlos.recon.errors import NoLight
 from nlos.recon.explained_share import NOT_LOOKED_FOR, Explained
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.track import track
@@ -31,6 +34,8 @@ from nlos.recon.tracked_objects import tracked_objects
 from nlos.recon.volume import Reconstruction, response_words
 from nlos.recon.whole_files import whole_files
 from nlos.response import say_response, with_response
+
+log = logging.getLogger(__name__)
 
 LONGEST_SIDE_PX = 384
 TRAILS = ("#4cc9f0", "#80ed99", "#f15bb5", "#ffffff")
@@ -54,6 +59,8 @@ class Film:
     """How much of light that it was not made from each picture accounts for."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """The method and its settings, as each picture was made."""
+    memory: bool = False
+    """Whether each holds light of other frames, moved along."""
 
     def track(self) -> dict[str, npt.NDArray[Any]]:
         """Centroid, extent and velocity of what is seen, a row a picture; see `recon.track`."""
@@ -75,8 +82,9 @@ def film_of(
 ) -> Film:
     """Every frame of a recording by `recipe`, each from `window` successive ones: by default as many as it takes for
     all points; with a `memory` each from its own light, and that of others moved along. Aligned by the direct light of
-    all. `step` is told how many there will be, after each. Raises
-    `InvalidData`."""
+    all. A frame without light behind it is dark; what is not there whole, or was taken in pieces, is skipped, and
+    said. `step` is told how many there will be, after each. Raises `InvalidData`, and what the first frame raises
+    where none has a picture."""
     with open_checked(run) as recording:
         plan = recording.plan
         if plan.frames == 1:
@@ -85,47 +93,80 @@ def film_of(
         if each > plan.frames:
             raise InvalidData(f"{run}: {each} frames to a picture, but it has {plan.frames}")
         table = frame_table(plan, recording.intact_records())
+        found = table.pictured(each)
+        _say_skipped(run, found)
+        if not found.frames:
+            raise InvalidData(f"{run}: no {each} successive frames of it were taken whole; `nlos info` says what was")
         whole = loaded_frames(recording, None)
         known = constants_for(whole, recipe.constants)
         arrivals = arrivals_of(whole, known)
         remembered = FilmMemory(recording, calibrate_scan(whole, False, known, arrivals)) if memory else None
-        pictures: list[Reconstruction] = []
-        frames, times_s = [], []
+        made: list[Reconstruction | None] = []
+        nothing: NoLight | None = None
 
         def scans() -> Iterator[tuple[int, Transient]]:
-            for last in range(each - 1, plan.frames):
-                some = slice(last - each + 1, last + 1)
-                if (table.points[some] > 0).all():
-                    scan = loaded_frames(recording, range(some.start, some.stop))
-                    yield last, with_response(calibrate_scan(scan, False, known, arrivals), recipe.response)
-                step(plan.frames - each + 1)
+            for frames in found.frames:
+                scan = loaded_frames(recording, frames)
+                yield frames.stop - 1, with_response(calibrate_scan(scan, False, known, arrivals), recipe.response)
+                step(len(found.frames))
 
         for last, transient in scans() if remembered is None else remembered.brought(scans()):
-            if not pictures:
+            if not made:
                 say_response(transient)
-            pictures.append(reconstruct(transient, recipe.method, recipe.settings, recipe.device))
+            try:
+                picture = reconstruct(transient, recipe.method, recipe.settings, recipe.device)
+            except NoLight as error:
+                log.warning("%s: frame %d shows nothing, its picture is dark: %s", run, last, error)
+                made.append(None)
+                nothing = nothing or error
+                continue
+            made.append(picture)
             if remembered is not None:
-                remembered.pictured(pictures[-1])
-            some = slice(last - each + 1, last + 1)
-            frames.append(last)
-            times_s.append(float(np.average(table.mean_s[some], weights=table.live_s[some])))
-    if not pictures:
-        raise InvalidData(f"{run}: no {each} successive frames of it were taken")
-    wall = pictures[0].wall
+                remembered.pictured(picture)
+    first = next((one for one in made if one is not None), None)
+    if first is None:
+        assert nothing is not None
+        raise nothing
+    dark = replace(
+        first, albedo=np.zeros_like(first.albedo), depth_m=np.full_like(first.depth_m, np.nan), explained=None
+    )
+    pictures = [one or dark for one in made]
+    wall = first.wall
     return Film(
-        np.stack([one.albedo for one in pictures]), np.stack([one.depth_m for one in pictures]), np.array(frames),
-        np.array(times_s), wall.x_m(), wall.y_m(), each if remembered is None else remembered.frames_to_a_picture,
-        response_words(pictures[0]), tuple(one.explained or NOT_LOOKED_FOR for one in pictures),
-        {"method": pictures[-1].method, **pictures[-1].settings},
+        np.stack([one.albedo for one in pictures]), np.stack([one.depth_m for one in pictures]),
+        np.array([frames.stop - 1 for frames in found.frames]),
+        np.array([table.mean_of(frames) for frames in found.frames]),
+        wall.x_m(), wall.y_m(), each if remembered is None else remembered.frames_to_a_picture,
+        response_words(first), tuple(one.explained or NOT_LOOKED_FOR for one in pictures),
+        {"method": first.method, **first.settings}, memory,
     )  # fmt: skip
+
+
+def _say_skipped(run: Path, found: PicturedFrames) -> None:
+    for frames, why in (
+        (found.short, "a part of the points only"),
+        (found.late, "points taken at quite another moment"),
+    ):
+        if frames:
+            log.warning("%s: skipped, with %s: frames %s. --frame shows one.", run, why, listed(frames))
 
 
 def write_film(folder: Path, film: Film) -> list[Path]:
     """film.npz (`albedo`, `depth_m`, `frame`, `time_s`, `x_m`, `y_m`, `explained`, `explained_error`, `settings`
-    as JSON), film.gif, track.csv and track.json of all that is seen as one, and objects.csv of each object alone."""
+    as JSON, `memory`), film.gif, track.csv and track.json of all that is seen as one, and objects.csv of each object
+    alone."""
     with whole_files(folder) as fresh:
         _write_film(fresh, film)
     return [folder / name for name in NAMES]
+
+
+def made_of(folder: Path) -> tuple[str, bool] | None:
+    """By which method the film in `folder` was made, and whether with a memory; None where it does not say."""
+    try:
+        with np.load(folder / NAMES[0]) as held:
+            return str(json.loads(str(held["settings"]))["method"]), bool(held["memory"])
+    except (OSError, ValueError, LookupError, TypeError):
+        return None
 
 
 def _write_film(folder: Path, film: Film) -> None:
@@ -136,6 +177,7 @@ def _write_film(folder: Path, film: Film) -> None:
     for name, figure in (("explained", "share"), ("explained_error", "error")):
         arrays[name] = np.array([getattr(one, figure) for one in film.explained], dtype=np.float64)  # None becomes NaN
     arrays["settings"] = np.array(json.dumps(film.settings))
+    arrays["memory"] = np.array(film.memory)
     np.savez_compressed(paths[0], **arrays)
     write_gif(paths[1], film)
     columns = film.track()

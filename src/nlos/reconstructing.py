@@ -50,8 +50,9 @@ def reconstruct(
         given = {"wall": wall, "bin_width": bin_width, "points": points, "axes": axes, "exposure": exposure}
         if named := [name for name, value in given.items() if value is not None]:
             raise InvalidSettings(f"{', '.join(named)}: the scan says so itself; these belong to plain arrays.")
-        loaded = scan.loaded
+        loaded, whole = scan.loaded, scan.whole
     else:
+        whole = None
         loaded = scan_from_arrays(
             scan, bin_width=bin_width, wall=wall, points=points, axes=axes, exposure=exposure, rectified=rectified
         )
@@ -61,4 +62,5 @@ def reconstruct(
 
         name, chosen = use_weights(weights, method, settings)
     place = None if constants is None else Path(constants)
-    return Picture(reconstruct_scan(loaded, Recipe(name, chosen, place, response_wanted(response), device)))
+    recipe = Recipe(name, chosen, place, response_wanted(response), device)
+    return Picture(reconstruct_scan(loaded, recipe, whole=whole))

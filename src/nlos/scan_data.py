@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.transient import Transient
-from nlos.chain import calibrate_scan, constants_for
+from nlos.chain import arrivals_of, calibrate_scan, constants_for
 from nlos.loaded import LoadedScan, load_scan
 
 Floats = npt.NDArray[np.float64]
@@ -19,8 +19,9 @@ class Scan:
     Row 0 is the top (y+), column 0 the left (x-), looking towards the wall. `nlos.reconstruct(scan)` calibrates it.
     """
 
-    def __init__(self, loaded: LoadedScan, source: str) -> None:
-        self.loaded, self.source = loaded, source
+    def __init__(self, loaded: LoadedScan, source: str, whole: LoadedScan | None = None) -> None:
+        """`whole`: the scan that it is a frame of, by whose direct light it is aligned."""
+        self.loaded, self.source, self.whole = loaded, source, whole
 
     @property
     def on_grid(self) -> bool:
@@ -78,7 +79,8 @@ class Scan:
         `constants`: a file of `nlos calibrate`; else the newest of the scan's bench, else the scan's own direct light.
         """
         found = constants_for(self.loaded, None if constants is None else Path(constants))
-        return calibrate_scan(self.loaded, constants=found)
+        arrivals = None if self.whole is None else arrivals_of(self.whole, found)
+        return calibrate_scan(self.loaded, constants=found, arrivals=arrivals)
 
     def __repr__(self) -> str:
         width_m, height_m = self.wall_m
@@ -98,9 +100,11 @@ class Scan:
 
 
 def load(path: str | Path, frame: int | None = None) -> Scan:
-    """A scan from one of our recordings or any format of `nlos import`; of several frames all added up, or `frame`.
+    """A scan from one of our recordings or any format of `nlos import`; of several frames all added up, or `frame`
+    alone, aligned by the direct light of all.
 
     Raises `FileNotFoundError`, and `InvalidData` naming file, place and reason.
     """
-    frames = None if frame is None else range(frame, frame + 1)
-    return Scan(load_scan(Path(path), frames=frames), Path(path).name)
+    if frame is None:
+        return Scan(load_scan(Path(path)), Path(path).name)
+    return Scan(load_scan(Path(path), frames=range(frame, frame + 1)), Path(path).name, load_scan(Path(path)))

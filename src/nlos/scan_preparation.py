@@ -76,6 +76,8 @@ class PreparedScan:
         adviser: Adviser | None = None,
     ) -> Generator[Sample, None, None]:
         """What is still missing, as it is taken."""
+        if begun.taken:
+            self.bench.scene_goes_on(begun.elapsed_s - begun.lit_s)
         return scan(
             self.request.plan, self.bench, aim=self.aim, taken=begun.taken, control=control, alarms=self.alarms,
             decide=decide, elapsed_s=begun.elapsed_s, lag=self.lag, adviser=adviser,

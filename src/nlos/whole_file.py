@@ -7,7 +7,10 @@ from pathlib import Path
 
 @contextmanager
 def whole_file(target: Path) -> Iterator[Path]:
-    """A path beside `target` to write to: it becomes `target` when the block ends, and is removed where that fails."""
+    """A path beside `target` to write to: it becomes `target` when the block ends, and is removed where that fails.
+    Raises `FileNotFoundError` where there is no folder for it."""
+    if not target.absolute().parent.is_dir():
+        raise FileNotFoundError(f"{target.parent}: no such folder. Make it, or choose another place with -o.")
     partial = target.with_name(f".{target.name}.part")
     try:
         yield partial

@@ -15,6 +15,8 @@ from nlos.recon.weights.files import OWN_FOLDER, place_of
 FOLDER = Path("runs/results")
 EQUAL = {"lfe": "nano_4000", "nlost": "nano_4000", "unet": "nano_6500"}
 """Weights of a NANO that has seen as many samples as each rival."""
+TREATED_ALIKE = {"lfe_4000": "nano_4000_once", "nlost_4000": "nano_4000_once", "unet_4000": "nano_4000_once"}
+"""The same, by NANO's losses, one sample a step, seen once: what targets are judged by."""
 BASE = dict.fromkeys(EQUAL.values(), "nano") | {
     "lfe_4000": "lfe",
     "unet_4000": "unet",

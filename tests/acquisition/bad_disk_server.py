@@ -42,5 +42,5 @@ def bad_disks(folder: Path) -> Iterator[Run]:
         yield run
     finally:
         ask.close()
-        runs.wait(30)
+        runs.wait(240)
         answers.close()

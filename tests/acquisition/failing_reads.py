@@ -42,7 +42,7 @@ def outcome(path: Path, fails: Callable[[int], bool]) -> int | None:
 
     process = multiprocessing.get_context("fork").Process(target=child)
     process.start()
-    process.join(30)
+    process.join(240)
     process.kill()
     process.join()
     return process.exitcode

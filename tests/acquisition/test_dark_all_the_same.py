@@ -11,6 +11,8 @@ import pytest
 
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.drivers.errors import DeviceLost
+from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.simulated.faults import Fault
 from tests.acquisition.witnessed_bench import bench_file, witnessed
 
@@ -63,7 +65,7 @@ def test_no_thread_opens_the_shutter_of_a_bench_that_the_end_of_the_program_clos
     for seconds in ("0.0", "0.013", "0.03"):
         (tmp_path / "witness.txt").unlink(missing_ok=True)
         command = [sys.executable, str(child), str(bench_file(tmp_path, name)), seconds]
-        assert subprocess.run(command, cwd=Path(__file__).parents[2], timeout=120).returncode == 0
+        assert subprocess.run(command, cwd=Path(__file__).parents[2], timeout=240).returncode == 0
         seen = light(tmp_path)
         assert "shutter open" in seen
         assert seen[-1] == "shutter closed"
@@ -90,3 +92,22 @@ def test_a_signal_while_a_bench_is_opened_leaves_no_light_on_that_another_progra
         with pytest.raises(SystemExit), open_bench(settings, wire_log=end_once):
             pytest.fail("the signal was lost")
         assert light(tmp_path)[-2:] == ["shutter open", "shutter closed"], when
+
+
+@pytest.mark.parametrize("name", ["S1, TTL shutter", "S2, TTL shutter"])
+@pytest.mark.parametrize(
+    ("back_after_s", "last"), [(0.1, "shutter closed"), (2.5, "shutter closed"), (60.0, "shutter open")]
+)
+def test_a_shutters_own_cable_that_only_slipped_carries_the_command_once_it_is_back(
+    tmp_path: Path, name: str, back_after_s: float, last: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The controller stays on meanwhile, and its output where it was. 60 s are too long: that is said aloud."""
+    settings = load("bench", str(bench_file(tmp_path, name)), BenchSettings).settings
+    with pytest.raises(DeviceLost), open_bench(settings) as bench:  # noqa: PT012
+        bench.shutter.open()
+        assert bench.simulated is not None
+        bench.simulated.faults.add(Fault(name="G8", parameters={"replug_after_s": back_after_s}))
+        bench.mirror.move_to(MirrorAngles(0.01, 0.01))
+    assert light(tmp_path)[-1] == last
+    assert "NOT CONFIRMED CLOSED" in caplog.text
+    assert ("answers again" in caplog.text) == (last == "shutter closed")

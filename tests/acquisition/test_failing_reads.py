@@ -24,7 +24,7 @@ def test_a_recording_of_which_any_one_read_fails_is_refused_and_the_process_live
 ) -> None:
     """For good, or until it is asked for again."""
     RecordingWriter.create(run_path, small_plan(4, 4), Header()).finish(Status.INTERRUPTED)
-    ended = subprocess.run([sys.executable, "-P", PROGRAM, run_path], capture_output=True, text=True, timeout=120)
+    ended = subprocess.run([sys.executable, "-P", PROGRAM, run_path], capture_output=True, text=True, timeout=240)
     assert ended.returncode == 0, ended.stderr
     found = json.loads(ended.stdout)
     assert len(found["for_good"]) > 3
@@ -60,6 +60,6 @@ def test_an_error_that_is_kept_until_the_process_ends_does_not_crash_it(
 ) -> None:
     RecordingWriter.create(run_path, small_plan(4, 4), Header()).finish(Status.INTERRUPTED)
     ended = subprocess.run(
-        [sys.executable, "-c", KEPT, run_path, str(good)], capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", KEPT, run_path, str(good)], capture_output=True, text=True, timeout=240
     )
     assert (ended.returncode, ended.stderr) == (0, "")

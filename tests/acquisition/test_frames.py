@@ -180,7 +180,7 @@ def test_frames_cut_off_by_a_kill_are_resumed_with_the_same_photons(
     whole, killed = tmp_path / "whole.h5", tmp_path / "killed.h5"
     child = multiprocessing.get_context("fork").Process(target=_take, args=(killed, plan, settings, 9))
     child.start()
-    child.join(60)
+    child.join(240)
     assert child.exitcode == -signal.SIGKILL
     found = verify(killed)
     assert (found.intact, found.complete_frames, len(found.missing)) == (True, 2, 14)

@@ -20,7 +20,7 @@ from nlos.acquisition.planning.preflight import (
     expectation,
 )
 from nlos.acquisition.planning.schemes import Scheme, forecast
-from nlos.acquisition.planning.timing import Pace, learned_links, links_of, moves_s
+from nlos.acquisition.planning.timing import Pace, clocked_forecast, learned_links, links_of, moves_s
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer import RecordingWriter
@@ -174,6 +174,18 @@ def test_links_are_learned_from_a_past_scan(bench_settings: Benches, small_plan:
     assert learned.move_s == pytest.approx(true.move_s, rel=0.02)
 
 
+def test_a_pause_teaches_nothing_of_links(bench_settings: Benches, small_plan: Plans) -> None:
+    """An hour between two points, as of a scan that was resumed."""
+    plan = small_plan(10, 10)
+    with open_bench(bench_settings(name="simulated")) as bench:
+        angles = checked_angles(plan, bench, aim_of(bench))
+        samples = list(scan(plan, bench, scheme=Scheme.STEPPED))
+        true = links_of(bench)
+        paused = [*samples[:40], *(replace(each, taken_s=each.taken_s + 3600.0) for each in samples[40:])]
+        learned = learned_links(replace(true, move_s=0.0, margin=0.15), paused, Pace(plan, moves_s(bench, angles)))
+    assert learned.move_s == pytest.approx(true.move_s, rel=0.02)
+
+
 def test_a_disk_without_room_is_refused(small_plan: Plans, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = small_plan(100, 100)
     assert disk_bytes(plan) == pytest.approx(100 * 100 * (64 * 4 + 51), rel=0.5)
@@ -212,3 +224,18 @@ def test_rates_learned_from_a_recording_predict_counts_and_refuse_pile_up(
     check_light(rates, 10e6)
     with pytest.raises(LimitError, match=r"pile-up.*Attenuate"):
         check_light(rates, 1e6)
+
+
+def test_planning_takes_as_long_as_there_are_points(
+    bench_settings: Benches, small_plan: Plans, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of very many frames each point is looked at once, and each place checked once."""
+    looks, checks, whole = [], [], ScanPlan.__getitem__
+    monkeypatch.setattr(ScanPlan, "__getitem__", lambda plan, number: looks.append(number) or whole(plan, number))
+    plan = small_plan(4, 4, frames=300)
+    with open_bench(bench_settings(name="simulated")) as bench:
+        known = bench.mirror.check
+        monkeypatch.setattr(bench.mirror, "check", lambda angles: checks.append(angles) or known(angles))
+        clocked_forecast(plan, bench, checked_angles(plan, bench, aim_of(bench)), links_of(bench))
+    assert len(looks) <= 1.1 * len(plan)
+    assert len(checks) <= 100

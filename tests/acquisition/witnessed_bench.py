@@ -37,7 +37,8 @@ def bench_file(folder: Path, name: str) -> Path:
 def witnessed(folder: Path) -> list[str]:
     """What light and beam did, in order: `shutter open`, `shutter closed`, `beam to X Y`."""
     path = folder / "witness.txt"
-    return [line.split(maxsplit=1)[1] for line in path.read_text().splitlines()] if path.exists() else []
+    written = path.read_text().split("\n")[:-1] if path.exists() else []  # the last may be half written
+    return [line.split(maxsplit=1)[1] for line in written]
 
 
 def is_parked(line: str) -> bool:

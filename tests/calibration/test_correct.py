@@ -8,6 +8,7 @@ from nlos.acquisition.wall import WallGrid
 from nlos.calibration.correct import correct, correct_points
 from nlos.calibration.direct_reflection import find_direct_light
 from nlos.calibration.errors import InvalidData, SaturatedBins
+from nlos.calibration.measure import measure_constants
 from nlos.calibration.raw_points import RawPoints
 from tests.calibration.conftest import RawScan, make_raw_scan
 
@@ -137,3 +138,15 @@ def test_records_that_end_with_the_direct_light_are_refused(raw_scan: RawScan) -
     time = TimeAxis(latest, raw_scan.bin_width_s)
     with pytest.raises(InvalidData, match=r"point \d+ .* direct light arrives in bin .* Lengthen the histogram"):
         correct_points(replace(raw(raw_scan), counts=raw_scan.counts[:, :latest], time=time))
+
+
+def test_constants_align_a_scan_whose_direct_light_is_gated_out() -> None:
+    full, dark = make_raw_scan(), make_raw_scan(direct_counts=0, hidden_counts=400, background=0.005)
+    known = measure_constants([raw(full)], devices={}, sources=["full"], measured_utc="2026-01-01T00:00:00+00:00")
+    done = correct_points(raw(dark), known.constants)
+    brightest = done.counts.argmax(axis=1)
+    return_bins = 2 * np.sqrt((dark.x_m - 0.2) ** 2 + dark.y_m**2 + 0.9**2) / 299_792_458 / dark.bin_width_s
+    inside = return_bins < done.time.bins - 5
+    assert inside.mean() > 0.9
+    assert np.abs(brightest - return_bins)[inside].max() < 3
+    assert done.report()["arrivals_known"]

@@ -7,9 +7,10 @@ import pytest
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
+from nlos.calibration.arrival_rounds import TimeOffsets
 from nlos.calibration.errors import NoDirectPeak, ShutterClosed
 from nlos.calibration.impulse_response import from_histogram, stack
-from nlos.calibration.time_offset import TimeOffsets, measure_time_offsets
+from nlos.calibration.time_offset import measure_time_offsets
 from nlos.calibration.wall_timing import fit_wall_timing
 from tests.calibration.conftest import RawScan, make_raw_scan
 
@@ -176,3 +177,44 @@ def test_a_wall_is_found_again_from_where_it_was() -> None:
     found = fit_wall_timing(arrival, error, x, y, elsewhere)
     assert found is not None
     np.testing.assert_array_equal(found.scanner_position_m, first.scanner_position_m)
+
+
+def gated(suppressed: float) -> tuple[np.ndarray, np.ndarray]:
+    """Photons of the measured scan whose direct light a gated detector suppressed, (N, T), and the exact arrivals."""
+    with h5py.File(SHARED / "real" / "rawscan_semisynth_s_u.h5") as file:
+        counts, exact = file["histograms"][:].reshape(4096, -1).astype(np.int64), file["time_offset_bins"][:].ravel()
+    after = np.arange(counts.shape[1]) - exact[:, None]
+    direct = (after > -100) & (after < 2.5e-9 / 4e-12)
+    counts[direct] = np.random.default_rng(0).binomial(counts[direct], suppressed)
+    return counts, exact
+
+
+@needs_shared
+def test_direct_light_that_a_gated_detector_suppressed_is_found_before_the_hidden_light() -> None:
+    counts, exact = gated(0.001)  # 12 photons a point, beside 1,273 of what is hidden
+    check_raw_scan(counts, exact, np.array([0.12, -0.35, 1.15]), 0.5)
+
+
+@needs_shared
+def test_hidden_light_alone_is_not_taken_for_direct_light() -> None:
+    counts, _ = gated(0.0)
+    x, y = np.meshgrid(WallGrid(0.7, 0.7, 64, 64).x_m(), WallGrid(0.7, 0.7, 64, 64).y_m())
+    with pytest.raises(NoDirectPeak, match=r"hidden object's light, and direct light is missing.*--constants"):
+        measure_time_offsets(counts, x.ravel(), y.ravel(), TimeAxis(4096, 4e-12))
+
+
+@pytest.mark.parametrize("direct_counts", [40, 8])
+def test_direct_light_is_the_earliest_where_a_hidden_object_outshines_it(direct_counts: float) -> None:
+    scan = make_raw_scan(direct_counts=direct_counts, hidden_counts=400, background=0.005)
+    found = measure(scan)
+    assert found.on_a_plane
+    assert np.abs(found.offset_bins - scan.arrival_bins).max() < 0.5
+
+
+def test_a_reflection_that_is_early_at_one_time_everywhere_is_no_wall() -> None:
+    """Of a lens, say: it stands still while the beam moves over the wall."""
+    scan = make_raw_scan(direct_counts=0, hidden_counts=400, background=0.005)
+    counts = scan.counts.copy()
+    counts[:, 30:32] += np.random.default_rng(1).poisson(20, (len(counts), 2)).astype(np.uint32)
+    axis = TimeAxis(512, scan.bin_width_s)
+    assert not measure_time_offsets(counts, scan.x_m, scan.y_m, axis).on_a_plane

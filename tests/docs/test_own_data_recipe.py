@@ -22,7 +22,7 @@ def converted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("name", ["from_mat", "from_npz", "from_csv"])
+@pytest.mark.parametrize("name", ["from_mat", "from_npz", "from_csv", "pairs"])
 def test_the_spot_is_where_it_is(converted: Path, name: str) -> None:
     picture = nlos.reconstruct(converted / f"{name}.npz")
     row, col = np.unravel_index(picture.albedo.argmax(), picture.albedo.shape)

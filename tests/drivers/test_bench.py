@@ -328,7 +328,7 @@ def test_a_bench_without_shutter_or_watchdog_says_so() -> None:
         assert opened.simulated.shutter_open
         opened.shutter.close()
         assert not opened.simulated.shutter_open
-        assert "no watchdog: if this computer hangs, the shutter stays as it is" in opened.warnings
+        assert "no watchdog: if the computer freezes or kills this program, the shutter stays open" in opened.warnings
     without = ttl | {"shutter": {"model": "none"}, "safety": {"watchdog_s": 0.0}}
     events: list[tuple[str, str]] = []
     with open_bench(BenchSettings.model_validate_json(json.dumps(without))) as opened:

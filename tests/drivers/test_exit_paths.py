@@ -32,7 +32,7 @@ def end_by(ending: str, *signals: signal.Signals) -> tuple[int, list[str], list[
     assert child.stdout.readline() == "scanning\n"
     for number in signals:
         child.send_signal(number)
-    _, log = child.communicate(timeout=60)
+    _, log = child.communicate(timeout=240)
     lines = log.splitlines()
     middle = lines.index("EVENT")
     return child.returncode, lines[:middle], lines[middle + 1 :]

@@ -48,7 +48,7 @@ def lab(tmp_path: Path) -> Path:
 def nlos(lab: Path, *words: str) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(lab / "site"), os.environ.get("PYTHONPATH", "")))}
     command = [sys.executable, "-m", "nlos", *words]
-    return subprocess.run(command, cwd=lab, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(command, cwd=lab, env=environment, capture_output=True, text=True, timeout=240, check=False)
 
 
 def test_its_devices_are_scanned_with_like_ours(lab: Path) -> None:

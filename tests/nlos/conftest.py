@@ -119,7 +119,7 @@ def _viewing(folder: Path, *words: str, ends: int | None = 0) -> Iterator[Viewer
         yield Viewer(process.stdout.readline().strip(), process, errors)
         if ends is not None:
             process.send_signal(signal.SIGINT)
-            assert process.wait(20) == ends
+            assert process.wait(240) == ends
     finally:
         process.kill()
         process.wait()

@@ -198,7 +198,7 @@ def test_ctrl_c_at_a_cluster_leaves_a_record_of_what_the_folder_holds(tmp_path: 
             for _ in range(presses):
                 process.send_signal(signal.SIGINT)
                 time.sleep(0.3)
-            said = process.communicate(timeout=120)[1]
+            said = process.communicate(timeout=240)[1]
         time.sleep(5)  # what goes on after the command has ended
         rows, there = record(tmp_path / "out"), times(tmp_path / "out")
         again = subprocess.run(

@@ -142,7 +142,7 @@ def test_a_wire_log_that_outgrows_its_disk_ends_and_the_light_goes_off_in_its_ti
         [sys.executable, "-m", "nlos", "monitor", "--light", "1", "--for", "2", "--bench", str(path),
          "--wire-log", "wire.log"],
         cwd=tmp_path, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-        timeout=120, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, resource.RLIM_INFINITY)),
+        timeout=240, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, resource.RLIM_INFINITY)),
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "wire.log: not every byte" in done.stderr

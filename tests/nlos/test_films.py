@@ -11,15 +11,9 @@ import pytest
 from PIL import Image
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.planning.scan_settings import ScanSettings
-from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.read_by_child import open_checked
-from nlos.acquisition.recording.writer import RecordingWriter
-from nlos.acquisition.scanning.engine import record, scan
 from nlos.chain import reconstruct_file
 from nlos.cli.app import load_verb
-from nlos.configs.load import load
-from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.simulated.motion import pose_at
 from nlos.drivers.simulated.surfaces import Surface
 from nlos.film import film_of, write_film, write_mp4
@@ -27,6 +21,7 @@ from nlos.recipe import Recipe
 from nlos.recon.volume import response_words
 from nlos.response import response_wanted
 from nlos.results_folder import ResultsFolder
+from tests.nlos.bench_films import filmed_objects
 
 LCT = Recipe("lct", constants=Path("none"))
 PANEL = {"panel_m": (0.2, 0.2), "centre_m": (-0.2, 0.1, 0.7), "path": [{"at_s": 2.0, "centre_m": (0.3, 0.0, 0.8)}]}
@@ -35,29 +30,7 @@ PANEL = {"panel_m": (0.2, 0.2), "centre_m": (-0.2, 0.1, 0.7), "path": [{"at_s": 
 @pytest.fixture(scope="module", params=[1, 4])
 def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Eight frames, whole and in fourths, of a panel of 20 cm at 26 cm/s."""
-    return filmed(tmp_path_factory.mktemp("film") / "run.h5", request.param, PANEL)
-
-
-def filmed(path: Path, interleave: int, *objects: dict[str, object]) -> Path:
-    """Eight frames of 12 x 12 points, 2.8 s, on the default bench with these objects in place of its own."""
-    settings = load("bench", "simulated", BenchSettings).settings
-    assert settings.simulation is not None
-    surfaces = tuple(Surface.model_validate_json(json.dumps(each)) for each in objects)
-    scene = settings.simulation.scene.model_copy(update={"objects": surfaces})
-    simulation = settings.simulation.model_copy(update={"scene": scene})
-    words = {
-        "wall": {"width_m": 1.0, "height_m": 1.0, "rows": 12, "cols": 12},
-        "pattern": "serpentine",
-        "dwell_ms": 1,
-        "histogram": {"bins": 512, "bin_width_ps": 32, "offset_ns": 10},
-        "frames": 8,
-        "interleave": interleave,
-    }
-    plan = ScanSettings.model_validate(words).plan()
-    moving = settings.model_copy(update={"simulation": simulation})
-    with open_bench(moving) as bench, RecordingWriter.create(path, plan, Header(), clock=bench.clock) as writer:
-        record(scan(plan, bench), writer)
-    return path
+    return filmed_objects(tmp_path_factory.mktemp("film") / "run.h5", request.param, PANEL)
 
 
 def test_a_film_tells_where_a_panel_was_and_how_fast(run: Path, tmp_path: Path) -> None:
@@ -124,7 +97,7 @@ def test_two_objects_have_rows_of_their_own(tmp_path: Path) -> None:
         "path": [{"at_s": 3.0, "centre_m": (0.2, 0.2, 0.6)}],
     }
     passing = {"panel_m": (0.2, 0.2), "centre_m": (0.15, -0.25, 0.8), "appears_s": 0.75, "vanishes_s": 2.0}
-    film = film_of(filmed(tmp_path / "two.h5", 1, moving, passing), LCT)
+    film = film_of(filmed_objects(tmp_path / "two.h5", 1, moving, passing), LCT)
     found = film.objects()
     assert len(found) == 2
     objects = [Surface.model_validate_json(json.dumps(each)) for each in (moving, passing)]

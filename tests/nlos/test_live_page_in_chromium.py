@@ -73,7 +73,7 @@ def viewed(folder: Path, *words: str, ends: int | None = 0) -> Iterator[str]:
         yield process.stdout.readline().strip()
         if ends is not None:
             process.send_signal(signal.SIGINT)
-            assert process.wait(20) == ends
+            assert process.wait(240) == ends
     finally:
         process.kill()
         process.wait()
@@ -332,13 +332,13 @@ def test_a_scan_under_way_shows_what_comes_next_and_its_end(folder: Path, browse
     shows(page, "status", r"^Replaying a recording$")
     shows(page, "laser", r"^replay of a recording: no laser$")
     assert page.locator("#slider").is_hidden()
-    assert bench.wait(60) == 0
+    assert bench.wait(240) == 0
     page.wait_for_selector('body[data-picture="256"]')
     shows(page, "status", r"^Scan complete$")
     page.wait_for_selector("#slider", state="visible")
     assert complaints == []
     process.send_signal(signal.SIGINT)
-    assert process.wait(20) == 0
+    assert process.wait(240) == 0
     shows(page, "status", r"^No answer")
     shows(page, "banner", r"The viewer has ended")
     page.wait_for_timeout(300)  # nothing is asked any more: the banner alone has made everything another size

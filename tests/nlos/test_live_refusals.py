@@ -75,7 +75,7 @@ def test_a_scan_that_has_not_begun_is_waited_for_under_its_address(
 ) -> None:
     with viewing("later.h5", "--method", "lct") as viewer:
         assert viewer.state()["status"] == "waiting"
-        subprocess.run(["cp", taken / "run.h5", tmp_path / "later.h5"], check=True, timeout=20)
+        subprocess.run(["cp", taken / "run.h5", tmp_path / "later.h5"], check=True, timeout=240)
         assert viewer.waits(lambda state: state["over"])["samples"] == 16
     assert "waiting for later.h5" in viewer.errors.read_text()
     assert "calibrated: no plane wall" not in viewer.errors.read_text()  # a rehearsal's scan of a wall is nobody's

@@ -31,7 +31,7 @@ def nlos_(*arguments: str, cwd: Path) -> tuple[int, str, str]:
 
 def as_a_process(*arguments: str | bytes, cwd: Path, **variables: str) -> tuple[int, str, str]:
     command = [sys.executable, "-P", "-m", "nlos", *arguments]
-    done = subprocess.run(command, cwd=cwd, capture_output=True, env={**os.environ, **variables}, timeout=120)
+    done = subprocess.run(command, cwd=cwd, capture_output=True, env={**os.environ, **variables}, timeout=240)
     err = done.stderr.decode("utf-8", "replace")
     assert "Traceback" not in err
     return done.returncode, done.stdout.decode("utf-8", "replace"), err
@@ -137,7 +137,7 @@ def test_an_old_python_is_told_so_in_one_line(tmp_path: Path) -> None:
     old = tmp_path / "python3"
     old.write_text('#!/bin/sh\n[ "$1" = -V ] && echo Python 3.10.12\n[ "$1" = -c ] && exit 1\nexit 0\n')
     old.chmod(0o755)
-    done = subprocess.run(["make", f"PYTHON={old}", "demo"], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(["make", f"PYTHON={old}", "demo"], cwd=tmp_path, capture_output=True, text=True, timeout=240)
     assert done.returncode != 0
     said = [line for line in done.stderr.splitlines() if not line.startswith("make")]
     assert len(said) == 1

@@ -40,7 +40,7 @@ STREAMS = {
 def bash(command: str, folder: Path) -> int:
     """The exit code of the first command of the pipe; what it leaves open is its own business."""
     script = f"{command}\nexit ${{PIPESTATUS[0]}}"
-    return subprocess.run(["bash", "-c", script], cwd=folder, timeout=120, env=os.environ | {"LANG": "C"}).returncode
+    return subprocess.run(["bash", "-c", script], cwd=folder, timeout=240, env=os.environ | {"LANG": "C"}).returncode
 
 
 def is_whole(path: Path) -> bool:
@@ -112,7 +112,7 @@ def test_a_scan_outlives_the_reader_of_its_progress(tmp_path: Path, seed: int) -
         if stream is not None:
             stream.close()
     try:
-        assert child.wait(timeout=120) == 0
+        assert child.wait(timeout=240) == 0
     finally:
         for stream in streams:
             if stream is not None:

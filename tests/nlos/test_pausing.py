@@ -45,7 +45,7 @@ def test_nothing_is_at_stake_while_a_scan_is_paused(tmp_path: Path) -> None:
         paused_at = acknowledged(run)
         time.sleep(0.2)  # it asks only after it has said so
         child.send_signal(signal.SIGINT)
-        assert child.wait(60) == 130
+        assert child.wait(240) == 130
     finally:
         child.kill()
         child.wait()

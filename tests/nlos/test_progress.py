@@ -55,7 +55,7 @@ def on_a_terminal(folder: Path, *words: str) -> str:
             break
         seen += part
     os.close(ours)
-    assert process.wait(60) == 0, seen
+    assert process.wait(240) == 0, seen
     return seen.decode(errors="replace")
 
 

@@ -75,7 +75,7 @@ def test_a_scan_that_is_told_to_end_ends_cleanly(tmp_path: Path, seed: int) -> N
             if child.poll() is None:
                 tell(tmp_path, child, number)
             time.sleep(draw.choice((0.0, 0.0005, 0.002, 0.01, 0.1)))
-        said = child.communicate(timeout=60)[1]
+        said = child.communicate(timeout=240)[1]
     finally:
         child.kill()
     assert child.returncode in (0, 130, 143, -signal.SIGTERM), said

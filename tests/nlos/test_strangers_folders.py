@@ -46,7 +46,7 @@ def ran(folder: Path) -> list[str]:
 @pytest.mark.parametrize("words", [("info", "scan.ptu"), ("import", "scan.ptu", "-o", "run.h5"),
                                    ("reconstruct", "plain.h5", "--method", "backprojection")])  # fmt: skip
 def test_the_command_runs_nothing_of_the_folder(folder: Path, ptu: Path, words: tuple[str, ...]) -> None:
-    done = subprocess.run([NLOS, *words], cwd=folder, capture_output=True, text=True, timeout=120)
+    done = subprocess.run([NLOS, *words], cwd=folder, capture_output=True, text=True, timeout=240)
     assert (done.returncode, ran(folder)) == (0, []), done.stderr
 
 
@@ -54,7 +54,7 @@ def test_neither_does_python_m(folder: Path, ptu: Path) -> None:
     for name in sys.stdlib_module_names:  # what Python itself imports before this program begins is not ours to refuse
         (folder / f"{name}.py").unlink(missing_ok=True)
     done = subprocess.run(
-        [sys.executable, "-m", "nlos", "info", "scan.ptu"], cwd=folder, capture_output=True, text=True, timeout=120
+        [sys.executable, "-m", "nlos", "info", "scan.ptu"], cwd=folder, capture_output=True, text=True, timeout=240
     )
     assert (done.returncode, ran(folder)) == (0, []), done.stderr
 
@@ -70,7 +70,7 @@ def test_nor_the_children_of_a_notebook(folder: Path, ptu: Path, program: str) -
     torch.save({"state_dict": {"a": torch.ones(2)}}, folder / "weights.pt")
     done = subprocess.run(
         [sys.executable, "-P", "-c", f"from pathlib import Path; {program}"],
-        cwd=folder, capture_output=True, text=True, timeout=120,
+        cwd=folder, capture_output=True, text=True, timeout=240,
     )  # fmt: skip
     assert (done.returncode, ran(folder)) == (0, []), done.stderr
 
@@ -78,7 +78,7 @@ def test_nor_the_children_of_a_notebook(folder: Path, ptu: Path, program: str) -
 def test_the_live_page_of_a_scan_runs_nothing_either(folder: Path, small: Path) -> None:
     done = subprocess.run(
         [NLOS, "scan", small.name, "-o", "run.h5", "--live", "--json"], cwd=folder, capture_output=True, text=True,
-        timeout=120,
+        timeout=240,
     )  # fmt: skip
     os.kill(json.loads(done.stdout)["live"]["pid"], signal.SIGTERM)  # the page outlives the scan
     assert (done.returncode, ran(folder)) == (0, []), done.stderr

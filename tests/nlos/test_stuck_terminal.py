@@ -37,7 +37,7 @@ def test_what_nobody_takes_is_dropped_in_the_light_and_what_somebody_takes_is_wh
 
     child = FORK.Process(target=write)
     child.start()
-    child.join(60)
+    child.join(240)
     ended = child.exitcode
     child.kill()
     child.join()

@@ -28,6 +28,6 @@ def test_openblas_has_one_thread_unless_the_environment_says_otherwise(said: str
     environment = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
     environment |= {} if said is None else {"OPENBLAS_NUM_THREADS": said}
     done = subprocess.run(
-        [sys.executable, "-c", LOOK], env=environment, capture_output=True, text=True, check=True, timeout=120
+        [sys.executable, "-c", LOOK], env=environment, capture_output=True, text=True, check=True, timeout=240
     )
     assert done.stdout.splitlines()[-1] == ("1 1" if said is None else "2 2")

@@ -37,7 +37,7 @@ WITH_A_BENCH = "with ExitPaths(shut_light, lambda: None): work()"
 
 def said(work: str) -> list[str]:
     code = LOADED.replace("WORK", work)
-    child = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=100, check=False)
+    child = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=240, check=False)
     assert child.stderr == ""
     return child.stdout.splitlines()
 

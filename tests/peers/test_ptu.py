@@ -76,7 +76,7 @@ def foreign(foreign_python: Callable[..., Path], tmp_path: Path) -> Callable[[st
         done = subprocess.run(
             [python, script, reader, path, tmp_path / "found.npz"],
             capture_output=True,
-            timeout=120,
+            timeout=240,
             env={**os.environ, "HOME": str(tmp_path)},  # the vendor's library keeps its log there
         )
         said = (done.stdout + done.stderr).decode("utf-8", "replace")
@@ -178,7 +178,7 @@ def test_what_phconvert_makes_of_it_is_the_same_scan(
     recording, path = exported
     script = Path(__file__).parent / "picoquant" / "to_photon_hdf5.py"
     command = [foreign_python("phconvert"), script, path, tmp_path / "photons.h5"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=240)
     assert done.returncode == 0, done.stderr
     counts, back = recording.transient().counts, read_any(tmp_path / "photons.h5").transient
     assert np.array_equal(back.counts, counts[: back.time.bins])

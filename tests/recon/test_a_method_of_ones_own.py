@@ -65,7 +65,7 @@ def test_it_is_judged_beside_ours_under_a_name_of_its_own(tmp_path: Path) -> Non
     with h5py.File(tmp_path / "scene.h5", "w") as file:
         file.attrs.update({"bin_width_s": 1e-10, "wall_size_m": 1.0})
         file["transient"] = counts
-        file["gt_intensity"], file["gt_depth"], file["gt_mask"] = counts[..., 20], np.ones((8, 8)), np.ones((8, 8))
+        file["gt_intensity"], file["gt_depth"], file["gt_mask"] = counts[..., 20], np.full((8, 8), 0.3), np.ones((8, 8))
     words = ["lct", str(EXAMPLE), f"mine={EXAMPLE}"]
     done = evaluate([tmp_path], words, ["transient"], fixed=True, say=lambda line: None)
     assert [row.method for row in done.rows] == ["lct", EXAMPLE.name, "mine"]

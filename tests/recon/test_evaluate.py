@@ -26,10 +26,11 @@ FIELDS = {
 }  # fmt: skip
 
 
-def make_scene(path: Path, seed: int = 0) -> Path:
-    """A flat square at 0.6 m before a wall of 1 x 1 m, 16 x 16 points, with truth."""
+def make_scene(path: Path, seed: int = 0, square: np.ndarray | None = None) -> Path:
+    """A flat square, or what is True in `square` (16, 16), at 0.6 m before a wall of 1 x 1 m, with truth."""
     edges = (np.arange(16) + 0.5) / 16 - 0.5
-    square = (np.abs(edges)[:, None] < 0.2) & (np.abs(edges) < 0.2)
+    if square is None:
+        square = (np.abs(edges)[:, None] < 0.2) & (np.abs(edges) < 0.2)
     counts = np.zeros((16, 16, 120))
     for y, x in np.argwhere(square):
         r = np.sqrt((edges[:, None] - edges[y]) ** 2 + (edges - edges[x]) ** 2 + 0.6**2)
@@ -172,6 +173,12 @@ def test_what_a_file_says_of_itself_is_heeded(tmp_path: Path) -> None:
         (lambda file: file.attrs.__setitem__("wall_size_m", np.nan), "both sides must be above 0"),
         (lambda file: file["gt_mask"].resize((16, 15)), r"gt_mask \(16, 15\) must be the same"),
         (lambda file: file["gt_intensity"].__setitem__(..., 0), "holds no light"),
+        (
+            lambda file: file["gt_depth"].write_direct(file["gt_depth"][:] * 1e3),
+            r"gt_depth is .* Is gt_depth in millimetres",
+        ),
+        (lambda file: file["gt_depth"].write_direct(-file["gt_depth"][:]), r"gt_depth is not a number above 0 at"),
+        (lambda file: file["gt_depth"].write_direct(file["gt_depth"][:] * np.nan), r"gt_depth is not a number above 0"),
         (lambda file: file["transient"].resize((15, 16, 120)), "15 x 16 points, the truth is given on 16 x 16"),
         (lambda file: file["transient"].__setitem__((1, 2, 3), -1), "1 counts below 0"),
     ],
@@ -188,6 +195,37 @@ def test_scenes_that_cannot_be_used_are_refused(
         change(file)
     with pytest.raises((InvalidData, NotAMeasurement), match=message):
         evaluate([tmp_path / "one.h5"], ["lct"], ["transient"], say=print)
+
+
+@pytest.mark.parametrize(
+    ("turn", "named"),
+    [
+        (lambda truth: truth[:, ::-1], "mirrored left to right"),
+        (lambda truth: truth[::-1], "upside down"),
+        (lambda truth: truth.T, "with rows for columns"),
+        (lambda truth: truth, ""),
+    ],
+)
+def test_a_truth_that_lies_another_way_round_is_said(
+    tmp_path: Path, turn: Callable[[np.ndarray], np.ndarray], named: str
+) -> None:
+    letter = np.zeros((16, 16), bool)  # an L
+    letter[4:13, 5:7] = letter[11:13, 5:11] = True
+    path = make_scene(tmp_path / "one.h5", square=letter)
+    with h5py.File(path, "r+") as file:
+        for name in ("gt_intensity", "gt_depth", "gt_mask"):
+            file[name][...] = turn(file[name][:])
+    notes = evaluate([path], ["lct"], ["transient"], fixed=True, say=print).notes
+    assert any(f"with the truth {named}" in note for note in notes) if named else not notes
+
+
+def test_a_truth_without_a_depth_where_nothing_is_scores_as_one_with_zeros(tmp_path: Path) -> None:
+    path = make_scene(tmp_path / "one.h5")
+    zeros = evaluate([path], ["lct"], ["transient"], fixed=True, say=print).rows[0]
+    with h5py.File(path, "r+") as file:
+        file["gt_depth"][...] = np.where(file["gt_mask"][:] > 0, file["gt_depth"][:], np.nan)
+    nothing = evaluate([path], ["lct"], ["transient"], fixed=True, say=print).rows[0]
+    assert (nothing.depth_rmse_m, nothing.corr) == (zeros.depth_rmse_m, zeros.corr)
 
 
 def test_a_setting_that_no_method_has_is_refused(tmp_path: Path) -> None:

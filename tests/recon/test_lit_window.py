@@ -6,7 +6,10 @@ import pytest
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.lit_window import lit_window
-from nlos.recon.reconstruct import reconstruct
+from nlos.recon.live import LiveReconstruction
+from nlos.recon.over_time.half_grid import HalfGrid
+from nlos.recon.reconstruct import get_ready, reconstruct
+from nlos.recon.with_torch import built
 
 POINTS, SIDE_M, LIGHT_M_PER_S = 24, 0.6, 299_792_458.0
 PLACES_M = (np.arange(POINTS) + 0.5) / POINTS * SIDE_M - SIDE_M / 2
@@ -60,3 +63,22 @@ def test_points_that_were_not_measured_say_nothing() -> None:
     counts, exposure_s = scan.counts.copy(), scan.exposure_s.copy()
     counts[900, 3, 4], exposure_s[3, 4] = 1e6, 0.0
     assert lit_window(Transient(counts, exposure_s, scan.wall, scan.time)).time.bins == lit_window(scan).time.bins
+
+
+def test_what_is_built_beforehand_is_for_the_window_that_is_looked_at() -> None:
+    built.cache_clear()
+    scan = drawn(0.45, 2048, 32e-12)
+    get_ready(scan, "lct")
+    assert built.cache_info().misses == 1
+    reconstruct(scan, "lct", explain=False)
+    assert built.cache_info().misses == 1
+
+
+@pytest.mark.parametrize("photons", [60_000.0, 600.0])
+@pytest.mark.parametrize("method", ["nano", "lct"])
+@pytest.mark.parametrize("hurried", [False, True])
+def test_a_films_frame_of_a_whole_laser_period_is_as_deep(method: str, photons: float, hurried: bool) -> None:
+    light = drawn(0.45, 2048, 32e-12, photons=photons, dark=photons / 1e7)
+    made = LiveReconstruction(method).made_of_film(HalfGrid(light, light.wall), hurried=hurried)
+    bright = made.albedo > 0.5 * made.albedo.max()
+    assert np.nanmedian(made.depth_m[bright]) == pytest.approx(0.45, abs=0.015)

@@ -109,7 +109,7 @@ def test_another_reader_finds_the_width_and_the_fonts_of_a_pdf(tmp_path: Path, w
     write_results(tmp_path / "a", made())
     figure = str(tmp_path / "f.pdf")
     assert run(["figure", str(tmp_path / "a"), "-o", figure, "--width-mm", str(width_mm)]) == 0
-    about, fonts = (subprocess.run([tool, figure], capture_output=True, text=True, check=True, timeout=30).stdout
+    about, fonts = (subprocess.run([tool, figure], capture_output=True, text=True, check=True, timeout=240).stdout
                     for tool in ("pdfinfo", "pdffonts"))  # fmt: skip
     size = re.search(r"Page size:\s+([\d.]+) x ([\d.]+) pts", about)
     assert size is not None

@@ -16,6 +16,7 @@ class HeliosSettings(MirrorBlock):
     leaves it as it is."""
 
     cable: ClassVar = "usb"
+    incidental: ClassVar[frozenset[str]] = MirrorBlock.incidental | {"markers", "marker_output_v"}
     commands_per_move: ClassVar[float] = 1.5
     """The status, there and back, and the frame, one way."""
     commands_per_sequence: ClassVar[float] = 3

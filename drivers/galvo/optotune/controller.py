@@ -17,6 +17,11 @@ DEVICE = "optotune"
 REOPEN = "Close the shutter, check the controller, then open the bench again."
 
 
+_NO_FRAME = (
+    "Check its cable and power; a port or adapter with flow control by XON and XOFF swallows bytes of such frames."
+)
+
+
 class Controller:
     """Every command is answered, so that replies are counted against commands; which command a reply answers it does
     not say. Raises `DeviceTimeout`, `ProtocolError`, `DeviceReset`, `DeviceLost`, `CommandRejected`."""
@@ -163,7 +168,7 @@ class Controller:
         except DeviceTimeout as error:
             if came:
                 raise _FrameDamaged(DEVICE, f"a frame has no end: {error.what}", REOPEN) from error
-            raise
+            raise DeviceTimeout(DEVICE, error.what, _NO_FRAME) from error
         if answered == command | wire.REFUSED:
             raise CommandRejected(DEVICE, f"Pro-mode command 0x{command:02x} was refused: {answer.hex()}.", REOPEN)
         if answered != command:

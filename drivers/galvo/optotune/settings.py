@@ -16,6 +16,8 @@ class OptotuneSettings(MirrorBlock):
     """The mirror block of a bench file."""
 
     cable: ClassVar = "serial"
+    incidental: ClassVar[frozenset[str]] = MirrorBlock.incidental | {
+        "controller", "settle_timeout_s", "readback", "warn_error_deg", "max_error_deg"}  # fmt: skip
     polled_every_s: ClassVar[float] = 0.5e-3
 
     model: Literal["optotune"]

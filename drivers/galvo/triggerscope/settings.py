@@ -27,6 +27,8 @@ class TriggerScopeSettings(MirrorBlock):
     """The mirror block of a bench file."""
 
     cable: ClassVar = "serial"
+    incidental: ClassVar[frozenset[str]] = MirrorBlock.incidental | {
+        "banner_timeout_s", "allow_unverified_dac", "shutter_pin"}  # fmt: skip
     commands_per_move: ClassVar[float] = 2
     marker_output_v: ClassVar[float] = 5.0
     """Its outputs go through level shifters from 3.3 V."""

@@ -60,6 +60,7 @@ class PicoquantLibrary:
         self._started_s = self._ends_s = 0.0
         self._running = False
         self._sticky_flags = 0
+        self._pulses = True
 
     def __getattr__(self, name: str) -> Callable[..., int]:
         prefix, _, bare = name.partition("_")
@@ -161,7 +162,7 @@ class PicoquantLibrary:
         return 0
 
     def _SetSyncCFD(self, level_mv: int, zero_cross_mv: int) -> int:
-        if not (0 <= level_mv <= 1000 and 0 <= zero_cross_mv <= 40):
+        if not (0 <= level_mv <= 1000 and 0 <= zero_cross_mv <= self._family.most_zero_cross_mv):
             return -17
         self._sync_crossed = 0 < level_mv < _NIM_MV
         return 0
@@ -169,7 +170,7 @@ class PicoquantLibrary:
     def _SetInputCFD(self, channel: int, level_mv: int, zero_cross_mv: int) -> int:
         if self._family.prefix == "PH" and channel == 0:
             return self._SetSyncCFD(level_mv, zero_cross_mv)
-        if not (0 <= level_mv <= 1000 and 0 <= zero_cross_mv <= 40):
+        if not (0 <= level_mv <= 1000 and 0 <= zero_cross_mv <= self._family.most_zero_cross_mv):
             return -17
         self._detector_crossed = self._t3.hears = 0 < level_mv < _NIM_MV
         return 0
@@ -271,13 +272,14 @@ class PicoquantLibrary:
         for name, bit in (("V2", family.fifo_full), ("V3", family.sync_lost), ("V4", family.system_error)):
             if self._bench.faults.strikes(name, now_s) is not None:
                 self._sticky_flags |= bit
+                self._pulses &= name != "V3"
         if self._exposure is not None and int(self._exposure.counts.max(initial=0)) > family.largest_count:
             self._sticky_flags |= family.overflow
         _write(flags, self._sticky_flags | (family.fifo_full if self._t3.overrun else 0))
         return 0
 
     def _GetSyncRate(self, rate: Any) -> int:
-        _write(rate, round(self._repetition_hz) if self._sync_crossed else 0)
+        _write(rate, round(self._repetition_hz) if self._sync_crossed and self._pulses else 0)
         return 0
 
     def _GetCountRate(self, channel: int, rate: Any) -> int:

@@ -1,6 +1,8 @@
 """The simulated serial cable between a port and a firmware, and what can go wrong on it."""
 
+import copy
 import math
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Protocol
@@ -45,10 +47,19 @@ class SerialCable:
         self._sent: deque[tuple[float, bytes]] = deque()
         self._arriving: deque[tuple[float, bytes]] = deque()
         self._withheld = b""
+        # Who closes the light of a program that hangs writes from a thread of its own.
+        self._both = threading.RLock()
 
     def strikes(self, name: str, place: str = "") -> Fault | None:
         """The fault to commit now, if the bench asks for one of that name (at that place)."""
         return self._faults.strikes(name, self.clock.now(), place)
+
+    def plugged_anew(self) -> "SerialCable":
+        """Another cable to the same device, which was not switched off."""
+        another = copy.copy(self)
+        another.plugged, another.held = True, False
+        another._sent, another._arriving, another._withheld = deque(), deque(), b""
+        return another
 
     def open(self) -> None:
         """A host opens the port."""
@@ -65,9 +76,10 @@ class SerialCable:
 
     def send(self, data: bytes) -> None:
         """The host writes. The firmware gets to it when time advances, with all that is written until then."""
-        for delay_s, piece in self.mangle(">", data) if self.mangle else ((0.0, data),):
-            last_s = self._sent[-1][0] if self._sent else 0.0
-            self._sent.append((max(last_s, self.clock.now() + delay_s), piece))
+        with self._both:
+            for delay_s, piece in self.mangle(">", data) if self.mangle else ((0.0, data),):
+                last_s = self._sent[-1][0] if self._sent else 0.0
+                self._sent.append((max(last_s, self.clock.now() + delay_s), piece))
 
     def say(self, data: bytes) -> None:
         """The far end speaks unasked."""
@@ -75,24 +87,27 @@ class SerialCable:
 
     def next_event_s(self) -> float | None:
         """When bytes next reach either end, None where none are on their way."""
-        self.deliver()
-        return min((way[0][0] for way in (self._arriving, self._sent) if way), default=None)
+        with self._both:
+            self.deliver()
+            return min((way[0][0] for way in (self._arriving, self._sent) if way), default=None)
 
     def arrived(self) -> int:
         """How many bytes wait in the host's port."""
         self.deliver()
-        return sum(len(data) for when_s, data in self._arriving if when_s <= self.clock.now())
+        with self._both:
+            return sum(len(data) for when_s, data in self._arriving if when_s <= self.clock.now())
 
     def take(self, size: int) -> bytes:
         """At most `size` of the bytes that have arrived."""
-        taken = b""
-        while len(taken) < size and self._arriving and self._arriving[0][0] <= self.clock.now():
-            when_s, data = self._arriving.popleft()
-            room = size - len(taken)
-            taken += data[:room]
-            if len(data) > room:
-                self._arriving.appendleft((when_s, data[room:]))
-        return taken
+        with self._both:
+            taken = b""
+            while len(taken) < size and self._arriving and self._arriving[0][0] <= self.clock.now():
+                when_s, data = self._arriving.popleft()
+                room = size - len(taken)
+                taken += data[:room]
+                if len(data) > room:
+                    self._arriving.appendleft((when_s, data[room:]))
+            return taken
 
     def forget_arrived(self) -> None:
         """The host empties its input buffer."""
@@ -103,16 +118,17 @@ class SerialCable:
         self._deliver_until(self.clock.now())
 
     def _deliver_until(self, end_s: float) -> None:
-        while self._sent and self._sent[0][0] <= end_s:
-            when_s, data = self._sent.popleft()
-            while self._sent and self._sent[0][0] <= min(end_s, when_s + _TOGETHER_S):
-                data += self._sent.popleft()[1]
-            if self.strikes("G6"):
-                self._reply(self.firmware.reboot(), when_s + self.latency_s)
-                continue
-            answer = self.firmware.receive(data, when_s)
-            if answer:
-                self._commit(answer, when_s + self.latency_s)
+        with self._both:
+            while self._sent and self._sent[0][0] <= end_s:
+                when_s, data = self._sent.popleft()
+                while self._sent and self._sent[0][0] <= min(end_s, when_s + _TOGETHER_S):
+                    data += self._sent.popleft()[1]
+                if self.strikes("G6"):
+                    self._reply(self.firmware.reboot(), when_s + self.latency_s)
+                    continue
+                answer = self.firmware.receive(data, when_s)
+                if answer:
+                    self._commit(answer, when_s + self.latency_s)
 
     def _commit(self, answer: bytes, when_s: float) -> None:
         """Sends an answer on its way, with what goes wrong with it."""
@@ -141,10 +157,11 @@ class SerialCable:
         self._withheld = b""
 
     def _reply(self, data: bytes, when_s: float) -> None:
-        for delay_s, piece in self.mangle("<", data) if self.mangle and data else ((0.0, data),):
-            last_s = self._arriving[-1][0] if self._arriving else 0.0
-            if piece:  # bytes never overtake each other
-                self._arriving.append((max(last_s, when_s + delay_s), piece))
+        with self._both:
+            for delay_s, piece in self.mangle("<", data) if self.mangle and data else ((0.0, data),):
+                last_s = self._arriving[-1][0] if self._arriving else 0.0
+                if piece:  # bytes never overtake each other
+                    self._arriving.append((max(last_s, when_s + delay_s), piece))
 
 
 def _garble(answer: bytes, kind: str) -> bytes:

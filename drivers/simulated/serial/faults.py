@@ -28,7 +28,7 @@ FAULTS: tuple[FaultRow, ...] = (
     FaultRow("G8", "the cable is pulled",
              "`DeviceLost`, whichever of the three families of errors the port raises; within 20 ms also while "
              "nothing is said to the mirror",
-             ALL, "`place`: `read`, `write`, `in_waiting`, `flush`, ..."),
+             ALL, "`place`: `read`, `write`, `in_waiting`, `flush`, ...; `replug_after_s`"),
     FaultRow("G9", "the port takes no more bytes",
              "`DeviceTimeout`",
              ALL, "`sent`"),

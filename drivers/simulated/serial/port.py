@@ -21,6 +21,8 @@ except ImportError:  # Windows
     _FLUSH_ERROR = SerialException
 
 _cables: dict[str, SerialCable] = {}
+_coming_back: dict[str, tuple[float, SerialCable]] = {}
+"""Pulled, and plugged in again at a time of the bench's clock."""
 
 
 def plug(name: str, firmware: SerialFirmware, bench: SimulatedBench, latency_s: float = 0.0) -> str:
@@ -30,12 +32,14 @@ def plug(name: str, firmware: SerialFirmware, bench: SimulatedBench, latency_s: 
         raise DeviceBusy(
             name, f"sim://{name} is in use.", "Close the bench that uses it or give this one another port."
         )
+    _coming_back.pop(name, None)
     _cables[name] = SerialCable(name, firmware, bench, latency_s)
     return f"sim://{name}"
 
 
 def unplug(name: str) -> None:
     """Pulls the cable: whoever has the port open sees it vanish. Does nothing where none is plugged in."""
+    _coming_back.pop(name, None)
     cable = _cables.pop(name, None)
     if cable is not None:
         cable.plugged = False
@@ -56,7 +60,11 @@ class SimulatedSerial(SerialBase):
             raise SerialException("Port must be configured before it can be used.")
         if self.is_open:
             raise SerialException("Port is already open.")
-        cable = _cables.get(self.port.split("://", 1)[1])
+        name = self.port.split("://", 1)[1]
+        when_s, again = _coming_back.get(name, (0.0, None))
+        if again is not None and again.clock.now() >= when_s:
+            _cables[name] = _coming_back.pop(name)[1]
+        cable = _cables.get(name)
         fault = cable.strikes("G10") if cable else None
         kind = str(fault.parameters.get("kind", "busy")) if fault else ""
         if cable is None or kind == "missing":
@@ -153,9 +161,12 @@ class SimulatedSerial(SerialBase):
         if not self.is_open or self._cable is None:
             raise PortNotOpenError
         cable = self._cable
-        if cable.strikes("G8", operation) and cable.plugged:
+        fault = cable.strikes("G8", operation)
+        if fault and cable.plugged:
             cable.plugged = False
             _cables.pop(cable.name, None)
+            if after_s := fault.parameters.get("replug_after_s"):
+                _coming_back[cable.name] = (cable.clock.now() + float(after_s), cable.plugged_anew())
         if cable.plugged:
             return cable
         if operation == "flush":

@@ -53,13 +53,14 @@ class Family:
     trigger_output: bool
     marker_input_most_v: float | None
     """Above it the inputs take damage; None: 5 V TTL."""
+    most_zero_cross_mv: int = 40
 
 
 FAMILIES: dict[str, Family] = {
     "picoharp300": Family(
         "PicoHarp 300", "PH", "libph300.so", "phlib64.dll", "PicoHarp software and PHLib, version 3", ("3",),
         PICOHARP_300, 65536, 0, 8, (1, 2, 4, 8), 1e-12, 10**9, 131_072, True, 210_480, 65_535,
-        0x0003, 0x0040, 0, 0x0100, 0, True, 100, (0, 800), False, None,
+        0x0003, 0x0040, 0, 0x0100, 0, True, 100, (0, 800), False, None, 20,
     ),
     "hydraharp400": Family(
         "HydraHarp 400", "HH", "libhh400.so", "hhlib64.dll", "HydraHarp software and HHLib, version 3", ("3",),
@@ -97,6 +98,8 @@ class PicoquantSettings(CounterBlock):
     """The counter block of a bench file."""
 
     cable: ClassVar = "library"
+    incidental: ClassVar[frozenset[str]] = CounterBlock.incidental | {
+        "mode", "levels_converted", "marker_holdoff_ns", "marker_disorder_us"}  # fmt: skip
     listing_begins_s: ClassVar[float] = 0.009
     listing_ends_s: ClassVar[float] = 0.0068
 
@@ -169,4 +172,6 @@ class PicoquantSettings(CounterBlock):
         for name, each in (("sync", self.sync), ("detector", self.detector)):
             if not low <= each.level_of(family) <= high:
                 raise ValueError(f"{name}.level_mv {each.level_mv} is outside {low} to {high} mV of a {family.product}")
+            if each.zero_cross_mv > (most := family.most_zero_cross_mv):
+                raise ValueError(f"{name}.zero_cross_mv {each.zero_cross_mv} is above {most} mV of a {family.product}")
         return self

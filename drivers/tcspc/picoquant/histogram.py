@@ -33,6 +33,8 @@ from nlos.drivers.tcspc.watched_sleep import sleep_until
 MODE_HISTOGRAM, MODE_T3 = 0, 3
 _RATES_SETTLE_S = 0.2
 _POLL_S = 0.002
+_SYNC_LOOK_S = 0.1
+"""How often an instrument without a flag for it is asked whether laser pulses still come: it counts for as long."""
 _MOST_POINTS = 65_536
 
 
@@ -68,7 +70,7 @@ class Picoquant(UnwatchedCounter):
         self._dwells_s: Sequence[float] = ()
         self._taken: list[Histogram] = []
         self._triggered = 0
-        self._armed_s = self._started_s = self._sync_hz = 0.0
+        self._armed_s = self._started_s = self._sync_hz = self._sync_looked_s = 0.0
         self._running = False
         self._meanwhile: Callable[[], None] = lambda: None
 
@@ -201,7 +203,7 @@ class Picoquant(UnwatchedCounter):
         """The instrument's flags in ours. Raises `DeviceFault` and `SyncLost`."""
         family, raw = self._family, self._library.integer("GetFlags")
         check_alive(self._library, raw, "while measuring")
-        if raw & family.sync_lost:
+        if raw & family.sync_lost or self._sync_is_gone():
             raise SyncLost(self._device, "lost the sync signal.", "Check laser and sync cable.")
         flags = HistogramFlag.NONE
         if raw & family.overflow:
@@ -209,6 +211,12 @@ class Picoquant(UnwatchedCounter):
         if raw & (family.counts_dropped | (family.fifo_full if self._t3 else 0)):
             flags |= HistogramFlag.DATA_LOST
         return flags
+
+    def _sync_is_gone(self) -> bool:
+        if self._family.sync_lost or self._clock.now() - self._sync_looked_s < _SYNC_LOOK_S:
+            return False
+        self._sync_looked_s = self._clock.now()
+        return self.rates().sync_hz <= 0
 
     def read(self, first: int, count: int) -> list[Histogram]:
         if not 0 <= first <= first + count <= len(self._taken):

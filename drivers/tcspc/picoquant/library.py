@@ -89,10 +89,17 @@ class VendorLibrary:
     def attempt(self, name: str, *arguments: Any) -> int:
         """Calls PREFIX_name(*arguments) once and returns its code."""
         full = f"{self.family.prefix}_{name}"
+        function = getattr(self._functions, full, None)
+        if function is None:
+            raise WrongDevice(
+                self.device,
+                f"the library has no {full}: it is another one, or of another version than it says.",
+                f"Install {self.family.package}, from the vendor's web site.",
+            )
         with self._lock:
             if self._wire_log:
                 self._wire_log(self.device, ">", f"{full}{_shown(arguments)}".encode())
-            code = int(getattr(self._functions, full)(*arguments))
+            code = int(function(*arguments))
             if self._wire_log:
                 self._wire_log(self.device, "<", f"{code} {_shown(arguments)}".encode())
         return code

@@ -49,6 +49,9 @@ class Tcspc488Settings(CounterBlock):
     """The counter block of a bench file."""
 
     cable: ClassVar = "usb"
+    incidental: ClassVar[frozenset[str]] = CounterBlock.incidental | {
+        "vendor_id", "product_id", "mode", "marker_disorder_us", "over_count", "counts", "markers", "mirror_steps",
+    }  # fmt: skip
     listed_point_s: ClassVar[float] = 0.15e-3
     """Markers may come out of order, and the instrument's clock has to have gone round once."""
 

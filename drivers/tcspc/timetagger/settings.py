@@ -27,6 +27,8 @@ class TimeTaggerSettings(CounterBlock):
     """The counter block of a bench file."""
 
     cable: ClassVar = "library"
+    incidental: ClassVar[frozenset[str]] = CounterBlock.incidental | {
+        "mode", "markers", "marker_level_mv", "mirror_steps", "pixel_clock"}  # fmt: skip
     clock_output: ClassVar[str] = "TTL"
     usual_pulse: ClassVar[Pulse] = "ttl"
     listing_begins_s: ClassVar[float] = 0.1

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from nlos.drivers.clock import Clock
 from nlos.drivers.device_model import WireLog
-from nlos.drivers.errors import DeviceFault, DeviceLost, DeviceNotFound, SyncLost
+from nlos.drivers.errors import DeviceFault, DeviceLost, DeviceNotFound, SyncLost, WrongDevice
 from nlos.drivers.tcspc.counter import CountRates
 from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
 
@@ -69,15 +69,25 @@ class Tagger:
 
     def set(self, name: str, *arguments: Any) -> Any:
         """A method of the instrument itself."""
-        return self.call(name, getattr(self.instrument, name), *arguments)
+        return self.call(name, self._named(self.instrument, name), *arguments)
 
     def measurement(self, name: str, *arguments: Any) -> Any:
         """A new measurement or virtual channel of the vendor's; measurements begin at once."""
-        return self.call(name, getattr(self._package, name), self.instrument, *arguments)
+        return self.call(name, self._named(self._package, name), self.instrument, *arguments)
 
     def read(self, source: Any, name: str = "getData") -> npt.NDArray[Any]:
         """The array that a measurement holds."""
-        return np.asarray(self.call(name, getattr(source, name)))
+        return np.asarray(self.call(name, self._named(source, name)))
+
+    def _named(self, source: Any, name: str) -> Callable[..., Any]:
+        function: Callable[..., Any] | None = getattr(source, name, None)
+        if function is None:
+            raise WrongDevice(
+                self.device,
+                f"the vendor's package has no {name}: it is of a version that this adapter was not written for.",
+                "pip install --upgrade Swabian-TimeTagger.",
+            )
+        return function
 
     def rates(self) -> CountRates:
         """Over a tenth of a second; every laser pulse counts, for which the filter is off meanwhile."""

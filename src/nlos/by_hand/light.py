@@ -76,6 +76,8 @@ class LightOnRequest:
         """Opens or closes as it is time to. Raises what the shutter raises."""
         if self._shutter is None:
             return
+        if self._shutter.may_be_open:
+            self._shutter.heard()
         now_s, alignment = self._clock.now(), self._alignment
         phase_s = (now_s - self._began_s) % alignment.period_s if self._until_s > now_s else 0.0
         off_s = min(self._until_s, now_s - phase_s + alignment.duty * alignment.period_s)

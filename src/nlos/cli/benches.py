@@ -117,6 +117,7 @@ def _scene(path: Path | None) -> "RecordedScan | None":
 
     with open_checked(path) as recording:
         rows = [(sample.point, sample.histogram) for sample in recording.samples()]
+        taken_s = np.array([sample.taken_s for sample in recording.samples()])
         recording.left_aside()
         plan, axis = recording.plan, recording.plan.axis
         holes = [plan[number] for number in recording.missing()]
@@ -131,4 +132,6 @@ def _scene(path: Path | None) -> "RecordedScan | None":
         axis.offset_s,
         np.array([histogram.total_count for _, histogram in rows]),
         np.array([(point.x_m, point.y_m) for point in holes]).reshape(-1, 2),
+        np.array([point.number for point, _ in rows]),
+        taken_s - taken_s.min(),
     )

@@ -25,6 +25,7 @@ from nlos.recipe import Recipe
 from nlos.recon.export_mesh import write_glb, write_obj
 from nlos.recon.export_ply import write_ply
 from nlos.recon.export_vti import write_vti
+from nlos.recon.methods import find
 from nlos.recon.results import read_reconstruction
 from nlos.whole_file import whole_file
 
@@ -66,11 +67,12 @@ def export(
             raise UsageError(f"{target}: is the file that is exported; choose another name with -o")
         if target.exists() and not overwrite:
             raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --overwrite.")
-    film = _film(run, method or "lct", words) if set(words) & set(FILM_FORMATS) else None
     left_behind = {}
     with ExitStack() as together:  # a format that cannot be written leaves none of the others either
+        partials = {word: together.enter_context(whole_file(target)) for word, target in targets.items()}
+        film = _film(run, method or "lct", words) if set(words) & set(FILM_FORMATS) else None
         for word, target in targets.items():
-            partial = together.enter_context(whole_file(target))
+            partial = partials[word]
             if word in FILM_FORMATS:
                 assert film is not None
                 left_behind[word] = _write_film(film, word, partial)
@@ -132,8 +134,9 @@ def _with_scanner(run: Path, arrays: ScanArrays) -> ScanArrays:
 def _film(run: Path, method: str, words: list[str]) -> "Film":
     from nlos.film import ffmpeg, film_of
 
+    find(method)  # before minutes of pictures
     if "mp4" in words:
-        ffmpeg()  # before minutes of pictures
+        ffmpeg()
     with frames_counted(run) as counted:
         return film_of(run, Recipe(method), step=counted)
 

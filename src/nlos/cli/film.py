@@ -20,7 +20,12 @@ def frames_counted(run: Path) -> Iterator[Callable[[int], None]]:
     with open_checked(run) as recording:
         frames = recording.plan.frames
     with Progress(frames, what="film", unit="frames") as progress:
-        yield lambda count: progress.step()
+
+        def counted(count: int) -> None:
+            progress.going_to(count)
+            progress.step()
+
+        yield counted
 
 
 def reconstruct_film(
@@ -33,10 +38,19 @@ def reconstruct_film(
     skip_existing: bool,
 ) -> None:
     """The film and its track into the folder of results. Raises `FileExistsError`."""
-    from nlos.film import NAMES, film_of, write_film
+    from nlos.film import NAMES, film_of, made_of, write_film
 
     output = results.path
     if skip_existing and all((output / name).exists() for name in NAMES):
+        made = made_of(output)
+        if made is not None and made != (recipe.method, memory):
+            kinds = (
+                f"{method}{' with a memory' if moved else ''}" for method, moved in (made, (recipe.method, memory))
+            )
+            raise FileExistsError(
+                f"{output}: --skip-existing: holds a film by {', not by '.join(kinds)}. Choose another folder, or use "
+                "--overwrite."
+            )
         terminal.result(f"{output}: already exists, skipped", folder=str(output), files=[], pictures=0)
         return
     if not skip_existing:

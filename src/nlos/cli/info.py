@@ -152,10 +152,7 @@ def _of_frames(recording: "Recording", records: Any) -> dict[str, Any]:
         {name: None if math.isnan(value) else value for name, value in zip(columns, row, strict=True)}
         for row in zip(*(column.tolist() for column in columns.values()), strict=True)
     ]
-    taken = table.points > 0
-    took_s = float(table.end_s[taken].max() - table.start_s[taken].min()) if taken.any() else 0.0
-    pace = f", {int(taken.sum()) / took_s:.3g} a second" if took_s else ""
-    return {"frames": f"{table.complete} of {plan.frames} complete{pace}", "frame table": rows}
+    return {"frames": table.said(), "frame table": rows}
 
 
 def _imported(recording: "Recording") -> dict[str, object]:

@@ -65,6 +65,7 @@ def _of_result(path: Path) -> dict[str, Any]:
     return {
         "format": "reconstruction",
         "scan": held.scan or "not stored",
+        **({} if held.frame is None else {"frame": held.frame}),
         "method": held.method,
         "settings": held.settings,
         "seconds": held.seconds,

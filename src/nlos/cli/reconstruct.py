@@ -23,7 +23,7 @@ from nlos.live.own_process import prepare_process
 from nlos.recipe import Recipe
 from nlos.recon.device import check_device
 from nlos.recon.parts import heard_by
-from nlos.recon.results import NAMES, files_in, read_explained
+from nlos.recon.results import NAMES, files_in, read_explained, read_made_of
 from nlos.recon.volume import response_words
 from nlos.response import response_wanted
 from nlos.results_folder import ResultsFolder
@@ -140,6 +140,7 @@ def reconstruct(
         _reconstruct_archive(tasks, output, scheduler, overwrite=overwrite, skip_existing=skip_existing)
         return
     if skip_existing and set(NAMES) <= set(files_in(output)):
+        _refuse_other(output, method, frame)
         terminal.result(f"{output}: already exists, skipped", reconstructions=[])
         return
     terminal.log(f"{runs[0]}: {method}")
@@ -163,6 +164,16 @@ def reconstruct(
         progress.step()
     _say(method, [(str(runs[0]), output, done.seconds)])
     terminal.result(f"response: {response_words(done)}", response=response_words(done))
+
+
+def _refuse_other(folder: Path, method: str, frame: int | None) -> None:
+    """Raises `FileExistsError` where the results in `folder` are not of this method and frame."""
+    found = read_made_of(folder)
+    if found != (method, frame):
+        this, other = (name if of is None else f"{name}, frame {of}" for name, of in ((method, frame), found))
+        raise FileExistsError(
+            f"{folder}: --skip-existing: holds {other}, not {this}. Choose another folder, or use --overwrite."
+        )
 
 
 def _reconstruct_archive(

@@ -208,7 +208,7 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
         if safe:
             terminal.log(f"nlos: ended by a signal. {safe}", -9)
         raise
-    duration_s = bench.clock.now() - start_s
+    duration_s = bench.clock.now() - start_s - begun.away_s
     planned = plan.most_samples if plan.budget is None else f"at most {plan.most_samples}"
     terminal.result(
         f"{target}: {writer.acknowledged} of {planned} points in {duration_s:.1f} s of bench time "

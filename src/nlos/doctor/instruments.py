@@ -37,7 +37,7 @@ def shutter(bench: Bench) -> Iterator[Finding]:
     else:
         yield passed("shutter", "closed and read back, interlock closed")
     if bench.settings.shutter_on != "nothing" and not bench.shutter.has_watchdog:
-        yield warned("shutter", "no watchdog: if this computer hangs, the shutter stays as it is",
+        yield warned("shutter", "no watchdog: if the computer freezes or kills this program, the shutter stays open",
                      "Set safety.watchdog_s with a counter that has one.")  # fmt: skip
 
 

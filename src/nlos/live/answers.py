@@ -64,7 +64,7 @@ class ScanAnswers:
         if seen is None or held is None:
             return answer
         with held.lock:
-            done, elapsed_s = len(held.samples), held.elapsed_s
+            done, elapsed_s, busy_s = len(held.samples), held.elapsed_s, held.busy_s
             detections, live_s = (sum(each) for each in zip(*held.recent, strict=True)) if held.recent else (0, 0.0)
         planned, status = seen.plan.most_samples, _status(scan, seen)
         light = light_said(seen.header, seen.events, status in ("running", "paused"))
@@ -77,7 +77,7 @@ class ScanAnswers:
             "samples": done, "planned": planned, "status": status, "light": light.value,
             "simulated": light not in (Light.REPLAYED, Light.UNTOLD) and is_simulated(seen.header),
             "started_utc": seen.started_utc, "notes": dict(seen.notes), "elapsed_s": elapsed_s,
-            "left_s": elapsed_s / done * (planned - done) if done else None,
+            "left_s": busy_s / done * (planned - done) if done else None,
             "rate_hz": detections / live_s if live_s else None,
             "events": [[round(e.bench_s, 3), e.kind, e.text] for e in seen.events[-EVENTS:]],
             "events_before": max(0, len(seen.events) - EVENTS),

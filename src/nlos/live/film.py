@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.planning.exposure import unbiased_live_s
+from nlos.acquisition.recording.frames import LEAST_PART
 from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.correct import CorrectedPoints, correct_points, known_arrival_bins
 from nlos.calibration.raw_points import RawPoints
@@ -129,8 +130,11 @@ class LiveFilm:
 
     def _end(self) -> None:
         if self._coming:
-            self._waiting.append((self._frame, self._coming))
-            self._coming, self.samples, self.over = [], self._came, self._frame
+            # A part of a frame is no picture, unless there is nothing else.
+            if self.over < 0 or len(self._coming) >= LEAST_PART * self._planned[self._frame]:
+                self._waiting.append((self._frame, self._coming))
+                self.samples, self.over = self._came, self._frame
+            self._coming = []
 
     def calibrated(self, whole: bool, gathered: "Callable[[], LoadedScan]") -> Calibrated:
         """The light of the newest frame that is over, with what those before it add: aligned by the direct light of

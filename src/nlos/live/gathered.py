@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlos.acquisition.recording.recording import Recording, Status
+from nlos.acquisition.sample import is_pause
 from nlos.chain import constants_for
 from nlos.live.calibrated import Calibrated, calibrated
 from nlos.live.calibration import SampleCalibration
@@ -49,6 +50,8 @@ class Gathered:
     """Detections and live time of the newest samples."""
     elapsed_s: float = 0.0
     """Bench time from the scan's start to the end of the last sample."""
+    busy_s: float = 0.0
+    """The same without pauses: what tells how long the rest takes."""
 
     def __post_init__(self) -> None:
         self._tell = SaidOnce()
@@ -76,7 +79,10 @@ class Gathered:
                 if self.film is not None:
                     self.film.add(sample)
             self.recent.append((sample.histogram.total_count, sample.histogram.live_time_s))
-            self.elapsed_s = max(self.elapsed_s, sample.taken_s + sample.histogram.live_time_s)
+            live_s = sample.histogram.live_time_s
+            after_s = max(sample.taken_s + live_s - self.elapsed_s, 0.0)
+            self.elapsed_s += after_s
+            self.busy_s += 0.0 if is_pause(after_s, live_s) else after_s
 
     def finish(self) -> None:
         """No sample will come any more."""
@@ -115,7 +121,7 @@ def nothing_yet(
     recording: Recording, constants: Path | None, response: ResponseWanted, adds_up: bool, say: Callable[[str], None]
 ) -> Gathered:
     """Of an open recording, before its first sample; `adds_up`: of a film every picture is of all frames so far.
-    `say` is told where samples cannot be corrected one by one.
+    `say` is told where samples cannot be corrected one by one, and where frames cannot be shown one by one.
 
     Raises `ForeignConstants` for constants given that are of another bench, `InvalidData` where the scan needs too
     much memory.
@@ -124,6 +130,8 @@ def nothing_yet(
     known = constants_for(empty, constants)
     samples = gathering_for(plan) if adds_up else shown_of(plan)
     gathered = Gathered(samples, empty, recording.header.identity, recording.status is Status.RUNNING, known, response)
+    if plan.frames > 1 and not recording.on_grid and not adds_up:
+        say(f"points off the grid: the {plan.frames} frames are added up here; `nlos reconstruct --film` shows each")
     if empty.rectified or not recording.on_grid:
         return gathered
     if plan.frames > 1 and not adds_up:

@@ -46,8 +46,6 @@ def blocks_of(name: str, said: Mapping[str, str], simulated: bool) -> dict[str, 
         },
         "laser": {"repetition_hz": float(said["repetition_hz"])},
     }
-    if said["shutter"] not in COUNTERS[said["counter"]].shutters:
-        found["safety"] = {"watchdog_s": 0.0}  # the instrument that has a watchdog is the one with the shutter
     if simulated:
         found["simulation"] = {"seed": 1, "scene": {"objects": [{"letter": "N", "centre_m": [0.0, 0.0, 0.8],
                                                                  "height_m": 0.5}]}}  # fmt: skip

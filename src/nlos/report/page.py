@@ -137,8 +137,8 @@ def _side_by_side(pictures: "Sequence[Reconstruction]") -> str:
     if not pictures:
         return ""
     titles = [_titled(result) for result in pictures]
-    scans, methods = (list(dict.fromkeys(of)) for of in zip(*((r.scan, r.method) for r in pictures), strict=True))
-    rows = [[result for result in pictures if result.scan == scan] for scan in scans]
+    scans, methods = (list(dict.fromkeys(of)) for of in zip(*((r.made_from, r.method) for r in pictures), strict=True))
+    rows = [[result for result in pictures if result.made_from == scan] for scan in scans]
     rows += [[result for result in pictures if result.method == method] for method in methods]
     drawn = picture(gallery(pictures, titles, 250), "front views and depths on one scale")
     differences = []
@@ -153,7 +153,7 @@ def _side_by_side(pictures: "Sequence[Reconstruction]") -> str:
 
 
 def _titled(result: "Reconstruction") -> str:
-    return f"{result.scan}, {result.method.upper()}"
+    return f"{result.made_from}, {result.method.upper()}"
 
 
 def _turning(result: "Reconstruction") -> str:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nlos.acquisition.recording.frames import frame_table
 from nlos.acquisition.scanning.advice import reasons
 from nlos.report.html import folded, picture, table
 
@@ -45,6 +46,11 @@ def _sentence(recording: "Recording") -> str:
     how = "every point was measured" if done == len(plan) else f"{done:,} of {len(plan):,} points were measured"
     if plan.budget is not None:
         how = f"{done:,} were chosen on the way, for {plan.budget.total_us / 1e6:g} s of bench time"
+    if plan.frames > 1:
+        how += f"; a film of {plan.frames} frames, {frame_table(plan, records).said()}; pictures here add them up"
+    again = sum(event.kind == "resumed" for event in recording.events())
+    if again:
+        how += f"; resumed {again} time{'s' if again > 1 else ''}, and the time holds the pauses"
     kept = "" if recording.status.name == "COMPLETE" else f", and the scan is {recording.status.name.lower()}"
     return (
         f"{len(plan):,} {'candidates' if plan.budget else 'points'} on a wall of {plan.wall.width_m:g} x "
@@ -60,6 +66,7 @@ def _about(recording: "Recording") -> str:
         "Started": header.started_utc or "not stored",
         **{name.capitalize(): text for name, text in header.notes.shown().items()},
         "Status": f"{recording.status.name.lower()}, {len(records)} of {planned} points",
+        **({} if plan.frames == 1 else {"Frames": frame_table(plan, records).said()}),
         "Wall": f"{plan.wall.width_m:g} x {plan.wall.height_m:g} m, grid of {plan.wall.rows} x {plan.wall.cols}",
         "Time axis": f"{plan.axis.bins} bins of {plan.axis.bin_width_s * 1e12:g} ps",
         "Light": f"{live_s:.2f} s of live time, {int(records['total_count'].sum()):,} photons",

@@ -1,5 +1,6 @@
 """`nlos scan --sweep KEY=A,B,C`: a series made from one scan, written down as a queue file, which can be resumed."""
 
+import contextlib
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
@@ -45,11 +46,20 @@ def swept(
     text = f"# Written by `nlos scan --sweep`; `nlos queue` of this file resumes it.\n{yaml.safe_dump(content)}"
     target = folder / "queue.yaml"
     folder.mkdir(parents=True, exist_ok=True)
+    fresh = not target.exists()
     if target.exists() and target.read_text(encoding="utf-8") != text:
         raise FileExistsError(f"{target}: is another series. Choose another folder with -o.")
     target.write_text(text, encoding="utf-8")
-    terminal.log(f"{target}: `nlos queue {target}` resumes it after anything")
-    return carry_out(Series.of(load_queue(target)))
+    series = None
+    try:
+        series = Series.of(load_queue(target))
+        terminal.log(f"{target}: `nlos queue {target}` resumes it after anything")
+        return carry_out(series)
+    finally:
+        if fresh and not (series is not None and any(series.recording(run).exists() for run in series.runs)):
+            target.unlink(missing_ok=True)  # nothing was begun: it must not stand in the way of what was meant
+            with contextlib.suppress(OSError):
+                folder.rmdir()
 
 
 def load_queue(path: Path) -> Loaded[QueueSettings]:

@@ -60,7 +60,7 @@ histogram: {bins: 1024, bin_width_ps: 16, offset_ns: 10}
 def of_ytal(script: str, *arguments: str) -> str:
     """What a script prints in a process of its own."""
     command = [sys.executable, "-c", BEFORE_NUMPY_2 + script, *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=240)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

@@ -88,6 +88,9 @@ def test_what_is_no_scan_is_refused_by_name(tmp_path: Path) -> None:
     (tmp_path / "photons.spc").write_bytes(bytes(4000))
     with pytest.raises(InvalidData, match=r"photons.spc: is a FIFO stream of Becker & Hickl.*SDT.*Photon-HDF5"):
         read_any(tmp_path / "photons.spc")
+    (tmp_path / "clicks.ttbin").write_bytes(b"SITT" + bytes(4000))
+    with pytest.raises(InvalidData, match=r"clicks.ttbin: is a stream of Swabian's Time Tagger.*Replay.*Flim"):
+        read_any(tmp_path / "clicks.ttbin")
     (tmp_path / "other.sdt").write_bytes(b"not an SDT file" * 10)
     with pytest.raises(InvalidData, match="does not begin as an SDT file"):
         read_any(tmp_path / "other.sdt")

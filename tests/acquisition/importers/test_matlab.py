@@ -10,24 +10,38 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.given import Given
 from nlos.acquisition.importers.mat5_types import no_number
 from nlos.acquisition.importers.matlab import read_matlab
 
 COUNTS = np.arange(3 * 2 * 5, dtype=np.uint16).reshape(3, 2, 5)
+TOLD = {"bin_resolution": 32e-12, "wall_size": 2.0}
+"""What has to be said of counts of a shape that no published scan has."""
+
+
+def published(*shape: int) -> np.ndarray:
+    """`COUNTS` in a corner of a scan of a published shape."""
+    counts = np.zeros(shape, dtype=np.uint16)
+    counts[:3, :2, :5] = COUNTS
+    return counts
 
 
 def test_otoole_is_transposed_and_flipped_so_that_pictures_read_correctly(tmp_path: Path) -> None:
-    savemat(tmp_path / "s.mat", {"rect_data": COUNTS, "width": 0.35}, do_compression=True)
+    counts = published(32, 32, 4096)
+    savemat(tmp_path / "s.mat", {"rect_data": counts, "width": 0.35}, do_compression=True)
     scan = read_matlab(tmp_path / "s.mat")
-    assert np.array_equal(scan.transient.counts, COUNTS.transpose(1, 0, 2)[:, ::-1].transpose(2, 0, 1))
+    assert np.array_equal(scan.transient.counts, counts.transpose(1, 0, 2)[:, ::-1].transpose(2, 0, 1))
     assert scan.transient.wall.width_m == pytest.approx(0.7)
     assert scan.transient.time.bin_width_s == 4e-12
-    assert any("falloff" in note for note in scan.notes)
+    assert scan.falloff == 2
+    assert any("--set falloff=4" in note for note in scan.notes)
 
 
 def test_fk_offsets_come_from_tofgrid_beside_it_in_picoseconds(tmp_path: Path) -> None:
     savemat(tmp_path / "meas_10min.mat", {"meas": COUNTS})
-    assert read_matlab(tmp_path / "meas_10min.mat").rectified
+    with pytest.raises(InvalidData, match=r"512 x 512 x 2048, and these 3 x 2 x 5.*--bin-width-ps and --wall-size-m"):
+        read_matlab(tmp_path / "meas_10min.mat")
+    assert read_matlab(tmp_path / "meas_10min.mat", Given(wall_m=(2.0, 2.0), bin_width_s=32e-12)).rectified
     savemat(tmp_path / "tof.mat", {"tofgrid": np.full((3, 2), 64.0)})
     scan = read_matlab(tmp_path / "meas_10min.mat")
     assert scan.time_offset_bins is not None
@@ -37,9 +51,10 @@ def test_fk_offsets_come_from_tofgrid_beside_it_in_picoseconds(tmp_path: Path) -
 
 def test_version_73_files_have_their_axes_reversed(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "v73.mat", "w", userblock_size=512) as file:
-        file["data"] = COUNTS.transpose(2, 1, 0)
+        file["data"] = published(128, 128, 512).transpose(2, 1, 0)
     scan = read_matlab(tmp_path / "v73.mat")
-    assert np.array_equal(scan.transient.counts, COUNTS.transpose(2, 0, 1))
+    assert np.array_equal(scan.transient.counts[:5, :3, :2], COUNTS.transpose(2, 0, 1))
+    assert scan.transient.time.bin_width_s == 32e-12
     assert "USTC" in scan.source_format
 
 
@@ -67,7 +82,7 @@ def test_a_struct_of_version_73_is_named_with_what_is_in_it(tmp_path: Path) -> N
 @pytest.mark.parametrize(("position", "value"), [(184, 0), (185, 1), (184, 14)])
 def test_numbers_of_no_type_are_refused(tmp_path: Path, position: int, value: int) -> None:
     """SciPy 1.17 ends the process on the first two."""
-    savemat(tmp_path / "typed.mat", {"meas": COUNTS})
+    savemat(tmp_path / "typed.mat", {"meas": COUNTS, **TOLD})
     raw = bytearray((tmp_path / "typed.mat").read_bytes())
     raw[position] = value
     (tmp_path / "typed.mat").write_bytes(bytes(raw))
@@ -78,7 +93,7 @@ def test_numbers_of_no_type_are_refused(tmp_path: Path, position: int, value: in
 @pytest.mark.parametrize("packed", [False, True])
 @pytest.mark.parametrize("kind", ["u1", "i2", "u2", "i4", "f4", "f8", "u8", "i8"])
 def test_numbers_of_every_type_are_read(tmp_path: Path, packed: bool, kind: str) -> None:
-    savemat(tmp_path / "typed.mat", {"other": np.ones(3), "meas": COUNTS.astype(kind)}, do_compression=packed)
+    savemat(tmp_path / "typed.mat", {"other": np.ones(3), "meas": COUNTS.astype(kind), **TOLD}, do_compression=packed)
     assert no_number(tmp_path / "typed.mat", "meas") is None
     assert read_matlab(tmp_path / "typed.mat").transient.counts.sum() == COUNTS.sum()
 
@@ -88,7 +103,7 @@ def test_numbers_of_every_type_are_read(tmp_path: Path, packed: bool, kind: str)
 def test_damaged_files_are_read_or_refused(
     tmp_path: Path, position: int, value: int, length: int, packed: bool
 ) -> None:
-    savemat(tmp_path / "whole.mat", {"meas": COUNTS}, do_compression=packed)
+    savemat(tmp_path / "whole.mat", {"meas": COUNTS, **TOLD}, do_compression=packed)
     raw = bytearray((tmp_path / "whole.mat").read_bytes())
     raw[position % len(raw)] = value
     damaged = tmp_path / "damaged.mat"
@@ -100,3 +115,22 @@ def test_damaged_files_are_read_or_refused(
     else:
         return
     assert "damaged.mat" in message
+
+
+@pytest.mark.parametrize(
+    ("key", "shape", "axes"),
+    [
+        ("meas", (512, 32, 32), None),  # Lindell and Wetzstein 2020: through scattering media, 16 ps, 0.6 m
+        ("meas", (512, 32, 32), "TYX"),
+        ("data", (30, 30, 1024), None),  # general-NLOS: a list of free points, made square
+        ("rect_data", (64, 64, 512), None),
+    ],
+)
+def test_counts_of_no_published_shape_are_not_given_a_published_scans_bins(
+    tmp_path: Path, key: str, shape: tuple[int, ...], axes: str | None
+) -> None:
+    savemat(tmp_path / "lab.mat", {key: np.ones(shape, np.uint8)}, do_compression=True)
+    with pytest.raises(InvalidData, match=f"and these {shape[0]} x {shape[1]} x {shape[2]}: bins of"):
+        read_matlab(tmp_path / "lab.mat", Given(axes=axes))
+    told = Given(wall_m=(0.6, 0.6), bin_width_s=16e-12, axes=axes or "YXT")
+    assert read_matlab(tmp_path / "lab.mat", told).transient.time.bin_width_s == 16e-12

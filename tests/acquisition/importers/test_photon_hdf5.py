@@ -123,6 +123,18 @@ def test_several_spots_are_a_row_of_points(tmp_path: Path) -> None:
             assert np.array_equal(scan.transient.counts[:, 0, spot], expected)
 
 
+def test_a_spot_without_photons_takes_no_others_with_it(tmp_path: Path) -> None:
+    path = write(tmp_path / "spots.h5", spots=4)
+    with h5py.File(path, "r+") as file:
+        del file["photon_data1"]
+        kept = [np.bincount(file[f"photon_data{spot}/nanotimes"][:], minlength=512) for spot in (0, 2, 3)]
+    scan = read_any(path)
+    counts = scan.transient.counts[:, 0].T
+    assert np.array_equal(counts[[0, 2, 3]], np.stack(kept)[:, : counts.shape[1]])
+    assert scan.transient.exposure_s.tolist() == [[2.0, 0.0, 2.0, 2.0]]
+    assert "1 of 4 spots have no group of photons: not measured" in scan.notes
+
+
 def test_what_the_file_does_not_say_the_user_says(tmp_path: Path) -> None:
     path = write(tmp_path / "one.h5", **{"nanotimes_specs/tcspc_unit": None})
     with pytest.raises(InvalidData, match=r"tcspc_unit.*--bin-width-ps"):

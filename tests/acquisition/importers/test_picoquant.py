@@ -7,6 +7,7 @@ import pytest
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.picoquant import read_picoquant
+from tests.acquisition.importers.ptu_raster import write_raster
 
 TCSPC = Path(__file__).parents[4] / "shared" / "data" / "tcspc"
 needs_files = pytest.mark.skipif(not TCSPC.is_dir(), reason="the measured TCSPC files are not beside the repository")
@@ -74,3 +75,32 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     path.write_bytes(b"x" * 500)
     with pytest.raises(InvalidData, match="not read"):
         read_picoquant(path)
+
+
+@pytest.mark.parametrize("two_ways", [False, True])
+@pytest.mark.parametrize("sine_percent", [0, 80, 100])
+def test_every_photon_of_a_raster_is_at_its_point(tmp_path: Path, two_ways: bool, sine_percent: int) -> None:
+    rows, cols, bins = 6, 8, 40
+    drawn = np.random.default_rng(0).poisson(0.4, (rows, cols, bins))
+    line, point, delay = np.repeat(np.argwhere(drawn >= 0), drawn.ravel(), axis=0).T
+    at = point + np.random.default_rng(1).uniform(0.05, 0.95, len(point))  # where the mirror is, 0 to 8
+    at = np.where(two_ways & (line % 2 == 1), cols - at, at) / cols
+    if sine_percent:
+        used = sine_percent / 100
+        at = (1 + np.arcsin((2 * at - 1) * used) / np.arcsin(used)) / 2  # when it is there
+    photons = np.column_stack([line, at, delay])
+    path = write_raster(tmp_path / "a.ptu", (rows, cols), photons, two_ways=two_ways, sine_percent=sine_percent)
+    counts = np.moveaxis(read_picoquant(path).transient.counts, 0, 2)
+    np.testing.assert_array_equal(counts, drawn[..., : counts.shape[2]])
+    assert counts.sum() == drawn.sum()
+
+
+@pytest.mark.parametrize("sine_percent", [0, 80, 100])
+def test_light_at_a_steady_pace_is_even_over_a_line(tmp_path: Path, sine_percent: int) -> None:
+    """A mirror that moves as a sine looks at the points at its sides for three times as long."""
+    photons = np.column_stack([np.arange(40_000) % 4, np.arange(40_000) / 40_000, np.full(40_000, 5)])
+    path = write_raster(tmp_path / "a.ptu", (4, 8), photons, sine_percent=sine_percent)
+    scan = read_picoquant(path).transient
+    rate = scan.counts.sum(axis=0) / scan.exposure_s
+    np.testing.assert_allclose(rate, rate.mean(), rtol=0.02)
+    assert scan.exposure_s.sum() == pytest.approx(4 * 8 * 2000 / 10e6)

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -11,7 +12,9 @@ from hypothesis import strategies as st
 from nlos.drivers.errors import DeviceBusy, DeviceError, DeviceLost, DeviceNotFound, DeviceTimeout, ProtocolError
 from nlos.drivers.link.usb488 import Usb488
 from nlos.drivers.link.usbtmc import PipeHalted, UsbtmcInterface, find_usb
-from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.faults import Fault, FaultPlan
+from nlos.drivers.simulated.usb.backend import SimulatedUsb
+from nlos.drivers.simulated.usb.descriptors import UsbDescription
 
 ALWAYS = 1_000_000
 
@@ -229,6 +232,23 @@ def test_a_device_is_found_by_serial_number_or_the_error_names_those_there_are(c
         find_usb("parrot", 0x1209, 1, "P2", rig.backend)
 
 
+def test_of_two_devices_with_one_serial_number_neither_is_taken(cable: Callable) -> None:
+    rig = cable()
+    both = SimulatedUsb([rig.parrot, replace(rig.parrot)], rig.clock)
+    with pytest.raises(DeviceNotFound, match=r"2 USB devices 1209:0001 with serial number P1\. Unplug"):
+        find_usb("parrot", 0x1209, 1, "P1", both)
+
+
+def test_another_device_whose_serial_number_cannot_be_read_is_not_in_the_way(cable: Callable) -> None:
+    rig = cable()
+    another = UsbDescription(0x1209, 1, "NLOS", "parrot", "P0", 512)
+    hidden = replace(rig.parrot, usb=another, faults=FaultPlan([fault("U17", ALWAYS, what="access")]))
+    found = find_usb("parrot", 0x1209, 1, "P1", SimulatedUsb([hidden, rig.parrot], rig.clock))
+    assert found.serial_number == "P1"
+    with pytest.raises(DeviceBusy, match="udev"):
+        find_usb("parrot", 0x1209, 1, "P2", SimulatedUsb([hidden, rig.parrot], rig.clock))
+
+
 @pytest.mark.parametrize(("what", "words"), [("busy", "another program"), ("access", "udev")])
 def test_a_device_that_may_not_be_opened_says_what_to_do(cable: Callable, what: str, words: str) -> None:
     rig = cable()
@@ -266,7 +286,7 @@ def test_an_urgent_message_does_not_wait_for_a_thread_that_holds_the_link(cable:
     def hold() -> None:
         with rig.link.lock:
             held.set()
-            done.wait(30)
+            done.wait(240)
 
     other = threading.Thread(target=hold)
     other.start()

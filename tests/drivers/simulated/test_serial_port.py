@@ -1,6 +1,8 @@
 """A sim:// port behaves as pyserial's own ports do, in the bench's time."""
 
 import errno
+import sys
+import threading
 import time
 from collections.abc import Callable
 
@@ -11,6 +13,7 @@ import nlos.drivers.link.serial_line  # noqa: F401 - tells pyserial where sim://
 from nlos.drivers.errors import DeviceBusy
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.simulated.serial.cable import SerialCable
 from nlos.drivers.simulated.serial.port import plug, plugged, unplug
 
 Bench = Callable[..., SimulatedBench]
@@ -142,3 +145,25 @@ def test_a_port_that_takes_nothing_times_out(dark_bench: Bench) -> None:
             port.write(b"abc")
         assert bench.clock.now() == pytest.approx(0.4)
         assert port.write(b"abc") == 3
+
+
+def test_bytes_are_counted_while_another_thread_makes_more_come(dark_bench: Bench) -> None:
+    """As the thread does that closes the light of a program that hangs; none is lost, none counted twice."""
+    cable, times, usual_s = SerialCable("echo", Echo(), dark_bench()), 3000, sys.getswitchinterval()
+
+    def speak() -> None:
+        for _ in range(times):
+            cable.send(b"ab")
+            cable.deliver()
+
+    speaker = threading.Thread(target=speak)
+    sys.setswitchinterval(1e-6)
+    try:
+        speaker.start()
+        seen = [cable.arrived() for _ in range(times)]
+        speaker.join(60)
+    finally:
+        sys.setswitchinterval(usual_s)
+    assert seen == sorted(seen)
+    assert cable.arrived() == 2 * times
+    assert cable.take(2 * times) == b"ab" * times

@@ -172,11 +172,26 @@ def test_a_full_fifo_ends_the_segment_and_flags_what_is_missing() -> None:
 
 
 @pytest.mark.parametrize("mode", ["histogram", "t3"])
-def test_a_lost_sync_and_a_system_error_end_the_scan(mode: str) -> None:
+@pytest.mark.parametrize("device", FAMILIES)
+def test_a_lost_sync_and_a_system_error_end_the_scan(device: str, mode: str) -> None:
+    """The PicoHarp has no flag for the first: its rate meter tells, within 100 ms."""
     for fault, error in (("V3", SyncLost), ("V4", DeviceFault)):
-        counter, _ = opened("hydraharp400", Fault(name=fault), mode=mode)
+        counter, _ = opened(device, Fault(name=fault), mode=mode)
         with pytest.raises(error):
-            one_by_one(counter)
+            one_by_one(counter, 30)
+
+
+@pytest.mark.parametrize("missing", ["GetLibraryVersion", "SetSyncDiv", "GetFlags"])
+def test_a_library_without_a_function_is_another_one(missing: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(PicoquantLibrary, f"_{missing}")
+    with pytest.raises(WrongDevice, match=rf"has no MH_{missing}: .* Install MultiHarp software"):
+        one_by_one(opened("multiharp150")[0])
+
+
+def test_a_zero_crossing_that_the_instrument_lacks_is_refused() -> None:
+    with pytest.raises(ValidationError, match=r"detector\.zero_cross_mv 30 is above 20 mV of a PicoHarp 300"):
+        settings("picoharp300", detector={"zero_cross_mv": 30})
+    assert settings("hydraharp400", detector={"zero_cross_mv": 30}).detector.zero_cross_mv == 30
 
 
 def test_a_transient_usb_error_is_tried_again_once_where_that_is_harmless() -> None:

@@ -68,9 +68,9 @@ def test_a_mirror_that_drives_its_shutter_needs_no_counter(tmp_path: Path) -> No
 
 def test_alignment_duty_is_kept(tmp_path: Path) -> None:
     path = bench_file(tmp_path, {"alignment": {"duty": 0.4, "period_s": 0.5}})
-    assert run(["point", "0", "0", "--bench", str(path), "--light", "1.2"]) == 0
+    assert run(["point", "0", "0", "--bench", str(path), "--light", "4"]) == 0
     seen = account(tmp_path)
-    assert len(seen.lit) >= 2  # three on a machine that has the time
+    assert len(seen.lit) >= 2  # eight on a machine that has the time
     assert all(end is not None and end - start <= 0.4 * 0.5 + STARVED_S for start, end in seen.lit)
 
 
@@ -271,8 +271,12 @@ def test_a_key_that_was_let_go_during_the_warning_time_gives_no_light(tmp_path: 
         child.press(" ")
         child.wait_for("armed: SPACE gives light")
         assert not account(tmp_path).lit
-        child.press(" ")
-        child.wait_for("light       ON")
+
+        def held_down() -> bool:  # as a keyboard repeats it: one press may be over before the next screen
+            child.press(" ")
+            return "light       ON" in child.said
+
+        child.wait_until(held_down, "light       ON")
         child.press("q")
         assert child.ends() == 0
     assert account(tmp_path).lit

@@ -60,7 +60,7 @@ class CommandProcess:
 
     def close(self) -> None:
         if self._process is not None:
-            self._process.communicate("", timeout=30)
+            self._process.communicate("", timeout=240)
             self._process = None
 
 

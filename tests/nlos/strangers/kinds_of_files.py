@@ -106,6 +106,7 @@ def make(folder: Path) -> dict[str, Path]:
     kinds["mat73"] = folder / "scan73.mat"
     with h5py.File(kinds["mat73"], "w", userblock_size=512) as file:
         file["meas"] = np.ascontiguousarray(counts.astype(np.float64).T)
+        file["bin_resolution"], file["wall_size"] = 32e-12, 2.0
     kinds["plain_free"] = folder / "free.h5"
     with h5py.File(kinds["plain_free"], "w") as file:
         file["histograms"] = counts.reshape(-1, SHAPE[2])

@@ -123,7 +123,7 @@ def test_processes_end_with_their_training(number: int, tmp_path: Path) -> None:
             trainer.kill()
         else:
             os.killpg(trainer.pid, number)
-        trainer.wait(60)
+        trainer.wait(240)
         waits(lambda: all(gone(pid) for pid in workers))
         assert number == signal.SIGKILL or trainer.returncode == 0
     finally:

@@ -1,5 +1,6 @@
 """Held-out scene files in the layout that evaluation reads, and the page of results made from its figures."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -15,7 +16,7 @@ from studies.results.kept import Kept, kept
 from studies.results.measured_scenes import SCANS, scan_of
 from studies.results.opening import likeness
 from studies.results.tables import at_a_glance, by_condition, by_scene, comparison, margins, training
-from studies.results.targets import Target, remarks, section
+from studies.results.targets import RIVALS_AT, Target, against, remarks, section
 
 
 def row(method: str, scene: str, condition: str, psnr: float) -> dict[str, object]:
@@ -58,6 +59,28 @@ def test_a_target_says_what_is_missing_to_it() -> None:
     text = section([missed], {"margin": "longer training"})
     assert "0 of 1 met" in text
     assert "**margin**: longer training" in text
+
+
+def test_a_rival_is_beaten_with_two_errors_to_spare_at_the_worst_condition() -> None:
+    rng = np.random.default_rng(5)
+    rows = []
+    for condition in RIVALS_AT:
+        gain = 0.5 if condition == RIVALS_AT[-1] else 3.0
+        for scene in "abcdefg":
+            base = float(rng.normal(20, 4))  # scenes differ by far more than methods
+            rows += [
+                row("lct", scene, condition, base),
+                row("nano", scene, condition, base + gain + rng.normal(0, 0.1)),
+            ]
+    rows = [{**each, "depth_rmse_m": 0.1} for each in rows]
+    psnr = next(target for target in against(rows, "nano", "lct") if target.what.startswith("PSNR"))
+    assert psnr.reached == pytest.approx(0.5, abs=0.12)
+    assert 0 < psnr.error < 0.08
+    assert psnr.met
+    assert not replace(psnr, error=0.3).met  # above, but not by two errors
+    assert replace(psnr, error=0.3, reached=0.7).met
+    assert replace(psnr, at_least=False, reached=-0.7, error=0.3).met
+    assert "0.50 ± 0.30" in " ".join(replace(psnr, reached=0.5, error=0.3).line())
 
 
 def test_remarks_are_read_by_group(tmp_path: Path) -> None:

@@ -106,7 +106,7 @@ def test_a_run_killed_without_warning_ends_bit_equal(tmp_path: Path, cache: Path
         time.sleep(0.02)
     victim.send_signal(signal.SIGKILL)
     victim.wait()
-    assert process(tmp_path / "killed", chosen).wait(120) == 0
+    assert process(tmp_path / "killed", chosen).wait(240) == 0
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     train(chosen, tmp_path / "whole", quiet)
@@ -136,7 +136,7 @@ def test_two_processes_follow_the_loss_of_one_also_when_they_are_killed_and_resu
         one.wait()
     both = pair(tmp_path / "two", chosen)
     train(chosen, tmp_path / "one", quiet)
-    assert [one.wait(120) for one in both] == [0, 0]
+    assert [one.wait(240) for one in both] == [0, 0]
     curves = []
     for name in ("one", "two"):
         lines = [json.loads(line) for line in (tmp_path / name / "log.jsonl").read_text().splitlines()]

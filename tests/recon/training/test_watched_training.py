@@ -81,7 +81,7 @@ def test_a_signal_saves_the_step_under_way_and_says_how_to_resume(number: int, t
             time.sleep(0.02)
         time.sleep(chance.uniform(0, 0.3))
         process.send_signal(number)
-        said = process.communicate(timeout=60)[1]
+        said = process.communicate(timeout=240)[1]
         assert process.returncode == 128 + number, said
         assert f"stopped by {signal.Signals(number).name} after step" in said
         assert "The same command resumes" in said
@@ -114,7 +114,7 @@ def test_a_second_training_in_one_folder_is_refused(tmp_path: Path, cache: Path)
         assert time.monotonic() < deadline
         time.sleep(0.02)
     second = started(tmp_path)
-    said = second.communicate(timeout=90)[1]
+    said = second.communicate(timeout=240)[1]
     assert second.returncode == 2
     assert "another process trains there" in said
     first.kill()

@@ -27,7 +27,8 @@ function seek(value, byHand = true) { // the last place is the whole scan
 function step(by) { seek(+$("time").value + by); }
 function stepMs() { // between two steps; of a film as it was scanned
   const times = scans[0].frames.filter(f => f && f.of_film).map(f => f.of_film.time_s);
-  return times.length > 1 ? Math.min(1000, Math.max(40, 1e3 * (times[times.length - 1] - times[0]) / (times.length - 1))) : 180;
+  const apart = times.slice(1).map((time, k) => time - times[k]).sort((a, b) => a - b); // the usual one: a film may have been resumed
+  return apart.length ? Math.min(1000, Math.max(40, 1e3 * apart[apart.length >> 1])) : 180;
 }
 function play() {
   if (playing) { clearInterval(playing); playing = null; }
