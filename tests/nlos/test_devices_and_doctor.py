@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 import usb.backend.libusb1
+import usb.core
 import yaml
 
 from nlos.__main__ import run
@@ -254,3 +255,21 @@ def test_a_window_that_misses_the_direct_light_is_named_once(
     assert "WARN  direct light" in said
     assert "Was the shutter closed?" not in said
     assert "SKIP  reconstruction" in said
+
+
+def test_a_computer_without_libusb_is_told_what_it_cannot_open(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    find = usb.core.find
+
+    def simulated_alone(**sought: Any) -> Any:
+        if sought.get("backend") is None:
+            raise usb.core.NoBackendError("No backend available")
+        return find(**sought)
+
+    monkeypatch.setattr(usb.core, "find", simulated_alone)
+    assert run(["doctor"]) == 0
+    said = capsys.readouterr().out
+    assert "WARN  software" in said
+    assert "Only simulated USB instruments can be opened" in said
+    assert "Install libusb-1.0" in said
