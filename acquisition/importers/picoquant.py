@@ -28,8 +28,10 @@ from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES
 
 SUFFIXES = (".ptu", ".phu", ".pt2", ".pt3", ".ht2", ".ht3", ".t3r", ".phd", ".hhd")
 
-
 MOST_CURVES = 1 << 20
+MOST_MARKER = 15
+"""A T3 record has four bits for markers, each an input of its own or, of some instruments, a number."""
+_MARKERS = ("ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame")
 _DAMAGE = (
     ptufile.PqFileError, ValueError, KeyError, IndexError, TypeError, OverflowError, ZeroDivisionError, struct.error,
     MemoryError, EOFError, AttributeError, UnicodeDecodeError, OSError, NameError,
@@ -74,6 +76,9 @@ def _read_ptu(path: Path) -> ImportedScan:
                 raise InvalidData(f"{path}: is a T2 measurement: it has no delay times, so no histograms")
             if int(tags.get("Measurement_SubMode", 0)) < 2:  # oscilloscope, point
                 return _ptu_point(path, ptu)
+            for name in _MARKERS:  # `ptufile` makes 2^marker of it
+                if not 0 <= int(tags.get(name, 0)) <= MOST_MARKER:
+                    raise InvalidData(f"{path}: states marker {tags[name]} for {name}; there are 1 to {MOST_MARKER}")
             shape = tuple(int(n) for n in ptu.shape)
             if int(tags.get("Measurement_SubMode", 0)) != 3 or len(shape) != 5:
                 raise InvalidData(f"{path}: is a line measurement, not an image of scan points, nor one point")

@@ -20,8 +20,11 @@ SHOWN = {path.relative_to(DOCS.parent).as_posix(): path.read_text(encoding="utf-
 PAGES = sorted(name for name, text in SHOWN.items() if re.search(r"^```(sh|python)\n", text, re.M))
 PAGES.remove("docs/tutorial.md")  # a test of its own: it is run at the top of a clone
 SOAK = bool(os.environ.get("NLOS_SOAK"))
-LONG = tuple(f"docs/howto/{name}.md" for name in ("archives", "judging", "runs", "training"))
-"""A third to half a minute each; whole in `make soak`."""
+LONG = tuple(
+    f"docs/howto/{name}.md"
+    for name in ("archives", "judging", "methods", "moving-scenes", "my-data", "runs", "training")
+)
+"""A third of a minute to a whole one each; in `make soak`. What they say is tested elsewhere, too."""
 BLOCK = re.compile(r"^(<!-- not run: [^\n]* -->\n)?```(sh|python)\n(.*?)^```", re.S | re.M)
 
 

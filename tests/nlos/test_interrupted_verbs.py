@@ -59,8 +59,7 @@ VERBS: dict[str, tuple[str, tuple[tuple[str, ...], ...]]] = {
     "live": ("live run.h5", ()),
 }
 """Name -> the command, and its files in groups: of a group all are new, or all are old."""
-CASES = [(verb, 0) for verb in ("reconstruct", "evaluate", "import", "calibrate")]
-CASES += [pytest.param(verb, k, marks=pytest.mark.soak) for verb in VERBS for k in range(1, 61 if SOAK else 2)]
+CASES = [pytest.param(verb, k, marks=pytest.mark.soak) for verb in VERBS for k in range(1, 61 if SOAK else 2)]
 NEEDS = {
     "film": ("film.h5", "scan film.yaml -o film.h5"),
     "vti": ("seen", "reconstruct run.h5 -o seen"),

@@ -104,3 +104,16 @@ def test_light_at_a_steady_pace_is_even_over_a_line(tmp_path: Path, sine_percent
     rate = scan.counts.sum(axis=0) / scan.exposure_s
     np.testing.assert_allclose(rate, rate.mean(), rtol=0.02)
     assert scan.exposure_s.sum() == pytest.approx(4 * 8 * 2000 / 10e6)
+
+
+@pytest.mark.parametrize("name", ["ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame"])
+@pytest.mark.parametrize("marker", [-1, 16, 1 << 40])
+def test_a_marker_that_no_record_can_hold_is_refused(tmp_path: Path, name: str, marker: int) -> None:
+    """`ptufile` computes 2^marker: of 2^40, half a minute and all memory."""
+    photons = np.column_stack([np.arange(40) % 4, np.arange(40) / 40, np.full(40, 5)])
+    raw = bytearray(write_raster(tmp_path / "a.ptu", (4, 8), photons).read_bytes())
+    at = raw.index(name.encode() + b"\0") + 40
+    raw[at : at + 8] = marker.to_bytes(8, "little", signed=True)
+    (tmp_path / "a.ptu").write_bytes(raw)
+    with pytest.raises(InvalidData, match=rf"a\.ptu: states marker {marker} for {name}; there are 1 to 15"):
+        read_picoquant(tmp_path / "a.ptu")

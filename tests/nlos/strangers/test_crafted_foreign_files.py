@@ -109,7 +109,7 @@ MADE: dict[str, tuple[str, Callable[[Path, Path], Iterator[str]]]] = {
 """What is made -> the kind of file that it is made of, and how."""
 WHOLE = ("npz", "mat", "ytal")
 """Every file of these is given to every verb; the many of the others to `import`, and to another verb in turn."""
-EVERY = {"ptu types": 80, "ptu lists": 6, "ptu records": 12, "ptu t2": 30} | dict.fromkeys(
+EVERY = {"photons": 75, "ptu types": 80, "ptu lists": 6, "ptu records": 12, "ptu t2": 30} | dict.fromkeys(
     ("phd", "t3r", "pt3", "ht3", "sdt"), 400
 )
 """Of how many files `make test` tries one."""

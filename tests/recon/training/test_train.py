@@ -126,7 +126,7 @@ def pair(folder: Path, chosen: TrainSettings) -> list[subprocess.Popen[bytes]]:
 def test_two_processes_follow_the_loss_of_one_also_when_they_are_killed_and_resume(tmp_path: Path, cache: Path) -> None:
     chosen = settings(cache, precision="float32", samples=60, checkpoint_minutes=1e-6)
     victims = pair(tmp_path / "two", chosen)
-    deadline = time.monotonic() + 90
+    deadline = time.monotonic() + 240
     while not (tmp_path / "two" / STATE).exists():
         assert all(one.poll() is None for one in victims)
         assert time.monotonic() < deadline
