@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -155,5 +156,6 @@ def _label(axes: Axes, title: str) -> None:
 
 def save_picture(figure: Figure, path: Path) -> None:
     """Writes a figure as PNG."""
-    FigureCanvasAgg(figure)
-    figure.savefig(path, dpi=DOTS_PER_INCH, metadata={"Software": "nlos"})
+    figure.set_dpi(DOTS_PER_INCH)
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.print_png(path, metadata={"Software": "nlos"})  # `savefig` goes through it twice

@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import time
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +65,20 @@ def write_table(log: Path) -> None:
         writer.writeheader()
         writer.writerows(rows)
     fresh.replace(log.with_name("log.csv"))
+
+
+class Redrawn:
+    """loss.png while a training goes on: a tenth of the time goes into it, at most."""
+
+    def __init__(self, log: Path) -> None:
+        self._log, self._due_s = log, -math.inf
+
+    def again(self) -> None:
+        """Draws what has come, unless it was drawn lately."""
+        began_s = time.monotonic()
+        if began_s >= self._due_s:
+            draw(self._log)
+            self._due_s = time.monotonic() + 9 * (time.monotonic() - began_s)
 
 
 def draw(log: Path) -> None:

@@ -29,7 +29,7 @@ from nlos.recon.methods import find
 from nlos.recon.training.architecture import method_settings
 from nlos.recon.training.batches import mirrored_batch, pooled, whole_scan, with_uniform_noise
 from nlos.recon.training.checkpoint import share_parameters
-from nlos.recon.training.curves import draw, last_rate_of
+from nlos.recon.training.curves import Redrawn, draw, last_rate_of
 from nlos.recon.training.feed import Feed, workers_for
 from nlos.recon.training.file_checks import learned_from
 from nlos.recon.training.interruption import Asked, caught
@@ -131,7 +131,7 @@ def _train(
     started = saved = clock.monotonic()
     saving_s = 0.0
     elapsed, late, skipped = spent_s, False, 0
-    checks = validation_steps(settings.steps)
+    checks, curves = validation_steps(settings.steps), Redrawn(folder / LOG)
 
     def keep_state() -> None:
         if rank == 0:
@@ -202,7 +202,7 @@ def _train(
                 figures = check()
                 log.line({"step": step, "seconds": elapsed, "validation": figures})
                 report(f"step {step}/{settings.steps}, {elapsed / 60:.1f} min: " + _told(figures))
-                draw(folder / LOG)
+                curves.again()
             if told_to_end:
                 if rank == 0:
                     draw(folder / LOG)

@@ -256,7 +256,7 @@ def test_a_killed_copy_is_resumed_without_a_sample_lost(small_plan: Callable[...
                 writer.write(sample)
             writer.flush()
             with FarCopy(tmp_path / "run.ticket", far, patience_s=20) as copy:
-                deadline_s = time.monotonic() + 20
+                deadline_s = time.monotonic() + 240
                 while verify(far).written < writer.acknowledged:
                     assert time.monotonic() < deadline_s
                     time.sleep(0.05)

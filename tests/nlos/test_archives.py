@@ -101,7 +101,7 @@ def dask(folder: Path, port: int, workers: int) -> Iterator[tuple["subprocess.Po
         for _ in range(workers)
     ]
     try:
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 240
         while time.monotonic() < deadline:
             with socket.socket() as door:
                 if door.connect_ex(("127.0.0.1", port)) == 0:

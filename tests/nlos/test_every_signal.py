@@ -53,7 +53,7 @@ def lit_scan(folder: Path) -> "subprocess.Popen[str]":
         [*command, "--bench", str(bench_file(folder, "S1, TTL shutter"))], cwd=folder, stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, process_group=0,
     )  # fmt: skip
-    until_s = time.monotonic() + 60
+    until_s = time.monotonic() + 240
     while "shutter open" not in witnessed(folder) and child.poll() is None and time.monotonic() < until_s:
         time.sleep(0.01)
     return child
@@ -61,7 +61,7 @@ def lit_scan(folder: Path) -> "subprocess.Popen[str]":
 
 def ended(child: "subprocess.Popen[str]") -> int:
     """Its exit code; one that is stopped is no end."""
-    until_s = time.monotonic() + 60
+    until_s = time.monotonic() + 240
     while time.monotonic() < until_s:
         found, status = os.waitpid(child.pid, os.WNOHANG | os.WUNTRACED)
         if found:
@@ -121,7 +121,7 @@ def test_ctrl_z_at_a_beam_whose_words_go_into_a_file_ends_it_in_the_dark(tmp_pat
         [sys.executable, "-m", "nlos", "point", "0.1", "0.0", "--light", "5", "--bench", str(path)], cwd=tmp_path,
         stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True, process_group=0,
     )  # fmt: skip
-    until_s = time.monotonic() + 60
+    until_s = time.monotonic() + 240
     while not account(tmp_path).lit and child.poll() is None and time.monotonic() < until_s:
         time.sleep(0.01)
     try:

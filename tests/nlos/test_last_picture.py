@@ -81,7 +81,7 @@ def test_a_picture_in_passing_is_given_up_once_the_scan_has_ended(run: Path, tmp
             writer.write(sample)
         writer.flush()
         watched.start()
-        deadline_s = time.monotonic() + 60
+        deadline_s = time.monotonic() + 240
         while not (watched.coming and watched.coming.making) and time.monotonic() < deadline_s:
             time.sleep(0.01)
         for sample in samples[128:]:

@@ -87,7 +87,7 @@ def test_pictures_that_break_off_say_so(run: Path, monkeypatch: pytest.MonkeyPat
     watched.start()
     with pytest.raises(ReconstructionFailed, match=r"run.h5: the pictures stopped"):
         watched.wait()
-    deadline_s = time.monotonic() + 60
+    deadline_s = time.monotonic() + 240
     while not watched.read and time.monotonic() < deadline_s:  # the scan is read on, in a thread of its own
         time.sleep(0.02)
     state = ScanAnswers(watched).state()

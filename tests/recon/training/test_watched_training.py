@@ -20,6 +20,7 @@ import torch
 
 from nlos.acquisition.errors import StorageError
 from nlos.recon.errors import InvalidSettings, ReconstructionFailed
+from nlos.recon.training import curves
 from nlos.recon.training import train as training
 from nlos.recon.training.advice import advice
 from nlos.recon.training.curves import curves_of, last_rate_of, smoothed
@@ -74,7 +75,7 @@ def test_a_signal_saves_the_step_under_way_and_says_how_to_resume(number: int, t
     chance = random.Random(number)
     for _ in range(ROUNDS):
         process, logged = started(tmp_path), steps_logged(tmp_path)
-        deadline = time.monotonic() + 90
+        deadline = time.monotonic() + 240
         while steps_logged(tmp_path) < logged + 2:
             assert process.poll() is None
             assert time.monotonic() < deadline
@@ -94,6 +95,23 @@ def test_a_signal_saves_the_step_under_way_and_says_how_to_resume(number: int, t
     assert more["step"] == state["step"] + 2
 
 
+def test_curves_are_redrawn_for_a_tenth_of_the_time_at_most(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s, drawn = [0.0], []
+
+    def draw(log: Path) -> None:
+        drawn.append((log, now_s[0]))
+        now_s[0] += 0.5
+
+    monkeypatch.setattr(curves, "draw", draw)
+    monkeypatch.setattr(curves.time, "monotonic", lambda: now_s[0])
+    picture = curves.Redrawn(tmp_path / LOG)
+    for _ in range(200):
+        picture.again()
+        now_s[0] += 0.125
+    assert drawn[0] == (tmp_path / LOG, 0.0)
+    assert 0.05 < 0.5 * len(drawn) / now_s[0] <= 0.1 + 0.5 / now_s[0]
+
+
 def test_a_folder_that_nothing_can_be_written_in_is_not_called_anothers(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     (tmp_path / "held" / "training.lock").mkdir(parents=True)
@@ -108,7 +126,7 @@ def test_a_folder_that_nothing_can_be_written_in_is_not_called_anothers(tmp_path
 def test_a_second_training_in_one_folder_is_refused(tmp_path: Path, cache: Path) -> None:
     written(tmp_path, cache)
     first = started(tmp_path)
-    deadline = time.monotonic() + 90
+    deadline = time.monotonic() + 240
     while steps_logged(tmp_path) < 2:
         assert first.poll() is None
         assert time.monotonic() < deadline
