@@ -11,10 +11,10 @@ import matplotlib
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from nlos.recon.evaluate import Evaluation, Row, Scene, as_json
+from nlos.recon.png import write_png
 from nlos.recon.results import software
 from nlos.recon.seen import visible_depth
 from nlos.recon.whole_files import whole_files
@@ -145,8 +145,7 @@ def gallery(evaluation: Evaluation, path: Path) -> None:
     for k, title in enumerate(["truth", *methods]):
         grid[0][2 * k].set_title(title, fontsize=8)
         grid[0][2 * k + 1].set_title("depth", fontsize=8)
-    FigureCanvasAgg(figure)
-    figure.savefig(path, dpi=110, metadata={"Software": "nlos"})
+    write_png(figure, path, 110)
 
 
 def depth_span_m(scene: Scene) -> tuple[float, float]:

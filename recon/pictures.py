@@ -2,12 +2,10 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -15,6 +13,7 @@ from matplotlib.patheffects import withStroke
 
 from nlos.recon.contours import contours
 from nlos.recon.errors import InvalidData
+from nlos.recon.png import write_png
 from nlos.recon.seen import DOUBTFUL, FAINT, brightest, depth_limits, depth_opacity, visible_depth
 from nlos.recon.small_print import small_print
 from nlos.recon.volume import Reconstruction
@@ -156,6 +155,4 @@ def _label(axes: Axes, title: str) -> None:
 
 def save_picture(figure: Figure, path: Path) -> None:
     """Writes a figure as PNG."""
-    figure.set_dpi(DOTS_PER_INCH)
-    canvas: Any = FigureCanvasAgg(figure)
-    canvas.print_png(path, metadata={"Software": "nlos"})  # `savefig` goes through it twice
+    write_png(figure, path, DOTS_PER_INCH)

@@ -7,6 +7,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from nlos.recon.png import write_png
+
 VALIDATED = "validation "
 SMOOTHED = 20
 NO_CURVES = (
@@ -108,5 +110,5 @@ def draw(log: Path) -> None:
             axes.set_yscale("log")
         axes.grid(alpha=0.3)
     picture = log.with_name(".loss.new.png")
-    figure.savefig(picture, dpi=110)
+    write_png(figure, picture, 110)
     picture.replace(log.with_name("loss.png"))

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from nlos.recon.pictures import summary_figure
+from nlos.recon.png import write_png
 from nlos.recon.results import write_results
 from nlos.recon.volume import Reconstruction, response_words
 
@@ -157,7 +157,6 @@ class Picture:
 
 def png(figure: Figure) -> bytes:
     """A figure as PNG."""
-    FigureCanvasAgg(figure)
     stream = BytesIO()
-    figure.savefig(stream, format="png", dpi=110)
+    write_png(figure, stream, 110)
     return stream.getvalue()

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from nlos.calibration.alignment import align
 from nlos.calibration.detector import subtract_dark, undo_dead_time
+from nlos.recon.png import write_png
 from nlos.recon.whole_files import whole_files
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def write_pictures(found: "Measurement", folder: Path) -> list[Path]:
             draw(axes)
             for panel, title in zip(axes, ("before", "after", "residual"), strict=True):
                 panel.set_title(f"{title}: {panel.get_title()}" if panel.get_title() else title)
-            figure.savefig(fresh / f"{name}.png", dpi=100)
+            write_png(figure, fresh / f"{name}.png", 100)
     return [folder / f"{name}.png" for name, _ in pictures]
 
 

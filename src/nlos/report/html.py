@@ -5,6 +5,8 @@ import io
 from html import escape
 from typing import TYPE_CHECKING
 
+from nlos.recon.png import write_png
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -30,7 +32,7 @@ def number(value: object) -> str:
 def picture(figure: "Figure", caption: str) -> str:
     """A figure as a picture inside the page."""
     image = io.BytesIO()
-    figure.savefig(image, format="png", dpi=120)
+    write_png(figure, image, 120)
     return embedded(image.getvalue(), caption)
 
 
