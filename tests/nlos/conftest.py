@@ -19,6 +19,7 @@ import h5py
 import numpy as np
 import pytest
 
+from nlos.cli.terminal import terminal
 from tests import command
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -29,6 +30,12 @@ pattern: serpentine
 dwell_ms: 2
 histogram: {bins: 1024, bin_width_ps: 16, offset_ns: 10}
 """
+
+
+@pytest.fixture(autouse=True)
+def nothing_asked_of_the_terminal() -> None:
+    """A test before may have run a command with `-v` in this process."""
+    terminal.begin()
 
 
 @pytest.fixture
