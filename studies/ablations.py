@@ -54,6 +54,9 @@ NOTES = (
     "added to what its detector counts; rivals and NANO learn by NANO's loss, with depth, and without that noise. "
     "Where they stand in one table, its columns of depth compare losses as well. All of the paper's parts are, in "
     "NANO, both liftings and an SFE whose M has rank 16, where eq. 13 has a dense one.",
+    "",
+    "Networks learn in bfloat16 where the processor multiplies in it. Second seeds of the U-Net at equal seconds and "
+    "at equal parameters, and of what is trained on cycles, learned in float32, on another processor.",
 )
 """What a reader of the tables has to know about the rows."""
 Known = Mapping[Path, Judged]
