@@ -7,7 +7,7 @@ from pathlib import Path
 
 from nlos.drivers.errors import DeviceError
 from nlos.drivers.link.serial_line import available_ports
-from nlos.drivers.link.usbtmc import UsbInfo
+from nlos.drivers.link.usb_search import UsbInfo
 from nlos.drivers.udev import RELOAD, RULES_FILE
 
 

@@ -16,7 +16,10 @@ ROOMS = {
 }
 ONLY_IN = {
     "serial": ("drivers/link/serial_line.py", "drivers/simulated/serial/port.py"),
-    "usb": ("drivers/link/usbtmc.py", "drivers/link/usb_pipes.py", "drivers/simulated/usb/"),
+    "usb": (
+        *(f"drivers/link/{name}.py" for name in ("usbtmc", "usb_errors", "usb_pipes", "usb_search")),
+        "drivers/simulated/usb/",
+    ),
     "torch": ("recon/",),
     "h5py": (
         "acquisition/recording/",

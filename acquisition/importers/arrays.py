@@ -81,7 +81,7 @@ def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
     early = _bins_before_wall(stored, begins_s, width_s, counts.shape[-1], rectified)
     if early:
         counts, offsets = counts[..., early:], None if offsets is None else offsets - early
-        notes.append(f"the first {early} bins, which are before time 0, hold nothing hidden and are left out")
+        notes.append(f"the first {early} bins, which are before time 0, hold nothing hidden and are skipped")
     time = TimeAxis(counts.shape[-1], width_s, max(begins_s + early * width_s, 0.0) if early else begins_s)
     sides_m = given.wall_m or _wall_size(stored)
     cut = max(_direct_cut(stored, time.bins + early) - early, 0)

@@ -8,7 +8,8 @@ import usb.util
 
 from nlos.drivers.device_model import WireLog
 from nlos.drivers.errors import DeviceTimeout, ProtocolError
-from nlos.drivers.link.usbtmc import classify, closed_unless_opened, find_usb
+from nlos.drivers.link.usb_errors import classify, closed_unless_opened
+from nlos.drivers.link.usb_search import find_usb
 
 
 class UsbPipes:

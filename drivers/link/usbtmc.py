@@ -1,173 +1,27 @@
-"""A claimed USBTMC interface on pyusb: found, opened, its pipes, and what their errors mean.
+"""A claimed USBTMC interface on pyusb: opened, and its pipes.
 
-The only file that talks to pyusb. Every count that comes back is handed on or checked: pyusb's libusb1 backend returns
-a short count, not an error, when a timeout has already moved some bytes.
+Every count that comes back is handed on or checked: pyusb's libusb1 backend returns a short count, not an error, when a
+timeout has already moved some bytes.
 """
 
 import array
-import errno
 import math
 import struct
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any
 
-import usb.backend
 import usb.core
 import usb.util
 
-from nlos.drivers.errors import (
-    DeviceBusy,
-    DeviceError,
-    DeviceLost,
-    DeviceNotFound,
-    DeviceTimeout,
-    ProtocolError,
-)
+from nlos.drivers.errors import DeviceLost, DeviceNotFound, DeviceTimeout, ProtocolError
+from nlos.drivers.link.usb_errors import classify, closed_unless_opened
+from nlos.drivers.link.usb_search import USBTMC_CLASS, USBTMC_SUBCLASS
 
 WireLog = Callable[[str, str, bytes], None]
 """(device, ">" to it or "<" from it, the bytes)."""
 
-_CLASS, _SUBCLASS = 0xFE, 3
 _FROM_INTERFACE, _FROM_ENDPOINT = 0xA1, 0xA2
 _TO_ENDPOINT, _CLEAR_FEATURE = 0x02, 0x01
-
-# libusb error codes, the same on every platform; errno differs between them.
-_LIBUSB_ACCESS, _LIBUSB_NO_DEVICE, _LIBUSB_BUSY = -3, -4, -6
-_LIBUSB_TIMEOUT, _LIBUSB_OVERFLOW, _LIBUSB_PIPE, _LIBUSB_IO = -7, -8, -9, -1
-_CODE_OF_ERRNO = {
-    errno.EACCES: _LIBUSB_ACCESS,
-    errno.EPERM: _LIBUSB_ACCESS,
-    errno.ENODEV: _LIBUSB_NO_DEVICE,
-    errno.EBUSY: _LIBUSB_BUSY,
-    errno.ETIMEDOUT: _LIBUSB_TIMEOUT,
-    errno.EOVERFLOW: _LIBUSB_OVERFLOW,
-    errno.EPIPE: _LIBUSB_PIPE,
-    errno.EIO: _LIBUSB_IO,
-}
-
-
-class PipeHalted(ProtocolError):
-    """The device stalled a pipe or a control request."""
-
-
-class Overflow(ProtocolError):
-    """The device sent more than was asked for; what it sent is lost."""
-
-
-def classify(device: str, doing: str, error: usb.core.USBError) -> DeviceError:
-    """The `DeviceError` that `error` means: by its type, then libusb's code, then errno."""
-    code = error.backend_error_code
-    if isinstance(error, usb.core.USBTimeoutError):
-        code = _LIBUSB_TIMEOUT
-    elif code is None:
-        code = _CODE_OF_ERRNO.get(error.errno or 0)
-    if code == _LIBUSB_TIMEOUT:
-        return DeviceTimeout(device, f"no answer while {doing}.")
-    if code == _LIBUSB_PIPE:
-        return PipeHalted(device, f"the device refused (stall) while {doing}.")
-    if code == _LIBUSB_OVERFLOW:
-        return Overflow(device, f"the device sent more than was asked for while {doing}.")
-    if code == _LIBUSB_ACCESS:
-        return DeviceBusy(
-            device,
-            f"this user may not open the USB device (while {doing}).",
-            "On Linux, add a udev rule for it (docs/instruments.md) and plug it in again.",
-        )
-    if code == _LIBUSB_BUSY:
-        return DeviceBusy(device, f"another program holds the USB device (while {doing}).", "Close that program.")
-    return DeviceLost(
-        device, f"the USB device is gone ({error}) while {doing}.", "Check cable and power, then open it again."
-    )
-
-
-def find_usb(device: str, vendor_id: int, product_id: int, serial: str | None, backend: Any = None) -> Any:
-    """The one pyusb device with these ids and, where given, this serial number.
-
-    Raises `DeviceNotFound` when there is none, when several match, or where libusb is missing.
-    """
-    try:
-        found = list(usb.core.find(find_all=True, backend=backend, idVendor=vendor_id, idProduct=product_id))
-        serials = [_serial_of(each) for each in found] if serial is not None else []
-    except usb.core.NoBackendError as error:
-        raise DeviceNotFound(device, "libusb is not installed.", "Install libusb-1.0 and try again.") from error
-    except usb.core.USBError as error:
-        raise classify(device, "looking for it", error) from error
-    ids = f"{vendor_id:04x}:{product_id:04x}"
-    if serial is not None:
-        named = [each for each, its in zip(found, serials, strict=True) if its == serial]
-        if not named and None in serials:
-            raise DeviceBusy(device, f"the serial number of a USB device {ids} cannot be read.", "Check the udev rule.")
-        if not named:
-            others = ", ".join(sorted(str(each) for each in serials)) or "none"
-            raise DeviceNotFound(
-                device, f"no USB device {ids} with serial number {serial} (found: {others}).", "Plug it in."
-            )
-        if len(named) > 1:
-            raise DeviceNotFound(
-                device, f"{len(named)} USB devices {ids} with serial number {serial}.", "Unplug those not meant."
-            )
-        return named[0]
-    if not found:
-        raise DeviceNotFound(device, f"no USB device {ids} is plugged in.", "Check cable and power.")
-    if len(found) > 1:
-        raise DeviceNotFound(device, f"{len(found)} USB devices {ids}.", "Name one by its serial number.")
-    return found[0]
-
-
-def _serial_of(found: Any) -> str | None:
-    """None where this user may not read it, or another device of the kind is just leaving: that one is not meant."""
-    try:
-        return str(found.serial_number)
-    except (usb.core.USBError, ValueError):  # pyusb raises ValueError where it may not read the language ids
-        return None
-
-
-@dataclass(frozen=True)
-class UsbInfo:
-    """A USB instrument of this computer. Texts are empty where this user may not read them."""
-
-    vendor_id: int
-    product_id: int
-    product: str
-    serial_number: str
-    readable: bool
-
-
-def available_instruments(backend: Any = None) -> list[UsbInfo]:
-    """Every USB device with a USBTMC interface. Raises `DeviceNotFound` where libusb is missing."""
-    try:
-        found = list(usb.core.find(find_all=True, backend=backend, custom_match=_has_usbtmc))
-    except usb.core.NoBackendError as error:
-        raise DeviceNotFound("usb", "libusb is not installed.", "Install libusb-1.0 and try again.") from error
-    return [_describe(each) for each in found]
-
-
-def _has_usbtmc(found: Any) -> bool:
-    match = {"bInterfaceClass": _CLASS, "bInterfaceSubClass": _SUBCLASS}
-    return any(usb.util.find_descriptor(configuration, **match) is not None for configuration in found)
-
-
-def _describe(found: Any) -> UsbInfo:
-    try:
-        product, serial = str(found.product or ""), str(found.serial_number or "")
-    except (usb.core.USBError, ValueError):  # pyusb raises ValueError where it may not read the language ids
-        return UsbInfo(found.idVendor, found.idProduct, "", "", False)
-    return UsbInfo(found.idVendor, found.idProduct, product, serial, True)
-
-
-@contextmanager
-def closed_unless_opened(device: str, close: Callable[[], None]) -> Iterator[None]:
-    """Claims pipes of a device that is closed again where that fails. Raises `DeviceError`s only."""
-    try:
-        yield
-    except usb.core.USBError as error:
-        close()
-        raise classify(device, "opening it", error) from error
-    except DeviceError:
-        close()
-        raise
 
 
 class UsbtmcInterface:
@@ -185,7 +39,7 @@ class UsbtmcInterface:
 
     def _claim(self) -> None:
         interface = usb.util.find_descriptor(
-            self._configuration(), bInterfaceClass=_CLASS, bInterfaceSubClass=_SUBCLASS
+            self._configuration(), bInterfaceClass=USBTMC_CLASS, bInterfaceSubClass=USBTMC_SUBCLASS
         )
         if interface is None:
             raise DeviceNotFound(self.device, "the USB device has no USBTMC interface.")

@@ -9,7 +9,8 @@ from functools import partial
 
 from nlos.drivers.clock import Clock
 from nlos.drivers.errors import DeviceLost, DeviceTimeout
-from nlos.drivers.link.usbtmc import Overflow, PipeHalted, UsbtmcInterface
+from nlos.drivers.link.usb_errors import Overflow, PipeHalted
+from nlos.drivers.link.usbtmc import UsbtmcInterface
 from nlos.drivers.link.usbtmc_headers import (
     CHECK_ABORT_BULK_IN_STATUS,
     CHECK_ABORT_BULK_OUT_STATUS,

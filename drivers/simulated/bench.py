@@ -100,7 +100,7 @@ class SimulatedBench:
         servo: ServoSettings | None = None,
         shutterless: bool = False,
     ) -> None:
-        """`shutterless`: nothing stands in the laser's way, whatever any drive line does."""
+        """`shutterless`: nothing blocks the laser, whatever any drive line does."""
         self.clock = clock or VirtualClock()
         self.faults = faults or FaultPlan()
         self.servo = servo or ServoSettings()

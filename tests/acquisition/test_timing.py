@@ -164,25 +164,16 @@ def test_where_the_light_decides_the_band_holds_what_it_decided(
     assert low_s < actual_s < high_s
 
 
-def test_links_are_learned_from_a_past_scan(bench_settings: Benches, small_plan: Plans) -> None:
+@pytest.mark.parametrize("pause_s", [0.0, 3600.0], ids=["in one go", "resumed an hour later"])
+def test_links_are_learned_from_a_past_scan(bench_settings: Benches, small_plan: Plans, pause_s: float) -> None:
+    """A pause between two points teaches nothing of them."""
     plan = small_plan(10, 10)
     with open_bench(bench_settings(name="simulated")) as bench:
         angles = checked_angles(plan, bench, aim_of(bench))
         samples = list(scan(plan, bench, scheme=Scheme.STEPPED))
         true = links_of(bench)
+        samples[40:] = [replace(each, taken_s=each.taken_s + pause_s) for each in samples[40:]]
         learned = learned_links(replace(true, move_s=0.0, margin=0.15), samples, Pace(plan, moves_s(bench, angles)))
-    assert learned.move_s == pytest.approx(true.move_s, rel=0.02)
-
-
-def test_a_pause_teaches_nothing_of_links(bench_settings: Benches, small_plan: Plans) -> None:
-    """An hour between two points, as of a scan that was resumed."""
-    plan = small_plan(10, 10)
-    with open_bench(bench_settings(name="simulated")) as bench:
-        angles = checked_angles(plan, bench, aim_of(bench))
-        samples = list(scan(plan, bench, scheme=Scheme.STEPPED))
-        true = links_of(bench)
-        paused = [*samples[:40], *(replace(each, taken_s=each.taken_s + 3600.0) for each in samples[40:])]
-        learned = learned_links(replace(true, move_s=0.0, margin=0.15), paused, Pace(plan, moves_s(bench, angles)))
     assert learned.move_s == pytest.approx(true.move_s, rel=0.02)
 
 

@@ -64,6 +64,17 @@ def taken(bench: Path, run: Path, samples: int | None = None, resume: bool = Fal
     return run
 
 
+def watched(run: Path) -> LiveFilm:
+    """What a viewer has of the film once all that is written has come."""
+    with open_checked(run) as recording:
+        live = LiveFilm(recording.plan, None, AUTO)
+        for sample in recording.samples():
+            live.add(sample)
+        live.finish()
+        live.watch(lambda: loaded_frames(recording, None))
+    return live
+
+
 def later(monkeypatch: pytest.MonkeyPatch, run: Path) -> None:
     """It is `AWAY_S` after the last that was written there."""
     with Recording.open(run) as recording:
@@ -192,25 +203,14 @@ def test_a_part_of_a_frame_is_no_picture(bench: Path, tmp_path: Path, caplog: py
     assert f"5 of 8 complete, {1 / np.median(np.diff(table.start_s[:5])):.3g} a second" in said
     command(tmp_path, "report", "run.h5", check=True)
     assert "a film of 8 frames, 5 of 8 complete" in (tmp_path / "run.html").read_text()
-    with open_checked(run) as recording:
-        live = LiveFilm(recording.plan, None, AUTO)
-        for sample in recording.samples():
-            live.add(sample)
-        live.finish()
-        live.watch(lambda: loaded_frames(recording, None))
+    live = watched(run)
     assert live.newest[0] == live.over == 4
 
 
 def test_the_only_part_of_a_frame_is_shown_live(bench: Path, tmp_path: Path) -> None:
     """There is nothing else of it; the film that is made afterwards says so."""
     run = taken(bench, tmp_path / "run.h5", 100)
-    with open_checked(run) as recording:
-        live = LiveFilm(recording.plan, None, AUTO)
-        for sample in recording.samples():
-            live.add(sample)
-        live.finish()
-        live.watch(lambda: loaded_frames(recording, None))
-    assert live.newest[0] == 0
+    assert watched(run).newest[0] == 0
     with pytest.raises(InvalidData, match="no 1 successive frames of it were taken whole"):
         film_of(run, LCT)
 

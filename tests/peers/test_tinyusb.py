@@ -14,7 +14,8 @@ from nlos.drivers.clock import VirtualClock
 from nlos.drivers.errors import DeviceError, DeviceTimeout
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.link.usb488 import Usb488
-from nlos.drivers.link.usbtmc import UsbtmcInterface, find_usb
+from nlos.drivers.link.usb_search import find_usb
+from nlos.drivers.link.usbtmc import UsbtmcInterface
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.instruments import light_of
 from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware

@@ -5,7 +5,7 @@ from nlos.drivers.errors import DeviceError
 from nlos.drivers.galvo.helios.mirror import Helios
 from nlos.drivers.galvo.helios.settings import PRODUCT_ID, VENDOR_ID, HeliosSettings
 from nlos.drivers.galvo.mirror import GalvoMirror
-from nlos.drivers.link.usbtmc import find_usb
+from nlos.drivers.link.usb_search import find_usb
 from nlos.drivers.presence import Presence
 from nlos.drivers.simulated.helios.faults import FAULTS
 from nlos.drivers.simulated.helios.firmware import HeliosFirmware

@@ -13,7 +13,8 @@ from nlos.drivers.errors import DataCorrupt, DeviceError, DeviceReset, LimitErro
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.link.scpi import ErrorsReported, Scpi, ScpiError
 from nlos.drivers.link.usb488 import Usb488
-from nlos.drivers.link.usbtmc import UsbtmcInterface, WireLog, find_usb
+from nlos.drivers.link.usb_search import find_usb
+from nlos.drivers.link.usbtmc import UsbtmcInterface, WireLog
 from nlos.drivers.tcspc.counter import CountRates
 from nlos.drivers.tcspc.tcspc488.messages import (
     Capacity,

@@ -2,7 +2,7 @@
 
 from nlos.drivers.device_model import DeviceModel, ShutterOutput
 from nlos.drivers.errors import DeviceError
-from nlos.drivers.link.usbtmc import available_instruments
+from nlos.drivers.link.usb_search import available_instruments
 from nlos.drivers.presence import Presence, usb_not_searched, usb_presence
 from nlos.drivers.simulated.tcspc488.faults import FAULTS
 from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware

@@ -11,7 +11,7 @@ from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.errors import DeviceError
 from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.link.serial_line import available_ports
-from nlos.drivers.link.usbtmc import UsbInfo, available_instruments
+from nlos.drivers.link.usb_search import UsbInfo, available_instruments
 from nlos.drivers.tcspc.known_counters import COUNTERS
 
 

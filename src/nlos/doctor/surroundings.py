@@ -14,7 +14,7 @@ from nlos.doctor.findings import Finding, failed, passed, warned
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.cable_levels import level_conflicts
 from nlos.drivers.errors import DeviceNotFound
-from nlos.drivers.link.usbtmc import available_instruments
+from nlos.drivers.link.usb_search import available_instruments
 
 _FREE_GB = 5.0
 

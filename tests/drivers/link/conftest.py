@@ -7,7 +7,8 @@ import pytest
 
 from nlos.drivers.clock import VirtualClock
 from nlos.drivers.link.usb488 import Usb488
-from nlos.drivers.link.usbtmc import UsbtmcInterface, find_usb
+from nlos.drivers.link.usb_search import find_usb
+from nlos.drivers.link.usbtmc import UsbtmcInterface
 from nlos.drivers.simulated.faults import Fault, FaultPlan
 from nlos.drivers.simulated.usb.backend import SimulatedUsb
 from nlos.drivers.simulated.usb.descriptors import UsbDescription

@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 
 from nlos.drivers.errors import DeviceBusy, DeviceError, DeviceLost, DeviceNotFound, DeviceTimeout, ProtocolError
 from nlos.drivers.link.usb488 import Usb488
-from nlos.drivers.link.usbtmc import PipeHalted, UsbtmcInterface, find_usb
+from nlos.drivers.link.usb_errors import PipeHalted
+from nlos.drivers.link.usb_search import find_usb
+from nlos.drivers.link.usbtmc import UsbtmcInterface
 from nlos.drivers.simulated.faults import Fault, FaultPlan
 from nlos.drivers.simulated.usb.backend import SimulatedUsb
 from nlos.drivers.simulated.usb.descriptors import UsbDescription
