@@ -12,6 +12,8 @@ from nlos.acquisition.planning.positions import Positions
 Parts = Literal[1, 2, 4, 8, 16, 32, 64]
 """Into how many parts points can be interleaved."""
 MOST_FRAMES = 100_000
+MOST_VISITS = 1 << 21
+"""Of a film until it is stopped: each is listed in its plan, before the first one."""
 
 
 def in_frames(positions: Positions, visits: Visits, frames: int, parts: Parts) -> Visits:
@@ -32,6 +34,13 @@ def in_frames(positions: Positions, visits: Visits, frames: int, parts: Parts) -
     chosen = np.concatenate(order)
     number = np.repeat(np.arange(frames, dtype=np.int32), [len(each) for each in order])
     return Visits(visits.index[chosen], visits.dwell_s[chosen], number)
+
+
+def most_frames(points: int, parts: Parts, bins: int, largest_bytes: int) -> int:
+    """How many frames of so many points in all parts a recording of a film that somebody ends may hold: whole rounds
+    of the parts, one at least."""
+    of_round = min(MOST_VISITS, largest_bytes // (4 * bins)) // points
+    return max(min(of_round, MOST_FRAMES // parts), 1) * parts
 
 
 def part_of(positions: Positions, parts: Parts) -> npt.NDArray[np.intp]:

@@ -43,6 +43,8 @@ class ScanPlan:
     point; None: it settles on points."""
     budget: Budget | None = None
     """None: every point is taken."""
+    until_stopped: bool = False
+    """Its frames are as many as come until somebody ends the film, which is then a plan of those (`ended_after`)."""
 
     def __post_init__(self) -> None:
         if not len(self.positions) == len(self.dwell_s) == len(self.pass_):
@@ -102,6 +104,19 @@ class ScanPlan:
     def frames(self) -> int:
         """How many times the pattern is scanned, each a frame of its own: passes that do not depend on one another."""
         return 1 if self.revisit_below is not None or self.budget is not None else int(self.pass_.max()) + 1
+
+    @property
+    def frame_points(self) -> npt.NDArray[np.int64]:
+        """How many points each frame has, (F,); a last one that a film was ended in as many as the same part of the
+        points had before."""
+        points = np.bincount(self.pass_, minlength=self.frames) if self.frames > 1 else np.array([len(self)])
+        if (cycle := self.cycle) < len(points):
+            points[-1] = max(points[-1], points[-1 - cycle])
+        return points
+
+    def ended_after(self, points: int) -> "ScanPlan":
+        """What the film's plan is once it was ended after so many points."""
+        return replace(self.only(np.arange(points)), until_stopped=False)
 
     @property
     def most_samples(self) -> int:
@@ -198,7 +213,11 @@ class ScanPlan:
             "stop": asdict(self.stop) if self.stop else None,
             "revisit_below": self.revisit_below,
         }
-        later = {"within_px": self.within_px, "budget": asdict(self.budget) if self.budget else None}
+        later = {
+            "within_px": self.within_px,
+            "budget": asdict(self.budget) if self.budget else None,
+            "until_stopped": self.until_stopped or None,
+        }
         return {**found, **{name: value for name, value in later.items() if value is not None}}
 
     @classmethod

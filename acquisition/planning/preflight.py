@@ -67,12 +67,13 @@ def checked_angles(plan: ScanPlan, bench: Bench, aim: Aiming) -> list[MirrorAngl
     devices' reach, or of what a recorded scene holds, `InvalidData` where that has holes; nothing has been sent or
     moved then."""
     x_rad, y_rad = aim.angles_rad(plan.positions.x_m, plan.positions.y_m)
-    angles = [MirrorAngles(x, y) for x, y in zip(x_rad.tolist(), y_rad.tolist(), strict=True)]
+    # Of frames, each has the same points: they share their angles, and are checked once.
+    _, first_at, place = np.unique(x_rad + 1j * y_rad, return_index=True, return_inverse=True)
+    places = [MirrorAngles(float(x_rad[number]), float(y_rad[number])) for number in first_at]
+    angles = [places[each] for each in place.reshape(-1).tolist()]
     allowed = bench.settings.geometry.allowed
-    first_at: dict[MirrorAngles, int] = {}  # of frames, each has the same points
-    for number, each in enumerate(angles):
-        first_at.setdefault(each, number)
-    for each, number in first_at.items():
+    for number in np.sort(first_at).tolist():
+        each = angles[number]
         if allowed is not None:
             allowed.check(plan[number].x_m, plan[number].y_m)
         try:
@@ -110,8 +111,10 @@ def disk_bytes(plan: ScanPlan) -> int:
 
 
 def check_disk(plan: ScanPlan, path: Path, least_free: int = 0) -> None:
-    """Raises `StorageError` where the disk of `path` has no room for the recording and what alarms want free beside."""
-    needed = 0 if path.exists() else disk_bytes(plan)  # a recording's place on the disk is reserved as it is made
+    """Raises `StorageError` where the disk of `path` has no room for the recording and what alarms want free beside;
+    of a film until it is stopped, for all of the wall once."""
+    least = plan.ended_after(int(np.count_nonzero(plan.pass_ < plan.cycle))) if plan.until_stopped else plan
+    needed = 0 if path.exists() else disk_bytes(least)  # a recording's place on the disk is reserved as it is made
     free = shutil.disk_usage(path.absolute().parent).free
     if needed + least_free > free:
         beside = f" and {least_free / 1e6:.0f} MB free beside it (alarms.min_free_mb)" if least_free else ""

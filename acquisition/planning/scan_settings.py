@@ -1,13 +1,13 @@
 """The scan file: wall, pattern, dwell and histogram, and the plan that they make."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, field_validator
 
 from nlos.acquisition.errors import PlanRefused
 from nlos.acquisition.planning.exposure import Exposure, SecondLook, TwoPass, Uniform
-from nlos.acquisition.planning.frames import MOST_FRAMES, Parts, in_frames
+from nlos.acquisition.planning.frames import MOST_FRAMES, Parts, in_frames, most_frames
 from nlos.acquisition.planning.ordering import strips, two_opt
 from nlos.acquisition.planning.patterns import SCATTERED, Pattern
 from nlos.acquisition.planning.patterns.adaptive import Adaptive
@@ -18,6 +18,7 @@ from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings
 from nlos.drivers.tcspc.counter import HistogramAxis
 
+UNTIL_STOPPED = "until_stopped"
 EDGE_M = 1e-9
 LARGEST_BYTES = 8 << 30
 """Of all histograms of a plan: what is read back into one piece."""
@@ -86,8 +87,9 @@ class ScanSettings(Settings):
     """Sweep lines without settling."""
     order: Literal["pattern", "strips", "two_opt"] | None = None
     """The order of the points: as the pattern lists them, in strips, or by a shorter path."""
-    frames: int = Field(default=1, ge=1, le=MOST_FRAMES)
-    """How many times the points are scanned: frames of one recording, for scenes that move. Exposure is each one's."""
+    frames: Annotated[int, Field(ge=1, le=MOST_FRAMES)] | Literal["until_stopped"] = 1
+    """How many times the points are scanned: frames of one recording, for scenes that move. Exposure is each one's.
+    `until_stopped`: until Ctrl-C, or until a recording holds no more."""
     interleave: Parts = 1
     """Each frame takes one of so many parts of the points, evenly spread, the next frame the next part."""
 
@@ -98,7 +100,8 @@ class ScanSettings(Settings):
         listed = self.pattern.points(wall)
         if isinstance(self.pattern, Adaptive):
             return self._candidates(self.pattern, listed, wall, axis)
-        self._check_size(len(listed), axis.bins)
+        frames = self._frames(len(listed), axis.bins)
+        self._check_size(len(listed), frames, axis.bins)
         positions = self._ordered(listed)
         beyond = np.maximum(np.abs(positions.x_m) / wall.width_m, np.abs(positions.y_m) / wall.height_m)
         if beyond.max() > 0.5 + EDGE_M:
@@ -113,12 +116,12 @@ class ScanSettings(Settings):
         if isinstance(self.exposure, SecondLook) and self.continuous is not None:
             raise PlanRefused("second looks lie on no lines; take out `continuous` or exposure second_look")
         visits = self.exposure.visits(positions, wall, self.dwell_ms * 1e-3)
-        if self.frames > 1 or self.interleave > 1:
+        if frames > 1 or self.interleave > 1:
             if isinstance(self.exposure, TwoPass | SecondLook):
                 raise PlanRefused(
                     f"a frame has no second pass: take out exposure {self.exposure.kind}, or frames and interleave"
                 )
-            visits = in_frames(positions, visits, self.frames, self.interleave)
+            visits = in_frames(positions, visits, frames, self.interleave)
         return ScanPlan(
             wall,
             axis,
@@ -129,13 +132,14 @@ class ScanSettings(Settings):
             self.exposure.revisit_below,
             self.continuous.within_pixels if self.continuous else None,
             self.exposure.budget(visits),
+            until_stopped=self.frames == UNTIL_STOPPED,
         )
 
     def _candidates(self, pattern: Adaptive, positions: Positions, wall: WallGrid, axis: HistogramAxis) -> ScanPlan:
         """Every visit that may be taken. Raises `PlanRefused` for what would decide the same things otherwise."""
         others = {
             "exposure": not isinstance(self.exposure, Uniform),
-            "frames": self.frames > 1,
+            "frames": self.frames != 1,
             "interleave": self.interleave > 1,
             "continuous": self.continuous is not None,
             "order": self.order is not None,
@@ -146,14 +150,23 @@ class ScanSettings(Settings):
             )
         visits = pattern.visits(positions, self.dwell_ms * 1e-3)
         budget = pattern.budget(visits)
-        self._check_size(budget.most(budget.costs_us(visits.dwell_s)), axis.bins)
+        self._check_size(budget.most(budget.costs_us(visits.dwell_s)), 1, axis.bins)
         return ScanPlan(wall, axis, positions.take(visits.index), visits.dwell_s, visits.pass_, budget=budget)
 
-    def _check_size(self, points: int, bins: int) -> None:
+    def _frames(self, points: int, bins: int) -> int:
+        """How many there are of so many points; until the film is stopped, as many as a recording of it may hold."""
+        if not isinstance(self.frames, str):
+            return self.frames
+        most = most_frames(points, self.interleave, bins, LARGEST_BYTES)
+        if most == 1:
+            raise PlanRefused(f"frames: {UNTIL_STOPPED}: a recording holds a single frame of {points} points, no film")
+        return most
+
+    def _check_size(self, points: int, frames: int, bins: int) -> None:
         """Raises `PlanRefused` for more counts than are read back into one piece."""
-        visits = -(-points * self.frames // self.interleave)
+        visits = -(-points * frames // self.interleave)
         if (size := 4 * visits * bins) > LARGEST_BYTES:
-            fewer = "fewer frames, points or bins" if self.frames > 1 else "fewer points or bins"
+            fewer = "fewer frames, points or bins" if frames > 1 else "fewer points or bins"
             raise PlanRefused(
                 f"{visits} points of {bins} bins are {size / 1e9:.1f} GB of counts; a recording of more than "
                 f"{LARGEST_BYTES / 1e9:.1f} GB is not read back. Plan {fewer}, or several scans."

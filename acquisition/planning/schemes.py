@@ -1,6 +1,6 @@
 """Which way of scanning is the fastest that bench and plan allow, and why."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
@@ -16,6 +16,9 @@ from nlos.acquisition.scanning.sweeping import Lines, sweep
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles, own_clock
+
+ALIKE = 1 << 15
+"""Points of the beginning of a film, and as many again, from which a forecast takes what a longer one costs."""
 
 
 class Scheme(Enum):
@@ -69,7 +72,7 @@ def choose(
     the counter's points."""
     links = links or links_of(bench)
     plan, angles = _expected(plan, angles)
-    stepped = stepped_forecast(plan, bench, angles, links)
+    stepped = _of_frames(stepped_forecast, plan, bench, angles, links)
     if obstacle := _obstacle(bench):
         return Choice(Scheme.STEPPED, obstacle, stepped)
     scheme = Scheme.LISTED if bench.counter.list_mode else Scheme.CLOCKED
@@ -78,7 +81,7 @@ def choose(
         if plan.stop is not None:
             return Choice(Scheme.STEPPED, "points that end early need a mirror that waits for them", stepped)
     try:
-        clocked = clocked_forecast(plan, bench, angles, links)
+        clocked = _of_frames(clocked_forecast, plan, bench, angles, links)
     except LimitError as error:
         if scheme is not Scheme.PLAYED:
             raise
@@ -86,7 +89,7 @@ def choose(
     if (
         scheme is not Scheme.PLAYED
         and plan.within_px is not None
-        and np.median(plan.dwell_s) < np.median(moves_s(bench, angles))
+        and np.median(plan.dwell_s) < np.median(moves_s(bench, angles[:ALIKE]))
     ):
         try:
             swept = forecast(Scheme.SWEPT, plan, bench, angles, links, lag)
@@ -112,9 +115,15 @@ def forecast(
     links = links or links_of(bench)
     plan, angles = _expected(plan, angles)
     if scheme is Scheme.STEPPED:
-        return stepped_forecast(plan, bench, angles, links)
+        return _of_frames(stepped_forecast, plan, bench, angles, links)
     if scheme is not Scheme.SWEPT:
-        return clocked_forecast(plan, bench, angles, links)
+        return _of_frames(clocked_forecast, plan, bench, angles, links)
+    return _of_frames(partial(_swept_forecast, lag=lag), plan, bench, angles, links)
+
+
+def _swept_forecast(
+    plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links, lag: Lag | None
+) -> Forecast:
     lines = continuous_lines(plan, angles)
     if lag is not None:
         lines.lag_s = lag.lag_s
@@ -150,6 +159,22 @@ def _expected(plan: ScanPlan, angles: Sequence[MirrorAngles]) -> tuple[ScanPlan,
         return plan, angles
     numbers = plan.expected()
     return plan.only(numbers), [angles[number] for number in numbers.tolist()]
+
+
+def _of_frames(
+    of: Callable[[ScanPlan, Bench, Sequence[MirrorAngles], Links], Forecast],
+    plan: ScanPlan,
+    bench: Bench,
+    angles: Sequence[MirrorAngles],
+    links: Links,
+) -> Forecast:
+    """The forecast of a plan; of a film whose frames are many from those of its beginning, as later ones are alike."""
+    cycle = int(np.count_nonzero(plan.pass_ < plan.cycle)) if plan.frames > 1 else len(plan)
+    short = -(-ALIKE // cycle) * cycle
+    if 2 * short >= len(plan):
+        return of(plan, bench, angles, links)
+    once, twice = (of(plan.only(np.arange(count)), bench, angles[:count], links) for count in (short, 2 * short))
+    return once.going_on(twice, len(plan) / short)
 
 
 def _obstacle(bench: Bench) -> str:

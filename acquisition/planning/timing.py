@@ -78,7 +78,8 @@ def exchanges_s(bench: Bench) -> tuple[float, float]:
 @dataclass(frozen=True)
 class Forecast:
     """Predicted duration by parts, and how far off it may be. Where points stop at N counts or a second pass takes only
-    what fell short, the light decides: then the parts are the most it can be, and `certain` the share that is sure."""
+    what fell short, the light decides, and of a film until it is stopped a person: then the parts are the most it can
+    be, and `certain` the share that is sure."""
 
     dwell_s: float
     settle_s: float
@@ -98,10 +99,16 @@ class Forecast:
         least_s = self.certain * (self.total_s - slack_s)
         return max(self.certain * self.dwell_s, least_s), self.total_s + slack_s
 
+    def going_on(self, twice: "Forecast", times: float) -> "Forecast":
+        """Of a plan `times` as long, whose second part, to which `twice` goes, is as all of its later ones are."""
+        parts = ("dwell_s", "settle_s", "links_s", "upload_s")
+        first, second = ({name: getattr(each, name) for name in parts} for each in (self, twice))
+        return replace(self, **{name: first[name] + (times - 1) * (second[name] - first[name]) for name in parts})
+
 
 def certain_share(plan: ScanPlan) -> float:
-    """The share of a plan's time that passes whatever the light does."""
-    if plan.stop is not None:
+    """The share of a plan's time that passes whatever the light does, or who stops it."""
+    if plan.stop is not None or plan.until_stopped:
         return 0.0
     if plan.revisit_below is not None:
         return float(plan.dwell_s[plan.pass_ == 0].sum()) / plan.dwell_total_s

@@ -32,7 +32,7 @@ def lay_out(target: Path, plan: ScanPlan, header: Header) -> Path:
     """Lays the file out beside `target`, on disk, under a name that nobody has, and returns that name.
 
     For whoever holds the target's lock: what a killed process left half done there is deleted. Raises `StorageError`
-    where the disk has no room for the whole scan.
+    where the disk has no room for the whole scan; of one until it is stopped no room is reserved.
     """
     points, bins = plan.most_samples, plan.axis.bins
     fresh = target.with_name(f"{target.name}.{secrets.token_hex(8)}.new")
@@ -55,7 +55,7 @@ def lay_out(target: Path, plan: ScanPlan, header: Header) -> Path:
                 rows[0][0] = (Status.RUNNING, 0, time.time())
             if shown.failure is not None:
                 raise shown.failure
-            if hasattr(os, "posix_fallocate"):
+            if hasattr(os, "posix_fallocate") and not plan.until_stopped:
                 os.posix_fallocate(raw.fileno(), 0, os.fstat(raw.fileno()).st_size)
             os.fsync(raw.fileno())
     except (OSError, RuntimeError) as error:

@@ -123,7 +123,7 @@ def frame_table(plan: ScanPlan, records: npt.NDArray[Any]) -> FrameTable:
         mean_s = added(middle_s * records["live_time_s"]) / live_s
     none = points == 0
     return FrameTable(
-        planned=np.bincount(plan.pass_, minlength=frames) if frames > 1 else np.array([len(plan)]),
+        planned=plan.frame_points,
         points=points,
         start_s=np.where(none, np.nan, start_s),
         end_s=np.where(none, np.nan, end_s),

@@ -88,6 +88,8 @@ def write_plan(file: h5py.File, plan: ScanPlan) -> None:
         group.attrs["within_px"] = plan.within_px
     if plan.budget is not None:
         group.attrs["budget"] = list(astuple(plan.budget))
+    if plan.until_stopped:
+        group.attrs["until_stopped"] = 1
     group.attrs["digest"] = plan.digest()
     for name, column in plan.columns().items():
         group.create_dataset(name, data=column, dtype=COLUMNS[name])
@@ -125,6 +127,7 @@ def read_plan(file: h5py.File, size_bytes: int) -> ScanPlan:
         revisit_below=int(states["revisit_below"]) or None,
         within_px=float(states["within_px"]) if "within_px" in states else None,
         budget=_budget(states["budget"].tolist()) if "budget" in states else None,
+        until_stopped=bool(states.get("until_stopped", 0)),
     )
     if plan.digest() != str(states["digest"]):
         raise InvalidData(f"{file.filename}: the plan does not match its own digest; the file is damaged")

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import StorageError
+from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.condition import RowState
 from nlos.acquisition.recording.empty_file import keep_as, lay_out
 from nlos.acquisition.recording.layout import Status, event_row, status_row
@@ -24,12 +25,18 @@ Rows = tuple[npt.NDArray[Any], npt.NDArray[np.uint32]]
 
 
 def copied(
-    recording: Recording, target: Path, status: Status, note: str, more: Iterable[Rows] = ()
+    recording: Recording,
+    target: Path,
+    status: Status,
+    note: str,
+    more: Iterable[Rows] = (),
+    plan: ScanPlan | None = None,
+    kind: str = "salvaged",
 ) -> tuple[Path, int]:
     """Copies every intact sample of `recording`, and `more`, into a new scan file beside `target`; returns its path and
-    how many samples it holds, each of them read back. `note` goes into its event log. For whoever holds the target's
-    lock. Raises `StorageError`."""
-    fresh = lay_out(target, recording.plan, recording.header)
+    how many samples it holds, each of them read back. `note` goes into its event log, as `kind`. `plan`: longer or
+    shorter than the recording's, with the same points. For whoever holds the target's lock. Raises `StorageError`."""
+    fresh = lay_out(target, plan or recording.plan, recording.header)
     try:
         kept: dict[int, int] = {}
         file = open_scan_file(fresh, writable=True)
@@ -38,7 +45,7 @@ def copied(
                 _append(file, kept, records, counts)
             log = recording.event_rows()
             free = np.flatnonzero(log["kind"] == b"")[:1]
-            log[free] = event_row("salvaged", f"{note}: {len(kept)} samples", unix_s=time.time())
+            log[free] = event_row(kind, f"{note}: {len(kept)} samples", unix_s=time.time())
             file.events.write(0, log)
             file.status.write(0, status_row(status, len(kept), written_unix_s(recording)))
             os.fsync(file.handle.fileno())

@@ -44,7 +44,7 @@ def recover(path: Path, target: Path, *, overwrite: bool = False) -> int:
         with Recording.open(path) as recording:
             if target.exists() and path.samefile(target):
                 raise StorageError(f"{target}: is the recording itself. Choose another name.")
-            fresh, samples = _copied(recording, target)
+            fresh, samples = _copied(recording, target, ended(recording))
         put_in_place(fresh, target)
         return samples
     except BaseException:  # an interrupt, too, leaves nothing half done
@@ -54,10 +54,47 @@ def recover(path: Path, target: Path, *, overwrite: bool = False) -> int:
         lock.release()
 
 
-def _copied(recording: Recording, target: Path) -> tuple[Path, int]:
-    status = Status.INTERRUPTED if recording.missing() else Status.COMPLETE
+@dataclass(frozen=True)
+class EndedFilm:
+    """What became of a film until it is stopped. `whole`: up to its last point it has all."""
+
+    plan: ScanPlan
+    whole: bool
+
+
+def end_film(path: Path) -> EndedFilm | None:
+    """A film until it is stopped was: its recording becomes one of the frames that it has. None, and nothing is
+    changed, where less than all points of the wall came once. Raises `StorageError`."""
+    lock = WriterLock(path)
+    try:
+        with Recording.open(path) as recording:
+            plan = ended(recording)
+            if plan.until_stopped:
+                return None
+            fresh, samples = _copied(recording, path, plan)
+        put_in_place(fresh, path)
+        return EndedFilm(plan, samples == len(plan))
+    except BaseException:
+        clear(path)
+        raise
+    finally:
+        lock.release()
+
+
+def ended(recording: Recording) -> ScanPlan:
+    """What was planned, up to the last point taken of a film that was to go on until it is stopped."""
+    plan = recording.plan
+    last = int(recording.intact_records()["number"].max(initial=0))
+    return plan.ended_after(last + 1) if plan.until_stopped and plan.pass_[last] >= plan.cycle else plan
+
+
+def _copied(recording: Recording, target: Path, plan: ScanPlan) -> tuple[Path, int]:
+    status = Status.INTERRUPTED if plan.pending(recording.photons()) else Status.COMPLETE
     warning = recording.condition().warning
-    return copied(recording, target, status, f"copied from {recording.path.name}{warning and f'; {warning}'}")
+    kind, note = "salvaged", f"copied from {recording.path.name}"
+    if recording.plan.until_stopped and not plan.until_stopped:
+        kind, note = "film", f"ended in frame {plan.frames - 1}"
+    return copied(recording, target, status, f"{note}{warning and f'; {warning}'}", plan=plan, kind=kind)
 
 
 @dataclass(frozen=True)
@@ -98,7 +135,7 @@ def resume(
             else:
                 with recording:
                     _same_scan(recording, plan, header, same_run)
-                    return _resumed(recording, lock, clock)
+                    return _resumed(recording, plan, lock, clock)
         return Resumed(RecordingWriter.create(path, plan, header, clock=clock, lock=lock), {}, 0.0)
     except BaseException:
         clear(path)
@@ -114,14 +151,14 @@ def settle(path: Path, plan: ScanPlan) -> bool:
             if recording.plan != plan or recording.missing():
                 return False
             if recording.status is not Status.COMPLETE:
-                _resumed(recording, WriterLock(path), None)
+                _resumed(recording, plan, WriterLock(path), None)
             clear_left_lock(path)
             return True
     except (FileNotFoundError, InvalidData):
         return False
 
 
-def _resumed(recording: Recording, lock: WriterLock, clock: Clock | None) -> Resumed:
+def _resumed(recording: Recording, plan: ScanPlan, lock: WriterLock, clock: Clock | None) -> Resumed:
     path, condition = recording.path, recording.condition()
     if condition.unread:
         raise StorageError(
@@ -131,15 +168,16 @@ def _resumed(recording: Recording, lock: WriterLock, clock: Clock | None) -> Res
     taken = recording.photons()
     last_s, away_s = _since_the_last(recording) if taken else (0.0, 0.0)
     lit_s = float(recording.intact_records()["taken_s"].min(initial=last_s))
-    rows, done = condition.intact, not recording.plan.pending(taken)
+    rows, done = condition.intact, not plan.pending(taken)
     if done:
         if recording.status is Status.COMPLETE:
             lock.release()
         else:  # killed after its last sample
             RecordingWriter(path, lock, clock, acknowledged=rows).finish(Status.COMPLETE)
         return Resumed(None, taken, last_s)
-    if condition.damaged or not condition.in_one_piece or len(taken) != rows or not recording.grows_in_place:
-        fresh, rows = _copied(recording, path)
+    as_it_is = condition.in_one_piece and len(taken) == rows and recording.grows_in_place and recording.plan == plan
+    if condition.damaged or not as_it_is:
+        fresh, rows = _copied(recording, path, plan)
         if condition.damaged:
             keep_as(path, path, "damaged")
         put_in_place(fresh, path)
@@ -161,7 +199,7 @@ def _since_the_last(recording: Recording) -> tuple[float, float]:
 def _same_scan(recording: Recording, plan: ScanPlan, header: Header, same_run: bool) -> None:
     place = f"{recording.path}: cannot be resumed: "
     remedy = ". Go back to what it was made with, or start a new recording."
-    if recording.plan != plan:
+    if not _goes_on(recording.plan, plan):
         raise ResumeRefused(f"{place}its plan is not the one given ({_other_plan(recording.plan, plan)}){remedy}")
     if other := _other_constants(json.loads(recording.header.constants_json), json.loads(header.constants_json)):
         raise ResumeRefused(f"{place}it was taken with other calibration constants ({other}){remedy}")
@@ -174,6 +212,14 @@ def _same_scan(recording: Recording, plan: ScanPlan, header: Header, same_run: b
         raise ResumeRefused(f"{place}{difference}{remedy}")
     if other := _other_bench(then, now):
         raise ResumeRefused(f"{place}the bench file says otherwise by now ({other}){remedy}")
+
+
+def _goes_on(before: ScanPlan, now: ScanPlan) -> bool:
+    """Whether they are the same, or one is of a film until it is stopped and the other of what came of it."""
+    until, of = (now, before) if now.until_stopped else (before, now)
+    if until.until_stopped and not of.until_stopped and len(of) <= len(until):
+        return of == until.ended_after(len(of))
+    return before == now
 
 
 def _other_plan(before: ScanPlan, now: ScanPlan) -> str:

@@ -11,7 +11,7 @@ import zmq
 from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.recording import Event, Recording, Status, sample_crc
-from nlos.acquisition.recording.salvage import resume
+from nlos.acquisition.recording.salvage import end_film, resume
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.sample import Sample
 from nlos.acquisition.served.messages import (
@@ -121,8 +121,10 @@ def copy_served(
             return len(resumed.taken)
         with resumed.writer as writer:
             copy = _Copy(line, writer, plan, ticket.recording, patience_s, held)
-            copy.run(stopped)
-            return writer.acknowledged
+            ended = copy.run(stopped)
+        if plan.until_stopped and ended in (Status.INTERRUPTED, Status.COMPLETE):
+            end_film(target)
+        return writer.acknowledged
     finally:
         line.close()
 
@@ -137,13 +139,13 @@ class _Copy:
         self._patience_s, self._held = patience_s, held
         self._have, self._log = writer.acknowledged, 0
 
-    def run(self, stopped: Callable[[], bool]) -> None:
-        """Until the served scan has ended. The copy ends as the scan did."""
+    def run(self, stopped: Callable[[], bool]) -> Status | None:
+        """Until the served scan has ended, as the copy does then: returns how. None where it was `stopped`."""
         while True:
             frames = self._line.ask(self._patience_s, stopped, want="samples", first=self._have, log=self._log)
             if frames is None:
                 self._writer.finish(Status.INTERRUPTED)
-                return
+                return None
             block = decode_block(frames, self._plan.axis.bins)
             if (block.run, block.first) != (self._run, self._have):
                 raise InvalidData(
@@ -156,7 +158,7 @@ class _Copy:
                 )
             if block.ended is not None:
                 self._writer.finish(block.ended)
-                return
+                return block.ended
             if not len(block.records):
                 time.sleep(_IDLE_S)
 

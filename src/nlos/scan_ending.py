@@ -3,7 +3,9 @@
 from contextlib import AbstractContextManager
 from types import TracebackType
 
+from nlos.acquisition.errors import StorageError
 from nlos.acquisition.recording.recording import Status
+from nlos.acquisition.recording.salvage import EndedFilm, end_film
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.control import ScanControl, ScanState
 from nlos.drivers.bench import Bench
@@ -12,17 +14,20 @@ from nlos.drivers.exit_paths import undisturbed
 
 
 class ScanEnding(AbstractContextManager["ScanEnding"]):
-    """Finishes `writer` when the block is left. Enter it before anything can end the block that made the writer.
+    """Finishes `writer` when the block is left, and ends a film that was to go on until it is stopped. Enter it before
+    anything can end the block that made the writer.
 
     Every device error that is passed on says where the samples are; `resume` is the word that takes the others.
     """
 
     def __init__(self, bench: Bench, writer: RecordingWriter, control: ScanControl, resume: str) -> None:
         self._bench, self._writer, self._control, self._resume = bench, writer, control, resume
+        self.film: EndedFilm | None = None
+        """What the recording holds once a person has ended a film that was to go on until then."""
 
     @property
     def complete(self) -> bool:
-        return self._control.state is ScanState.COMPLETE
+        return self._control.state is ScanState.COMPLETE or (self.film is not None and self.film.whole)
 
     @property
     def safe(self) -> str:
@@ -38,9 +43,20 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
             finally:
                 self._bench.on_event = None
                 self._writer.finish(status)
+        if status is Status.INTERRUPTED and self._writer.plan.until_stopped:
+            self._end_film(error)
         if isinstance(error, DeviceError):
             error.remedy = f"{error.remedy} {self.safe}".strip()
             error.args = (f"{error.device}: {error.what} {error.remedy}",)
+
+    def _end_film(self, error: BaseException | None) -> None:
+        """The light is off and the samples are safe: what cannot be done now `nlos recover` does later."""
+        try:
+            self.film = end_film(self._writer.path)
+        except StorageError as failure:
+            if error is None:
+                raise
+            error.add_note(str(failure))
 
     def _status(self, error: BaseException | None) -> Status:
         if self.complete:  # a signal that came after the last sample changes nothing

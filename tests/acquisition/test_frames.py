@@ -12,6 +12,7 @@ import pytest
 from pydantic import ValidationError
 
 from nlos.acquisition.errors import InvalidData, PlanRefused
+from nlos.acquisition.planning import schemes
 from nlos.acquisition.planning.frames import bayer
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.preflight import aim_of, checked_angles
@@ -212,6 +213,29 @@ def test_films_take_as_long_as_predicted(
         actual_s = there.clock.now() - started_s
     low_s, high_s = predicted.band_s
     assert low_s <= actual_s <= high_s
+
+
+@pytest.mark.parametrize(
+    ("bench", "scheme", "words"),
+    [("simulated", Scheme.STEPPED, {}), ("simulated", Scheme.CLOCKED, {"interleave": 4, "frames": 160}),
+     ("multiharp", Scheme.LISTED, {}), ("helios", Scheme.PLAYED, {}),
+     ("simulated", Scheme.SWEPT, {"continuous": {}, "dwell_ms": 0.122})],
+)  # fmt: skip
+def test_a_long_film_is_forecast_from_its_beginning(
+    bench_settings: Benches, small_plan: Plans, monkeypatch: pytest.MonkeyPatch, bench: str, scheme: Scheme,
+    words: dict[str, object],
+) -> None:  # fmt: skip
+    axis = {"bins": 64, "bin_width_ps": 320 if bench == "multiharp" else 256, "offset_ns": 9.6}
+    plan = small_plan(8, 64, **{"dwell_ms": 2, "histogram": axis, "frames": 40, **words})
+    with open_bench(bench_settings(name=bench)) as there:
+        angles = checked_angles(plan, there, aim_of(there))
+        whole = forecast(scheme, plan, there, angles)
+        monkeypatch.setattr(schemes, "ALIKE", 2500)
+        from_beginning = forecast(scheme, plan, there, angles)
+    assert from_beginning != whole
+    assert from_beginning.dwell_s == pytest.approx(whole.dwell_s)
+    low_s, high_s = whole.band_s
+    assert low_s <= from_beginning.total_s <= high_s
 
 
 def test_a_frame_that_is_not_there_is_refused(bench_settings: Benches, small_plan: Plans, run_path: Path) -> None:

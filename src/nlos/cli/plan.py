@@ -208,11 +208,12 @@ def _tell(plan: "ScanPlan", choice: "Choice", other_axis: str) -> None:
     if plan.frames > 1:
         each = len(plan) / plan.frames
         again = f", the same again after {plan.cycle}" if plan.cycle > 1 else ""
+        most = f"until stopped, at most {plan.frames}" if plan.until_stopped else f"{plan.frames}"
         terminal.result(
-            f"frames     {plan.frames} of {each:g} points{again}; {plan.frames / forecast.total_s:.3g} a second, "
+            f"frames     {most} of {each:g} points{again}; {plan.frames / forecast.total_s:.3g} a second, "
             f"light measured {forecast.dwell_s / forecast.total_s:.0%} of the time",
-            frames=plan.frames, cycle=plan.cycle, frames_per_s=plan.frames / forecast.total_s,
-            duty=forecast.dwell_s / forecast.total_s,
+            frames=plan.frames, until_stopped=plan.until_stopped, cycle=plan.cycle,
+            frames_per_s=plan.frames / forecast.total_s, duty=forecast.dwell_s / forecast.total_s,
         )  # fmt: skip
     terminal.result(
         f"histogram  {axis.bins} bins of {axis.bin_width_s * 1e12:g} ps from {axis.offset_s * 1e9:g} ns"
@@ -229,4 +230,5 @@ def _tell(plan: "ScanPlan", choice: "Choice", other_axis: str) -> None:
         + ", ".join(f"{name.removesuffix('_s')} {seconds:.1f} s" for name, seconds in parts.items()),
         duration_s=forecast.total_s, band_s=[low_s, high_s], parts=parts,
     )  # fmt: skip
-    terminal.result(f"disk       {disk / 1e6:.1f} MB", disk_bytes=disk)
+    until = f" at most, {disk / forecast.total_s * 60 / 1e6:.0f} MB a minute" if plan.until_stopped else ""
+    terminal.result(f"disk       {disk / 1e6:.1f} MB{until}", disk_bytes=disk)

@@ -86,8 +86,9 @@ class Progress(_OnScreen):
     """Counts steps; shows them on stderr at most ten times a second, or a line every ten seconds off a terminal."""
 
     def __init__(
-        self, total: int, done: int = 0, what: str = "scan", unit: str = "points", line_s: float = _LINE_S
+        self, total: int | None, done: int = 0, what: str = "scan", unit: str = "points", line_s: float = _LINE_S
     ) -> None:
+        """`total`: None where nobody knows how many there will be."""
         self._what, self._unit, self._line_s = what, unit, line_s
         self._total, self._done, self._begun_with = total, done, done
         self._begun_s = self._shown_s = time.monotonic()
@@ -111,8 +112,10 @@ class Progress(_OnScreen):
         if self._bar is not None:
             self._bar.update(self._task, completed=self._done, rate=pace)
         else:
-            left_s = (self._total - self._done) / rate
-            terminal.log(f"{self._done} of {self._total} {self._unit}, {pace}, {left_s:.0f} s left")
+            of, left = "", ""
+            if self._total is not None:
+                of, left = f" of {self._total}", f", {(self._total - self._done) / rate:.0f} s left"
+            terminal.log(f"{self._done}{of} {self._unit}, {pace}{left}")
 
     def at(self, stage: str) -> None:
         """What is being done now, named in the bar; off a terminal the lines' own business."""

@@ -107,10 +107,10 @@ def scan(
         find(reconstruct)
     response_wanted(response)
     goal = None if until is None else parse_until(until)
-    if goal is not None and wanted.settings.frames > 1:
+    if goal is not None and wanted.settings.frames != 1:
         raise UsageError(
-            f"--until {until}: {wanted.path} is of {wanted.settings.frames} frames, and what moves is never good "
-            "enough. Leave it out; Ctrl-C ends a film early."
+            f"--until {until}: {wanted.path} is a film (frames: {wanted.settings.frames}), and what moves is never "
+            "good enough. Leave it out; Ctrl-C ends a film early."
         )
     if live or (goal is not None and not table.settings.simulated):
         check_pages("--live" if live else "--until")

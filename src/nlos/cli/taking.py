@@ -171,7 +171,9 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
         terminal.log(prepared.constants.said(aim_of(bench)))
         if prepared.constants.warning:
             terminal.log(f"warning: {prepared.constants.warning}")
-    terminal.log(f"scheme {prepared.choice.scheme.words}, {forecast_s:.1f} s expected; {prepared.choice.why}")
+    until = "until stopped, at most " if plan.until_stopped else ""
+    expected = f"{until}{forecast_s:.1f} s{'' if until else ' expected'}"
+    terminal.log(f"scheme {prepared.choice.scheme.words}, {expected}; {prepared.choice.why}")
     prepared.alarms.wait_for_rates(bench)
     enough, adviser = watching.enough(prepared), watching.adviser(prepared)
     safe = ""
@@ -182,7 +184,7 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
                 writer = begun.writer
                 if writer is None:
                     return
-                progress = Progress(plan.most_samples, len(begun.taken))
+                progress = Progress(None if plan.until_stopped else plan.most_samples, len(begun.taken))
                 control = ScanControl(lambda why: _ask(interrupts, progress, writer, why))
                 ending = stack.enter_context(ScanEnding(bench, writer, control, "--resume"))
                 safe = ending.safe
@@ -209,12 +211,15 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
             terminal.log(f"nlos: ended by a signal. {safe}", -9)
         raise
     duration_s = bench.clock.now() - start_s - begun.away_s
-    planned = plan.most_samples if plan.budget is None else f"at most {plan.most_samples}"
+    planned, predicted = plan.most_samples, f" ({forecast_s:.1f} s predicted)"
+    points = f"{writer.acknowledged} of {'at most ' if plan.budget is not None else ''}{planned}"
+    if ending.film is not None:
+        planned, predicted = len(ending.film.plan), ""
+        points = f"{ending.film.plan.frames} frames, {writer.acknowledged}"
     terminal.result(
-        f"{target}: {writer.acknowledged} of {planned} points in {duration_s:.1f} s of bench time "
-        f"({forecast_s:.1f} s predicted)",
+        f"{target}: {points} points in {duration_s:.1f} s of bench time{predicted}",
         recording=str(target), taken=writer.acknowledged - len(begun.taken), points=writer.acknowledged,
-        planned=plan.most_samples, bench_s=duration_s, predicted_s=forecast_s,
+        planned=planned, bench_s=duration_s, predicted_s=forecast_s,
         scheme=prepared.choice.scheme.value, status="complete" if ending.complete else "interrupted",
     )  # fmt: skip
     if enough is not None and enough.said:

@@ -1,5 +1,6 @@
 """What the page is told about one scan: always of what the follower has read, never of the file behind its back."""
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -66,18 +67,21 @@ class ScanAnswers:
         with held.lock:
             done, elapsed_s, busy_s = len(held.samples), held.elapsed_s, held.busy_s
             detections, live_s = (sum(each) for each in zip(*held.recent, strict=True)) if held.recent else (0, 0.0)
-        planned, status = seen.plan.most_samples, _status(scan, seen)
+        plan, status = seen.plan, _status(scan, seen)
+        left_s = busy_s / done * (plan.most_samples - done) if done else None
         light = light_said(seen.header, seen.events, status in ("running", "paused"))
         if held.film is not None:
             answer["film"] = {
-                "frame": held.film.shown_frame + 1, "frames": seen.plan.frames, "pictures": scan.pictures,
+                "frame": held.film.shown_frame + 1, "frames": None if plan.until_stopped else plan.frames,
+                "pictures": scan.pictures,
                 "dropped": held.film.dropped, "objects": held.film.trails.told,
             }  # fmt: skip
         return answer | {
-            "samples": done, "planned": planned, "status": status, "light": light.value,
+            "samples": done, "planned": plan.most_samples, "until_stopped": plan.until_stopped, "status": status,
+            "light": light.value,
             "simulated": light not in (Light.REPLAYED, Light.UNTOLD) and is_simulated(seen.header),
             "started_utc": seen.started_utc, "notes": dict(seen.notes), "elapsed_s": elapsed_s,
-            "left_s": busy_s / done * (planned - done) if done else None,
+            "left_s": None if plan.until_stopped else left_s,
             "rate_hz": detections / live_s if live_s else None,
             "events": [[round(e.bench_s, 3), e.kind, e.text] for e in seen.events[-EVENTS:]],
             "events_before": max(0, len(seen.events) - EVENTS),
@@ -85,18 +89,21 @@ class ScanAnswers:
         }  # fmt: skip
 
     def plan(self) -> dict[str, Any]:
-        """Where points lie, in which order they are visited, and the time axis; `places` is 0 before that is known."""
+        """Where points lie, in which order they are visited (of a film until that repeats), and the time axis; `places`
+        is 0 before that is known."""
         seen, held = self._scan.seen, self._scan.gathered
         if seen is None or held is None:
             return {"places": 0}
         plan, axis, wall = seen.plan, seen.plan.axis, seen.plan.wall
-        order = held.samples.place_of(np.arange(len(plan)))
+        # Every other frame runs backwards.
+        points = np.arange(len(plan) if plan.frames == 1 else np.count_nonzero(plan.pass_ < math.lcm(plan.cycle, 2)))
+        order = held.samples.place_of(points)
         count = len(held.samples.place_rates_hz())
         x_m, y_m = np.zeros(count), np.zeros(count)
         if plan.positions.on_grid:
             x_m, y_m = (grid.reshape(-1) for grid in np.meshgrid(wall.x_m(), wall.y_m()))
         else:
-            x_m[order], y_m[order] = plan.positions.x_m, plan.positions.y_m
+            x_m[order], y_m[order] = plan.positions.x_m[points], plan.positions.y_m[points]
         return {
             "places": count, "x_m": packed(x_m), "y_m": packed(y_m), "order": packed(order),
             "wall": [wall.width_m, wall.height_m], "grid": [wall.rows, wall.cols] if plan.positions.on_grid else None,
@@ -164,6 +171,8 @@ def _where_m(plan: "ScanPlan", place: int) -> tuple[float, float]:
 
 def _status(scan: LiveScan, seen: Seen) -> str:
     """The file's status, or `paused` or `lost`, which it does not know."""
+    if seen.status.name == "INTERRUPTED" and seen.plan.until_stopped:
+        return "complete"  # that is how it ends
     if seen.status.name != "RUNNING":
         return seen.status.name.lower()
     if scan.error is not None:

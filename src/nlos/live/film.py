@@ -54,7 +54,7 @@ class LiveFilm:
 
     def __init__(self, plan: "ScanPlan", constants: "BenchConstants | None", response: ResponseWanted) -> None:
         self._plan, self._constants, self._wanted = plan, constants, response
-        self._planned = np.bincount(plan.pass_, minlength=plan.frames)
+        self._planned = plan.frame_points
         self._whole = plan.cycle
         self._lock = threading.Lock()
         self._coming: list[Sample] = []

@@ -1,0 +1,281 @@
+"""Films whose number of frames nobody says beforehand: stopped by hand, killed, gone on with, served, on a full disk.
+Read back by h5py, which knows nothing of them."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import yaml
+
+import nlos
+from nlos.acquisition.errors import PlanRefused, StorageError
+from nlos.acquisition.planning import frames as frames_module
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.recording import rescue
+from nlos.acquisition.recording.frames import frame_table
+from nlos.acquisition.recording.recording import Recording, Status
+from nlos.acquisition.recording.salvage import recover
+from nlos.acquisition.recording.verification import verify
+from nlos.acquisition.sample import Sample
+from nlos.acquisition.served.served_copy import copy_served
+from nlos.configs.load import find
+from nlos.film import film_of
+from nlos.live.film import LiveFilm
+from nlos.recipe import Recipe
+from nlos.response import AUTO
+from tests.acquisition.serving import serving
+from tests.nlos.bench_films import WORDS, plan_of
+
+UNTIL = {**WORDS, "frames": "until_stopped"}
+EACH = 144
+HISTOGRAM = {"bin_width_ps": 4}
+
+
+@pytest.fixture(autouse=True)
+def _few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A film that is not stopped would end after 40 frames."""
+    monkeypatch.setattr(frames_module, "MOST_VISITS", 40 * EACH)
+
+
+@pytest.fixture
+def film(tmp_path: Path) -> Path:
+    path = tmp_path / "film.yaml"
+    path.write_text(yaml.safe_dump(UNTIL))
+    return path
+
+
+def taken(film: Path, run: Path, samples: int, resume: bool = False) -> list[Sample]:
+    """So many more, then whoever asked for them goes away."""
+    got = []
+    with nlos.open_bench("moving") as bench:
+        coming = nlos.scan(film, bench, output=run, resume=resume)
+        for sample in coming:
+            got.append(sample)
+            if len(got) == samples:
+                coming.close()
+                break
+    return got
+
+
+def plan_in(run: Path) -> ScanPlan:
+    with Recording.open(run) as recording:
+        return recording.plan
+
+
+def held_by_h5py(run: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers and counts of all rows that there are."""
+    with h5py.File(run) as file:
+        return file["samples/records"]["number"], file["samples/counts"][:]
+
+
+def test_a_plan_lists_whole_rounds_as_a_recording_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = plan_of(UNTIL)
+    assert (plan.until_stopped, plan.frames, plan.cycle) == (True, 40, 1)
+    assert plan != plan_of({**WORDS, "frames": 40})
+    assert plan.ended_after(8 * EACH) == plan_of(WORDS)
+    interleaved = plan_of({**UNTIL, "interleave": 16})
+    assert (interleaved.frames, interleaved.cycle) == (40 * 16, 16)
+    monkeypatch.undo()
+    fine = {**UNTIL, "wall": {**WORDS["wall"], "rows": 64, "cols": 64}, "histogram": {**HISTOGRAM, "bins": 4096}}
+    assert plan_of(fine).frames == (8 << 30) // (4 * 4096 * 4096) == 128
+    large = {**UNTIL, "wall": {**WORDS["wall"], "rows": 150, "cols": 150}, "histogram": {**HISTOGRAM, "bins": 65536}}
+    with pytest.raises(PlanRefused, match="a single frame of 22500 points"):
+        plan_of(large)
+
+
+@pytest.mark.parametrize("frames", ["until stopped", "forever", 0, 1.5])
+def test_words_that_are_no_number_of_frames_are_refused(frames: object) -> None:
+    with pytest.raises(ValueError, match="frames"):
+        ScanSettings.model_validate({**WORDS, "frames": frames})
+
+
+@pytest.mark.parametrize("rest", [0, 50])
+def test_a_film_that_is_stopped_is_a_recording_of_its_frames(film: Path, tmp_path: Path, rest: int) -> None:
+    run = tmp_path / "run.h5"
+    got = taken(film, run, 5 * EACH + rest)
+    found = verify(run)
+    assert (found.status, found.complete) == (Status.COMPLETE, True)
+    number, counts = held_by_h5py(run)
+    assert number.tolist() == list(range(len(number)))  # what was taken and not handed on any more is kept as well
+    assert len(got) <= len(number) < len(got) + EACH
+    for sample in got:
+        assert np.array_equal(counts[sample.point.number], sample.histogram.counts)
+    with Recording.open(run) as recording:
+        table = frame_table(recording.plan, recording.intact_records())
+        events = [(event.kind, event.text) for event in recording.events()]
+    assert table.complete == len(number) // EACH
+    assert (table.planned == EACH).all()
+    assert ("film", f"ended in frame {recording.plan.frames - 1}: {len(number)} samples") in events
+    pictures = film_of(run, Recipe("lct"))
+    assert pictures.frame.tolist() == list(range(len(number) // EACH))
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["film.yaml", "run.h5"]
+
+
+def test_it_takes_place_as_it_goes(film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
+    run = tmp_path / "run.h5"
+    with nlos.open_bench("moving") as bench:
+        coming = nlos.scan(film, bench, output=run)
+        for _ in range(3 * EACH):
+            next(coming)
+        held = run.stat()
+        coming.close()
+    assert held.st_size > 4e9
+    assert held.st_blocks * 512 < 0.05 * held.st_size
+    assert run.stat().st_size < 1e7
+    assert verify(run).complete
+
+
+def test_a_film_that_was_stopped_goes_on(film: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run.h5"
+    first = taken(film, run, 2 * EACH + 30)
+    before, _ = held_by_h5py(run)
+    more = taken(film, run, 2 * EACH, resume=True)
+    number, counts = held_by_h5py(run)
+    assert number.tolist() == list(range(len(number)))
+    assert len(number) >= len(before) + len(more)
+    assert more[0].point.number == len(before)
+    for sample in (*first, *more):
+        assert np.array_equal(counts[sample.point.number], sample.histogram.counts)
+    assert verify(run).complete
+    with pytest.raises(StorageError, match="exists"):
+        taken(film, run, 1)
+
+
+def test_less_than_a_frame_is_no_film(film: Path, tmp_path: Path) -> None:
+    """It stays what it was to be, and goes on."""
+    run = tmp_path / "run.h5"
+    taken(film, run, 20)
+    assert plan_in(run) == plan_of(UNTIL)
+    assert verify(run).status is Status.INTERRUPTED
+    taken(film, run, 3 * EACH, resume=True)
+    assert verify(run).complete
+    assert plan_in(run).frames >= 3
+
+
+def test_a_film_that_nobody_stops_ends_where_the_recording_is_full(tmp_path: Path) -> None:
+    (tmp_path / "film.yaml").write_text(yaml.safe_dump({**UNTIL, "wall": {**WORDS["wall"], "rows": 24, "cols": 24}}))
+    run = tmp_path / "run.h5"
+    with nlos.open_bench("moving") as bench:
+        assert sum(1 for _ in nlos.scan(tmp_path / "film.yaml", bench, output=run)) == 10 * 576
+    found = verify(run)
+    assert (found.status, found.complete, found.complete_frames) == (Status.COMPLETE, True, 10)
+
+
+def _killed(film: Path, run: Path) -> None:
+    with nlos.open_bench("moving") as bench:
+        for number, _ in enumerate(nlos.scan(film, bench, output=run)):
+            if number == 3 * EACH + 100:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_killed_film_goes_on_or_is_recovered(film: Path, tmp_path: Path) -> None:
+    run, saved = tmp_path / "run.h5", tmp_path / "saved.h5"
+    child = multiprocessing.get_context("fork").Process(target=_killed, args=(film, run))
+    child.start()
+    child.join(240)
+    assert child.exitcode == -signal.SIGKILL
+    samples = recover(run, saved)
+    assert plan_in(run).until_stopped
+    assert plan_in(saved) == plan_of(UNTIL).ended_after(samples)
+    assert verify(saved).complete
+    assert verify(saved).complete_frames == 3
+    taken(film, run, EACH, resume=True)
+    assert verify(run).complete
+    assert np.array_equal(held_by_h5py(run)[1][:samples], held_by_h5py(saved)[1])
+
+
+def test_a_disk_without_room_for_the_end_leaves_the_film_as_it_is(
+    film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> Path:
+        raise StorageError("no room")
+
+    run = tmp_path / "run.h5"
+    monkeypatch.setattr(rescue, "lay_out", full)
+    with nlos.open_bench("moving") as bench:
+        coming = nlos.scan(film, bench, output=run)
+        for _ in range(2 * EACH):
+            next(coming)
+        coming.close()
+    found = verify(run)
+    assert (found.status, found.intact, plan_in(run).until_stopped) == (Status.INTERRUPTED, True, True)
+    monkeypatch.undo()
+    monkeypatch.setattr(frames_module, "MOST_VISITS", 40 * EACH)
+    taken(film, run, EACH, resume=True)
+    assert verify(run).complete
+
+
+def test_a_copy_of_a_served_film_ends_with_it(film: Path, tmp_path: Path) -> None:
+    run, far = tmp_path / "run.h5", tmp_path / "far.h5"
+    with nlos.open_bench("moving") as bench:
+        coming = nlos.scan(film, bench, output=run)
+        for _ in range(2 * EACH):
+            next(coming)
+        with serving(run) as server:
+            ticket = server.ticket
+            copied = multiprocessing.get_context("fork").Process(target=copy_served, args=(ticket, far))
+            copied.start()
+            coming.close()
+            copied.join(240)
+            assert copied.exitcode == 0
+            assert copy_served(ticket, far) == len(plan_in(run))  # once more: there is nothing left to copy
+    assert plan_in(far) == plan_in(run)
+    for one, other in zip(held_by_h5py(far), held_by_h5py(run), strict=True):
+        assert np.array_equal(one, other)
+
+
+def test_a_part_of_its_last_frame_is_no_picture_in_replay(film: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run.h5"
+    taken(film, run, 3 * EACH + 40)
+    with Recording.open(run) as recording:
+        live = LiveFilm(recording.plan, None, AUTO)
+        for sample in recording.samples():
+            live.add(sample)
+        live.finish()
+        assert recording.plan.frames == 4
+    assert live.over == 2
+
+
+@pytest.fixture
+def stopped(film: Path, tmp_path: Path) -> Iterator[tuple[int, str, str]]:
+    """The command, told to stop once some frames are taken."""
+    witness = tmp_path / "witness.txt"
+    bench = find("bench", "moving").read_text()
+    (tmp_path / "bench.yaml").write_text(bench.replace("simulation:\n", f"simulation:\n  witness: {witness}\n"))
+    child = subprocess.Popen(
+        [sys.executable, "-m", "nlos", "scan", film, "--bench", "bench.yaml", "-o", "run.h5", "--reconstruct", "lct"],
+        cwd=tmp_path, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+    )  # fmt: skip
+    try:
+        until_s = time.monotonic() + 240
+        while not (witness.exists() and witness.read_text().count("beam to") > 9 * EACH) and time.monotonic() < until_s:
+            time.sleep(0.01)
+        child.send_signal(signal.SIGINT)
+        told, said = child.communicate(timeout=240)
+        yield child.returncode, told, said
+    finally:
+        child.kill()
+        child.wait()
+
+
+def test_the_command_ends_well_when_it_is_stopped(stopped: tuple[int, str, str], tmp_path: Path) -> None:
+    """Exit 0, and on to the picture: that is how such a film ends."""
+    code, told, said = stopped
+    assert code == 0, said
+    assert "until stopped, at most" in said
+    frames = plan_in(tmp_path / "run.h5").frames
+    assert f"run.h5: {frames} frames, " in told
+    assert (tmp_path / "run" / "reconstruction.h5").exists()
+    witness = (tmp_path / "witness.txt").read_text()
+    assert witness.rindex("shutter closed") > witness.rindex("shutter open")
