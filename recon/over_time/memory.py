@@ -81,7 +81,7 @@ class LightMemory:
     def given(self) -> Given:
         """What a network for films is told of the newest frame."""
         _, newest, seen = self._held[-1]
-        photons = [float(held.counts.sum(dtype=np.float64)) for _, held, _ in self._held]
+        photons = [held.photons for _, held, _ in self._held]
         return Given(
             partial(self._registration.volume_of, seen), seen.repeats, float(self.weights.sum()),
             (photons[-1], float(np.dot(photons, self.weights))), len(newest.x_m),

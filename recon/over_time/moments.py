@@ -31,6 +31,11 @@ class Moments:
         return float(np.average(self.taken_s, weights=self.exposure_s))
 
     @cached_property
+    def photons(self) -> float:
+        """In all of its bins."""
+        return float(self.counts.sum(dtype=np.float64))
+
+    @cached_property
     def lit(self) -> "Lit":
         """Where the counts are: most bins hold none, and what is held of a frame is moved many times."""
         flat = np.flatnonzero(self.counts)
@@ -80,6 +85,8 @@ def moved(points: Moments, by_m: Floats, depth_m: float, seed: int) -> Moments:
         kept = (squared > 0) & (index >= 0) & (index < bins)
         flat = (lit.point * bins + index)[kept]
         counts = np.bincount(flat, lit.counts[kept], counts.size).reshape(counts.shape).astype(np.float32)
+    if on_wall.all():
+        return Moments(x_m, y_m, counts, points.exposure_s, points.taken_s, points.wall, time)
     exposure_s, taken_s = points.exposure_s[on_wall], points.taken_s[on_wall]
     return Moments(x_m[on_wall], y_m[on_wall], counts[on_wall], exposure_s, taken_s, points.wall, time)
 

@@ -226,7 +226,7 @@ def test_a_recording_that_takes_the_served_ones_place_is_never_mixed_with_it(
 def test_the_command_ends_for_a_killed_scan_and_so_does_its_follower(killed: Path) -> None:
     nlos = [sys.executable, "-m", "nlos"]
     server = subprocess.Popen(
-        [*nlos, "serve", "run.h5", "--idle-s", "25"], cwd=killed.parent, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        [*nlos, "serve", "run.h5", "--idle-s", "12"], cwd=killed.parent, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         text=True,
     )  # fmt: skip
     assert server.stdout is not None

@@ -1,5 +1,6 @@
 // What every drawing here shares: numbers, colours, ticks and a canvas as sharp as the screen.
 const $ = id => document.getElementById(id);
+const put = (element, text) => { if (element.textContent !== String(text)) element.textContent = text; }; // words that stay cost no layout
 const ask = async path => { const r = await fetch(path, {cache: "no-store"}); if (!r.ok && r.status !== 404) throw Error(r.status); return r.json(); };
 const LITTLE = new Uint8Array(new Uint16Array([1]).buffer)[0] === 1; // which byte of a number comes first here
 function unpacked(packed) {

@@ -6,7 +6,7 @@ const histogram = {
   place() {
     const known = scans[chosen]; if (!known || !known.plan || !known.state.samples) return null;
     if (this.pinned !== null) return this.pinned;
-    return known.plan.order[(known.state.samples - 1) % known.plan.order.length]; // a film's repeats
+    return placeOf(known, known.state.samples - 1);
   },
   async ask() {
     const at = this.place(); if (at === null) return; const got = await ask(`histogram?scan=${chosen}&place=${at}`); if (!got.counts) return;

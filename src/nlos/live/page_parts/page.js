@@ -1,6 +1,7 @@
 // What the page knows of each scan, how it asks for more, and what it says about it.
 const WORDS = {waiting: "Waiting for the scan's file", running: "Scanning", paused: "Paused", complete: "Scan complete", interrupted: "Ended early", stopped: "Stopped by an alarm", failed: "Failed", lost: "The scan was killed"};
 let scans = [], panels = [], chosen = 0, overlaid = false, compared = false, method = null, frame = null, gone = false, shape = "";
+const placeOf = (known, n) => { const {order} = known.plan; return order[known.state.film ? n % order.length : Math.min(n, order.length - 1)]; }; // of the n-th point; a film's repeat
 const panelName = (kind, scan) => (kind === "front" ? "albedo" : kind === "turn" ? "volume" : kind) + (scan ? scan : "");
 function opened(p) { return p && p.albedo ? {...p, albedo: unpacked(p.albedo), depth_m: unpacked(p.depth_m), seen: p.seen && unpacked(p.seen)} : null; }
 function best(known) { // the newest picture of the best method that has one
@@ -41,14 +42,14 @@ function drawPictures() {
   const same = draw.span && Math.abs(draw.span[0] - span[0]) + Math.abs(draw.span[1] - span[1]) < 1e-9; if (!same) draw.span = span;
   for (const panel of panels) {
     const against = panel.kind === "difference" || panel.kind === "deeper", p = against ? compare[0] : pictures[panel.scan], name = {front: "Front view", depth: "Depth", turn: "3D", difference: "Difference", deeper: "Depth difference"}[panel.kind], state = scans[panel.scan].state;
-    panel.title.textContent = scans.length > 1 ? (against ? `${name}: ${scans[0].state.run} less ${scans[1].state.run}` : `${state.run}: ${panel.kind === "turn" ? name : name.toLowerCase()}`) : name + (panel.kind === "turn" ? "" : ", looking towards the wall");
-    panel.empty.textContent = p ? "" : against && pictures.every(q => q) ? "these pictures are of walls of different sizes" : waitingFor(state); panel.box.classList.toggle("old", !!panel.isOld && panel.isOld(p)); panel.draw(p, panel.kind === "front" ? [0, 1] : panel.kind === "deeper" && p ? deeperSpan(...compare) : draw.span, compare[1]);
+    put(panel.title, scans.length > 1 ? (against ? `${name}: ${scans[0].state.run} less ${scans[1].state.run}` : `${state.run}: ${panel.kind === "turn" ? name : name.toLowerCase()}`) : name + (panel.kind === "turn" ? "" : ", looking towards the wall"));
+    put(panel.empty, p ? "" : against && pictures.every(q => q) ? "these pictures are of walls of different sizes" : waitingFor(state)); panel.box.classList.toggle("old", !!panel.isOld && panel.isOld(p)); panel.draw(p, panel.kind === "front" ? [0, 1] : panel.kind === "deeper" && p ? deeperSpan(...compare) : draw.span, compare[1]);
   }
   const newest = pictures[0]; if (newest) document.body.dataset.picture = newest.samples, document.body.dataset.method = newest.method;
 }
 function drawBeside() {
   for (const known of scans) if (frame !== null && known.frameRates[stepOf(known)]) { known.rates = known.frameRates[stepOf(known)]; known.back = true; }
-  map.draw(); histogram.draw(); $("method").lastElementChild.textContent = method ? `${method.toUpperCase()} only` : "best picture";
+  map.draw(); histogram.draw(); put($("method").lastElementChild, method ? `${method.toUpperCase()} only` : "best picture");
 }
 function waitingFor(state) {
   if (state.message) return state.message; const c = state.coming; if (frame !== null) return "this part of the scan is being reconstructed";
@@ -72,7 +73,7 @@ function lightOf(state) { // its words, and whether they are loud
 }
 function tellLight() { // of several scans the one whose light is on, else the one chosen
   const all = scans.map(s => s.state), state = [all[chosen], ...all].find(s => lightOf(s)[1]) || all[chosen], [text, lit] = lightOf(state);
-  $("laser").hidden = false; $("laser").className = lit ? "lit" : ""; $("laser").textContent = whose(state) + text;
+  $("laser").hidden = false; $("laser").className = lit ? "lit" : ""; put($("laser"), whose(state) + text);
 }
 function words(state) { return state.status === "running" && state.light === "replayed" ? "Replaying a recording" : WORDS[state.status] || WORDS.waiting; }
 const lightWords = state => state.light === "off" ? " The laser is off." : state.light === "no shutter" ? " This bench has no shutter: the laser is as it was." : mayBeOn(state) ? " The laser may be on." : "";
@@ -97,7 +98,7 @@ function banner(state) {
   else if (state.status === "complete") [big, small, kind] = ["Scan complete", `${count(state.samples)} points in ${seconds(state.elapsed_s)}` + (state.alarms ? `; ${state.alarms === 1 ? "one alarm" : count(state.alarms) + " alarms"}, see the events` : "") + (state.over ? "" : "; the last picture is being made"), "good"];
   else if (alarm && state.elapsed_s - alarm[0] < 30) [big, small, kind] = ["Alarm", `${alarm[2]} (at ${seconds(alarm[0])})`, "bad"];
   if (kind === "bad" && state.light && lightOf(state)[1] && (gone || state.status === "paused" || state.status === "lost")) kind = "bad lit"; // about light: no other trouble looks like it
-  box.hidden = !big; box.className = kind; box.firstElementChild.textContent = big; box.lastElementChild.textContent = (big && state.run && !gone ? whose(state) : "") + small;
+  box.hidden = !big; box.className = kind; put(box.firstElementChild, big); put(box.lastElementChild, (big && state.run && !gone ? whose(state) : "") + small);
 }
 // A rate is of now only while points are being taken; else it says of when it is.
 const counting = state => !gone && state.status === "running" && state.light !== "off";
@@ -105,13 +106,13 @@ function rateOf(state) { return counting(state) ? "count rate" : gone ? "count r
 function whose(state) { return scans.length > 1 ? `${state.run}: ` : ""; } // of several scans, figures and events are of the one clicked last
 function tell() {
   const state = scans[chosen].state, p = best(scans[chosen]), noise = p && frame === null ? state.pictures[p.method] : p;
-  $("run").textContent = scans.map(s => s.state.run).join(" and "); document.title = `${gone ? "The viewer has ended" : words(state)} - ${state.run}`; $("notes").textContent = Object.entries(state.notes || {}).map(([name, text]) => `${name}: ${text}`).join(" · "); $("status").textContent = gone ? "No answer: the viewer has ended" : whose(state) + words(state); $("next").textContent = gone ? "" : next(state);
-  $("points").textContent = done(state); $("rate").textContent = state.rate_hz ? rate(state.rate_hz) : "–"; $("rateof").textContent = rateOf(state); $("rate").className = counting(state) ? "" : "before";
-  $("noise").textContent = noise ? `${(100 * noise.error).toFixed(1)} %, ${noise.error <= SETTLED ? "low" : "high"}` : "–"; $("noiseof").textContent = noise ? `photon noise of the picture of ${count(p.samples)} points` : "photon noise of the picture"; tellLight();
-  $("left").textContent = state.status === "running" && state.left_s !== null && !gone ? `${seconds(state.left_s)} left` : state.elapsed_s ? `${seconds(state.elapsed_s)} taken` : "–"; $("done").style.width = state.until_stopped ? 0 : 100 * state.samples / (state.planned || 1) + "%";
-  const film = state.film; $("film").hidden = !film; if (film) $("film").lastElementChild.textContent = `${count(p && p.of_film ? p.of_film.frame + 1 : film.frame)}${film.frames ? ` of ${count(film.frames)}` : ""}` + (film.dropped ? `, ${count(film.dropped)} dropped` : "");
-  $("alarms").hidden = !state.alarms; $("alarms").lastElementChild.textContent = state.alarms; banner(state); $("difference").hidden = scans.length < 2;
-  const key = state.events.length + "/" + (state.events_before || 0); if (tell.events !== key + chosen) { tell.events = key + chosen; $("earlier").textContent = "newest first, " + (state.events_before ? `the last ${count(state.events.length)} of ${count(state.events.length + state.events_before)}` : `${count(state.events.length)} in all`);
+  put($("run"), scans.map(s => s.state.run).join(" and ")); const title = `${gone ? "The viewer has ended" : words(state)} - ${state.run}`; if (document.title !== title) document.title = title; put($("notes"), Object.entries(state.notes || {}).map(([name, text]) => `${name}: ${text}`).join(" · ")); put($("status"), gone ? "No answer: the viewer has ended" : whose(state) + words(state)); put($("next"), gone ? "" : next(state));
+  put($("points"), done(state)); put($("rate"), state.rate_hz ? rate(state.rate_hz) : "–"); put($("rateof"), rateOf(state)); $("rate").className = counting(state) ? "" : "before";
+  put($("noise"), noise ? `${(100 * noise.error).toFixed(1)} %, ${noise.error <= SETTLED ? "low" : "high"}` : "–"); put($("noiseof"), noise ? `photon noise of the picture of ${count(p.samples)} points` : "photon noise of the picture"); tellLight();
+  put($("left"), state.status === "running" && state.left_s !== null && !gone ? `${seconds(state.left_s)} left` : state.elapsed_s ? `${seconds(state.elapsed_s)} taken` : "–"); $("done").style.width = state.until_stopped ? 0 : 100 * state.samples / (state.planned || 1) + "%";
+  const film = state.film; $("film").hidden = !film; if (film) put($("film").lastElementChild, `${count(p && p.of_film ? p.of_film.frame + 1 : film.frame)}${film.frames ? ` of ${count(film.frames)}` : ""}` + (film.dropped ? `, ${count(film.dropped)} dropped` : ""));
+  $("alarms").hidden = !state.alarms; put($("alarms").lastElementChild, state.alarms); banner(state); $("difference").hidden = scans.length < 2;
+  const key = state.events.length + "/" + (state.events_before || 0); if (tell.events !== key + chosen) { tell.events = key + chosen; put($("earlier"), "newest first, " + (state.events_before ? `the last ${count(state.events.length)} of ${count(state.events.length + state.events_before)}` : `${count(state.events.length)} in all`));
     $("events").replaceChildren(...state.events.slice().reverse().map(e => { const tr = document.createElement("tr"); tr.className = e[1]; e.forEach((t, i) => { const td = document.createElement("td"); td.textContent = i ? t : fixed(t, 2) + " s"; tr.append(td); }); return tr; })); }
   tellSlider(scans[0]);
   $("overlay").setAttribute("aria-pressed", overlaid); $("difference").setAttribute("aria-pressed", compared);

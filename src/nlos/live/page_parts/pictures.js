@@ -74,10 +74,10 @@ class PicturePanel {
     g.restore();
   }
   points(g) {
-    const known = scans[this.scan]; if (!known.plan || !known.rates) return; const {x, y, order} = known.plan, size = Math.max(1.2, Math.min(3, this.frame.scale * known.pitch * .22));
+    const known = scans[this.scan]; if (!known.plan || !known.rates) return; const {x, y} = known.plan, size = Math.max(1.2, Math.min(3, this.frame.scale * known.pitch * .22));
     g.fillStyle = inks.mark; g.globalAlpha = .55;
     for (let i = 0; i < x.length; i++) if (Number.isFinite(known.rates[i])) { const [px, py] = this.frame.at(x[i], y[i]); g.fillRect(px - size / 2, py - size / 2, size, size); }
-    g.globalAlpha = 1; const at = known.state.status === "running" ? order[Math.min(known.state.samples, order.length - 1)] : -1;
+    g.globalAlpha = 1; const at = known.state.status === "running" ? placeOf(known, known.state.samples) : -1;
     if (at >= 0) { const [px, py] = this.frame.at(x[at], y[at]); g.strokeStyle = inks.mark; g.lineWidth = 2; g.beginPath(); g.arc(px, py, 7, 0, 7); g.stroke(); }
   }
   readOut() {
