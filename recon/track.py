@@ -3,6 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 
+from nlos.recon.local_lines import OF_A_PIXEL, on_line, scatter
+
 Floats = npt.NDArray[np.float64]
 
 SEEN = 0.25
@@ -27,10 +29,12 @@ def track(
 ) -> dict[str, Floats]:
     """`COLUMNS`, each (F,); NaN where nothing is seen, or too few frames are around.
 
-    Centroids are weighted by brightness. Extents are those of an even bar with the same variance. Velocity is the slope
-    of a straight line through the nearest frames, none of them beyond a gap in time; errors are standard errors from
-    how all frames scatter about their lines, so what does not move evenly has larger ones. `window`: of how many frames
-    each picture is the sum; neighbours share photons then, and errors are larger by its root.
+    Places are centroids, weighted by brightness, brought onto straight lines through the nearest frames where these
+    agree (`local_lines`); their standard errors are from how they scatter from frame to frame, and of a part of a pixel
+    besides. Extents are those of an even bar with the same variance. Velocity is the slope of a straight line through
+    the nearest frames, none of them beyond a gap in time, its standard error from how all frames scatter about their
+    lines, so what does not move evenly has a larger one. `window`: of how many frames each picture is the sum;
+    neighbours share photons then, and errors are larger by its root.
     """
     places, extents = np.full((2, 3, len(albedo)), np.nan)
     for frame, (light, depth) in enumerate(zip(albedo, depth_m, strict=True)):
@@ -42,12 +46,29 @@ def track(
         for axis, each in enumerate((across, down, np.nan_to_num(depth))):
             places[axis, frame] = mean = float((weight * each).sum())
             extents[axis, frame] = np.sqrt(12 * float((weight * (each - mean) ** 2).sum()))
-    slopes, scatter, span = _lines(places, time_s)
-    error = scatter * np.sqrt(window)
-    seen = np.where(np.isfinite(places), 1.0, np.nan)
-    columns = [np.arange(len(albedo), dtype=np.float64), time_s, *places, *(error[:, None] * seen), *extents]
-    columns += [*slopes, *(error[:, None] / span)]
+    slopes, about, span = _lines(places, time_s)
+    shown, errors = _steadied(places, time_s, window)
+    errors = np.hypot(errors, OF_A_PIXEL * _pitch_m(x_m, y_m))
+    columns = [np.arange(len(albedo), dtype=np.float64), time_s, *shown, *errors, *extents]
+    columns += [*slopes, *(about[:, None] * np.sqrt(window) / span)]
     return dict(zip(COLUMNS, columns, strict=True))
+
+
+def _steadied(places: Floats, time_s: Floats, window: int) -> tuple[Floats, Floats]:
+    """Places (3, F) by lines, and their standard errors; NaN where nothing is seen."""
+    shown, errors = places.copy(), np.full_like(places, np.nan)
+    seen = np.flatnonzero(np.isfinite(places[0]))
+    there, moments_s, most = places[:, seen].T, time_s[seen], fitted(time_s)
+    off_m = scatter(there, moments_s, window)
+    for at, frame in enumerate(seen):
+        errors[:, frame] = off_m
+        if np.isfinite(off_m).all():
+            shown[:, frame], errors[:, frame] = on_line(there, moments_s, at, off_m, most, window)
+    return shown, errors
+
+
+def _pitch_m(x_m: Floats, y_m: Floats) -> float:
+    return max((float(np.abs(np.diff(each)).mean()) for each in (x_m, y_m) if len(each) > 1), default=0.0)
 
 
 def fitted(time_s: Floats) -> int:

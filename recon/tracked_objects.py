@@ -29,8 +29,12 @@ FEWEST = 3
 class Followed:
     """One object: the part of each frame that is it."""
 
+    number: int
+    """In the order in which they appeared."""
     parts: dict[int, npt.NDArray[np.bool_]] = field(default_factory=dict)
     places_m: dict[int, Floats] = field(default_factory=dict)
+    shown_m: dict[int, Floats] = field(default_factory=dict)
+    """Where it was shown then, by whoever shows it."""
 
     def mask(self, shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
         """Which pixels of a film of that shape (F, H, W) are it."""
@@ -60,7 +64,7 @@ class ObjectTracker:
         self._side_m = float(max(np.ptp(x_m), np.ptp(y_m)))
         self.time_s: dict[int, float] = {}
         self.followed: list[Followed] = []
-        self._frame = -1
+        self._frame, self._appeared = -1, 0
 
     def add(self, light: npt.NDArray[np.floating], depth: npt.NDArray[np.floating], time_s: float) -> None:
         """The next picture (H, W), its depths NaN where nothing is seen, and its moment."""
@@ -75,7 +79,8 @@ class ObjectTracker:
         known = {int(part): still[who] for who, part in pairs if off_m[who, part] < FASTEST * self._side_m}
         for number, (part, place_m) in enumerate(zip(parts, places_m, strict=True)):
             if number not in known:
-                known[number] = Followed()
+                known[number] = Followed(self._appeared)
+                self._appeared += 1
                 self.followed.append(known[number])
             known[number].parts[frame], known[number].places_m[frame] = part, place_m
         if self._kept is not None:
@@ -87,6 +92,7 @@ class ObjectTracker:
         for each in self.followed:
             each.parts.pop(frame, None)
             each.places_m.pop(frame, None)
+            each.shown_m.pop(frame, None)
         self.followed = [each for each in self.followed if each.places_m]
 
 

@@ -16,9 +16,11 @@ import numpy.typing as npt
 
 from nlos.drivers.simulated.motion import pose_at
 from nlos.drivers.simulated.surfaces import Surface
+from nlos.live.trails import Trails
 from nlos.recon.live import LiveReconstruction
-from nlos.recon.over_time.half_grid import on_half_grid
+from nlos.recon.over_time.half_grid import HalfGrid, on_half_grid
 from nlos.recon.over_time.memory import LightMemory
+from nlos.recon.track import COLUMNS
 from nlos.recon.tracked_objects import tracked_objects
 from studies.by_scene import run
 from studies.moving import DWELL_S, POINTS, TIME, WALL, Film, mean_peak, recorded, response
@@ -72,26 +74,45 @@ def measured(scene: int) -> list[dict[str, Any]]:
     film, memory = Film(scene, panels(scene)), LightMemory(WALL, TIME)
     frames = [film.frame(number) for number in range(FRAMES)]
     time_s = [frame.mean_s for frame in frames]
-    ways = {"single": LiveReconstruction("nano"), "memory": LiveReconstruction("nano")}
-    pictures: dict[str, list[tuple[Any, Any]]] = {name: [] for name in WAYS}
-    pictures["recorded"] = [(made.albedo, made.depth_m) for made, _ in recorded(frames)]
+    found = {name: _Watched(FRAMES) for name in ("single", "memory")}
     for number, frame in enumerate(frames):
         memory.watch(frame)
         for name, light in (("single", ([frame], [1.0])), ("memory", memory.light())):
             half = on_half_grid(*light)
-            told = replace(half, light=replace(half.light, response=response()))
-            seen = ways[name].of_film(told, number + 1).reconstruction
-            pictures[name].append((seen.albedo, seen.depth_m))
-    rows = []
-    for name, made in pictures.items():
-        found = tracked_objects(
-            np.stack([light for light, _ in made]), np.stack([depth for _, depth in made]), WALL.x_m(), WALL.y_m(),
-            np.array(time_s),
-        )  # fmt: skip
-        rows += [
-            {"scene": scene, "pictures": name, "peak": mean_peak(scene), **row} for row in held(film, found, time_s)
-        ]
-    return rows
+            found[name].add(replace(half, light=replace(half.light, response=response())), number, frame.mean_s)
+    made = list(recorded(frames))
+    objects = {name: each.objects() for name, each in found.items()}
+    objects["recorded"] = tracked_objects(
+        np.stack([each.albedo for each, _ in made]), np.stack([each.depth_m for each, _ in made]), WALL.x_m(),
+        WALL.y_m(), np.array(time_s),
+    )  # fmt: skip
+    about = {"scene": scene, "peak": mean_peak(scene)}
+    return [{**about, "pictures": name, **row} for name in WAYS for row in held(film, objects[name], time_s)]
+
+
+class _Watched:
+    """What a page says of each object while a film comes: its place and its velocity then, not what later frames
+    tell."""
+
+    def __init__(self, frames: int) -> None:
+        self._live, self._trails, self._frames = LiveReconstruction("nano"), Trails(), frames
+        self._rows: dict[int, dict[str, Floats]] = {}
+
+    def add(self, seen: HalfGrid, number: int, time_s: float) -> None:
+        self._trails.add(self._live.of_film(seen, number + 1).reconstruction, time_s)
+        for told in self._trails.told:
+            row = self._rows.setdefault(told["object"], {name: np.full(self._frames, np.nan) for name in COLUMNS})
+            row.setdefault("appears", np.array([number + 1 - len(told["x_m"])]))  # where its trail begins
+            places = told["x_m"][-1], told["y_m"][-1], told["z_m"]
+            for axis, place, v, error in zip(
+                "xyz", places, told["velocity_m_per_s"], told["error_m_per_s"], strict=True
+            ):
+                row[f"{axis}_m"][number] = place
+                row[f"v{axis}_m_per_s"][number] = np.nan if v is None else v
+                row[f"v{axis}_error_m_per_s"][number] = np.nan if error is None else error
+
+    def objects(self) -> list[dict[str, Floats]]:
+        return list(self._rows.values())
 
 
 def held(film: Film, found: Sequence[dict[str, Floats]], time_s: Sequence[float]) -> list[dict[str, Any]]:
@@ -116,11 +137,13 @@ def held(film: Film, found: Sequence[dict[str, Floats]], time_s: Sequence[float]
         wrong = np.linalg.norm(velocity - way, axis=1)
         row |= {
             "found": True, "seen": float(seen.sum() / there.sum()), "off_m": off_m[seen].tolist(),
-            "velocity_off": (wrong[known] / speed).tolist(), "within": within[seen].mean(axis=1).tolist(),
+            "velocity_off": (wrong[known] / speed).tolist(),
+            "within": within[seen].mean(axis=1).tolist() if "appears" not in one else [],
             "velocity_within": (np.abs(velocity - way) < 1.645 * errors)[known].mean(axis=1).tolist(),
         }  # fmt: skip
         if panel.appears_s:
-            row["appears_off"] = int(np.flatnonzero(_seen(one))[0]) - int(np.flatnonzero(there)[0])
+            first = one["appears"] if "appears" in one else np.flatnonzero(_seen(one))
+            row["appears_off"] = int(first[0]) - int(np.flatnonzero(there)[0])
     return rows
 
 
@@ -160,7 +183,8 @@ def page(rows: list[dict[str, Any]]) -> str:
             shown = f"{np.median(np.abs(late)):.0f} frames, most {max(map(abs, late))}" if late else ""
             lines.append(
                 f"| {made} | {words} | {len(good)} of {len(some)} | "
-                f"{100 * np.median(off):.1f} cm | {100 * np.median(way):.0f} % | {100 * inside.mean():.0f} % | "
+                f"{100 * np.median(off):.1f} cm | {100 * np.median(way):.0f} % | "
+                f"{f'{100 * inside.mean():.0f} %' if len(inside) else 'not told'} | "
                 f"{100 * way_inside.mean():.0f} % | {shown} |"
             )
     return "\n".join(lines) + "\n"

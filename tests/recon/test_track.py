@@ -44,13 +44,13 @@ def test_errors_are_as_large_as_what_is_off() -> None:
     time_s = np.arange(60) * 0.01
     found = track(*bars(time_s, 0.02), X_M, Y_M, time_s)
     for axis, true in (("x", -0.2 + 0.3 * time_s), ("y", 0.1 - 0.1 * time_s)):
-        assert found[f"{axis}_error_m"] == pytest.approx(0.02, rel=0.3)
+        assert np.median(found[f"{axis}_error_m"]) < 0.75 * 0.02  # several agree
         off = (found[f"{axis}_m"] - true) / found[f"{axis}_error_m"]
         assert float(np.sqrt((off**2).mean())) == pytest.approx(1.0, abs=0.3)
     off = (found["vx_m_per_s"] - 0.3) / found["vx_error_m_per_s"]
     assert 0.6 < float(np.sqrt((off**2).mean())) < 1.5
     wider = track(*bars(time_s, 0.02), X_M, Y_M, time_s, window=4)
-    assert wider["x_error_m"] == pytest.approx(2 * found["x_error_m"])
+    assert wider["vx_error_m_per_s"] == pytest.approx(2 * found["vx_error_m_per_s"])
 
 
 def test_what_is_not_there_has_no_place_and_no_speed() -> None:

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nlos.recon.local_lines import on_line, scatter
 from nlos.recon.track import fitted
 from nlos.recon.tracked_objects import FEWEST, Followed, ObjectTracker
 from nlos.recon.volume import Reconstruction
@@ -14,13 +15,14 @@ KEPT = 40
 
 
 class Trails:
-    """Fed with pictures in the order of time; `told` may be asked for in another thread."""
+    """Fed with pictures in the order of time; `told` may be asked for in another thread. Each place is by a straight
+    line through those before it, where they agree (`local_lines`), and stays where it was shown."""
 
     def __init__(self) -> None:
         self._tracker: ObjectTracker | None = None
         self.told: list[dict[str, Any]] = []
-        """Of each object seen now: `x_m` and `y_m` of its trail, `z_m`, velocities and their standard errors, NaN as
-        None."""
+        """Of each object seen now: its `object` number, `x_m` and `y_m` of its trail, `z_m`, velocities and their
+        standard errors, NaN as None."""
 
     def add(self, picture: Reconstruction, time_s: float) -> None:
         """The next picture and its moment."""
@@ -39,11 +41,14 @@ def _told(one: Followed, time_s: dict[int, float]) -> dict[str, Any]:
     frames = sorted(one.places_m)
     places = np.stack([one.places_m[frame] for frame in frames])
     times = np.array([time_s[frame] for frame in frames])
-    newest = slice(-fitted(times), None)
+    most = fitted(times)
+    newest = slice(-most, None)
     velocity, error = _velocity(places[newest], times[newest])
+    one.shown_m[frames[-1]], _ = on_line(places, times, len(frames) - 1, scatter(places, times), most)
+    shown = np.stack([one.shown_m.get(frame, one.places_m[frame]) for frame in frames])
     return {
-        "x_m": places[:, 0].round(4).tolist(), "y_m": places[:, 1].round(4).tolist(),
-        "z_m": round(float(places[-1, 2]), 4), "velocity_m_per_s": _listed(velocity), "error_m_per_s": _listed(error),
+        "object": one.number, "x_m": shown[:, 0].round(4).tolist(), "y_m": shown[:, 1].round(4).tolist(),
+        "z_m": round(float(shown[-1, 2]), 4), "velocity_m_per_s": _listed(velocity), "error_m_per_s": _listed(error),
     }  # fmt: skip
 
 

@@ -68,7 +68,7 @@ class PicturePanel {
   }
   trails(g) { // of a film: where its objects were, a ring where each is now, and how fast
     const film = frame === null ? scans[this.scan].state.film : this.picture.of_film; if (!film) return; g.save(); g.lineWidth = 2; g.textBaseline = "bottom"; g.textAlign = "left";
-    film.objects.forEach((one, k) => { g.strokeStyle = g.fillStyle = TRAILS[k % TRAILS.length]; g.beginPath(); one.x_m.forEach((x, i) => g.lineTo(...this.frame.at(x, one.y_m[i]))); g.stroke();
+    film.objects.forEach(one => { g.strokeStyle = g.fillStyle = TRAILS[one.object % TRAILS.length]; g.beginPath(); one.x_m.forEach((x, i) => g.lineTo(...this.frame.at(x, one.y_m[i]))); g.stroke();
       const [px, py] = this.frame.at(one.x_m[one.x_m.length - 1], one.y_m[one.y_m.length - 1]), v = one.velocity_m_per_s; g.beginPath(); g.arc(px, py, 5, 0, 7); g.stroke();
       if (v.every(c => c !== null)) g.fillText(speedWords(v, one.error_m_per_s), px + 8, py - 4); });
     g.restore();
