@@ -28,14 +28,14 @@ def copied(
     recording: Recording,
     target: Path,
     status: Status,
-    note: str,
+    event: tuple[str, str],
     more: Iterable[Rows] = (),
     plan: ScanPlan | None = None,
-    kind: str = "salvaged",
 ) -> tuple[Path, int]:
     """Copies every intact sample of `recording`, and `more`, into a new scan file beside `target`; returns its path and
-    how many samples it holds, each of them read back. `note` goes into its event log, as `kind`. `plan`: longer or
-    shorter than the recording's, with the same points. For whoever holds the target's lock. Raises `StorageError`."""
+    how many samples it holds, each of them read back. `event`, its kind and its text, goes into the log. `plan`: longer
+    or shorter than the recording's, with the same points. For whoever holds the target's lock. Raises `StorageError`.
+    """
     fresh = lay_out(target, plan or recording.plan, recording.header)
     try:
         kept: dict[int, int] = {}
@@ -45,7 +45,7 @@ def copied(
                 _append(file, kept, records, counts)
             log = recording.event_rows()
             free = np.flatnonzero(log["kind"] == b"")[:1]
-            log[free] = event_row(kind, f"{note}: {len(kept)} samples", unix_s=time.time())
+            log[free] = event_row(event[0], f"{event[1]}: {len(kept)} samples", unix_s=time.time())
             file.events.write(0, log)
             file.status.write(0, status_row(status, len(kept), written_unix_s(recording)))
             os.fsync(file.handle.fileno())
@@ -73,7 +73,11 @@ def rescue(path: Path, file: ScanFile, pending: Rows) -> str:
         try:
             # Nobody else comes to think of this name, and lying there for a moment under another it needs no lock.
             fresh, samples = copied(
-                Recording(path, file), folder / f"{path.name}.rescued", Status.FAILED, "rescued", [pending]
+                Recording(path, file),
+                folder / f"{path.name}.rescued",
+                Status.FAILED,
+                ("salvaged", "rescued"),
+                [pending],
             )
             kept = keep_as(fresh, target, "rescued")
             fresh.unlink()

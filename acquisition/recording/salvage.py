@@ -94,7 +94,7 @@ def _copied(recording: Recording, target: Path, plan: ScanPlan) -> tuple[Path, i
     kind, note = "salvaged", f"copied from {recording.path.name}"
     if recording.plan.until_stopped and not plan.until_stopped:
         kind, note = "film", f"ended in frame {plan.frames - 1}"
-    return copied(recording, target, status, f"{note}{warning and f'; {warning}'}", plan=plan, kind=kind)
+    return copied(recording, target, status, (kind, f"{note}{warning and f'; {warning}'}"), plan=plan)
 
 
 @dataclass(frozen=True)
