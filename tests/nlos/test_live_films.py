@@ -112,6 +112,29 @@ def test_the_light_of_a_frame_is_that_of_the_film_made_afterwards(run: Path) -> 
             assert frame or np.array_equal(known.transient.counts, wanted.counts)
 
 
+@pytest.mark.parametrize("waiting", [1, 2, 3])
+def test_frames_wait_for_a_core_up_to_two_and_of_more_only_the_newest_has_a_picture(run: Path, waiting: int) -> None:
+    whole = load_scan(run)
+    with Recording.open(run) as recording:
+        live, samples = LiveFilm(recording.plan, None, AUTO), list(recording.samples())
+    each, first = len(samples) // FRAMES, PARTS
+    for frame in range(first + waiting):
+        for sample in samples[frame * each : (frame + 1) * each]:
+            live.add(sample)
+        if frame == first - 1:  # the first whole scan has its picture; then all cores are taken
+            assert live.calibrated(False, lambda: whole).frame[0] == frame
+            live.shown(reconstruct(calibrate_scan(whole), "lct"), live.newest)
+        elif frame >= first:
+            live.watch(lambda: whole, 0)
+    wanted = [first, first + 1][:waiting] if waiting < 3 else [first + 2]
+    for frame in wanted:
+        known = live.calibrated(False, lambda: whole)
+        assert (known.frame[0], known.samples) == (frame, (frame + 1) * each)
+        live.shown(reconstruct(calibrate_scan(whole), "lct"), known.frame)
+    assert not live.waiting
+    assert live.dropped == (2 if waiting == 3 else 0)
+
+
 @pytest.mark.parametrize("cores", [1, 2])
 def test_every_frame_in_passing_is_shown_as_it_would_be_alone(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cores: int

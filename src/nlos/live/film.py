@@ -33,7 +33,9 @@ if TYPE_CHECKING:
     from nlos.loaded import LoadedScan
 
 BACKLOG = 8
-"""Frames that wait at most for a picture: the oldest are dropped, and their light is not remembered."""
+"""Frames that wait at most to be remembered: of the oldest the light is not."""
+QUEUE = 2
+"""Frames that wait at most for a picture while all cores make one: of more, only the newest gets one."""
 ALIGNED_BY = 0.6
 """Of the frames of the first whole scan: of the points between theirs the wall's fit says when direct light arrives."""
 
@@ -59,8 +61,8 @@ class LiveFilm:
         self._lock = threading.Lock()
         self._coming: list[Sample] = []
         self._frame = -1
-        self._waiting: deque[tuple[int, list[Sample]]] = deque(maxlen=BACKLOG)
-        self._came = 0
+        self._waiting: deque[tuple[int, list[Sample], int]] = deque(maxlen=BACKLOG)
+        self._came = self._watched = 0
         self._alignment: Alignment | None = None
         self._memory: LightMemory | None = None
         self._light: HalfGrid | None = None
@@ -90,7 +92,7 @@ class LiveFilm:
         with self._lock:
             film._waiting.extend(self._waiting)
             if not film._waiting and self._coming:
-                film._waiting.append((self._frame, list(self._coming)))
+                film._waiting.append((self._frame, list(self._coming), self._came))
             film.samples = self._came
         return film
 
@@ -132,37 +134,42 @@ class LiveFilm:
         if self._coming:
             # A part of a frame is no picture, unless there is nothing else.
             if self.over < 0 or len(self._coming) >= LEAST_PART * self._planned[self._frame]:
-                self._waiting.append((self._frame, self._coming))
+                self._waiting.append((self._frame, self._coming, self._came))
                 self.samples, self.over = self._came, self._frame
             self._coming = []
 
     def calibrated(self, whole: bool, gathered: "Callable[[], LoadedScan]") -> Calibrated:
-        """The light of the newest frame that is over, with what those before it add: aligned by the direct light of
-        what is `gathered` when that is first asked for. Raises what calibrating raises."""
-        count = self.samples
-        self.watch(gathered)
+        """The light of the next frame that waits for its picture, of the newest one if `whole`, with what those before
+        it add: aligned by the direct light of what is `gathered` when that is first asked for. Raises what calibrating
+        raises."""
+        self.watch(gathered, None if whole else 1)
         assert self._memory is not None
         assert self._alignment is not None
         assert self._zero is not None
         if self._light is None:
             held = self._memory.on_half_grid()
             self._light = replace(held, light=replace(held.light, response=self._alignment.response))
+        count = self.samples if whole else self._watched
         return Calibrated(count, whole, self._light.light, self._falloff, self._zero, self._light, self.newest)
 
-    def watch(self, gathered: "Callable[[], LoadedScan]") -> None:
-        """Takes the frames that are over into the memory. Raises what calibrating raises."""
+    def watch(self, gathered: "Callable[[], LoadedScan]", pictured: int | None = None) -> None:
+        """Takes the frames that are over into the memory: all of them, or of those that wait for pictures the first
+        `pictured`, if no more than `QUEUE` wait. Raises what calibrating raises."""
         scan = None if self._alignment is not None else gathered()
         if scan is not None:
             self._align(scan)
             self._falloff = scan.falloff
         with self._lock:
-            waiting = list(self._waiting)
-            self._waiting.clear()
-        for frame, samples in waiting:
+            count = len(self._waiting)
+            due = sum(frame >= self._whole - 1 for frame, _, _ in self._waiting)
+            if pictured is not None and due <= QUEUE:
+                count += min(pictured, due) - due
+            waiting = [self._waiting.popleft() for _ in range(count)]
+        for frame, samples, came in waiting:
             moments = self._moments(samples)
             self._memory = self._memory or LightMemory(moments.wall, moments.time)
             self._memory.watch(moments)
-            self.newest, self._light = (frame, moments.mean_s), None
+            self.newest, self._light, self._watched = (frame, moments.mean_s), None, came
 
     def shown(self, picture: Reconstruction, frame: tuple[int, float]) -> int:
         """A picture of a frame was made; its number and moment. Returns how many were dropped before it."""

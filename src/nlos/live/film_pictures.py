@@ -56,7 +56,7 @@ class FilmPictures:
         with on_one_core(), suppress(CalibrationError, InvalidData, ReconError):
             if self._film.can_be_aligned:
                 if self._film.waiting:
-                    self._film.watch(self._gathered)
+                    self._film.watch(self._gathered, 0 if self.full else None)
                 if not self._ready:
                     self._get_ready(self._film.calibrated(False, self._gathered))
                     self._ready = True

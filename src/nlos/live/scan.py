@@ -188,6 +188,8 @@ class LiveScan:
                 due = self._schedule.due(count, planned, growing, last)
                 if due is not None and held is not None:
                     self._paint_next(next(live for live in self.lives if live.method == due), held, film)
+                    if held.film is not None and held.film.waiting:
+                        self._news.set()  # for the picture of one that has waited
                 elif last and self._schedule.done(0 if held is None else len(held)):
                     self.over = True
                     return
