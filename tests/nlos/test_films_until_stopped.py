@@ -33,6 +33,7 @@ from nlos.live.film import LiveFilm
 from nlos.recipe import Recipe
 from nlos.response import AUTO
 from tests.acquisition.serving import serving
+from tests.command import nlos as command
 from tests.nlos.bench_films import WORDS, plan_of
 
 UNTIL = {**WORDS, "frames": "until_stopped"}
@@ -169,6 +170,13 @@ def test_a_film_that_nobody_stops_ends_where_the_recording_is_full(tmp_path: Pat
         assert sum(1 for _ in nlos.scan(tmp_path / "film.yaml", bench, output=run)) == 10 * 576
     found = verify(run)
     assert (found.status, found.complete, found.complete_frames) == (Status.COMPLETE, True, 10)
+
+
+def test_in_a_series_nobody_would_stop_it(film: Path, tmp_path: Path) -> None:
+    refused = command(tmp_path, "scan", film.name, "--sweep", "dwell_ms=1,2", "-o", "series")
+    assert refused.returncode == 2
+    assert "nobody stops the scans of a series" in refused.stderr
+    assert not (tmp_path / "series").exists()
 
 
 def _killed(film: Path, run: Path) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.planning.scan_settings import UNTIL_STOPPED, ScanSettings
 from nlos.acquisition.recording.run_notes import RunNotes
 from nlos.cli.exit_codes import UsageError
 from nlos.configs.load import Loaded, find, load, parse
@@ -47,6 +47,11 @@ def expand(queue: Loaded[QueueSettings]) -> list[Run]:
         word = _beside(beside, entry.bench or settings.bench)
         bench = benches.setdefault(word, load("bench", word, BenchSettings))
         scan = changed(_beside(beside, entry.scan), {**entry.set, **changes})
+        if scan.settings.frames == UNTIL_STOPPED:
+            raise UsageError(
+                f"{queue.path}: {scan.path} goes on until it is stopped, and nobody stops the scans of a series. Say how "
+                "many frames there are: `set: {frames: 100}`, or --sweep frames=100."
+            )
         notes = notes_for(
             bench.settings,
             _either(entry.sample, settings.sample),
