@@ -49,8 +49,8 @@ def expand(queue: Loaded[QueueSettings]) -> list[Run]:
         scan = changed(_beside(beside, entry.scan), {**entry.set, **changes})
         if scan.settings.frames == UNTIL_STOPPED:
             raise UsageError(
-                f"{queue.path}: {scan.path} goes on until it is stopped, and nobody stops the scans of a series. Say how "
-                "many frames there are: `set: {frames: 100}`, or --sweep frames=100."
+                f"{queue.path}: {scan.path} goes on until it is stopped, and nobody stops the scans of a series. Say "
+                "how many frames there are: `set: {frames: 100}`, or --sweep frames=100."
             )
         notes = notes_for(
             bench.settings,
