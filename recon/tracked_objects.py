@@ -61,7 +61,7 @@ class ObjectTracker:
     def __init__(self, x_m: Floats, y_m: Floats, kept: int | None = None) -> None:
         """Of `kept` frames, all unless given, places are remembered."""
         self._x_m, self._y_m, self._kept = x_m, y_m, kept
-        self._side_m = float(max(np.ptp(x_m), np.ptp(y_m)))
+        self._side_m = float(max(np.ptp(x_m), np.ptp(y_m))) or 1.0  # of a single pixel there is no side
         self.time_s: dict[int, float] = {}
         self.followed: list[Followed] = []
         self._frame, self._appeared = -1, 0

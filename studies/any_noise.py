@@ -29,7 +29,7 @@ from nlos.recon.training.scenes import make_scene
 from nlos.recon.weights.files import save, sha256_of
 from studies.noise_figure import KINDS
 
-STEPS, BATCH, RATE, DECAY = 8000, 512, 2e-3, 0.1
+STEPS, BATCH, RATE, DECAY = 16000, 512, 2e-3, 0.1
 EVERY = 10  # one scene in so many is kept for validation
 AROUND = 0.02  # noise of the inputs, in their standard deviations
 
@@ -37,7 +37,7 @@ AROUND = 0.02  # noise of the inputs, in their standard deviations
 @dataclass(frozen=True)
 class Part:
     """Scans of scenes of one seed: (rows, columns, bins, bin in ps, wall in m, weight) of the grids, kinds of noise,
-    share of sparse scans and of slow detectors."""
+    share of sparse scans and of slow detectors, and how often a scan of it is drawn, to one of the others."""
 
     seed: int
     scenes: int
@@ -45,6 +45,7 @@ class Part:
     kinds: tuple[str, ...]
     sparse: float
     slow: float
+    drawn: float = 1.0
 
 
 ALIKE = ("photons", "uniform", "grain", "grain", "uniform")
@@ -60,8 +61,9 @@ PARTS = (
     Part(6, 383, ((64, 64, 256, 64.0, 2.0, 0.8), (32, 32, 256, 64.0, 2.0, 0.2)), ALIKE, 0.45, 0.0),
     Part(7, 258, ((64, 64, 256, 64.0, 2.0, 0.8), (32, 32, 256, 64.0, 2.0, 0.2)), ALIKE, 0.45, 0.0),
     Part(
-        8, 1500, ((16, 16, 256, 64.0, 2.0, 0.5), (8, 8, 256, 64.0, 2.0, 0.5)),
-        ("photons", "uniform", "grain", "photons", "uniform", "grain"), 0.25, 0.0,
+        8, 2000,
+        ((32, 32, 256, 64.0, 2.0, 0.25), (16, 16, 256, 64.0, 2.0, 0.4), (8, 8, 256, 64.0, 2.0, 0.35)),
+        ("photons", "uniform", "grain", "photons", "uniform", "grain"), 0.25, 0.0, 0.15,
     ),
 )  # fmt: skip
 Counts = npt.NDArray[np.float32]
@@ -150,13 +152,14 @@ def fit(folder: Path, weights: Path) -> None:
         torch.from_numpy(np.concatenate([p[name] for p in parts])).float() for name in ("traits", "levels")
     )
     left_out = torch.from_numpy(np.concatenate([p["scenes"] for p in parts]) % EVERY == 0)
+    drawn = torch.cat([torch.full((len(p["levels"]),), part.drawn) for part, p in zip(PARTS, parts, strict=True)])
     usable = torch.isfinite(traits).all(dim=1) & torch.isfinite(levels)
-    traits, levels, left_out = traits[usable], levels[usable], left_out[usable]
+    traits, levels, left_out, drawn = traits[usable], levels[usable], left_out[usable], drawn[usable]
     network = AnyNoise()
     wanted = levels - (traits[:, 0] - traits[:, OWN + PEAK])
     for seed, member in enumerate(network.corrections):
         torch.manual_seed(seed)
-        fit_one(cast(nn.Sequential, member), traits[~left_out], wanted[~left_out])
+        fit_one(cast(nn.Sequential, member), traits[~left_out], wanted[~left_out], drawn[~left_out])
     with torch.no_grad():
         error = network(traits[left_out]) - levels[left_out]
     rms, scans_seen = float(error.square().mean().sqrt()), int((~left_out).sum())
@@ -165,15 +168,15 @@ def fit(folder: Path, weights: Path) -> None:
     save(weights, dict(network.named_parameters()), about)
 
 
-def fit_one(member: nn.Sequential, traits: Tensor, wanted: Tensor) -> None:
-    """Fits a network to corrections `wanted` (N,) of traits (N, INPUTS); Huber's loss, for a few scans
-    are far off."""
+def fit_one(member: nn.Sequential, traits: Tensor, wanted: Tensor, drawn: Tensor) -> None:
+    """Fits a network to corrections `wanted` (N,) of traits (N, INPUTS), each as often as `drawn` (N,) says; Huber's
+    loss, for a few scans are far off."""
     mean, deviation = traits.mean(dim=0), traits.std(dim=0).clamp(min=1e-3)
     inputs = (traits - mean) / deviation
     optimiser = torch.optim.AdamW(member.parameters(), lr=RATE, weight_decay=DECAY)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, STEPS)
     for _ in range(STEPS):
-        batch = torch.randint(len(inputs), (BATCH,))
+        batch = torch.multinomial(drawn, BATCH, replacement=True)
         found = member(inputs[batch] + AROUND * torch.randn(BATCH, INPUTS))[:, 0]
         optimiser.zero_grad()
         F.huber_loss(found, wanted[batch], delta=0.1).backward()  # type: ignore[no-untyped-call]

@@ -2,11 +2,12 @@
 
 `python -m studies.noise_figure FIGURE.png [WEIGHTS]` measures the weights that come with the program, or others, on
 held-out scenes. Photon noise, uniform noise and grain are judged apart: what holds for one need not for another.
+`python -m studies.noise_figure points`: the same on 32 x 32 points, 16 x 16 and 8 x 8.
 """
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -36,7 +37,8 @@ BEYOND = (0.05, 0.1, 0.2, 400.0, 1600.0)  # mean peak counts that no training sa
 WAYS = ("photon statistics", "any kind", "told")
 """Estimates: of photon statistics alone, of noise of any kind, and what NANO's operator is told, which is the former
 unless the latter contradicts."""
-SHOWN = "any kind"
+SHOWN, TOLD = "any kind", "told"
+SIDES = (32, 16, 8)  # points a side of coarser scans
 SCANS = 60  # of held-out kinds, inside the training range
 
 
@@ -144,5 +146,22 @@ def monotone(levels: Mapping[str, Sequence[float]]) -> bool:
     return all(a > b for a, b in pairwise(estimated))
 
 
+def by_points(count: int = 30) -> Iterator[str]:
+    """The same of whole scans on coarser grids, a line of Markdown each: R^2 and bias of the estimate of any kind and
+    of what NANO is told."""
+    for side in SIDES:
+        cells = [f"{side} x {side}"]
+        for way in (SHOWN, TOLD):
+            for detector in KINDS.values():
+                whole = held_out(detector.model_copy(update={"sparse": 0.0}), count)
+                data = whole.model_copy(update={"rows": side, "cols": side})
+                fit = estimates(with_noise_estimation(None, data), data, count)[way]
+                cells.append(f"{fit.r_squared:.3f}, {fit.bias:+.2f}")
+        yield f"| {' | '.join(cells)} |"
+
+
 if __name__ == "__main__":
-    print(json.dumps(measure(Path(sys.argv[1]), weights=sys.argv[2] if len(sys.argv) > 2 else None)))
+    if sys.argv[1:] == ["points"]:
+        print(*by_points(), sep="\n", flush=True)
+    else:
+        print(json.dumps(measure(Path(sys.argv[1]), weights=sys.argv[2] if len(sys.argv) > 2 else None)))

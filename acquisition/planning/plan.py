@@ -119,6 +119,11 @@ class ScanPlan:
         return replace(self.only(np.arange(points)), until_stopped=False)
 
     @property
+    def first_round(self) -> int:
+        """How many points it takes until all of the wall came once."""
+        return int(np.count_nonzero(self.pass_ < self.cycle))
+
+    @property
     def most_samples(self) -> int:
         """How many samples a recording of it holds, at most where some points are only candidates."""
         return len(self) if self.budget is None else self.budget.most(self.budget.costs_us(self.dwell_s))
@@ -136,16 +141,18 @@ class ScanPlan:
 
     @property
     def cycle(self) -> int:
-        """After how many frames the same points come again."""
-        first = set(zip(*(each[self.pass_ == 0].tolist() for each in self._places), strict=True))
-        for frame in range(1, min(self.frames, MOST_PARTS + 1)):
-            if set(zip(*(each[self.pass_ == frame].tolist() for each in self._places), strict=True)) == first:
+        """After how many frames the same points come again, or some of them if a film was ended there."""
+        frames = self.frames
+        first = self._places_of(0)
+        for frame in range(1, min(frames, MOST_PARTS + 1)):
+            places = self._places_of(frame)
+            if places == first or (frame == frames - 1 and places < first):
                 return frame
-        return self.frames
+        return frames
 
-    @property
-    def _places(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        return self.positions.x_m, self.positions.y_m
+    def _places_of(self, frame: int) -> set[tuple[float, float]]:
+        of = self.pass_ == frame
+        return set(zip(self.positions.x_m[of].tolist(), self.positions.y_m[of].tolist(), strict=True))
 
     def pending(self, photons: Mapping[int, int]) -> list[int]:
         """The numbers still to take, in order; `photons` is what was taken: point number -> counts in its histogram.

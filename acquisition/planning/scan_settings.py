@@ -89,7 +89,7 @@ class ScanSettings(Settings):
     """The order of the points: as the pattern lists them, in strips, or by a shorter path."""
     frames: Annotated[int, Field(ge=1, le=MOST_FRAMES)] | Literal["until_stopped"] = 1
     """How many times the points are scanned: frames of one recording, for scenes that move. Exposure is each one's.
-    `until_stopped`: until Ctrl-C, or until a recording holds no more."""
+    `until_stopped`: until Ctrl-C, or as many as a recording holds."""
     interleave: Parts = 1
     """Each frame takes one of so many parts of the points, evenly spread, the next frame the next part."""
 
@@ -158,8 +158,11 @@ class ScanSettings(Settings):
         if not isinstance(self.frames, str):
             return self.frames
         most = most_frames(points, self.interleave, bins, LARGEST_BYTES)
-        if most == 1:
-            raise PlanRefused(f"frames: {UNTIL_STOPPED}: a recording holds a single frame of {points} points, no film")
+        if most == 1 and 4 * points * bins <= LARGEST_BYTES:  # more than that is refused below
+            raise PlanRefused(
+                f"frames: {UNTIL_STOPPED}: a recording of {LARGEST_BYTES / 1e9:.1f} GB holds a single frame of "
+                f"{points} points and {bins} bins, which is no film. Plan fewer points or bins."
+            )
         return most
 
     def _check_size(self, points: int, frames: int, bins: int) -> None:

@@ -18,12 +18,22 @@ LONGEST = 2.0
 def rows_of(plan: ScanPlan, records: npt.NDArray[Any], frames: range) -> range:
     """The rows between which everything of `frames` lies; rows of other frames may lie between them as well, where
     points were taken again. Raises `InvalidData` for a frame that the plan has not."""
-    if not (frames.step == 1 and 0 <= frames.start < frames.stop <= plan.frames):
+    begun = ended_plan(plan, records).frames
+    if not (frames.step == 1 and 0 <= frames.start < frames.stop <= begun):
         one = f"frame {frames.start}" if len(frames) == 1 else f"frames {frames.start} to {frames.stop - 1}"
-        raise InvalidData(f"{one}: the recording has {plan.frames}, from 0 to {plan.frames - 1}")
+        raise InvalidData(f"{one}: the recording has {begun}, from 0 to {begun - 1}")
     frame = frame_of_rows(plan, records)
     rows = np.flatnonzero((frame >= frames.start) & (frame < frames.stop))
     return range(int(rows[0]), int(rows[-1]) + 1) if len(rows) else range(0)
+
+
+def ended_plan(plan: ScanPlan, records: npt.NDArray[Any]) -> ScanPlan:
+    """What was planned; of a film until it is stopped, as if it were now: up to the last point taken (intact rows,
+    `RECORD`), and all of the wall once."""
+    if not plan.until_stopped:
+        return plan
+    number = records["number"][records["number"] < len(plan)]
+    return plan.ended_after(max(int(number.max(initial=0)) + 1, plan.first_round))
 
 
 def frame_of_rows(plan: ScanPlan, records: npt.NDArray[Any]) -> npt.NDArray[np.int32]:
@@ -107,7 +117,9 @@ class PicturedFrames:
 
 
 def frame_table(plan: ScanPlan, records: npt.NDArray[Any]) -> FrameTable:
-    """The table of intact rows (`RECORD`), those of `Recording.intact_records`."""
+    """The table of intact rows (`RECORD`), those of `Recording.intact_records`; of a film until it is stopped, of the
+    frames that it has by now."""
+    plan = ended_plan(plan, records)
     frames = plan.frames
     frame = frame_of_rows(plan, records) if frames > 1 else np.zeros(len(records), dtype=np.int32)
 

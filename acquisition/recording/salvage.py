@@ -4,6 +4,7 @@ import json
 import math
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,19 +16,25 @@ from nlos.acquisition.importers.isolated import ReaderDied
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.condition import listed
 from nlos.acquisition.recording.empty_file import clear, keep_as, put_in_place
+from nlos.acquisition.recording.frames import ended_plan
 from nlos.acquisition.recording.layout import Status
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.read_by_child import check_recording, open_checked
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.rescue import copied, written_unix_s
 from nlos.acquisition.recording.writer import RecordingWriter
-from nlos.acquisition.recording.writer_lock import WriterLock, clear_left_lock
+from nlos.acquisition.recording.writer_lock import WriterLock, clear_left_lock, is_locked
 from nlos.drivers.clock import Clock
 from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.identity import DeviceIdentity
 from nlos.drivers.tcspc.known_counters import COUNTERS
 
 _SHOWN = 60
+UNCUT = (
+    "Its samples are safe. `nlos recover {path} -o NEW.h5`, on a disk with room for them, makes the recording of its "
+    "frames; `--resume` goes on with the film."
+)
+"""Of the recording of a film that was stopped and could not be ended."""
 
 
 class ResumeRefused(InvalidData):
@@ -44,8 +51,10 @@ def recover(path: Path, target: Path, *, overwrite: bool = False) -> int:
         with Recording.open(path) as recording:
             if target.exists() and path.samefile(target):
                 raise StorageError(f"{target}: is the recording itself. Choose another name.")
-            fresh, samples = _copied(recording, target, ended(recording))
+            whose = recording.plan if is_locked(path) else ended_plan(recording.plan, recording.intact_records())
+            fresh, samples = _copied(recording, target, whose)
         put_in_place(fresh, target)
+        _clear_beside(path)
         return samples
     except BaseException:  # an interrupt, too, leaves nothing half done
         clear(target)
@@ -61,19 +70,33 @@ class EndedFilm:
     plan: ScanPlan
     whole: bool
 
+    def said(self) -> str:
+        """How many frames it has."""
+        points = np.bincount(self.plan.pass_)
+        part = "" if points[-1] == self.plan.frame_points[-1] else " and a part of one"
+        return f"{len(points) - bool(part)} frames{part}, {len(self.plan)} points"
+
 
 def end_film(path: Path) -> EndedFilm | None:
     """A film until it is stopped was: its recording becomes one of the frames that it has. None, and nothing is
     changed, where less than all points of the wall came once. Raises `StorageError`."""
+    path = path.resolve()
     lock = WriterLock(path)
     try:
         with Recording.open(path) as recording:
-            plan = ended(recording)
-            if plan.until_stopped:
+            records = recording.intact_records()
+            if len(records) <= recording.plan.first_round:
                 return None
+            plan = ended_plan(recording.plan, records)
             fresh, samples = _copied(recording, path, plan)
         put_in_place(fresh, path)
         return EndedFilm(plan, samples == len(plan))
+    except StorageError as error:
+        clear(path)
+        raise StorageError(
+            f"{path}: was not cut to the frames of its film, which takes their place on the disk once more ({error}). "
+            f"{UNCUT.format(path=path)}"
+        ) from error
     except BaseException:
         clear(path)
         raise
@@ -81,19 +104,22 @@ def end_film(path: Path) -> EndedFilm | None:
         lock.release()
 
 
-def ended(recording: Recording) -> ScanPlan:
-    """What was planned, up to the last point taken of a film that was to go on until it is stopped."""
-    plan = recording.plan
-    last = int(recording.intact_records()["number"].max(initial=0))
-    return plan.ended_after(last + 1) if plan.until_stopped and plan.pass_[last] >= plan.cycle else plan
+def _clear_beside(path: Path) -> None:
+    """What a killed process left half done beside it, unless somebody writes it."""
+    with suppress(StorageError):
+        lock = WriterLock(path)
+        try:
+            clear(path)
+        finally:
+            lock.release()
 
 
 def _copied(recording: Recording, target: Path, plan: ScanPlan) -> tuple[Path, int]:
     status = Status.INTERRUPTED if plan.pending(recording.photons()) else Status.COMPLETE
     warning = recording.condition().warning
     kind, note = "salvaged", f"copied from {recording.path.name}"
-    if recording.plan.until_stopped and not plan.until_stopped:
-        kind, note = "film", f"ended in frame {plan.frames - 1}"
+    if recording.plan.until_stopped != plan.until_stopped:
+        kind, note = "film", "goes on" if plan.until_stopped else f"ended in frame {plan.frames - 1}"
     return copied(recording, target, status, (kind, f"{note}{warning and f'; {warning}'}"), plan=plan)
 
 
@@ -121,6 +147,7 @@ def resume(
     `ResumeRefused` where plan, constants or devices are not those of the recording, or with `same_run` its identity;
     `StorageError` where another process writes it, or where some of it cannot be read: then nothing is changed.
     """
+    path = path.resolve() if path.is_symlink() else path  # what is copied comes beside the file, not the link
     lock = WriterLock(path)
     try:
         if path.exists():
@@ -223,6 +250,9 @@ def _goes_on(before: ScanPlan, now: ScanPlan) -> bool:
 
 
 def _other_plan(before: ScanPlan, now: ScanPlan) -> str:
+    both = min(len(before), len(now))
+    if before.until_stopped or now.until_stopped:  # one may only have got farther
+        before, now = before.ended_after(both), now.ended_after(both)
     if len(before) != len(now):
         return f"{len(before)} points then, {len(now)} now"
     if other := _changed(before.scalars(), now.scalars()):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from nlos.acquisition.recording.condition import Condition
-from nlos.acquisition.recording.frames import frame_table
+from nlos.acquisition.recording.frames import ended_plan, frame_table
 from nlos.acquisition.recording.layout import Status
 from nlos.acquisition.recording.recording import Recording
 
@@ -14,7 +14,8 @@ from nlos.acquisition.recording.recording import Recording
 @dataclass(frozen=True)
 class Verification:
     """What `verify` found: in which condition the rows are, and plan numbers stored twice or not at all; of a plan of
-    candidates, `planned` are those that were taken and those that still fit its time."""
+    candidates, `planned` are those that were taken and those that still fit its time; of a film until it is stopped,
+    those up to the last one taken."""
 
     status: Status
     planned: int
@@ -49,11 +50,12 @@ def verify(path: Path) -> Verification:
     """Checks every sample's CRC. Raises `InvalidData` where `path` is no scan file, `StorageError` where the disk does
     not say."""
     with Recording.open(path) as recording:
-        missing = tuple(recording.missing())
+        plan = ended_plan(recording.plan, recording.intact_records())
+        missing = tuple(plan.pending(recording.photons()))
         condition = recording.condition()
         aside = [*condition.damaged, *condition.unread, *condition.unacknowledged]
         numbers, times = np.unique(np.delete(recording.records["number"], aside), return_counts=True)
         repeated = tuple(numbers[times > 1].tolist())
-        frames, table = recording.plan.frames, frame_table(recording.plan, recording.intact_records())
-        planned = len(recording.plan) if recording.plan.budget is None else len(numbers) + len(missing)
-        return Verification(recording.status, planned, condition, repeated, missing, frames, table.complete)
+        table = frame_table(plan, recording.intact_records())
+        planned = len(plan) if plan.budget is None else len(numbers) + len(missing)
+        return Verification(recording.status, planned, condition, repeated, missing, plan.frames, table.complete)

@@ -146,6 +146,7 @@ class Alarms:
         free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
         expected: Expected = NOTHING,
     ) -> None:
+        """`free_bytes`: of the folder's disk, for this scan."""
         self._settings, self._repetition_hz, self._folder, self._free = settings, repetition_hz, folder, free_bytes
         self._aim, self._usual_dark_hz = expected.aim, expected.usual_dark_hz
         self._direct = expected.direct if settings.expect_direct else None

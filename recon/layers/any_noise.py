@@ -28,7 +28,7 @@ class AnyNoise(nn.Module):
     cone can be told from light, differences along time stand in for it.
     """
 
-    def __init__(self, width: int = 64, members: int = 3):
+    def __init__(self, width: int = 128, members: int = 3):
         super().__init__()
         self.corrections = nn.ModuleList(correction(width) for _ in range(members))
 

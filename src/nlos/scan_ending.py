@@ -1,16 +1,20 @@
 """How a scan's recording ends: with the status that fits, whatever ended the scan and whenever."""
 
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from types import TracebackType
 
 from nlos.acquisition.errors import StorageError
 from nlos.acquisition.recording.recording import Status
-from nlos.acquisition.recording.salvage import EndedFilm, end_film
+from nlos.acquisition.recording.salvage import UNCUT, EndedFilm, end_film
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.control import ScanControl, ScanState
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import DeviceError, Preempted, SafetyTrip
 from nlos.drivers.exit_paths import undisturbed
+
+LONG_BYTES = 1 << 27
+"""Of counts: more take more than a second to copy."""
 
 
 class ScanEnding(AbstractContextManager["ScanEnding"]):
@@ -20,8 +24,13 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
     Every device error that is passed on says where the samples are; `resume` is the word that takes the others.
     """
 
-    def __init__(self, bench: Bench, writer: RecordingWriter, control: ScanControl, resume: str) -> None:
-        self._bench, self._writer, self._control, self._resume = bench, writer, control, resume
+    def __init__(
+        self, bench: Bench, writer: RecordingWriter, control: ScanControl, resume: str,
+        tell: Callable[[str], None] = lambda said: None,
+    ) -> None:  # fmt: skip
+        """`tell` is told of what takes its time once a film is stopped."""
+        self._bench, self._writer, self._control, self._resume, self._tell = bench, writer, control, resume, tell
+        self._uncut = False
         self.film: EndedFilm | None = None
         """What the recording holds once a person has ended a film that was to go on until then."""
 
@@ -31,6 +40,12 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
 
     @property
     def safe(self) -> str:
+        """Where the samples are, and what takes or makes the rest."""
+        path = self._writer.path
+        if self.film is not None and self.film.whole:
+            return f"{path} holds the film: {self.film.said()}."
+        if self._uncut:
+            return f"{path} was not cut to the frames of its film. {UNCUT.format(path=path)}"
         return f"The samples so far are safe in {self._writer.path}; `{self._resume}` takes the others."
 
     def __exit__(
@@ -51,8 +66,13 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
 
     def _end_film(self, error: BaseException | None) -> None:
         """The light is off and the samples are safe: what cannot be done now `nlos recover` does later."""
+        samples, bins = self._writer.acknowledged, self._writer.plan.axis.bins
+        if (size := 4 * samples * bins) > LONG_BYTES:
+            self._tell(f"{self._writer.path}: ending the film, {size / 1e6:.0f} MB are copied")
+        self._uncut = samples > self._writer.plan.first_round
         try:
             self.film = end_film(self._writer.path)
+            self._uncut = False
         except StorageError as failure:
             if error is None:
                 raise

@@ -1,8 +1,10 @@
 """A scan before its light: everything checked, aimed and described, for the command line and from Python alike."""
 
 import json
+import shutil
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from nlos.acquisition.errors import InvalidData
@@ -115,13 +117,25 @@ def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
         bench.report("warning", warning)
     looks = None if direct is None else DirectWatch(plan, direct).look
     expected = Expected(looks, usual_dark_hz=usual_dark_hz(own), aim=beam.wrong)
-    alarms = Alarms(request.alarms, bench.settings.laser.repetition_hz, folder, expected=expected)
+    free = partial(free_to_end, target) if plan.until_stopped and target is not None else free_bytes
+    alarms = Alarms(request.alarms, bench.settings.laser.repetition_hz, folder, free, expected)
     bench.shutter.arm()
     used = "{}" if known is None else json.dumps(known.constants.summary(), default=str)
     header = replace(
         request.header, devices=roles, warnings=(*bench.warnings, *warnings), constants_json=used
     ).stamped()
     return PreparedScan(request, bench, header, known, aim, lag, choice, alarms, warnings)
+
+
+def free_bytes(folder: Path) -> int:
+    """Of its disk."""
+    return shutil.disk_usage(folder).free
+
+
+def free_to_end(target: Path, folder: Path) -> int:
+    """The same, less what a film until it is stopped takes once more when it is cut to its frames."""
+    taken = target.stat().st_blocks * 512 if target.exists() and hasattr(target.stat(), "st_blocks") else 0
+    return free_bytes(folder) - taken
 
 
 def usual_dark_hz(settings: BenchSettings) -> float | None:

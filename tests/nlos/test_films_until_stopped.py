@@ -23,7 +23,7 @@ from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording import rescue
 from nlos.acquisition.recording.frames import frame_table
 from nlos.acquisition.recording.recording import Recording, Status
-from nlos.acquisition.recording.salvage import recover
+from nlos.acquisition.recording.salvage import ResumeRefused, end_film, recover
 from nlos.acquisition.recording.verification import verify
 from nlos.acquisition.sample import Sample
 from nlos.acquisition.served.served_copy import copy_served
@@ -32,6 +32,7 @@ from nlos.film import film_of
 from nlos.live.film import LiveFilm
 from nlos.recipe import Recipe
 from nlos.response import AUTO
+from nlos.scan_preparation import free_bytes, free_to_end
 from tests.acquisition.serving import serving
 from tests.command import nlos as command
 from tests.nlos.bench_films import WORDS, plan_of
@@ -99,6 +100,15 @@ def test_words_that_are_no_number_of_frames_are_refused(frames: object) -> None:
         ScanSettings.model_validate({**WORDS, "frames": frames})
 
 
+@pytest.mark.parametrize(("parts", "points"), [(1, EACH + 16), (4, EACH + 6), (16, EACH + 2), (1, 2 * EACH + 1)])
+def test_a_part_of_a_frame_is_known_by_the_frame_a_round_before(parts: int, points: int) -> None:
+    """Also where it is the first that comes again."""
+    plan = plan_of({**UNTIL, "interleave": parts}).ended_after(points)
+    assert plan.cycle == parts
+    assert (plan.frame_points == EACH // parts).all()
+    assert plan.first_round == EACH
+
+
 @pytest.mark.parametrize("rest", [0, 50])
 def test_a_film_that_is_stopped_is_a_recording_of_its_frames(film: Path, tmp_path: Path, rest: int) -> None:
     run = tmp_path / "run.h5"
@@ -152,12 +162,41 @@ def test_a_film_that_was_stopped_goes_on(film: Path, tmp_path: Path) -> None:
         taken(film, run, 1)
 
 
+def test_a_second_frame_that_is_cut_off_is_none(film: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run.h5"
+    taken(film, run, EACH + 10)
+    found = verify(run)
+    assert (found.complete, found.frames, found.complete_frames) == (True, 2, 1)
+    assert film_of(run, Recipe("lct")).frame.tolist() == [0]
+
+
+def test_another_film_is_refused_by_what_differs(film: Path, tmp_path: Path) -> None:
+    run, other = tmp_path / "run.h5", tmp_path / "other.yaml"
+    taken(film, run, 2 * EACH)
+    other.write_text(yaml.safe_dump({**UNTIL, "dwell_ms": 2}))
+    with pytest.raises(ResumeRefused, match=r"dwell_s of point 0: 0\.001 then, 0\.002 now"):
+        taken(other, run, 1, resume=True)
+
+
+def test_a_film_is_resumed_where_its_link_leads(film: Path, tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    real, link = tmp_path / "elsewhere" / "real.h5", tmp_path / "link.h5"
+    taken(film, real, 2 * EACH)
+    before = len(held_by_h5py(real)[0])
+    link.symlink_to(real)
+    taken(film, link, EACH, resume=True)
+    assert link.is_symlink()
+    assert len(held_by_h5py(real)[0]) > before
+    assert verify(real).complete
+
+
 def test_less_than_a_frame_is_no_film(film: Path, tmp_path: Path) -> None:
-    """It stays what it was to be, and goes on."""
+    """It stays what it was to be, and goes on; what is told of it is of the first frame, not of all that could come."""
     run = tmp_path / "run.h5"
     taken(film, run, 20)
     assert plan_in(run) == plan_of(UNTIL)
-    assert verify(run).status is Status.INTERRUPTED
+    found = verify(run)
+    assert (found.status, found.frames, len(found.missing)) == (Status.INTERRUPTED, 1, EACH - found.written)
     taken(film, run, 3 * EACH, resume=True)
     assert verify(run).complete
     assert plan_in(run).frames >= 3
@@ -177,6 +216,22 @@ def test_in_a_series_nobody_would_stop_it(film: Path, tmp_path: Path) -> None:
     assert refused.returncode == 2
     assert "nobody stops the scans of a series" in refused.stderr
     assert not (tmp_path / "series").exists()
+
+
+def test_what_a_copy_that_was_killed_left_is_cleared_by_recovering(film: Path, tmp_path: Path) -> None:
+    run, left = tmp_path / "run.h5", tmp_path / f"run.h5.{'0' * 16}.new"
+    taken(film, run, 20)
+    left.write_bytes(b"half a copy")
+    recover(run, tmp_path / "saved.h5")
+    assert not left.exists()
+
+
+def test_room_for_the_end_is_kept_free(film: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run.h5"
+    taken(film, run, 20)
+    here = free_to_end(run, tmp_path)
+    assert here <= free_bytes(tmp_path) - 512 * run.stat().st_blocks + (1 << 20)
+    assert free_to_end(tmp_path / "other.h5", tmp_path) > here
 
 
 def _killed(film: Path, run: Path) -> None:
@@ -217,6 +272,8 @@ def test_a_disk_without_room_for_the_end_leaves_the_film_as_it_is(
         coming.close()
     found = verify(run)
     assert (found.status, found.intact, plan_in(run).until_stopped) == (Status.INTERRUPTED, True, True)
+    with pytest.raises(StorageError, match=r"was not cut .* `nlos recover .*run\.h5 -o NEW\.h5`, on a disk with room"):
+        end_film(run)
     monkeypatch.undo()
     monkeypatch.setattr(frames_module, "MOST_VISITS", 40 * EACH)
     taken(film, run, EACH, resume=True)
@@ -254,9 +311,9 @@ def test_a_part_of_its_last_frame_is_no_picture_in_replay(film: Path, tmp_path: 
     assert live.over == 2
 
 
-@pytest.fixture
-def stopped(film: Path, tmp_path: Path) -> Iterator[tuple[int, str, str]]:
-    """The command, told to stop once some frames are taken."""
+@pytest.fixture(params=[1, 2])
+def stopped(film: Path, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[tuple[int, str, str]]:
+    """The command, told to stop once some frames are taken, once or twice in a hurry."""
     witness = tmp_path / "witness.txt"
     bench = find("bench", "moving").read_text()
     (tmp_path / "bench.yaml").write_text(bench.replace("simulation:\n", f"simulation:\n  witness: {witness}\n"))
@@ -269,7 +326,9 @@ def stopped(film: Path, tmp_path: Path) -> Iterator[tuple[int, str, str]]:
         until_s = time.monotonic() + 240
         while not (witness.exists() and witness.read_text().count("beam to") > 9 * EACH) and time.monotonic() < until_s:
             time.sleep(0.01)
-        child.send_signal(signal.SIGINT)
+        for _ in range(request.param):
+            child.send_signal(signal.SIGINT)
+            time.sleep(0.02)
         told, said = child.communicate(timeout=240)
         yield child.returncode, told, said
     finally:
@@ -282,8 +341,8 @@ def test_the_command_ends_well_when_it_is_stopped(stopped: tuple[int, str, str],
     code, told, said = stopped
     assert code == 0, said
     assert "until stopped, at most" in said
-    frames = plan_in(tmp_path / "run.h5").frames
-    assert f"run.h5: {frames} frames, " in told
+    plan = plan_in(tmp_path / "run.h5")
+    assert f"run.h5: {len(plan) // EACH} frames{' and a part of one' if len(plan) % EACH else ''}, " in told
     assert (tmp_path / "run" / "reconstruction.h5").exists()
     witness = (tmp_path / "witness.txt").read_text()
     assert witness.rindex("shutter closed") > witness.rindex("shutter open")

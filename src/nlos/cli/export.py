@@ -15,6 +15,7 @@ from nlos.acquisition.exporters.scan_arrays import ScanArrays, Scanner, arrays_o
 from nlos.acquisition.exporters.ytal import write_ytal
 from nlos.acquisition.importers.isolated import check_isolated, read_isolated
 from nlos.acquisition.importers.magic import is_recording
+from nlos.acquisition.recording.frames import ended_plan
 from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.calibration.errors import InvalidData as InvalidCalibration
 from nlos.cli.contradictions import refuse_without
@@ -93,7 +94,8 @@ def _write_scan(run: Path, word: str, partial: Path, target: Path) -> list[str]:
     frames = 1
     if is_recording(run):
         with open_checked(run) as recording:
-            arrays, frames = arrays_of_recording(recording), recording.plan.frames
+            arrays = arrays_of_recording(recording)
+            frames = ended_plan(recording.plan, recording.intact_records()).frames
     else:
         arrays = arrays_of_import(read_isolated(run), run)
     if not (arrays.exposure_s > 0).any():

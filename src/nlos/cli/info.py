@@ -115,6 +115,8 @@ def _of_recording(recording: "Recording") -> dict[str, Any]:
 
 
 def _planned(plan: "ScanPlan") -> str:
+    if plan.until_stopped:
+        return f"at most {len(plan)}, until stopped"
     return str(len(plan)) if plan.budget is None else f"at most {plan.most_samples}, {len(plan)} candidates"
 
 

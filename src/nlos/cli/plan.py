@@ -225,10 +225,15 @@ def _tell(plan: "ScanPlan", choice: "Choice", other_axis: str) -> None:
         scheme=choice.scheme.value,
         why=choice.why,
     )
+    took = f"{forecast.total_s:.1f} s ({low_s:.1f} to {high_s:.1f} s)"
+    if plan.until_stopped:
+        took = f"until stopped, at most {forecast.total_s:.1f} s"
     terminal.result(
-        f"duration   {forecast.total_s:.1f} s ({low_s:.1f} to {high_s:.1f} s): "
+        f"duration   {took}: "
         + ", ".join(f"{name.removesuffix('_s')} {seconds:.1f} s" for name, seconds in parts.items()),
         duration_s=forecast.total_s, band_s=[low_s, high_s], parts=parts,
     )  # fmt: skip
-    until = f" at most, {disk / forecast.total_s * 60 / 1e6:.0f} MB a minute" if plan.until_stopped else ""
+    until = ""
+    if plan.until_stopped:
+        until = f" at most, {disk / forecast.total_s * 60 / 1e6:.3g} MB a minute, and as much again while it ends"
     terminal.result(f"disk       {disk / 1e6:.1f} MB{until}", disk_bytes=disk)

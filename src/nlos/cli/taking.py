@@ -161,7 +161,7 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
     """Checks, then scans into the target. Whatever happens, the shutter is closed before the recording is."""
 
     prepared = prepare(request, bench)
-    plan, target = prepared.request.plan, request.target
+    plan = prepared.request.plan
     if other_axis := refitted(request.plan.axis, plan.axis):
         terminal.log(f"warning: {other_axis}")
     for warning in prepared.warnings:
@@ -176,7 +176,7 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
     terminal.log(f"scheme {prepared.choice.scheme.words}, {expected}; {prepared.choice.why}")
     prepared.alarms.wait_for_rates(bench)
     enough, adviser = watching.enough(prepared), watching.adviser(prepared)
-    safe = ""
+    ending: ScanEnding | None = None
     try:
         with ExitStack() as stack:
             with undisturbed():  # a recording that is begun is ended, whenever a signal comes
@@ -186,8 +186,7 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
                     return
                 progress = Progress(None if plan.until_stopped else plan.most_samples, len(begun.taken))
                 control = ScanControl(lambda why: _ask(interrupts, progress, writer, why))
-                ending = stack.enter_context(ScanEnding(bench, writer, control, "--resume"))
-                safe = ending.safe
+                ending = stack.enter_context(ScanEnding(bench, writer, control, "--resume", terminal.log))
             interrupts.pauses(control, bench.settings.shutter_on != "nothing")
             watching.show(prepared)
             start_s = bench.clock.now() - begun.elapsed_s
@@ -203,31 +202,44 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
                     if adviser is not None:
                         adviser.add(sample)
     except SafetyTrip as error:
-        if not safe:  # before the recording was begun
+        if ending is None:  # before the recording was begun
             raise
         raise Stopped(ExitCode.ALARM, str(error)) from error
-    except (KeyboardInterrupt, SystemExit):
-        if safe:
-            terminal.log(f"nlos: ended by a signal. {safe}", -9)
-        raise
+    except (KeyboardInterrupt, SystemExit) as error:
+        if ending is None:
+            raise
+        if not (ending.film is not None and ending.complete and isinstance(error, KeyboardInterrupt)):
+            terminal.log(f"nlos: ended by a signal. {ending.safe}", -9)
+            raise
+    assert writer is not None
+    assert ending is not None
     duration_s = bench.clock.now() - start_s - begun.away_s
-    planned, predicted = plan.most_samples, f" ({forecast_s:.1f} s predicted)"
-    points = f"{writer.acknowledged} of {'at most ' if plan.budget is not None else ''}{planned}"
-    if ending.film is not None:
-        planned, predicted = len(ending.film.plan), ""
-        points = f"{ending.film.plan.frames} frames, {writer.acknowledged}"
-    terminal.result(
-        f"{target}: {points} points in {duration_s:.1f} s of bench time{predicted}",
-        recording=str(target), taken=writer.acknowledged - len(begun.taken), points=writer.acknowledged,
-        planned=planned, bench_s=duration_s, predicted_s=forecast_s,
-        scheme=prepared.choice.scheme.value, status="complete" if ending.complete else "interrupted",
-    )  # fmt: skip
+    _tell_taken(prepared, ending, writer.acknowledged, len(begun.taken), duration_s)
     if enough is not None and enough.said:
         terminal.result(
             f"the picture at the last look: {enough.said}", until={"reached": enough.reached, "said": enough.said}
         )
     if not ending.complete and (interrupts.seen or enough is None or not enough.reached):
         raise Stopped(ExitCode.INTERRUPTED, f"ended by Ctrl-C. {ending.safe}")
+
+
+def _tell_taken(prepared: PreparedScan, ending: ScanEnding, points: int, before: int, duration_s: float) -> None:
+    """What was taken of what was planned, in which time; of a film until it is stopped, its frames."""
+    plan, forecast_s = prepared.request.plan, prepared.choice.forecast.total_s
+    planned, why = plan.most_samples, f" ({forecast_s:.1f} s predicted)"
+    predicted_s: float | None = forecast_s
+    said = f"{points} of {'at most ' if plan.budget is not None else ''}{planned} points"
+    if ending.film is not None:
+        planned, predicted_s, why, said = len(ending.film.plan), None, "", ending.film.said()
+    elif plan.until_stopped and ending.complete:
+        why = "; the recording is full, and the film ended by itself"
+    terminal.result(
+        f"{prepared.request.target}: {said} in {duration_s:.1f} s of bench time{why}",
+        recording=str(prepared.request.target), taken=points - before, points=points, planned=planned,
+        bench_s=duration_s, predicted_s=predicted_s, scheme=prepared.choice.scheme.value,
+        status="complete" if ending.complete else "interrupted",
+        **({} if plan.frames == 1 else {"frames": (ending.film.plan if ending.film is not None else plan).frames}),
+    )  # fmt: skip
 
 
 def _ask(interrupts: Interrupts, progress: Progress, writer: "RecordingWriter", why: str) -> bool:

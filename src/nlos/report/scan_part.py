@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nlos.acquisition.recording.frames import frame_table
+from nlos.acquisition.recording.frames import ended_plan, frame_table
 from nlos.acquisition.scanning.advice import reasons
 from nlos.report.html import folded, picture, table
 
@@ -40,7 +40,8 @@ def scan_part(recording: "Recording") -> ScanPart:
 def _sentence(recording: "Recording") -> str:
     from nlos.recon.small_print import si
 
-    plan, records = recording.plan, recording.intact_records()
+    records = recording.intact_records()
+    plan = ended_plan(recording.plan, records)
     done, live_s = len(records), float(records["live_time_s"].sum())
     light = f"{si(float(records['total_count'].sum()))}photons"
     how = "every point was measured" if done == len(plan) else f"{done:,} of {len(plan):,} points were measured"
@@ -59,8 +60,9 @@ def _sentence(recording: "Recording") -> str:
 
 
 def _about(recording: "Recording") -> str:
-    plan, header = recording.plan, recording.header
-    records, planned = recording.intact_records(), f"{'at most ' if plan.budget else ''}{plan.most_samples}"
+    header, records = recording.header, recording.intact_records()
+    plan = ended_plan(recording.plan, records)
+    planned = f"{'at most ' if plan.budget else ''}{plan.most_samples}"
     live_s = float(records["live_time_s"].sum())
     rows = {
         "Started": header.started_utc or "not stored",
