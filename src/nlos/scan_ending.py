@@ -1,7 +1,7 @@
 """How a scan's recording ends: with the status that fits, whatever ended the scan and whenever."""
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from types import TracebackType
 
 from nlos.acquisition.errors import StorageError
@@ -14,7 +14,7 @@ from nlos.drivers.errors import DeviceError, Preempted, SafetyTrip
 from nlos.drivers.exit_paths import undisturbed
 
 LONG_BYTES = 1 << 27
-"""Of counts: more take more than a second to copy."""
+"""Of counts: more take more than a second or two to copy, which a signal may break off."""
 
 
 class ScanEnding(AbstractContextManager["ScanEnding"]):
@@ -67,12 +67,14 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
     def _end_film(self, error: BaseException | None) -> None:
         """The light is off and the samples are safe: what cannot be done now `nlos recover` does later."""
         samples, bins = self._writer.acknowledged, self._writer.plan.axis.bins
-        if (size := 4 * samples * bins) > LONG_BYTES:
+        takes_long = (size := 4 * samples * bins) > LONG_BYTES
+        if takes_long:
             self._tell(f"{self._writer.path}: ending the film, {size / 1e6:.0f} MB are copied")
         self._uncut = samples > self._writer.plan.first_round
         try:
-            self.film = end_film(self._writer.path)
-            self._uncut = False
+            with nullcontext() if takes_long else undisturbed():
+                self.film = end_film(self._writer.path)
+                self._uncut = False
         except StorageError as failure:
             if error is None:
                 raise
