@@ -128,9 +128,9 @@ def written(found: Known, samples: int, seeds: Sequence[int]) -> str:
         "",
         f"Every row is trained on the same {samples:,} scenes, one a step ({SMALL['rows']} x {SMALL['cols']} points, "
         f"{SMALL['bins']} bins of {SMALL['bin_width_ps']:g} ps), with each of {len(seeds)} seeds, and judged on "
-        f"{len(next(iter(JUDGED.values())))} scenes of kinds that none was trained on (the last table on other scenes "
-        "of its kind), for each range of noise. Differences are to the last row of the table, paired over scenes and "
-        "seeds, ± one standard error of both; a "
+        f"{len(next(iter(JUDGED.values())))} scenes of kinds that none was trained on (the last two tables on other "
+        "scenes of its kind), for each range of noise. Differences are to the last row of the table, paired over "
+        "scenes and seeds, ± one standard error of both; a "
         "difference is told from nothing, and marked *, where it has more than one seed and lies above so many of its "
         "errors as Student's distribution has at 95 % for so few seeds (2 to 12). Of those that are nothing one in "
         "twenty is told all the same, of two seeds up to one in nine, and there are hundreds here. The paper's "

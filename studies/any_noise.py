@@ -1,10 +1,13 @@
 """Fits the estimate of noise of any kind that comes with NANO's weights, on simulated scans of known noise.
 
 `python -m studies.any_noise gather FOLDER` draws the scans (half an hour of a core),
-`python -m studies.any_noise fit FOLDER recon/weights/nano.noise` fits the network to them. Scenes are of the kinds that
-NANO is trained on; those that are held out, and everything measured, are never seen.
+`python -m studies.any_noise fit FOLDER recon/weights/nano.noise [KEPT.noise]` fits the networks to them. Those
+that ship keep what was fitted for many points before there were networks for few: another fit of these was a little
+worse on measured scans. Scenes are of the kinds that NANO is trained on; those that are held out, and everything
+measured, are never seen.
 """
 
+import math
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,9 +18,10 @@ import numpy as np
 import numpy.typing as npt
 import torch
 import torch.nn.functional as F
+from safetensors.torch import load_file
 from torch import Tensor, nn
 
-from nlos.recon.layers.any_noise import INPUTS, OWN, PEAK, AnyNoise, noise_traits
+from nlos.recon.layers.any_noise import INPUTS, MANY, OWN, PEAK, POINTS, AnyNoise, noise_traits
 from nlos.recon.layers.counts import added
 from nlos.recon.layers.rates import rates_of
 from nlos.recon.layers.wiener_volumes import rebinned_axis
@@ -29,7 +33,7 @@ from nlos.recon.training.scenes import make_scene
 from nlos.recon.weights.files import save, sha256_of
 from studies.noise_figure import KINDS
 
-STEPS, BATCH, RATE, DECAY = 16000, 512, 2e-3, 0.1
+STEPS, BATCH, RATE, DECAY = 8000, 512, 2e-3, 0.1
 EVERY = 10  # one scene in so many is kept for validation
 AROUND = 0.02  # noise of the inputs, in their standard deviations
 
@@ -37,7 +41,7 @@ AROUND = 0.02  # noise of the inputs, in their standard deviations
 @dataclass(frozen=True)
 class Part:
     """Scans of scenes of one seed: (rows, columns, bins, bin in ps, wall in m, weight) of the grids, kinds of noise,
-    share of sparse scans and of slow detectors, and how often a scan of it is drawn, to one of the others."""
+    share of sparse scans and of slow detectors, and whether it is for the networks for few points alone."""
 
     seed: int
     scenes: int
@@ -45,7 +49,7 @@ class Part:
     kinds: tuple[str, ...]
     sparse: float
     slow: float
-    drawn: float = 1.0
+    few: bool = False
 
 
 ALIKE = ("photons", "uniform", "grain", "grain", "uniform")
@@ -63,7 +67,7 @@ PARTS = (
     Part(
         8, 2000,
         ((32, 32, 256, 64.0, 2.0, 0.25), (16, 16, 256, 64.0, 2.0, 0.4), (8, 8, 256, 64.0, 2.0, 0.35)),
-        ("photons", "uniform", "grain", "photons", "uniform", "grain"), 0.25, 0.0, 0.15,
+        ("photons", "uniform", "grain", "photons", "uniform", "grain"), 0.25, 0.0, True,
     ),
 )  # fmt: skip
 Counts = npt.NDArray[np.float32]
@@ -145,21 +149,28 @@ def gather(folder: Path) -> None:
         np.savez(path, traits=np.array(traits), levels=np.array(levels), scenes=np.array(scenes))
 
 
-def fit(folder: Path, weights: Path) -> None:
-    """Fits, prints the error in decades on held-out scenes, and stores."""
+def fit(folder: Path, weights: Path, kept: Path | None = None) -> None:
+    """Fits, prints the error in decades on held-out scenes, and stores. `kept`: weights of before, whose networks for
+    many points stay as they are."""
     parts = [np.load(folder / f"{part.seed}.npz") for part in PARTS]
     traits, levels = (
         torch.from_numpy(np.concatenate([p[name] for p in parts])).float() for name in ("traits", "levels")
     )
     left_out = torch.from_numpy(np.concatenate([p["scenes"] for p in parts]) % EVERY == 0)
-    drawn = torch.cat([torch.full((len(p["levels"]),), part.drawn) for part, p in zip(PARTS, parts, strict=True)])
+    few = torch.cat([torch.full((len(p["levels"]),), part.few) for part, p in zip(PARTS, parts, strict=True)])
     usable = torch.isfinite(traits).all(dim=1) & torch.isfinite(levels)
-    traits, levels, left_out, drawn = traits[usable], levels[usable], left_out[usable], drawn[usable]
+    traits, levels, left_out, few = traits[usable], levels[usable], left_out[usable], few[usable]
     network = AnyNoise()
     wanted = levels - (traits[:, 0] - traits[:, OWN + PEAK])
-    for seed, member in enumerate(network.corrections):
-        torch.manual_seed(seed)
-        fit_one(cast(nn.Sequential, member), traits[~left_out], wanted[~left_out], drawn[~left_out])
+    if kept is not None:
+        network.load_state_dict(load_file(kept), strict=False)
+    for members, seen in (
+        (network.corrections if kept is None else (), ~left_out & ~few),
+        (network.few, ~left_out & (traits[:, POINTS] < math.log10(MANY))),
+    ):
+        for seed, member in enumerate(members):
+            torch.manual_seed(seed)
+            fit_one(cast(nn.Sequential, member), traits[seen], wanted[seen])
     with torch.no_grad():
         error = network(traits[left_out]) - levels[left_out]
     rms, scans_seen = float(error.square().mean().sqrt()), int((~left_out).sum())
@@ -168,15 +179,15 @@ def fit(folder: Path, weights: Path) -> None:
     save(weights, dict(network.named_parameters()), about)
 
 
-def fit_one(member: nn.Sequential, traits: Tensor, wanted: Tensor, drawn: Tensor) -> None:
-    """Fits a network to corrections `wanted` (N,) of traits (N, INPUTS), each as often as `drawn` (N,) says; Huber's
-    loss, for a few scans are far off."""
+def fit_one(member: nn.Sequential, traits: Tensor, wanted: Tensor) -> None:
+    """Fits a network to corrections `wanted` (N,) of traits (N, INPUTS); Huber's loss, for a few scans
+    are far off."""
     mean, deviation = traits.mean(dim=0), traits.std(dim=0).clamp(min=1e-3)
     inputs = (traits - mean) / deviation
     optimiser = torch.optim.AdamW(member.parameters(), lr=RATE, weight_decay=DECAY)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, STEPS)
     for _ in range(STEPS):
-        batch = torch.multinomial(drawn, BATCH, replacement=True)
+        batch = torch.randint(len(inputs), (BATCH,))
         found = member(inputs[batch] + AROUND * torch.randn(BATCH, INPUTS))[:, 0]
         optimiser.zero_grad()
         F.huber_loss(found, wanted[batch], delta=0.1).backward()  # type: ignore[no-untyped-call]
@@ -192,4 +203,4 @@ if __name__ == "__main__":
     if sys.argv[1] == "gather":
         gather(Path(sys.argv[2]))
     else:
-        fit(Path(sys.argv[2]), Path(sys.argv[3]))
+        fit(*map(Path, sys.argv[2:]))

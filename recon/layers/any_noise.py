@@ -15,6 +15,8 @@ INPUTS = BELOW + 3 + len(ORDERS) + KNOWN
 POWER = 1 + 2 * len(DIM)  # among the statistics of photons: the signal's mean over itself
 PEAK = POWER + len(LAGS) + 2  # and its mean peak, of averages over 3 x 3 points
 OWN = INPUTS - KNOWN  # where these statistics begin among the traits
+POINTS = BELOW + 1  # where log10 of the points measured is
+FEW, MANY = 300, 700  # points up to which, and from which on, networks of their own correct the ratio
 ENOUGH = 4.0  # frequencies
 AGREE = 0.07  # decades: photon statistics that lie no farther from the estimate of any kind are left as they are
 
@@ -28,14 +30,23 @@ class AnyNoise(nn.Module):
     cone can be told from light, differences along time stand in for it.
     """
 
-    def __init__(self, width: int = 128, members: int = 3):
+    def __init__(self, width: int = 64, members: int = 3):
         super().__init__()
         self.corrections = nn.ModuleList(correction(width) for _ in range(members))
+        self.few = nn.ModuleList(correction(width) for _ in range(members))
+        """For scans of whole grids of `FEW` points and fewer."""
 
-    def forward(self, traits: Tensor) -> Tensor:
-        """traits (B, INPUTS), as `noise_traits` makes them -> (B,)."""
-        corrections = torch.stack([network(traits)[:, 0] for network in self.corrections])
-        return traits[:, 0] - traits[:, OWN + PEAK] + corrections.mean(dim=0)
+    def forward(self, traits: Tensor, kept: Tensor | None = None) -> Tensor:
+        """traits (B, INPUTS), as `noise_traits` makes them -> (B,). `kept` (B,): of the grid's points so many were
+        measured, all unless given; scans with gaps are no coarse ones."""
+        many, few = (
+            torch.stack([network(traits)[:, 0] for network in members]).mean(dim=0)
+            for members in (self.corrections, self.few)
+        )
+        share = ((math.log10(MANY) - traits[:, POINTS]) / math.log10(MANY / FEW)).clamp(0, 1)
+        if kept is not None:
+            share = share * (kept.reshape(-1) >= 1).to(share)
+        return traits[:, 0] - traits[:, OWN + PEAK] + torch.lerp(many, few, share)
 
 
 def correction(width: int) -> nn.Sequential:

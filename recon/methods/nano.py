@@ -181,7 +181,7 @@ class Nano(nn.Module):
             return eta, spread, torch.full_like(eta, torch.nan)
         wall, time = self.physics.wall, self.physics.time
         traits = noise_traits(rates, known, eta, (wall.height_m, wall.width_m), time.bin_width_s)
-        return eta, spread, torch.where(rates.presence > 0, self.any_noise(traits), torch.nan)
+        return eta, spread, torch.where(rates.presence > 0, self.any_noise(traits, rates.kept), torch.nan)
 
     # B. The operator, S times (algorithm 1)
 
