@@ -211,11 +211,14 @@ def _of_printed(network: faithful.Faithful, counts: Tensor, exposure: Tensor | N
 
 
 def trained() -> dict[str, tuple[Path, dict[str, Any]]]:
-    """Weights of `make studies` by passes, and what is switched in them, by what they are called in the figure."""
+    """Weights of `make studies` by passes, of the first seed that is there, and what is switched in them, by what they
+    are called in the figure."""
     found = {}
     for row in reversed(TABLES[PASSES]):
-        path, done = folder_of(row, SAMPLES, SEEDS[0]) / WEIGHTS, kept_of(row, SAMPLES, SEEDS[0]).exists()
-        if done and path.exists():
+        there = [seed for seed in SEEDS if (folder_of(row, SAMPLES, seed) / WEIGHTS).exists()]
+        done = [seed for seed in there if kept_of(row, SAMPLES, seed).exists()]
+        if done:
+            path = folder_of(row, SAMPLES, done[0]) / WEIGHTS
             found[f"faithful, {SAMPLES:,} samples, {row.name}"] = path, row.switches
     return found
 

@@ -71,6 +71,7 @@ def test_the_first_picture_of_a_film_builds_nothing_and_aligns_nothing(
             held.add(sample)
         pictures.watch()
     pictures.finish()
+    pictures.watch()  # the newest frame has waited for a core
     assert sorted(set(made)) == ["lct", "nano"]  # before there is a whole scan
     assert made.count("nano") == 2 * 2  # both kinds on both cores
     assert not held.film.waiting
