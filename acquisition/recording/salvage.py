@@ -74,7 +74,8 @@ class EndedFilm:
         """How many frames it has."""
         points = np.bincount(self.plan.pass_)
         part = "" if points[-1] == self.plan.frame_points[-1] else " and a part of one"
-        return f"{len(points) - bool(part)} frames{part}, {len(self.plan)} points"
+        whole = len(points) - bool(part)
+        return f"{whole} frame{'' if whole == 1 else 's'}{part}, {len(self.plan)} points"
 
 
 def end_film(path: Path) -> EndedFilm | None:
@@ -85,7 +86,7 @@ def end_film(path: Path) -> EndedFilm | None:
     try:
         with Recording.open(path) as recording:
             records = recording.intact_records()
-            if len(records) <= recording.plan.first_round:
+            if len(records) < recording.plan.first_round:
                 return None
             plan = ended_plan(recording.plan, records)
             fresh, samples = _copied(recording, path, plan)

@@ -70,7 +70,7 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
         takes_long = (size := 4 * samples * bins) > LONG_BYTES
         if takes_long:
             self._tell(f"{self._writer.path}: ending the film, {size / 1e6:.0f} MB are copied")
-        self._uncut = samples > self._writer.plan.first_round
+        self._uncut = samples >= self._writer.plan.first_round
         try:
             with nullcontext() if takes_long else undisturbed():
                 self.film = end_film(self._writer.path)

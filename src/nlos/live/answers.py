@@ -173,7 +173,7 @@ def _status(scan: LiveScan, seen: Seen) -> str:
     """The file's status, or `paused` or `lost`, which it does not know."""
     if seen.status.name == "INTERRUPTED" and seen.plan.until_stopped and scan.gathered is not None:
         # That is how it ends, unless all of the wall has not come once.
-        return "complete" if len(scan.gathered.samples) > seen.plan.first_round else "interrupted"
+        return "complete" if len(scan.gathered.samples) >= seen.plan.first_round else "interrupted"
     if seen.status.name != "RUNNING":
         return seen.status.name.lower()
     if scan.error is not None:
