@@ -5,7 +5,7 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
 
-SIZES = (1, 3, 5, 7, 9)
+SIZES = (3, 5, 7, 9)
 """Places that a line goes through."""
 AGREE = 1.0
 """Of the errors of two lines, added: places by them that are farther apart than that do not lie on one line. With more
@@ -39,7 +39,7 @@ def on_line(
     nearest = nearest[away_s[nearest] <= most * float(np.median(np.diff(time_s)))] if len(nearest) > 1 else nearest
     place, error = places[at], off_m
     low, high = place - AGREE * off_m, place + AGREE * off_m
-    for count in SIZES[1:]:
+    for count in SIZES:
         if count > min(most, len(nearest)):
             break
         some = nearest[:count]

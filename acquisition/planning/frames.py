@@ -39,8 +39,8 @@ def in_frames(positions: Positions, visits: Visits, frames: int, parts: Parts) -
 def most_frames(points: int, parts: Parts, bins: int, largest_bytes: int) -> int:
     """How many frames of so many points in all parts a recording of a film that somebody ends may hold: whole rounds
     of the parts, one at least."""
-    of_round = min(MOST_VISITS, largest_bytes // (4 * bins)) // points
-    return max(min(of_round, MOST_FRAMES // parts), 1) * parts
+    rounds = min(MOST_VISITS, largest_bytes // (4 * bins)) // points
+    return max(min(rounds, MOST_FRAMES // parts), 1) * parts
 
 
 def part_of(positions: Positions, parts: Parts) -> npt.NDArray[np.intp]:

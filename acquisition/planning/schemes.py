@@ -17,7 +17,7 @@ from nlos.drivers.bench import Bench
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles, own_clock
 
-ALIKE = 1 << 15
+FORECAST_POINTS = 1 << 15
 """Points of the beginning of a film, and as many again, from which a forecast takes what a longer one costs."""
 
 
@@ -89,7 +89,7 @@ def choose(
     if (
         scheme is not Scheme.PLAYED
         and plan.within_px is not None
-        and np.median(plan.dwell_s) < np.median(moves_s(bench, angles[:ALIKE]))
+        and np.median(plan.dwell_s) < np.median(moves_s(bench, angles[:FORECAST_POINTS]))
     ):
         try:
             swept = forecast(Scheme.SWEPT, plan, bench, angles, links, lag)
@@ -170,11 +170,11 @@ def _of_frames(
 ) -> Forecast:
     """The forecast of a plan; of a film whose frames are many from those of its beginning, as later ones are alike."""
     cycle = int(np.count_nonzero(plan.pass_ < plan.cycle)) if plan.frames > 1 else len(plan)
-    short = -(-ALIKE // cycle) * cycle
+    short = -(-FORECAST_POINTS // cycle) * cycle
     if 2 * short >= len(plan):
         return of(plan, bench, angles, links)
     once, twice = (of(plan.only(np.arange(count)), bench, angles[:count], links) for count in (short, 2 * short))
-    return once.going_on(twice, len(plan) / short)
+    return once.extended(twice, len(plan) / short)
 
 
 def _obstacle(bench: Bench) -> str:

@@ -99,7 +99,7 @@ class Forecast:
         least_s = self.certain * (self.total_s - slack_s)
         return max(self.certain * self.dwell_s, least_s), self.total_s + slack_s
 
-    def going_on(self, twice: "Forecast", times: float) -> "Forecast":
+    def extended(self, twice: "Forecast", times: float) -> "Forecast":
         """Of a plan `times` as long, whose second part, to which `twice` goes, is as all of its later ones are."""
         parts = ("dwell_s", "settle_s", "links_s", "upload_s")
         first, second = ({name: getattr(each, name) for name in parts} for each in (self, twice))

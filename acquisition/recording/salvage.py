@@ -1,13 +1,11 @@
 """What a crash left: recovered into a new file, or resumed."""
 
-import json
 import math
 import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -22,23 +20,16 @@ from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.read_by_child import check_recording, open_checked
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.rescue import copied, written_unix_s
+from nlos.acquisition.recording.same_scan import check_same_scan
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.recording.writer_lock import WriterLock, clear_left_lock, is_locked
 from nlos.drivers.clock import Clock
-from nlos.drivers.galvo.known_mirrors import MIRRORS
-from nlos.drivers.identity import DeviceIdentity
-from nlos.drivers.tcspc.known_counters import COUNTERS
 
-_SHOWN = 60
 UNCUT = (
     "Its samples are safe. `nlos recover {path} -o NEW.h5`, on a disk with room for them, makes the recording of its "
-    "frames; `--resume` goes on with the film."
+    "frames; `--resume` resumes the film."
 )
 """Of the recording of a film that was stopped and could not be ended."""
-
-
-class ResumeRefused(InvalidData):
-    """The recording was made with another plan, other constants or other devices, or it is another run's."""
 
 
 def recover(path: Path, target: Path, *, overwrite: bool = False) -> int:
@@ -81,7 +72,7 @@ class EndedFilm:
 def end_film(path: Path) -> EndedFilm | None:
     """A film until it is stopped was: its recording becomes one of the frames that it has. None, and nothing is
     changed, where less than all points of the wall came once. Raises `StorageError`."""
-    path = path.resolve()
+    path = _behind_link(path)
     lock = WriterLock(path)
     try:
         with Recording.open(path) as recording:
@@ -105,6 +96,11 @@ def end_film(path: Path) -> EndedFilm | None:
         lock.release()
 
 
+def _behind_link(path: Path) -> Path:
+    """The file itself: what is copied is renamed over it, and never over a link to it."""
+    return path.resolve() if path.is_symlink() else path
+
+
 def _clear_beside(path: Path) -> None:
     """What a killed process left half done beside it, unless somebody writes it."""
     with suppress(StorageError):
@@ -120,7 +116,7 @@ def _copied(recording: Recording, target: Path, plan: ScanPlan) -> tuple[Path, i
     warning = recording.condition().warning
     kind, note = "salvaged", f"copied from {recording.path.name}"
     if recording.plan.until_stopped != plan.until_stopped:
-        kind, note = "film", "goes on" if plan.until_stopped else f"ended in frame {plan.frames - 1}"
+        kind, note = "film", "resumed" if plan.until_stopped else f"ended in frame {plan.frames - 1}"
     return copied(recording, target, status, (kind, f"{note}{warning and f'; {warning}'}"), plan=plan)
 
 
@@ -148,7 +144,7 @@ def resume(
     `ResumeRefused` where plan, constants or devices are not those of the recording, or with `same_run` its identity;
     `StorageError` where another process writes it, or where some of it cannot be read: then nothing is changed.
     """
-    path = path.resolve() if path.is_symlink() else path  # what is copied comes beside the file, not the link
+    path = _behind_link(path)
     lock = WriterLock(path)
     try:
         if path.exists():
@@ -162,7 +158,7 @@ def resume(
                 path.unlink()
             else:
                 with recording:
-                    _same_scan(recording, plan, header, same_run)
+                    check_same_scan(recording, plan, header, same_run)
                     return _resumed(recording, plan, lock, clock)
         return Resumed(RecordingWriter.create(path, plan, header, clock=clock, lock=lock), {}, 0.0)
     except BaseException:
@@ -222,97 +218,3 @@ def _since_the_last(recording: Recording) -> tuple[float, float]:
     bench_s = max((recording.elapsed_s, *(event.bench_s for event in events)))
     unix_s = max((written_unix_s(recording) or 0.0, *(event.unix_s for event in events)))
     return bench_s, max(time.time() - unix_s, 0.0) if unix_s > 0 else 0.0
-
-
-def _same_scan(recording: Recording, plan: ScanPlan, header: Header, same_run: bool) -> None:
-    place = f"{recording.path}: cannot be resumed: "
-    remedy = ". Go back to what it was made with, or start a new recording."
-    if not _goes_on(recording.plan, plan):
-        raise ResumeRefused(f"{place}its plan is not the one given ({_other_plan(recording.plan, plan)}){remedy}")
-    if other := _other_constants(json.loads(recording.header.constants_json), json.loads(header.constants_json)):
-        raise ResumeRefused(f"{place}it was taken with other calibration constants ({other}){remedy}")
-    then, now = (json.loads(each.bench_json) for each in (recording.header, header))
-    if other := _other_geometry(then, now, json.loads(header.constants_json)):
-        raise ResumeRefused(f"{place}the bench file's geometry, by which it was aimed, is another ({other}){remedy}")
-    if same_run and recording.header.identity != header.identity:
-        raise ResumeRefused(f"{place}it is a recording of another run. Choose another folder or name.")
-    if difference := _other_device(recording.header.devices, header.devices):
-        raise ResumeRefused(f"{place}{difference}{remedy}")
-    if other := _other_bench(then, now):
-        raise ResumeRefused(f"{place}the bench file says otherwise by now ({other}){remedy}")
-
-
-def _goes_on(before: ScanPlan, now: ScanPlan) -> bool:
-    """Whether they are the same, or one is of a film until it is stopped and the other of what came of it."""
-    until, of = (now, before) if now.until_stopped else (before, now)
-    if until.until_stopped and not of.until_stopped and len(of) <= len(until):
-        return of == until.ended_after(len(of))
-    return before == now
-
-
-def _other_plan(before: ScanPlan, now: ScanPlan) -> str:
-    both = min(len(before), len(now))
-    if before.until_stopped or now.until_stopped:  # one may only have got farther
-        before, now = before.ended_after(both), now.ended_after(both)
-    if len(before) != len(now):
-        return f"{len(before)} points then, {len(now)} now"
-    if other := _changed(before.scalars(), now.scalars()):
-        return other
-    pairs = ((name, column, now.columns()[name]) for name, column in before.columns().items())
-    for name, then, here in pairs:
-        for point in np.flatnonzero(then != here)[:1]:
-            return f"{name} of point {point}: {then[point]} then, {here[point]} now"
-    return "it has a budget or lines of its own"
-
-
-def _other_constants(before: Any, now: Any) -> str:
-    """Where constants are not those recorded; that none took part is itself recorded."""
-    if bool(before) == bool(now):
-        return _changed(before, now)
-    return f"constants: {_short(before)} then, {_short(now)} now"
-
-
-def _other_geometry(before: Mapping[str, Any], now: Mapping[str, Any], constants: Any) -> str:
-    """Of a scan that is aimed by it and not by constants; what is `allowed` aims nothing."""
-    then, here = (each.get("geometry") or {} for each in (before, now))
-    return "" if constants else _changed({key: then[key] for key in then if key in here and key != "allowed"}, here)
-
-
-def _other_bench(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
-    """What of mirror, counter and laser matters to the photons of a point: everything that a model does not name as
-    incidental. Of the laser, what was known then."""
-    for role, models in (("mirror", MIRRORS), ("counter", COUNTERS), ("laser", {})):
-        then, here = (each.get(role) or {} for each in (before, now))
-        model = models.get(str(here.get("model")))
-        aside = model.settings.incidental if model is not None else frozenset()
-        known = {key: then[key] for key in then if key in here and key not in aside and then[key] not in ("", None)}
-        if other := _changed(known, here):
-            return f"{role}: {other}"
-    return _other_simulation(before.get("simulation") or {}, now.get("simulation") or {})
-
-
-def _other_simulation(then: Mapping[str, Any], here: Mapping[str, Any]) -> str:
-    """Of a simulated bench, whose serial numbers tell nothing: what is on its table, faults and witnesses aside."""
-    known = {key: then[key] for key in then if key in here and key not in ("faults", "witness")}
-    other = _changed(known, here)
-    return other and f"simulation: {other}"
-
-
-def _changed(before: Any, now: Any, name: str = "") -> str:
-    """The first difference, of what was recorded: an earlier version wrote fewer keys. Empty where there is none."""
-    if isinstance(before, dict) and isinstance(now, dict):
-        inner = f"{name}." if name else ""
-        return next((found for key in before if (found := _changed(before[key], now.get(key), inner + key))), "")
-    return "" if before == now else f"{name}: {_short(before)} then, {_short(now)} now"
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
-
-
-def _other_device(before: Mapping[str, DeviceIdentity], now: Mapping[str, DeviceIdentity]) -> str:
-    for role in sorted({*before, *now}):
-        if before.get(role) != now.get(role):
-            return f"its {role} was {before.get(role)}, now it is {now.get(role)}"
-    return ""

@@ -135,6 +135,11 @@ class Expected:
 NOTHING = Expected()
 
 
+def free_bytes(folder: Path) -> int:
+    """Of its disk."""
+    return shutil.disk_usage(folder).free
+
+
 class Alarms:
     """The alarms of one scan on one bench. `folder`: where the recording grows."""
 
@@ -143,11 +148,11 @@ class Alarms:
         settings: AlarmSettings,
         repetition_hz: float,
         folder: Path | None = None,
-        free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
+        free: Callable[[Path], int] = free_bytes,
         expected: Expected = NOTHING,
     ) -> None:
-        """`free_bytes`: of the folder's disk, for this scan."""
-        self._settings, self._repetition_hz, self._folder, self._free = settings, repetition_hz, folder, free_bytes
+        """`free`: how many bytes of the folder's disk are, for this scan."""
+        self._settings, self._repetition_hz, self._folder, self._free = settings, repetition_hz, folder, free
         self._aim, self._usual_dark_hz = expected.aim, expected.usual_dark_hz
         self._direct = expected.direct if settings.expect_direct else None
         self._levels: dict[str, _Level] = defaultdict(_Level)

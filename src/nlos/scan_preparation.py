@@ -1,7 +1,6 @@
 """A scan before its light: everything checked, aimed and described, for the command line and from Python alike."""
 
 import json
-import shutil
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,7 +19,7 @@ from nlos.acquisition.recording.salvage import resume as resumed
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.sample import Sample
 from nlos.acquisition.scanning.advice import Adviser
-from nlos.acquisition.scanning.alarms import Alarms, AlarmSettings, Expected
+from nlos.acquisition.scanning.alarms import Alarms, AlarmSettings, Expected, free_bytes
 from nlos.acquisition.scanning.control import ScanControl
 from nlos.acquisition.scanning.direct_watch import DirectWatch
 from nlos.acquisition.scanning.engine import scan
@@ -127,13 +126,8 @@ def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
     return PreparedScan(request, bench, header, known, aim, lag, choice, alarms, warnings)
 
 
-def free_bytes(folder: Path) -> int:
-    """Of its disk."""
-    return shutil.disk_usage(folder).free
-
-
 def free_to_end(target: Path, folder: Path) -> int:
-    """The same, less what a film until it is stopped takes once more when it is cut to its frames."""
+    """Of the folder's disk, less what a film until it is stopped takes once more when it is cut to its frames."""
     taken = target.stat().st_blocks * 512 if target.exists() and hasattr(target.stat(), "st_blocks") else 0
     return free_bytes(folder) - taken
 

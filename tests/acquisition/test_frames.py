@@ -230,7 +230,7 @@ def test_a_long_film_is_forecast_from_its_beginning(
     with open_bench(bench_settings(name=bench)) as there:
         angles = checked_angles(plan, there, aim_of(there))
         whole = forecast(scheme, plan, there, angles)
-        monkeypatch.setattr(schemes, "ALIKE", 2500)
+        monkeypatch.setattr(schemes, "FORECAST_POINTS", 2500)
         from_beginning = forecast(scheme, plan, there, angles)
     assert from_beginning != whole
     assert from_beginning.dwell_s == pytest.approx(whole.dwell_s)

@@ -20,7 +20,8 @@ from nlos.acquisition.recording import recording as recording_module
 from nlos.acquisition.recording import writer as writer_module
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
-from nlos.acquisition.recording.salvage import ResumeRefused, recover, resume
+from nlos.acquisition.recording.salvage import recover, resume
+from nlos.acquisition.recording.same_scan import ResumeRefused
 from nlos.acquisition.recording.verification import verify
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.sample import Sample

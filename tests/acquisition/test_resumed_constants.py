@@ -10,7 +10,8 @@ import pytest
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
-from nlos.acquisition.recording.salvage import ResumeRefused, resume
+from nlos.acquisition.recording.salvage import resume
+from nlos.acquisition.recording.same_scan import ResumeRefused
 from nlos.acquisition.recording.verification import verify
 from tests.acquisition.test_resuming import sample, write
 

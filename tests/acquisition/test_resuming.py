@@ -19,7 +19,8 @@ from nlos.acquisition.recording.layout import EVENT, EVENT_ROWS, RECORD, STATUS,
 from nlos.acquisition.recording.open_file import open_scan_file
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
-from nlos.acquisition.recording.salvage import ResumeRefused, recover, resume, settle
+from nlos.acquisition.recording.salvage import recover, resume, settle
+from nlos.acquisition.recording.same_scan import ResumeRefused
 from nlos.acquisition.recording.verification import verify
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.recording.writer_lock import WriterLock, is_locked

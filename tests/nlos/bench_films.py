@@ -7,10 +7,12 @@ from typing import Any
 
 import yaml
 
+import nlos
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.sample import Sample
 from nlos.acquisition.scanning.engine import record, scan
 from nlos.configs.load import find, load
 from nlos.drivers.bench import BenchSettings, open_bench
@@ -55,6 +57,21 @@ def _filmed(path: Path, words: Mapping[str, Any], settings: BenchSettings) -> Pa
     with open_bench(settings) as bench, RecordingWriter.create(path, plan, Header(), clock=bench.clock) as writer:
         record(scan(plan, bench), writer)
     return path
+
+
+def taken_by_hand(
+    bench: str | Path, scan_file: Path, run: Path, samples: int | None = None, resume: bool = False
+) -> list[Sample]:
+    """So many more samples into `run`, all unless given; then whoever asked for them goes away."""
+    got = []
+    with nlos.open_bench(bench) as table:
+        coming = nlos.scan(scan_file, table, output=run, resume=resume)
+        for sample in coming:
+            got.append(sample)
+            if len(got) == samples:
+                coming.close()
+                break
+    return got
 
 
 def bench_file(path: Path, *objects: Mapping[str, object]) -> Path:

@@ -22,6 +22,7 @@ from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.replay import replay
 from nlos.acquisition.recording.rescue import written_unix_s
+from nlos.acquisition.recording.same_scan import ResumeRefused
 from nlos.chain import reconstruct_file
 from nlos.drivers.clock import VirtualClock
 from nlos.drivers.simulated.motion import pose_at
@@ -35,7 +36,7 @@ from nlos.recon.errors import NoLight
 from nlos.response import AUTO
 from nlos.results_folder import ResultsFolder
 from tests.command import nlos as command
-from tests.nlos.bench_films import WORDS, bench_file, filmed_objects
+from tests.nlos.bench_films import WORDS, bench_file, filmed_objects, taken_by_hand
 
 LCT = Recipe("lct", constants=Path("none"))
 AWAY_S = 20.0
@@ -55,12 +56,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def taken(bench: Path, run: Path, samples: int | None = None, resume: bool = False) -> Path:
-    with nlos.open_bench(bench) as table:
-        coming = nlos.scan(bench.with_name("film.yaml"), table, output=run, resume=resume)
-        for number, _ in enumerate(coming, 1):
-            if number == samples:
-                coming.close()
-                break
+    taken_by_hand(bench, bench.with_name("film.yaml"), run, samples, resume)
     return run
 
 
@@ -314,7 +310,7 @@ def test_another_scene_on_the_simulated_table_is_refused(bench: Path, tmp_path: 
     run = taken(bench, tmp_path / "run.h5", 200)
     with (
         nlos.open_bench("simulated") as table,
-        pytest.raises(salvage.ResumeRefused, match=r"simulation: scene\.objects"),
+        pytest.raises(ResumeRefused, match=r"simulation: scene\.objects"),
     ):
         list(nlos.scan(bench.with_name("film.yaml"), table, output=run, resume=True))
 

@@ -23,19 +23,21 @@ from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording import rescue
 from nlos.acquisition.recording.frames import frame_table
 from nlos.acquisition.recording.recording import Recording, Status
-from nlos.acquisition.recording.salvage import ResumeRefused, end_film, recover
+from nlos.acquisition.recording.salvage import end_film, recover
+from nlos.acquisition.recording.same_scan import ResumeRefused
 from nlos.acquisition.recording.verification import verify
 from nlos.acquisition.sample import Sample
+from nlos.acquisition.scanning.alarms import free_bytes
 from nlos.acquisition.served.served_copy import copy_served
 from nlos.configs.load import find
 from nlos.film import film_of
 from nlos.live.film import LiveFilm
 from nlos.recipe import Recipe
 from nlos.response import AUTO
-from nlos.scan_preparation import free_bytes, free_to_end
+from nlos.scan_preparation import free_to_end
 from tests.acquisition.serving import serving
 from tests.command import nlos as command
-from tests.nlos.bench_films import WORDS, plan_of
+from tests.nlos.bench_films import WORDS, plan_of, taken_by_hand
 
 UNTIL = {**WORDS, "frames": "until_stopped"}
 EACH = 144
@@ -56,16 +58,7 @@ def film(tmp_path: Path) -> Path:
 
 
 def taken(film: Path, run: Path, samples: int, resume: bool = False) -> list[Sample]:
-    """So many more, then whoever asked for them goes away."""
-    got = []
-    with nlos.open_bench("moving") as bench:
-        coming = nlos.scan(film, bench, output=run, resume=resume)
-        for sample in coming:
-            got.append(sample)
-            if len(got) == samples:
-                coming.close()
-                break
-    return got
+    return taken_by_hand("moving", film, run, samples, resume)
 
 
 def plan_in(run: Path) -> ScanPlan:
@@ -267,7 +260,7 @@ def test_a_disk_without_room_for_the_end_leaves_the_film_as_it_is(
     monkeypatch.setattr(rescue, "lay_out", full)
     with nlos.open_bench("moving") as bench:
         coming = nlos.scan(film, bench, output=run)
-        for _ in range(2 * EACH):
+        for _ in range(2 * EACH + 20):
             next(coming)
         coming.close()
     found = verify(run)
@@ -276,6 +269,10 @@ def test_a_disk_without_room_for_the_end_leaves_the_film_as_it_is(
         end_film(run)
     monkeypatch.undo()
     monkeypatch.setattr(frames_module, "MOST_VISITS", 40 * EACH)
+    shorter = tmp_path / "shorter.yaml"
+    shorter.write_text(yaml.safe_dump({**UNTIL, "frames": 2}))
+    with pytest.raises(ResumeRefused, match="its plan"):  # more than its frames is taken
+        taken(shorter, run, 1, resume=True)
     taken(film, run, EACH, resume=True)
     assert verify(run).complete
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import nlos
-from nlos.acquisition.recording.salvage import ResumeRefused
+from nlos.acquisition.recording.same_scan import ResumeRefused
 from nlos.configs.load import find
 
 SCAN = """\

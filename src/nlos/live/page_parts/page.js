@@ -85,16 +85,16 @@ function whyEnded(state) { // the last word on it before the status itself
   if (said.startsWith("ended while paused")) { const paused = state.events.filter(e => e[1] === "scan" && e[2].startsWith("paused")).pop(), who = byWhom(said) || (paused ? byWhom(paused[2]) : ""); return `while paused${who ? ` by ${who}` : ""}: `; }
   return said ? said.replace(/^ended early: /, "") + ": " : signal ? `by ${signal[2]}: ` : "";
 }
-const done = state => count(state.samples) + (state.until_stopped ? "" : ` of ${count(state.planned)}`);
+const soFar = state => count(state.samples) + (state.until_stopped ? "" : ` of ${count(state.planned)}`);
 function banner(state) {
   const last = kind => (state.events.filter(e => e[1] === kind).pop() || [0, "", ""])[2], box = $("banner"), alarm = state.events.filter(e => e[1] === "alarm" || e[1] === "trip").pop(); let big = "", small = "", kind = "";
-  const seen = state.planned ? `When last seen, at ${seenAt.toLocaleTimeString("en-GB")}: ${words(state).toLowerCase()}, ${done(state)} points. ` : "", under = !OVER.includes(state.status) && state.status !== "lost";
+  const seen = state.planned ? `When last seen, at ${seenAt.toLocaleTimeString("en-GB")}: ${words(state).toLowerCase()}, ${soFar(state)} points. ` : "", under = !OVER.includes(state.status) && state.status !== "lost";
   if (gone) { const lit = lightOf(state)[1]; [big, small, kind] = [lit ? "The laser may still be on" : "The viewer has ended", (lit ? "Treat it as on and see the scan's terminal. The viewer has ended: this" : "This") + ` page no longer changes. ${seen}` + (under ? "The scan itself goes on without the viewer, and it alone commands the shutter; nlos live shows it again." : "Start nlos live again to see more."), lit ? "bad" : ""]; }
   else if (state.status === "paused" && last("scan").startsWith("paused: alarm: ")) [big, small, kind] = ["Alarm: the scan is paused", last("scan").slice(15).replace(/\.?$/, ".") + lightWords(state) + ` Look for the cause first: pressing Enter in the scan's terminal ${resumes(state)}.`, "bad"];
   else if (state.status === "paused") { const who = byWhom(last("scan")); [big, small] = ["Paused", (who ? `by ${who}.` : "") + lightWords(state) + ` Pressing Enter there ${resumes(state)}.`]; }
   else if (state.status === "lost") [big, small, kind] = [mayBeOn(state) ? "The scan was killed: the laser may be on" : "The scan was killed; the laser was off", `Nobody commands the shutter now: look at the laser, then run \`nlos shutter close\`. ${count(state.samples)} samples are safe; \`nlos scan --resume\` takes the others.`, "bad"];
   else if (state.status === "stopped" || state.status === "failed") [big, small, kind] = [WORDS[state.status], last("trip") || last("alarm") || last("device"), "bad"];
-  else if (state.status === "interrupted") [big, small] = ["Ended early", `${whyEnded(state)}${done(state)} points are taken; \`nlos scan --resume\` takes the others.`];
+  else if (state.status === "interrupted") [big, small] = ["Ended early", `${whyEnded(state)}${soFar(state)} points are taken; \`nlos scan --resume\` takes the others.`];
   else if (state.status === "complete") [big, small, kind] = ["Scan complete", `${count(state.samples)} points in ${seconds(state.elapsed_s)}` + (state.alarms ? `; ${state.alarms === 1 ? "one alarm" : count(state.alarms) + " alarms"}, see the events` : "") + (state.over ? "" : "; the last picture is being made"), "good"];
   else if (alarm && state.elapsed_s - alarm[0] < 30) [big, small, kind] = ["Alarm", `${alarm[2]} (at ${seconds(alarm[0])})`, "bad"];
   if (kind === "bad" && state.light && lightOf(state)[1] && (gone || state.status === "paused" || state.status === "lost")) kind = "bad lit"; // about light: no other trouble looks like it
@@ -107,7 +107,7 @@ function whose(state) { return scans.length > 1 ? `${state.run}: ` : ""; } // of
 function tell() {
   const state = scans[chosen].state, p = best(scans[chosen]), noise = p && frame === null ? state.pictures[p.method] : p;
   put($("run"), scans.map(s => s.state.run).join(" and ")); const title = `${gone ? "The viewer has ended" : words(state)} - ${state.run}`; if (document.title !== title) document.title = title; put($("notes"), Object.entries(state.notes || {}).map(([name, text]) => `${name}: ${text}`).join(" · ")); put($("status"), gone ? "No answer: the viewer has ended" : whose(state) + words(state)); put($("next"), gone ? "" : next(state));
-  put($("points"), done(state)); put($("rate"), state.rate_hz ? rate(state.rate_hz) : "–"); put($("rateof"), rateOf(state)); $("rate").className = counting(state) ? "" : "before";
+  put($("points"), soFar(state)); put($("rate"), state.rate_hz ? rate(state.rate_hz) : "–"); put($("rateof"), rateOf(state)); $("rate").className = counting(state) ? "" : "before";
   put($("noise"), noise ? `${(100 * noise.error).toFixed(1)} %, ${noise.error <= SETTLED ? "low" : "high"}` : "–"); put($("noiseof"), noise ? `photon noise of the picture of ${count(p.samples)} points` : "photon noise of the picture"); tellLight();
   put($("left"), state.status === "running" && state.left_s !== null && !gone ? `${seconds(state.left_s)} left` : state.elapsed_s ? `${seconds(state.elapsed_s)} taken` : "–"); $("done").style.width = state.until_stopped ? 0 : 100 * state.samples / (state.planned || 1) + "%";
   const film = state.film; $("film").hidden = !film; if (film) put($("film").lastElementChild, `${count(p && p.of_film ? p.of_film.frame + 1 : film.frame)}${film.frames ? ` of ${count(film.frames)}` : ""}` + (film.dropped ? `, ${count(film.dropped)} dropped` : ""));
