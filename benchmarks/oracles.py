@@ -1,7 +1,8 @@
 """What points chosen by somebody who knows the truth would gain, against coarse to fine at equal dwell: `oracles.py N`.
 
 N scenes of held-out kinds, about 4 counts in a point's highest bin, pictures by NANO (without mirror images); error:
-relative L2 of the front view at its best scale, over that of coarse to fine, of 5, 10 and 20 % of the full dwell. Told the expected light: light: density of points as the root of the light they get; near: only the brighter 70 % of the
+relative L2 of the front view at its best scale, over that of coarse to fine, of 5, 10 and 20 % of the full dwell.
+Told the expected light: light: density of points as the root of the light they get; near: only the brighter 70 % of the
 wall; short: four times the points at a quarter of the dwell; posterior: half coarse to fine, then greedily where the
 Gaussian posterior of brightness over the light cones shrinks most, the true surface being its prior.
 """
