@@ -19,6 +19,7 @@ import nlos
 from nlos.acquisition.errors import PlanRefused, StorageError
 from nlos.acquisition.planning import frames as frames_module
 from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.preflight import aim_of, checked_angles
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording import rescue
 from nlos.acquisition.recording.frames import frame_table
@@ -30,6 +31,7 @@ from nlos.acquisition.sample import Sample
 from nlos.acquisition.scanning.alarms import free_bytes
 from nlos.acquisition.served.served_copy import copy_served
 from nlos.configs.load import find
+from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.film import film_of
 from nlos.live.film import LiveFilm
 from nlos.recipe import Recipe
@@ -122,6 +124,50 @@ def test_a_film_that_is_stopped_is_a_recording_of_its_frames(film: Path, tmp_pat
     pictures = film_of(run, Recipe("lct"))
     assert pictures.frame.tolist() == list(range(len(number) // EACH))
     assert sorted(each.name for each in tmp_path.iterdir()) == ["film.yaml", "run.h5"]
+
+
+AXIS = {"bins": 64, "bin_width_ps": 256, "offset_ns": 9.6}
+SMALL = {**UNTIL, "wall": {**WORDS["wall"], "rows": 8, "cols": 8}, "histogram": AXIS}
+WAYS = {
+    "stepped by the host": ("optotune", {}),
+    "the counter's clock": ("zero_latency", {"interleave": 4}),
+    "sorted out of photons": ("multiharp", {"histogram": {**AXIS, "bin_width_ps": 320}}),
+    "the mirror's own clock": ("helios", {}),
+    "continuous lines": (
+        "zero_latency", {"wall": {**WORDS["wall"], "rows": 4, "cols": 24}, "dwell_ms": 0.2, "continuous": {}}
+    ),
+    "off the grid": ("zero_latency", {"pattern": {"kind": "circle", "points": 48, "radius_m": 0.4}}),
+    "stopped at counts": ("zero_latency", {"exposure": {
+        "kind": "stop_at_counts", "counts": 20, "from_ns": 11.0, "to_ns": 24.0}}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_it_ends_well_in_every_scheme_with_every_point_where_the_beam_was(way: str, tmp_path: Path) -> None:
+    bench, words = WAYS[way]
+    film, run = tmp_path / "film.yaml", tmp_path / "run.h5"
+    film.write_text(yaml.safe_dump({**SMALL, **words}))
+    beams: dict[int | None, MirrorAngles] = {}
+    with nlos.open_bench(bench) as there:
+        assert there.simulated is not None
+        there.simulated.on_gate = lambda gate, beam: beams.setdefault(gate.number, beam)
+        coming = nlos.scan(film, there, output=run)
+        each = plan_of({**SMALL, **words}).first_round
+        for _ in range(2 * each + 5):
+            next(coming)
+        coming.close()
+        plan = plan_in(run)
+        angles = checked_angles(plan, there, aim_of(there))
+    assert (verify(run).complete, plan.until_stopped) == (True, False)
+    number, _ = held_by_h5py(run)
+    assert sorted(number.tolist()) == list(range(len(plan)))
+    assert len(plan) >= 2 * each + 5
+    pitch_rad = np.ptp([one.x_rad for one in angles]) / 23
+    within_rad = pitch_rad / 2 if "lines" in way else 2e-3
+    for one in number.tolist():
+        beam = beams[one]
+        assert abs(beam.x_rad - angles[one].x_rad) < within_rad, one
+        assert abs(beam.y_rad - angles[one].y_rad) < within_rad, one
 
 
 def test_it_takes_place_as_it_goes(film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
