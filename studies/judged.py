@@ -14,7 +14,7 @@ from nlos.recon.training.dataset import sample
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.losses import picture_of
 from nlos.recon.training.run_folder import WEIGHTS
-from nlos.recon.training.train import build
+from nlos.recon.training.train import build, device_here
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.training_sample import collate
 from nlos.recon.weights.files import load_weights
@@ -53,13 +53,14 @@ def network_of(settings: TrainSettings, data: DatasetSettings, folder: Path | No
         return method.build(method.Settings.model_validate(settings.method_settings), data.wall, data.time)
     network = build(settings, data.wall, data.time)
     load_weights(network, str(folder / WEIGHTS))
-    return network
+    return network.to(device_here())
 
 
 def scores(network: torch.nn.Module, batch: Mapping[str, torch.Tensor]) -> dict[str, float]:
     """Every figure of the picture that `network` makes of the one scan of a batch."""
+    device = next((parameter.device for parameter in network.parameters()), torch.device("cpu"))
     with torch.inference_mode():
-        albedo, depth_m, _ = network(batch["counts"], batch["exposure"])
+        made = network(batch["counts"].to(device), batch["exposure"].to(device))
+    albedo, depth_m = made.albedo[0].float().cpu().numpy(), made.depth_m[0].float().cpu().numpy()
     truth, true_depth_m = picture_of(batch)[0].numpy(), batch["depth_m"][0].numpy()
-    picture = np.clip(albedo[0].float().numpy(), 0, None)
-    return image_scores(picture, truth) | depth_scores(depth_m[0].float().numpy(), true_depth_m, true_depth_m > 0)
+    return image_scores(np.clip(albedo, 0, None), truth) | depth_scores(depth_m, true_depth_m, true_depth_m > 0)

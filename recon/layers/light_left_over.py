@@ -123,7 +123,7 @@ class LightLeftOver:
 
     def _gathered(self, surface: Surface, seen: "Seen", shown: "Shown") -> "Sums":
         """The light that is left, along the paths of every pixel."""
-        points = blocks(len(seen.light), len(surface.x))
+        points = blocks(len(seen.light), len(surface.x), seen.light.device)
         parts = side_by_side([partial(self._of_points, surface, seen, shown, part) for part in points], seen.light)
         return reduce(lambda one, other: Sums(*(a + b for a, b in zip(one, other, strict=True))), parts)
 

@@ -120,9 +120,13 @@ def averaged(field: Tensor, bins: int, points: int) -> Tensor:
 
 
 def averaged_along(field: Tensor, dim: int, window: int) -> Tensor:
-    """Averages over `window` (odd) neighbours along `dim`, zeros beyond the ends: F.avg_pool3d's, 15 times as fast."""
+    """Averages over `window` (odd) neighbours along `dim`, zeros beyond the ends: F.avg_pool3d's, on a CPU 15 times as
+    fast."""
     if window == 1:
         return field
+    if field.device.type != "cpu":
+        sizes = [window if axis == dim else 1 for axis in (2, 3, 4)]
+        return F.avg_pool3d(field, sizes, stride=1, padding=[size // 2 for size in sizes])
     size = field.shape[dim]
     padding = [0] * (2 * (field.ndim - dim - 1)) + [window // 2, window // 2]
     padded = F.pad(field, padding)

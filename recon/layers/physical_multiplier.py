@@ -1,13 +1,27 @@
 """Spectral multipliers that are functions of physical frequency and of the noise, the same on every grid."""
 
+from functools import lru_cache
+
 import torch
 from torch import Tensor, nn
 
+Size = tuple[int, int, int]
+Pitch = tuple[float, float, float]
 
-def octant_frequencies(size: tuple[int, int, int], pitch: tuple[float, float, float]) -> list[Tensor]:
-    """|f_z|, |f_y|, |f_x| of the octant of a (D, H, W) FFT grid, in cycles per unit of `pitch`, each (d, h, w)."""
-    axes = [torch.arange(n // 2 + 1) / (n * step) for n, step in zip(size, pitch, strict=True)]
-    return list(torch.meshgrid(*axes, indexing="ij"))
+
+@lru_cache(maxsize=64)
+def described(size: Size, pitch: Pitch, highest: float, device: torch.device) -> tuple[Tensor, Tensor]:
+    """What multipliers know of each frequency in the octant of a (D, H, W) FFT grid, (d, h, w, 5), and f_z, which makes
+    them odd, (d, h, w); in cycles per unit of `pitch`, over `highest`."""
+    with torch.inference_mode(False):  # it is kept, and whoever asks next may need gradients
+        axes = [torch.arange(n // 2 + 1) / (n * step * highest) for n, step in zip(size, pitch, strict=True)]
+        fz, fy, fx = torch.meshgrid(*axes, indexing="ij")
+        fr = (fy.square() + fx.square()).sqrt()
+        known = torch.stack((fz, fr, (fz.square() + fr.square()).sqrt(), fz - fr, (fr + 0.03).log()), dim=-1)
+        odd = fz.clone()
+        if size[0] % 2 == 0:
+            odd[-1] = 0  # at the Nyquist frequency f_z and -f_z are one bin, which a real kernel keeps real
+        return known.float().to(device), odd.to(device)
 
 
 def mirror(octant: Tensor, n: int, dim: int, sign: float = 1.0) -> Tensor:
@@ -34,20 +48,14 @@ class PhysicalMultiplier(nn.Module):
             self.head.bias.zero_()
             self.head.bias[:channels] = start
 
-    def forward(self, gains: Tensor, size: tuple[int, int, int], pitch: tuple[float, float, float]) -> Tensor:
+    def forward(self, gains: Tensor, size: Size, pitch: Pitch) -> Tensor:
         """gains a(eta) (B, maps) -> complex multiplier (B, channels, D, H, W // 2 + 1), float32."""
-        device = self.head.weight.device
-        fz, fy, fx = (f.to(device) / self.highest for f in octant_frequencies(size, pitch))
-        fr = (fy.square() + fx.square()).sqrt()
-        inputs = torch.stack((fz, fr, (fz.square() + fr.square()).sqrt(), fz - fr, (fr + 0.03).log()), dim=-1)
-        maps = self.head(self.mlp(inputs.float())).movedim(-1, 0)  # (2 (1 + maps) C, d, h, w)
-        maps = maps.view(1 + self.maps, 2 * self.channels, *fz.shape)
+        known, odd = described(size, pitch, self.highest, self.head.weight.device)
+        maps = self.head(self.mlp(known)).movedim(-1, 0)  # (2 (1 + maps) C, d, h, w)
+        maps = maps.view(1 + self.maps, 2 * self.channels, *odd.shape)
         weights = torch.cat((torch.ones_like(gains[:, :1]), gains), dim=1).float()  # (B, 1 + maps)
         octant = torch.einsum("bm,mcdhw->bcdhw", weights, maps)
         real, imag = octant.chunk(2, dim=1)
-        odd = fz.clone()
-        if size[0] % 2 == 0:
-            odd[-1] = 0  # at the Nyquist frequency f_z and -f_z are one bin, which a real kernel keeps real
         imag = mirror(mirror(imag * odd, size[0], 2, sign=-1.0), size[1], 3)
         real = mirror(mirror(real, size[0], 2), size[1], 3)
         return torch.complex(real, imag)

@@ -29,12 +29,12 @@ def resample_spectrum(spectrum: Tensor, size: Sequence[int]) -> Tensor:
 
 
 @lru_cache(maxsize=64)
-def resampling_matrix(old: int, new: int) -> Tensor:
+def resampling_matrix(old: int, new: int, device: torch.device) -> Tensor:
     """(new, old) float32: what cutting or padding the spectrum of `old` samples does to them, so no FFT is needed."""
     with torch.inference_mode(False):  # it is kept, and whoever asks next may need gradients
         spectrum = torch.fft.fft(torch.eye(old, dtype=torch.float64), dim=0, norm="forward")
         matrix: Tensor = torch.fft.ifft(resample_axis(spectrum, new, 0), dim=0, norm="forward").real.float()
-    return matrix
+        return matrix.to(device)
 
 
 def resample_field(field: Tensor, size: Sequence[int]) -> Tensor:
@@ -48,7 +48,7 @@ def resample_field(field: Tensor, size: Sequence[int]) -> Tensor:
     x = x if torch.is_grad_enabled() else x.float()
     shape = [*x.shape]
     for axis in (1, 2, 3) if size[0] < field.shape[2] else (3, 2, 1):  # most is done where there is least of it
-        along = resampling_matrix(shape[axis], size[axis - 1]).to(field.device)
+        along = resampling_matrix(shape[axis], size[axis - 1], field.device)
         x = along @ x.reshape(*shape[: axis + 1], math.prod(shape[axis + 1 :]))
         shape[axis] = size[axis - 1]
     return x.reshape(shape).permute(0, 4, 1, 2, 3)

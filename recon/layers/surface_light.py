@@ -12,6 +12,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 BLOCK = 1 << 17  # pairs of a point and a pixel at a time: what stays in a processor's cache
+BLOCK_OF_GPU = 1 << 23  # which waits for whoever starts its work
 STEEP, SOFT = 1.0, 0.1  # pixels that neighbours may differ in depth and still be one surface, and how sharp that is
 
 
@@ -49,17 +50,18 @@ class Paths(NamedTuple):
 def surface_of(albedo: Tensor, depth: Tensor, seen: Tensor, taken: Tensor, x: Tensor, y: Tensor) -> Surface:
     """The pixels `taken` (H, W) of a picture, their depths those of the nearest ones `seen` where they have none;
     x (W,) and y (H,) are their places."""
-    z = nearest(depth, seen)
+    z = nearest(depth, seen, F.max_pool2d(taken.to(depth)[None], 3, 1, 1)[0] > 0)
     across, up = _slope(z, x), _slope(z.T, y).T
     row, col = torch.nonzero(taken, as_tuple=True)
     return Surface(row, col, x[col], y[row], z[row, col], across[row, col], up[row, col], albedo[row, col])
 
 
-def nearest(values: Tensor, known: Tensor) -> Tensor:
-    """(H, W) with the means of known neighbours in place of what is not known, ring by ring; 0 where nothing is."""
+def nearest(values: Tensor, known: Tensor, wanted: Tensor) -> Tensor:
+    """(H, W) with the means of known neighbours in place of what is not known, ring by ring until all that are `wanted`
+    have one; 0 where nothing is."""
     share = known.to(values)[None, None]
     filled = torch.where(known, values, 0.0)[None, None]
-    while not bool((share > 0).all()):
+    while bool((wanted & (share == 0)).any()):
         count, total = F.avg_pool2d(share, 3, 1, 1), F.avg_pool2d(filled * share, 3, 1, 1)
         new = (share == 0) & (count > 0)
         if not bool(new.any()):
@@ -79,9 +81,9 @@ def _slope(z: Tensor, at: Tensor) -> Tensor:
     return total / (F.pad(joined, (1, 0)) + F.pad(joined, (0, 1))).clamp(min=1)
 
 
-def blocks(points: int, pixels: int) -> Iterator[slice]:
+def blocks(points: int, pixels: int, device: torch.device) -> Iterator[slice]:
     """Points that are done at a time."""
-    step = max(1, BLOCK // max(pixels, 1))
+    step = max(1, (BLOCK if device.type == "cpu" else BLOCK_OF_GPU) // max(pixels, 1))
     for start in range(0, points, step):
         yield slice(start, min(points, start + step))
 

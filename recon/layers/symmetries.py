@@ -10,6 +10,8 @@ from nlos.recon.layers.side_by_side import side_by_side
 from nlos.recon.parts import counted
 
 Fields = Sequence[Tensor | None]
+MOST_TOGETHER = 1 << 28
+"""Values of all images of a field on a GPU: 128 x 128 points by 512 bins have 2^27."""
 
 
 def mirrored(x: Tensor, flips: Sequence[int], turned: bool) -> Tensor:
@@ -26,21 +28,36 @@ def mirrored_back(x: Tensor, flips: Sequence[int], turned: bool) -> Tensor:
 def mean_over_symmetries(see: Callable[[Fields], Sequence[Tensor]], fields: Fields, square: bool) -> list[Tensor]:
     """The mean of what `see` makes of every mirror image of `fields`, each (B, ..., H, W) or None, mirrored back.
 
-    `see` is given two images at a time, (2 B, ..., H, W): a single small volume takes PyTorch's slow convolution. Four
-    images, of a square wall all eight. Small pairs are done side by side.
+    `see` is given some images at a time, (K B, ..., H, W): two on a CPU, where a single small volume takes PyTorch's
+    slow convolution, small pairs side by side; on a GPU, which waits for whoever starts its work, all unless they are
+    large. Four images, of a square wall all eight.
     """
-    pairs = [(turned, across) for turned in (False, True)[: 1 + square] for across in ((), (-2,))]
+    images = [
+        (turned, (*across, *along))
+        for turned in (False, True)[: 1 + square]
+        for across in ((), (-2,))
+        for along in ((), (-1,))
+    ]
+    together = 2 if _a_pair_at_a_time(fields[0], len(images)) else len(images)
+    groups = [images[first : first + together] for first in range(0, len(images), together)]
 
-    def seen_of(turned: bool, across: tuple[int, ...]) -> list[list[Tensor]]:
-        """What is seen in either image of a pair."""
-        pair = (across, (*across, -1))
-        images = [None if x is None else torch.cat([mirrored(x, flips, turned) for flips in pair]) for x in fields]
-        seen = see(images)
-        return [[mirrored_back(x.chunk(2)[k], flips, turned) for x in seen] for k, flips in enumerate(pair)]
+    def seen_of(group: Sequence[tuple[bool, tuple[int, ...]]]) -> list[list[Tensor]]:
+        """What is seen in each image of a group."""
+        seen = see(
+            [None if x is None else torch.cat([mirrored(x, flips, turned) for turned, flips in group]) for x in fields]
+        )
+        return [
+            [mirrored_back(x.chunk(len(group))[k], flips, turned) for x in seen]
+            for k, (turned, flips) in enumerate(group)
+        ]
 
-    made = side_by_side([partial(seen_of, *pair) for pair in pairs], fields[0])
+    made = side_by_side([partial(seen_of, group) for group in groups], fields[0])
     total: list[Tensor] = []
-    for images in counted(made, len(pairs), "mirror images"):
-        for back in images:
+    for images_seen in counted(made, len(groups), "mirror images"):
+        for back in images_seen:
             total = back if not total else [a + b for a, b in zip(total, back, strict=True)]
-    return [x / (4 * (1 + square)) for x in total]
+    return [x / len(images) for x in total]
+
+
+def _a_pair_at_a_time(field: Tensor | None, images: int) -> bool:
+    return field is None or field.device.type == "cpu" or images * field.numel() > MOST_TOGETHER

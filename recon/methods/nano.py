@@ -1,8 +1,9 @@
 """NANO: the noise-adapted neural operator, trained on 8 x 8 to 128 x 128 points (32 a wall inside), few photons."""
 
+import copy
 import math
 from collections.abc import Callable, Mapping
-from typing import cast
+from typing import TypeVar, cast
 
 import torch
 import torch.nn.functional as F
@@ -48,6 +49,7 @@ FEWEST_LEFT = 48
 MARGIN = 8  # slices behind the last light, and before the first
 REFINED = 24  # points a side from which on pictures are refined: those it was learned on had 32 and 64
 DIMMEST = 0.003  # of the brightest point; below it there is no depth
+Companion = TypeVar("Companion")
 
 
 class Nano(nn.Module):
@@ -221,10 +223,11 @@ class Nano(nn.Module):
         """The mean of what the operator makes of every mirror image of the measurement, mirrored back."""
         pitch = self.physics.pitch
         square = volumes.shape[3] == volumes.shape[4] and pitch[1] == pitch[2]
-        both = torch.cat((eta, eta))
 
         def see(images: Fields) -> tuple[Tensor, ...]:
-            seen = self.iterate(cast(Tensor, images[0]), both, cast(Tensor, images[1]), images[2], first)
+            each = cast(Tensor, images[0])
+            told = eta.repeat(len(each) // len(eta), 1)
+            seen = self.iterate(each, told, cast(Tensor, images[1]), images[2], first)
             return seen.albedo, seen.depth, seen.volume, seen.albedo.square(), seen.depth.square()
 
         albedo, depth, volume, *squares = mean_over_symmetries(see, (volumes, maps, lifted), square)
@@ -272,6 +275,11 @@ class Nano(nn.Module):
         return {"level": scalar, "map": beta * distance, "loss": scalar + beta * distance}
 
 
+def own(shared: Companion | None) -> Companion | None:
+    """A copy: networks of other walls, which may be on another device, have theirs."""
+    return copy.deepcopy(shared)
+
+
 def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
     """The operator for this wall and time axis; raises WeightsError if the weights are not of this shape."""
     assert isinstance(settings, Settings)
@@ -281,9 +289,10 @@ def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
     network = with_weights(network, settings.weights)
     if settings.weights is not None:  # weights that were never told a response are better off without
         network.takes_response = holds(settings.weights, TOLD)
-    network.any_noise = any_noise_for(settings.weights) if settings.noise_weights is None else None
-    network.head_of_intervals = head_for(settings.weights) if settings.refine else None
-    correction = correction_for(settings.weights) if settings.refine and min(wall.rows, wall.cols) >= REFINED else None
+    network.any_noise = own(any_noise_for(settings.weights)) if settings.noise_weights is None else None
+    network.head_of_intervals = own(head_for(settings.weights)) if settings.refine else None
+    refined = settings.refine and min(wall.rows, wall.cols) >= REFINED
+    correction = own(correction_for(settings.weights)) if refined else None
     if correction is not None:
         network.refinement = Refinement(correction, wall, time_axis, settings.falloff)
     network.halved = halves(network, wall, lambda coarser: build(settings, coarser, time_axis))

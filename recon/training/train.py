@@ -13,6 +13,7 @@ import os
 import signal
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -273,7 +274,8 @@ def objective(
 ) -> dict[str, torch.Tensor]:
     """The terms of the loss and their sum, `loss`, computed in the precision of the settings."""
     kind = torch.device(device).type
-    with torch.autocast(kind, torch.bfloat16, enabled=half_precision(settings, kind)), ShallowInFloat32():
+    shallow = ShallowInFloat32() if kind == "cpu" else nullcontext()
+    with torch.autocast(kind, torch.bfloat16, enabled=half_precision(settings, kind)), shallow:
         own: Objective | None = getattr(network, "training_loss", None)
         if own is not None:
             return own(batch)

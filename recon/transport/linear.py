@@ -30,17 +30,30 @@ def linear(x: torch.Tensor, apply: Map, adjoint: Map) -> torch.Tensor:
     return result
 
 
-def along_time(matrix: scipy.sparse.csr_array, x: torch.Tensor) -> torch.Tensor:
+class AlongTime:
     """A sparse matrix (V, T) applied along the third axis of (B, C, T, H, W)."""
-    batch, channels, length, rows, cols = x.shape
-    flat = x.reshape(batch * channels, length, rows * cols)
-    if x.device.type == "cpu":
-        held = matrix.astype(flat.numpy().dtype)
-        done = torch.from_numpy(np.stack([held @ sample for sample in flat.numpy()]))
-    else:
-        entries = matrix.tocoo()
-        index = torch.from_numpy(np.stack([entries.row, entries.col])).to(x.device)
-        values = torch.from_numpy(entries.data).to(x.device, x.dtype)
-        held = torch.sparse_coo_tensor(index, values, matrix.shape, check_invariants=False)
-        done = torch.stack([torch.sparse.mm(held, sample) for sample in flat])
-    return done.reshape(batch, channels, matrix.shape[0], rows, cols)
+
+    def __init__(self, matrix: scipy.sparse.csr_array) -> None:
+        self.matrix = matrix
+        self._held: dict[tuple[torch.device, torch.dtype], torch.Tensor] = {}
+
+    def __call__(self, x: torch.Tensor) -> torch.Tensor:
+        batch, channels, length, rows, cols = x.shape
+        flat = x.reshape(batch * channels, length, rows * cols)
+        if x.device.type == "cpu":
+            held = self.matrix.astype(flat.numpy().dtype)
+            done = torch.from_numpy(np.stack([held @ sample for sample in flat.numpy()]))
+        else:
+            there = self._on(x.device, x.dtype)
+            done = torch.stack([torch.sparse.mm(there, sample) for sample in flat])
+        return done.reshape(batch, channels, self.matrix.shape[0], rows, cols)
+
+    def _on(self, device: torch.device, dtype: torch.dtype) -> torch.Tensor:
+        """The matrix on a GPU, sorted, and kept there: to bring it takes longer than to apply it."""
+        if (device, dtype) not in self._held:
+            entries = self.matrix.tocoo()
+            index = torch.from_numpy(np.stack([entries.row, entries.col])).long().to(device)
+            values = torch.from_numpy(entries.data).to(device, dtype)
+            held = torch.sparse_coo_tensor(index, values, self.matrix.shape, check_invariants=False)
+            self._held[device, dtype] = held.coalesce()
+        return self._held[device, dtype]

@@ -6,7 +6,7 @@ from torch import nn
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.recon.transport.conventions import Conventions, check_supported
-from nlos.recon.transport.linear import along_time, linear
+from nlos.recon.transport.linear import AlongTime, linear
 from nlos.recon.transport.resampling_matrix import resampling_matrix
 
 
@@ -22,13 +22,13 @@ class LightConeResampling(nn.Module):
         super().__init__()
         check_supported(time, conventions)
         self.matrix = resampling_matrix(time, conventions)
-        self.transposed = scipy.sparse.csr_array(self.matrix.T)
+        self._to_cells, self._to_bins = AlongTime(self.matrix), AlongTime(scipy.sparse.csr_array(self.matrix.T))
         self.cells, self.bins = self.matrix.shape
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """From time to its square."""
-        return linear(x, lambda y: along_time(self.matrix, y), lambda y: along_time(self.transposed, y))
+        return linear(x, self._to_cells, self._to_bins)
 
     def adjoint(self, y: torch.Tensor) -> torch.Tensor:
         """From the square of time back to time."""
-        return linear(y, lambda x: along_time(self.transposed, x), lambda x: along_time(self.matrix, x))
+        return linear(y, self._to_bins, self._to_cells)
