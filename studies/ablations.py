@@ -55,8 +55,13 @@ NOTES = (
     "Where they stand in one table, its columns of depth compare losses as well. All of the paper's parts are, in "
     "NANO, both liftings and an SFE whose M has rank 16, where eq. 13 has a dense one.",
     "",
-    "Networks learn in bfloat16 where the processor multiplies in it. Second seeds of the U-Net at equal seconds and "
-    "at equal parameters, and of what is trained on cycles, learned in float32, on another processor.",
+    "Machines and times: first and second seeds, and third ones of tables III, IV and VII, of the rivals at equal "
+    "samples, of NLOST at equal seconds and of what is trained on cycles but for LFE and the U-Net, on one core of an AMD "
+    "EPYC (two virtual cores), 4 to 10 minutes each and up to 30 with six passes; all other third seeds, and the rows of "
+    "four times the samples, on an NVIDIA H100, sixteen trainings at a time: 33 to 131 s each, and 120 to 271 s with "
+    "four times the samples. "
+    "Networks learn in bfloat16 where the machine multiplies in it; second seeds of the U-Net at equal seconds and at "
+    "equal parameters, and of what is trained on cycles, learned in float32, on another processor.",
 )
 """What a reader of the tables has to know about the rows."""
 Known = Mapping[Path, Judged]
@@ -126,8 +131,9 @@ def written(found: Known, samples: int, seeds: Sequence[int]) -> str:
     lines = [
         "# What each part is worth",
         "",
-        f"Every row is trained on the same {samples:,} scenes, one a step ({SMALL['rows']} x {SMALL['cols']} points, "
-        f"{SMALL['bins']} bins of {SMALL['bin_width_ps']:g} ps), with each of {len(seeds)} seeds, and judged on "
+        f"Every row is trained on the same {samples:,} scenes, one a step, where its table does not say otherwise "
+        f"({SMALL['rows']} x {SMALL['cols']} points, {SMALL['bins']} bins of {SMALL['bin_width_ps']:g} ps), with each "
+        f"of {len(seeds)} seeds, and judged on "
         f"{len(next(iter(JUDGED.values())))} scenes of kinds that none was trained on (the last two tables on other "
         "scenes of its kind), for each range of noise. Differences are to the last row of the table, paired over "
         "scenes and seeds, ± one standard error of both; a "

@@ -178,7 +178,7 @@ TABLES: dict[str, tuple[Row, ...]] = {
         Row("no spectral updates", "nano", SHIPS | {"spectral_scales": 0}, OWN_LOSS),
         Row("as it ships", "nano", SHIPS, OWN_LOSS),
     ),
-    "NANO as it ships, without one part or with one that left it, four times the samples (this project)": (
+    "NANO as it ships, without one part or with one that left it: four times the samples, two a step (this project)": (
         longer("with SFE and both liftings", {"lifting": "both", "sfe": True}),
         longer("with SFE", {"sfe": True}),
         longer("with both liftings", {"lifting": "both"}),

@@ -54,8 +54,8 @@ class Trained(NamedTuple):
         settings = settings_of(self.row, samples, self.seed)
         if self.learned != "clean":
             return settings
-        data = settings.data.model_copy(update={"detector": CLEAN})
-        return settings.model_copy(update={"data": data, "uniform_noise_most": 0.0})
+        data, watched = (x.model_copy(update={"detector": CLEAN}) for x in (settings.data, settings.validation))
+        return settings.model_copy(update={"data": data, "validation": watched, "uniform_noise_most": 0.0})
 
     def folder(self, samples: int) -> Path:
         """Where it is trained; that of the ablations' row where it is the same."""

@@ -96,6 +96,7 @@ def pretended_gpu() -> Iterator[PretendedGpu]:
         patch.setattr(torch.Tensor, "coalesce", coalesce)
         patch.setattr(OnGpu, "new_tensor", lambda like, data: OnGpu(like.held.new_tensor(data)), raising=False)
         patch.setattr(torch, "autocast", NoCast)
+        patch.setattr(torch, "inference_mode", lambda *_: torch.no_grad())  # views of such tensors are not made by hand
         yield mode
 
 

@@ -1,15 +1,18 @@
 """Every method's code for GPUs, on one that is pretended: no tensor of the CPU meets one of it, and the same picture.
 And networks that share nothing: one that moves to another device takes nothing from the next."""
 
+import numpy as np
 import pytest
 import torch
 from torch import nn
 
-from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.response import gaussian
+from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.method import MethodResult, takes_response
 from nlos.recon.methods import catalogue, find, parse_settings
-from tests.recon.pretended_gpu import OnGpu, here, pretended_gpu, there
+from nlos.recon.reconstruct import reconstruct
+from tests.recon.pretended_gpu import DEVICE, OnGpu, here, pretended_gpu, there
 
 TIME = TimeAxis(128, 128e-12)
 POINTS = 24  # from here on NANO's pictures are refined
@@ -50,6 +53,24 @@ def test_a_gpu_makes_the_same_picture_and_meets_no_tensor_of_the_cpu(method: str
     scale = float(expected.albedo.max())
     torch.testing.assert_close(here(made.albedo), expected.albedo, rtol=0, atol=1e-3 * scale)
     torch.testing.assert_close(here(made.depth_m), expected.depth_m, rtol=0, atol=2e-3, equal_nan=True)
+
+
+@pytest.mark.parametrize("method", ["lct", "nano", "phasor"])
+def test_what_it_explains_and_how_sure_it_is_come_back_from_a_gpu(method: str) -> None:
+    counts, exposure = scan()
+    wall = WallGrid(2.0, 2.0, POINTS, POINTS)
+    transient = Transient(
+        counts[0, 0].numpy(), exposure[0].double().numpy(), wall, TIME, gaussian(300e-12, "a Gaussian of 300 ps")
+    )
+    expected = reconstruct(transient, method, {})
+    with pretended_gpu() as gpu:
+        made = reconstruct(transient, method, {}, DEVICE)
+    assert not gpu.met, f"tensors of the CPU and the GPU met: {gpu.met}"
+    np.testing.assert_allclose(made.albedo, expected.albedo, rtol=0, atol=1e-3 * float(expected.albedo.max()))
+    assert made.explained is not None
+    assert expected.explained is not None
+    assert made.explained.share == pytest.approx(expected.explained.share, abs=1e-3)
+    assert (made.intervals is None) == (expected.intervals is None) == (method != "nano")
 
 
 @pytest.mark.parametrize("method", sorted(catalogue()))
