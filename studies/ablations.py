@@ -58,8 +58,8 @@ NOTES = (
     "Machines and times: first and second seeds, and third ones of tables III, IV and VII, of the rivals at equal "
     "samples, of NLOST at equal seconds and of what is trained on cycles but for LFE and the U-Net, on one core of an "
     "AMD EPYC (two virtual cores), 4 to 10 minutes each and up to 30 with six passes; all other third seeds, and the "
-    "rows of four times the samples, on an NVIDIA H100, sixteen trainings at a time: 33 to 131 s each, and 120 to 271 s "
-    "with four times the samples. "
+    "rows of four times the samples, on an NVIDIA H100, sixteen trainings at a time: 33 to 131 s each, and 120 to 271 s"
+    " with four times the samples. "
     "Networks learn in bfloat16 where the machine multiplies in it; second seeds of the U-Net at equal seconds and at "
     "equal parameters, and of what is trained on cycles, learned in float32, on another processor.",
 )
