@@ -43,25 +43,39 @@ NOTES = (
     "to 20 dB (71 to 224) of the seven rendered scenes at 64 x 64 points (`studies/snr.py`). The scans judged, of 32 "
     "x 32 points and other scenes, have 15.8 to 30.4 and 13.9 to 22.6 dB; of the second 14 of 48 lie outside the "
     "range.",
-    "",
-    f"Rivals are trained at a rate of {RIVALS_RATE:g}, NANO and the printed network at {RATE:g}. The noise "
-    "estimation of these two is what ships: it was trained before (1,900 steps) and is frozen; rivals have none, "
-    "and its steps are not among the samples. Without it (no NLE) the operator alone is told a middling noise "
-    "level; falloff and snr of the inverse that it starts from still follow the estimate. Such rows say less than "
-    "what the estimate is worth, and are not the paper's.",
-    "",
-    "The printed network learns by the paper's loss (brightness and total variation) under the paper's noise, which is "
-    "added to what its detector counts; rivals and NANO learn by NANO's loss, with depth, and without that noise. "
+    f"Rivals are trained at a rate of {RIVALS_RATE:g}, NANO and the printed network at {RATE:g}, all with one sample "
+    f"a step; NANO of four times the samples at {RIVALS_RATE:g} with two a step. LFE's rate was not searched. The "
+    "noise estimation of NANO and of the printed network is what ships: it was trained before (1,900 steps) and is "
+    "frozen; rivals have none, and its steps are not among the samples. Rivals have no volume with empty gaps, and "
+    "at equal samples fewer parameters but for NLOST (LFE 0.24 million, the U-Net 0.91, NLOST 1.21, NANO 1.12). "
+    "Without the noise estimation (no NLE) the operator alone is told a middling noise level; falloff and snr of the "
+    "inverse that it starts from still follow the estimate. Such rows say less than what the estimate is worth, and "
+    "are not the paper's.",
+    "As it ships is NANO's parts, its scan seen once and its picture unrefined, in all rows. Seen eight times, "
+    "mirrored, is a training of its own: it differs from the other by chance as well. Equal seconds are those of one "
+    "CPU core: LFE learns from 2,630 scenes, NLOST from 1,460 and the U-Net from 1,900. The light-cone transform "
+    "runs at the snr that it finds in the data, where other pages have the best of five.",
+    "The printed network learns by the paper's loss (brightness and total variation) under the paper's noise, which "
+    "is added to what its detector counts; rivals and NANO learn by NANO's loss, with depth, and without that noise. "
     "Where they stand in one table, its columns of depth compare losses as well. All of the paper's parts are, in "
     "NANO, both liftings and an SFE whose M has rank 16, where eq. 13 has a dense one.",
-    "",
-    "Machines and times: first and second seeds, and third ones of tables III, IV and VII, of the rivals at equal "
-    "samples, of NLOST at equal seconds and of what is trained on cycles but for LFE and the U-Net, on one core of an "
-    "AMD EPYC (two virtual cores), 4 to 10 minutes each and up to 30 with six passes; all other third seeds, and the "
-    "rows of four times the samples, on an NVIDIA H100, sixteen trainings at a time: 33 to 131 s each, and 120 to 271 s"
-    " with four times the samples. "
-    "Networks learn in bfloat16 where the machine multiplies in it; second seeds of the U-Net at equal seconds and at "
-    "equal parameters, and of what is trained on cycles, learned in float32, on another processor.",
+    "Of each training the weights are kept that are best in PSNR at one of eight checks on four scenes, of the kinds "
+    "that rows are judged on and under all conditions, also where a network learns from cycles (`rows.WATCHED`): a "
+    "row may be of fewer samples than it saw, and its kinds have chosen among eight. The printed network is checked "
+    "without its added noise.",
+    "A row's own figure is the mean over all of its seeds and scenes; a difference is over those that both rows "
+    "have. Depths are compared where a method says one: NANO from 0.003 of its brightest point on, the others from "
+    "0.02, so of more or fewer pixels. A picture that says none leaves its scene out: NANO's and the printed "
+    "network's of one scene of the cycles under all conditions, which stay dark in all seeds. What the errors leave "
+    "out: all seeds learn from the same scenes with the same noise, by one frozen noise estimation and one draw of "
+    "SFE's M.",
+    "Machines and times: trainings ran on one core of an AMD EPYC (two virtual cores), 4 to 10 minutes each and up "
+    "to 30 with six passes; but the third seeds of the readings (not of the last row), of NANO without a part (but "
+    "for the last row of what ships) and of LFE and the U-Net at equal seconds, at equal parameters and on cycles, "
+    "and all rows of four times the samples, ran on an NVIDIA H100, sixteen at a time: 33 to 131 s each, and 120 to "
+    "271 s with four times the samples. So some third seeds are compared across machines, by chance as two trainings "
+    "are. Networks learn in bfloat16 where the machine multiplies in it; second seeds of the U-Net at equal seconds "
+    "and at equal parameters, and of what is trained on cycles, learned in float32, on a third machine.",
 )
 """What a reader of the tables has to know about the rows."""
 Known = Mapping[Path, Judged]
@@ -142,8 +156,7 @@ def written(found: Known, samples: int, seeds: Sequence[int]) -> str:
         "twenty is told all the same, of two seeds up to one in nine, and there are hundreds here. The paper's "
         "differences are its own, from longer training on another set: compare sign and order.",
         "",
-        *NOTES,
-        "",
+        *(line for note in NOTES for line in (note, "")),
         f"{done} of {len(trainings)} trainings are done: {different} rows with {len(seeds)} seeds each, the light-cone "
         "transform, which is not trained, left aside. Made by `make studies`, which resumes from what is finished. "
         "Networks of form " + FORM + ".",
@@ -183,7 +196,8 @@ def _table(rows: Sequence[Row], get: Callable[[Row, str], Figures | None], where
             cells.append(f"{scale * float(np.nanmean(values)):{form}}")
             same = row is last or other is None
             cells.append("-" if same or other is None else _cell(difference(values, other), scale, form))
-        lines.append(f"| {row.name} | {len(own)} | {' | '.join(cells)} | {paper} |")
+        seeds = len(own) if row.trained else "-"
+        lines.append(f"| {row.name} | {seeds} | {' | '.join(cells)} | {paper} |")
     return lines
 
 

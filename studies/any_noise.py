@@ -21,7 +21,7 @@ import torch.nn.functional as F
 from safetensors.torch import load_file
 from torch import Tensor, nn
 
-from nlos.recon.layers.any_noise import INPUTS, MANY, OWN, PEAK, POINTS, AnyNoise, noise_traits
+from nlos.recon.layers.any_noise import MANY, OWN, PEAK, POINTS, AnyNoise, noise_traits
 from nlos.recon.layers.counts import added
 from nlos.recon.layers.rates import rates_of
 from nlos.recon.layers.wiener_volumes import rebinned_axis
@@ -188,7 +188,8 @@ def fit_one(member: nn.Sequential, traits: Tensor, wanted: Tensor) -> None:
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, STEPS)
     for _ in range(STEPS):
         batch = torch.randint(len(inputs), (BATCH,))
-        found = member(inputs[batch] + AROUND * torch.randn(BATCH, INPUTS))[:, 0]
+        seen = inputs[batch]
+        found = member(seen + AROUND * torch.randn_like(seen))[:, 0]
         optimiser.zero_grad()
         F.huber_loss(found, wanted[batch], delta=0.1).backward()  # type: ignore[no-untyped-call]
         optimiser.step()

@@ -163,8 +163,10 @@ def _best(duration_s: float, wall: _Points) -> tuple[Room, list[_Basis]] | None:
         return None
     room, kept = fallback
     if wall.whole:
-        sides = [(_side(wall.shape[0], len(one) - 1), _side(wall.shape[1], len(one[0]) - 1)) for one in kept]
-        return room, [_Basis(None, both, one) for both, one in zip(sides, kept, strict=True)]
+        most = [max(one.shape[axis] for one in kept) for axis in (0, 1)]
+        both = _side(wall.shape[0], most[0] - 1), _side(wall.shape[1], most[1] - 1)
+        ends = [[(0, of - own) for of, own in zip(most, one.shape, strict=True)] for one in kept]
+        return room, [_Basis(None, both, np.pad(one, end)) for one, end in zip(kept, ends, strict=True)]
     joint = _joint(wall, kept)
     return room, [_Basis(joint[:, : one.sum()], None, one) for one in kept]
 
@@ -224,15 +226,12 @@ def _told_apart(
     flat = torch.from_numpy(np.concatenate((wave.real, wave.imag)).reshape(-1, bins)).to(points)
     real, imaginary = (flat @ points).reshape(2, frequencies, tapers, -1)
     spectra = torch.complex(real, imaginary)
-    light = []
-    for spectrum, basis in zip(spectra, bases, strict=True):
-        if basis.joint is not None:
-            joint = torch.from_numpy(basis.joint).to(spectrum)
-            light.append((spectrum @ joint) @ joint.T)
-            continue
-        assert basis.sides is not None
-        up, along = (torch.from_numpy(side).to(spectrum) for side in basis.sides)
-        held = (up.T @ spectrum.reshape(tapers, *wall.shape) @ along) * torch.from_numpy(basis.kept).to(points.device)
-        light.append((up @ held @ along.T).flatten(1))
-    seen = torch.stack(light)
+    if bases[0].sides is not None:  # of a whole grid, and the same for every frequency
+        up, along = (torch.from_numpy(side).to(spectra) for side in bases[0].sides)
+        kept = torch.from_numpy(np.stack([basis.kept for basis in bases])).to(points.device)
+        held = (up.T @ spectra.reshape(frequencies, tapers, *wall.shape) @ along) * kept[:, None]
+        seen = (up @ held @ along.T).flatten(2)
+    else:
+        joint = [torch.from_numpy(basis.joint).to(spectra) for basis in bases]
+        seen = torch.stack([(one @ of) @ of.T for one, of in zip(spectra, joint, strict=True)])
     return seen, spectra - seen

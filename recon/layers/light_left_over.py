@@ -215,13 +215,15 @@ class Fitted(NamedTuple):
 
 
 def _best(light: Tensor, models: Sequence[Tensor], flat: Tensor, floor: Tensor) -> Fitted | None:
-    """Gain and background of the best by weighted least squares, all (N, T); None where no gain above 0 fits."""
+    """Gain and background of the best by weighted least squares, all (N, T); None where no gain above 0 fits. The sums
+    that say so are brought from the device at once."""
     smooth = spread(light, light.new_tensor(SMOOTH)).clamp(min=0)
-    weight = 1 / (0.5 * smooth + 0.5 * smooth.mean(dim=0) + floor)
+    weight = (1 / (0.5 * smooth + 0.5 * smooth.mean(dim=0) + floor)).double()
+    shown, light, flat = torch.stack(list(models)).double(), light.double(), flat.double()
+    pairs = ((shown, shown), (shown, flat), (flat, flat), (light, shown), (light, flat), (light, light))
+    sums = [(weight * a * b).sum(dim=(-2, -1)).expand(len(models)) for a, b in pairs]
     best, least = None, math.inf
-    for which, shown in enumerate(models):
-        power, both, flats = (float((weight * a * b).sum()) for a, b in ((shown, shown), (shown, flat), (flat, flat)))
-        of_light, of_flat = float((weight * light * shown).sum()), float((weight * light * flat).sum())
+    for which, (power, both, flats, of_light, of_flat, whole) in enumerate(torch.stack(sums, dim=1).tolist()):
         if not power > 0:
             continue
         determinant = power * flats - both * both
@@ -229,7 +231,8 @@ def _best(light: Tensor, models: Sequence[Tensor], flat: Tensor, floor: Tensor) 
         background = (of_flat - gain * both) / flats
         if background < 0 or gain <= 0:
             gain, background = of_light / power, 0.0
-        misfit = float((weight * (light - gain * shown - background * flat).square()).sum())
+        kept = gain * (gain * power - 2 * of_light) + background * (background * flats - 2 * of_flat)
+        misfit = whole + kept + 2 * gain * background * both
         if gain > 0 and misfit < least:
             best, least = Fitted(which, gain, background), misfit
     return best

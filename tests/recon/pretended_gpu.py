@@ -45,15 +45,18 @@ class OnGpu(Tensor):
 
 
 class PretendedGpu(TorchDispatchMode):
-    """While it is entered, tensors can be made there; `met`: line -> operation, where tensors of both devices met."""
+    """While it is entered, tensors can be made there; `met`: line -> operation, where tensors of both devices met;
+    `started`: how many operations a GPU would have to be told to do."""
 
     def __init__(self) -> None:
         super().__init__()
         self.met: dict[str, str] = {}
+        self.started = 0
 
     def __torch_dispatch__(
         self, func: Any, types: Any, args: Sequence[Any] = (), kwargs: Mapping[str, Any] | None = None
     ) -> Any:
+        self.started += not func.is_view
         return _done(func, args, dict(kwargs or {}), self.met)
 
 
@@ -95,6 +98,7 @@ def pretended_gpu() -> Iterator[PretendedGpu]:
         patch.setattr(torch.sparse, "mm", sparse_mm)
         patch.setattr(torch.Tensor, "coalesce", coalesce)
         patch.setattr(OnGpu, "new_tensor", lambda like, data: OnGpu(like.held.new_tensor(data)), raising=False)
+        patch.setattr(OnGpu, "tolist", lambda x: x.held.tolist(), raising=False)
         patch.setattr(torch, "autocast", NoCast)
         patch.setattr(torch, "inference_mode", lambda *_: torch.no_grad())  # views of such tensors are not made by hand
         yield mode

@@ -59,7 +59,8 @@ def test_a_queue_of_them_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     )
     assert (found["30"] != found["0"]).all()
     page = written(2, (1,))
-    assert page.count("| U-Net |") == 2
+    assert page.count("| U-Net |") == 3
+    assert "| clean less with noise | 1 |" in page
     assert "| clean | 1 |" in page
 
 
