@@ -10,8 +10,9 @@ from nlos.recon.layers.side_by_side import side_by_side
 from nlos.recon.parts import counted
 
 Fields = Sequence[Tensor | None]
-MOST_TOGETHER = 1 << 28
-"""Values of all images of a field on a GPU: 128 x 128 points by 512 bins have 2^27."""
+MOST_TOGETHER = 1 << 26
+"""Values of all images of a field on a GPU: those of 128 x 128 points and 512 bins are 2^25.6, and take about 3 GiB by
+what two of them take (0.7 GiB, measured)."""
 
 
 def mirrored(x: Tensor, flips: Sequence[int], turned: bool) -> Tensor:
