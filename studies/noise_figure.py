@@ -146,7 +146,7 @@ def monotone(levels: Mapping[str, Sequence[float]]) -> bool:
     return all(a > b for a, b in pairwise(estimated))
 
 
-def by_points(count: int = 30) -> Iterator[str]:
+def by_points(count: int = 80) -> Iterator[str]:
     """The same of whole scans on coarser grids, a line of Markdown each: R^2 and bias of the estimate of any kind and
     of what NANO is told."""
     for side in SIDES:
