@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.test_house_rules import files
 
 EXTRAS = ("torch", "safetensors", "zmq", "tensorboard", "xarray", "distributed", "dask", "mkdocs", "IPython", "napari")
@@ -27,3 +29,12 @@ def test_every_command_is_there_without_extras() -> None:
     command = [sys.executable, "-c", CODE.format(extras=EXTRAS, ours=ours)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=Path(__file__).parent)
     assert done.returncode == 0, done.stderr[-2000:]
+
+
+@pytest.mark.parametrize(("package", "name"), [("serial", "pyserial"), ("usb", "pyusb")])
+def test_a_package_of_its_own_that_is_not_there_is_named(package: str, name: str) -> None:
+    run = f"import sys; sys.modules[{package!r}] = None; from nlos.__main__ import run; sys.exit(run(['devices']))"
+    done = subprocess.run([sys.executable, "-c", run], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2
+    assert f"pip install {name}" in done.stderr
+    assert "Traceback" not in done.stderr

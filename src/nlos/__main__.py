@@ -91,7 +91,7 @@ def run(arguments: list[str]) -> int:
 def report(error: BaseException, words: Sequence[str] = ()) -> int:
     """Says what went wrong on stderr (and in the JSON document), of which of the files that the command names; returns
     the exit code."""
-    from nlos.cli.exit_codes import ExitCode, Stopped, exit_code, missing_extra
+    from nlos.cli.exit_codes import ExitCode, Stopped, exit_code, missing_package
 
     shown = getattr(error, "show", None)
     if callable(shown) and hasattr(error, "exit_code"):
@@ -100,7 +100,7 @@ def report(error: BaseException, words: Sequence[str] = ()) -> int:
     if type(error).__name__ == "Exit" and hasattr(error, "exit_code"):
         return int(error.exit_code)
     code = ExitCode.INTERRUPTED if type(error).__name__ == "Abort" else exit_code(error)
-    message = missing_extra(error) or str(error)
+    message = missing_package(error) or str(error)
     if code == ExitCode.BUG and (was_told_to_end() or follows_an_interrupt(error)):
         code, message = ExitCode.INTERRUPTED, ""
     if code == ExitCode.DATA:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.chain import reconstruct_file
 from nlos.cli.archive_inputs import stamp
-from nlos.cli.exit_codes import ExitCode, exit_code, missing_extra
+from nlos.cli.exit_codes import ExitCode, exit_code, missing_package
 from nlos.recipe import Recipe
 from nlos.results_folder import ResultsFolder
 
@@ -55,7 +55,7 @@ def attempt(task: Task) -> Outcome:
         done = reconstruct_file(task.run, task.recipe, task.results, given=task.given, frame=task.frame)
     except Exception as error:  # whatever it is, the other files are done; what was not foreseen is said to be a bug
         code = exit_code(error)
-        reason = missing_extra(error) or str(error) or type(error).__name__
+        reason = missing_package(error) or str(error) or type(error).__name__
         if code == ExitCode.BUG:
             reason = "this is a bug; please report it: " + "".join(traceback.format_exception(error)).strip()
         return Outcome(task.file, "failed", reason, int(code), time.monotonic() - began, worker, source=source)

@@ -26,6 +26,12 @@ EXTRAS = {
     "distributed": "cluster",
 }  # fmt: skip
 """Package that only some verbs need -> the extra that brings it."""
+ALWAYS = {
+    "serial": "pyserial", "usb": "pyusb", "PIL": "pillow", "h5py": "h5py", "matplotlib": "matplotlib", "scipy": "scipy",
+    "ptufile": "ptufile", "sdtfile": "sdtfile",
+}  # fmt: skip
+"""Package that every installation has -> its name where it is installed from; missing where the program's folder was
+put on Python's path instead."""
 
 
 class UsageError(ValueError):
@@ -73,7 +79,7 @@ def exit_code(error: BaseException) -> ExitCode:
     ]
     if isinstance(error, Stopped):
         return error.code
-    if missing_extra(error) is not None:
+    if missing_package(error) is not None:
         return ExitCode.USAGE
     for kinds, code in table:
         if isinstance(error, kinds):
@@ -87,11 +93,16 @@ def exit_code(error: BaseException) -> ExitCode:
     return ExitCode.BUG
 
 
-def missing_extra(error: BaseException) -> str | None:
-    """What to install, where a command needs a package that a plain installation does not include."""
+def missing_package(error: BaseException) -> str | None:
+    """What to install, where a command needs a package that is not there."""
     if not isinstance(error, ModuleNotFoundError) or error.name is None:
         return None
     package = error.name.partition(".")[0]
+    if package in ALWAYS:
+        return (
+            f"this needs {ALWAYS[package]}, which is installed with nlos and is not there. Install nlos itself, with "
+            f"pip, rather than put its folder on the path; or: pip install {ALWAYS[package]}"
+        )
     if package not in EXTRAS:
         return None
     return f"this needs {package}, which is not installed. Install it with: pip install 'nlos[{EXTRAS[package]}]'"
