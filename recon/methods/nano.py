@@ -1,9 +1,8 @@
 """NANO: the noise-adapted neural operator, trained on 8 x 8 to 128 x 128 points (32 a wall inside), few photons."""
 
-import copy
 import math
 from collections.abc import Callable, Mapping
-from typing import TypeVar, cast
+from typing import cast
 
 import torch
 import torch.nn.functional as F
@@ -36,6 +35,7 @@ from nlos.recon.method import MethodResult
 from nlos.recon.method import sure as with_intervals
 from nlos.recon.nano_settings import Settings as Settings
 from nlos.recon.refined import correction_for
+from nlos.recon.weights.companions import own_copy
 from nlos.recon.weights.files import holds, put_part, with_weights
 
 POINTS = 32  # per wall width: the operator's own pitch, whatever the scan's
@@ -49,7 +49,6 @@ FEWEST_LEFT = 48
 MARGIN = 8  # slices behind the last light, and before the first
 REFINED = 24  # points a side from which on pictures are refined: those it was learned on had 32 and 64
 DIMMEST = 0.003  # of the brightest point; below it there is no depth
-Companion = TypeVar("Companion")
 
 
 class Nano(nn.Module):
@@ -275,11 +274,6 @@ class Nano(nn.Module):
         return {"level": scalar, "map": beta * distance, "loss": scalar + beta * distance}
 
 
-def own(shared: Companion | None) -> Companion | None:
-    """A copy: networks of other walls, which may be on another device, have theirs."""
-    return copy.deepcopy(shared)
-
-
 def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
     """The operator for this wall and time axis; raises WeightsError if the weights are not of this shape."""
     assert isinstance(settings, Settings)
@@ -289,10 +283,10 @@ def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
     network = with_weights(network, settings.weights)
     if settings.weights is not None:  # weights that were never told a response are better off without
         network.takes_response = holds(settings.weights, TOLD)
-    network.any_noise = own(any_noise_for(settings.weights)) if settings.noise_weights is None else None
-    network.head_of_intervals = own(head_for(settings.weights)) if settings.refine else None
+    network.any_noise = own_copy(any_noise_for(settings.weights)) if settings.noise_weights is None else None
+    network.head_of_intervals = own_copy(head_for(settings.weights)) if settings.refine else None
     refined = settings.refine and min(wall.rows, wall.cols) >= REFINED
-    correction = own(correction_for(settings.weights)) if refined else None
+    correction = own_copy(correction_for(settings.weights)) if refined else None
     if correction is not None:
         network.refinement = Refinement(correction, wall, time_axis, settings.falloff)
     network.halved = halves(network, wall, lambda coarser: build(settings, coarser, time_axis))
