@@ -72,8 +72,8 @@ def there(network: nn.Module) -> nn.Module:
     return network
 
 
-def here(x: Tensor) -> Tensor:
-    """What a tensor of either holds."""
+def here(x: Any) -> Any:
+    """What a tensor of either holds; anything else as it is."""
     return x.held if isinstance(x, OnGpu) else x
 
 
@@ -114,7 +114,7 @@ def _done(func: Any, args: Sequence[Any], kwargs: dict[str, Any], met: dict[str,
     on_gpu = isinstance(args[0], OnGpu) if name in ("copy_", "_to_copy") else bool(gpus)
     if (device := kwargs.get("device")) is not None:
         on_gpu, kwargs["device"] = torch.device(device).type == DEVICE, "cpu"
-    out = LAZY.get(name, func)(*tree_map(here_of, args), **tree_map(here_of, kwargs))
+    out = LAZY.get(name, func)(*tree_map(here, args), **tree_map(here, kwargs))
     known = {id(x.held): x for x in gpus}
 
     def placed(x: Any) -> Any:
@@ -123,11 +123,6 @@ def _done(func: Any, args: Sequence[Any], kwargs: dict[str, Any], met: dict[str,
         return known[id(x)] if id(x) in known else OnGpu(x)
 
     return tree_map(placed, out)
-
-
-def here_of(x: Any) -> Any:
-    """The same of whatever an operation is given."""
-    return here(x) if isinstance(x, Tensor) else x
 
 
 def _line() -> str:
