@@ -58,6 +58,7 @@ results: .venv/run-ready  # docs/results.md; resumes from what is measured alrea
 studies: .venv/run-ready  # docs/ablations.md; resumes; a second `make studies` beside it shares the work
 	$(BIN)/python -m studies.ablations
 	$(BIN)/python -m studies.without_noise
+	$(BIN)/python -m studies.more_seeds
 
 clean:
 	rm -rf .venv build *.egg-info

@@ -51,10 +51,10 @@ NOTES = (
     "Without the noise estimation (no NLE) the operator alone is told a middling noise level; falloff and snr of the "
     "inverse that it starts from still follow the estimate. Such rows say less than what the estimate is worth, and "
     "are not the paper's.",
-    "As it ships is NANO's parts, its scan seen once and its picture unrefined, in all rows. Seen eight times, "
-    "mirrored, is a training of its own: it differs from the other by chance as well. Equal seconds are those of one "
-    "CPU core: LFE learns from 2,630 scenes, NLOST from 1,460 and the U-Net from 1,900. The light-cone transform "
-    "runs at the snr that it finds in the data, where other pages have the best of five.",
+    "As it ships is NANO's parts, its scan seen once and its picture unrefined, in all rows; what mirror images are "
+    "worth is in [the paper, claim by claim](paper.md), by the same weights. Equal seconds are those of one CPU core: "
+    "LFE learns from 2,630 scenes, NLOST from 1,460 and the U-Net from 1,900. The light-cone transform runs at the "
+    "snr that it finds in the data, where other pages have the best of five.",
     "The printed network learns by the paper's loss (brightness and total variation) under the paper's noise, which "
     "is added to what its detector counts; rivals and NANO learn by NANO's loss, with depth, and without that noise. "
     "Where they stand in one table, its columns of depth compare losses as well. All of the paper's parts are, in "

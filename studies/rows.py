@@ -186,7 +186,6 @@ TABLES: dict[str, tuple[Row, ...]] = {
         longer("no 2D network, attention alone", {"without": "2D network"}, WITHOUT),
         longer("no noise estimation", {"nle": False}),
         longer("no spectral updates", {"spectral_scales": 0}),
-        longer("seen eight times, mirrored (trained again)", {"symmetries": True}),
         longer("as it ships", {}),
     ),
     "Rivals at equal samples (this project)": (
