@@ -27,9 +27,14 @@ class Difference:
 
     @property
     def told(self) -> bool:
-        """Whether it is more than chance, from more than one seed: above so many errors as Student's distribution has
-        at `SURE`, two and more."""
-        return self.seeds > 1 and abs(self.mean) > self.error * float(scipy.stats.t.ppf((1 + SURE) / 2, self.freedom))
+        """Whether it is more than chance, from more than one seed."""
+        return self.seeds > 1 and self.beyond_chance
+
+    @property
+    def beyond_chance(self) -> bool:
+        """Whether it lies above so many errors as Student's distribution has at `SURE`, two and more; of one seed
+        that is chance over scenes alone."""
+        return abs(self.mean) > self.error * float(scipy.stats.t.ppf((1 + SURE) / 2, self.freedom))
 
     def __str__(self) -> str:
         return f"{self.mean:+.2f} ± {self.error:.2f}"

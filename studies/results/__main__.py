@@ -151,8 +151,8 @@ def page(data: Path, docs: Path) -> str:
             "\n## Trained without noise\n",
             noiseless(data / "synthetic", quality),
             "## Noise level estimation\n",
-            f"R² = {levels.figures['r_squared']:.4f} on {noise_figure.SCANS} scans of held-out kinds inside the "
-            "training range.\n",
+            f"R² = {levels.figures['r_squared']:.4f} of photon noise, by the estimate of any kind, on "
+            f"{noise_figure.SCANS} scans of held-out kinds inside the training range.\n",
             table(
                 ["noise", "R²", "bias, decades", "scatter"],
                 [

@@ -285,14 +285,9 @@ class LiveScan:
 
     def _light_for(self, live: "LiveReconstruction", held: Gathered, count: int) -> Calibrated:
         """What the picture before was made from, unless this method has had it, or it is to be of what is new."""
-        known = self._calibrated
+        known, had = self._calibrated, self._schedule.of(live.method)
         fresh = live is self.lives[0] or self.read
-        if (
-            known is None
-            or known.whole != self.read
-            or known.samples <= self._schedule.of(live.method)
-            or (fresh and known.samples < count)
-        ):
+        if known is None or known.whole != self.read or known.samples < max(had + 1, count if fresh else 0):
             known = self._calibrated = held.calibrated(self.read)
         return known
 
