@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.detectors import added_up
 from nlos.acquisition.importers.given import NOTHING, Given, put_there
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.raw_histograms import raw_scan
@@ -27,7 +28,9 @@ if TYPE_CHECKING:
     from sdtfile import SdtFile
 
 _HEADER = struct.Struct("<h i h i H i h I i h h H I H H")  # bhfile_header, packed
-_VALID, _UNFINISHED, _CHECK_WORD = 0x5555, 0x1111, 0x55AA
+_WORDS = struct.Struct(f"<{_HEADER.size // 2}H")
+_VALID, _UNFINISHED, _CHECK_SUM = 0x5555, 0x1111, 0x55AA
+"""The check sum is that of all of the header's words, modulo 2^16; some software wrote it in place of its last word."""
 _HISTOGRAMS = ("DECAY_BLOCK", "PAGE_BLOCK", "IMG_BLOCK")
 """Kinds of blocks that hold counts by delay."""
 _DAMAGE = (
@@ -50,12 +53,19 @@ class _Block:
 
 def is_sdt(path: Path) -> bool:
     """Whether a file begins with an SDT file's header, whatever it is called."""
+    return _mark(path) is not None
+
+
+def _mark(path: Path) -> int | None:
+    """Whether an SDT file was finished (`_VALID`, `_UNFINISHED`); None for other files."""
     with path.open("rb") as file:
         head = file.read(_HEADER.size)
     if len(head) < _HEADER.size:
-        return False
-    *_, valid, _, _, check_word = _HEADER.unpack(head)
-    return bool(check_word == _CHECK_WORD and valid in (_VALID, _UNFINISHED))
+        return None
+    _, texts_at, *_, valid, _, _, check = _HEADER.unpack(head)
+    if valid == _UNFINISHED and texts_at == _HEADER.size:  # the check sum comes last
+        return _UNFINISHED
+    return _VALID if valid == _VALID and _CHECK_SUM in (check, sum(_WORDS.unpack(head)) % (1 << 16)) else None
 
 
 def read_sdt(path: Path, given: Given = NOTHING) -> ImportedScan:
@@ -63,8 +73,13 @@ def read_sdt(path: Path, given: Given = NOTHING) -> ImportedScan:
     reason."""
     if path.stat().st_size > MAX_BYTES:
         raise InvalidData(f"{path}: is {path.stat().st_size / 2**30:.1f} GiB; at most {MAX_BYTES >> 30} GiB are read")
-    if not is_sdt(path):
-        raise InvalidData(f"{path}: does not begin as an SDT file of Becker & Hickl. Is it one, and the copy complete?")
+    if (mark := _mark(path)) is None:
+        raise InvalidData(
+            f"{path}: does not begin as an SDT file of Becker & Hickl (mark and check sum of its header). Is it one, "
+            "and the copy complete?"
+        )
+    if mark == _UNFINISHED:
+        raise InvalidData(f"{path}: says that it was never finished. Save it again from SPCM.")
     with _opened(path) as sdt:
         blocks, others = _blocks(path, sdt)
     if not blocks:
@@ -117,15 +132,16 @@ def _opened(path: Path) -> "Iterator[SdtFile]":
     except _DAMAGE as error:
         if isinstance(error, InvalidData):
             raise
-        raise InvalidData(f"{path}: not a readable SDT file ({type(error).__name__}: {error})") from error
+        said = f"{type(error).__name__}: {error}".rstrip(": ")
+        raise InvalidData(
+            f"{path}: not a readable SDT file, or one that is cut off. Copy it again. ({said})"
+        ) from error
 
 
 def _blocks(path: Path, sdt: "SdtFile") -> tuple[list[_Block], set[str]]:
     """The blocks of histograms, and what the others are called. Raises `InvalidData` for blocks that are cut short."""
     from sdtfile import BlockType
 
-    if int(sdt.header.header_valid) != _VALID:
-        raise InvalidData(f"{path}: says that it was never finished. Save it again from SPCM.")
     blocks, others = [], set()
     for number, (header, data) in enumerate(zip(sdt.block_headers, sdt.data, strict=True)):
         names = header.dtype.names or ()
@@ -166,15 +182,14 @@ def _image(path: Path, images: list[_Block]) -> tuple[npt.NDArray[Any], npt.NDAr
     if rows * cols * bins * 4 > MAX_BYTES:
         raise InvalidData(f"{path}: states an image of {shape}, beyond {MAX_BYTES >> 30} GiB")
     counts: npt.NDArray[Any] = np.zeros(shape, np.float64 if images[0].counts.dtype.kind == "f" else np.uint32)
-    detectors = 0
+    histograms = []
     for image in images:
-        channels = image.counts.reshape(-1, *shape)
-        detectors += len(channels)
-        for channel in channels:
+        for channel in image.counts.reshape(-1, *shape):
             counts += channel.astype(counts.dtype)
-    notes = []
-    if detectors > 1:
-        notes.append(f"{detectors} images (detectors, or pages) are added up")
+            histograms.append(channel.sum(axis=(0, 1), dtype=np.float64))
+    names, width_s = range(len(histograms)), images[0].bin_width_s
+    said = added_up(np.stack(histograms), names, width_s, "{} images (detectors, or pages)")
+    notes = [] if said is None else [said]
     measured_s = max(image.measured_s for image in images)
     if not measured_s > 0:
         return counts, np.ones((rows, cols)), [*notes, "exposure is not stored; assuming 1 s per point"]

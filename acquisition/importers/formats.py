@@ -13,6 +13,8 @@ from nlos.acquisition.importers.matlab import read_matlab
 from nlos.acquisition.importers.npz import is_npz, read_npy, read_npz
 from nlos.acquisition.importers.own_data import how_to_convert
 from nlos.acquisition.importers.photon_hdf5 import is_photon_hdf5, read_photon_hdf5
+from nlos.acquisition.importers.picoquant import KNOWN as PICOQUANT
+from nlos.acquisition.importers.picoquant import MAGIC as PICOQUANT_MAGIC
 from nlos.acquisition.importers.picoquant import SUFFIXES as PICOQUANT_SUFFIXES
 from nlos.acquisition.importers.picoquant import read_picoquant
 from nlos.acquisition.importers.plain import read_plain
@@ -20,7 +22,7 @@ from nlos.acquisition.importers.untrusted_hdf5 import open_hdf5
 from nlos.acquisition.importers.ytal import read_ytal, read_zaragoza
 
 Reader = Callable[[Path, Given], ImportedScan]
-KNOWN_FORMATS = "HDF5, MAT, NPZ, NPY, PTU, PHU, PT3, HT3, T3R, PHD, HHD, SDT"
+KNOWN_FORMATS = f"HDF5, MAT, NPZ, NPY, {PICOQUANT}, SDT"
 _PACKED = {
     b"PK\x03\x04": "ZIP", b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ": "xz", b"(\xb5/\xfd": "Zstandard",
     b"7z\xbc\xaf": "7-Zip", b"Rar!": "RAR",
@@ -32,14 +34,16 @@ def reader_of(path: Path) -> Reader:
     suffix, magic = path.suffix.lower(), magic_of(path)
     if is_hdf5(path):
         return _reader_of_hdf5(path)
-    if suffix == ".mat" or magic == b"MATLAB 5":
-        return read_matlab
-    if magic[:6] == b"PQTTTR" or magic[:7] == b"PQHISTO":
+    if not magic:
+        raise InvalidData(f"{path}: is empty, 0 bytes. Copy it again from where it was made.")
+    if magic == b"version ":  # https://git-lfs.github.com/spec/v1
+        raise InvalidData(f"{path}: is a pointer of Git LFS, not the file. Get that with `git lfs pull`.")
+    if magic.startswith(PICOQUANT_MAGIC):
         return lambda path, given: read_picoquant(path)
     if is_sdt(path):
         return read_sdt
-    if not magic:
-        raise InvalidData(f"{path}: is empty, 0 bytes. Copy it again from where it was made.")
+    if suffix == ".mat" or magic == b"MATLAB 5":
+        return read_matlab
     if suffix == ".npz" or is_npz(path):
         return read_npz
     if suffix == ".npy" or magic[:6] == b"\x93NUMPY":
@@ -53,7 +57,7 @@ def reader_of(path: Path) -> Reader:
     if suffix == ".spc":
         raise InvalidData(
             f"{path}: is a FIFO stream of Becker & Hickl: photons, and nothing that says how a scan is put together. "
-            "Name the SDT file that SPCM makes of it, or convert it to Photon-HDF5 (phconvert)."
+            "Name the SDT file that SPCM makes of it, or convert it to Photon-HDF5 (phconvert; it needs the .set, too)."
         )
     if suffix == ".ttbin":
         raise InvalidData(

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.detectors import added_up
 from nlos.acquisition.importers.given import NOTHING, Given, put_there
 from nlos.acquisition.importers.imported import MOST_POINTS, ImportedScan
 from nlos.acquisition.importers.marked_lines import marked_lines
@@ -31,6 +32,11 @@ _IMAGE = 3
 """What PicoQuant's Measurement_SubMode and ImgHdr_Dimensions say of an image."""
 _MOST_BINS = 1 << 20
 _MOST_SPOTS = 4096
+_MOST_COMPARED = 1 << 24
+"""Bins of the histograms of all detectors of a spot, one each."""
+_FEWEST_SPECIAL = 16
+"""So many records of one id do not all have delay 0 by chance."""
+_MOST_NAMED = 8
 
 Integers = npt.NDArray[np.int64]
 
@@ -45,7 +51,8 @@ class _Photons:
     mark_bits: Integers  # (M,) which inputs saw an edge
     bin_width_s: float
     clock_s: float
-    detectors: int
+    notes: tuple[str, ...]
+    """What was left out, and what was added up."""
 
 
 @dataclass(frozen=True)
@@ -78,9 +85,7 @@ def read_photon_hdf5(path: Path, given: Given = NOTHING) -> ImportedScan:
         duration_s = 0.0 if duration is None else needed_number(file, "acquisition_duration")
     if len({spot.bin_width_s for spot in spots}) > 1:
         raise InvalidData(f"{path}: its spots have bins of different widths. Save one spot a file.")
-    notes = []
-    if (detectors := sum(spot.detectors for spot in spots)) > len(spots):
-        notes.append(f"photons of {detectors} detectors are added up")
+    notes = _of_spots(dict(zip(groups, spots, strict=True)))
     if image is not None and len(spots) == 1:
         counts, exposure_s = _sorted(path, spots[0], image)
         notes.append("photons between lines are not points of the scan and are not imported")
@@ -131,7 +136,8 @@ def _photons(file: h5py.File, group: str, given: Given) -> _Photons:
         )
     marks = np.isin(detectors, _mark_ids(file, group))
     clock_s = needed_number(file, f"{group}/timestamps_specs/timestamps_unit")
-    delays = delays[~marks]
+    mark_times, mark_ids = times[marks], detectors[marks]
+    times, delays, detectors = times[~marks], delays[~marks], detectors[~marks]
     stated = find_dataset(file, f"{group}/nanotimes_specs/tcspc_num_bins")
     bins = _MOST_BINS if stated is None else needed_number(file, f"{group}/nanotimes_specs/tcspc_num_bins")
     if not delays.size:
@@ -140,10 +146,50 @@ def _photons(file: h5py.File, group: str, given: Given) -> _Photons:
         raise InvalidData(
             f"{file.filename}: {group}/nanotimes: from {delays.min()} to {delays.max()}, beyond its {bins:g} bins"
         )
-    order = np.argsort(times[marks], kind="stable")
-    bits = _without_top_bit(detectors[marks][order])
-    kinds = len(np.unique(detectors[~marks]))
-    return _Photons(times[~marks], delays, times[marks][order], bits, width_s, clock_s, kinds)
+    order = np.argsort(mark_times, kind="stable")
+    times, delays, detectors, notes = _without_special(times, delays, detectors)
+    if (said := _added_up(delays, detectors, width_s)) is not None:
+        notes.append(said)
+    return _Photons(times, delays, mark_times[order], _without_top_bit(mark_ids[order]), width_s, clock_s, tuple(notes))
+
+
+def _without_special(
+    times: Integers, delays: Integers, detectors: Integers
+) -> tuple[Integers, Integers, Integers, list[str]]:
+    """Photons without an instrument's special records, and what is to be said of those: of a PT3, `phconvert` leaves
+    PicoHarp's overflows among the photons, as a detector 15 whose delays are all 0."""
+    kinds, sizes = np.unique(detectors, return_counts=True)
+    timed = np.isin(kinds, detectors[delays > 0])
+    special = ~timed & (sizes >= _FEWEST_SPECIAL) & timed.any()
+    if not special.any():
+        return times, delays, detectors, []
+    kept = ~np.isin(detectors, kinds[special])
+    named = [f"{size:,} of 'detector' {kind}" for kind, size in zip(kinds[special], sizes[special], strict=True)]
+    note = (
+        f"records that all have delay 0 are left out, {', '.join(named[:_MOST_NAMED])}"
+        f"{', ...' if len(named) > _MOST_NAMED else ''}: not photons but an instrument's special records (overflows)"
+    )
+    return times[kept], delays[kept], detectors[kept], [note]
+
+
+def _added_up(delays: Integers, detectors: Integers, bin_width_s: float) -> str | None:
+    """What is to be said where photons are of several detectors."""
+    kinds, bins = np.unique(detectors), int(delays.max()) + 1
+    if len(kinds) * bins > _MOST_COMPARED:
+        return f"photons of {len(kinds)} detectors are added up" if len(kinds) > 1 else None
+    cell = np.searchsorted(kinds, detectors) * bins + delays
+    histograms = np.bincount(cell, minlength=len(kinds) * bins).reshape(len(kinds), bins)
+    return added_up(histograms, kinds.tolist(), bin_width_s)
+
+
+def _of_spots(spots: dict[int, _Photons]) -> list[str]:
+    """What is to be said of all spots, with their numbers where there are several."""
+    notes = [
+        note if len(spots) == 1 else f"spot {number}: {note}" for number, spot in spots.items() for note in spot.notes
+    ]
+    if len(notes) > _MOST_NAMED:
+        notes[_MOST_NAMED:] = [f"and {len(notes) - _MOST_NAMED} more notes of this kind, on other spots"]
+    return notes
 
 
 def _mark_ids(file: h5py.File, group: str) -> Integers:

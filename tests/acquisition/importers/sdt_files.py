@@ -47,10 +47,11 @@ def measure_info(**said: Any) -> bytes:
 
 def write_sdt(
     path: Path, blocks: Sequence[np.ndarray], kind: int = PAGE, mode: int = MEASURED, *, zipped: bool = False,
-    old: bool = False, said: dict[str, Any] | None = None,
+    old: bool = False, word: bool = False, said: dict[str, Any] | None = None,
 ) -> Path:  # fmt: skip
     """A file with these blocks of counts (..., T), whose images are (H, W, T). `old`: with the shorter block numbers
-    of software before revision 15."""
+    of software before revision 15. `word`: its check word is 0x55AA itself; SPCM makes the
+    sum of all words that."""
     bins = blocks[0].shape[-1]
     place = {}
     if blocks[0].ndim == 3:
@@ -86,8 +87,12 @@ def write_sdt(
         at = follows
     head = struct.pack(
         "<h i h i H i h I i h h H I H H", 0x280 | (12 if old else 15), 42, len(info), setup_at, len(setup), data_at,
-        len(blocks), max(block.nbytes for block in blocks), about_at, 1, len(about), 0x5555, len(blocks), 0, 0x55AA,
+        len(blocks), max(block.nbytes for block in blocks), about_at, 1, len(about), 0x5555, len(blocks), 0,
+        0x55AA if word else 0,
     )  # fmt: skip
+    if not word:
+        rest = sum(struct.unpack("<21H", head)) & 0xFFFF
+        head = head[:-2] + struct.pack("<H", (0x55AA - rest) & 0xFFFF)
     path.write_bytes(head + info + setup + about + body)
     return path
 

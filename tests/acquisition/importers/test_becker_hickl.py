@@ -29,7 +29,7 @@ from tests.acquisition.importers.sdt_files import (
 COUNTS = np.random.default_rng(0).poisson(3.0, (6, 5, 256)).astype(np.uint16)
 IMAGES: dict[str, dict[str, Any]] = {
     "scan in": {}, "fifo image": {"kind": IMAGE, "mode": FIFO}, "before revision 15": {"old": True},
-    "zipped": {"kind": IMAGE, "mode": FIFO, "zipped": True},
+    "zipped": {"kind": IMAGE, "mode": FIFO, "zipped": True}, "check word": {"word": True},
 }  # fmt: skip
 
 
@@ -64,6 +64,13 @@ def test_a_file_that_says_no_time_axis_takes_the_users(tmp_path: Path) -> None:
 def test_it_is_told_by_its_contents(tmp_path: Path) -> None:
     for suffix in (".ptu", ".h5", ".dat"):
         assert read_any(write_sdt(tmp_path / f"scan{suffix}", [COUNTS])).source_format == "SDT image"
+
+
+def test_a_header_whose_check_sum_is_wrong_is_refused(tmp_path: Path) -> None:
+    path = write_sdt(tmp_path / "scan.sdt", [COUNTS])
+    _changed(path, 2, "<i", 43)  # where its texts begin
+    with pytest.raises(InvalidData, match=r"scan.sdt: does not begin as an SDT file"):
+        read_any(path)
 
 
 def _changed(path: Path, at: int, layout: str, value: int) -> None:

@@ -269,7 +269,7 @@ def test_a_ptu_of_one_point_is_one_point(tmp_path: Path) -> None:
     scan = read_any(path)
     assert scan.source_format == "PTU point"
     assert np.array_equal(scan.transient.counts[:200, 0, 0], image.sum(axis=(0, 1, 2, 3)))
-    assert any("2 channels" in note for note in scan.notes)
+    assert any("2 detectors are added up (0: " in note for note in scan.notes)
     for keep in (20, 70, 400):
         path.write_bytes(data[:keep])
         with pytest.raises(InvalidData, match=r"point\.ptu"):

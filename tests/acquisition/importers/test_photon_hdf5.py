@@ -111,7 +111,102 @@ def test_photons_of_one_spot_are_one_histogram(tmp_path: Path) -> None:
         expected = np.bincount(file["photon_data/nanotimes"][:])
     assert np.array_equal(scan.transient.counts[:, 0, 0], expected)
     assert scan.transient.exposure_s.tolist() == [[2.0]]
-    assert "photons of 2 detectors are added up" in scan.notes
+    assert any(note.startswith("photons of 2 detectors are added up (0: 250, 1: 250)") for note in scan.notes)
+
+
+def beside(nanotimes: np.ndarray, count: int, detector: int = 15, delay: int = 0) -> dict[str, Any]:
+    """`nanotimes` of two detectors, and `count` records of another between them that all have one delay."""
+    rng = np.random.default_rng(1)
+    delays = np.concatenate([nanotimes, np.full(count, delay)])
+    ids = np.concatenate([1 + np.arange(len(nanotimes)) % 2, np.full(count, detector)])
+    order = rng.permutation(len(delays))
+    return {
+        "timestamps": np.sort(rng.integers(0, 2**40, len(delays))),
+        "nanotimes": delays[order].astype(np.uint16),
+        "detectors": ids[order].astype(np.uint8),
+    }
+
+
+PHOTONS = np.random.default_rng(2).integers(0, 512, 5000)
+"""Delays of which some are 0, as of background."""
+
+
+@pytest.mark.parametrize("overflows", [16, 13_063])
+def test_an_instruments_overflows_are_no_photons(tmp_path: Path, overflows: int) -> None:
+    """PicoHarp's, that `phconvert` leaves as a detector 15."""
+    scan = read_any(write(tmp_path / "pt3.h5", **beside(PHOTONS, overflows)))
+    assert np.array_equal(scan.transient.counts[:, 0, 0], np.bincount(PHOTONS))
+    (note,) = (note for note in scan.notes if "left out" in note)
+    assert f"{overflows:,} of 'detector' 15" in note
+    assert "delay 0" in note
+    assert "overflows" in note
+    assert any("photons of 2 detectors are added up (1: 2,500, 2: 2,500)" in note for note in scan.notes)
+
+
+@pytest.mark.parametrize(("count", "delay"), [(15, 0), (5000, 1), (5000, 511)])
+def test_photons_that_are_few_at_delay_0_or_all_at_another_stay(tmp_path: Path, count: int, delay: int) -> None:
+    scan = read_any(write(tmp_path / "few.h5", **beside(PHOTONS, count, delay=delay)))
+    expected = np.bincount(PHOTONS)
+    expected[delay] += count
+    assert np.array_equal(scan.transient.counts[:, 0, 0], expected)
+    assert not any("left out" in note for note in scan.notes)
+    assert any(f"photons of 3 detectors are added up (1: 2,500, 2: 2,500, 15: {count:,})" in n for n in scan.notes)
+
+
+@pytest.mark.parametrize("detectors", [None, np.zeros(500, np.uint8), np.arange(500) % 2])
+def test_photons_that_all_have_delay_0_are_photons(tmp_path: Path, detectors: np.ndarray | None) -> None:
+    scan = read_any(write(tmp_path / "zero.h5", nanotimes=np.zeros(500, np.uint16), detectors=detectors))
+    assert scan.transient.counts.ravel().tolist() == [500]
+
+
+def test_overflows_among_a_scans_photons_leave_its_points_as_they_are(converted: Path) -> None:
+    before = read_any(converted).transient
+    with h5py.File(converted, "r+") as file:
+        group = file["photon_data"]
+        times = group["timestamps"][:]
+        at = np.linspace(times[0], times[-1], 500).astype(times.dtype)
+        for name, more in (("timestamps", at), ("nanotimes", 0 * at), ("detectors", 0 * at + 15)):
+            values = np.concatenate([group[name][:], more.astype(group[name].dtype)])
+            del group[name]
+            group[name] = values[np.argsort(np.concatenate([times, at]), kind="stable")]
+    after = read_any(converted)
+    assert np.array_equal(after.transient.counts, before.counts)
+    assert any("500 of 'detector' 15" in note for note in after.notes)
+
+
+def note_of_peaks(path: Path, bins: list[int]) -> str:
+    """What is said of detectors 3, 4, ... whose photons come in one bin each, of 16 ps, but for one in twenty."""
+    rng = np.random.default_rng(3)
+    which = np.arange(2000 * len(bins)) % len(bins)
+    delays = np.where(rng.random(len(which)) < 0.05, rng.integers(0, 512, len(which)), np.array(bins)[which])
+    times = np.sort(rng.integers(0, 2**40, len(which)))
+    scan = read_any(write(path, timestamps=times, nanotimes=delays, detectors=(which + 3).astype(np.uint8)))
+    assert scan.transient.counts.sum() == len(which)
+    return next((note for note in scan.notes if "added up" in note), "")
+
+
+def test_what_is_added_up_names_detectors_and_how_far_apart_they_lie(tmp_path: Path) -> None:
+    path = tmp_path / "cables.h5"
+    assert "peaks" not in note_of_peaks(path, [100, 101])
+    said = note_of_peaks(path, [100, 112, 105])
+    assert "photons of 3 detectors are added up (3: 2,000, 4: 2,000, 5: 2,000)" in said
+    assert "192 ps apart" in said
+    assert "10: 2,000" in note_of_peaks(path, [100] * 8)
+    said = note_of_peaks(path, [100] * 9)
+    assert "photons of 9 detectors are added up" in said
+    assert "2,000" not in said
+    assert not note_of_peaks(path, [100])
+
+
+def test_spots_say_which_of_their_detectors_are_added_up(tmp_path: Path) -> None:
+    scan = read_any(write(tmp_path / "few.h5", spots=3, **beside(PHOTONS, 100)))
+    for spot in range(3):
+        assert np.array_equal(scan.transient.counts[:, 0, spot], np.bincount(PHOTONS))
+        assert sum(f"spot {spot}: photons of 2 detectors are added up (1: 2,500" in note for note in scan.notes) == 1
+        assert sum(f"spot {spot}: records that all have delay 0" in note for note in scan.notes) == 1
+    many = read_any(write(tmp_path / "many.h5", spots=40, detectors=np.arange(500) % 2))
+    assert len(many.notes) < 15
+    assert any("32 more notes" in note for note in many.notes)
 
 
 def test_several_spots_are_a_row_of_points(tmp_path: Path) -> None:

@@ -1,11 +1,13 @@
 """Real instruments' files: photon totals and histograms are exact, and what is no scan is refused by name."""
 
+import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.formats import read_any
 from nlos.acquisition.importers.picoquant import read_picoquant
 from tests.acquisition.importers.ptu_raster import write_raster
 
@@ -73,7 +75,7 @@ def test_truncated_files_are_refused(name: str, keep: int, tmp_path: Path) -> No
 def test_other_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "other.ptu"
     path.write_bytes(b"x" * 500)
-    with pytest.raises(InvalidData, match="not read"):
+    with pytest.raises(InvalidData, match="is no file of PicoQuant's"):
         read_picoquant(path)
 
 
@@ -117,3 +119,145 @@ def test_a_marker_that_no_record_can_hold_is_refused(tmp_path: Path, name: str, 
     (tmp_path / "a.ptu").write_bytes(raw)
     with pytest.raises(InvalidData, match=rf"a\.ptu: states marker {marker} for {name}; there are 1 to 15"):
         read_picoquant(tmp_path / "a.ptu")
+
+
+@needs_files
+@pytest.mark.parametrize(
+    ("name", "took_s"),
+    [("picoharp_topfluorPE.pt3", 11.08), ("timeharp_v50.t3r", 9.344), ("hydraharp_v20.ht3", 10.0)],
+)
+def test_the_exposure_is_what_the_measurement_took_not_what_was_asked_for(name: str, took_s: float) -> None:
+    scan = read_picoquant(TCSPC / name)
+    assert scan.transient.exposure_s == pytest.approx(np.full((1, 1), took_s))
+
+
+@needs_files
+def test_detectors_that_are_added_up_are_named_with_their_photons() -> None:
+    scan = read_picoquant(TCSPC / "picoharp_topfluorPE.pt3")
+    assert (
+        "photons of 2 detectors are added up (1: 482,775, 2: 490,562); their peaks lie up to 96 ps apart" in scan.notes
+    )
+
+
+@needs_files
+def test_a_timeharps_delays_run_from_the_laser_pulse() -> None:
+    """It counts from the photon to the next pulse: a decay would rise."""
+    counts = read_picoquant(TCSPC / "timeharp_v50.t3r").transient.counts.ravel()
+    peak = int(counts.argmax())
+    assert counts[peak : peak + 600].sum() > 2 * counts[peak - 600 : peak].sum()
+
+
+@needs_files
+@pytest.mark.parametrize("suffix", [".dat", "", ".phd", ".thd", ".mat"])
+def test_a_file_is_known_by_its_contents(tmp_path: Path, suffix: str) -> None:
+    whole = TCSPC / "picoharp_topfluorPE.pt3"
+    (tmp_path / f"a{suffix}").write_bytes(whole.read_bytes())
+    read, expected = read_any(tmp_path / f"a{suffix}"), read_picoquant(whole)
+    assert read.source_format == "PicoHarp PT3"
+    assert np.array_equal(read.transient.counts, expected.transient.counts)
+
+
+@needs_files
+def test_a_ptu_image_has_its_dwell_from_line_markers_where_it_is_not_stored() -> None:
+    scan = read_picoquant(TCSPC / "picoharp_t3_image_hazelnut_frame1.ptu")
+    assert scan.transient.exposure_s[0, 0] == pytest.approx(6.33e-6, rel=1e-2)
+    assert any("6.332 µs a point and frame by its line markers" in note for note in scan.notes)
+
+
+def raster(path: Path) -> bytearray:
+    photons = np.column_stack([np.arange(400) % 4, np.arange(400) / 400, np.full(400, 5)])
+    return bytearray(write_raster(path, (4, 8), photons).read_bytes())
+
+
+def tagged(raw: bytearray, name: str, value: int) -> bytearray:
+    at = raw.index(name.encode() + b"\0") + 40
+    raw[at : at + 8] = value.to_bytes(8, "little", signed=True)
+    return raw
+
+
+@pytest.mark.parametrize("short", [4, 40, 800])
+def test_a_ptu_that_is_cut_off_is_refused(tmp_path: Path, short: int) -> None:
+    """The part that is missing would be points that were measured and dark."""
+    raw = raster(tmp_path / "a.ptu")
+    (tmp_path / "a.ptu").write_bytes(raw[:-short])
+    with pytest.raises(InvalidData, match=r"a\.ptu: is cut off: its header states \d+ records, \d+ are there"):
+        read_picoquant(tmp_path / "a.ptu")
+
+
+def test_a_ptu_that_was_broken_off_is_read_and_says_so(tmp_path: Path) -> None:
+    raw = raster(tmp_path / "a.ptu")
+    (tmp_path / "b.ptu").write_bytes(tagged(raw, "TTResult_NumberOfRecords", 0))
+    scan, whole = read_picoquant(tmp_path / "b.ptu"), read_picoquant(tmp_path / "a.ptu")
+    assert np.array_equal(scan.transient.counts, whole.transient.counts)
+    assert any("its header states no records" in note for note in scan.notes)
+
+
+def test_a_ptu_image_whose_photons_find_no_line_is_refused(tmp_path: Path) -> None:
+    """Abberior's Imspector counts markers from 0: such files came out black, and complete."""
+    raw = raster(tmp_path / "a.ptu")
+    (tmp_path / "a.ptu").write_bytes(tagged(raw, "ImgHdr_LineStart", 0))
+    with pytest.raises(InvalidData, match=r"a\.ptu: none of its 400 photons lies within a line .*LineStart 0"):
+        read_picoquant(tmp_path / "a.ptu")
+
+
+def test_a_git_lfs_pointer_is_called_one(tmp_path: Path) -> None:
+    for name in ("a.ptu", "a.mat", "a.h5", "a.npz", "a.sdt"):
+        (tmp_path / name).write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 5\n")
+        with pytest.raises(InvalidData, match=r"is a pointer of Git LFS, not the file. Get that with `git lfs pull`"):
+            read_any(tmp_path / name)
+
+
+def timeharp(version: str, curves: list[np.ndarray] | None, records: np.ndarray | None = None) -> bytes:
+    """A TimeHarp 200 file after the vendor's structures: histograms, or records."""
+    head = b"TimeHarp 200".ljust(16, b"\0") + version.encode().ljust(6, b"\0")
+    head = head.ljust(328 if version == "6.0" else 304, b"\0")
+    mode = 0 if records is None else 2
+    head += struct.pack("<11i I 7i", 4096, len(curves or []), 32, 1, 1, 0, mode, 0, 1, 0, 60_000, *[0] * 8)
+    head += bytes(136) + (bytes(24) if version == "6.0" else b"") + struct.pack("<5i f", *[0] * 5, 0.07)
+    for number, counts in enumerate(curves or []):
+        said = [
+            number,
+            *[0] * 9,
+            0.0,
+            0.0,
+            0.0,
+            1,
+            0,
+            60_000,
+            2_500 + number,
+            1,
+            0,
+            0,
+            0,
+            int(counts.sum()),
+            0.07,
+            0,
+            0,
+        ]
+        head += struct.pack("<10i 3f 9i f 2i", *said) + counts.astype("<u4").tobytes()
+    if records is not None:
+        head += struct.pack("<13i", *[0] * 9, 1_500, 1, len(records), 0) + records.astype("<u4").tobytes()
+    return head
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0", "5.0", "6.0"])
+def test_a_timeharps_histograms_are_a_row_of_points(tmp_path: Path, version: str) -> None:
+    curves = [np.random.default_rng(n).poisson(2.0, 4096) for n in range(3)]
+    (tmp_path / "a.thd").write_bytes(timeharp(version, curves))
+    scan = read_any(tmp_path / "a.thd").transient
+    assert np.array_equal(scan.counts[:, 0], np.stack(curves, axis=1))
+    assert scan.exposure_s == pytest.approx(np.array([[2.5, 2.501, 2.502]]))
+    assert scan.time.bin_width_s == pytest.approx(70e-12)
+    (tmp_path / "a.thd").write_bytes(timeharp(version, curves)[:-100])
+    with pytest.raises(InvalidData, match="is cut off: histogram 2 of 3"):
+        read_any(tmp_path / "a.thd")
+
+
+@pytest.mark.parametrize("version", ["5.0", "6.0"])
+def test_a_timeharps_records_are_one_point(tmp_path: Path, version: str) -> None:
+    delays = np.array([100, 100, 2000, 4095])
+    records = (1 << 30) | (delays << 16) | 7
+    (tmp_path / "a.t3r").write_bytes(timeharp(version, None, np.append(records, 1 << 31)))
+    scan = read_any(tmp_path / "a.t3r").transient
+    assert {int(at): int(scan.counts[at, 0, 0]) for at in np.flatnonzero(scan.counts)} == {0: 1, 2095: 1, 3995: 2}
+    assert scan.exposure_s[0, 0] == pytest.approx(1.5)
