@@ -7,12 +7,16 @@ found is a question to whoever knows.
 
 import numpy as np
 
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 from nlos.calibration.background import quiet_background
 from nlos.calibration.errors import InvalidData
 from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.time_offset import measure_time_offsets
 
 POINTS = 1024
+FEWEST = 16
+SPREAD = 8
+"""Bins: nine points in ten cannot see a hidden surface within one bin where it comes at times this much apart."""
 PULSE_S = 400e-12
 """How wide the pulse may be, tail included ..."""
 IN_PULSE = 0.33
@@ -39,6 +43,26 @@ def mean_arrival_s(raw: RawPoints) -> float | None:
     if abs(wall.delay_s) < LEAST_DELAY_S:
         return None
     return float(np.nanmean(offsets.offset_bins)) * width_s + raw.time.start_s
+
+
+def aligned_later_s(raw: RawPoints) -> float | None:
+    """When a pulse comes that every point has at one time, well after time 0: direct light, aligned to there.
+
+    None for a scan without one. What a hidden surface sends back comes at times that differ between points by more,
+    wherever it is: least where it is opposite their middle.
+    """
+    lit = np.flatnonzero(raw.exposure_s > 0)
+    counts, width_s = raw.counts[lit], raw.time.bin_width_s
+    if len(lit) < FEWEST or not _one_pulse_each(counts, max(3, round(PULSE_S / width_s))):
+        return None
+    peaks = counts.argmax(axis=1)
+    at = int(np.median(peaks))
+    if at * width_s < LEAST_DELAY_S or np.mean(np.abs(peaks - at) <= 1) < 0.9:
+        return None
+    path_m = (raw.time.start_s + at * width_s) * SPEED_OF_LIGHT_M_PER_S
+    reach_m = np.hypot(np.ptp(raw.x_m[lit]), np.ptp(raw.y_m[lit])) / 2
+    spread_s = (np.hypot(path_m, 2 * reach_m) - path_m) / SPEED_OF_LIGHT_M_PER_S
+    return raw.time.start_s + at * width_s if spread_s > SPREAD * width_s else None
 
 
 def _one_pulse_each(counts: np.ndarray, width: int) -> bool:

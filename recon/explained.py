@@ -4,7 +4,9 @@ The scan is thinned into two parts with independent noise. The same method sees 
 surface that it finds is rendered, with the response where one is known; its gain, a flat background and what the
 response is wider are fitted to that part, and the other part judges: 1 - |light - rendered|^2 / |light - background|^2,
 each over its variance, with what photon noise adds to either taken off. 1 is all there is to explain, 0 no better than
-an empty scene.
+an empty scene. A pixel so near that it lights but the point in front of it explains that point, whatever the wall: such
+pixels do not count where they outshine the rest. If nothing is left, the picture is judged again on the whole grid, and
+explains nothing if that is no better.
 """
 
 import time as clock
@@ -17,10 +19,11 @@ import scipy
 
 from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.errors import ReconError
-from nlos.recon.explained_parts import KEPT, Parts, coarser, photon_unit, split
+from nlos.recon.errors import InvalidData, ReconError, ReconstructionFailed
+from nlos.recon.explained_hot import hot_points
+from nlos.recon.explained_parts import KEPT, Parts, coarser, counted_in, photon_unit, split
 from nlos.recon.explained_share import Explained
-from nlos.recon.explained_surface import surface_light
+from nlos.recon.explained_surface import light_from_in_front, surface_light, with_haze
 from nlos.recon.other_geometry import Judged, better_wall
 from nlos.recon.points_in_order import out_of_order
 
@@ -28,6 +31,12 @@ POINTS = 256  # of the wall at which light is compared
 STRETCHES = 128  # of the time axis in which it is
 WIDTHS = (0.0, 0.5, 1.0, 2.0)  # tried for the response, standard deviations in stretches
 SURE = 3.0  # standard errors by which light must differ from a flat background, or there is nothing to explain
+MOST_OWN = 0.9  # of the light that points get, from the pixel in front of each: more tells nothing of the others
+UNSEEN = "nothing is seen in a picture of a part of the scan"
+APART = (
+    "what is seen lies so near, for points so far apart, that each point sees the one pixel in front of it: no test of "
+    "the picture. Check the wall's size, the bin width and time zero"
+)
 SEED = 5
 Floats = npt.NDArray[np.float64]
 Seen = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
@@ -48,42 +57,59 @@ def explained_light(
     where there is no answer, the note says why.
     """
     began = clock.perf_counter()
-    unit = photon_unit(transient)
-    parts = split(prepare(coarser(transient)), unit)
-    for part in (parts.seen, parts.judging):
-        if not part.counts.sum(dtype=np.float64) > 0:
-            return Explained(None, None, "too few photons to hold some out", clock.perf_counter() - began)
+    unit, whole = photon_unit(transient), counted_in(transient) > 0
+
+    def judged(scan: Transient) -> tuple[Parts, Judged]:
+        parts = split(prepare(scan), unit)
+        for part in (parts.seen, parts.judging):
+            if not part.counts.sum(dtype=np.float64) > 0:
+                raise InvalidData("too few photons to hold some out")
+        try:
+            seen = see(parts.seen)
+        except ReconError as error:
+            raise ReconstructionFailed(f"no picture of a part of the scan: {error}") from error
+        return parts, _judge(parts, *seen, falloffs)
+
     try:
-        albedo, depth_m = see(parts.seen)
+        if np.count_nonzero(transient.exposure_s > 0) == 1:
+            raise InvalidData("one point of the wall alone explains itself")
+        thinned = coarser(transient)
+        parts, told = judged(thinned)
+        if told.note in (UNSEEN, APART) and thinned is not transient:
+            again = judged(transient)
+            parts, told = (parts, told) if again[1].note else again
     except ReconError as error:
-        return Explained(None, None, f"no picture of a part of the scan: {error}", clock.perf_counter() - began)
-    told = _judge(parts, albedo, depth_m, falloffs)
+        return Explained(None, None, str(error), clock.perf_counter() - began)
 
     def with_wall(scale: float) -> Judged | None:
         wall = parts.seen.wall
         wall = WallGrid(scale * wall.width_m, scale * wall.height_m, wall.rows, wall.cols)
         seen = replace(parts.seen, wall=wall)
         try:
-            return _judge(replace(parts, seen=seen), *see(seen), falloffs)
+            other = _judge(replace(parts, seen=seen), *see(seen), falloffs)
         except ReconError:
             return None
+        return None if other.note in (UNSEEN, APART) else other
 
     found = Explained(told.share, told.error, told.note)
     doubt = out_of_order(transient)
     if elsewhere and not doubt and not found.nothing:
         doubt = better_wall(transient, told, with_wall)
-    note = told.note
-    if unit != 1.0:
-        note = "; ".join(
-            word for word in (note, "after corrections these are no whole photons: their noise is estimated") if word
-        )
+    words = [
+        told.note,
+        hot_points(transient, unit) if found.nothing else "",
+        "" if whole else "after corrections these are no whole photons: their noise is estimated",
+    ]
+    note = "; ".join(word for word in words if word)
     return replace(found, note=note, doubt=doubt, seconds=clock.perf_counter() - began)
 
 
 def _judge(
     parts: Parts, albedo: npt.NDArray[np.float32], depth_m: npt.NDArray[np.float32], falloffs: tuple[float, ...]
 ) -> Judged:
-    seen, judging, unit = parts.seen, parts.judging, max(parts.unit, 1e-12)
+    seen, judging = parts.seen, parts.judging
+    unit = max(parts.unit, 1e-12 * float(np.abs(judging.counts).mean(dtype=np.float64)))
+    albedo = albedo / max(float(albedo.max()), float(np.finfo(np.float32).tiny))
     measured = np.argwhere(seen.exposure_s > 0)
     points = measured[np.sort(np.random.default_rng(SEED).permutation(len(measured))[:POINTS])]
     row, col = points.T
@@ -101,9 +127,10 @@ def _judge(
     floor = max(float(np.quantile(profile, 0.1)), 0.0) + 0.02 * float(profile.max())
     near = np.maximum(scipy.ndimage.uniform_filter1d(had, 5, axis=0), 0)
     weight = 1 / (floor * dwell + 0.5 * profile[:, None] * dwell + 0.5 * near)
-    best: tuple[float, Floats] | None = None
+    best: tuple[float, Floats, str] | None = None
     for falloff in falloffs:
-        light = stretches(surface_light(albedo, depth_m, seen.wall, points, seen.time, falloff) * dwell)
+        sent, alone = _sent(albedo, depth_m, seen, points, falloff)
+        light = stretches(sent * dwell)
         if seen.response is not None:
             light = scipy.ndimage.convolve1d(
                 light, seen.response.taps(joined * seen.time.bin_width_s), axis=0, mode="constant"
@@ -115,7 +142,7 @@ def _judge(
             model = _fitted(had, rendered, flat, weight)
             misfit = float((weight * (had - model) ** 2).sum())
             if best is None or misfit < best[0]:
-                best = (misfit, model)
+                best = (misfit, model, alone)
     assert best is not None
     rest = (1 - KEPT) / KEPT
     empty = flat * (max(float((weight * had * flat).sum()), 0.0) / float((weight * flat * flat).sum()))
@@ -125,9 +152,30 @@ def _judge(
     total, count = float(there.sum()), len(there)
     if total < SURE * float(np.sqrt(count * there.var())):
         return Judged(0.0, 0.0, "nothing to explain: no light but a flat background", missed, there)
+    if best[2]:
+        return Judged(0.0, 0.0, best[2], missed, there)
     share = 1 - float(missed.sum()) / total
     error = float(np.sqrt(count * (missed - (1 - share) * there).var())) / total
     return Judged(share, error, "", missed, there)
+
+
+def _sent(
+    albedo: npt.NDArray[np.float32], depth_m: npt.NDArray[np.float32], seen: Transient, points: npt.NDArray[np.intp],
+    falloff: float,
+) -> tuple[npt.NDArray[np.float32], str]:  # fmt: skip
+    """`surface_light`, (T, N), and why it is no test of the picture, or "". Pixels that light but the point in front of
+    them are left out where they outshine the others: they are no test, the others may be."""
+    wall = seen.wall
+    far = with_haze(albedo, depth_m, wall) > min(wall.width_m / wall.cols, wall.height_m / wall.rows)
+    why = UNSEEN
+    for shade in (albedo, np.where(far, albedo, 0).astype(np.float32)):
+        sent = surface_light(shade, depth_m, wall, points, seen.time, falloff)
+        own = light_from_in_front(shade, depth_m, wall, points, seen.time, falloff).sum(dtype=np.float64)
+        total = float(sent.sum(dtype=np.float64))
+        if total > 0 and own <= MOST_OWN * total:
+            return sent, ""
+        why = APART if total > 0 else why
+    return sent, why
 
 
 def _fitted(data: Floats, rendered: Floats, flat: Floats, weight: Floats) -> Floats:

@@ -13,6 +13,10 @@ KEPT = 0.75
 FEWEST_POINTS = 24  # a side, below which nothing is added up
 SEED = 20180305
 BITS, MOST = np.uint64(63), 2**64 - 1
+MOST_PHOTONS, ROUNDING = 2.0**18, 1e-6
+"""In one bin, of counts in an unknown unit, and by how much float32 may miss a whole one: more would pass for whole."""
+EXACT = 2.0**24
+"""From here on every float32 is a whole number, photons or not."""
 
 
 @dataclass(frozen=True)
@@ -48,14 +52,15 @@ def coarser(transient: Transient) -> Transient:
 
 
 def split(transient: Transient, unit: float, seed: int = SEED) -> Parts:
-    """`transient` thinned: photon by photon where it holds whole counts (`unit` 1), which leaves two independent
+    """`transient` thinned: photon by photon where it holds whole ones (of `unit` each), which leaves two independent
     Poisson scans; else by Gaussian noise of the variance found in it, which does the same for its noise."""
     rng = np.random.default_rng(seed)
     counts = transient.counts
-    if unit == 1.0 and are_counts(counts):
-        seen = counts - quarter_of(counts.astype(np.uint64), rng).astype(counts.dtype)
-    else:
-        spread = np.sqrt(np.maximum(KEPT * (1 - KEPT) * unit * counts, 0, dtype=np.float32))
+    if unit > 0 and are_multiples(counts, unit):
+        photons = np.rint(counts / np.float32(unit)).astype(np.uint64)
+        seen = counts - quarter_of(photons, rng).astype(counts.dtype) * np.float32(unit)
+    else:  # a root of either: their product may be too small, or too large, for float32
+        spread = np.float32(np.sqrt(KEPT * (1 - KEPT) * unit)) * np.sqrt(np.maximum(counts, 0, dtype=np.float32))
         seen = np.float32(KEPT) * counts + spread * rng.standard_normal(counts.shape, dtype=np.float32)
     return Parts(replace(transient, counts=seen), replace(transient, counts=counts - seen), unit)
 
@@ -75,17 +80,18 @@ def quarter_of(counts: npt.NDArray[np.uint64], rng: np.random.Generator) -> npt.
 
 
 def photon_unit(transient: Transient) -> float:
-    """The variance of a count over its mean: 1 for whole counts; else from second differences along time, which light
-    hardly has and noise does. 0 where there is no noise."""
-    return 1.0 if are_counts(transient.counts) else _difference(transient, 2) / 6
+    """The variance of a count over its mean: what one photon counts where they are whole; else from second differences
+    along time, which light hardly has and noise does. 0 where there is no noise."""
+    return counted_in(transient) or _difference(transient, 2) / 6
 
 
 def photon_unit_of_sums(transient: Transient, joined: int) -> float:
     """The same of so many bins added up. Where light was moved by parts of a bin, a photon's noise lies in two of them:
     one bin has less of it, their sum all. From second and third differences, which tell noise of neighbouring bins that
     goes together (6 and 20 times the variance, less 8 and 30 times the covariance)."""
-    if joined == 1 or are_counts(transient.counts):
-        return photon_unit(transient)
+    whole = counted_in(transient)
+    if joined == 1 or whole:
+        return whole or photon_unit(transient)
     second, third = _difference(transient, 2), _difference(transient, 3)
     variance, covariance = (30 * second - 8 * third) / 20, (20 * second - 6 * third) / 20
     return max(variance + 2 * covariance * (joined - 1) / joined, second / 6)
@@ -101,6 +107,22 @@ def _difference(transient: Transient, order: int) -> float:
     return float(np.mean(np.diff(chosen, order, axis=0).astype(np.float64) ** 2)) / mean
 
 
-def are_counts(counts: npt.NDArray[np.float32]) -> bool:
-    """Whether every number is a whole one and none is below 0."""
-    return bool((counts >= 0).all() and (counts == np.rint(counts)).all())
+def counted_in(transient: Transient) -> float:
+    """What one photon counts where they are whole, in whatever unit: all counts are whole multiples of the smallest, or
+    whole numbers (1). 0 where they are neither, as after corrections."""
+    counts = transient.counts
+    least, most = float(np.min(counts, where=counts > 0, initial=np.inf)), float(counts.max())
+    if 0 < most <= MOST_PHOTONS * least and are_multiples(counts, least):
+        return least
+    return 1.0 if are_multiples(counts, 1.0) else 0.0
+
+
+def are_multiples(counts: npt.NDArray[np.float32], unit: float) -> bool:
+    """Whether every number is a whole multiple of `unit`, as far as float32 can tell, and none is below 0."""
+    if not (counts >= 0).all() or not counts.max() < EXACT * unit:
+        return False
+    for part in (counts[:, :1], counts):  # what are none mostly show it in their first
+        steps = part / np.float32(unit)
+        if not (np.abs(steps - np.rint(steps)) <= np.minimum(ROUNDING * steps, 0.25)).all():
+            return False
+    return True

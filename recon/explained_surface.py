@@ -50,6 +50,17 @@ def surface_light(
     return out.T
 
 
+def light_from_in_front(
+    albedo: Floats, depth_m: Floats, wall: WallGrid, points: npt.NDArray[np.intp], time: TimeAxis, falloff: float
+) -> Floats:
+    """(N,): what of `surface_light` each point gets from the pixel in front of it."""
+    row, col = points.T
+    z, shade = with_haze(albedo, depth_m, wall)[row, col], albedo[row, col]
+    bin_ = 2 * z / (SPEED_OF_LIGHT_M_PER_S * time.bin_width_s) - time.start_s / time.bin_width_s
+    there = (shade > FAINT * albedo.max()) & (z > 0) & (bin_ >= 0) & (bin_ < time.bins)
+    return np.where(there, shade / np.where(there, z, 1) ** falloff, 0).astype(np.float32)
+
+
 def with_haze(albedo: Floats, depth_m: Floats, wall: WallGrid) -> Floats:
     """A depth (H, W) for every pixel: its own where it is seen (`seen.py`), else the median of what is bright, so that
     haze counts. What is faint and much nearer than anything bright is haze, too: it would outshine all else. NaN where

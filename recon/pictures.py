@@ -21,6 +21,7 @@ from nlos.recon.volume import Reconstruction
 DOTS_PER_INCH = 150
 BACKGROUND = 0.88
 NOTHING = "This picture explains nothing of the light"
+UNSEEN = "Nothing is seen in this picture"
 MISPLACED = "Wall, time zero or order of points in doubt"
 
 
@@ -100,10 +101,12 @@ def confidence_picture(reconstruction: Reconstruction, path: Path) -> None:
 
 
 def warned(reconstruction: Reconstruction, figure: Figure) -> None:
-    """The label of a picture that explains nothing, or of whose geometry there is doubt, in red above it."""
+    """The label of a picture in which nothing is seen, that explains nothing, or of whose geometry there is doubt, in
+    red above it."""
     told = reconstruction.explained
-    if told is not None and (told.nothing or told.doubt):
-        words = NOTHING if told.nothing else MISPLACED
+    unseen = not np.isfinite(visible_depth(reconstruction)).any()
+    if unseen or (told is not None and (told.nothing or told.doubt)):
+        words = UNSEEN if unseen else NOTHING if told is not None and told.nothing else MISPLACED
         figure.suptitle(words, color="white", backgroundcolor="firebrick", fontsize=11, weight="bold")
 
 
@@ -123,6 +126,11 @@ def _hatched(axes: Axes, reconstruction: Reconstruction) -> bool:
     doubtful = (sure.seen < DOUBTFUL) & (reconstruction.albedo > FAINT * brightest(reconstruction))
     if doubtful.any():
         y_m, x_m = reconstruction.wall.y_m(), reconstruction.wall.x_m()
+        half_width, half_height = reconstruction.wall.width_m / 2, reconstruction.wall.height_m / 2
+        if len(y_m) == 1:  # two are needed for lines between them: the rims of the wall
+            y_m, doubtful = np.array([half_height, -half_height]), doubtful.repeat(2, axis=0)
+        if len(x_m) == 1:
+            x_m, doubtful = np.array([-half_width, half_width]), doubtful.repeat(2, axis=1)
         drawn = axes.contourf(x_m, y_m, doubtful.astype(float), levels=[0.5, 1.5], colors="none", hatches=["///"])
         drawn.set_edgecolor("0.4")  # calm on what is dark and on what is bright
         drawn.set_linewidth(0)

@@ -31,6 +31,8 @@ NOT_SAID = (
     "`rectified` is not stored; assuming that it is: time 0 is the wall point, direct light is gone (if not: --raw)"
 )
 MOST_NAMED = 24
+BESIDE = 0.6
+"""Of their extent: points whose middle is farther from 0 are beside it; half a wall's is half of its extent away."""
 
 
 @dataclass(frozen=True)
@@ -71,12 +73,14 @@ def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
     if exposed is None:
         notes.append("exposure is not stored; assuming 1 s per point")
         exposed = np.ones(shape)
-    elif exposed.shape != shape:
+    elif (exposed := given.beside(exposed, shape)).shape != shape:
         raise InvalidData(f"{stored.name}: exposure_s: has shape {exposed.shape}, the scan {shape}")
     counts, exposed = without_missing(counts, exposed, notes)
     offsets = _flat(stored, "time_offset_bins", counts.ndim)
-    if offsets is not None and offsets.shape != shape:
+    if offsets is not None and (offsets := given.beside(offsets, shape)).shape != shape:
         raise InvalidData(f"{stored.name}: time_offset_bins has shape {offsets.shape}, the scan {shape}")
+    if offsets is not None and rectified and offsets.any():
+        notes.append("not used: time_offset_bins, which align a raw scan; this one is rectified (if not: --raw)")
     begins_s = _number(stored, "offset_s", 0.0)
     early = _bins_before_wall(stored, begins_s, width_s, counts.shape[-1], rectified)
     if early:
@@ -111,6 +115,8 @@ def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
     else:
         held = _free(stored, counts, exposed, sides_m, time)
         if sides_m is None:
+            held, moved = _centred(held)
+            notes += moved
             notes.append(f"{NO_WALL}; by its points it is {held.wall.width_m:.4g} x {held.wall.height_m:.4g} m")
     if cut and not rectified:
         notes.append("not used: direct_cut_bins, which counts from time 0 of a rectified scan; this one is raw")
@@ -196,6 +202,21 @@ def _free(
         places.append(values)
     wall = grid_around(places[0], places[1], sides_m)
     return FreePoints(np.ascontiguousarray(counts, dtype=np.float32), exposed, places[0], places[1], wall, time)
+
+
+def _centred(free: FreePoints) -> tuple[FreePoints, list[str]]:
+    """Points of a wall of unknown size that lie beside 0, all of them: about their own middle, and what is said of it.
+    A wall around 0 that holds them would be far larger than what was scanned."""
+    places = free.x_m, free.y_m
+    middles = [(float(each.min()) + float(each.max())) / 2 for each in places]
+    if all(abs(middle) <= BESIDE * float(np.ptp(each)) for middle, each in zip(middles, places, strict=True)):
+        return free, []
+    x_m, y_m = (each - middle for each, middle in zip(places, middles, strict=True))
+    said = (
+        f"its points are around ({middles[0]:.4g}, {middles[1]:.4g}) m, which is taken for the wall's middle; from "
+        "here on places count from there (if 0 is the wall's middle: --wall-size-m)"
+    )
+    return replace(free, x_m=x_m, y_m=y_m, wall=grid_around(x_m, y_m)), [said]
 
 
 def _direct_cut(stored: StoredArrays, bins: int) -> int:

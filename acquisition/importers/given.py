@@ -43,10 +43,18 @@ class Given:
             which, letters = ("first", "TYX") if axis == 0 else ("second", "YTX")
             raise InvalidData(
                 f"{place}: has shape {counts.shape}, where [H, W, T] is expected: is time the {which} axis? "
-                f"Store it as [H, W, T] if so; `nlos reconstruct` and `nlos import` also take --axes {letters}, and "
-                "--axes YXT if it is [H, W, T] as it is."
+                f"Store it as [H, W, T] if so; `nlos reconstruct` and `nlos import` also take --axes {letters}, "
+                f"{letters[::-1] if axis else 'TXY'} where x comes before y (as in HDF5 that MATLAB or Fortran wrote, "
+                "whose axes are all reversed), and --axes YXT if it is [H, W, T] as it is."
             )
         return counts
+
+    def beside(self, values: npt.NDArray[Any], shape: tuple[int, ...]) -> npt.NDArray[Any]:
+        """A number for each point of a grid of `shape` (H, W), which a file has in the order of its histograms or
+        already as (H, W); of a square grid it is taken for the former."""
+        named = "".join(_LETTERS.get(letter, letter) for letter in (self.axes or "").upper())
+        x_first = "X" in named and "Y" in named and named.index("X") < named.index("Y")
+        return values.T if x_first and values.shape == shape[::-1] else values
 
     def applied(self, scan: ImportedScan) -> ImportedScan:
         """The scan with what was said in place of what the file said, and a note of each."""
@@ -59,7 +67,7 @@ class Given:
         if self.wall_m is not None:
             scan = scan.on_wall(*self.wall_m)
             notes = [note for note in notes if not note.startswith(NO_WALL)]
-            notes.append(f"a wall of {self.wall_m[0]:g} x {self.wall_m[1]:g} m, as given")
+            notes.append(f"a wall of {self.wall_m[0]:g} x {self.wall_m[1]:g} m, as given{_pitches(scan)}")
         if self.rectified is not None and self.rectified != scan.rectified:
             notes.append(f"{'rectified' if self.rectified else 'raw'}, as given")
             cut = scan.direct_cut_bins if self.rectified else 0
@@ -80,6 +88,17 @@ class Given:
 
 
 NOTHING = Given()
+
+
+def _pitches(scan: ImportedScan) -> str:
+    """How far points are apart, where that is not the same in x and in y."""
+    if scan.points is not None:
+        return ""
+    wall = scan.transient.wall
+    in_x, in_y = wall.width_m / wall.cols, wall.height_m / wall.rows
+    if abs(in_x - in_y) < 0.01 * max(in_x, in_y):
+        return ""
+    return f": points {in_x * 100:.3g} cm apart in x and {in_y * 100:.3g} cm in y (as far apart in both: WxH)"
 
 
 def put_there(option: str) -> str:

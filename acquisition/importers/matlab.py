@@ -23,6 +23,7 @@ from nlos.acquisition.importers.imported import NO_WALL, ImportedScan, assumed_s
 from nlos.acquisition.importers.mat_file import read_variable, shapes_of, structs_of
 from nlos.acquisition.importers.missing_direct import SAID, direct_is_missing
 from nlos.acquisition.importers.own_data import how_to_convert
+from nlos.acquisition.importers.separate_points import refuse_other_names
 from nlos.acquisition.importers.stored_counts import without_missing, without_single_axes
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
@@ -84,18 +85,20 @@ def read_matlab(path: Path, given: Given = NOTHING) -> ImportedScan:
         )
     if layout.key != "rect_data" and "bin_width_s" in shapes:
         return _read_own(path, shapes, given, layout.key)
+    refuse_other_names(str(path), shapes)
     _refuse_unknown_facts(path, shapes, layout, given)
     longer_m, width_s = _told_side_m(path, shapes), _told_bin_width_s(path, shapes)
-    _refuse_other_shapes(path, shapes, layout, (width_s or given.bin_width_s, longer_m or given.wall_m))
+    _refuse_other_shapes(path, shapes, layout, (width_s or given.bin_width_s, longer_m or given.wall_m), given.axes)
     counts = without_single_axes(read_variable(path, layout.key, shapes))
     if counts.ndim != 3:
         raise InvalidData(f"{path}: {layout.key}: has shape {counts.shape}; two wall axes and time are expected")
     counts = given.ordered(counts, f"{path}: {layout.key}")
     x_first = given.axes is not None and given.axes.upper().translate(_H_AND_W) in ("XYT", "XTY", "TXY")
-    if layout.x_first:
-        counts = (counts.transpose(1, 0, 2) if given.axes is None else counts)[:, ::-1]
-    rows, cols, bins = counts.shape
     notes = ["exposure is not stored; assuming 1 s per point"]
+    if layout.x_first and given.axes is None:
+        counts = counts.transpose(1, 0, 2)[:, ::-1]
+        notes.append(f"x is its first axis and falls, as in {layout.name} files (--axes YXT, XYT: as it is stored)")
+    rows, cols, bins = counts.shape
     counts, exposure_s = without_missing(counts, np.ones((rows, cols)), notes)
     sides_m = assumed_sides_m(rows, cols, longer_m or layout.wall_m)
     square = "" if rows == cols else ", points as far apart in x as in y"
@@ -116,6 +119,8 @@ def read_matlab(path: Path, given: Given = NOTHING) -> ImportedScan:
     offsets = None
     if layout.key == "meas":
         offsets = _time_of_flight(path, (rows, cols), given.bin_width_s or time.bin_width_s, x_first)
+        if offsets is None and given.rectified is None:
+            notes.append("no tofgrid in it, nor in a tof.mat beside it: taken as rectified (if it is not: --raw)")
     cube = np.ascontiguousarray(np.moveaxis(counts, 2, 0), dtype=np.float32)
     if only_offsets := offsets is not None and direct_is_missing(cube, offsets):
         notes.append(SAID)
@@ -130,6 +135,7 @@ def read_matlab(path: Path, given: Given = NOTHING) -> ImportedScan:
         layout.name,
         falloff=layout.falloff,
         rectified=offsets is None,
+        rectified_assumed=offsets is None and layout.key != "rect_data" and given.rectified is None,
         time_offset_bins=offsets,
         no_direct_light=only_offsets,
         notes=tuple(notes),
@@ -159,13 +165,20 @@ def _refuse_unknown_facts(path: Path, shapes: dict[str, tuple[int, ...]], layout
 
 
 def _refuse_other_shapes(
-    path: Path, shapes: dict[str, tuple[int, ...]], layout: _Layout, told: tuple[object, object]
+    path: Path, shapes: dict[str, tuple[int, ...]], layout: _Layout, told: tuple[object, object], axes: str | None
 ) -> None:
     """Raises `InvalidData` for counts in a published format's name, but of no shape that it has, where bin width and
     wall are not both `told`: the names are common ones, and the format's own bins and wall would be another lab's."""
     shape = shapes[layout.key]
     with_times = layout.key == "meas" and _tof_place(path, shapes) is not None
-    if None not in told or len(shape) != 3 or layout.published(shape) or with_times:
+    if len(shape) != 3 or layout.published(shape) or with_times:
+        return
+    if None not in told:
+        if layout.x_first and "width" not in shapes and axes is None:
+            raise InvalidData(
+                f"{path}: {layout.key}: is what {layout.name} calls its counts, in which x is the first axis and falls;"
+                f" of these, {' x '.join(map(str, shape))}, nothing says so. Say the order: --axes YXT, or XYT."
+            )
         return
     raise InvalidData(
         f"{path}: {layout.key}: is what {layout.name} calls its counts, but those are {layout.points[0]} x "

@@ -19,7 +19,11 @@ from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 
 Array = npt.NDArray[Any]
 POINTS = ("laser_m", "sensor_m")
-_PLACES = re.compile(r"(laser|sensor|camera|detector)(_grid)?_(xyz|x_m|y_m|positions?)")
+_PLACES = re.compile(
+    r"(laser|sensor|camera|detector|detect|spad)_?(?:grid)?_?(?:xyz|x_m|y_m|pos(?:itions?)?|points?)", re.IGNORECASE
+)
+_ONE_SENSOR = re.compile(r"spad_?index", re.IGNORECASE)
+"""Of scans with one place of the sensor (Liu et al., Nature 2019)."""
 _HILLY = 0.25
 """Of the points' extent: a wall rougher than that is no wall, or its z is another axis."""
 _FLAT_M = 1e-3
@@ -39,8 +43,14 @@ class PlacedLight:
 def refuse_other_names(name: str, names: Iterable[str]) -> None:
     """Raises `InvalidData` for a file with places of laser and sensor each, in names that have no meaning here: it
     would be taken for confocal."""
-    places = sorted(each for each in names if _PLACES.fullmatch(each))
-    if len({each.partition("_")[0] for each in places}) > 1:
+    names = sorted(names)
+    places = [each for each in names if _PLACES.fullmatch(each)]
+    if one := [each for each in names if _ONE_SENSOR.fullmatch(each)]:
+        raise InvalidData(
+            f"{name}: holds {one[0]}: a scan by the laser alone, its sensor at one place, is not confocal. Store where "
+            "laser and sensor were as laser_m and sensor_m [N, 3] beside histograms [N, T]."
+        )
+    if len({found[1].lower() for each in places if (found := _PLACES.fullmatch(each))}) > 1:
         raise InvalidData(
             f"{name}: holds {', '.join(places)}: places of laser and sensor of their own are read from y-tal's HDF5 "
             "(HDF5_TAL: T_Sx_Sy, T_Lx_Ly_Sx_Sy), and as laser_m and sensor_m [N, 3] beside histograms [N, T]. Write "

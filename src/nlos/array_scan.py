@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, SupportsFloat
 
 import numpy as np
 import numpy.typing as npt
@@ -36,13 +36,15 @@ def scan_from_arrays(
     width_s = _bin_width(bin_width)
     counts = _ordered(_numbers(histograms, "histograms"), axes, points is not None)
     shape = counts.shape[:-1]
+    counts, masked = _unmasked(counts)
     _refuse_bad(counts)
     if exposure is None:
         exposed = np.ones(shape)
     else:
-        exposed = np.asarray(_numbers(exposure, "exposure"), dtype=np.float64)
+        exposed = np.asarray(np.ma.filled(_numbers(exposure, "exposure"), 0), dtype=np.float64)
         if exposed.shape != shape:
             raise InvalidData(f"exposure has shape {exposed.shape}; {shape} is expected, seconds per point.")
+    exposed = np.where(masked, 0.0, exposed)
     time = TimeAxis(counts.shape[-1], width_s)
     assumed, rectified = rectified is None, rectified is not False
     if points is None:
@@ -67,7 +69,7 @@ def _on_grid(
 
 
 def _numbers(values: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
-    array = np.asarray(values)
+    array = np.asanyarray(values) if np.ma.isMaskedArray(values) else np.asarray(values)
     if array.dtype.kind not in "uifb":
         raise InvalidData(f"{name} hold {array.dtype}; an array of real numbers is expected.")
     return array
@@ -76,6 +78,8 @@ def _numbers(values: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
 def _bin_width(bin_width: float | None) -> float:
     if bin_width is None:
         raise InvalidData("bin_width is missing: the width of a time bin in seconds, for example bin_width=32e-12.")
+    if not isinstance(bin_width, SupportsFloat):
+        raise InvalidData(f"bin_width={bin_width!r}: a number of seconds is expected, for example bin_width=32e-12.")
     if not 1e-13 <= bin_width <= 1e-6:
         hint = f" Did you mean bin_width={bin_width:g}e-12?" if 0.1 <= bin_width <= 1e6 else ""
         raise InvalidData(f"bin_width={bin_width:g}: seconds between 1e-13 and 1e-6 are expected.{hint}")
@@ -104,6 +108,22 @@ def _ordered(array: npt.NDArray[Any], axes: str | None, free: bool) -> npt.NDArr
     return array
 
 
+def _unmasked(counts: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_]]:
+    """Plain counts, 0 at points that are masked (`numpy.ma`) and so were not measured; and which those are."""
+    if not np.ma.isMaskedArray(counts):
+        return counts, np.zeros(counts.shape[:-1], dtype=bool)
+    mask: npt.NDArray[np.bool_] = np.asarray(np.ma.getmaskarray(counts))
+    masked: npt.NDArray[np.bool_] = np.asarray(mask.all(axis=-1))
+    partly = mask & ~masked[..., None]
+    if partly.any():
+        place = tuple(int(i) for i in np.argwhere(partly)[0])
+        raise InvalidData(
+            f"histograms{list(place)} is masked, other bins of that point are not ({int(partly.sum())} of {mask.size} "
+            "values). Mask all bins of a point that was not measured, or fill the masked bins."
+        )
+    return np.ma.filled(counts, 0), masked
+
+
 def _refuse_bad(counts: npt.NDArray[Any]) -> None:
     bad = ~np.isfinite(counts) if counts.dtype.kind == "f" else np.zeros(0, dtype=bool)
     what = "not a finite number"
@@ -118,9 +138,12 @@ def _refuse_bad(counts: npt.NDArray[Any]) -> None:
 
 
 def _sides(wall: Size) -> tuple[float, float]:
-    sides = np.asarray(wall, dtype=np.float64).ravel()
+    try:
+        sides = np.asarray(wall, dtype=np.float64).ravel()
+    except (TypeError, ValueError):
+        sides = np.zeros(0)
     if sides.size not in (1, 2) or not np.isfinite(sides).all() or (sides <= 0).any() or (sides > 100).any():
-        raise InvalidData(f"wall={wall}: its side, or (width, height), in metres between 0 and 100 is expected.")
+        raise InvalidData(f"wall={wall!r}: its side, or (width, height), in metres between 0 and 100 is expected.")
     return float(sides[0]), float(sides[-1])
 
 
@@ -133,6 +156,8 @@ def _wall(wall: Size | None, rows: int, cols: int) -> WallGrid:
 def _places(points: Sequence[npt.ArrayLike], count: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     if len(points) != 2:
         raise InvalidData(f"points holds {len(points)} arrays; points=(x_m, y_m) is expected, one number per point.")
+    if any(np.ma.is_masked(values) for values in points):
+        raise InvalidData("points: a position is masked. Leave that point out of points and histograms.")
     x_m, y_m = (np.asarray(_numbers(values, "points"), dtype=np.float64) for values in points)
     if x_m.shape != (count,) or y_m.shape != (count,):
         raise InvalidData(f"points have shapes {x_m.shape} and {y_m.shape}; ({count},) each is expected.")

@@ -14,7 +14,7 @@ from nlos.bench_constants import correcting_constants
 from nlos.calibration.correct import CorrectedPoints, Report, correct, correct_points
 from nlos.calibration.errors import NoDirectPeak, NothingBehind, ShutterClosed
 from nlos.calibration.raw_points import RawPoints, from_transient
-from nlos.calibration.seems_raw import mean_arrival_s
+from nlos.calibration.seems_raw import aligned_later_s, mean_arrival_s
 from nlos.direct_times import DirectTimes
 from nlos.loaded import LoadedScan, load_scan
 from nlos.recipe import Recipe
@@ -174,6 +174,15 @@ def _tell_if_not_rectified(scan: LoadedScan, raw: RawPoints, done: CorrectedPoin
             "direct light is still in it, though it counts as rectified: the first %.2f ns are skipped. With --raw "
             "(in Python rectified=False) it is aligned by that light, and its response is measured.",
             done.direct.end_bin * done.time.bin_width_s * 1e9,
+        )
+    elif (later_s := aligned_later_s(raw)) is not None:
+        tell(
+            logging.WARNING,
+            "is time 0 the wall? Each point's light is mainly one sharp pulse, %.2f ns later at all of them, as direct "
+            "light that was aligned to there; nothing hidden comes back at one time. If it is: --raw (in Python "
+            "rectified=False), which aligns by it, or store offset_s = %.3g.",
+            later_s * 1e9,
+            raw.time.start_s - later_s,
         )
     elif scan.rectified_assumed and (arrival_s := mean_arrival_s(raw)) is not None:
         tell(

@@ -24,6 +24,7 @@ from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.calibration.raw_points import RawPoints, from_samples, from_transient
 from nlos.calibration.wall_size import found_side
+from nlos.file_doubts import doubt_scale, doubt_wall, tell_of_last_bin
 from nlos.recon.gridding import grid_samples
 
 log = logging.getLogger(__name__)
@@ -78,6 +79,11 @@ def load_scan(path: Path, given: Given = NOTHING, frames: range | None = None) -
             if read.wall_known or not note.startswith(NO_WALL):
                 log.info("%s: %s", path, note)
         scan = _as_loaded(read)
+        tell_of_last_bin(str(path), scan.transient)
+        if scan.wall_known:
+            doubt_scale(str(path), scan.transient)
+        if scan.wall_known and not scan.rectified and scan.points is None:
+            doubt_wall(str(path), scan.transient)
     return scan if scan.wall_known else _on_found_wall(path, scan)
 
 

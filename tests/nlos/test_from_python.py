@@ -77,6 +77,12 @@ def test_free_positions_show_the_object_where_it_is() -> None:
         ({"wall": None}, r"wall is missing.*wall=\(2.0, 2.0\)"),
         ({"wall": (0, 1)}, "wall=.*metres"),
         ({"wall": 2000}, "between 0 and 100"),
+        ({"wall": "1x1"}, r"wall='1x1': its side, or \(width, height\), in metres"),
+        ({"wall": {"width": 1}}, "in metres between 0 and 100"),
+        ({"bin_width": "32 ps"}, "bin_width='32 ps': a number of seconds"),
+        ({"histograms": np.ma.masked_less(np.arange(120.0).reshape(4, 5, 6), 2)},
+         r"histograms\[0, 0, 0\] is masked, other bins of that point are not \(2 of 120 values\)"),
+        ({"histograms": np.ones((2, 40)), "points": (np.ma.masked_less([0.0, 1.0], 1), [0.0, 1.0])}, "is masked"),
         ({"axes": "TXX"}, "axes='TXX'"),
         ({"exposure": np.ones(3)}, r"exposure has shape \(3,\)"),
         ({"points": ([0.0], [0.0])}, r"\[N, T\]"),
@@ -89,6 +95,27 @@ def test_what_cannot_be_meant_is_refused_with_what_is_expected(given: dict[str, 
     histograms = arguments.pop("histograms")
     with pytest.raises(InvalidData, match=said):
         nlos.reconstruct(histograms, **arguments)  # type: ignore[arg-type]
+
+
+def test_masked_points_were_not_measured() -> None:
+    counts = point_scene()
+    spoilt = counts.copy()
+    spoilt[:4], spoilt[9, 3] = np.nan, 5e6
+    off = np.zeros((16, 16), dtype=bool)
+    off[:4] = off[9, 3] = True
+    masked = np.ma.array(spoilt, mask=np.broadcast_to(off[..., None], spoilt.shape))
+    told = nlos.reconstruct(np.where(off[..., None], 0, counts), wall=1.0, bin_width=BIN_S, exposure=~off)
+    for histograms, more in (
+        (masked, {}),
+        (masked, {"exposure": np.ones((16, 16))}),
+        (np.moveaxis(masked, 2, 0), {"axes": "TYX"}),
+        (np.where(off[..., None], 0, counts), {"exposure": np.ma.array(np.ones((16, 16)), mask=off)}),
+    ):
+        picture = nlos.reconstruct(histograms, wall=1.0, bin_width=BIN_S, **more)  # type: ignore[arg-type]
+        np.testing.assert_array_equal(picture.albedo, told.albedo)
+    x, y = np.meshgrid((np.arange(16) + 0.5) / 16 - 0.5, 0.5 - (np.arange(16) + 0.5) / 16)
+    free = nlos.reconstruct(masked.reshape(256, -1), points=(x.ravel(), y.ravel()), wall=1.0, bin_width=BIN_S)
+    assert brightest(free) == pytest.approx((0.25, 0.125, 0.6), abs=0.07)
 
 
 def test_wrong_settings_are_named_with_the_nearest_right_one(tmp_path: Path) -> None:

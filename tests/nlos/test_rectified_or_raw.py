@@ -9,7 +9,7 @@ import pytest
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.raw_points import RawPoints
-from nlos.calibration.seems_raw import mean_arrival_s
+from nlos.calibration.seems_raw import aligned_later_s, mean_arrival_s
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.simulated.beam import BeamPath
 from nlos.drivers.simulated.scene import SceneLight, SceneSettings
@@ -109,3 +109,16 @@ def test_what_to_know_about_the_explained_light_is_printed_and_reported(tmp_path
     assert nlos(tmp_path, "import", "scan.h5", "-o", "run.h5", "--raw").returncode == 0
     assert nlos(tmp_path, "report", "run.h5", "-o", "r.html").returncode == 0
     assert note in (tmp_path / "r.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("hidden", [LETTER, BOARD, DOT], ids=["letter", "board", "dot"])
+@pytest.mark.parametrize("late", [12, 40])
+def test_direct_light_that_was_aligned_to_a_later_bin_is_seen(hidden: Surface, late: int) -> None:
+    """Others leave so many bins before it; hidden light alone never comes at one time."""
+    counts = photons(hidden, direct_cps=400000.0, from_wall=True)
+    later = np.zeros_like(counts)
+    later[:, :, late:] = counts[:, :, :-late]
+    found = aligned_later_s(points(later))
+    assert found is not None
+    assert found == pytest.approx(late * BIN_S, abs=4 * BIN_S)
+    assert aligned_later_s(points(photons(hidden, direct_cps=0.0, from_wall=True))) is None

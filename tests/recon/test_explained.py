@@ -1,6 +1,7 @@
 """Explained light: the two parts of a scan, the renderer, what is judged, and where it is told."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,9 +16,10 @@ from nlos.acquisition.wall import WallGrid
 from nlos.picture import Picture
 from nlos.recon.errors import ReconstructionFailed
 from nlos.recon.explained import explained_light
-from nlos.recon.explained_parts import KEPT, coarser, photon_unit, split
+from nlos.recon.explained_hot import hot_points
+from nlos.recon.explained_parts import KEPT, coarser, counted_in, photon_unit, split
 from nlos.recon.explained_share import Explained
-from nlos.recon.explained_surface import surface_light, with_haze
+from nlos.recon.explained_surface import light_from_in_front, surface_light, with_haze
 from nlos.recon.methods import catalogue
 from nlos.recon.pictures import NOTHING, summary_figure
 from nlos.recon.reconstruct import reconstruct
@@ -168,6 +170,136 @@ def test_a_noisy_picture_whose_bright_parts_are_right_does_not_explain_nothing()
     assert told.share is not None
     assert told.share > 0.4
     assert not told.nothing
+
+
+UNITS = [1e-30, 1e-12, 0.1, 2.0, 10.0, 1e10, 1e30]
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_the_unit_of_counts_changes_nothing(unit: float) -> None:
+    made, scan = drawn(5.0)
+    albedo, depth = truth(made)
+    rough = np.maximum(scan.counts + np.random.default_rng(7).normal(0, 0.1, scan.counts.shape), 0)
+    for counts, whole in ((scan.counts, True), (rough, False)):
+        told = [
+            explained_light(
+                replace(scan, counts=(counts * each).astype(np.float32)),
+                lambda part: (albedo * np.float32(unit / 1e5), depth),
+                (4.0,),
+            )
+            for each in (1.0, unit)
+        ]
+        assert told[1].share == pytest.approx(told[0].share, abs=1e-3)
+        assert told[1].error == pytest.approx(told[0].error, abs=1e-3)
+        assert told[0].share is not None
+        assert told[0].share > 0.8
+        assert [each.note == "" for each in told] == [whole, whole]
+
+
+def test_photons_are_found_in_any_unit_and_not_where_there_are_none() -> None:
+    counts = np.random.default_rng(8).poisson(3, (40, 6, 6)).astype(np.float32)
+    scan = Transient(counts, np.ones((6, 6)), WallGrid(1, 1, 6, 6), TimeAxis(40, 1e-10))
+    for unit in UNITS:
+        assert counted_in(replace(scan, counts=counts * np.float32(unit))) == pytest.approx(unit)
+    assert counted_in(replace(scan, counts=counts + 2)) == 1  # the smallest is 2, and 3 no multiple of it
+    odd = counts.copy()
+    odd[20, 3, 3] += 0.5
+    assert counted_in(replace(scan, counts=odd + 1)) == 0
+    assert counted_in(replace(scan, counts=(odd + 1) * np.float32(1e30))) == 0
+    assert counted_in(replace(scan, counts=counts - 1)) == 0
+    assert counted_in(replace(scan, counts=counts * 0)) == 1
+
+
+@pytest.mark.parametrize("wall_m", [60.0, 80.0, 100.0])
+def test_a_wall_said_in_centimetres_claims_no_light(wall_m: float) -> None:
+    """On half the grid a surface was seen, of which each point saw the one pixel in front of it: 85 %."""
+    rates, wall = np.full((384, 32, 32), 0.02), WallGrid(1.0, 1.0, 32, 32)
+    row, col = np.indices((32, 32))
+    for at_x in np.linspace(-0.3, 0.1, 10):
+        distance = np.sqrt((wall.x_m()[None, :] - at_x) ** 2 + (wall.y_m()[:, None] - 0.2) ** 2 + 0.55**2)
+        np.add.at(rates, ((2 * distance / 299792458 / 32e-12).astype(int), row, col), 3 / distance**4)
+    counts = np.random.default_rng(0).poisson(rates).astype(np.float32)
+    right = Transient(counts, np.ones((32, 32)), wall, TimeAxis(384, 32e-12))
+    told = reconstruct(right, "lct").explained
+    assert told is not None
+    assert told.share is not None
+    assert told.share > 0.4
+    result = reconstruct(replace(right, wall=WallGrid(wall_m, wall_m, 32, 32)), "lct")
+    assert result.explained is not None
+    assert result.explained.nothing
+    assert "Check the wall's size" in result.explained.note or "nothing is seen" in result.explained.note
+
+
+def test_a_right_picture_hardly_comes_from_the_pixels_in_front_of_the_points() -> None:
+    """Not even of a small wall, a line of points, or an object that is as near as two points are to each other."""
+    for rows, cols, z_m in ((20, 20, 1.0), (2, 2, 0.6), (1, 32, 0.5), (32, 1, 0.5), (20, 20, 0.05)):
+        wall = WallGrid(cols / max(rows, cols), rows / max(rows, cols), rows, cols)
+        albedo, depth = np.ones((rows, cols), np.float32), np.full((rows, cols), z_m, np.float32)
+        points = np.argwhere(albedo > 0)
+        for falloff in (4.0, 2.0):
+            seen = (albedo, depth, wall, points, TimeAxis(512, 32e-12), falloff)
+            own, everything = light_from_in_front(*seen), surface_light(*seen).sum(axis=0)
+            assert (own <= everything * 1.0001).all()
+            assert own.sum() < 0.8 * everything.sum()
+    alone = np.zeros((20, 20), np.float32)
+    alone[3, 4] = 2.0  # bright enough to be seen alone
+    points = np.array([[3, 4]])
+    seen = (alone, np.full((20, 20), 0.7, np.float32), WallGrid(1, 1, 20, 20), points, TimeAxis(512, 32e-12), 4.0)
+    assert light_from_in_front(*seen) == pytest.approx(surface_light(*seen).sum(axis=0), rel=1e-5)
+
+
+def test_what_is_only_seen_on_the_whole_grid_is_judged_there() -> None:
+    """Half the grid of a near object's scan can be too coarse for any picture."""
+    data = DatasetSettings(
+        seed=41, degradations=1, detector=DetectorSettings(**PLAIN), **{**GRID, "rows": 24, "cols": 24}
+    )  # type: ignore[arg-type]
+    made = sample(data, 3)
+    scan = Transient(made.counts.astype(np.float32), made.exposure.astype(np.float64), data.wall, data.time)
+    albedo, depth = truth(made)
+    grids = []
+
+    def see(part: Transient) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        grids.append(part.wall.rows)
+        coarse = part.wall.rows == 12
+        return (np.zeros((12, 12), np.float32), np.full((12, 12), np.nan, np.float32)) if coarse else (albedo, depth)
+
+    told = explained_light(scan, see, (4.0,))
+    assert grids == [12, 24]
+    assert told.share is not None
+    assert told.share > 0.8
+
+    def sees_nothing(part: Transient) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        return np.zeros(part.exposure_s.shape, np.float32), np.full(part.exposure_s.shape, np.nan, np.float32)
+
+    told = explained_light(scan, sees_nothing, (4.0,))
+    assert told.nothing
+    assert "nothing is seen" in told.note
+
+
+def test_hot_points_that_hide_the_rest_are_named() -> None:
+    _, scan = drawn(20.0)
+    assert hot_points(scan, 1.0) == ""
+    counts = scan.counts.copy()
+    counts[:, 5, 6] += 20_000
+    counts[:, 11, 2] += 30_000
+    told = reconstruct(replace(scan, counts=counts), "lct").explained
+    assert told is not None
+    assert told.nothing
+    assert re.search(r"2 of 400 points hold 9\d % of all counts.*\(11, 2\), \(5, 6\): mark", told.note)
+    few = np.zeros_like(counts)
+    few[100, 3, 3] = 5
+    assert hot_points(replace(scan, counts=few), 1.0) == ""
+
+
+def test_one_point_alone_is_not_judged() -> None:
+    time = TimeAxis(100, 64e-12)
+    counts = np.random.default_rng(0).poisson(np.where(np.arange(100) == 40, 300.0, 0.1)).astype(np.float32)
+    told = reconstruct(
+        Transient(counts[:, None, None], np.ones((1, 1)), WallGrid(0.1, 0.1, 1, 1), time), "lct"
+    ).explained
+    assert told is not None
+    assert told.share is None
+    assert "one point" in told.note
 
 
 @pytest.mark.parametrize(("share", "error", "nothing"), [(0.049, 0.0, True), (0.06, 0.021, True), (0.06, 0.019, False)])

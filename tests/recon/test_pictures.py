@@ -15,12 +15,14 @@ from nlos.__main__ import run
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData
+from nlos.recon.explained_share import Explained
 from nlos.recon.gallery import difference_figure
-from nlos.recon.pictures import albedo_picture, depth_picture, summary_figure
+from nlos.recon.pictures import UNSEEN, albedo_picture, depth_picture, summary_figure
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.results import write_results
 from nlos.recon.seen import FAINT, FULL, depth_limits, depth_opacity, depth_span, visible_depth
 from nlos.recon.small_print import si, small_print
+from nlos.recon.uncertainty_picture import uncertainty_picture
 from nlos.recon.volume import Intervals, Reconstruction
 
 WALL = WallGrid(1.0, 1.0, 32, 32)
@@ -64,6 +66,27 @@ def test_hatches_are_explained_where_there_are_any() -> None:
         told = replace(made(), intervals=Intervals(*(made().albedo,) * 2, *(made().depth_m,) * 2, seen))
         labels = [axes.get_ylabel() for axes in summary_figure(told).axes]
         assert any("hatched: likely no surface" in label for label in labels) is explained
+
+
+@pytest.mark.parametrize("shape", [(1, 32), (32, 1), (2, 5), (1, 1)])
+def test_a_line_of_points_and_one_alone_are_drawn(shape: tuple[int, int], tmp_path: Path) -> None:
+    bright, deep = np.ones(shape, dtype=np.float32), np.full(shape, 0.5, dtype=np.float32)
+    seen = np.full(shape, 0.9, dtype=np.float32)
+    seen[0, 0] = 0.2
+    wall = WallGrid(shape[1] / 32, shape[0] / 32, *shape)
+    line = Reconstruction(
+        bright, deep, wall, "nano", 0.1, intervals=Intervals(0 * bright, bright, 0.9 * deep, deep, seen)
+    )
+    labels = [axes.get_ylabel() for axes in summary_figure(line).axes]
+    assert any("hatched: likely no surface" in label for label in labels)
+    for draw in (albedo_picture, depth_picture, uncertainty_picture):
+        draw(line, tmp_path / "line.png")
+
+
+def test_a_picture_in_which_nothing_is_seen_says_so() -> None:
+    black = replace(made(), albedo=0 * made().albedo, explained=Explained(0.85, 0.02))
+    assert summary_figure(black).get_suptitle() == UNSEEN
+    assert summary_figure(made()).get_suptitle() == ""
 
 
 @pytest.mark.parametrize("brightness", [0.03, 0.2, 0.8])

@@ -18,7 +18,10 @@ from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
 
-SUFFIXES = (".h5", ".hdf5", ".mat", ".npz", ".ptu", ".phu", ".thd", ".ht3", ".pt3", ".sdt")
+SUFFIXES = (
+    ".h5", ".hdf5", ".mat", ".npz", ".npy", ".sdt",
+    ".ptu", ".phu", ".pt2", ".pt3", ".ht2", ".ht3", ".t3r", ".phd", ".hhd", ".thd",
+)  # fmt: skip
 """What of a folder is taken for a scan; a file that is named is always read."""
 WAITS_S = 30.0
 """An archive that is told to end waits so long for the files that workers have begun."""

@@ -158,18 +158,25 @@ def test_files_are_told_by_what_they_hold(tmp_path: Path) -> None:
             "cameraGridPositions": np.zeros((3, 240)),
             "hiddenVolumeSize": 0.8,
         },  # its others
-        {"ts": BIN_S, "sampling_spacing": 0.05, "SPAD_index": [[3, 4]]},  # fast RSD (Liu et al., 2020)
     ],
 )
 @pytest.mark.parametrize("key", ["data", "rect_data"])
 def test_a_published_name_with_facts_of_another_lab_is_not_taken_for_that_format(
     tmp_path: Path, key: str, beside: dict[str, Any]
 ) -> None:
-    counts = drawn() if key == "data" else drawn()[:, ::-1]
-    savemat(tmp_path / "lab.mat", {key: counts, **beside})
+    savemat(tmp_path / "lab.mat", {key: drawn(), **beside})
     with pytest.raises(InvalidData, match=r"may say otherwise\. Say what holds: --bin-width-ps and --wall-size-m"):
         read_any(tmp_path / "lab.mat")
     is_found(read_any(tmp_path / "lab.mat", Given((WIDTH_M, HEIGHT_M), BIN_S, "YXT", True)))
+
+
+@pytest.mark.parametrize("told", [Given(), Given((WIDTH_M, HEIGHT_M), BIN_S, "YXT", True)])
+@pytest.mark.parametrize("key", ["data", "rect_data"])
+def test_a_scan_by_the_laser_alone_is_not_confocal(tmp_path: Path, key: str, told: Given) -> None:
+    """Fast RSD (Liu et al., 2020): one SPAD."""
+    savemat(tmp_path / "lab.mat", {key: drawn(), "ts": BIN_S, "sampling_spacing": 0.05, "SPAD_index": [[3, 4]]})
+    with pytest.raises(InvalidData, match="holds SPAD_index: a scan by the laser alone"):
+        read_any(tmp_path / "lab.mat", told)
 
 
 def test_a_published_name_with_our_facts_or_its_scripts_is_read_by_these(tmp_path: Path) -> None:

@@ -1,0 +1,112 @@
+"""What a stranger's arrays say of places, axes and units: taken as meant, said, or refused by name."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.io
+
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.importers.formats import read_any
+from nlos.acquisition.importers.given import Given
+from nlos.acquisition.importers.separate_points import refuse_other_names
+
+COUNTS = np.random.default_rng(0).poisson(2.0, (8, 8, 64)).astype(np.float32)
+EXPOSURE_S = np.where(np.arange(8)[:, None] < 3, 0.0, 1.0) * np.ones((8, 8))  # its first three rows were not measured
+TOLD = Given(bin_width_s=32e-12, wall_m=(1.0, 1.0))
+
+
+def stored(path: Path, **arrays: Any) -> Path:
+    known = {"bin_width_s": 32e-12, "wall_size_m": 1.0, "rectified": True, "exposure_s": np.ones((8, 8))}
+    np.savez(path, **(known | arrays))
+    return path
+
+
+@pytest.mark.parametrize("middle", [(3.2, 1.4), (0.7, -0.3), (0.5, 0.0)])
+def test_free_points_far_to_one_side_are_taken_about_their_middle(tmp_path: Path, middle: tuple[float, float]) -> None:
+    x_m, y_m = np.random.default_rng(1).uniform(-0.5, 0.5, (2, 64))
+    path = tmp_path / "a.npz"
+    places = {"x_m": x_m + middle[0], "y_m": y_m + middle[1], "exposure_s": np.ones(64)}
+    np.savez(path, histograms=COUNTS.reshape(64, 64), bin_width_s=32e-12, rectified=True, **places)
+    scan = read_any(path)
+    assert scan.points is not None
+    told = any("which is taken for the wall's middle" in note for note in scan.notes)
+    assert told == (middle != (0.5, 0.0))  # which is half a wall
+    assert np.ptp(scan.points.x_m) == pytest.approx(np.ptp(x_m))
+    if told:
+        assert (scan.points.x_m.max() + scan.points.x_m.min()) / 2 == pytest.approx(0, abs=1e-9)
+        assert scan.points.wall.width_m < 1.3
+    assert read_any(path, Given(wall_m=(9.0, 9.0))).points.x_m == pytest.approx(x_m + middle[0])  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("x_first", [False, True])
+def test_axes_hold_for_exposures_too(tmp_path: Path, x_first: bool) -> None:
+    counts, exposure_s = (COUNTS.transpose(1, 0, 2), EXPOSURE_S.T) if x_first else (COUNTS, EXPOSURE_S)
+    path = stored(tmp_path / "a.npz", histograms=counts, exposure_s=exposure_s)
+    scan = read_any(path, Given(axes="XYT" if x_first else "YXT"))
+    assert np.array_equal(scan.transient.exposure_s, EXPOSURE_S)
+    assert np.array_equal(np.moveaxis(scan.transient.counts, 0, 2)[3:], COUNTS[3:])
+
+
+def test_exposures_that_are_rows_first_already_stay(tmp_path: Path) -> None:
+    path = stored(tmp_path / "a.npz", histograms=COUNTS[:5].transpose(1, 0, 2), exposure_s=EXPOSURE_S[:5])
+    scan = read_any(path, Given(axes="XYT", wall_m=(1.0, 0.625)))
+    assert np.array_equal(scan.transient.exposure_s, EXPOSURE_S[:5])
+
+
+def test_offsets_of_a_scan_that_is_rectified_are_named(tmp_path: Path) -> None:
+    offsets = np.full((8, 8), 30.0)
+    path = stored(tmp_path / "a.npz", histograms=COUNTS, time_offset_bins=offsets)
+    assert any("not used: time_offset_bins" in note for note in read_any(path).notes)
+    assert not any("not used" in note for note in read_any(path, Given(rectified=False)).notes)
+
+
+def test_points_that_are_not_as_far_apart_in_x_as_in_y_are_said(tmp_path: Path) -> None:
+    path = stored(tmp_path / "a.npz", histograms=COUNTS[:5], exposure_s=np.ones((5, 8)))
+    (note,) = (note for note in read_any(path, TOLD).notes if "as given" in note and "wall" in note)
+    assert "points 12.5 cm apart in x and 20 cm in y" in note
+    assert not any("apart in x" in note for note in read_any(path, Given(wall_m=(1.0, 0.625))).notes)
+
+
+def test_histograms_whose_time_seems_first_may_have_all_axes_reversed(tmp_path: Path) -> None:
+    with pytest.raises(InvalidData, match=r"--axes TYX, TXY where x comes before y"):
+        read_any(stored(tmp_path / "a.npz", histograms=COUNTS.transpose(2, 1, 0)))
+
+
+def matlab(path: Path, **arrays: Any) -> Path:
+    scipy.io.savemat(path, arrays)
+    return path
+
+
+def test_another_labs_rect_data_needs_its_order(tmp_path: Path) -> None:
+    path = matlab(tmp_path / "a.mat", rect_data=COUNTS)
+    with pytest.raises(InvalidData, match=r"in which x is the first axis and falls; .* --axes YXT, or XYT"):
+        read_any(path, TOLD)
+    for axes, expected in (("YXT", COUNTS), ("XYT", COUNTS.transpose(1, 0, 2))):
+        said = Given(bin_width_s=32e-12, wall_m=(1.0, 1.0), axes=axes)
+        assert np.array_equal(np.moveaxis(read_any(path, said).transient.counts, 0, 2), expected)
+    theirs = matlab(tmp_path / "b.mat", rect_data=COUNTS, width=0.35)
+    scan = read_any(theirs, Given(bin_width_s=32e-12))
+    assert np.array_equal(np.moveaxis(scan.transient.counts, 0, 2), COUNTS.transpose(1, 0, 2)[:, ::-1])
+    assert any("x is its first axis and falls" in note for note in scan.notes)
+
+
+def test_a_measurement_without_its_tofgrid_is_only_assumed_to_be_rectified(tmp_path: Path) -> None:
+    path = matlab(tmp_path / "a.mat", meas=COUNTS)
+    scan = read_any(path, TOLD)
+    assert scan.rectified
+    assert scan.rectified_assumed
+    assert any("no tofgrid in it, nor in a tof.mat beside it" in note for note in scan.notes)
+    told = read_any(path, Given(bin_width_s=32e-12, wall_m=(1.0, 1.0), rectified=True))
+    assert not told.rectified_assumed
+
+
+@pytest.mark.parametrize(
+    "names",
+    [("laser_pos", "spad_pos"), ("laserPos", "cameraPos"), ("laserpoints", "detectpoints"), ("SPAD_index",)],
+)
+def test_scans_with_places_of_the_sensor_are_not_taken_for_confocal(names: tuple[str, ...]) -> None:
+    with pytest.raises(InvalidData, match="laser_m and sensor_m"):
+        refuse_other_names("a.mat", ("meas", *names))
+    refuse_other_names("a.mat", ("meas", "laser_power", "camera"))
