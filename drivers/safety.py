@@ -7,6 +7,7 @@ import threading
 
 from nlos.drivers.arming import Arming
 from nlos.drivers.clock import Clock
+from nlos.drivers.counted_lately import CountedLately
 from nlos.drivers.errors import BenchClosed, DeviceError, SafetyTrip, ShutterHeld
 from nlos.drivers.events import EventLog
 from nlos.drivers.safety_settings import SafetySettings
@@ -39,6 +40,8 @@ class GuardedShutter:
         self.confirmed_closed = False  # and not opened since
         self._latch = latch
         self._trip: str | None = None if latch is None else latch.standing()
+        self._unnoted = ""
+        self._lately = CountedLately(settings.trip_ms * 1e-3)
         self._held = ""
         self._for_good = False
         self._opening = threading.RLock()
@@ -128,6 +131,7 @@ class GuardedShutter:
             self.close(meanwhile)
             raise ShutterHeld("shutter", f"was closed again after {meanwhile}.")
         if not was_open and self._there:
+            self._lately.forget()
             self._events.report("shutter", "opened")
 
     def _closed_meanwhile(self) -> str:
@@ -217,15 +221,14 @@ class GuardedShutter:
         return self._shutter.state()
 
     def watch(self, histogram: Histogram) -> None:
-        """Checks one histogram's rate against the limit: the trip of benches whose counter has none of its own.
+        """Checks the rate of the last `trip_ms` of counting against the limit, of one histogram or of as many as it
+        takes: the trip of benches whose counter has none of its own.
 
         Raises `SafetyTrip` with the shutter closed and the trip latched. A sign of life, as `heard` is.
         """
         self.heard()
-        if histogram.live_time_s * 1e3 < self._settings.trip_ms:
-            return
-        rate_cps = histogram.total_count / histogram.live_time_s
-        if rate_cps > self._settings.trip_cps:
+        rate_cps = self._lately.rate_cps(histogram.live_time_s, histogram.total_count)
+        if rate_cps is not None and rate_cps > self._settings.trip_cps:
             self.trip(f"{rate_cps:.3g} counts/s, above {self._settings.trip_cps:.3g}")
 
     def watch_rates(self, rates: CountRates) -> None:
@@ -239,10 +242,10 @@ class GuardedShutter:
         if not self._there:
             raise SafetyTrip(
                 "shutter",
-                f"there is none to close: {why}.",
+                f"there is none to close: {why}.{self._unnoted}",
                 "Block the laser by hand; find the cause before clearing it.",
             )
-        raise SafetyTrip("shutter", f"closed by a trip: {why}.", "Find the cause before clearing it.")
+        raise SafetyTrip("shutter", f"closed by a trip: {why}.{self._unnoted}", "Find the cause before clearing it.")
 
     def latch(self, why: str) -> None:
         """Closes the shutter, tells why, and keeps it closed until `clear_trip`."""
@@ -268,4 +271,6 @@ class GuardedShutter:
             try:
                 self._latch.trip(why)
             except OSError as error:
-                self._events.report("warning", f"the trip could not be noted in {self._latch.path} ({error})")
+                said = f"the trip could not be noted in {self._latch.path} ({error})"
+                self._unnoted = f" And {said}: nothing keeps the next command from light. Block the laser."
+                self._events.report("warning", said)

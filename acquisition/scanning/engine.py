@@ -20,7 +20,7 @@ from nlos.acquisition.scanning.alarms import DONE, Action, AlarmRaised, Alarms, 
 from nlos.acquisition.scanning.control import ScanControl, ScanState, undeterred, until_interrupted
 from nlos.acquisition.scanning.lag import Lag
 from nlos.acquisition.scanning.left_to_take import LeftToTake
-from nlos.acquisition.scanning.light_watch import LightWatch
+from nlos.acquisition.scanning.light_watch import LightOff, LightWatch
 from nlos.acquisition.scanning.under_way import UnderWay
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import DeviceError, MirrorDisturbed, SafetyTrip
@@ -161,6 +161,8 @@ class _Run:
         try:
             source = self._take(self._bench, points, angles, self._under_way, watch)
             yield from self._kept(source)
+        except LightOff:
+            pass  # while the batch was being armed: `watch` says why
         except MirrorDisturbed as error:
             self._bench.report("warning", f"{error.device}: {error.what}")
             self._dark(error.what)

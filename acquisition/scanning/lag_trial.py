@@ -18,7 +18,7 @@ from nlos.acquisition.scanning.alarms import Trouble
 from nlos.acquisition.scanning.clocked import Settle, Stepping
 from nlos.acquisition.scanning.control import until_interrupted
 from nlos.acquisition.scanning.lag import SIGMAS, Lag, Shift, combined, shift
-from nlos.acquisition.scanning.light_watch import LightWatch
+from nlos.acquisition.scanning.light_watch import LightOff, LightWatch
 from nlos.acquisition.scanning.sweeping import SETTLED, Lines, append_line, too_long
 from nlos.acquisition.scanning.under_way import UnderWay
 from nlos.drivers.bench import Bench
@@ -196,6 +196,8 @@ def _unkept(bench: Bench, wanted: Trial, under_way: UnderWay) -> list[Sample]:
         angles = wanted.made.angles[: len(wanted.points)]
         source = clocked.take(bench, wanted.points, angles, under_way, watch, lambda *_: wanted.made)
         samples = list(until_interrupted(source, under_way.control))
+    except LightOff:
+        samples = []  # while the batch was being armed: `watch` says why
     finally:
         bench.while_waiting = lambda: None
     if watch.trip is not None:

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from email.message import EmailMessage
 from functools import partial
+from http.client import HTTPException
 from pathlib import Path
 
 from nlos.acquisition.recording.run_notes import RunNotes
@@ -64,7 +65,7 @@ def tell(hooks: HookSettings, ending: Ending) -> None:
     for name, go in ways.items():
         try:
             go()
-        except (OSError, subprocess.SubprocessError, smtplib.SMTPException, ValueError) as error:
+        except (OSError, subprocess.SubprocessError, smtplib.SMTPException, HTTPException, ValueError) as error:
             terminal.log(f"warning: {name} of {ending.run} was not told: {error}")
 
 

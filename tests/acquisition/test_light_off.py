@@ -142,6 +142,24 @@ def test_light_that_becomes_too_much_is_off_in_time_and_what_was_taken_is_kept(
     assert taken_s == sorted(taken_s)
 
 
+@pytest.mark.parametrize("dwell_ms", [1, 2, 9])
+@pytest.mark.parametrize(("name", "scheme"), CASES)
+def test_a_trip_sees_dwells_that_are_shorter_than_it(
+    small_plan: Plans, name: str, scheme: str, dwell_ms: float
+) -> None:
+    """Each of them says too little by itself: a whole scan went by above the limit."""
+    chosen = settings(name, trip_cps=300e3, trip_ms=10.0)
+    with open_bench(chosen) as bench:
+        seen = witness(simulated(bench))
+        bright_s = bench.clock.now() + 0.03
+        brighter_from(simulated(bench), bright_s)
+        points = plan(small_plan, name, dwell_ms, 12, 12)
+        with pytest.raises(SafetyTrip):
+            list(scan(points, bench, scheme=Scheme(scheme)))
+        off_s = [end_s for _, end_s in light_s(seen)]
+        assert off_s[0] - bright_s <= SHUT_WITHIN_S
+
+
 @pytest.mark.parametrize(("name", "scheme"), CASES)
 @pytest.mark.parametrize(("dwell_ms", "rows"), [(2, 12), (20, 6), (300, 3)])
 def test_samples_are_handed_on_while_the_sequence_runs(

@@ -44,6 +44,11 @@ def test_nothing_is_at_stake_while_a_scan_is_paused(tmp_path: Path) -> None:
             said += os.read(terminal, 4096)
         paused_at = acknowledged(run)
         time.sleep(0.2)  # it asks only after it has said so
+        lit = witness.read_text().count("shutter open")
+        os.write(terminal, b"go \xff\n")
+        while b"Enter alone resumes" not in said:
+            said += os.read(terminal, 4096)
+        assert witness.read_text().count("shutter open") == lit, "light for a word that is not Enter"
         child.send_signal(signal.SIGINT)
         assert child.wait(240) == 130
     finally:

@@ -149,3 +149,20 @@ def test_a_scan_tells_when_it_is_dark(tmp_path: Path, monkeypatch: pytest.Monkey
     Path("small.yaml").write_text(SMALL + "alarms: {pile_up: 1.0e-6}\n")
     assert run(["scan", "small.yaml", "--bench", "bench.yaml", "-o", "b.h5"]) == 5
     assert Path("alarm").exists()
+
+
+@pytest.mark.parametrize(
+    "answer", [b"SSH-2.0-OpenSSH_9.6\r\n", b"\xff\xfe garbage\r\n\r\n", b"HTTP/1.1 200 OK\r\nX: " + b"x" * 70_000]
+)
+def test_a_web_address_that_answers_badly_harms_no_run(answer: bytes, capsys: pytest.CaptureFixture[str]) -> None:
+    class Rude(socketserver.BaseRequestHandler):
+        def handle(self) -> None:
+            self.request.recv(1 << 16)
+            self.request.sendall(answer)
+
+    server = socketserver.TCPServer(("127.0.0.1", 0), Rude)
+    with serving(server):
+        tell(HookSettings(webhook=f"http://127.0.0.1:{server.server_address[1]}/", deadline_s=5), ENDING)
+    assert "webhook of run.h5 was not told" in capsys.readouterr().err
+    tell(HookSettings(webhook="http://127.0.0.1:9/a b"), ENDING)
+    assert "webhook of run.h5 was not told" in capsys.readouterr().err

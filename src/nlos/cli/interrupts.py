@@ -106,7 +106,8 @@ class Interrupts:
         terminal.log(f"paused {how}; {self._light}. Enter resumes, Ctrl-C ends the scan.", -9)
         self._asking = True
         try:
-            input()
+            while _typed():
+                terminal.log("Enter alone resumes, Ctrl-C ends the scan.", -9)
         except (KeyboardInterrupt, EOFError):
             return False
         finally:
@@ -121,3 +122,11 @@ class Interrupts:
             return
         name = signal.Signals(number).name
         self._control.interrupt(_BY_HAND.get(name, name) if self._at_terminal else name)
+
+
+def _typed() -> str:
+    """A line from the terminal, without what surrounds it; keys of another encoding are text, too."""
+    try:
+        return input().strip()
+    except UnicodeDecodeError:
+        return "?"
