@@ -164,7 +164,7 @@ def _sent(
     falloff: float,
 ) -> tuple[npt.NDArray[np.float32], str]:  # fmt: skip
     """`surface_light`, (T, N), and why it is no test of the picture, or "". Pixels that light but the point in front of
-    them are left out where they outshine the others: they are no test, the others may be."""
+    them are excluded where they outshine the others: they are no test, the others may be."""
     wall = seen.wall
     far = with_haze(albedo, depth_m, wall) > min(wall.width_m / wall.cols, wall.height_m / wall.rows)
     why = UNSEEN

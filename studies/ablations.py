@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from nlos.recon.training.train import train
+from nlos.recon.training.train_settings import TrainSettings
 from studies.judged import FIGURES, Judged, judge, judged
 from studies.paired import Difference, Figures, difference
 from studies.rows import (
@@ -89,15 +90,25 @@ def run(samples: int = SAMPLES, seeds: Sequence[int] = SEEDS, page: Path = PAGE)
         folder, kept = folder_of(row, samples, seed), kept_of(row, samples, seed)
         if judged(kept) is not None:
             continue
-        with Claim(folder) as mine:
-            if not mine:
-                continue
-            print(f"{row.method}: {row.name}, seed {seed}: {folder}", file=sys.stderr, flush=True)
-            settings = settings_of(row, samples, seed)
-            if row.trained and not train(settings, folder, lambda line: None)["finished"]:
-                return  # told to end: what is half trained is not judged, and goes on next time
-            judge(settings, folder if row.trained else None, kept, judged_on(row, JUDGED))
+        settings = settings_of(row, samples, seed)
+        judging = partial(judge, settings, folder if row.trained else None, kept, judged_on(row, JUDGED))
+        name = f"{row.method}: {row.name}, seed {seed}"
+        if not train_and_judge(name, settings if row.trained else None, folder, judging):
+            return
         page.write_text(written(known(samples, seeds), samples, seeds), encoding="utf-8")
+
+
+def train_and_judge(name: str, settings: TrainSettings | None, folder: Path, judging: Callable[[], object]) -> bool:
+    """Trains in `folder`, unless `settings` is None, then judges; passed over where another process has it. False where
+    the training was told to end: what is half trained is not judged, and resumes next time."""
+    with Claim(folder) as mine:
+        if not mine:
+            return True
+        print(f"{name}: {folder}", file=sys.stderr, flush=True)
+        if settings is not None and not train(settings, folder, lambda line: None)["finished"]:
+            return False
+        judging()
+    return True
 
 
 class Claim:

@@ -9,12 +9,13 @@ share the work, and the table of docs/paper.md is printed.
 
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from nlos.recon.training.train import train
-from studies.ablations import Claim
+from nlos.recon.training.train_settings import TrainSettings
+from studies.ablations import train_and_judge
 from studies.judged import judge, judged
 from studies.paired import Figures, difference
 from studies.results.tables import table
@@ -42,16 +43,18 @@ def run(samples: int = SAMPLES, seeds: Sequence[int] = MORE) -> None:
             wanted = [kept] if row is WITHOUT else [kept, mirrored_of(samples, seed)]
             if all(path.exists() for path in wanted):
                 continue
-            with Claim(folder) as mine:
-                if not mine:
-                    continue
-                print(f"{row.name}, seed {seed}: {folder}", file=sys.stderr, flush=True)
-                settings = settings_of(row, samples, seed)
-                if not train(settings, folder, lambda line: None)["finished"]:
-                    return
-                for path, mirror in zip(wanted, (False, True), strict=False):
-                    seen = settings.method_settings | {"symmetries": mirror}
-                    judge(settings.model_copy(update={"method_settings": seen}), folder, path, JUDGED)
+            settings = settings_of(row, samples, seed)
+            if not train_and_judge(
+                f"{row.name}, seed {seed}", settings, folder, partial(_judge, settings, folder, wanted)
+            ):
+                return
+
+
+def _judge(settings: TrainSettings, folder: Path, to: Sequence[Path]) -> None:
+    """Seen once into the first file; into the second, where there is one, averaged over mirror images."""
+    for path, mirrored in zip(to, (False, True), strict=False):
+        seen = settings.method_settings | {"symmetries": mirrored}
+        judge(settings.model_copy(update={"method_settings": seen}), folder, path, JUDGED)
 
 
 def figures_of(kept: Kept, seeds: Sequence[int], where: str, figure: str) -> Figures | None:
@@ -66,7 +69,7 @@ def figures_of(kept: Kept, seeds: Sequence[int], where: str, figure: str) -> Fig
 
 
 def written(samples: int, more: Sequence[int] = MORE) -> str:
-    """Spectral updates left out and mirror images added, less what ships: of the first seeds, the new ones, and all."""
+    """Without spectral updates, and with mirror images, less what ships: of the first seeds, the new ones, and all."""
 
     def of(row: Row) -> Kept:
         return lambda seed: kept_of(row, samples, seed)

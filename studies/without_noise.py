@@ -10,6 +10,7 @@ printed.
 import json
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,10 +20,9 @@ import torch
 from nlos.recon.training.dataset import sample
 from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.detector import DetectorSettings
-from nlos.recon.training.train import train
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.training_sample import collate
-from studies.ablations import Claim
+from studies.ablations import train_and_judge
 from studies.judged import network_of, scores
 from studies.lost_to_noise import AMPLITUDES
 from studies.paired import Figures, difference
@@ -79,14 +79,10 @@ def run(samples: int = SAMPLES, seeds: Sequence[int] = SEEDS) -> None:
     for one in all_of_them(seeds):
         if one.kept(samples).exists():
             continue
-        with Claim(one.folder(samples)) as mine:
-            if not mine:
-                continue
-            print(f"{one.row.name}, {one.learned}, seed {one.seed}", file=sys.stderr, flush=True)
-            settings, folder = one.settings(samples), one.folder(samples)
-            if not train(settings, folder, lambda line: None)["finished"]:
-                return
-            judge(settings, folder, one.kept(samples))
+        settings, folder = one.settings(samples), one.folder(samples)
+        judging = partial(judge, settings, folder, one.kept(samples))
+        if not train_and_judge(f"{one.row.name}, {one.learned}, seed {one.seed}", settings, folder, judging):
+            return
 
 
 def judge(settings: TrainSettings, folder: Path, to: Path, scenes: DatasetSettings = SCENES) -> None:

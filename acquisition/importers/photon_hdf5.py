@@ -52,7 +52,7 @@ class _Photons:
     bin_width_s: float
     clock_s: float
     notes: tuple[str, ...]
-    """What was left out, and what was added up."""
+    """What was excluded, and what was added up."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def _without_special(
     kept = ~np.isin(detectors, kinds[special])
     named = [f"{size:,} of 'detector' {kind}" for kind, size in zip(kinds[special], sizes[special], strict=True)]
     note = (
-        f"records that all have delay 0 are left out, {', '.join(named[:_MOST_NAMED])}"
+        f"records that all have delay 0 are not imported, {', '.join(named[:_MOST_NAMED])}"
         f"{', ...' if len(named) > _MOST_NAMED else ''}: not photons but an instrument's special records (overflows)"
     )
     return times[kept], delays[kept], detectors[kept], [note]

@@ -13,8 +13,7 @@ from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.bench_constants import correcting_constants
 from nlos.calibration.correct import CorrectedPoints, Report, correct, correct_points
 from nlos.calibration.errors import NoDirectPeak, NothingBehind, ShutterClosed
-from nlos.calibration.raw_points import RawPoints, from_transient
-from nlos.calibration.seems_raw import aligned_later_s, mean_arrival_s
+from nlos.calibration.raw_points import from_transient
 from nlos.direct_times import DirectTimes
 from nlos.loaded import LoadedScan, load_scan
 from nlos.recipe import Recipe
@@ -27,6 +26,7 @@ from nlos.recon.results import write_results
 from nlos.response import known_response, say_response, with_response
 from nlos.results_folder import ResultsFolder
 from nlos.said_once import Tell
+from nlos.seemingly_raw import tell_if_not_rectified
 
 if TYPE_CHECKING:
     from nlos.acquisition.transient import Transient
@@ -112,7 +112,7 @@ def _calibrated(
                 offset_bins=None if scan.rectified or arrivals is None else arrivals.of(points),
             )  # fmt: skip
         if scan.rectified:
-            _tell_if_not_rectified(scan, points, done, tell)
+            tell_if_not_rectified(scan, points, done, tell)
         elif arrivals is None:
             hear(done)
             _tell_calibration(done.report(), tell)
@@ -124,7 +124,7 @@ def _calibrated(
         return cut_direct(transient, scan.direct_cut_bins), None
     if scan.rectified:
         done_so = correct(transient, rectified=True)
-        _tell_if_not_rectified(scan, from_transient(transient), done_so.points, tell)
+        tell_if_not_rectified(scan, from_transient(transient), done_so.points, tell)
         return done_so.transient, None
     if use_file_offsets or arrivals is not None:
         of_a_whole = None if use_file_offsets else arrivals
@@ -163,35 +163,6 @@ def _or_rectified(scan: LoadedScan) -> Iterator[None]:
         if scan.rectified or scan.devices or isinstance(error, ShutterClosed):
             raise
         raise type(error)(f"{error} {IF_RECTIFIED}") from error
-
-
-def _tell_if_not_rectified(scan: LoadedScan, raw: RawPoints, done: CorrectedPoints, tell: Tell) -> None:
-    """Says so where a rectified scan still holds direct light at time 0, and asks where one that is only assumed to be
-    rectified seems to hold it elsewhere."""
-    if done.direct.end_bin:
-        tell(
-            logging.WARNING,
-            "direct light is still in it, though it counts as rectified: the first %.2f ns are skipped. With --raw "
-            "(in Python rectified=False) it is aligned by that light, and its response is measured.",
-            done.direct.end_bin * done.time.bin_width_s * 1e9,
-        )
-    elif (later_s := aligned_later_s(raw)) is not None:
-        tell(
-            logging.WARNING,
-            "is time 0 the wall? Each point's light is mainly one sharp pulse, %.2f ns later at all of them, as direct "
-            "light that was aligned to there; nothing hidden comes back at one time. If it is: --raw (in Python "
-            "rectified=False), which aligns by it, or store offset_s = %.3g.",
-            later_s * 1e9,
-            raw.time.start_s - later_s,
-        )
-    elif scan.rectified_assumed and (arrival_s := mean_arrival_s(raw)) is not None:
-        tell(
-            logging.WARNING,
-            "is time 0 the wall? Each point's light is mainly one sharp pulse, %.2f ns later on average, and arrives "
-            "as if straight from a plane wall. If it does, the scan is raw: --raw (in Python rectified=False). If time "
-            "0 is the wall: --rectified.",
-            arrival_s * 1e9,
-        )
 
 
 def _tell_calibration(report: "Report", tell: Tell) -> None:

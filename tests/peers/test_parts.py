@@ -18,7 +18,7 @@ PACKAGES = {
 
 
 def test_the_page_names_the_parts() -> None:
-    assert {"TriggerScopeMM", "tinyusb", "helios_dac"} == set(CHECKOUTS)
+    assert {"TriggerScopeMM", "tinyusb", "helios_dac", "pyglotaran", "libpicoquant"} == set(CHECKOUTS)
     installed = re.search(r"pip install (.+)$", PAGE, re.MULTILINE)
     assert installed is not None
     assert set(installed[1].split()) == set(PACKAGES)

@@ -136,7 +136,7 @@ def test_an_instruments_overflows_are_no_photons(tmp_path: Path, overflows: int)
     """PicoHarp's, that `phconvert` leaves as a detector 15."""
     scan = read_any(write(tmp_path / "pt3.h5", **beside(PHOTONS, overflows)))
     assert np.array_equal(scan.transient.counts[:, 0, 0], np.bincount(PHOTONS))
-    (note,) = (note for note in scan.notes if "left out" in note)
+    (note,) = (note for note in scan.notes if "not imported, " in note)
     assert f"{overflows:,} of 'detector' 15" in note
     assert "delay 0" in note
     assert "overflows" in note
@@ -149,7 +149,7 @@ def test_photons_that_are_few_at_delay_0_or_all_at_another_stay(tmp_path: Path, 
     expected = np.bincount(PHOTONS)
     expected[delay] += count
     assert np.array_equal(scan.transient.counts[:, 0, 0], expected)
-    assert not any("left out" in note for note in scan.notes)
+    assert not any("not imported, " in note for note in scan.notes)
     assert any(f"photons of 3 detectors are added up (1: 2,500, 2: 2,500, 15: {count:,})" in n for n in scan.notes)
 
 
