@@ -10,10 +10,12 @@ processes may fill it at the same time.
 import hashlib
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
@@ -32,9 +34,10 @@ from nlos.recon.training.visibility import visibility
 BOUNCING = 160
 
 
-def sample(settings: DatasetSettings, index: int, cache: Path | None = None) -> TrainingSample:
+def sample(settings: DatasetSettings, index: int, cache: Path | None = None, device: str = "cpu") -> TrainingSample:
     """Sample `index` (0 .. len(settings) - 1); with a `cache` folder it is read from there, or made and put there.
 
+    On a GPU as `device` light is rendered and photons are drawn there: other photons than on the processor.
     Raises IndexError outside that range.
     """
     if not 0 <= index < len(settings):
@@ -43,7 +46,7 @@ def sample(settings: DatasetSettings, index: int, cache: Path | None = None) -> 
         return sample_on_disk(settings, settings.files, number, cache)
     scene, which = divmod(index, settings.degradations)
     if cache is None:
-        return _unpack(*_make(settings, scene, (which,)), which)
+        return _unpack(*_make(settings, scene, (which,), device), which)
     path = cache_folder(settings, cache) / f"{scene:06d}.safetensors"
     try:
         return _read(path, which)
@@ -55,6 +58,12 @@ def sample(settings: DatasetSettings, index: int, cache: Path | None = None) -> 
         readable_as_its_folder(partial)
         partial.replace(path)
         return _unpack(arrays, words, which)
+
+
+def samples_of_scene(settings: DatasetSettings, scene: int, device: str = "cpu") -> list[TrainingSample]:
+    """All that `settings` measures of one scene, which is made once."""
+    arrays, words = _make(settings, scene, tuple(range(settings.degradations)), device)
+    return [_unpack(arrays, words, which) for which in range(settings.degradations)]
 
 
 def cache_folder(settings: DatasetSettings, cache: Path) -> Path:
@@ -69,19 +78,19 @@ def cache_folder(settings: DatasetSettings, cache: Path) -> Path:
 
 
 def _make(
-    settings: DatasetSettings, scene_number: int, wanted: tuple[int, ...]
+    settings: DatasetSettings, scene_number: int, wanted: tuple[int, ...], device: str = "cpu"
 ) -> tuple[dict[str, npt.NDArray[np.generic]], dict[str, str]]:
     scene = make_scene(settings.seed, scene_number, settings.wall, held_out=settings.held_out, kinds=settings.kinds)
     view = front_view(scene, settings.wall)
     rng = np.random.default_rng((settings.seed, scene_number, int(settings.held_out), 1))
-    transient = _transient(settings, scene, rng)
+    transient = _transient(settings, scene, rng, device)
     responses = [read_impulse_response(Path(name), settings.time.bin_width_s) for name in settings.impulse_responses]
     arrays: dict[str, npt.NDArray[np.generic]] = {name: getattr(view, name) for name in TRUTH}
     arrays["normal"] = view.normal
     words = {"kind": scene.kind}
     for k in wanted:
         draw = np.random.default_rng((settings.seed, scene_number, int(settings.held_out), 2, k))
-        got = measure(transient, settings.time, settings.detector, draw, responses)
+        got = measure(transient, settings.time, settings.detector, draw, responses, _photons(device, draw))
         small = got.counts.max() <= np.iinfo(np.uint8).max
         arrays[f"counts_{k}"] = got.counts.astype(np.uint8) if small else got.counts
         arrays[f"exposure_{k}"], arrays[f"noise_map_{k}"] = got.exposure, got.noise_map
@@ -90,13 +99,23 @@ def _make(
     return {name: np.ascontiguousarray(array) for name, array in arrays.items()}, words
 
 
-def _transient(settings: DatasetSettings, scene: Scene, rng: np.random.Generator) -> Array:
+def _transient(settings: DatasetSettings, scene: Scene, rng: np.random.Generator, device: str = "cpu") -> Array:
     pieces = surfels(scene, rng)
-    seen = visibility(scene, pieces, settings.wall) if settings.shadows else None
-    transient = render(pieces, settings.wall, settings.time, retroreflective=settings.retroreflective, seen=seen)
+    seen = visibility(scene, pieces, settings.wall, device) if settings.shadows else None
+    transient = render(
+        pieces, settings.wall, settings.time, retroreflective=settings.retroreflective, seen=seen, device=device
+    ).cpu()
     if settings.second_bounce:
         transient = transient + render_second_bounce(thinned(pieces, BOUNCING, rng), settings.wall, settings.time)
     return np.asarray(transient.numpy(), dtype=np.float32)
+
+
+def _photons(device: str, rng: np.random.Generator) -> Callable[[Array], Array] | None:
+    """What draws photons on `device`; None on the processor, where `measure` draws its own."""
+    if device == "cpu":
+        return None
+    generator = torch.Generator(device).manual_seed(int(rng.integers(2**62)))
+    return lambda mean: torch.poisson(torch.from_numpy(mean).to(device), generator).cpu().numpy()
 
 
 def _unpack(arrays: dict[str, npt.NDArray[np.generic]], words: dict[str, str], which: int) -> TrainingSample:

@@ -3,7 +3,7 @@
 Everything is stated for 64-bit reproducibility from one random generator; a sample carries its own true noise.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -85,11 +85,13 @@ def measure(
     settings: DetectorSettings,
     rng: np.random.Generator,
     impulse_responses: Sequence[npt.NDArray[np.floating]] = (),
+    poisson: Callable[[Array], Array] | None = None,
 ) -> Measurement:
     """A scan of `transient` (T, H, W) by a detector drawn from `settings`.
 
     `impulse_responses` are measured ones, sampled at the time axis' bin width: half of the samples then use one of
-    them, the others a Gaussian with an exponential tail. Raises ValueError for a transient without light.
+    them, the others a Gaussian with an exponential tail. `poisson` draws photons in place of `rng`.
+    Raises ValueError for a transient without light.
     """
     condition, sparse = _choose(settings, rng)
     response, told = _responses(time, settings, rng, impulse_responses)
@@ -127,7 +129,7 @@ def measure(
         if rng.random() < settings.pile_up:
             rate = pile_up(rate, rng.uniform(0, settings.detections_per_pulse_most))
         variance = rate * exposure
-        counts = rng.poisson(variance).astype(np.float32)
+        counts = (rng.poisson if poisson is None else poisson)(variance).astype(np.float32)
     scale = np.maximum(exposure, 1e-9) * level
     noise_map = np.where(exposure > 0, np.sqrt(variance.mean(axis=0)) / scale, np.inf).astype(np.float32)
     measured = noise_map[exposure > 0]

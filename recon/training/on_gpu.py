@@ -1,0 +1,239 @@
+"""Trains NANO's operator on a GPU for minutes: `python -m nlos.recon.training.on_gpu FILE FOLDER --minutes 9`.
+
+What `nlos train` does, arranged for a machine that is had for minutes: scans are made and prepared by a process on
+every core (`prepared_feed.py`), a step is one graph that the GPU goes through without the processor, and the rate falls
+with the time that is left. FILE is a training file of NANO; `samples` and `max_minutes` in it do not count here.
+"""
+
+import argparse
+import json
+import math
+import os
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any, cast
+
+import torch
+from torch import Tensor, nn
+
+from nlos.configs.load import load
+from nlos.recon.method import MethodResult
+from nlos.recon.methods.nano import CONDITIONS, Nano
+from nlos.recon.training.checkpoint import share_parameters
+from nlos.recon.training.dataset import sample
+from nlos.recon.training.kept_scans import KeptScans
+from nlos.recon.training.losses import losses, picture_of, psnr
+from nlos.recon.training.prepared_feed import PreparedFeed, Recipe, Size, batch_of
+from nlos.recon.training.run_folder import BegunWith, about_run, save_weights
+from nlos.recon.training.told import told
+from nlos.recon.training.train import build, half_precision
+from nlos.recon.training.train_settings import TrainSettings
+from nlos.recon.training.training_sample import collate
+from nlos.recon.weights.files import load_weights
+
+WARM_UPS = 3
+"""Steps of a size before its graph is taken, in which libraries choose their ways; their rate is 0."""
+IN_FLIGHT = 3
+LOGGED_EVERY_S = 10.0
+
+
+class Steps:
+    """Steps down the gradient, one size of scan at a time; the parameters are the same for all."""
+
+    def __init__(self, settings: TrainSettings, device: str) -> None:
+        self.settings, self.device, self.batch = settings, device, settings.batch
+        self.networks: dict[int, Nano] = {}
+        self.model = self._network(settings.data.rows)
+        self.before = load_weights(self.model, settings.start_from) if settings.start_from else {}
+        self.networks[settings.data.rows] = self.model
+        self.parameters = [p for p in self.model.parameters() if p.requires_grad]
+        self.average = [p.detach().clone() for p in self.parameters]
+        self.rate = torch.zeros((), device=device)
+        on_gpu = device != "cpu"
+        self.optimiser = torch.optim.AdamW(
+            self.parameters, lr=self.rate, betas=(0.9, 0.98), weight_decay=settings.weight_decay, capturable=on_gpu
+        )
+        self.lost = torch.zeros(4, device=device)
+        """Sums since they were read: loss, picture, depth, steps."""
+        self.taken = 0
+        self._inputs: dict[Size, tuple[Tensor, Tensor]] = {}
+        self._graphs: dict[Size, Any] = {}
+        self._warm: dict[Size, int] = {}
+
+    def _network(self, points: int) -> Nano:
+        data = self.settings.data.model_copy(update={"rows": points, "cols": points})
+        made = build(self.settings, data.wall, data.time).to(self.device)
+        assert isinstance(made, Nano)
+        return made
+
+    def inputs(self, size: Size) -> tuple[Tensor, Tensor]:
+        """Where a batch of this size is to be put: volumes in half precision (B, n), and the rest (B, n)."""
+        if size not in self._inputs:
+            volumes = torch.zeros(self.batch, size.volumes, dtype=torch.float16, device=self.device)
+            others = torch.zeros(self.batch, size.others, device=self.device)
+            self._inputs[size] = (volumes, others)
+            if size.points not in self.networks:
+                self.networks[size.points] = cast(Nano, share_parameters(self.model, self._network(size.points)))
+        return self._inputs[size]
+
+    def take(self, size: Size, rate: float) -> None:
+        """A step by what lies in the inputs of this size."""
+        graph = self._graphs.get(size)
+        self.rate.fill_(rate if graph is not None or self.device == "cpu" else 0.0)
+        if graph is not None:
+            graph.replay()
+        elif self.device == "cpu":
+            self._step(size)
+        elif self._warm.get(size, 0) < WARM_UPS:
+            self._warm[size] = self._warm.get(size, 0) + 1
+            beside = torch.cuda.Stream()  # type: ignore[no-untyped-call]
+            beside.wait_stream(torch.cuda.current_stream())
+            with torch.cuda.stream(beside):
+                self._step(size)
+            torch.cuda.current_stream().wait_stream(beside)
+            return
+        else:
+            torch.cuda.synchronize()
+            graph = torch.cuda.CUDAGraph()
+            with torch.cuda.graph(graph, capture_error_mode="thread_local"):
+                self._step(size)
+            self._graphs[size] = graph
+            return
+        keep = min(self.settings.average, (1 + self.taken) / (10 + self.taken))
+        torch._foreach_lerp_(self.average, [p.detach() for p in self.parameters], 1 - keep)
+        self.taken += 1
+
+    def _step(self, size: Size) -> None:
+        network, batch = self.networks[size.points], batch_of(*self.inputs(size), size)
+        scalars = batch["scalars"]
+        self.optimiser.zero_grad(set_to_none=True)
+        kind = torch.device(self.device).type
+        with torch.autocast(kind, torch.bfloat16, enabled=half_precision(self.settings, kind), cache_enabled=False):
+            seen = network.iterate(batch["volumes"].float(), scalars[:, : CONDITIONS + 1], batch["maps"], None)
+        albedo, depth_m = seen.albedo * scalars[:, -1, None, None], seen.depth * network.physics.unit_m
+        terms = losses(MethodResult(albedo, depth_m, None), batch, self.settings.loss)
+        terms["loss"].backward()  # type: ignore[no-untyped-call]
+        norm = nn.utils.clip_grad_norm_(self.parameters, self.settings.clip, foreach=True)
+        finite = torch.isfinite(norm)
+        for p in self.parameters:
+            if p.grad is not None:
+                p.grad = torch.where(finite, p.grad, 0.0)
+        self.optimiser.step()
+        with torch.no_grad():
+            told_now = [terms[name].detach() for name in ("loss", "log_picture", "depth") if name in terms]
+            told_now += [norm.detach()] * (4 - len(told_now))
+            self.lost += torch.stack(told_now).nan_to_num(0.0, 0.0, 0.0)
+
+
+def rate_at(settings: TrainSettings, over: float) -> float:
+    """The learning rate after the share `over` of the time: up along a straight line in a fiftieth of it, then down
+    along half a cosine."""
+    rise = min(1.0, 50 * over)
+    fall = settings.last_rate + (settings.learning_rate - settings.last_rate) * (1 + math.cos(math.pi * over)) / 2
+    return rise * fall
+
+
+def validated(steps: Steps, batches: list[dict[str, Tensor]]) -> dict[str, float]:
+    """As `validation.validate`, of scans that were made before."""
+    model, own = steps.model, [p.detach().clone() for p in steps.parameters]
+    pictures, depths = [], []
+    with torch.no_grad():
+        torch._foreach_copy_(list[Tensor](steps.parameters), steps.average)
+        model.eval()
+        for batch in batches:
+            seen = model(batch["counts"], batch["exposure"], *told(model, batch))
+            pictures.append(float(psnr(seen.albedo.float(), picture_of(batch))))
+            mask = batch["depth_m"] > 0
+            depths.append(float((seen.depth_m.float() - batch["depth_m"])[mask].abs().nanmean()))
+        model.train()
+        torch._foreach_copy_(list[Tensor](steps.parameters), own)
+    known = [depth for depth in depths if not math.isnan(depth)]
+    return {"psnr": sum(pictures) / len(pictures), "depth_mad_m": sum(known) / max(1, len(known))}
+
+
+def to_validate(settings: TrainSettings, device: str) -> list[dict[str, Tensor]]:
+    data = settings.validation
+    made = [collate([sample(data, index, device=device)]) for index in range(len(data))]
+    return [{name: x.to(device) for name, x in batch.items()} for batch in made]
+
+
+def train_for(settings: TrainSettings, folder: Path, asked: argparse.Namespace) -> None:
+    """Train into `folder`: weights.safetensors, the running mean, and log.jsonl."""
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    torch.manual_seed(settings.seed)
+    folder.mkdir(parents=True, exist_ok=True)
+    began, batch = time.monotonic(), settings.batch
+    recipe = Recipe(settings, device, asked.retroreflective, asked.shadows, asked.first)
+    with (folder / "log.jsonl").open("a") as log, PreparedFeed(recipe, asked.processes, asked.slots) as feed:
+
+        def say(**words: Any) -> None:
+            line = json.dumps({name: round(x, 5) if isinstance(x, float) else x for name, x in words.items()})
+            print(line, flush=True)
+            print(line, file=log, flush=True)
+
+        steps = Steps(settings, device)
+        if device != "cpu":
+            for part in (part for ring in feed.rings for part in ring):
+                torch.cuda.cudart().cudaHostRegister(part.data_ptr(), part.numel() * part.element_size(), 0)  # type: ignore[no-untyped-call]
+        scans = to_validate(settings, device)
+
+        def keep() -> None:
+            """Write the running mean of the weights, and say how good it is."""
+            figures, seconds = validated(steps, scans), time.monotonic() - began
+            about = about_run(settings, steps.model, steps.taken, seconds, figures, BegunWith(steps.before, []))
+            save_weights(folder, steps.model, steps.average, about | {"scans": kept.arrived})
+            say(step=steps.taken, samples=steps.taken * batch, scans=kept.arrived, seconds=seconds, validation=figures)
+
+        kept = KeptScans(feed, device, batch, asked.capacity, asked.uses, settings.seed)
+        keep()
+        in_flight: deque[Any] = deque()
+        logged, over, waited, before, checks = time.monotonic(), 0.0, 0.0, (0, 0), [0.25, 0.5, 0.75]
+        first = time.monotonic()
+        while over < 1:
+            waiting_since = time.monotonic()
+            size, rows, image = kept.next()
+            waited += time.monotonic() - waiting_since
+            kept.put_into(steps.inputs(size), size, rows, image)
+            steps.take(size, rate_at(settings, over))
+            if device != "cpu":
+                in_flight.append(torch.cuda.Event())  # type: ignore[no-untyped-call]
+                in_flight[-1].record()
+                if len(in_flight) > IN_FLIGHT:
+                    in_flight.popleft().synchronize()
+            now = time.monotonic()
+            over = (now - first) / (60 * asked.minutes - (first - began))
+            if now - logged > LOGGED_EVERY_S:
+                loss, picture, depth, _ = (steps.lost / max(1, steps.taken - before[0])).tolist()
+                steps.lost.zero_()
+                say(
+                    step=steps.taken, scans=kept.arrived, seconds=now - began, loss=loss, picture=picture, depth=depth,
+                    rate=rate_at(settings, over), waited=waited / (now - logged),
+                    learned_a_second=(steps.taken - before[0]) * batch / (now - logged),
+                    made_a_second=(kept.arrived - before[1]) / (now - logged),
+                )  # fmt: skip
+                logged, waited, before = now, 0.0, (steps.taken, kept.arrived)
+            if checks and over > checks[0]:
+                checks.pop(0)
+                keep()
+        keep()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("file")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--minutes", type=float, default=9.0)
+    parser.add_argument("--processes", type=int, default=max(1, (os.cpu_count() or 2) - 1), help="that make scans")
+    parser.add_argument("--slots", type=int, default=16, help="scans that each may have waiting")
+    parser.add_argument("--capacity", type=int, default=3000, help="scans of each size that are kept on the GPU")
+    parser.add_argument("--uses", type=float, default=3.0, help="times that a scan is learned from, on average")
+    parser.add_argument("--retroreflective", type=float, default=0.06, help="share of scenes of such surfaces")
+    parser.add_argument("--shadows", type=float, default=0.5, help="share of scenes whose surfaces hide each other")
+    parser.add_argument("--first", type=int, default=0, help="number of the first scene")
+    asked = parser.parse_args()
+    train_for(load("train", asked.file, TrainSettings).settings, asked.folder, asked)
+
+
+if __name__ == "__main__":
+    main()
