@@ -3,6 +3,7 @@
 import difflib
 import json
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,8 @@ MAX_DEPTH = 32
 MAX_NODES = 100_000
 _PLAIN_TAGS = {f"tag:yaml.org,2002:{word}": word for word in ("null", "bool", "int", "float", "str", "map", "seq")}
 _OWN_FOLDER = Path(__file__).parent
+_OTHERWISE = re.compile(r"[-+]?(0[0-9_]+|[0-9][0-9_]*(:[0-9.]+)+)")
+"""Numbers that YAML 1.1 takes for others: 010 is octal, 1:30 counts sixties."""
 
 
 class ConfigError(ValueError):
@@ -141,6 +144,10 @@ def _value(node: yaml.Node, place: Place, places: dict[Place, yaml.Mark], name: 
                 value = yaml.SafeLoader("").construct_object(node)
             except (ValueError, yaml.YAMLError) as error:
                 raise ConfigError(f"{at}: not a {word} ({node.value!r})") from error
+            if word in ("int", "float") and _OTHERWISE.fullmatch(node.value):
+                raise ConfigError(
+                    f"{at}: YAML reads {node.value} as {value:g}; write the number as it is meant, or text in quotes"
+                )
             if isinstance(value, int) and abs(value) >= 1 << 63:
                 raise ConfigError(f"{at}: too large a number ({node.value[:40]!r})")
             return value

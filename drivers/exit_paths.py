@@ -13,16 +13,27 @@ from types import FrameType, TracebackType
 from typing import Any
 
 _ENDS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK", "SIGQUIT", "SIGTSTP", "SIGUSR1", "SIGUSR2", "SIGALRM", "SIGVTALRM",
-         "SIGPROF", "SIGXCPU", "SIGPWR", "SIGIO", "SIGSTKFLT")  # fmt: skip
-_SIGNALS = tuple(getattr(signal, name) for name in _ENDS if hasattr(signal, name))
-"""All that end a program, or stop it (Ctrl-Z), unless it is told otherwise: a stopped one cannot close anything."""
+         "SIGPROF", "SIGXCPU", "SIGPWR", "SIGIO", "SIGSTKFLT", "SIGABRT", "SIGTRAP", "SIGSYS", "SIGTTIN")  # fmt: skip
+_REAL_TIME = range(signal.SIGRTMIN, signal.SIGRTMAX + 1) if hasattr(signal, "SIGRTMIN") else range(0)
+_SIGNALS = (*(getattr(signal, name) for name in _ENDS if hasattr(signal, name)), *_REAL_TIME)
+"""All that end a program, or stop it (Ctrl-Z), unless it is told otherwise: a stopped one cannot close anything.
+SIGABRT is how systemd ends a service whose watchdog ran out."""
 _UNHEEDED = tuple(getattr(signal, name) for name in ("SIGTTOU",) if hasattr(signal, name))
 """It would stop a program in the background that prints (`stty tostop`): it prints all the same."""
+_READS = getattr(signal, "SIGTTIN", None)
 _SOON_S = 0.005
 _ENDING_TAKES_S = 20.0
 """A program that was told to end is told again only after so long: what it still does is bring things to an end."""
 
 _open: list["ExitPaths"] = []
+
+
+def name_of(number: int) -> str:
+    """What a signal is called: SIGINT, or SIGRTMIN+3."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"SIGRTMIN+{number - signal.SIGRTMIN}"
 
 
 def signal_soon(number: int, after_s: float = _SOON_S) -> None:
@@ -82,9 +93,10 @@ class ExitPaths:
     interpreter (SIGSEGV) nor a power cut passes here: against those stand the instrument's watchdog and the interlock.
 
     A signal that would have killed or stopped the process raises `SystemExit(128 + number)` instead, so that every
-    `with` and `finally` on the way runs. That happens once: signals that follow, and those that arrive while the bench
-    is closing or while something is `undisturbed`, shut the light and wait. An end that Python swallowed, because it
-    fell into a finaliser, is raised again.
+    `with` and `finally` on the way runs. SIGTTIN, which comes to who reads from its terminal in the background, stops a
+    program whose light is off, as it does any other. The end happens once: signals that follow, and those that arrive
+    while the bench is closing or while something is `undisturbed`, shut the light and wait. An end that Python
+    swallowed, because it fell into a finaliser, is raised again.
     """
 
     def __init__(
@@ -150,9 +162,12 @@ class ExitPaths:
         if self._shutting or self._closing:  # a signal within this handler, or the light is off already
             self._waiting.append(number)
             return
+        if number == _READS and not light_may_be_on():
+            os.kill(os.getpid(), signal.SIGSTOP)
+            return
         self._shutting = True
         try:
-            self._shut_light(signal.Signals(number).name)
+            self._shut_light(name_of(number))
         finally:
             self._shutting = False
         self._waiting.insert(0, number)

@@ -132,6 +132,8 @@ class Resumed:
     """How much of it that was."""
     lit_s: float = 0.0
     """When its first point was lit."""
+    kept: Path | None = None
+    """What lay there before, unreadable or with damaged rows, under a name of its own."""
 
 
 def resume(
@@ -146,6 +148,7 @@ def resume(
     """
     path = _behind_link(path)
     lock = WriterLock(path)
+    kept = None
     try:
         if path.exists():
             try:
@@ -154,13 +157,13 @@ def resume(
             except ReaderDied:
                 raise
             except InvalidData:
-                keep_as(path, path, "unreadable")
+                kept = keep_as(path, path, "unreadable")
                 path.unlink()
             else:
                 with recording:
                     check_same_scan(recording, plan, header, same_run)
                     return _resumed(recording, plan, lock, clock)
-        return Resumed(RecordingWriter.create(path, plan, header, clock=clock, lock=lock), {}, 0.0)
+        return Resumed(RecordingWriter.create(path, plan, header, clock=clock, lock=lock), {}, 0.0, kept=kept)
     except BaseException:
         clear(path)
         lock.release()
@@ -200,15 +203,16 @@ def _resumed(recording: Recording, plan: ScanPlan, lock: WriterLock, clock: Cloc
             RecordingWriter(path, lock, clock, acknowledged=rows).finish(Status.COMPLETE)
         return Resumed(None, taken, last_s)
     as_it_is = condition.in_one_piece and len(taken) == rows and recording.grows_in_place and recording.plan == plan
+    kept = None
     if condition.damaged or not as_it_is:
         fresh, rows = _copied(recording, path, plan)
         if condition.damaged:
-            keep_as(path, path, "damaged")
+            kept = keep_as(path, path, "damaged")
         put_in_place(fresh, path)
     writer = RecordingWriter(path, lock, clock, acknowledged=rows)
     if taken:
         writer.log("resumed", f"{away_s:.1f} s after the last of it", last_s + away_s)
-    return Resumed(writer, taken, last_s + away_s, away_s, lit_s)
+    return Resumed(writer, taken, last_s + away_s, away_s, lit_s, kept)
 
 
 def _since_the_last(recording: Recording) -> tuple[float, float]:

@@ -1,6 +1,7 @@
 """However a program ends while it scans: the shutter closes before anything else is sent, then the mirror parks."""
 
 import ast
+import os
 import re
 import signal
 import subprocess
@@ -223,3 +224,35 @@ def test_what_is_undisturbed_is_done_before_a_signal_ends_the_program_but_light_
         signal.raise_signal(signal.SIGTERM)
         happened.append("saved")
     assert happened == ["SIGTERM", "saved", "closed"]
+
+
+READING = """
+import os, signal, sys, time
+from nlos.drivers.exit_paths import ExitPaths
+lit = sys.argv[1] == "lit"
+with ExitPaths(lambda why: print("shut by", why, flush=True), lambda: print("closed", flush=True), lambda: lit):
+    print("open", flush=True)
+    os.kill(os.getpid(), signal.SIGTTIN)
+    print("goes on", flush=True)
+"""
+
+
+@pytest.mark.parametrize("light", ["lit", "dark"])
+def test_who_reads_in_the_background_is_stopped_only_in_the_dark(light: str) -> None:
+    child = subprocess.Popen([sys.executable, "-c", READING, light], stdout=subprocess.PIPE, text=True)
+    stopped = False
+    while True:
+        found, status = os.waitpid(child.pid, os.WUNTRACED)
+        if found and os.WIFSTOPPED(status):
+            stopped = True
+            os.kill(child.pid, signal.SIGCONT)
+        elif found:
+            break
+    child.returncode = os.waitstatus_to_exitcode(status)
+    assert child.stdout is not None
+    said = child.stdout.read().split("\n")[:-1]
+    child.stdout.close()
+    if light == "lit":
+        assert (stopped, child.returncode, said) == (False, 149, ["open", "shut by SIGTTIN", "closed"])
+    else:
+        assert (stopped, child.returncode, said) == (True, 0, ["open", "goes on", "closed"])

@@ -34,11 +34,30 @@ def test_a_scan_is_recorded_exported_and_not_taken_twice(nlos: Nlos, small: Path
     assert np.allclose(exported["exposure_s"], 2e-3)
 
 
+def test_a_resumed_scan_says_what_it_could_not_read(nlos: Nlos, small: Path, tmp_path: Path) -> None:
+    (tmp_path / "run.h5").write_bytes(b"no recording")
+    done = nlos("scan", str(small), "-o", "run.h5", "--resume")
+    assert done.returncode == 0, done.stderr
+    assert "cannot be read as a recording, so the scan begins anew; it is kept as" in done.stderr
+    assert (tmp_path / "run.h5.unreadable").read_bytes() == b"no recording"
+
+
+def test_a_complete_scan_that_is_resumed_still_gets_its_picture(nlos: Nlos, small: Path, tmp_path: Path) -> None:
+    assert nlos("scan", str(small), "-o", "run.h5").returncode == 0
+    for _ in range(2):  # the second time it is there
+        again = nlos("scan", str(small), "-o", "run.h5", "--resume", "--reconstruct", "lct")
+        assert again.returncode == 0, again.stderr
+        assert "nothing was left to take" in again.stdout
+    assert (tmp_path / "run" / "albedo.png").exists()
+
+
 @pytest.mark.parametrize(
     ("change", "place", "words"),
     [
         ("dwell_ms: -2", "bad.yaml:3:1: dwell_ms", "greater than"),
         ("dwell_ms: 1e-3", "bad.yaml:3:1: dwell_ms", "1.0e-3"),
+        ("dwell_ms: 1:30", "bad.yaml:3:11: dwell_ms", "YAML reads 1:30 as 90"),
+        ("dwell_ms: 010", "bad.yaml:3:11: dwell_ms", "YAML reads 010 as 8"),
         ("dwell_ms: 2\ndwell_ms: 3", "bad.yaml:4:1: dwell_ms", "given twice"),
         ("dwell_ms: 2\npatern: raster", "bad.yaml:4:1: patern", "Did you mean 'pattern'"),
     ],

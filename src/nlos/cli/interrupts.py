@@ -9,7 +9,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from nlos.cli.terminal import terminal
-from nlos.drivers.exit_paths import signal_soon
+from nlos.drivers.exit_paths import name_of, signal_soon
 
 if TYPE_CHECKING:
     from nlos.acquisition.scanning.control import ScanControl
@@ -120,7 +120,7 @@ class Interrupts:
         if self._asking or self._control is None or again:
             interrupt(frame)
             return
-        name = signal.Signals(number).name
+        name = name_of(number)
         self._control.interrupt(_BY_HAND.get(name, name) if self._at_terminal else name)
 
 

@@ -77,6 +77,8 @@ def take(wanted: Loaded[ScanSettings], table: Loaded[BenchSettings], target: Pat
     recording_target(target)
     if resume and settle(target, plan):  # no device is even opened
         terminal.result(f"{target}: is complete, nothing was left to take", recording=str(target), taken=0)
+        if options.method is not None and not target.with_suffix("").exists():
+            _reconstruct(target, _recipe(options.method, options), overwrite)
         return
     if target.exists() and not (overwrite or resume):
         raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --resume or --overwrite.")
@@ -95,8 +97,7 @@ def take(wanted: Loaded[ScanSettings], table: Loaded[BenchSettings], target: Pat
         request = ScanRequest(plan, wanted.settings.alarms, header, target, resume, overwrite, options.constants)
         _acquire(request, open_bench, interrupts, watching)
     if options.method is not None:
-        recipe = Recipe(options.method, options.seeing, options.constants, response_wanted(options.response))
-        _reconstruct(target, recipe, overwrite)
+        _reconstruct(target, _recipe(options.method, options), overwrite)
 
 
 @dataclass(frozen=True)
@@ -182,6 +183,8 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
             with undisturbed():  # a recording that is begun is ended, whenever a signal comes
                 begun = prepared.begin()
                 writer = begun.writer
+                if begun.kept is not None:
+                    terminal.log(f"warning: {_kept_words(begun.kept, len(begun.taken))}")
                 if writer is None:
                     return
                 progress = Progress(None if plan.until_stopped else plan.most_samples, len(begun.taken))
@@ -223,6 +226,13 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
         raise Stopped(ExitCode.INTERRUPTED, f"ended by Ctrl-C. {ending.safe}")
 
 
+def _kept_words(kept: Path, taken: int) -> str:
+    """What became of a recording that is resumed without some of it."""
+    if taken:
+        return f"some of its points are damaged and are taken again; the recording as it was is kept as {kept}"
+    return f"what lay there cannot be read as a recording, so the scan begins anew; it is kept as {kept}"
+
+
 def _tell_taken(prepared: PreparedScan, ending: ScanEnding, points: int, before: int, duration_s: float) -> None:
     """What was taken of what was planned, in which time; of a film until it is stopped, its frames."""
     plan, forecast_s = prepared.request.plan, prepared.choice.forecast.total_s
@@ -249,6 +259,10 @@ def _ask(interrupts: Interrupts, progress: Progress, writer: "RecordingWriter", 
     if going:
         progress.show()
     return going
+
+
+def _recipe(method: str, options: ScanOptions) -> Recipe:
+    return Recipe(method, options.seeing, options.constants, response_wanted(options.response))
 
 
 def _reconstruct(run: Path, recipe: Recipe, overwrite: bool) -> None:
