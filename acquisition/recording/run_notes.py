@@ -24,6 +24,9 @@ class RunNotes:
                 raise ValueError(f"{name} has {len(getattr(self, name))} letters; {most} at most")
         if len(self.tags) > MOST_TAGS:
             raise ValueError(f"{len(self.tags)} tags; {MOST_TAGS} at most")
+        for name, text in (*((name, getattr(self, name)) for name in LONGEST), *(("tag", tag) for tag in self.tags)):
+            if any("\ud800" <= letter <= "\udfff" for letter in text):
+                raise ValueError(f"{name} {text!r}: is not UTF-8 text; set the terminal's encoding to UTF-8")
         for tag in self.tags:
             if not tag or len(tag) > LONGEST_TAG or any(letter.isspace() or letter == "," for letter in tag):
                 raise ValueError(f"tag {tag!r}: a tag is one word of at most {LONGEST_TAG} letters, without commas")

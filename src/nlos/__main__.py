@@ -101,6 +101,8 @@ def report(error: BaseException, words: Sequence[str] = ()) -> int:
         return int(error.exit_code)
     code = ExitCode.INTERRUPTED if type(error).__name__ == "Abort" else exit_code(error)
     message = missing_package(error) or str(error)
+    if isinstance(error, MemoryError):
+        message = f"the memory is not enough{f' ({message})' if message else ''}. Close what else runs, or take less."
     if code == ExitCode.BUG and (was_told_to_end() or follows_an_interrupt(error)):
         code, message = ExitCode.INTERRUPTED, ""
     if code == ExitCode.DATA:

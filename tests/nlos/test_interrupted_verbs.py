@@ -287,6 +287,8 @@ def test_an_error_that_a_library_makes_of_ctrl_c_is_an_interrupt(
     assert capsys.readouterr().err == "nlos: interrupted\n"
     assert report(SystemError("of its own")) == 1
     assert "this is a bug" in capsys.readouterr().err
+    assert report(MemoryError("Unable to allocate 80 GiB")) == 8
+    assert "the memory is not enough (Unable to allocate 80 GiB)" in capsys.readouterr().err
     behind_a_cause = SystemError("of its own")
     behind_a_cause.__cause__, behind_a_cause.__context__ = ValueError("older"), KeyboardInterrupt()
     assert report(behind_a_cause) == 130

@@ -42,6 +42,14 @@ def test_a_resumed_scan_says_what_it_could_not_read(nlos: Nlos, small: Path, tmp
     assert (tmp_path / "run.h5.unreadable").read_bytes() == b"no recording"
 
 
+def test_notes_that_are_not_utf_8_are_refused_before_anything_moves(nlos: Nlos, small: Path, tmp_path: Path) -> None:
+    done = nlos("scan", str(small), "-o", "run.h5", "--note", "\udce4rger")
+    assert done.returncode == 2
+    assert "is not UTF-8 text" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "run.h5").exists()
+
+
 def test_a_complete_scan_that_is_resumed_still_gets_its_picture(nlos: Nlos, small: Path, tmp_path: Path) -> None:
     assert nlos("scan", str(small), "-o", "run.h5").returncode == 0
     for _ in range(2):  # the second time it is there

@@ -75,7 +75,7 @@ def exit_code(error: BaseException) -> ExitCode:
             (nlos.acquisition.errors.InvalidData, nlos.calibration.errors.InvalidData, nlos.recon.errors.InvalidData),
             ExitCode.DATA,
         ),
-        (nlos.recon.errors.ReconstructionFailed, ExitCode.RECONSTRUCTION),
+        ((nlos.recon.errors.ReconstructionFailed, MemoryError), ExitCode.RECONSTRUCTION),
     ]
     if isinstance(error, Stopped):
         return error.code
