@@ -25,7 +25,7 @@ def refined(index: int, refine: bool) -> tuple[float, torch.Tensor]:
 
 def test_pictures_are_nearer_to_the_truth() -> None:
     gained = [refined(index, True)[0] - refined(index, False)[0] for index in (5, 16, 27, 38)]  # 32 x 32 points
-    assert np.mean(gained) > 0.1, gained
+    assert np.mean(gained) > 0.05, gained
 
 
 def test_what_it_learns_from_is_what_nano_shows_it(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import select
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 try:
     import termios
@@ -80,6 +80,7 @@ def keys_of_terminal() -> Iterator[Keys]:
         termios.tcsetattr(file, termios.TCSANOW, changed)
         yield Keys(file)
     finally:
-        termios.tcsetattr(file, termios.TCSADRAIN, before)
+        with suppress(termios.error):  # the terminal is gone
+            termios.tcsetattr(file, termios.TCSADRAIN, before)
         for number, handler in before_stops.items():
             signal.signal(number, handler)
