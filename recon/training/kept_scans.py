@@ -1,6 +1,7 @@
 """Prepared scans kept on the GPU until newer ones take their place, and batches drawn from them."""
 
 from collections import deque
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -31,14 +32,14 @@ class KeptScans:
     def next(self) -> tuple[Size, list[int], int]:
         """Of which size a batch is to be taken, which scans, and the number of their mirror image; waits for some."""
         while True:
-            self._take_in(patiently=False)
+            self._take_in(self._feed.arrived())
             behind = {size: self._uses * came - self._drawn[size] for size, came in self._arrived.items()}
             size = max(behind, key=lambda each: behind[each]) if behind else None
             if size is not None and behind[size] >= self._batch and self._arrived[size] >= 2 * self._batch:
                 self._drawn[size] += self._batch
                 kept = min(self._arrived[size], self._capacity)
                 return size, self._rng.choice(kept, self._batch, replace=False).tolist(), int(self._rng.integers(8))
-            self._take_in(patiently=True)
+            self._take_in([self._feed.next()])
 
     def put_into(self, inputs: tuple[Tensor, Tensor], size: Size, rows: list[int], image: int) -> None:
         """These scans, all in the same mirror image, as `inputs` of `batch_of`."""
@@ -50,9 +51,9 @@ class KeptScans:
         for name, field in held.items():
             wanted[name].copy_(field if field.ndim < 3 else mirrored(field, flips, bool(image & 4)))
 
-    def _take_in(self, patiently: bool) -> None:
+    def _take_in(self, scans: Iterable[tuple[Place, Size]]) -> None:
         places = []
-        for place, size in self._feed.arrived(patiently):
+        for place, size in scans:
             if size not in self._rows:
                 kinds = ((size.volumes, torch.float16), (size.others, torch.float32))
                 volumes, others = (torch.zeros(self._capacity, n, dtype=kind, device=self._device) for n, kind in kinds)
@@ -62,8 +63,6 @@ class KeptScans:
                 kept[row].copy_(new, non_blocking=True)
             self._arrived[size] += 1
             places.append(place)
-            if patiently:
-                break
         if self._device == "cpu":
             self._free(places)
             return

@@ -55,7 +55,7 @@ class Steps:
             self.parameters, lr=self.rate, betas=(0.9, 0.98), weight_decay=settings.weight_decay, capturable=on_gpu
         )
         self.lost = torch.zeros(4, device=device)
-        """Sums since they were read: loss, picture, depth, steps."""
+        """Sums since they were read: loss, log_picture, depth, norm of the gradient."""
         self.taken = 0
         self._inputs: dict[Size, tuple[Tensor, Tensor]] = {}
         self._graphs: dict[Size, Any] = {}

@@ -8,8 +8,10 @@ import os
 import signal
 import tempfile
 import threading
+import time
 from collections import defaultdict
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import count
 from multiprocessing import get_context, parent_process
@@ -155,19 +157,21 @@ class PreparedFeed:
             process.join()
         self._folder.cleanup()
 
-    def arrived(self, patiently: bool) -> Iterator[tuple[Place, Size]]:
-        """Scans that came since they were asked for; `patiently`: at least one. Each place is to be given back.
-
-        Raises ReconstructionFailed where none comes for PATIENCE_S.
-        """
-        try:
-            if patiently:
-                yield self._filled.get(timeout=PATIENCE_S)
+    def arrived(self) -> Iterator[tuple[Place, Size]]:
+        """Scans that came since they were asked for. Each place is to be given back."""
+        with suppress(Empty):
             while True:
                 yield self._filled.get_nowait()
-        except Empty:
-            if patiently and not any(process.is_alive() for process in self._processes):
-                raise ReconstructionFailed("all processes that make scans have died; what they said is above") from None
+
+    def next(self) -> tuple[Place, Size]:
+        """The next scan. Raises ReconstructionFailed where none comes for PATIENCE_S, or nobody is left to make one."""
+        until_s = time.monotonic() + PATIENCE_S
+        while time.monotonic() < until_s and any(process.is_alive() for process in self._processes):
+            with suppress(Empty):
+                return self._filled.get(timeout=1.0)
+        raise ReconstructionFailed(
+            f"no scan was made in {PATIENCE_S:g} s, or all processes that make them have died: what they said is above"
+        )
 
     def read(self, place: Place, size: Size) -> tuple[Tensor, Tensor]:
         """What lies there: volumes in half precision (n,), and all else (n,)."""
@@ -189,16 +193,11 @@ def _produce(
         signal.signal(signal_number, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     volumes, others = ring.fields()
-    for made in Maker(recipe).scans(range_from(recipe.first + number, of)):
+    for made in Maker(recipe).scans(count(recipe.first + number, of)):
         slot = free.get()
         volumes[slot, : made.size.volumes].copy_(made.volumes.flatten())
         others[slot, : made.size.others].copy_(made.others)
         filled.put((Place(number, slot), made.size))
-
-
-def range_from(first: int, step: int) -> Iterator[int]:
-    """Without an end."""
-    return count(first, step)
 
 
 def _end_with_parent() -> None:

@@ -3,6 +3,7 @@
 import itertools
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 import torch
 import yaml
 
+from nlos.recon.errors import ReconstructionFailed
 from nlos.recon.training import on_gpu
 from nlos.recon.training.dataset import sample, samples_of_scene
 from nlos.recon.training.dataset_settings import DatasetSettings
@@ -17,7 +19,7 @@ from nlos.recon.training.detector import DetectorSettings
 from nlos.recon.training.kept_scans import KeptScans
 from nlos.recon.training.losses import LossSettings, losses
 from nlos.recon.training.on_gpu import Steps, rate_at
-from nlos.recon.training.prepared_feed import Made, Maker, Place, Recipe, Size
+from nlos.recon.training.prepared_feed import Made, Maker, Place, PreparedFeed, Recipe, Size
 from nlos.recon.training.told import told
 from nlos.recon.training.train import build
 from nlos.recon.training.train_settings import TrainSettings
@@ -49,12 +51,13 @@ class OneScan:
     def __init__(self, made: Made, places: int) -> None:
         self.made, self.left, self.back = made, [Place(0, slot) for slot in range(places)], 0
 
-    def arrived(self, patiently: bool) -> Any:
-        if patiently and not self.left:
-            raise LookupError("nothing comes any more")
+    def arrived(self) -> Iterator[tuple[Place, Size]]:
         for place in self.left:
             yield place, self.made.size
         self.left = []
+
+    def next(self) -> tuple[Place, Size]:
+        raise LookupError("nothing comes any more")
 
     def read(self, place: Place, size: Size) -> tuple[torch.Tensor, torch.Tensor]:
         return self.made.volumes.flatten(), self.made.others
@@ -103,6 +106,14 @@ def test_scans_are_learned_from_as_often_as_was_asked_in_all_mirror_images() -> 
         kept.next()
     assert (feed.back, kept.arrived) == (8, 8)
     assert len(images) > 3
+
+
+def test_makers_that_died_are_told_of() -> None:
+    with (
+        PreparedFeed(Recipe(settings(), "no such device"), 1, 4) as feed,
+        pytest.raises(ReconstructionFailed, match="died"),
+    ):
+        feed.next()
 
 
 def test_samples_of_a_scene_are_those_by_their_numbers() -> None:
