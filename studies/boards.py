@@ -40,8 +40,8 @@ BOARDS = 12
 LOOKS = 4
 """Sets of surfels that light is the mean of, so that their grain does not count."""
 READ = (
-    "Somebody who was shown `nano`'s twelve pictures in another order and knew nothing else read all 24 characters "
-    "right, unsure of three."
+    "Somebody who was shown the twelve pictures of the weights before these, in another order, and knew nothing else "
+    "read all 24 characters right, unsure of three."
 )
 """Once, of the weights that shipped on 2026-11-23."""
 SNRS = (10.0, 30.0, 100.0, 300.0, 1000.0)

@@ -87,7 +87,7 @@ def targets(levels: Kept, grid: list[dict[str, Any]], fast: list[dict[str, Any]]
         found.append(
             Target(
                 "speed",
-                '`gpu_ms` of benchmarks/nano.py (no GPU here; on another machine 335, see "Speed and size")',
+                '`gpu_ms` of benchmarks/nano.py (no GPU here; on another machine 76, see "Speed and size")',
                 50,
                 False,
                 None,
