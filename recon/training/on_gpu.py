@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any, cast
 
 import torch
+import yaml
 from torch import Tensor, nn
 
-from nlos.configs.load import load
 from nlos.recon.method import MethodResult
 from nlos.recon.methods.nano import CONDITIONS, Nano
 from nlos.recon.training.checkpoint import share_parameters
@@ -221,7 +221,7 @@ def train_for(settings: TrainSettings, folder: Path, asked: argparse.Namespace) 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("file")
+    parser.add_argument("file", type=Path)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--minutes", type=float, default=9.0)
     parser.add_argument("--processes", type=int, default=max(1, (os.cpu_count() or 2) - 1), help="that make scans")
@@ -232,7 +232,8 @@ def main() -> None:
     parser.add_argument("--shadows", type=float, default=0.5, help="share of scenes whose surfaces hide each other")
     parser.add_argument("--first", type=int, default=0, help="number of the first scene")
     asked = parser.parse_args()
-    train_for(load("train", asked.file, TrainSettings).settings, asked.folder, asked)
+    said = yaml.safe_load(asked.file.read_text(encoding="utf-8"))
+    train_for(TrainSettings.model_validate_json(json.dumps(said)), asked.folder, asked)
 
 
 if __name__ == "__main__":
