@@ -20,7 +20,8 @@ _SIGNALS = (*(getattr(signal, name) for name in _ENDS if hasattr(signal, name)),
 SIGABRT is how systemd ends a service whose watchdog ran out."""
 _UNHEEDED = tuple(getattr(signal, name) for name in ("SIGTTOU",) if hasattr(signal, name))
 """It would stop a program in the background that prints (`stty tostop`): it prints all the same."""
-_READS = getattr(signal, "SIGTTIN", None)
+_READS, _STOP = (getattr(signal, name, None) for name in ("SIGTTIN", "SIGSTOP"))
+"""What comes to who reads in the background, and what stops it; neither on Windows."""
 _SOON_S = 0.005
 _ENDING_TAKES_S = 20.0
 """A program that was told to end is told again only after so long: what it still does is bring things to an end."""
@@ -162,8 +163,8 @@ class ExitPaths:
         if self._shutting or self._closing:  # a signal within this handler, or the light is off already
             self._waiting.append(number)
             return
-        if number == _READS and not light_may_be_on():
-            os.kill(os.getpid(), signal.SIGSTOP)
+        if _STOP is not None and number == _READS and not light_may_be_on():
+            os.kill(os.getpid(), _STOP)
             return
         self._shutting = True
         try:

@@ -26,7 +26,6 @@ NAMES = {
     "socket": {"AF_UNIX", "SO_REUSEPORT"},
 }  # fmt: skip
 ELSEWHERE = {
-    "drivers/exit_paths.py": "_on_signal: only where there is a SIGTTIN",
     "drivers/link/port_lock.py": "_is_pseudo_terminal: asked only where there is a lock to take",
     "drivers/simulated/serial/pty.py": "a pseudo-terminal for other programs; Windows has none",
     "src/nlos/by_hand/keys.py": "keys_of_terminal: after `termios is None`",

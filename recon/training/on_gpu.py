@@ -21,15 +21,13 @@ from torch import Tensor, nn
 from nlos.recon.method import MethodResult
 from nlos.recon.methods.nano import CONDITIONS, Nano
 from nlos.recon.training.checkpoint import share_parameters
-from nlos.recon.training.dataset import sample
 from nlos.recon.training.kept_scans import KeptScans
-from nlos.recon.training.losses import losses, picture_of, psnr
+from nlos.recon.training.losses import losses
 from nlos.recon.training.prepared_feed import PreparedFeed, Recipe, Size, batch_of
 from nlos.recon.training.run_folder import BegunWith, about_run, save_weights
-from nlos.recon.training.told import told
-from nlos.recon.training.train import build, half_precision
+from nlos.recon.training.train import build, half_precision, with_average
 from nlos.recon.training.train_settings import TrainSettings
-from nlos.recon.training.training_sample import collate
+from nlos.recon.training.validation import made_on, validate
 from nlos.recon.weights.files import load_weights
 
 WARM_UPS = 3
@@ -134,30 +132,6 @@ def rate_at(settings: TrainSettings, over: float) -> float:
     return rise * fall
 
 
-def validated(steps: Steps, batches: list[dict[str, Tensor]]) -> dict[str, float]:
-    """As `validation.validate`, of scans that were made before."""
-    model, own = steps.model, [p.detach().clone() for p in steps.parameters]
-    pictures, depths = [], []
-    with torch.no_grad():
-        torch._foreach_copy_(list[Tensor](steps.parameters), steps.average)
-        model.eval()
-        for batch in batches:
-            seen = model(batch["counts"], batch["exposure"], *told(model, batch))
-            pictures.append(float(psnr(seen.albedo.float(), picture_of(batch))))
-            mask = batch["depth_m"] > 0
-            depths.append(float((seen.depth_m.float() - batch["depth_m"])[mask].abs().nanmean()))
-        model.train()
-        torch._foreach_copy_(list[Tensor](steps.parameters), own)
-    known = [depth for depth in depths if not math.isnan(depth)]
-    return {"psnr": sum(pictures) / len(pictures), "depth_mad_m": sum(known) / max(1, len(known))}
-
-
-def to_validate(settings: TrainSettings, device: str) -> list[dict[str, Tensor]]:
-    data = settings.validation
-    made = [collate([sample(data, index, device=device)]) for index in range(len(data))]
-    return [{name: x.to(device) for name, x in batch.items()} for batch in made]
-
-
 def train_for(settings: TrainSettings, folder: Path, asked: argparse.Namespace) -> None:
     """Train into `folder`: weights.safetensors, the running mean, and log.jsonl."""
     device = "cuda" if torch.cuda.is_available() else "cpu"
@@ -176,11 +150,14 @@ def train_for(settings: TrainSettings, folder: Path, asked: argparse.Namespace) 
         if device != "cpu":
             for part in (part for ring in feed.rings for part in ring):
                 torch.cuda.cudart().cudaHostRegister(part.data_ptr(), part.numel() * part.element_size(), 0)  # type: ignore[no-untyped-call]
-        scans = to_validate(settings, device)
+        scans = made_on(device, settings)
 
         def keep() -> None:
             """Write the running mean of the weights, and say how good it is."""
-            figures, seconds = validated(steps, scans), time.monotonic() - began
+            seconds = time.monotonic() - began
+            figures: dict[str, float] = with_average(
+                steps.average, steps.parameters, lambda: validate(steps.model, settings, device, made=scans)
+            )
             about = about_run(settings, steps.model, steps.taken, seconds, figures, BegunWith(steps.before, []))
             save_weights(folder, steps.model, steps.average, about | {"scans": kept.arrived})
             say(step=steps.taken, samples=steps.taken * batch, scans=kept.arrived, seconds=seconds, validation=figures)

@@ -142,7 +142,9 @@ def _train(
                 save_weights(folder, model, average, about)
 
     def check(against_lct: bool = False) -> dict[str, float]:
-        figures: dict[str, float] = _with(average, parameters, lambda: validate(model, settings, device, against_lct))
+        figures: dict[str, float] = with_average(
+            average, parameters, lambda: validate(model, settings, device, against_lct)
+        )
         about = about_run(settings, model, step, elapsed, figures, begun_with)
         keep_best(folder, model, average, about, judged=getattr(model, "training_loss", None) is None)
         return figures
@@ -283,7 +285,7 @@ def objective(
     return losses(prediction, batch, settings.loss)
 
 
-def _with(average: list[torch.Tensor], parameters: Sequence[torch.Tensor], do: Callable[[], Any]) -> Any:
+def with_average(average: list[torch.Tensor], parameters: Sequence[torch.Tensor], do: Callable[[], Any]) -> Any:
     """Do something with the running mean in place of the weights."""
     own = [p.detach().clone() for p in parameters]
     with torch.no_grad():

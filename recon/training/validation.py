@@ -1,6 +1,7 @@
 """How good a network in training is on scenes of kinds it never sees, and how the light-cone transform does there."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -19,16 +20,35 @@ from nlos.recon.transport.resampling import LightConeResampling
 SNRS = (1.0, 0.1, 0.03, 0.01, 0.003)
 
 
-def validate(model: nn.Module, settings: TrainSettings, device: str, against_lct: bool = False) -> dict[str, float]:
+Batch = dict[str, torch.Tensor]
+
+
+def made_on(device: str, settings: TrainSettings) -> list[Batch]:
+    """The validation set, measured on `device`: for who validates often and keeps it."""
+    samples = (sample(settings.validation, index, device=device) for index in range(len(settings.validation)))
+    return [{name: x.to(device) for name, x in collate([each]).items()} for each in samples]
+
+
+def validate(
+    model: nn.Module,
+    settings: TrainSettings,
+    device: str,
+    against_lct: bool = False,
+    made: Sequence[Batch] | None = None,
+) -> dict[str, float]:
     """Mean PSNR at the best scale, and the depth's mean absolute error over the mask in metres, on the validation set.
 
-    `against_lct` adds the light-cone transform at the best of five snr for each sample, and the margin over it.
+    `made` holds the scans of the set, where they were made before. `against_lct` adds the light-cone transform at the
+    best of five snr for each sample, and the margin over it.
     """
     data = settings.validation
     pictures, depths, rivals = [], [], []
     model.eval()
     for index in range(len(data)):
-        batch = {name: x.to(device) for name, x in collate([sample(data, index, settings.cache_path)]).items()}
+        if made is not None:
+            batch = made[index]
+        else:
+            batch = {name: x.to(device) for name, x in collate([sample(data, index, settings.cache_path)]).items()}
         truth = picture_of(batch)
         with torch.no_grad():
             seen: MethodResult[torch.Tensor] = model(batch["counts"], batch["exposure"], *told(model, batch))
