@@ -80,7 +80,10 @@ def cache_folder(settings: DatasetSettings, cache: Path) -> Path:
 def _make(
     settings: DatasetSettings, scene_number: int, wanted: tuple[int, ...], device: str = "cpu"
 ) -> tuple[dict[str, npt.NDArray[np.generic]], dict[str, str]]:
-    scene = make_scene(settings.seed, scene_number, settings.wall, held_out=settings.held_out, kinds=settings.kinds)
+    scene = make_scene(
+        settings.seed, scene_number, settings.wall,
+        held_out=settings.held_out, kinds=settings.kinds, solid=settings.solid,
+    )  # fmt: skip
     view = front_view(scene, settings.wall)
     rng = np.random.default_rng((settings.seed, scene_number, int(settings.held_out), 1))
     transient = _transient(settings, scene, rng, device)

@@ -37,6 +37,9 @@ class DatasetSettings(Settings):
     """Surfaces that send light back where it came from."""
     shadows: bool = False
     """Surfaces hide each other from the wall."""
+    solid: bool = False
+    """Sides and rears of bodies, and what stands behind others, send light to where the wall sees it; say `shadows`
+    with it, or nothing stands in its way."""
     second_bounce: bool = False
     """Light that meets two hidden surfaces."""
     impulse_responses: tuple[str, ...] = ()

@@ -1,6 +1,7 @@
 """The kinds of hidden scene that networks are trained on; each draws one into a canvas from a random generator."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -273,7 +274,9 @@ def animals(canvas: Canvas, rng: Rng) -> None:
     filled = np.where(present, depth, depth[present].max())
     lumps = smooth_noise(canvas, rng, half * rng.uniform(0.15, 0.5)) * half * rng.uniform(0.0, 0.05)
     smooth = gaussian_filter(filled, rng.uniform(0.5, 2.0)) + lumps
-    height_field(canvas, np.where(present, smooth, np.inf).astype(np.float32), bright(rng))
+    albedo = bright(rng)
+    height_field(canvas, np.where(present, smooth, np.inf).astype(np.float32), albedo)
+    canvas.bodies.extend(replace(body, front_normal=None, albedo=albedo) for body in own.bodies)
 
 
 TRAINED: dict[str, Kind] = {

@@ -138,7 +138,7 @@ def train_for(settings: TrainSettings, folder: Path, asked: argparse.Namespace) 
     torch.manual_seed(settings.seed)
     folder.mkdir(parents=True, exist_ok=True)
     began, batch = time.monotonic(), settings.batch
-    recipe = Recipe(settings, device, asked.retroreflective, asked.shadows, asked.first)
+    recipe = Recipe(settings, device, asked.retroreflective, asked.shadows, asked.solid, asked.first)
     with (folder / "log.jsonl").open("a") as log, PreparedFeed(recipe, asked.processes, asked.slots) as feed:
 
         def say(**words: Any) -> None:
@@ -207,6 +207,7 @@ def main() -> None:
     parser.add_argument("--uses", type=float, default=3.0, help="times that a scan is learned from, on average")
     parser.add_argument("--retroreflective", type=float, default=0.06, help="share of scenes of such surfaces")
     parser.add_argument("--shadows", type=float, default=0.5, help="share of scenes whose surfaces hide each other")
+    parser.add_argument("--solid", type=float, default=0.7, help="share of these whose sides and rears send light")
     parser.add_argument("--first", type=int, default=0, help="number of the first scene")
     asked = parser.parse_args()
     said = yaml.safe_load(asked.file.read_text(encoding="utf-8"))

@@ -92,12 +92,14 @@ class Place(NamedTuple):
 @dataclass(frozen=True)
 class Recipe:
     """What the scans are like, and where they are made. `retroreflective` and `shadows` are shares of the scenes: of
-    such surfaces, and with surfaces that hide each other from the wall; `first` numbers the first scene."""
+    such surfaces, and with surfaces that hide each other from the wall; of these `solid` is the share whose sides and
+    rears send light, too. `first` numbers the first scene."""
 
     settings: TrainSettings
     device: str
     retroreflective: float = 0.0
     shadows: float = 0.0
+    solid: float = 0.0
     first: int = 0
 
 
@@ -235,7 +237,8 @@ class Maker:
         shiny, shadows = (bool(x < share) for x, share in zip(
             rng.random(2), (self.recipe.retroreflective, self.recipe.shadows), strict=True
         ))  # fmt: skip
-        data = settings.data.model_copy(update={"retroreflective": shiny, "shadows": shadows})
+        solid = shadows and bool(rng.random() < self.recipe.solid) if self.recipe.solid else False
+        data = settings.data.model_copy(update={"retroreflective": shiny, "shadows": shadows, "solid": solid})
         for each in samples_of_scene(data, scene, device):
             whole = collate([each])
             batch = {name: whole[name].to(device) for name in USED}

@@ -9,6 +9,7 @@ from nlos.acquisition.wall import WallGrid
 from nlos.recon.training.held_out_kinds import HELD_OUT
 from nlos.recon.training.kinds import BY_NAME, TRAINED, Rng, smooth_noise
 from nlos.recon.training.shapes import Array, Canvas, blank_canvas
+from nlos.recon.training.solids import hidden_pieces
 
 GENERATOR = 1
 """Goes up whenever the same (seed, index) begins to mean another scene: caches made before are then not used."""
@@ -30,6 +31,8 @@ class Scene:
     normal: Array  # (3, M, N), unit, towards the wall (z below 0)
     albedo: Array  # (M, N)
     coverage: Array  # (M, N), share of the raster cell that is covered
+    hidden: "Surfels | None" = None
+    """What sends light and is not in the front view, where that was asked for."""
 
 
 @dataclass(frozen=True)
@@ -53,10 +56,19 @@ class Surfels:
     weight_m2: Array  # (S,) albedo times area
 
 
-def make_scene(seed: int, index: int, grid: WallGrid, *, held_out: bool = False, kinds: tuple[str, ...] = ()) -> Scene:
+def make_scene(
+    seed: int,
+    index: int,
+    grid: WallGrid,
+    *,
+    held_out: bool = False,
+    kinds: tuple[str, ...] = (),
+    solid: bool = False,
+) -> Scene:
     """Scene number `index` of the sequence `seed`: the same whoever asks, in whatever order.
 
-    `kinds` limits it to some of `kind_names(held_out)`. The raster has OVERSAMPLING cells per point of `grid`.
+    `kinds` limits it to some of `kind_names(held_out)`. The raster has OVERSAMPLING cells per point of `grid`. `solid`
+    bodies have sides and rears, which light reaches from beside the front view.
     Raises ValueError for a kind that is not in the family.
     """
     family = HELD_OUT if held_out else TRAINED | BY_NAME
@@ -72,7 +84,7 @@ def make_scene(seed: int, index: int, grid: WallGrid, *, held_out: bool = False,
         drawn = [names[rng.integers(len(names))] for _ in range(count)]
         for name in drawn:
             family[name](canvas, rng)
-        _paint(canvas, rng)
+        texture = _paint(canvas, rng)
         canvas.coverage[~(canvas.depth > NEAREST)] = 0
         canvas.coverage[~np.isfinite(canvas.depth)] = 0
         if canvas.coverage.mean() > 0.005:
@@ -85,7 +97,13 @@ def make_scene(seed: int, index: int, grid: WallGrid, *, held_out: bool = False,
         normal=canvas.normal * present,
         albedo=canvas.albedo * present,
         coverage=canvas.coverage,
+        hidden=_hidden(canvas, texture, unit) if solid else None,
     )
+
+
+def _hidden(canvas: Canvas, texture: Array | float, unit_m: float) -> "Surfels":
+    place, normal, weight = hidden_pieces(canvas, texture, NEAREST)
+    return Surfels(place * np.float32(unit_m), normal, weight * np.float32(unit_m**2))
 
 
 def kind_names(held_out: bool = False) -> tuple[str, ...]:
@@ -98,11 +116,11 @@ def kinds_to_name(held_out: bool = False) -> tuple[str, ...]:
     return kind_names(held_out) + (() if held_out else tuple(BY_NAME))
 
 
-def _paint(canvas: Canvas, rng: Rng) -> None:
-    """Texture: none (six of ten scenes), blotches, or stripes."""
+def _paint(canvas: Canvas, rng: Rng) -> Array | float:
+    """Texture: none (six of ten scenes), blotches, or stripes. Returns what the albedo was multiplied by, above 0."""
     choice = rng.random()
     if choice < 0.6:
-        return
+        return 1.0
     if choice < 0.85:
         texture = 1 + rng.uniform(0.2, 0.6) * smooth_noise(canvas, rng, rng.uniform(0.08, 0.5))
     else:
@@ -110,6 +128,7 @@ def _paint(canvas: Canvas, rng: Rng) -> None:
         phase = (canvas.x[None, :] * np.cos(angle) + canvas.y[:, None] * np.sin(angle)) / pitch
         texture = 1 - rng.uniform(0.3, 0.9) * (phase % 1 > 0.5)
     np.clip(canvas.albedo * texture, 0.03, 1.0, out=canvas.albedo)
+    return np.asarray(np.maximum(texture, 0.03), dtype=np.float32)
 
 
 def front_view(scene: Scene, grid: WallGrid) -> FrontView:
@@ -143,7 +162,8 @@ def front_view(scene: Scene, grid: WallGrid) -> FrontView:
 
 
 def surfels(scene: Scene, rng: Rng) -> Surfels:
-    """One surfel for every covered raster cell, at a random place in it, moved along the surface's own slope."""
+    """One surfel for every covered raster cell, at a random place in it, moved along the surface's own slope; and what
+    the scene has hidden from the front view."""
     row, col = np.nonzero(scene.coverage > 0)
     pitch_x, pitch_y = scene.wall.width_m / scene.wall.cols, scene.wall.height_m / scene.wall.rows
     normal = scene.normal[:, row, col]
@@ -153,8 +173,16 @@ def surfels(scene: Scene, rng: Rng) -> Surfels:
     x, y = scene.wall.x_m().astype(np.float32), scene.wall.y_m().astype(np.float32)
     z = scene.depth_m[row, col] + (normal[0] * dx + normal[1] * dy) / facing
     area = pitch_x * pitch_y * scene.coverage[row, col] / facing
-    return Surfels(
+    shown = Surfels(
         position_m=np.stack((x[col] + dx, y[row] + dy, z), axis=1).astype(np.float32),
         normal=np.ascontiguousarray(normal.T),
         weight_m2=(scene.albedo[row, col] * area).astype(np.float32),
     )
+    if scene.hidden is None:
+        return shown
+    parts = zip(_arrays(shown), _arrays(scene.hidden), strict=True)
+    return Surfels(*(np.concatenate(both) for both in parts))
+
+
+def _arrays(pieces: Surfels) -> tuple[Array, Array, Array]:
+    return pieces.position_m, pieces.normal, pieces.weight_m2

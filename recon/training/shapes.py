@@ -3,7 +3,7 @@
 Coordinates are in half-widths of the wall: x right, y up, z from the wall towards the scene; rays run along +z.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -11,6 +11,23 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float32]
 Vector = tuple[float, float, float]
+THIN = 2.0
+"""Rods of a smaller radius, in pixels, are drawn without a rear: they are all outline."""
+BACKWARDS = np.array([1, 1, -1], np.float32)[:, None, None]
+
+
+@dataclass(frozen=True)
+class Body:
+    """What was drawn, with what the front view does not show of it: (m, n) is a window of the canvas."""
+
+    at: tuple[slice, slice]
+    front: Array  # (m, n) depth, +inf where it is not
+    rear: Array  # (m, n) depth where it ends; as `front` for sheets
+    front_normal: Array | None  # (3, m, n); None where another surface stands for it
+    rear_normal: Array | None  # (3, m, n); None for sheets, and where `sides` stand for it
+    albedo: Array | float
+    coverage: Array | float = 1.0
+    sides: Array | None = None  # (K, 7): place, normal, area
 
 
 @dataclass(frozen=True)
@@ -23,6 +40,7 @@ class Canvas:
     normal: Array  # (3, M, N), towards the wall
     albedo: Array  # (M, N)
     coverage: Array  # (M, N), part of the pixel that is covered
+    bodies: list[Body] = field(default_factory=list)
 
     @property
     def pitch(self) -> float:
@@ -95,7 +113,11 @@ def tube(canvas: Canvas, a: Vector, b: Vector, radius_a: float, radius_b: float,
     depth = np.where(inside, centre - radius * bulge, np.inf).astype(np.float32)
     normal = np.stack((dx / drawn, dy / drawn, -np.maximum(bulge, 0.1)))
     normal /= np.linalg.norm(normal, axis=0)
-    put(canvas, at, depth, normal.astype(np.float32), albedo, (radius / drawn).astype(np.float32))
+    normal, covered = normal.astype(np.float32), (radius / drawn).astype(np.float32)
+    put(canvas, at, depth, normal, albedo, covered)
+    if min(radius_a, radius_b) > THIN * canvas.pitch:
+        rear = (2 * centre - depth).astype(np.float32)
+        canvas.bodies.append(Body(at, depth, rear, normal, normal * BACKWARDS, albedo, covered))
 
 
 def polyline(canvas: Canvas, points: npt.NDArray[np.float64], radius: float, albedo: float) -> None:
@@ -128,6 +150,26 @@ def box(canvas: Canvas, centre: Vector, half: Vector, rotation: npt.NDArray[np.f
         normal[:, later] = (-np.sign(slope) * direction).astype(np.float32)[:, None]
     depth = np.where(near < far, near + centre[2], np.inf).astype(np.float32)
     put(canvas, at, depth, normal, albedo)
+    rear = np.where(near < far, far + centre[2], np.inf).astype(np.float32)
+    sides = _sides(canvas.pitch, centre, half, rotation)
+    canvas.bodies.append(Body(at, depth, rear, normal, None, albedo, 1.0, sides))
+
+
+def _sides(pitch: float, centre: Vector, half: Vector, rotation: npt.NDArray[np.float64]) -> Array:
+    """Pieces (K, 7) of the faces of a box that the front view does not show, two pixels wide."""
+    pieces = []
+    for axis in range(3):
+        across = [other for other in range(3) if other != axis]
+        counts = [max(1, round(half[other] / pitch)) for other in across]
+        steps = [((np.arange(n) + 0.5) / n * 2 - 1) * half[other] for n, other in zip(counts, across, strict=True)]
+        along = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2) @ rotation[:, across].T
+        area = 4 * half[across[0]] * half[across[1]] / len(along)
+        for outward in (-1.0, 1.0):
+            normal = outward * rotation[:, axis]
+            if normal[2] > -1e-3:
+                place = along + np.asarray(centre) + half[axis] * normal
+                pieces.append(np.hstack((place, np.tile([*normal, area], (len(along), 1)))))
+    return np.concatenate(pieces).astype(np.float32)
 
 
 def ellipsoid(canvas: Canvas, centre: Vector, half: Vector, rotation: npt.NDArray[np.float64], albedo: float) -> None:
@@ -141,11 +183,16 @@ def ellipsoid(canvas: Canvas, centre: Vector, half: Vector, rotation: npt.NDArra
     linear = metric[0, 2] * x + metric[1, 2] * y
     constant = metric[0, 0] * x * x + 2 * metric[0, 1] * x * y + metric[1, 1] * y * y - 1
     root = linear**2 - metric[2, 2] * constant
-    z = ((-linear - np.sqrt(np.maximum(root, 0))) / metric[2, 2]).astype(np.float32)
-    x, y = np.broadcast_to(x, z.shape), np.broadcast_to(y, z.shape)
-    normal = np.einsum("ij,jrc->irc", metric, np.stack((x, y, z))).astype(np.float32)
-    normal /= np.linalg.norm(normal, axis=0) + 1e-9
-    put(canvas, at, np.where(root > 0, z + centre[2], np.inf).astype(np.float32), normal, albedo)
+    faces = []
+    for towards in (-1, 1):
+        z = ((-linear + towards * np.sqrt(np.maximum(root, 0))) / metric[2, 2]).astype(np.float32)
+        place = np.stack((np.broadcast_to(x, z.shape), np.broadcast_to(y, z.shape), z))
+        normal = np.einsum("ij,jrc->irc", metric, place).astype(np.float32)
+        normal /= np.linalg.norm(normal, axis=0) + 1e-9
+        faces.append((np.where(root > 0, z + centre[2], np.inf).astype(np.float32), normal))
+    (front, normal), (rear, rear_normal) = faces
+    put(canvas, at, front, normal, albedo)
+    canvas.bodies.append(Body(at, front, rear, normal, rear_normal, albedo))
 
 
 @dataclass(frozen=True)
@@ -179,7 +226,12 @@ def turned(canvas: Canvas, centre: Vector, body: Turned, albedo: float) -> None:
     depth = np.where(root > 0, centre[2] + lean * along - bulge, np.inf).astype(np.float32)
     d_along = lean - radius * slope / np.maximum(bulge, 0.1 * radius + 1e-6)
     d_across = across / np.maximum(bulge, 0.1 * radius + 1e-6)
-    put(canvas, at, depth, normals_of_slopes(d_across * cos - d_along * sin, d_across * sin + d_along * cos), albedo)
+    normal = normals_of_slopes(d_across * cos - d_along * sin, d_across * sin + d_along * cos)
+    put(canvas, at, depth, normal, albedo)
+    rear = np.where(root > 0, centre[2] + lean * along + bulge, np.inf).astype(np.float32)
+    d_across, d_along = -d_across, 2 * lean - d_along
+    rear_normal = -normals_of_slopes(d_across * cos - d_along * sin, d_across * sin + d_along * cos)
+    canvas.bodies.append(Body(at, depth, rear, normal, rear_normal, albedo))
 
 
 def normals_of_slopes(dz_dx: npt.NDArray[np.floating], dz_dy: npt.NDArray[np.floating]) -> Array:
@@ -195,7 +247,9 @@ def panel(
     depth = centre_depth + slope[0] * canvas.x[None, :] + slope[1] * canvas.y[:, None]
     normal = normals_of_slopes(np.full_like(depth, slope[0]), np.full_like(depth, slope[1]))
     whole = (slice(0, canvas.y.size), slice(0, canvas.x.size))
-    put(canvas, whole, np.where(coverage > 0.05, depth, np.inf).astype(np.float32), normal, albedo, coverage)
+    depth = np.where(coverage > 0.05, depth, np.inf).astype(np.float32)
+    put(canvas, whole, depth, normal, albedo, coverage)
+    canvas.bodies.append(Body(whole, depth, depth, normal, None, albedo, coverage))
 
 
 def height_field(canvas: Canvas, depth: Array, albedo: Array | float) -> None:

@@ -1,0 +1,88 @@
+"""Surfaces that send light to the wall but are not in the front view: sides, rears, what others stand before."""
+
+import numpy as np
+import numpy.typing as npt
+
+from nlos.recon.training.shapes import Array, Body, Canvas
+
+EVERY = 2
+"""Raster cells a side that one piece of such a surface stands for."""
+BEHIND = 0.02
+"""How far behind the front view's surface another must lie to count as hidden, in half-widths of the wall."""
+STEEPEST = 0.15
+LEAST_CELLS = 9
+
+
+def hidden_pieces(canvas: Canvas, texture: Array | float, nearest: float) -> tuple[Array, Array, Array]:
+    """Places (S, 3), normals (S, 3) and albedo times area (S,), in half-widths of the wall.
+
+    Left out is what no point of the wall can see for its own normal, what lies within another body, and what is nearer
+    than `nearest`. Whether other bodies stand in the way is for `visibility` to say.
+    """
+    made = [(k, pieces) for k, body in enumerate(canvas.bodies) if (pieces := _pieces(canvas, body)) is not None]
+    if not made:
+        return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
+    pieces = np.concatenate([part for _, part in made])
+    owner = np.repeat([k for k, _ in made], [len(part) for _, part in made])
+    keep = (pieces[:, 2] > nearest) & _faces_wall(canvas, pieces)
+    pieces, owner = pieces[keep], owner[keep]
+    row, col = _cells(canvas, pieces)
+    inside = (row >= 0) & (row < canvas.y.size) & (col >= 0) & (col < canvas.x.size)
+    pieces, owner, row, col = pieces[inside], owner[inside], row[inside], col[inside]
+    free = np.ones(len(pieces), bool)
+    for k, body in enumerate(canvas.bodies):
+        i, j = row - body.at[0].start, col - body.at[1].start
+        at = np.flatnonzero(
+            (i >= 0) & (i < body.front.shape[0]) & (j >= 0) & (j < body.front.shape[1]) & (owner != k) & free
+        )
+        z = pieces[at, 2]
+        free[at[(body.front[i[at], j[at]] < z) & (z < body.rear[i[at], j[at]])]] = False
+    shade = texture[row, col] if isinstance(texture, np.ndarray) else np.float32(texture)
+    weight = (pieces[:, 6] * shade).astype(np.float32)
+    return pieces[free, :3], pieces[free, 3:6], weight[free]
+
+
+def _pieces(canvas: Canvas, body: Body) -> Array | None:
+    """(K, 7): place, normal, albedo times area; None for what is too small."""
+    present = np.isfinite(body.front)
+    if np.count_nonzero(present) < LEAST_CELLS:
+        return None
+    lattice = np.zeros_like(present)
+    lattice[body.at[0].start % EVERY :: EVERY, body.at[1].start % EVERY :: EVERY] = True
+    parts = []
+    if body.front_normal is not None:
+        hidden = body.front > canvas.depth[body.at] + BEHIND
+        parts.append(_raster(canvas, body, body.front, body.front_normal, lattice & present & hidden))
+    if body.rear_normal is not None:
+        parts.append(_raster(canvas, body, body.rear, body.rear_normal, lattice & present))
+    if body.sides is not None:
+        assert isinstance(body.albedo, float)
+        parts.append(body.sides * np.array([1, 1, 1, 1, 1, 1, body.albedo], np.float32))
+    return np.concatenate(parts) if parts else None
+
+
+def _raster(canvas: Canvas, body: Body, depth: Array, normal: Array, chosen: npt.NDArray[np.bool_]) -> Array:
+    i, j = np.nonzero(chosen)
+    facing = np.maximum(np.abs(normal[2, i, j]), STEEPEST)
+    albedo, coverage = (
+        part[i, j] if isinstance(part, np.ndarray) else np.full(len(i), part, np.float32)
+        for part in (body.albedo, body.coverage)
+    )
+    weight = albedo * coverage * (EVERY * canvas.pitch) ** 2 / facing
+    place = (canvas.x[j + body.at[1].start], canvas.y[i + body.at[0].start], depth[i, j])
+    return np.stack((*place, *normal[:, i, j], weight), axis=1).astype(np.float32)
+
+
+def _faces_wall(canvas: Canvas, pieces: Array) -> npt.NDArray[np.bool_]:
+    """Whether some point of the wall lies before a piece's face."""
+    half = np.array([canvas.x[-1], canvas.y[0]]) + canvas.pitch / 2
+    place, normal = pieces[:, :3], pieces[:, 3:6]
+    best = np.abs(normal[:, :2]) @ half - (normal[:, :2] * place[:, :2]).sum(axis=1) - normal[:, 2] * place[:, 2]
+    return np.asarray(best > 0)
+
+
+def _cells(canvas: Canvas, pieces: Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Row and column of the raster, out of it where a piece is."""
+    row = np.floor((canvas.y[0] - pieces[:, 1]) / canvas.pitch + 0.5).astype(np.int64)
+    col = np.floor((pieces[:, 0] - canvas.x[0]) / canvas.pitch + 0.5).astype(np.int64)
+    return row, col

@@ -1,0 +1,92 @@
+"""Bodies with sides and rears: light from beside the front view, and nowhere else."""
+
+import numpy as np
+import pytest
+
+from nlos.acquisition.transient import TimeAxis
+from nlos.acquisition.wall import WallGrid
+from nlos.recon.training.dataset import samples_of_scene
+from nlos.recon.training.dataset_settings import DatasetSettings
+from nlos.recon.training.kinds import BY_NAME, TRAINED
+from nlos.recon.training.rendering import render
+from nlos.recon.training.scenes import front_view, make_scene, surfels
+from nlos.recon.training.shapes import Canvas, blank_canvas, box, ellipsoid, panel
+from nlos.recon.training.solids import hidden_pieces
+
+GRID = WallGrid(2.0, 2.0, 32, 32)
+UPRIGHT = np.eye(3)
+
+
+def pieces(canvas: Canvas, texture: float = 1.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return hidden_pieces(canvas, texture, 0.25)
+
+
+def test_the_treads_of_a_stair_send_light_upwards() -> None:
+    canvas = blank_canvas(128, 128)
+    box(canvas, (0.0, -0.5, 0.9), (0.4, 0.2, 0.2), UPRIGHT, 0.5)
+    place, normal, weight = pieces(canvas)
+    tread = normal[:, 1] > 0.99
+    assert np.allclose(place[tread, 1], -0.3, atol=1e-6)
+    assert weight[tread].sum() == pytest.approx(0.5 * 0.8 * 0.4, rel=1e-5), "albedo times the tread's area"
+    assert not (normal[:, 2] < -0.5).any(), "the front is in the front view"
+    assert not (normal[:, 2] > 0.5).any(), "no point of the wall sees the back"
+
+
+def test_a_face_that_no_point_of_the_wall_sees_is_left_out() -> None:
+    canvas = blank_canvas(64, 64)
+    box(canvas, (0.0, 0.75, 0.9), (0.2, 0.3, 0.2), UPRIGHT, 0.5)  # its top is above the wall
+    assert not (pieces(canvas)[1][:, 1] > 0.99).any()
+
+
+def test_the_rear_of_a_ball_is_a_ball() -> None:
+    canvas = blank_canvas(128, 128)
+    ellipsoid(canvas, (0.1, 0.0, 0.9), (0.4, 0.4, 0.4), UPRIGHT, 1.0)
+    place, normal, _ = pieces(canvas)
+    assert len(place) > 50
+    out = (place - [0.1, 0.0, 0.9]) / 0.4
+    assert np.allclose(np.linalg.norm(out, axis=1), 1, atol=1e-4)
+    assert np.allclose(out, normal, atol=1e-3)
+    assert (normal[:, 2] > 0).all()
+
+
+def test_nothing_within_another_body_sends_light() -> None:
+    canvas = blank_canvas(128, 128)
+    ellipsoid(canvas, (0.0, 0.0, 0.9), (0.5, 0.5, 0.5), UPRIGHT, 1.0)
+    alone = len(pieces(canvas)[2])
+    box(canvas, (0.0, 0.0, 0.9), (0.1, 0.1, 0.1), UPRIGHT, 1.0)
+    assert len(pieces(canvas)[2]) == alone
+
+
+def test_a_sheet_behind_another_sends_the_light_that_the_front_view_lacks() -> None:
+    canvas = blank_canvas(64, 64)
+    whole = np.ones((64, 64), np.float32)
+    panel(canvas, whole * (np.abs(canvas.x)[None] < 0.3), 0.6, (0.0, 0.0), 0.5)
+    panel(canvas, whole, 1.1, (0.0, 0.0), 0.8)
+    place, _, weight = pieces(canvas)
+    assert np.allclose(place[:, 2], 1.1)
+    assert np.abs(place[:, 0]).max() < 0.3
+    covered = np.count_nonzero(np.abs(canvas.x) < 0.3) * 64 * canvas.pitch**2
+    assert weight.sum() == pytest.approx(0.8 * covered, rel=0.05)
+
+
+@pytest.mark.parametrize("kind", sorted(TRAINED | BY_NAME))
+def test_solid_scenes_show_the_same_and_send_more(kind: str) -> None:
+    for number in range(4):  # textures among them, whose blotches must not take light away
+        plain, solid = (make_scene(31, number, GRID, kinds=(kind,), solid=s) for s in (False, True))
+        for name in ("intensity", "depth_m", "coverage"):
+            assert np.array_equal(getattr(front_view(plain, GRID), name), getattr(front_view(solid, GRID), name))
+        shown, all_of_it = (surfels(scene, np.random.default_rng(1)) for scene in (plain, solid))
+        count = shown.weight_m2.size
+        assert np.array_equal(all_of_it.position_m[:count], shown.position_m)
+        assert np.isfinite(all_of_it.position_m).all()
+        assert (all_of_it.weight_m2 >= 0).all()
+        light = [render(each, GRID, TimeAxis(128, 128e-12)) for each in (shown, all_of_it)]
+        assert (light[1] - light[0]).min() >= -1e-4 * light[0].max()
+        assert light[1].isfinite().all()
+
+
+def test_a_setting_asks_for_them() -> None:
+    data = DatasetSettings(scenes=2, degradations=1, rows=16, cols=16, kinds=("furniture",))
+    thin, solid = (samples_of_scene(data.model_copy(update={"shadows": True, "solid": s}), 0)[0] for s in (False, True))
+    assert np.array_equal(thin.depth_m, solid.depth_m)
+    assert not np.array_equal(thin.counts, solid.counts)
