@@ -1,8 +1,8 @@
 """What a training file says of its samples: `data` and `validation`."""
 
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
@@ -38,8 +38,8 @@ class DatasetSettings(Settings):
     shadows: bool = False
     """Surfaces hide each other from the wall."""
     solid: bool = False
-    """Sides and rears of bodies, and what stands behind others, send light to where the wall sees it; say `shadows`
-    with it, or nothing stands in its way."""
+    """Sides and rears of bodies, and what is behind something, send light to the wall; only with `shadows`, which says
+    what blocks it."""
     second_bounce: bool = False
     """Light that meets two hidden surfaces."""
     impulse_responses: tuple[str, ...] = ()
@@ -51,6 +51,12 @@ class DatasetSettings(Settings):
     own."""
     share: Annotated[float, Field(gt=0, le=1)] = 0.5
     """Share of the samples that come from `files`; the others are generated."""
+
+    @model_validator(mode="after")
+    def _nothing_shines_through(self) -> Self:
+        if self.solid and not self.shadows:
+            raise ValueError("solid: true needs shadows: true, or light would pass through the bodies")
+        return self
 
     @property
     def wall(self) -> WallGrid:

@@ -25,7 +25,8 @@ from nlos.recon.training.kept_scans import KeptScans
 from nlos.recon.training.losses import losses
 from nlos.recon.training.prepared_feed import PreparedFeed, Recipe, Size, batch_of
 from nlos.recon.training.run_folder import BegunWith, about_run, save_weights
-from nlos.recon.training.train import build, half_precision, with_average
+from nlos.recon.training.running_mean import follow, with_average
+from nlos.recon.training.train import build, half_precision
 from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.validation import made_on, validate
 from nlos.recon.weights.files import load_weights
@@ -98,8 +99,7 @@ class Steps:
                 self._step(size)
             self._graphs[size] = graph
             return
-        keep = min(self.settings.average, (1 + self.taken) / (10 + self.taken))
-        torch._foreach_lerp_(self.average, [p.detach() for p in self.parameters], 1 - keep)
+        follow(self.average, self.parameters, self.taken, self.settings.average)
         self.taken += 1
 
     def _step(self, size: Size) -> None:

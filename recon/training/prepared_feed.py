@@ -237,7 +237,7 @@ class Maker:
         shiny, shadows = (bool(x < share) for x, share in zip(
             rng.random(2), (self.recipe.retroreflective, self.recipe.shadows), strict=True
         ))  # fmt: skip
-        solid = shadows and bool(rng.random() < self.recipe.solid) if self.recipe.solid else False
+        solid = shadows and self.recipe.solid > 0 and bool(rng.random() < self.recipe.solid)
         data = settings.data.model_copy(update={"retroreflective": shiny, "shadows": shadows, "solid": solid})
         for each in samples_of_scene(data, scene, device):
             whole = collate([each])

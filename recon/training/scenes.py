@@ -8,14 +8,22 @@ import numpy.typing as npt
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.training.held_out_kinds import HELD_OUT
 from nlos.recon.training.kinds import BY_NAME, TRAINED, Rng, smooth_noise
-from nlos.recon.training.shapes import Array, Canvas, blank_canvas
+from nlos.recon.training.shapes import STEEPEST, Array, Canvas, blank_canvas
 from nlos.recon.training.solids import hidden_pieces
 
 GENERATOR = 1
 """Goes up whenever the same (seed, index) begins to mean another scene: caches made before are then not used."""
 OVERSAMPLING = 2
 NEAREST = 0.25
-STEEPEST = 0.15
+
+
+@dataclass(frozen=True)
+class Surfels:
+    """Small flat pieces of surface."""
+
+    position_m: Array  # (S, 3)
+    normal: Array  # (S, 3)
+    weight_m2: Array  # (S,) albedo times area
 
 
 @dataclass(frozen=True)
@@ -31,7 +39,7 @@ class Scene:
     normal: Array  # (3, M, N), unit, towards the wall (z below 0)
     albedo: Array  # (M, N)
     coverage: Array  # (M, N), share of the raster cell that is covered
-    hidden: "Surfels | None" = None
+    hidden: Surfels | None = None
     """What sends light and is not in the front view, where that was asked for."""
 
 
@@ -45,15 +53,6 @@ class FrontView:
     normal: Array  # (3, H, W)
     coverage: Array  # (H, W)
     mask: npt.NDArray[np.bool_]  # (H, W) coverage of a half and more
-
-
-@dataclass(frozen=True)
-class Surfels:
-    """Small flat pieces of surface."""
-
-    position_m: Array  # (S, 3)
-    normal: Array  # (S, 3)
-    weight_m2: Array  # (S,) albedo times area
 
 
 def make_scene(
@@ -101,7 +100,7 @@ def make_scene(
     )
 
 
-def _hidden(canvas: Canvas, texture: Array | float, unit_m: float) -> "Surfels":
+def _hidden(canvas: Canvas, texture: Array | float, unit_m: float) -> Surfels:
     place, normal, weight = hidden_pieces(canvas, texture, NEAREST)
     return Surfels(place * np.float32(unit_m), normal, weight * np.float32(unit_m**2))
 

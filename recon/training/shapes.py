@@ -11,6 +11,8 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float32]
 Vector = tuple[float, float, float]
+STEEPEST = 0.15
+"""Share of a surface that its pixel's area is taken to show at least: nearly edge-on, it would count without end."""
 THIN = 2.0
 """Rods of a smaller radius, in pixels, are drawn without a rear: they are all outline."""
 BACKWARDS = np.array([1, 1, -1], np.float32)[:, None, None]

@@ -1,23 +1,22 @@
-"""Surfaces that send light to the wall but are not in the front view: sides, rears, what others stand before."""
+"""Surfaces that send light to the wall but are not in the front view: sides, rears, and what is behind something."""
 
 import numpy as np
 import numpy.typing as npt
 
-from nlos.recon.training.shapes import Array, Body, Canvas
+from nlos.recon.training.shapes import STEEPEST, Array, Body, Canvas
 
 EVERY = 2
 """Raster cells a side that one piece of such a surface stands for."""
 BEHIND = 0.02
 """How far behind the front view's surface another must lie to count as hidden, in half-widths of the wall."""
-STEEPEST = 0.15
 LEAST_CELLS = 9
 
 
 def hidden_pieces(canvas: Canvas, texture: Array | float, nearest: float) -> tuple[Array, Array, Array]:
     """Places (S, 3), normals (S, 3) and albedo times area (S,), in half-widths of the wall.
 
-    Left out is what no point of the wall can see for its own normal, what lies within another body, and what is nearer
-    than `nearest`. Whether other bodies stand in the way is for `visibility` to say.
+    Surfaces that face no point of the wall, that lie within another body or that are nearer than `nearest` are left
+    out. Whether other bodies block the light is decided by `visibility`.
     """
     made = [(k, pieces) for k, body in enumerate(canvas.bodies) if (pieces := _pieces(canvas, body)) is not None]
     if not made:

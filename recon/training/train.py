@@ -12,7 +12,7 @@ import math
 import os
 import signal
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -52,6 +52,7 @@ from nlos.recon.training.run_folder import (
     save_state,
     save_weights,
 )
+from nlos.recon.training.running_mean import follow, with_average
 from nlos.recon.training.schedule import learning_rate, rate_rises, validation_steps, whole_batches
 from nlos.recon.training.shallow_convolutions import ShallowInFloat32
 from nlos.recon.training.told import told
@@ -187,8 +188,7 @@ def _train(
             skipped = 0 if math.isfinite(norm) else skipped + 1
             if skipped == MOST_SKIPPED:
                 raise not_finite(f"no gradient of {skipped} steps was finite", folder, step, settings.steps)
-            keep = min(settings.average, (1 + step) / (10 + step))
-            torch._foreach_lerp_(average, [p.detach() for p in parameters], 1 - keep)
+            follow(average, parameters, step, settings.average)
             step += 1
             now = clock.monotonic()
             elapsed = spent_s + now - started
@@ -283,18 +283,6 @@ def objective(
             return own(batch)
         prediction = network(batch["counts"], batch["exposure"], *told(network, batch))
     return losses(prediction, batch, settings.loss)
-
-
-def with_average(average: list[torch.Tensor], parameters: Sequence[torch.Tensor], do: Callable[[], Any]) -> Any:
-    """Do something with the running mean in place of the weights."""
-    own = [p.detach().clone() for p in parameters]
-    with torch.no_grad():
-        torch._foreach_copy_(list(parameters), average)
-    try:
-        return do()
-    finally:
-        with torch.no_grad():
-            torch._foreach_copy_(list(parameters), own)
 
 
 def _told(figures: Mapping[str, float]) -> str:

@@ -1,7 +1,7 @@
 """How a scan's recording ends: with the status that fits, whatever ended the scan and whenever."""
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from types import TracebackType
 
 from nlos.acquisition.errors import StorageError
@@ -58,23 +58,24 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
             finally:
                 self._bench.on_event = None
                 self._writer.finish(status)
-        if status is Status.INTERRUPTED and self._writer.plan.until_stopped:
+            # The light is off and the samples are safe: what cannot be done now `nlos recover` does later. A signal
+            # that waited is delivered where this block ends, and would leave a film that is ended after it uncut.
+            ends_film = status is Status.INTERRUPTED and self._writer.plan.until_stopped
+            self._uncut = ends_film and self._writer.acknowledged >= self._writer.plan.first_round
+            copied = 4 * self._writer.acknowledged * self._writer.plan.axis.bins
+            if ends_film and copied <= LONG_BYTES:
+                self._end_film(error)
+        if ends_film and copied > LONG_BYTES:
+            self._tell(f"{self._writer.path}: ending the film, {copied / 1e6:.0f} MB are copied")
             self._end_film(error)
         if isinstance(error, DeviceError):
             error.remedy = f"{error.remedy} {self.safe}".strip()
             error.args = (f"{error.device}: {error.what} {error.remedy}",)
 
     def _end_film(self, error: BaseException | None) -> None:
-        """The light is off and the samples are safe: what cannot be done now `nlos recover` does later."""
-        samples, bins = self._writer.acknowledged, self._writer.plan.axis.bins
-        takes_long = (size := 4 * samples * bins) > LONG_BYTES
-        if takes_long:
-            self._tell(f"{self._writer.path}: ending the film, {size / 1e6:.0f} MB are copied")
-        self._uncut = samples >= self._writer.plan.first_round
         try:
-            with nullcontext() if takes_long else undisturbed():
-                self.film = end_film(self._writer.path)
-                self._uncut = False
+            self.film = end_film(self._writer.path)
+            self._uncut = False
         except StorageError as failure:
             if error is None:
                 raise

@@ -27,6 +27,7 @@ from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.salvage import end_film, recover
 from nlos.acquisition.recording.same_scan import ResumeRefused
 from nlos.acquisition.recording.verification import verify
+from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.sample import Sample
 from nlos.acquisition.scanning.alarms import free_bytes
 from nlos.acquisition.served.served_copy import copy_served
@@ -321,6 +322,28 @@ def test_a_disk_without_room_for_the_end_leaves_the_film_as_it_is(
         taken(shorter, run, 1, resume=True)
     taken(film, run, EACH, resume=True)
     assert verify(run).complete
+
+
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_a_signal_while_the_file_is_finished_leaves_no_film_uncut(
+    film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, when: str
+) -> None:
+    """A second Ctrl-C waits until the last of the file is written: the film is ended before it goes on."""
+    finish, run = RecordingWriter.finish, tmp_path / "run.h5"
+
+    def finish_and_interrupt(writer: RecordingWriter, status: Status) -> None:
+        if when == "before":
+            signal.raise_signal(signal.SIGINT)
+        finish(writer, status)
+        if when == "after":
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(RecordingWriter, "finish", finish_and_interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        taken(film, run, 2 * EACH + 20)
+    found = verify(run)
+    assert (found.status, found.complete) == (Status.COMPLETE, True)
+    assert not plan_in(run).until_stopped
 
 
 def test_a_copy_of_a_served_film_ends_with_it(film: Path, tmp_path: Path) -> None:

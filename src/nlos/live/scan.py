@@ -175,8 +175,7 @@ class LiveScan:
             while not self._stopped.is_set():
                 self._news.wait(0.2)
                 self._news.clear()
-                last = self.read
-                held = self.gathered
+                last, held = self.read, self.gathered
                 count, planned = (0, 0) if held is None else (len(held), held.planned)
                 growing = held is None or held.growing
                 film = self._film_pictures(held)

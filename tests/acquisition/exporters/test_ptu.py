@@ -1,6 +1,6 @@
 """A scan as PTU: every photon in its point and bin and the exposure, however long or uneven, by our reader and others'.
 
-What every exporter promises stands in `test_every_exporter.py`; other programs read PTU in `tests/peers`.
+What every exporter promises is in `test_every_exporter.py`; other programs read PTU in `tests/peers`.
 """
 
 import time

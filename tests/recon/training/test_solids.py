@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
@@ -10,7 +11,7 @@ from nlos.recon.training.dataset_settings import DatasetSettings
 from nlos.recon.training.kinds import BY_NAME, TRAINED
 from nlos.recon.training.rendering import render
 from nlos.recon.training.scenes import front_view, make_scene, surfels
-from nlos.recon.training.shapes import Canvas, blank_canvas, box, ellipsoid, panel
+from nlos.recon.training.shapes import Canvas, Turned, blank_canvas, box, ellipsoid, panel, turned
 from nlos.recon.training.solids import hidden_pieces
 
 GRID = WallGrid(2.0, 2.0, 32, 32)
@@ -83,6 +84,25 @@ def test_solid_scenes_show_the_same_and_send_more(kind: str) -> None:
         light = [render(each, GRID, TimeAxis(128, 128e-12)) for each in (shown, all_of_it)]
         assert (light[1] - light[0]).min() >= -1e-4 * light[0].max()
         assert light[1].isfinite().all()
+
+
+def test_light_through_bodies_is_refused() -> None:
+    with pytest.raises(ValidationError, match="solid: true needs shadows: true"):
+        DatasetSettings(solid=True)
+
+
+def test_a_vase_has_the_rear_of_a_vase() -> None:
+    """A cylinder that leans: its rear lies where the formula of its axis says, and its normals point away from it."""
+    canvas = blank_canvas(128, 128)
+    turned(canvas, (0.0, 0.0, 0.9), Turned(np.full(20, 0.3), 1.2, 0.0, 0.2), 1.0)
+    place, normal, _ = pieces(canvas)
+    assert len(place) > 50
+    axis = 0.9 + 0.2 * place[:, 1]
+    assert np.allclose(np.hypot(place[:, 0], place[:, 2] - axis), 0.3, atol=1e-5)
+    slope = np.array([0.0, 1.0, 0.2])
+    inner = np.abs(place[:, 1]) < 0.5
+    assert np.abs(normal[inner] @ slope).max() < 0.02, "the surface runs along the axis"
+    assert (normal[:, 2] > 0).all()
 
 
 def test_a_setting_asks_for_them() -> None:
