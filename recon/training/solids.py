@@ -6,9 +6,13 @@ import numpy.typing as npt
 from nlos.recon.training.shapes import STEEPEST, Array, Body, Canvas
 
 EVERY = 2
-"""Raster cells a side that one piece of such a surface stands for."""
+"""Raster cells a side that one piece of such a surface stands for,"""
+FINE_BELOW = 0.5
+"""except below this cosine: there it stands for its own cell, as most of the light comes from outlines."""
 BEHIND = 0.02
 """How far behind the front view's surface another must lie to count as hidden, in half-widths of the wall."""
+EDGE_ON = 0.03
+"""Cosine below which a cell's surface counts as no larger."""
 LEAST_CELLS = 9
 
 
@@ -46,28 +50,35 @@ def _pieces(canvas: Canvas, body: Body) -> Array | None:
     present = np.isfinite(body.front)
     if np.count_nonzero(present) < LEAST_CELLS:
         return None
-    lattice = np.zeros_like(present)
-    lattice[body.at[0].start % EVERY :: EVERY, body.at[1].start % EVERY :: EVERY] = True
     parts = []
     if body.front_normal is not None:
         hidden = body.front > canvas.depth[body.at] + BEHIND
-        parts.append(_raster(canvas, body, body.front, body.front_normal, lattice & present & hidden))
+        edge = np.abs(body.front_normal[2]) < STEEPEST  # of this the front view's surfels are too small
+        shown = np.where(hidden, np.float32(0), np.float32(1 / STEEPEST))
+        parts.append(_raster(canvas, body, body.front, body.front_normal, present & (hidden | edge), shown))
     if body.rear_normal is not None:
-        parts.append(_raster(canvas, body, body.rear, body.rear_normal, lattice & present))
+        parts.append(_raster(canvas, body, body.rear, body.rear_normal, present, np.zeros(present.shape, np.float32)))
     if body.sides is not None:
         assert isinstance(body.albedo, float)
         parts.append(body.sides * np.array([1, 1, 1, 1, 1, 1, body.albedo], np.float32))
     return np.concatenate(parts) if parts else None
 
 
-def _raster(canvas: Canvas, body: Body, depth: Array, normal: Array, chosen: npt.NDArray[np.bool_]) -> Array:
-    i, j = np.nonzero(chosen)
-    facing = np.maximum(np.abs(normal[2, i, j]), STEEPEST)
+def _raster(
+    canvas: Canvas, body: Body, depth: Array, normal: Array, chosen: npt.NDArray[np.bool_], shown: Array
+) -> Array:
+    """(K, 7) of the chosen cells, of one in a block where they are not steep; of the surface in each, `shown` times
+    the cell's area is in the front view."""
+    row, col = (np.arange(part.start, part.stop) % EVERY == 0 for part in body.at)
+    steep = np.abs(normal[2]) < FINE_BELOW
+    i, j = np.nonzero(chosen & (steep | row[:, None] & col[None]))
+    cells = np.where(steep[i, j], 1, EVERY**2)
+    surface = 1 / np.maximum(np.abs(normal[2, i, j]), EDGE_ON) - shown[i, j]
     albedo, coverage = (
         part[i, j] if isinstance(part, np.ndarray) else np.full(len(i), part, np.float32)
         for part in (body.albedo, body.coverage)
     )
-    weight = albedo * coverage * (EVERY * canvas.pitch) ** 2 / facing
+    weight = albedo * coverage * cells * canvas.pitch**2 * surface
     place = (canvas.x[j + body.at[1].start], canvas.y[i + body.at[0].start], depth[i, j])
     return np.stack((*place, *normal[:, i, j], weight), axis=1).astype(np.float32)
 

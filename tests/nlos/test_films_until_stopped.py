@@ -16,6 +16,7 @@ import pytest
 import yaml
 
 import nlos
+from nlos import scan_ending
 from nlos.acquisition.errors import PlanRefused, StorageError
 from nlos.acquisition.planning import frames as frames_module
 from nlos.acquisition.planning.plan import ScanPlan
@@ -324,12 +325,16 @@ def test_a_disk_without_room_for_the_end_leaves_the_film_as_it_is(
     assert verify(run).complete
 
 
+@pytest.mark.parametrize("takes_long", [False, True])
 @pytest.mark.parametrize("when", ["before", "after"])
 def test_a_signal_while_the_file_is_finished_leaves_no_film_uncut(
-    film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, when: str
+    film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, when: str, takes_long: bool
 ) -> None:
-    """A second Ctrl-C waits until the last of the file is written: the film is ended before it goes on."""
+    """A second Ctrl-C waits until the last of the file is written: a film is ended before it goes on, unless copying
+    it takes long; then it is as it was, and recovered later."""
     finish, run = RecordingWriter.finish, tmp_path / "run.h5"
+    if takes_long:
+        monkeypatch.setattr(scan_ending, "LONG_BYTES", 0)
 
     def finish_and_interrupt(writer: RecordingWriter, status: Status) -> None:
         if when == "before":
@@ -341,9 +346,12 @@ def test_a_signal_while_the_file_is_finished_leaves_no_film_uncut(
     monkeypatch.setattr(RecordingWriter, "finish", finish_and_interrupt)
     with pytest.raises(KeyboardInterrupt):
         taken(film, run, 2 * EACH + 20)
+    assert plan_in(run).until_stopped == takes_long
+    if takes_long:
+        assert verify(run).status is Status.INTERRUPTED
+        recover(run, run := tmp_path / "saved.h5")
     found = verify(run)
-    assert (found.status, found.complete) == (Status.COMPLETE, True)
-    assert not plan_in(run).until_stopped
+    assert (found.complete, found.complete_frames) == (True, plan_in(run).frames - (len(plan_in(run)) % EACH > 0))
 
 
 def test_a_copy_of_a_served_film_ends_with_it(film: Path, tmp_path: Path) -> None:
