@@ -40,7 +40,14 @@ JUDGED = {
 }
 SURROGATE = ("cycles",)
 """Motorcycles and bicycles: what comes nearest to the paper's 277 motorcycles, and no more than that."""
-PRINTED_LOSS = LossSettings(picture=10.0, depth=0.0, total_variation=0.3)
+
+
+def printed_loss(total_variation: float) -> LossSettings:
+    """MSE + lambda TV."""
+    return LossSettings(picture=10.0, depth=0.0, total_variation=total_variation)
+
+
+PRINTED_LOSS = printed_loss(0.3)
 OWN_LOSS = LossSettings(picture=5.0, log_picture=0.06, depth=2.0)
 RATE = 1e-3
 Paper = Mapping[str, float]
@@ -63,6 +70,8 @@ class Row:
     rate: float = RATE
     batch: int = 1
     """Samples a step."""
+    noise_least: float = 0.0
+    """Of the printed network: the smallest a of the U(0, a) added to what it learns from; the largest is 10."""
     kinds: tuple[str, ...] = ()
     """Trained and judged on scenes of these kinds alone, judged on other ones of them; all, judged on kinds that none
     was trained on, unless given."""
@@ -161,6 +170,17 @@ TABLES: dict[str, tuple[Row, ...]] = {
         Row("PReLU in NLO", switches={"operator_activation": "prelu"}),
         Row("whitened spectrum", switches={"whiten": True}),
         Row("bandwidth 64", switches={"sfe_bandwidth": 64}),
+        Row("told by the estimate of any noise", switches={"noise_estimate": "any_kind"}),
+        Row("H fixed", switches={"transport": "fixed"}),
+        Row("H fixed, no NLE", switches={"transport": "fixed"} | NO_NLE),
+        Row("a = 10 always", noise_least=10.0),
+        Row("no total variation", loss=printed_loss(0.0)),
+        Row("ten times the total variation", loss=printed_loss(3.0)),
+        Row("SFE beside NLO", switches={"sfe_place": "beside"}),
+        Row("NLO with kernels of 3", switches={"operator_kernel": 3}),
+        Row("one MLP of eta for all scales", switches={"embedding": "shared"}),
+        Row("eta^ beside F_st", switches={"meeting": "concatenated"}),
+        Row("M drawn anew every step", switches={"sfe_redrawn": True}),
         Row("as printed"),
     ),
     "NANO with all of the paper's parts, without one (this project)": (
@@ -222,6 +242,7 @@ def settings_of(row: Row, samples: int, seed: int) -> TrainSettings:
         learning_rate=row.rate,
         average=0.998,
         cache=str(FOLDER / "scenes"),
+        uniform_noise_least=row.noise_least,
         uniform_noise_most=10.0 if row.method == "faithful" else 0.0,
         workers=0 if torch.cuda.is_available() else None,  # trainings side by side on a GPU have a core each
     )
@@ -250,6 +271,7 @@ def _name(row: Row, samples: int, seed: int) -> Path:
     words += [f"rate-{row.rate:g}"] if row.rate != RATE else []
     words += [f"times-{row.times:g}"] if row.times != 1 else []
     words += [f"batch-{row.batch}"] if row.batch != 1 else []
+    words += [f"noise-from-{row.noise_least:g}"] if row.noise_least else []
     words += [*row.kinds]
     return Path(f"{samples}-{FORM}") / "_".join(words).replace(" ", "") / f"seed-{seed}"
 

@@ -24,7 +24,6 @@ from nlos.recon.training.train_settings import TrainSettings
 from nlos.recon.training.training_sample import collate
 from studies.ablations import train_and_judge
 from studies.judged import network_of, scores
-from studies.lost_to_noise import AMPLITUDES
 from studies.paired import Figures, difference
 from studies.results.tables import table
 from studies.rows import FOLDER, KEPT, SAMPLES, SEEDS, SMALL, Row, folder_of, rivals, settings_of
@@ -38,6 +37,8 @@ SCENES = DatasetSettings(seed=4, scenes=48, degradations=1, held_out=True, detec
 """Of kinds that no network was trained on."""
 NETWORKS = (Row("the printed network"), *rivals("samples"))
 LEARNED = ("with noise", "clean")
+AMPLITUDES = (3.0, 5.0, 10.0, 30.0)
+"""a of U(0, a): 21, 17, 11 and 1 dB of signal energy over noise energy on `SCENES`; the paper's are 15 to 20 dB."""
 WHITE = 255.0
 PAPER = {"LFE": -3.01, "NLOST": -5.68, "the printed network": -0.03}
 """Its table II less its table I, at U(0, a) of an a that it does not say."""

@@ -37,19 +37,31 @@ class StochasticFrequencyEncoding(nn.Module):
 class DenseFrequencyEncoding(nn.Module):
     """S u^ = MLP_C(sum_l M_l x u^), M in R^(B x C) Gaussian and dense, B the bandwidth: eq. 13 of NANO as printed.
 
-    The complex MLP has B hidden channels, so that its size grows with B^2, as the paper's 66 M parameters say.
+    The complex MLP has B hidden channels, so that its size grows with B^2, as the paper's 66 M parameters say. M is
+    drawn once from `seed`; `redrawn`, anew at every step of training.
     (B, C, D, H, W) complex -> the same shape.
     """
 
     mixing: Tensor
 
-    def __init__(self, channels: int, bandwidth: int, seed: int = 0, activation: ActivationName = "modrelu"):
+    def __init__(
+        self,
+        channels: int,
+        bandwidth: int,
+        seed: int = 0,
+        activation: ActivationName = "modrelu",
+        redrawn: bool = False,
+    ):
         super().__init__()
+        self.redrawn = redrawn
         generator = torch.Generator().manual_seed(seed)
         mixing = torch.randn(bandwidth, channels, generator=generator) / channels**0.5
         self.register_buffer("mixing", mixing, persistent=False)  # (bandwidth, C)
         self.mlp = ComplexMLP(bandwidth, bandwidth, channels, activation, gain=0.3)
 
     def forward(self, u: Tensor) -> Tensor:
-        out: Tensor = self.mlp(torch.einsum("lc,bcdhw->bldhw", self.mixing.to(u.dtype), u))
+        mixing = self.mixing
+        if self.redrawn and self.training:
+            mixing = torch.randn_like(mixing) / mixing.shape[1] ** 0.5
+        out: Tensor = self.mlp(torch.einsum("lc,bcdhw->bldhw", mixing.to(u.dtype), u))
         return out

@@ -28,7 +28,7 @@ class LightConeFields(nn.Module):
         super().__init__()
         self.wall, self.unit_m = wall, max(wall.width_m, wall.height_m)
         self.rebinning, fine = rebinned_axis(wall, time)
-        self.fine_bins = fine.bins
+        self.fine = fine
         bin_depth = SPEED_OF_LIGHT_M_PER_S * fine.bin_width_s / 2 / self.unit_m
         self.together = max(1, round(SLICE / bin_depth))
         self.bins = -(-fine.bins // self.together)
@@ -41,7 +41,7 @@ class LightConeFields(nn.Module):
 
     def rebin(self, counts: Tensor) -> Tensor:
         """(B, 1, T, H, W) -> (B, 1, fine bins, H, W), what noise estimation reads."""
-        return added(counts, self.rebinning, self.fine_bins)
+        return added(counts, self.rebinning, self.fine.bins)
 
     def slices(self, rates: Tensor) -> Tensor:
         """(B, 1, fine bins, H, W) -> mean rates (B, 1, bins, H, W)."""

@@ -11,17 +11,20 @@ from torch import Tensor, nn
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
+from nlos.recon.any_noise import any_noise_for
+from nlos.recon.layers.any_noise import AnyNoise, noise_traits, unless_photons
 from nlos.recon.layers.complex_activation import ActivationName
 from nlos.recon.layers.light_cone_fields import LightConeFields
 from nlos.recon.layers.light_cone_inverse import brightest
 from nlos.recon.layers.noise_level import NoiseLevel
-from nlos.recon.layers.rates import rates_of
+from nlos.recon.layers.noise_operator import Meeting
+from nlos.recon.layers.rates import Rates, rates_of
 from nlos.recon.layers.spectral_scales import Prolongation, Restriction
 from nlos.recon.layers.spectral_unfolding import Readings, SpectralUnfolding
 from nlos.recon.layers.transient_lifting import LiftingName, TransientLifting
 from nlos.recon.layers.volume_projection import MaximumProjection, Projection
 from nlos.recon.method import MethodResult
-from nlos.recon.weights.files import put_part, with_weights
+from nlos.recon.weights.files import WeightsError, put_part, with_weights
 
 MIDDLE_NOISE = -1.0
 LEAST = 1e-12
@@ -39,10 +42,24 @@ class Settings(AnySettings):
     """Residual convolutions on the maximum projection; False: the bare maximum."""
     nle: bool = True
     """The operator is told the noise level; False: a middling one, while falloff and snr still follow the estimate."""
+    noise_estimate: Literal["photons", "any_kind"] = "photons"
+    """What tells the level: photon statistics alone, or where it contradicts them what lies below the light cone."""
+    transport: Literal["adapted", "fixed"] = "adapted"
+    """H_eta: falloff and snr of the inverse follow the noise level, or are those of a middling one."""
+    embedding: Literal["each_scale", "shared"] = "each_scale"
+    """eta^ from an MLP of each scale, or from one for all."""
+    meeting: Meeting = "added"
+    """How eta^ and F_st come into NLO together."""
+    operator_kernel: Literal[1, 3] = 1
+    """Of NLO's two convolutions."""
     sfe: bool = True
     """Stochastic frequency encoding at the coarsest scale."""
     sfe_bandwidth: Annotated[int, Field(ge=1)] = 256
     """B. Its complex MLP grows with B^2; the paper's 66 M parameters mean about 5,700."""
+    sfe_place: Literal["instead", "beside"] = "instead"
+    """At the coarsest scale's last iteration: in the place of NLO, or added to it."""
+    sfe_redrawn: bool = False
+    """M is drawn anew at every step of training; otherwise once."""
     outer_iterations: Annotated[int, Field(ge=1, le=6)] = 1
     """S of algorithm 1."""
     channels: tuple[int, ...] = (8, 16, 32, 48, 64)
@@ -66,7 +83,7 @@ class Settings(AnySettings):
     whiten: bool = False
     """Weigh frequencies by about their own, since pictures fall off as 1 / f."""
     noise_weights: str | None = None
-    """Noise level estimation from these weights, frozen."""
+    """Noise level estimation from these weights, frozen: with `noise_estimate: any_kind` theirs of any kind, too."""
 
 
 @dataclass(frozen=True)
@@ -102,15 +119,21 @@ class Faithful(nn.Module):
             readings=Readings(
                 activation=settings.activation,
                 operator_activation=settings.operator_activation,
+                operator_kernel=settings.operator_kernel,
+                meeting=settings.meeting,
+                embedding=settings.embedding,
                 restriction=settings.restriction,
                 prolongation=settings.prolongation,
                 whiten=settings.whiten,
                 sfe_bandwidth=settings.sfe_bandwidth if settings.sfe else 0,
+                sfe_place=settings.sfe_place,
+                sfe_redrawn=settings.sfe_redrawn,
             ),
         )
         self.projection = MaximumProjection(finish=settings.projection)
-        for parameter in self.noise_level.parameters():
-            parameter.requires_grad = False
+        self.any_noise = AnyNoise() if settings.noise_estimate == "any_kind" else None
+        for name, parameter in self.named_parameters():
+            parameter.requires_grad = not name.startswith(("noise_level.", "any_noise."))
 
     def forward(self, counts: Tensor, exposure: Tensor | None = None) -> MethodResult[Tensor]:
         given = self.prepared(counts, exposure)
@@ -130,13 +153,15 @@ class Faithful(nn.Module):
         """u^0 of the first pass, F_st and u_g, and the noise level. With `start` and `guide` at `inverse` the first
         and the last are the same; F_st has a source of its own."""
         rates = rates_of(self.physics.rebin(counts), exposure)
-        log_noise = self.noise(rates.raw, rates.exposure)
+        log_noise = self.noise(rates)
+        adapted = self.settings.transport == "adapted"
+        undoing = log_noise if adapted else torch.full_like(log_noise, MIDDLE_NOISE)
         tau = self.physics.slices(rates.net)
-        light = self.physics.squared(tau, log_noise)
-        inverse = self.physics.inverse(light, log_noise)
+        light = self.physics.squared(tau, undoing)
+        inverse = self.physics.inverse(light, undoing)
         inverse = halved(inverse / brightness(self.physics.metric(inverse))[:, None, None, None, None])
         guide = inverse if self.settings.guide == "inverse" else scaled(halved(self.physics.adjoint(light)), inverse)
-        lifted = None if self.lifting is None else self.physics.squared(self.lifting(tau).float(), log_noise)
+        lifted = None if self.lifting is None else self.physics.squared(self.lifting(tau).float(), undoing)
         if self.settings.depth_axis == "metric":
             guide = scaled(self.physics.metric(guide), guide)
             inverse = self.physics.metric(inverse)
@@ -146,11 +171,17 @@ class Faithful(nn.Module):
         start = inverse if self.settings.start == "inverse" else torch.zeros_like(inverse)
         return Prepared(start, guide, lifted, log_noise, rates.presence)
 
-    def noise(self, raw: Tensor, exposure: Tensor) -> Tensor:
+    @torch.no_grad()
+    def noise(self, rates: Rates) -> Tensor:
         """eta, log10 of the noise level, (B,)."""
-        with torch.no_grad():
-            eta: Tensor = self.noise_level(raw, exposure)[0]
-        return eta
+        eta, _, known = self.noise_level.everywhere(rates.raw, rates.exposure)
+        if self.any_noise is None:
+            return eta
+        wall, fine = self.physics.wall, self.physics.fine
+        with torch.autocast(eta.device.type, enabled=False):
+            traits = noise_traits(rates, known, eta, (wall.height_m, wall.width_m), fine.bin_width_s)
+            any_kind = torch.where(rates.presence > 0, self.any_noise(traits, rates.kept), torch.nan)
+            return unless_photons(eta, any_kind)
 
     def one_pass(self, u: Tensor, lifted: Tensor | None, guide: Tensor, log_noise: Tensor) -> Tensor:
         """u^s = G_eta(u^{s-1}, tau, eta), all (B, ., cells, h, w) (algorithm 1)."""
@@ -183,10 +214,24 @@ def scaled(x: Tensor, like: Tensor) -> Tensor:
     return x * (wanted / power.clamp(min=LEAST)).sqrt()
 
 
+def put_any_noise(network: AnyNoise, weights: str) -> None:
+    """The estimate of any kind that was fitted to the photon statistics of these weights of NANO. Raises WeightsError
+    where there is none."""
+    known = any_noise_for(weights)
+    if known is None:
+        raise WeightsError(
+            f"{weights} comes without an estimate of noise of any kind, which `noise_estimate: any_kind` asks for: "
+            "take `noise_weights: nano`, or `noise_estimate: photons`"
+        )
+    network.load_state_dict(known.state_dict())
+
+
 def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Faithful:
     """The network for this wall and time axis; raises WeightsError if the weights are not of this shape."""
     assert isinstance(settings, Settings)
     network = Faithful(settings, wall, time_axis)
     if settings.noise_weights is not None:
         put_part(network.noise_level, "noise_level.", settings.noise_weights)
+        if network.any_noise is not None:
+            put_any_noise(network.any_noise, settings.noise_weights)
     return with_weights(network, settings.weights)

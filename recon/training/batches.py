@@ -71,17 +71,18 @@ def mirrored_batch(batch: Mapping[str, torch.Tensor], rng: np.random.Generator) 
 
 
 def with_uniform_noise(
-    batch: Mapping[str, torch.Tensor], most: float, rng: np.random.Generator
+    batch: Mapping[str, torch.Tensor], least: float, most: float, rng: np.random.Generator
 ) -> dict[str, torch.Tensor]:
-    """Uniform noise U(0, a) added to every bin that was measured, a from U(0, `most`) for each scan, on the scale on
-    which the scan's brightest rate is 255 (that of the 8-bit films of LFE's data set, to which NANO's paper adds it).
+    """Uniform noise U(0, a) added to every bin that was measured, a from U(`least`, `most`) for each scan.
+
+    The scan's brightest rate is 255 then, as in the 8-bit films of LFE's data set, to which NANO's paper adds it.
 
     The noise of the scan before says nothing any more: noise_level and noise_map are not kept.
     """
     result = {name: x for name, x in batch.items() if name not in ("noise_level", "noise_map")}
     counts, exposure = batch["counts"], batch["exposure"][:, None, None]
     brightest = (counts / exposure.clamp(min=1e-6) * (exposure > 0)).amax(dim=(1, 2, 3, 4))
-    level = torch.from_numpy(rng.uniform(0, most, len(counts))).to(counts) * brightest / 255
+    level = torch.from_numpy(rng.uniform(least, most, len(counts))).to(counts) * brightest / 255
     generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
     noise = torch.rand(counts.shape, generator=generator).to(counts)
     result["counts"] = counts + level[:, None, None, None, None] * exposure * noise

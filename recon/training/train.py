@@ -166,7 +166,7 @@ def _train(
             rng = np.random.default_rng((settings.seed, step, 12))
             network = model
             if settings.uniform_noise_most:
-                batch = with_uniform_noise(batch, settings.uniform_noise_most, rng)
+                batch = with_uniform_noise(batch, settings.uniform_noise_least, settings.uniform_noise_most, rng)
             wanted = halved is not None and rng.random() < settings.pooled_share
             if halved is not None and wanted and everywhere(whole_scan(batch), world, device):
                 batch, network = pooled(batch), halved

@@ -54,6 +54,8 @@ class TrainSettings(Settings):
     """Running average of the weights: the part that is kept at each step."""
     flips: bool = True
     """Turn samples over at random."""
+    uniform_noise_least: Annotated[float, Field(ge=0)] = 0.0
+    """The smallest a of `uniform_noise_most`; the same number for both is that a always."""
     uniform_noise_most: Annotated[float, Field(ge=0)] = 0.0
     """The largest a of the uniform noise U(0, a) drawn afresh every step, where a scan's brightest bin is 255."""
     pooled_share: Share = 0.0
@@ -83,6 +85,15 @@ class TrainSettings(Settings):
         """`validation` has the grid of `data`, where it says none."""
         missing = {key: getattr(self.data, key) for key in GEOMETRY if key not in self.validation.model_fields_set}
         object.__setattr__(self, "validation", self.validation.model_copy(update=missing))
+        return self
+
+    @model_validator(mode="after")
+    def _noise_in_order(self) -> Self:
+        if self.uniform_noise_least > self.uniform_noise_most:
+            raise ValueError(
+                f"uniform_noise_least {self.uniform_noise_least:g} is above uniform_noise_most "
+                f"{self.uniform_noise_most:g}: a is drawn between them"
+            )
         return self
 
     @property

@@ -1,15 +1,20 @@
 """NANO as it is printed: what its parts start from, what they depend on, and that every reading of it trains."""
 
+from pathlib import Path
+
 import pytest
 import torch
 import torch.nn.functional as F
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.layers.noise_level import NoiseLevel
 from nlos.recon.layers.rates import rates_of
 from nlos.recon.methods.faithful import Faithful, Settings, brightness, build, halved
 from nlos.recon.methods.nano import Nano
 from nlos.recon.methods.nano import Settings as NanoSettings
+from nlos.recon.methods.nano import build as build_nano
+from nlos.recon.weights.files import WeightsError, save
 from tests.recon.methods.one_point import shell
 
 WALL = WallGrid(2.0, 2.0, 16, 16)
@@ -40,7 +45,7 @@ def test_with_its_steps_at_zero_the_paper_s_network_is_the_regularised_inverse()
     _, _, volume = method(counts)
     physics = method.physics
     rates = rates_of(physics.rebin(counts), None)
-    level = method.noise(rates.raw, rates.exposure)
+    level = method.noise(rates)
     inverse = physics.inverse(physics.squared(physics.slices(rates.net), level), level)
     inverse = halved(inverse / brightness(physics.metric(inverse))[:, None, None, None, None])
     expected = F.interpolate(physics.metric(inverse)[:, 0], size=(16, 16), mode="bilinear", align_corners=False)
@@ -115,6 +120,12 @@ SWITCHES: list[dict[str, object]] = [
     {"operator_activation": "prelu"},
     {"restriction": "truncation", "whiten": True, "activation": "modrelu", "operator_activation": "modrelu"},
     {"prolongation": "transposed"},
+    {"transport": "fixed", "nle": False},
+    {"noise_estimate": "any_kind", "noise_weights": "nano"},
+    {"embedding": "shared", "meeting": "concatenated", "operator_kernel": 3},
+    {"meeting": "concatenated", "lifting": "none"},
+    {"sfe_place": "beside", "sfe_redrawn": True},
+    {"sfe_place": "beside", "sfe": False},
 ]
 
 
@@ -124,7 +135,7 @@ def test_every_reading_trains(switches: dict[str, object]) -> None:
     albedo, _, volume = method(shell(WALL, TIME))
     (albedo.square().mean() + volume.square().mean()).backward()
     for name, parameter in method.named_parameters():
-        if name.startswith("noise_level."):
+        if name.startswith(("noise_level.", "any_noise.")):
             assert parameter.grad is None
         elif name.startswith("unfolding."):
             assert parameter.grad is not None, name
@@ -141,6 +152,68 @@ def test_the_noise_level_is_the_only_condition_and_it_conditions() -> None:
     deaf = network(nle=False)
     quiet, loud = (deaf.one_pass(prepared, lifted, prepared, torch.tensor([level])) for level in (-2.0, 0.0))
     assert torch.equal(quiet, loud)
+
+
+@torch.inference_mode()
+def test_with_h_fixed_and_no_estimation_nothing_knows_the_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts = shell(WALL, TIME)
+
+    def seen(level: float, **switches: object) -> torch.Tensor:
+        method = network(**switches)
+        monkeypatch.setattr(method, "noise", lambda rates: torch.tensor([level]))
+        return method(counts).albedo
+
+    knows_nothing = {"transport": "fixed", "nle": False}
+    assert torch.equal(seen(-1.8, **knows_nothing), seen(-0.4, **knows_nothing))
+    for left in ({"transport": "fixed"}, {"nle": False}):
+        assert not torch.allclose(seen(-1.8, **left), seen(-0.4, **left), rtol=1e-3)
+
+
+@torch.inference_mode()
+def test_told_of_any_noise_it_is_told_what_nano_is(tmp_path: Path) -> None:
+    wall, time = WallGrid(2.0, 2.0, 32, 32), TimeAxis(128, 128e-12)
+    counts = 50 * shell(wall, time)
+    generator = torch.Generator().manual_seed(4)
+    counts = torch.poisson(counts, generator) + 5 * torch.rand(counts.shape, generator=generator)
+    asked = SMALL | {"noise_weights": "nano", "noise_estimate": "any_kind"}
+    method = build(Settings.model_validate(asked), wall, time).eval()
+    rates = rates_of(method.physics.rebin(counts), None)
+    ships = build_nano(NanoSettings(), wall, time)
+    expected = ships.noise(rates)[0]
+    torch.testing.assert_close(method.noise(rates), expected)
+    photons = build(Settings.model_validate(asked | {"noise_estimate": "photons"}), wall, time)
+    assert (photons.noise(rates) - expected).abs() > 0.1
+    save(tmp_path / "kept.safetensors", method.state_dict(), {"method": "faithful"})
+    again = asked | {"noise_weights": None, "weights": str(tmp_path / "kept.safetensors")}
+    torch.testing.assert_close(build(Settings.model_validate(again), wall, time).noise(rates), expected)
+
+
+def test_weights_without_an_estimate_of_any_noise_are_refused(tmp_path: Path) -> None:
+    other = tmp_path / "other.safetensors"
+    save(other, {f"noise_level.{k}": x for k, x in NoiseLevel().state_dict().items()}, {"method": "nano"})
+    with pytest.raises(WeightsError, match="comes without an estimate of noise of any kind"):
+        network(noise_estimate="any_kind", noise_weights=str(other))
+
+
+def test_m_is_drawn_anew_in_training_alone() -> None:
+    method, counts = network(sfe_redrawn=True), shell(WALL, TIME)
+    with torch.no_grad():
+        assert torch.equal(method(counts).albedo, method(counts).albedo)
+        method.train()
+        assert not torch.equal(method(counts).albedo, method(counts).albedo)
+        once = network().train()
+        assert torch.equal(once(counts).albedo, once(counts).albedo)
+
+
+@torch.inference_mode()
+def test_an_operator_beside_the_encoding_adds_to_it() -> None:
+    beside = network(sfe_place="beside").unfolding.encoded
+    assert beside is not None
+    u, lifted = (torch.randn(1, 8, 4, 4, 4, dtype=torch.complex64) for _ in range(2))
+    guide, embedding = torch.randn_like(u), torch.randn(1, 8, 1, 1, 1, dtype=torch.complex64)
+    assert beside.beside is not None
+    expected = u + beside.convolution(guide + beside.encoding(u) + beside.beside(u, lifted, embedding))
+    torch.testing.assert_close(beside(u, guide, lifted, embedding), expected)
 
 
 @torch.inference_mode()

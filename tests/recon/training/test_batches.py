@@ -23,7 +23,7 @@ def batch() -> dict[str, torch.Tensor]:
 
 def test_uniform_noise_is_on_the_scale_where_the_brightest_rate_is_255() -> None:
     before = batch()
-    after = with_uniform_noise(before, 10.0, np.random.default_rng(3))
+    after = with_uniform_noise(before, 0.0, 10.0, np.random.default_rng(3))
     level = np.random.default_rng(3).uniform(0, 10, 2) * 51 / 255
     added = after["counts"] - before["counts"]
     assert added[1, :, :, ::2].abs().max() == 0
@@ -36,13 +36,23 @@ def test_uniform_noise_is_on_the_scale_where_the_brightest_rate_is_255() -> None
 
 
 def test_noise_is_new_every_step_and_the_same_for_the_same_step() -> None:
-    one, same, other = (with_uniform_noise(batch(), 10.0, np.random.default_rng(seed))["counts"] for seed in (1, 1, 2))
+    one, same, other = (
+        with_uniform_noise(batch(), 0.0, 10.0, np.random.default_rng(seed))["counts"] for seed in (1, 1, 2)
+    )
     assert torch.equal(one, same)
     assert not torch.equal(one, other)
 
 
+def test_noise_of_one_strength_is_of_that_strength() -> None:
+    before = batch()
+    added = with_uniform_noise(before, 10.0, 10.0, np.random.default_rng(5))["counts"] - before["counts"]
+    assert float(added[0, :, :, 1:].max()) == pytest.approx(10 * 51 / 255, rel=0.02)
+    with pytest.raises(ValueError, match="uniform_noise_least 11 is above uniform_noise_most 10"):
+        TrainSettings(method="faithful", uniform_noise_least=11.0, uniform_noise_most=10.0)
+
+
 def test_what_was_said_about_the_noise_before_is_not_kept() -> None:
-    after = with_uniform_noise(batch(), 10.0, np.random.default_rng(1))
+    after = with_uniform_noise(batch(), 0.0, 10.0, np.random.default_rng(1))
     assert "noise_level" not in after
     assert "noise_map" not in after
     assert pooled(after)["counts"].shape == (2, 1, 200, 2, 2)

@@ -55,7 +55,7 @@ def test_a_queue_of_them_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     found = figures_of(UNET, "clean", 2, (1, 2))
     assert found is not None
     assert {amplitude: values.shape for amplitude, values in found.items()} == dict.fromkeys(
-        ("0", "3", "10", "30"), (1, 2)
+        ("0", "3", "5", "10", "30"), (1, 2)
     )
     assert (found["30"] != found["0"]).all()
     page = written(2, (1,))
