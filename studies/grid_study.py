@@ -19,9 +19,10 @@ from nlos.acquisition.wall import WallGrid
 from nlos.recon.methods import find
 from nlos.recon.training.losses import psnr
 from nlos.recon.training.rendering import render
-from nlos.recon.training.scenes import front_view, make_scene, surfels
+from nlos.recon.training.scenes import Scene, front_view, make_scene, surfels
 
 GRIDS = ((64, 256), (32, 256), (128, 256), (64, 512), (64, 1024))  # points along the wall, bins; the first is trained
+FINEST = max(bins for _, bins in GRIDS)
 COARSEST = min(points for points, _ in GRIDS)
 WINDOW_S = 256 * 64e-12
 PEAK_COUNTS = 20.0  # on the trained grid
@@ -43,7 +44,8 @@ class Reached:
 
 
 def study(method: str, scenes: int, grids: tuple[tuple[int, int], ...] = GRIDS) -> list[Reached]:
-    """Every grid on the same scenes of kinds that no training saw, with the same photons on the same wall."""
+    """Every grid on the same scenes of kinds that no training saw, with as many photons on the same wall; on the same
+    points with the same ones, drawn in the finest bins and added up."""
     found = []
     for points, bins in grids:
         wall, time = WallGrid(WALL_M, WALL_M, points, points), TimeAxis(bins, WINDOW_S / bins)
@@ -58,14 +60,9 @@ def study(method: str, scenes: int, grids: tuple[tuple[int, int], ...] = GRIDS) 
 def _one(network: nn.Module, wall: WallGrid, time: TimeAxis, index: int) -> tuple[float, float, float]:
     trained = WallGrid(WALL_M, WALL_M, *2 * (GRIDS[0][0],))
     scene = make_scene(SEED, index, trained, held_out=True)
-    expected = render(surfels(scene, np.random.default_rng((SEED, index))), wall, time)
-    coarse = expected.reshape(GRIDS[0][1], -1, wall.rows, wall.cols).sum(dim=1)
-    photons = PEAK_COUNTS * (trained.rows / wall.rows) ** 2
-    dark = BACKGROUND * photons * GRIDS[0][1] / time.bins
-    rate = expected * (photons / float(coarse.amax(dim=0).mean())) + dark
-    counts = torch.poisson(rate, generator=torch.Generator().manual_seed(index))[None, None]
+    counts = _counts(scene, wall, index).reshape(time.bins, -1, wall.rows, wall.cols).sum(dim=1)
     with torch.inference_mode():
-        albedo, depth_m, _ = network(counts, None)
+        albedo, depth_m, _ = network(counts[None, None], None)
     view = front_view(scene, wall)
     truth = torch.from_numpy(view.intensity / max(float(view.intensity.max()), 1e-6))[None]
     seen = torch.from_numpy(view.depth_m)[None]
@@ -73,6 +70,17 @@ def _one(network: nn.Module, wall: WallGrid, time: TimeAxis, index: int) -> tupl
     together = wall.rows // COARSEST
     coarse_psnr = psnr(F.avg_pool2d(albedo, together), F.avg_pool2d(truth, together))
     return float(psnr(albedo, truth)), float(coarse_psnr), float(error.mean())
+
+
+def _counts(scene: Scene, wall: WallGrid, index: int) -> torch.Tensor:
+    """(FINEST, H, W) photons: `PEAK_COUNTS` in a point's brightest bin of the trained grid, on average, and a
+    background."""
+    expected = render(surfels(scene, np.random.default_rng((SEED, index))), wall, TimeAxis(FINEST, WINDOW_S / FINEST))
+    coarse = expected.reshape(GRIDS[0][1], -1, wall.rows, wall.cols).sum(dim=1)
+    photons = PEAK_COUNTS * (GRIDS[0][0] / wall.rows) ** 2
+    dark = BACKGROUND * photons * GRIDS[0][1] / FINEST
+    rate = expected * (photons / float(coarse.amax(dim=0).mean())) + dark
+    return torch.poisson(rate, generator=torch.Generator().manual_seed(index))
 
 
 @lru_cache(maxsize=2)

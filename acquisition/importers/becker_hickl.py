@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.importers.detectors import added_up
+from nlos.acquisition.importers.detectors import added_up, one_alone
 from nlos.acquisition.importers.given import NOTHING, Given, put_there
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.raw_histograms import raw_scan
@@ -99,7 +99,7 @@ def read_sdt(path: Path, given: Given = NOTHING) -> ImportedScan:
     images = [block for block in blocks if block.counts.ndim > 2]
     if images and len(images) < len(blocks):
         raise InvalidData(f"{path}: holds images and curves. Save one measurement a file.")
-    counts, exposure_s, notes = _image(path, images) if images else _row(path, blocks)
+    counts, exposure_s, notes = _image(path, images, given.detector) if images else _row(path, blocks)
     if others:
         notes.append(f"blocks of other kinds are not imported: {', '.join(sorted(others))}")
     return raw_scan(counts, exposure_s, width_s, f"SDT {'image' if images else 'curves'}", tuple(notes), str(path))
@@ -172,8 +172,10 @@ def _measured_s(measured: Any) -> float:
     return next((value for value in (stopped, meant) if math.isfinite(value) and value > 0), 0.0)
 
 
-def _image(path: Path, images: list[_Block]) -> tuple[npt.NDArray[Any], npt.NDArray[np.float64], list[str]]:
-    """Counts (H, W, T) over all detectors, exposures (H, W), and what was assumed."""
+def _image(
+    path: Path, images: list[_Block], wanted: int | None
+) -> tuple[npt.NDArray[Any], npt.NDArray[np.float64], list[str]]:
+    """Counts (H, W, T) over all detectors, or of the image that is `wanted`, exposures (H, W), and what was assumed."""
     shape = images[0].counts.shape[-3:]
     if any(image.counts.shape[-3:] != shape for image in images):
         listed = ", ".join(str(image.counts.shape) for image in images)
@@ -182,13 +184,17 @@ def _image(path: Path, images: list[_Block]) -> tuple[npt.NDArray[Any], npt.NDAr
     if rows * cols * bins * 4 > MAX_BYTES:
         raise InvalidData(f"{path}: states an image of {shape}, beyond {MAX_BYTES >> 30} GiB")
     counts: npt.NDArray[Any] = np.zeros(shape, np.float64 if images[0].counts.dtype.kind == "f" else np.uint32)
-    histograms = []
+    histograms: list[npt.NDArray[np.float64]] = []
     for image in images:
         for channel in image.counts.reshape(-1, *shape):
-            counts += channel.astype(counts.dtype)
+            if wanted in (None, len(histograms)):
+                counts += channel.astype(counts.dtype)
             histograms.append(channel.sum(axis=(0, 1), dtype=np.float64))
     names, width_s = range(len(histograms)), images[0].bin_width_s
-    said = added_up(np.stack(histograms), names, width_s, "{} images (detectors, or pages)")
+    if wanted is not None:
+        said: str | None = one_alone({name: int(histograms[name].sum()) for name in names}, wanted, str(path))
+    else:
+        said = added_up(np.stack(histograms), names, width_s, "{} images (detectors, or pages)")
     notes = [] if said is None else [said]
     measured_s = max(image.measured_s for image in images)
     if not measured_s > 0:

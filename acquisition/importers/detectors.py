@@ -1,11 +1,32 @@
-"""What is said where photons of several detectors make one histogram."""
+"""What is said where a file has photons of several detectors: all make one histogram, or those of one alone."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy.typing as npt
 
+from nlos.acquisition.errors import InvalidData
+
 _NAMED = 8
+
+
+def one_alone(photons: Mapping[int, int], wanted: int, place: str) -> str:
+    """What is to be said where of the detectors, with so many `photons` each, one is `wanted`. Raises `InvalidData`,
+    naming `place`, where that has none."""
+    there = {name: count for name, count in photons.items() if count}
+    if wanted not in there:
+        raise InvalidData(
+            f"{place}: --detector {wanted}: has no photons of it; there are {_listed(there) or 'none at all'}. Name "
+            "one of these, or leave --detector out: all are added up then."
+        )
+    others = {name: count for name, count in there.items() if name != wanted}
+    said = f"photons of detector {wanted} alone, as given"
+    return f"{said}; not imported: {_listed(others)}" if others else said
+
+
+def _listed(photons: Mapping[int, int]) -> str:
+    named = [f"{count:,} of detector {name}" for name, count in list(photons.items())[:_NAMED]]
+    return ", ".join(named) + (f", and {len(photons) - _NAMED} more" if len(photons) > _NAMED else "")
 
 
 def added_up(
@@ -21,4 +42,6 @@ def added_up(
     said = f"{of.format(len(seen))} are added up"
     if len(seen) <= _NAMED:
         said += f" ({', '.join(f'{name}: {row.sum():,.0f}' for name, row in seen)})"
-    return said + (f"; their peaks lie up to {apart:,.0f} ps apart" if max(peaks) - min(peaks) > 1 else "")
+    if max(peaks) - min(peaks) > 1:
+        said += f"; their peaks lie up to {apart:,.0f} ps apart"
+    return f"{said}; --detector N takes one alone"

@@ -39,7 +39,7 @@ def reader_of(path: Path) -> Reader:
     if magic == b"version ":  # https://git-lfs.github.com/spec/v1
         raise InvalidData(f"{path}: is a pointer of Git LFS, not the file. Get that with `git lfs pull`.")
     if magic.startswith(PICOQUANT_MAGIC):
-        return lambda path, given: read_picoquant(path)
+        return read_picoquant
     if is_sdt(path):
         return read_sdt
     if suffix == ".mat" or magic == b"MATLAB 5":
@@ -51,7 +51,7 @@ def reader_of(path: Path) -> Reader:
     if packed := next((name for head, name in _PACKED.items() if magic.startswith(head)), None):
         raise InvalidData(f"{path}: is packed by {packed}. Unpack it, and name the file inside.")
     if suffix in PICOQUANT_SUFFIXES:
-        return lambda path, given: read_picoquant(path)
+        return read_picoquant
     if suffix == ".sdt":
         return read_sdt
     if suffix == ".spc":
@@ -90,6 +90,7 @@ def read_any(path: Path, given: Given = NOTHING) -> ImportedScan:
     file, place and reason, also for values that nobody can have measured."""
     scan = reader_of(path)(path, given)
     given.refuse_axes(str(path), scan)
+    given.refuse_detector(str(path), scan)
     scan = given.applied(scan)
     scan.check(str(path))
     return scan

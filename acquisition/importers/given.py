@@ -10,6 +10,8 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.imported import NO_WALL, ImportedScan
 from nlos.acquisition.importers.missing_direct import SAID
 
+_OF_DETECTORS = ("PTU", "PicoHarp PT3", "HydraHarp HT3", "TimeHarp T3R", "SDT image", "Photon-HDF5")
+"""Formats whose photons are of detectors that are told apart."""
 _LETTERS = {"T": "T", "Y": "Y", "H": "Y", "X": "X", "W": "X", "N": "N"}
 
 
@@ -24,6 +26,8 @@ class Given:
     """The order of the histograms' axes: the letters T, Y, X (or T, H, W), or N and T for free positions."""
     rectified: bool | None = None
     """Whether time 0 is the wall and direct light is gone."""
+    detector: int | None = None
+    """Photons of this one alone, by the number that the file has for it."""
 
     def ordered(self, counts: npt.NDArray[Any], place: str, told: bool = False) -> npt.NDArray[Any]:
         """Histograms as [H, W, T] or [N, T]. `told`: other arrays of the file have shown the order to be that.
@@ -85,6 +89,14 @@ class Given:
             and (not scan.source_format.endswith(".mat"))
         ):
             raise InvalidData(f"{name}: --axes: {scan.source_format} has an order of its own; leave --axes out")
+
+    def refuse_detector(self, name: str, scan: ImportedScan) -> None:
+        """Raises `InvalidData` where a detector was named for a format that does not tell them apart."""
+        if self.detector is not None and not scan.source_format.startswith(_OF_DETECTORS):
+            raise InvalidData(
+                f"{name}: --detector {self.detector}: {scan.source_format} does not say which detector saw what; leave "
+                "--detector out"
+            )
 
 
 NOTHING = Given()

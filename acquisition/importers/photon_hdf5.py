@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.importers.detectors import added_up
+from nlos.acquisition.importers.detectors import added_up, one_alone
 from nlos.acquisition.importers.given import NOTHING, Given, put_there
 from nlos.acquisition.importers.imported import MOST_POINTS, ImportedScan
 from nlos.acquisition.importers.marked_lines import marked_lines
@@ -148,7 +148,12 @@ def _photons(file: h5py.File, group: str, given: Given) -> _Photons:
         )
     order = np.argsort(mark_times, kind="stable")
     times, delays, detectors, notes = _without_special(times, delays, detectors)
-    if (said := _added_up(delays, detectors, width_s)) is not None:
+    if given.detector is not None:
+        kinds, sizes = np.unique(detectors, return_counts=True)
+        photons = dict(zip(kinds.tolist(), sizes.tolist(), strict=True))
+        notes.append(one_alone(photons, given.detector, f"{file.filename}: {group}"))
+        times, delays = times[detectors == given.detector], delays[detectors == given.detector]
+    elif (said := _added_up(delays, detectors, width_s)) is not None:
         notes.append(said)
     return _Photons(times, delays, mark_times[order], _without_top_bit(mark_ids[order]), width_s, clock_s, tuple(notes))
 

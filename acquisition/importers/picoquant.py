@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.importers.detectors import added_up
+from nlos.acquisition.importers.detectors import added_up, one_alone
+from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.picoquant_headers import (
     Curve,
@@ -31,7 +32,7 @@ MAGIC = (b"PQTTTR", b"PQHISTO", b"PicoHarp", b"HydraHar", b"TimeHarp")
 KNOWN = "PTU, PHU, PT3, HT3, T3R, PHD, HHD, THD"
 
 
-def read_picoquant(path: Path) -> ImportedScan:
+def read_picoquant(path: Path, given: Given = NOTHING) -> ImportedScan:
     """Reads a PicoQuant file as a scan. Raises `InvalidData` naming file and reason."""
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
@@ -40,7 +41,7 @@ def read_picoquant(path: Path) -> ImportedScan:
     with path.open("rb") as file:
         magic = file.read(7)
     if magic[:6] == b"PQTTTR":
-        return read_ptu(path)
+        return read_ptu(path, given)
     if magic == b"PQHISTO":
         return _points(path, "PicoQuant PHU", phu_curves(path), path.read_bytes())
     if not magic.startswith(tuple(known[:7] for known in MAGIC)):
@@ -58,19 +59,19 @@ def read_picoquant(path: Path) -> ImportedScan:
         case "TimeHarp 200", "2.0" | "3.0" | "5.0" | "6.0", True:
             return _points(path, "TimeHarp THD", timeharp_curves(name, data), data)
         case "PicoHarp 300", "2.0", False:
-            return _one_point(path, "PicoHarp PT3", picoharp_records(name, data), data)
+            return _one_point(path, "PicoHarp PT3", picoharp_records(name, data), data, given.detector)
         case "HydraHarp", "1.0" | "2.0", False:
-            return _one_point(path, "HydraHarp HT3", hydraharp_records(name, data), data)
+            return _one_point(path, "HydraHarp HT3", hydraharp_records(name, data), data, given.detector)
         case "TimeHarp 200", "5.0" | "6.0", False:
-            return _one_point(path, "TimeHarp T3R", timeharp_records(name, data), data)
+            return _one_point(path, "TimeHarp T3R", timeharp_records(name, data), data, given.detector)
     raise InvalidData(
         f"{path}: {ident!r} format {version!r} is not read; known: {KNOWN} (T3R 5.0 and 6.0). Save it with newer "
         "software of the vendor's."
     )
 
 
-def _one_point(path: Path, name: str, head: RecordFile, data: bytes) -> ImportedScan:
-    """All photons of a T3 file as the histogram of one point."""
+def _one_point(path: Path, name: str, head: RecordFile, data: bytes, wanted: int | None) -> ImportedScan:
+    """All photons of a T3 file, or those of the detector that is `wanted`, as the histogram of one point."""
     if not head.t3:
         raise InvalidData(
             f"{path}: is a T2 measurement: it has no delay times, so no histograms. Measure in T3 mode, with the laser "
@@ -99,7 +100,10 @@ def _one_point(path: Path, name: str, head: RecordFile, data: bytes) -> Imported
     histograms = np.zeros((int(detectors.max()) + 1, int(delays.max()) + 1), np.uint32)
     np.add.at(histograms, (detectors, delays), 1)
     notes.append("arrival times since the start and marker signals are not imported")
-    if (said := added_up(histograms, range(len(histograms)), head.bin_width_s)) is not None:
+    if wanted is not None:
+        notes.append(one_alone(dict(enumerate(histograms.sum(axis=1).tolist())), wanted, str(path)))
+        histograms = histograms[wanted : wanted + 1]
+    elif (said := added_up(histograms, range(len(histograms)), head.bin_width_s)) is not None:
         notes.append(said)
     if head.instrument == "TimeHarp 200":
         notes.append("delays are turned round: this instrument counts from the photon to the next laser pulse")

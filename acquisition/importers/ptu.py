@@ -4,13 +4,14 @@
 import struct
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import ptufile
 
 from nlos.acquisition.errors import InvalidData
-from nlos.acquisition.importers.detectors import added_up
+from nlos.acquisition.importers.detectors import added_up, one_alone
+from nlos.acquisition.importers.given import NOTHING, Given
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.picoquant_headers import Curve
 from nlos.acquisition.importers.raw_histograms import raw_scan
@@ -27,7 +28,7 @@ _DAMAGE = (
 """What `ptufile` raises where a file is not as it should be."""
 
 
-def read_ptu(path: Path) -> ImportedScan:
+def read_ptu(path: Path, given: Given = NOTHING) -> ImportedScan:
     """An image, or a point. Raises `InvalidData` naming file and reason."""
     try:
         with ptufile.PtuFile(path) as ptu:
@@ -38,8 +39,8 @@ def read_ptu(path: Path) -> ImportedScan:
                 )
             notes = _whole(path, ptu)
             if int(ptu.tags.get("Measurement_SubMode", 0)) < 2:  # oscilloscope, point
-                return _point(path, ptu, notes)
-            return _image(path, ptu, notes)
+                return _point(path, ptu, given.detector, notes)
+            return _image(path, ptu, given.detector, notes)
     except _DAMAGE as error:
         if isinstance(error, InvalidData):
             raise
@@ -60,7 +61,7 @@ def _whole(path: Path, ptu: ptufile.PtuFile) -> list[str]:
     return []
 
 
-def _image(path: Path, ptu: ptufile.PtuFile, notes: list[str]) -> ImportedScan:
+def _image(path: Path, ptu: ptufile.PtuFile, wanted: int | None, notes: list[str]) -> ImportedScan:
     tags = ptu.tags
     for name in _MARKERS:  # `ptufile` makes 2^(marker - 1) of it
         if not 0 <= int(tags.get(name, 0)) <= MOST_MARKER:
@@ -81,7 +82,10 @@ def _image(path: Path, ptu: ptufile.PtuFile, notes: list[str]) -> ImportedScan:
     frames, rows, cols, _, bins = shape
     if min(shape) < 1 or rows * cols * bins * 4 > MAX_BYTES:
         raise InvalidData(f"{path}: states an image of {shape}, beyond {MAX_BYTES >> 30} GiB")
-    counts = np.asarray(ptu.decode_image(frame=-1, channel=-1, dtype=np.uint32)).reshape(rows, cols, bins)
+    detectors = _detectors(path, ptu, wanted)
+    photons = detectors.photons
+    image = ptu.decode_image(frame=-1, channel=detectors.channel, dtype=np.uint32)
+    counts = np.asarray(image).reshape(rows, cols, bins)
     placed = int(counts.sum(dtype=np.uint64))
     if placed == 0 < photons:
         raise InvalidData(f"{path}: none of its {photons:,} photons lies within a line of the image")
@@ -90,7 +94,7 @@ def _image(path: Path, ptu: ptufile.PtuFile, notes: list[str]) -> ImportedScan:
             f"{photons - placed:,} of {photons:,} photons, between lines and outside frames, are not points of the "
             "scan and are not imported"
         )
-    notes += _of_detectors(ptu)
+    notes += detectors.notes
     if frames > 1:
         notes.append(f"{frames} frames are added up")
     if not float(tags.get("ImgHdr_TimePerPixel", 0.0)) > 0:
@@ -103,24 +107,43 @@ def _image(path: Path, ptu: ptufile.PtuFile, notes: list[str]) -> ImportedScan:
     return raw_scan(counts, exposure, float(ptu.tcspc_resolution), "PTU image", tuple(notes), str(path))
 
 
-def _point(path: Path, ptu: ptufile.PtuFile, notes: list[str]) -> ImportedScan:
+def _point(path: Path, ptu: ptufile.PtuFile, wanted: int | None, notes: list[str]) -> ImportedScan:
     """All photons of a measurement of one point, whatever marks are among them. Raises `InvalidData` for none."""
-    counts = np.asarray(ptu.decode_histogram(dtype=np.uint32)).sum(axis=0, dtype=np.uint32)
-    if not counts.any():
+    histograms = np.asarray(ptu.decode_histogram(dtype=np.uint32))
+    if not histograms.any():
         raise InvalidData(f"{path}: holds no photons")
+    detectors = _detectors(path, ptu, wanted)
+    if wanted is not None:
+        histograms = histograms[detectors.channel : detectors.channel + 1]
+    counts = histograms.sum(axis=0, dtype=np.uint32)
     notes.append("is a measurement of one point: arrival times since the start and marker signals are not imported")
-    notes += _of_detectors(ptu)
+    notes += detectors.notes
     asked_ms, took_ms = (float(ptu.tags.get(name, 0.0)) for name in ("MeasDesc_AcquisitionTime", "TTResult_StopAfter"))
     lasted_s = 1e-3 * (took_ms if took_ms > 0 else asked_ms)
     exposure = np.full((1, 1), lasted_s if lasted_s > 0 else 1.0)
     return raw_scan(counts[None, None], exposure, float(ptu.tcspc_resolution), "PTU point", tuple(notes), str(path))
 
 
-def _of_detectors(ptu: ptufile.PtuFile) -> list[str]:
+class _Detectors(NamedTuple):
+    """Which of a file's are imported."""
+
+    channel: int
+    """Along `ptufile`'s axis of channels, which begins at the first that has photons; -1: all, added up."""
+    photons: int
+    notes: list[str]
+
+
+def _detectors(path: Path, ptu: ptufile.PtuFile, wanted: int | None) -> _Detectors:
+    """All, or the one that is `wanted`. Raises `InvalidData` where that has no photons."""
     histograms = np.asarray(ptu.decode_histogram(dtype=np.uint32))
     first = int(ptu.active_channels[0]) if len(ptu.active_channels) else 0
-    said = added_up(histograms, range(first, first + len(histograms)), float(ptu.tcspc_resolution))
-    return [] if said is None else [said]
+    names = range(first, first + len(histograms))
+    if wanted is None:
+        said = added_up(histograms, names, float(ptu.tcspc_resolution))
+        return _Detectors(-1, int(ptu.number_photons), [] if said is None else [said])
+    photons = dict(zip(names, histograms.sum(axis=1, dtype=np.uint64).tolist(), strict=True))
+    note = one_alone(photons, wanted, str(path))
+    return _Detectors(wanted - first, photons[wanted], [note])
 
 
 def phu_curves(path: Path) -> list[Curve]:

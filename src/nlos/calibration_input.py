@@ -55,7 +55,7 @@ def load_run(run: Path, given: Given = NOTHING) -> RunInput:
     """
     wall_size_m = None if given.wall_m is None else given.wall_m[0]
     if not is_recording(run):
-        scan = read_isolated(run, Given(rectified=given.rectified))
+        scan = read_isolated(run, Given(rectified=given.rectified, detector=given.detector))
         _refuse_rectified(run, scan.rectified)
         free = scan.points
         if free is None:
@@ -66,6 +66,8 @@ def load_run(run: Path, given: Given = NOTHING) -> RunInput:
         if not scan.wall_known:
             raw = _on_wall(run, raw, scan.held.wall.width_m, wall_size_m)
         return RunInput(raw, {}, None, False)
+    if given.detector is not None:
+        raise InvalidData(f"{run}: is a recording: it knows its detector; leave --detector out")
     with open_checked(run) as recording:
         said = said_by_source(recording)
         _refuse_rectified(run, given.rectified is None and bool(said.get("rectified", False)))

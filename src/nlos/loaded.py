@@ -116,8 +116,8 @@ def _as_loaded(scan: ImportedScan) -> LoadedScan:
 
 def _as_given(path: Path, scan: LoadedScan, given: Given) -> LoadedScan:
     """A recording with what a user says about it. Raises `InvalidData` for what only the recording can say."""
-    if given.bin_width_s is not None or given.axes is not None:
-        raise InvalidData(f"{path}: is a recording: it knows its bin width and the order of its axes")
+    if given.bin_width_s is not None or given.axes is not None or given.detector is not None:
+        raise InvalidData(f"{path}: is a recording: it knows its bin width, the order of its axes and its detector")
     if given.wall_m is not None:
         if scan.points is not None:
             raise InvalidData(f"{path}: is a recording of free positions: it knows its wall")

@@ -19,6 +19,7 @@ from nlos.calibration_input import common_bench, common_devices, load_run, read_
 from nlos.cli.calibration_lines import result_lines, warnings_of
 from nlos.cli.contradictions import refuse_together
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
+from nlos.cli.file_words import Detector
 from nlos.cli.first_light import first_light as measured
 from nlos.cli.progress import Progress, Stages
 from nlos.cli.spots import place_scanner
@@ -61,6 +62,7 @@ def calibrate(
         bool,
         typer.Option("--raw", help="Time 0 is not the wall: of files that do not say so, and count as rectified."),
     ] = False,
+    detector: Detector = None,
     dark: Annotated[
         bool, typer.Option("--dark", help="These runs were meant to be dark, even if there is only one.")
     ] = False,
@@ -78,7 +80,7 @@ def calibrate(
     before there is a recording, written with `-o BENCH.yaml`."""
     of_runs = {
         "--dead-time-ns": dead_time_ns is not None, "--response": response is not None,
-        "--wall-size-m": wall_size_m is not None, "--raw": raw, "--dark": dark,
+        "--wall-size-m": wall_size_m is not None, "--raw": raw, "--detector": detector is not None, "--dark": dark,
     }  # fmt: skip
     if ruler_mm is not None and spots is None:
         raise UsageError("--ruler-mm goes with --spots FILE: how well its places were read")
@@ -112,7 +114,8 @@ def calibrate(
     )
     if known.spots is not None:
         check_sense(known.spots)
-    given = Given(None if wall_size_m is None else (wall_size_m, wall_size_m), rectified=False if raw else None)
+    wall_m = None if wall_size_m is None else (wall_size_m, wall_size_m)
+    given = Given(wall_m, rectified=False if raw else None, detector=detector)
     _from_runs(runs, known, output, given=given, dark=dark, overwrite=overwrite)
 
 

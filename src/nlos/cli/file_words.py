@@ -24,6 +24,10 @@ Rectified = Annotated[
         "--rectified/--raw", help="Whether time 0 is the wall and direct light has been removed.", show_default=False
     ),
 ]
+Detector = Annotated[
+    int | None,
+    typer.Option("--detector", metavar="N", min=0, help="Of a file with several detectors, photons of this one alone."),
+]
 Response = Annotated[
     str,
     typer.Option(
@@ -37,10 +41,12 @@ Depths = Annotated[
 ]
 
 
-def given(wall_size_m: str | None, bin_width_ps: float | None, axes: str | None, rectified: bool | None) -> Given:
+def given(
+    wall_size_m: str | None, bin_width_ps: float | None, axes: str | None, rectified: bool | None, detector: int | None
+) -> Given:
     """What the options say. Raises `UsageError`."""
     wall_m = None if wall_size_m is None else _sides(wall_size_m)
-    return Given(wall_m, None if bin_width_ps is None else bin_width_ps * 1e-12, axes, rectified)
+    return Given(wall_m, None if bin_width_ps is None else bin_width_ps * 1e-12, axes, rectified, detector)
 
 
 def depths(words: str | None) -> tuple[float, float] | None:

@@ -8,7 +8,7 @@ import typer
 from nlos.acquisition.importers.isolated import one_reader
 from nlos.acquisition.importers.to_recording import write_recording
 from nlos.acquisition.wall import ORIENTATION
-from nlos.cli.file_words import Axes, BinWidth, Rectified, WallSize, given
+from nlos.cli.file_words import Axes, BinWidth, Detector, Rectified, WallSize, given
 from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
 
@@ -28,10 +28,11 @@ def import_(
     bin_width_ps: BinWidth = None,
     axes: Axes = None,
     rectified: Rectified = None,
+    detector: Detector = None,
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """Reads other people's formats into a recording; says what a format could not hold."""
-    said = given(wall_size_m, bin_width_ps, axes, rectified)
+    said = given(wall_size_m, bin_width_ps, axes, rectified, detector)
     written = []
     with one_reader() as reader:
         for file in files:

@@ -13,7 +13,7 @@ from nlos.cli.archive_record import MADE
 from nlos.cli.archive_task import Task
 from nlos.cli.contradictions import refuse_together, refuse_without
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
-from nlos.cli.file_words import Axes, BinWidth, Depths, Rectified, Response, WallSize, depths, given
+from nlos.cli.file_words import Axes, BinWidth, Depths, Detector, Rectified, Response, WallSize, depths, given
 from nlos.cli.film import reconstruct_film
 from nlos.cli.method_settings import Weights, chosen_method, parse_settings
 from nlos.cli.progress import Progress
@@ -58,6 +58,7 @@ def reconstruct(
     bin_width_ps: BinWidth = None,
     axes: Axes = None,
     rectified: Rectified = None,
+    detector: Detector = None,
     response: Response = "auto",
     depth_m: Depths = None,
     frame: Annotated[
@@ -84,11 +85,11 @@ def reconstruct(
     """From a recording, or any file that an importer reads, to a picture."""
     asked = method is not None or weights is not None or bool(settings) or device != "cpu"
     method, chosen = chosen_method(weights, method, parse_settings(settings or []))
-    said, limits_m = given(wall_size_m, bin_width_ps, axes, rectified), depths(depth_m)
+    said, limits_m = given(wall_size_m, bin_width_ps, axes, rectified, detector), depths(depth_m)
     of_files = {
         "--wall-size-m": wall_size_m is not None, "--bin-width-ps": bin_width_ps is not None,
         "--axes": axes is not None, "--rectified/--raw": rectified is not None, "--depth-m": limits_m is not None,
-        "--frame": frame is not None, "--scheduler": scheduler is not None,
+        "--detector": detector is not None, "--frame": frame is not None, "--scheduler": scheduler is not None,
     }  # fmt: skip
     offsets = "offsets" in chosen
     refuse_together(

@@ -135,7 +135,8 @@ def test_the_exposure_is_what_the_measurement_took_not_what_was_asked_for(name: 
 def test_detectors_that_are_added_up_are_named_with_their_photons() -> None:
     scan = read_picoquant(TCSPC / "picoharp_topfluorPE.pt3")
     assert (
-        "photons of 2 detectors are added up (1: 482,775, 2: 490,562); their peaks lie up to 96 ps apart" in scan.notes
+        "photons of 2 detectors are added up (1: 482,775, 2: 490,562); their peaks lie up to 96 ps apart; "
+        "--detector N takes one alone" in scan.notes
     )
 
 
