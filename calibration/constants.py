@@ -125,7 +125,7 @@ _QUANTITIES = ("dark_hz", "ambient_hz", "dead_time_s", "afterpulse_probability")
 def save(constants: BenchConstants, path: Path, overwrite: bool = False) -> None:
     """Writes one file, whole or not at all. Raises `PoorCalibration`, and `FileExistsError` without `overwrite`."""
     constants.check()
-    if path.exists() and not overwrite:
+    if os.path.lexists(path) and not overwrite:  # a link to nothing, too
         raise FileExistsError(f"{path} exists; --overwrite replaces it")
     about = {"devices": dict(constants.devices), "measured_utc": constants.measured_utc, "sources": constants.sources}
     about |= {"bench": constants.bench, "bench_facts": dict(constants.bench_facts)}

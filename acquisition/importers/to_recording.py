@@ -1,6 +1,7 @@
 """An imported scan as a recording of our own: one sample per measured point, and what else its file said."""
 
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -44,7 +45,7 @@ def write_recording(
     plan = ScanPlan(held.wall, axis, positions, dwell_s, np.zeros(len(dwell_s), np.int32))
     header = Header(scan_json=json.dumps({_KEY: _said(scan, source)})).stamped()
     started_s = np.concatenate([[0.0], np.cumsum(dwell_s)])
-    if target.exists() and not overwrite:
+    if os.path.lexists(target) and not overwrite:  # a link to nothing, too
         raise StorageError(f"{target}: exists. Choose another name, or use --overwrite.")
     partial = target.with_name(f".{target.name}.part")
     try:

@@ -1,6 +1,7 @@
 """What a crash left: recovered into a new file, or resumed."""
 
 import math
+import os
 import time
 from collections.abc import Mapping
 from contextlib import suppress
@@ -35,7 +36,7 @@ UNCUT = (
 def recover(path: Path, target: Path, *, overwrite: bool = False) -> int:
     """Copies header, plan, events and every intact sample of `path` into a new scan file `target`; returns how many
     samples. Raises `InvalidData` where `path` has no complete header, `StorageError` where `target` exists."""
-    if target.exists() and not overwrite:
+    if os.path.lexists(target) and not overwrite:  # a link to nothing, too
         raise StorageError(f"{target}: exists. Choose another name, or use --overwrite.")
     lock = WriterLock(target)
     try:

@@ -73,7 +73,7 @@ class RecordingWriter:
         where `path` exists and `overwrite` is not given, another process writes it, or the disk has no room."""
         lock = lock or WriterLock(path)
         try:
-            if path.exists() and not overwrite:
+            if os.path.lexists(path) and not overwrite:  # a link to nothing, too
                 raise StorageError(f"{path}: exists. Choose another name, or use --overwrite or --resume.")
             put_in_place(lay_out(path, plan, header), path)
         except BaseException:  # an interrupt, too, leaves nothing half done

@@ -33,7 +33,7 @@ class WriterLock:
                 if tries_left:  # a reader that looks whether the file is locked holds it for a moment
                     time.sleep(TRY_AGAIN_S)
         except OSError as error:
-            raise StorageError(f"{path}: cannot be written there ({error})") from error
+            raise StorageError(f"{path}: cannot be written there ({error.strerror})") from error
         raise StorageError(f"{path}: another process is writing it. Wait for it, or choose another name.")
 
     def _attempt(self) -> bool:

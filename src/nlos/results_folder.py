@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nlos.recon.results import NAMES
+from nlos.writable import check_writable
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,8 @@ class ResultsFolder:
 
     def check(self, names: Sequence[str] | None = None) -> None:
         """Raises `FileExistsError` where one of `names`, by default those of a reconstruction, is there and may not be
-        replaced."""
+        replaced, and as `check_writable` does."""
+        check_writable(self.path)
         if self.overwrite:
             return
         for name in names or ((*NAMES, "view3d.html") if self.html else NAMES):

@@ -4,13 +4,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from nlos.writable import check_writable
+
 
 @contextmanager
 def whole_file(target: Path) -> Iterator[Path]:
     """A path beside `target` to write to: it becomes `target` when the block ends, and is removed where that fails.
-    Raises `FileNotFoundError` where there is no folder for it."""
+    Raises `FileNotFoundError` where there is no folder for it, and as `check_writable` does."""
     if not target.absolute().parent.is_dir():
         raise FileNotFoundError(f"{target.parent}: no such folder. Make it, or choose another place with -o.")
+    check_writable(target.parent)
     partial = target.with_name(f".{target.name}.part")
     try:
         yield partial

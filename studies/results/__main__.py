@@ -186,9 +186,9 @@ def page(data: Path, docs: Path) -> str:
                 [[peak, f"{a:.2f}", f"{b:.2f}"] for peak, (a, b) in levels.figures["beyond"].items()],
             ),
             "## One set of weights on every grid\n",
-            f"{studies.SCENES_A_GRID} scenes of held-out kinds, the same photons on the same wall, window and scene. "
-            "The operator itself sees 32 points along the wall whatever the scan's grid; the 2D network at the end "
-            "sees the scan's own.\n",
+            f"{studies.SCENES_A_GRID} scenes of held-out kinds, as many photons on the same wall, window and scene; on "
+            "the same points the same ones, drawn in the finest bins and added up. The operator itself sees 32 points "
+            "along the wall whatever the scan's grid; the 2D network at the end sees the scan's own.\n",
             studies.grid_table(grids),
             convergence_section(docs, say("convergence", "")),
             "\n## Speed and size\n",

@@ -1,5 +1,6 @@
 """`nlos export`: a recording or a reconstruction in other people's formats."""
 
+import os
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -66,7 +67,7 @@ def export(
     for target in targets.values():
         if target.resolve() == run.resolve():
             raise UsageError(f"{target}: is the file that is exported; choose another name with -o")
-        if target.exists() and not overwrite:
+        if os.path.lexists(target) and not overwrite:  # a link to nothing, too
             raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --overwrite.")
     left_behind = {}
     with ExitStack() as together:  # a format that cannot be written leaves none of the others either

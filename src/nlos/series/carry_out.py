@@ -96,8 +96,8 @@ def _is_over(series: Series, journal: Journal, run: Run) -> bool:
     last, path = journal.last(run.name), series.recording(run)
     if last is not None and last.digest != run.digest:
         raise UsageError(
-            f"{series.folder}: {run.name} was begun with other settings. Undo the change in {series.queue.path}, or "
-            "give this series a folder of its own."
+            f"{series.folder}: {run.name} was begun with other settings. Undo the change in {series.queue.path} or in "
+            "a file that it names, or give this series a folder of its own."
         )
     if path.exists() and last is None and not _holds(path, run):
         raise FileExistsError(f"{path}: exists and is none of this series'. Give the series a folder of its own.")

@@ -1,0 +1,65 @@
+"""Where results cannot be written is said before they are made, and a link to nothing is not replaced."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nlos.writable import check_writable
+from tests.command import nlos
+
+PROC = Path("/proc")
+needs_proc = pytest.mark.skipif(not PROC.is_dir(), reason="no folder here that takes files from nobody")
+
+
+@pytest.fixture
+def scan(tmp_path: Path) -> Path:
+    counts = np.random.default_rng(0).poisson(2.0, (8, 8, 64)).astype(np.uint16)
+    path = tmp_path / "scan.npz"
+    np.savez(path, histograms=counts, bin_width_s=64e-12, wall_size_m=1.0, rectified=True)
+    return path
+
+
+def never(*_: object) -> None:
+    raise AssertionError("read, though nothing can be written")
+
+
+@needs_proc
+def test_a_folder_that_takes_no_files_is_refused_before_anything_is_read(
+    scan: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("nlos.chain.load_scan", never)
+    done = nlos(scan.parent, "reconstruct", scan.name, "-o", "/proc/nlos/out")
+    assert done.returncode == 6, done.stderr
+    assert "/proc/nlos/out: nothing can be written to /proc (" in done.stderr
+    assert "Choose another place with -o" in done.stderr
+
+
+def test_a_file_where_a_folder_is_meant_is_refused_before_anything_is_read(
+    scan: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("nlos.chain.load_scan", never)
+    done = nlos(scan.parent, "reconstruct", scan.name, "-o", "scan.npz/out", "--overwrite")
+    assert (done.returncode, "scan.npz is a file, not a folder" in done.stderr) == (6, True)
+
+
+@needs_proc
+def test_an_export_says_where_nothing_can_be_written(scan: Path) -> None:
+    nlos(scan.parent, "import", scan.name, "-o", "scan.h5", check=True)
+    done = nlos(scan.parent, "export", "scan.h5", "--to", "mat", "-o", "/proc/scan.mat")
+    assert (done.returncode, "/proc: nothing can be written to /proc (" in done.stderr) == (6, True)
+
+
+def test_asking_leaves_nothing_behind(tmp_path: Path) -> None:
+    check_writable(tmp_path / "a" / "b")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("words", ["import scan.npz", "export scan.h5 --to npz", "recover scan.h5"])
+def test_a_link_to_nothing_is_not_replaced(scan: Path, words: str) -> None:
+    nlos(scan.parent, "import", scan.name, "-o", "scan.h5", check=True)
+    link = scan.parent / "link.h5"
+    link.symlink_to("gone.h5")
+    done = nlos(scan.parent, *words.split(), "-o", "link.h5")
+    assert (done.returncode, "link.h5: exists" in done.stderr) == (6, True)
+    assert link.is_symlink()
