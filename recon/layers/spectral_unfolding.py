@@ -59,7 +59,7 @@ class LiteralIteration(nn.Module):
 
 class EncodedIteration(nn.Module):
     """The same with S u^ from stochastic frequency encoding and its complex MLP (eq. 13): the last at the coarsest.
-    `beside` the operator of the others, S u^ is the sum of both."""
+    With `sfe_place` at `beside`, S u^ is the sum of that and of an operator like the others'."""
 
     def __init__(self, channels: int, readings: Readings):
         super().__init__()
