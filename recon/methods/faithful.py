@@ -41,7 +41,7 @@ class Settings(AnySettings):
     projection: bool = True
     """Residual convolutions on the maximum projection; False: the bare maximum."""
     nle: bool = True
-    """The operator is told the noise level; False: a middling one. Falloff and snr still follow the estimate, as long as `transport` does."""
+    """The operator is told the noise level; False: a middling one. `transport` says what falloff and snr follow."""
     noise_estimate: Literal["photons", "any_kind"] = "photons"
     """What tells the level: photon statistics alone, or where it contradicts them what lies below the light cone."""
     transport: Literal["adapted", "fixed"] = "adapted"
