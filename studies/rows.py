@@ -173,6 +173,7 @@ TABLES: dict[str, tuple[Row, ...]] = {
         Row("told by the estimate of any noise", switches={"noise_estimate": "any_kind"}),
         Row("H fixed", switches={"transport": "fixed"}),
         Row("H fixed, no NLE", switches={"transport": "fixed"} | NO_NLE),
+        Row("H fixed at a lower noise, no NLE", switches={"transport": "fixed", "middling": -1.4} | NO_NLE),
         Row("a = 10 always", noise_least=10.0),
         Row("no total variation", loss=printed_loss(0.0)),
         Row("ten times the total variation", loss=printed_loss(3.0)),

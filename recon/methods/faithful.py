@@ -46,6 +46,8 @@ class Settings(AnySettings):
     """What tells the level: photon statistics alone, or where it contradicts them what lies below the light cone."""
     transport: Literal["adapted", "fixed"] = "adapted"
     """H_eta: falloff and snr of the inverse follow the noise level, or are those of a middling one."""
+    middling: Annotated[float, Field(ge=-3, le=1)] = MIDDLE_NOISE
+    """log10 of that middling noise level."""
     embedding: Literal["each_scale", "shared"] = "each_scale"
     """eta^ from an MLP of each scale, or from one for all."""
     meeting: Meeting = "added"
@@ -155,7 +157,7 @@ class Faithful(nn.Module):
         rates = rates_of(self.physics.rebin(counts), exposure)
         log_noise = self.noise(rates)
         adapted = self.settings.transport == "adapted"
-        undoing = log_noise if adapted else torch.full_like(log_noise, MIDDLE_NOISE)
+        undoing = log_noise if adapted else torch.full_like(log_noise, self.settings.middling)
         tau = self.physics.slices(rates.net)
         light = self.physics.squared(tau, undoing)
         inverse = self.physics.inverse(light, undoing)
@@ -185,7 +187,7 @@ class Faithful(nn.Module):
 
     def one_pass(self, u: Tensor, lifted: Tensor | None, guide: Tensor, log_noise: Tensor) -> Tensor:
         """u^s = G_eta(u^{s-1}, tau, eta), all (B, ., cells, h, w) (algorithm 1)."""
-        told = log_noise.clamp(-2.5, 0.5) if self.settings.nle else torch.full_like(log_noise, MIDDLE_NOISE)
+        told = log_noise.clamp(-2.5, 0.5) if self.settings.nle else torch.full_like(log_noise, self.settings.middling)
         eta = (told - MIDDLE_NOISE)[:, None]
         out: Tensor = self.unfolding(u, lifted, guide, eta)
         return out
