@@ -71,7 +71,7 @@ NOTES = (
     "out: all seeds learn from the same scenes with the same noise, by one frozen noise estimation and one draw of "
     "SFE's M.",
     "Machines and times: trainings ran on one core of an AMD EPYC (two virtual cores), 4 to 10 minutes each and up "
-    "to 30 with six passes; but the third seeds of the readings (not of the last row), of NANO without a part (but "
+    "to 30 with six passes; but the third seeds of the first eight readings, of NANO without a part (but "
     "for the last row of what ships) and of LFE and the U-Net at equal seconds, at equal parameters and on cycles, "
     "and all rows of four times the samples, ran on an NVIDIA H100, sixteen at a time: 33 to 131 s each, and 120 to "
     "271 s with four times the samples. So some third seeds are compared across machines, which differ as seeds do: "
