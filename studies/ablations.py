@@ -51,7 +51,7 @@ NOTES = (
     "at equal samples fewer parameters but for NLOST (LFE 0.24 million, the U-Net 0.91, NLOST 1.21, NANO 1.12). "
     "Without the noise estimation (no NLE) the operator alone is told a middling noise level; falloff and snr of the "
     "inverse that it starts from still follow the estimate. Such rows say less than what the estimate is worth, and "
-    "are not the paper's; `H fixed, no NLE`, among the readings, knows no noise level at all.",
+    "are not the paper's; the rows `H fixed, no NLE` among the readings are told no noise level at all.",
     "As it ships is NANO's parts, its scan seen once and its picture unrefined, in all rows; what mirror images are "
     "worth is in [the paper, claim by claim](paper.md), by the same weights. Equal seconds are those of one CPU core: "
     "LFE learns from 2,630 scenes, NLOST from 1,460 and the U-Net from 1,900. The light-cone transform runs at the "
@@ -159,8 +159,8 @@ def written(found: Known, samples: int, seeds: Sequence[int]) -> str:
         "# What each part is worth",
         "",
         f"Every row is trained on the same {samples:,} scenes, one a step, where its table does not say otherwise "
-        f"({SMALL['rows']} x {SMALL['cols']} points, {SMALL['bins']} bins of {SMALL['bin_width_ps']:g} ps), with each "
-        f"of {len(seeds)} seeds, and judged on "
+        f"({SMALL['rows']} x {SMALL['cols']} points, {SMALL['bins']} bins of {SMALL['bin_width_ps']:g} ps), with up to "
+        f"{len(seeds)} seeds (each table says how many), and judged on "
         f"{len(next(iter(JUDGED.values())))} scenes of kinds that none was trained on (the last two tables on other "
         "scenes of its kind), for each range of noise. Differences are to the last row of the table, paired over "
         "scenes and seeds, ± one standard error of both; a "

@@ -45,7 +45,8 @@ def noiseless(data: Path, quality: Quality) -> str:
     text = table(["PSNR, dB", *CONDITIONS, "lost to p20", "lost to p1"], body)
     if absent:
         configurations = ", ".join(f"configs/train/{method}_noiseless.yaml" for method in absent)
-        text += f"\nNot trained without noise yet: {', '.join(absent)} (`nlos train` with {configurations}).\n"
+        text += f"\nNot trained without noise on 4,000 samples yet: {', '.join(absent)} "
+        text += f"(`nlos train` with {configurations}).\n"
         text += "Networks of 1,000 samples were: [the paper, claim by claim](paper.md).\n"
     return text
 
