@@ -3,18 +3,16 @@
 import os
 from pathlib import Path
 
-from nlos.configs.load import ConfigError
-
 STATE = "NLOS_STATE"
 """Environment variable: that folder; `~/.local/state/nlos` where it is not set."""
 
 
 def state_folder() -> Path:
-    """Where what outlasts a program is kept. Raises `ConfigError` for a folder that is another one from elsewhere: a
+    """Where what outlasts a program is kept. Raises `FileNotFoundError` for a folder that is another one from elsewhere: a
     trip would be forgotten by whoever scans from there."""
     named = os.environ.get(STATE)
     if named and not Path(named).is_absolute():
-        raise ConfigError(
+        raise FileNotFoundError(
             f"{STATE}={named}: is no whole path, so it would be another folder wherever a command is run, and trips "
             f"that are latched here would not be there. Name all of it: {STATE}={Path(named).expanduser().absolute()}"
         )

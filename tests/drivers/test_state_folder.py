@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from nlos.configs.load import ConfigError
 from nlos.drivers.state_folder import STATE, state_folder
 from tests.command import nlos
 
@@ -12,7 +11,7 @@ from tests.command import nlos
 @pytest.mark.parametrize("named", ["state", "./state", "~/state"])
 def test_a_folder_that_depends_on_where_one_is_is_refused(named: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(STATE, named)
-    with pytest.raises(ConfigError, match=f"{STATE}={named}: is no whole path.*{STATE}=/"):
+    with pytest.raises(FileNotFoundError, match=f"{STATE}={named}: is no whole path.*{STATE}=/"):
         state_folder()
 
 
