@@ -8,8 +8,8 @@ STATE = "NLOS_STATE"
 
 
 def state_folder() -> Path:
-    """Where what outlasts a program is kept. Raises `FileNotFoundError` for a folder that is another one from elsewhere: a
-    trip would be forgotten by whoever scans from there."""
+    """Where what outlasts a program is kept. Raises `FileNotFoundError` for a relative path, which is another folder
+    elsewhere: whoever scans from there would not know of a trip."""
     named = os.environ.get(STATE)
     if named and not Path(named).is_absolute():
         raise FileNotFoundError(
