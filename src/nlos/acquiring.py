@@ -1,5 +1,6 @@
 """`nlos.open_bench` and `nlos.scan`: the command line's benches and scans, from Python."""
 
+import os
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
@@ -90,7 +91,7 @@ def _checked_target(path: Path, resume: bool) -> Path:
         recording_target(path)
     except UsageError as error:
         raise StorageError(str(error)) from None
-    if path.exists() and not resume:
+    if os.path.lexists(path) and not resume:  # a link to nothing, too
         raise StorageError(f"{path}: exists. Choose another name, or pass resume=True.")
     path.absolute().parent.mkdir(exist_ok=True)
     return path

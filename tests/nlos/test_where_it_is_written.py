@@ -63,3 +63,14 @@ def test_a_link_to_nothing_is_not_replaced(scan: Path, words: str) -> None:
     done = nlos(scan.parent, *words.split(), "-o", "link.h5")
     assert (done.returncode, "link.h5: exists" in done.stderr) == (6, True)
     assert link.is_symlink()
+
+
+def test_a_scan_refuses_a_link_to_nothing_before_any_device_is_opened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("nlos.cli.benches.open_bench", never)
+    (tmp_path / "link.h5").symlink_to("gone.h5")
+    demo = Path(__file__).parents[2] / "configs" / "scan" / "demo.yaml"
+    done = nlos(tmp_path, "scan", str(demo), "-o", "link.h5")
+    assert (done.returncode, "link.h5: exists" in done.stderr) == (6, True)
+    assert [path.name for path in tmp_path.iterdir()] == ["link.h5"]

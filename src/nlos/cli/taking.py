@@ -1,5 +1,6 @@
 """One scan of the command line, from its settings to its recording and picture, whoever asks for it."""
 
+import os
 from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
@@ -80,7 +81,7 @@ def take(wanted: Loaded[ScanSettings], table: Loaded[BenchSettings], target: Pat
         if options.method is not None and not target.with_suffix("").exists():
             _reconstruct(target, _recipe(options.method, options), overwrite)
         return
-    if target.exists() and not (overwrite or resume):
+    if os.path.lexists(target) and not (overwrite or resume):  # a link to nothing, too
         raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --resume or --overwrite.")
     header = Header(
         scan_text=wanted.text,
