@@ -28,6 +28,8 @@ class RenderedMethod(nn.Module):
     """In wall widths: nearness 1 and 0, the first and last plane in training."""
     paper_scale: ClassVar[tuple[float, float]] = (1.0, 0.0)
     """Factor and offset of the published network's input, which is from 0 to 1."""
+    inputs: ClassVar[int] = 1
+    """Fields of rates that `shown` makes."""
 
     snr_factors: Tensor
     intensity: Renderer
@@ -37,10 +39,10 @@ class RenderedMethod(nn.Module):
         self, wall: WallGrid, time: TimeAxis, features: int, lateral_stride: int, farthest: float, paper: bool
     ) -> None:
         super().__init__()
-        self.paper, self.width_m, self.channels = paper, wall.width_m, features + 1
+        self.paper, self.width_m, self.channels = paper, wall.width_m, features + self.inputs
         self.together = bins_together(wall, time)
         coarse, self.stride = coarser(wall, rebinned(time, self.together), lateral_stride)
-        self.encoder = TransientEncoder(features, self.stride)
+        self.encoder = TransientEncoder(features, self.stride, inputs=self.inputs)
         self.light_cone = LightConeLayer(*coarse, farthest=farthest)
         if not paper:
             factors = torch.tensor([SNR_FACTORS[k % 2] for k in range(self.channels)])
@@ -60,17 +62,22 @@ class RenderedMethod(nn.Module):
     def encoded(self, counts: Tensor, exposure: Tensor | None) -> tuple[Counted, Tensor]:
         """What was counted, and the volumes that the light cone makes of the encoded channels, (B, C, D, H, W)."""
         seen = counted(counts, exposure, self.together)
+        rates = self.shown(seen, counts, exposure)
         if self.paper:
             factor, offset = self.paper_scale
-            x = min_max(seen.rate) * factor + offset
+            x = min_max(rates) * factor + offset
         else:
-            x = seen.rate * (TYPICAL_PULSE_BINS / seen.net)[:, None, None, None, None]
+            x = rates * (TYPICAL_PULSE_BINS / seen.net)[:, None, None, None, None]
         channels = self.encoder(padded_to(x, self.stride))
         ones = torch.ones_like(channels[:, :, 0, 0, 0], dtype=torch.float32)
         if self.paper:
             return seen, min_max(F.relu(self.light_cone(channels, 4 * ones[:, 0], PAPER_SNR * ones)))
         snr = seen.snr[:, None] * self.snr_factors * ones
         return seen, normalised(F.relu(self.light_cone(channels, seen.exponent, snr))).clamp(max=4)
+
+    def shown(self, seen: Counted, counts: Tensor, exposure: Tensor | None) -> Tensor:
+        """What is encoded, (B, inputs, T, H, W): the rates, gaps between the points left empty."""
+        return seen.rate
 
     def rendered(self, seen: Counted, volume: Tensor) -> tuple[Tensor, Tensor, tuple[int, int]]:
         """Albedo and depth (B, H, W) of volumes (B, C, D, h, w), and the size before the cut to the wall's points."""

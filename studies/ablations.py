@@ -45,10 +45,11 @@ NOTES = (
     "x 32 points and other scenes, have 15.8 to 30.4 and 13.9 to 22.6 dB; of the second 14 of 48 lie outside the "
     "range.",
     f"Rivals are trained at a rate of {RIVALS_RATE:g}, NANO and the printed network at {RATE:g}, all with one sample "
-    f"a step; NANO of four times the samples at {RIVALS_RATE:g} with two a step. LFE's rate was not searched. The "
+    f"a step; NANO of four times the samples at {RIVALS_RATE:g} with two a step. LFE's rate has a table below. The "
     "noise estimation of NANO and of the printed network is what ships: it was trained before (1,900 steps) and is "
-    "frozen; rivals have none, and its steps are not among the samples. Rivals have no volume with empty gaps, and "
-    "at equal samples fewer parameters but for NLOST (LFE 0.24 million, the U-Net 0.91, NLOST 1.21, NANO 1.12). "
+    "frozen; rivals have none, and its steps are not among the samples. Rivals see the gaps of a sparse scan empty, "
+    "NANO filled and empty, and the printed network filled, unless a table says otherwise; at equal samples rivals have "
+    "fewer parameters but for NLOST (LFE 0.24 million, the U-Net 0.91, NLOST 1.21, NANO 1.12). "
     "Without the noise estimation (no NLE) the operator alone is told a middling noise level; falloff and snr of the "
     "inverse that it starts from still follow the estimate. Such rows say less than what the estimate is worth, and "
     "are not the paper's; the rows `H fixed, no NLE` among the readings are told no noise level at all.",
@@ -91,7 +92,8 @@ def run(samples: int = SAMPLES, seeds: Sequence[int] = SEEDS, page: Path = PAGE)
         if judged(kept) is not None:
             continue
         settings = settings_of(row, samples, seed)
-        judging = partial(judge, settings, folder if row.trained else None, kept, judged_on(row, JUDGED))
+        sets = judged_on(row, JUDGED)
+        judging = partial(judge, settings, folder if row.trained else None, kept, sets, row.mirrored)
         name = f"{row.method}: {row.name}, seed {seed}"
         if not train_and_judge(name, settings if row.trained else None, folder, judging):
             return
@@ -152,8 +154,9 @@ def figures_of(found: Known, samples: int, seeds: Sequence[int], where: str, row
 
 def written(found: Known, samples: int, seeds: Sequence[int]) -> str:
     """docs/ablations.md: every row's figures and its difference to the last row of its table, with errors."""
-    trainings = [(row, seed) for row, seed in in_order(samples, tuple(seeds)) if row.trained]
-    done = sum(kept_of(row, samples, seed) in found for row, seed in trainings)
+    judgements = [(row, seed) for row, seed in in_order(samples, tuple(seeds)) if row.trained]
+    trainings = {folder_of(row, samples, seed) for row, seed in judgements}
+    done = len({folder_of(*one) for row, seed in judgements if kept_of(*(one := (row, samples, seed))) in found})
     different = len(trainings) // len(seeds)
     lines = [
         "# What each part is worth",

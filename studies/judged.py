@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import torch
 
+from nlos.recon.layers.symmetries import Fields, mean_over_symmetries
+from nlos.recon.method import MethodResult
 from nlos.recon.methods import find
 from nlos.recon.metrics import depth_scores, image_scores
 from nlos.recon.training.dataset import sample
@@ -24,13 +26,42 @@ Judged = Mapping[str, Mapping[str, list[float]]]
 """Set of scenes -> figure -> one value a scene."""
 
 
-def judge(settings: TrainSettings, folder: Path | None, to: Path, sets: Mapping[str, DatasetSettings]) -> Judged:
-    """Measure the weights in `folder`, None for a method without any, on every set, and write the figures `to` a
-    file."""
+class OverMirrors(torch.nn.Module):
+    """The mean of what a network makes of the eight mirror images of a square wall's scan, mirrored back: counts (B, 1,
+    T, H, W), exposure (B, H, W) -> albedo and depth (B, H, W), the mean of the images that say one, NaN where fewer
+    than half do."""
+
+    def __init__(self, network: torch.nn.Module) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, counts: torch.Tensor, exposure: torch.Tensor) -> MethodResult[torch.Tensor]:
+        def see(images: Fields) -> tuple[torch.Tensor, ...]:
+            made = self.network(*images)
+            said = made.depth_m.isfinite()
+            return made.albedo, torch.where(said, made.depth_m, 0.0), said.to(made.albedo)
+
+        albedo, depth_m, said = mean_over_symmetries(see, (counts, exposure), square=True)
+        return MethodResult(albedo, torch.where(said < 0.5, torch.nan, depth_m / said))
+
+
+def judge(
+    settings: TrainSettings,
+    folder: Path | None,
+    to: Path,
+    sets: Mapping[str, DatasetSettings],
+    mirrored: bool = False,
+) -> Judged:
+    """Measure the weights in `folder`, None for a method without any, on every set, and write the figures `to` a file;
+    `mirrored`: as the mean over mirror images, NANO by its own setting, others around what they make."""
+    own = mirrored and "symmetries" in settings.method_settings
+    if own:
+        settings = settings.model_copy(update={"method_settings": settings.method_settings | {"symmetries": True}})
     found: dict[str, dict[str, list[float]]] = {}
     for name, data in sets.items():
         network = network_of(settings, data, folder)
         network.eval()
+        network = OverMirrors(network) if mirrored and not own else network
         scenes = [scores(network, collate([sample(data, k, settings.cache_path)])) for k in range(len(data))]
         found[name] = {figure: [round(scene[figure], 5) for scene in scenes] for figure in FIGURES}
     to.parent.mkdir(parents=True, exist_ok=True)

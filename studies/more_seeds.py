@@ -53,8 +53,7 @@ def run(samples: int = SAMPLES, seeds: Sequence[int] = MORE) -> None:
 def _judge(settings: TrainSettings, folder: Path, to: Sequence[Path]) -> None:
     """Seen once into the first file; into the second, where there is one, averaged over mirror images."""
     for path, mirrored in zip(to, (False, True), strict=False):
-        seen = settings.method_settings | {"symmetries": mirrored}
-        judge(settings.model_copy(update={"method_settings": seen}), folder, path, JUDGED)
+        judge(settings, folder, path, JUDGED, mirrored)
 
 
 def figures_of(kept: Kept, seeds: Sequence[int], where: str, figure: str) -> Figures | None:

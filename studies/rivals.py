@@ -34,7 +34,7 @@ DATA = (
     "bins (how many is not kept), and an eighth of their scenes is far away; the rival's have 0.4 to 200 counts, 3 in "
     "10 are sparse, and 20 % of the steps are on half the grid"
 )
-GAPS = "NANO has a volume with empty gaps"
+GAPS = "NANO sees gaps filled as well as empty, the rival empty alone"
 NLE = "NANO's noise estimation, frozen, had learned from 1,900 steps before, which are not among its samples"
 PAIRS = (
     Pair("nano_4000", "lfe_4000", f"NANO is averaged over eight mirror images; {DATA}; {GAPS}; {NLE}"),
@@ -49,8 +49,8 @@ PAIRS = (
     Pair(
         "nano_4000_once", "faithful",
         "faithful: the paper's loss (MSE and total variation) and its added noise, a rate of 0.001 for NANO's 0.0015, "
-        "an exponential schedule for a cosine, two thirds of its steps at half the grid, no far scenes, no volume with "
-        "empty gaps; both have the noise estimation",
+        "an exponential schedule for a cosine, two thirds of its steps at half the grid, no far scenes, gaps filled "
+        "alone; both have the noise estimation",
     ),
     Pair(
         "nano_6500", "unet", f"U-Net: two samples a step, 2,000 scenes, square error; {GAPS}; {NLE}"

@@ -75,6 +75,8 @@ class Row:
     kinds: tuple[str, ...] = ()
     """Trained and judged on scenes of these kinds alone, judged on other ones of them; all, judged on kinds that none
     was trained on, unless given."""
+    mirrored: bool = False
+    """Judged as the mean over the eight mirror images of the wall, by the weights of the same row seen once."""
 
     @property
     def trained(self) -> bool:
@@ -101,6 +103,7 @@ nlost_4000.yaml`, `unet_4000.yaml`). NANO's and the printed network's rows run a
 STEP_MS = {"nano": 268, "lfe": 102, "nlost": 184, "unet": 141}
 """Of one core's time a step, data aside, as it ships; the four by turns in one process (bfloat16)."""
 WITHOUT = "studies/nano_without.py"
+GIVEN = "studies/rivals_given.py"
 OURS = ("nano", "faithful", WITHOUT)
 """They are told the noise level, by an estimation that was trained before (1,900 steps) and is frozen."""
 
@@ -122,6 +125,17 @@ def rivals(how: str, kinds: tuple[str, ...] = ()) -> tuple[Row, ...]:
     )
 
 
+def given(rival: str, mirrored: bool) -> Row:
+    """A rival shown gaps filled as well as empty."""
+    name = {"lfe": "LFE", "nlost": "NLOST", "unet": "U-Net"}[rival] + (", mirrored" if mirrored else "")
+    return Row(name, GIVEN, NEAR | {"rival": rival}, OWN_LOSS, rate=RIVALS_RATE, mirrored=mirrored)
+
+
+def fixed(level: float) -> dict[str, Any]:
+    """Told nothing of the noise: H at that level (log10), whatever the scan's, and no NLE."""
+    return {"transport": "fixed", "middling": level} | NO_NLE
+
+
 def longer(name: str, switches: dict[str, Any], method: str = "nano") -> Row:
     """NANO on four times the samples, two a step."""
     return Row(name, method, SHIPS | switches, OWN_LOSS, times=4, batch=2, rate=RIVALS_RATE)
@@ -138,6 +152,15 @@ TABLES: dict[str, tuple[Row, ...]] = {
             paper_dim=printed(25.71, 0.82, 0.085, 0.031)),
         Row("IV: no SFE", switches={"sfe": False}, paper=printed(26.48, 0.87, 0.070, 0.025),
             paper_dim=printed(26.54, 0.84, 0.073, 0.030)),
+        Row("V: whole", paper=printed(28.09, 0.90, 0.065, 0.021), paper_dim=printed(28.06, 0.88, 0.065, 0.023)),
+    ),
+    "Parts of the printed network, H fixed at -1.4 where the noise is not told (paper: table III)": (
+        Row("I: no lifting, no projection, no NLE", switches=fixed(-1.4) | {"lifting": "none", "projection": False},
+            paper=printed(25.34, 0.87, 0.126, 0.031), paper_dim=printed(23.49, 0.84, 0.176, 0.053)),
+        Row("II: MLP lifting, no NLE", switches=fixed(-1.4) | {"lifting": "mlp"},
+            paper=printed(24.68, 0.85, 0.103, 0.053), paper_dim=printed(24.33, 0.81, 0.125, 0.050)),
+        Row("III: both liftings, no NLE", switches=fixed(-1.4), paper=printed(26.21, 0.87, 0.082, 0.030),
+            paper_dim=printed(25.71, 0.82, 0.085, 0.031)),
         Row("V: whole", paper=printed(28.09, 0.90, 0.065, 0.021), paper_dim=printed(28.06, 0.88, 0.065, 0.023)),
     ),
     "Lifting of the printed network (paper: table IV)": (
@@ -173,8 +196,8 @@ TABLES: dict[str, tuple[Row, ...]] = {
         Row("told by the estimate of any noise", switches={"noise_estimate": "any_kind"}),
         Row("H fixed at -1.0", switches={"transport": "fixed"}),
         Row("H fixed at -1.0, no NLE", switches={"transport": "fixed"} | NO_NLE),
-        Row("H fixed at -1.4, no NLE", switches={"transport": "fixed", "middling": -1.4} | NO_NLE),
-        Row("H fixed at -1.8, no NLE", switches={"transport": "fixed", "middling": -1.8} | NO_NLE),
+        Row("H fixed at -1.4, no NLE", switches=fixed(-1.4)),
+        Row("H fixed at -1.8, no NLE", switches=fixed(-1.8)),
         Row("a = 10 always", noise_least=10.0),
         Row("no total variation", loss=printed_loss(0.0)),
         Row("ten times the total variation", loss=printed_loss(3.0)),
@@ -218,6 +241,15 @@ TABLES: dict[str, tuple[Row, ...]] = {
     ),
     "Rivals at equal seconds of training (this project)": rivals("seconds"),
     "Rivals at equal parameters, 1.1 to 1.2 million (this project)": rivals("parameters"),
+    "Rivals given what NANO has: gaps filled as well as empty, the mean over mirror images (this project)": (
+        given("lfe", False), given("lfe", True), given("nlost", False), given("nlost", True), given("unet", False),
+        given("unet", True), Row("the printed network, mirrored", mirrored=True),
+        Row("NANO", "nano", SHIPS, OWN_LOSS), Row("NANO, mirrored", "nano", SHIPS, OWN_LOSS, mirrored=True),
+    ),
+    "LFE's rate (this project)": (
+        Row("0.0005", "lfe", NEAR, OWN_LOSS, rate=0.0005), Row("0.0045", "lfe", NEAR, OWN_LOSS, rate=0.0045),
+        Row("0.0015, as in other tables", "lfe", NEAR, OWN_LOSS, rate=RIVALS_RATE),
+    ),
     "Cycles alone, a surrogate of the paper's data: margins only (this project)": (
         Row("light-cone transform", "lct", kinds=SURROGATE), Row("the printed network", kinds=SURROGATE),
         *rivals("samples", SURROGATE),
@@ -264,7 +296,8 @@ def folder_of(row: Row, samples: int, seed: int) -> Path:
 
 def kept_of(row: Row, samples: int, seed: int) -> Path:
     """The file with its figures."""
-    return KEPT / _name(row, samples, seed).with_suffix(".json")
+    folder = KEPT / "mirrored" if row.mirrored else KEPT
+    return folder / _name(row, samples, seed).with_suffix(".json")
 
 
 def _name(row: Row, samples: int, seed: int) -> Path:
@@ -279,11 +312,11 @@ def _name(row: Row, samples: int, seed: int) -> Path:
 
 
 def in_order(samples: int, seeds: tuple[int, ...] = SEEDS) -> list[tuple[Row, int]]:
-    """Every training once: all rows of the first seed before any of the second, the dearest last."""
+    """What is judged, each once: all rows of the first seed before any of the second, the dearest last."""
 
     def cost(row: Row) -> int:
         return int(row.switches.get("outer_iterations", 1))
 
     rows = sorted((row for rows in TABLES.values() for row in rows), key=cost)
-    unique = {folder_of(row, samples, seed): (row, seed) for seed in seeds for row in rows}
+    unique = {kept_of(row, samples, seed): (row, seed) for seed in seeds for row in rows}
     return list(unique.values())

@@ -42,16 +42,17 @@ class LearnedAverage(nn.Module):
 
 
 class TransientEncoder(nn.Module):
-    """(B, 1, T, H, W) -> (B, C + 1, T / st, H / sh, W / sw): the average first, then C features.
+    """(B, N, T, H, W) -> (B, N + C, T / st, H / sh, W / sw): the average of each input first, then C features of all.
 
-    Strides are 1 or 2. Chen et al. 2020, section 4.1; NLOST's stem is the same with C = 3.
+    Strides are 1 or 2. Chen et al. 2020, section 4.1, of one input; NLOST's stem is the same with C = 3.
     """
 
-    def __init__(self, features: int, stride: Stride, blocks: int = 2) -> None:
+    def __init__(self, features: int, stride: Stride, blocks: int = 2, inputs: int = 1) -> None:
         super().__init__()
         self.average = LearnedAverage(1, 1, stride)
-        self.stem = SmallConv3d(1, features, 3, stride=stride, padding=1)
+        self.stem = SmallConv3d(inputs, features, 3, stride=stride, padding=1)
         self.blocks = nn.Sequential(*[LeakyBlock(3, features) for _ in range(blocks)])
 
     def forward(self, x: Tensor) -> Tensor:
-        return torch.cat((self.average(x), self.blocks(self.stem(x))), dim=1)
+        averages = [self.average(one) for one in x.split(1, dim=1)]
+        return torch.cat((*averages, self.blocks(self.stem(x))), dim=1)

@@ -96,7 +96,7 @@ class Nlost(RenderedMethod):
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
         super().__init__(wall, time, STEM_FEATURES, settings.lateral_stride, settings.farthest, settings.paper)
         self.checkpointing = settings.checkpointing
-        stem, channels = STEM_FEATURES + 1, settings.channels
+        stem, channels = self.channels, settings.channels
         self.multi_scale = MultiScale(stem, channels)
         self.depth_average = LearnedAverage(channels, channels, (2, 1, 1))
         self.depth_down = nn.Sequential(

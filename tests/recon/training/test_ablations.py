@@ -2,12 +2,15 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import scipy
 import torch
 
+from nlos.recon.layers.wiener_features import WienerFeatures, counted
+from nlos.recon.method import MethodResult
 from nlos.recon.methods import find
 from nlos.recon.methods.nano import Nano
 from nlos.recon.training.dataset import sample
@@ -16,9 +19,10 @@ from nlos.recon.training.train import build
 from nlos.recon.training.training_sample import collate
 from studies import ablations, rows
 from studies.ablations import Claim, run, written
-from studies.judged import FIGURES
+from studies.judged import FIGURES, OverMirrors
 from studies.paired import difference
-from studies.rows import JUDGED, SEEDS, TABLES, Row, folder_of, in_order, kept_of, settings_of
+from studies.rivals_given import filled_rates
+from studies.rows import JUDGED, SEEDS, TABLES, Row, folder_of, given, in_order, kept_of, settings_of
 
 ROWS = [(title, row) for title, table in TABLES.items() for row in table]
 
@@ -65,7 +69,73 @@ def test_rows_that_differ_have_folders_of_their_own_and_equal_ones_share() -> No
     folders = {folder_of(row, 100, 1): settings_of(row, 100, 1) for _, row in ROWS}
     for _, row in ROWS:
         assert folders[folder_of(row, 100, 1)] == settings_of(row, 100, 1)
-    assert len(in_order(100)) == len(folders) * len(SEEDS)
+    judged = {(folder_of(row, 100, 1), row.mirrored) for _, row in ROWS}
+    assert len(in_order(100)) == len(judged) * len(SEEDS)
+    assert len({kept_of(row, 100, 1) for _, row in ROWS}) == len(judged)
+
+
+SPARSE = DetectorSettings(sparse=1.0, uneven_dwell=1.0)
+
+
+def test_rivals_are_shown_gaps_filled_and_empty() -> None:
+    data = settings_of(ROWS[0][1], 1, 1).data.model_copy(update={"detector": SPARSE})
+    batch = collate([sample(data, 0)])
+    exposure = batch["exposure"]
+    gaps = exposure == 0
+    assert gaps.any()
+    seen = counted(batch["counts"], exposure)
+    filled = filled_rates(seen, batch["counts"], exposure)
+    assert (seen.rate.sum(dim=(1, 2))[gaps] == 0).all()
+    assert (filled.sum(dim=(1, 2))[gaps] > 0).float().mean() > 0.9
+    for kind in ("lfe", "nlost"):
+        network = given_network(kind)
+        shown = network.shown(seen, batch["counts"], exposure)
+        assert torch.equal(shown, torch.cat((filled, seen.rate), dim=1))
+        channels = network.encoder(shown)
+        assert torch.equal(channels[:, :1], network.encoder.average(filled))
+        assert torch.equal(channels[:, 1:2], network.encoder.average(seen.rate))
+    with torch.inference_mode():
+        volumes = given_network("unet").physics(batch["counts"], exposure).volumes
+        once = WienerFeatures(data.wall, data.time, farthest=0.9)(batch["counts"], exposure).volumes
+    assert volumes.shape[1] == once.shape[1] + 1
+    assert not torch.allclose(volumes[:, 0], once[:, 0])  # of filled rates
+
+
+def test_of_a_whole_scan_filled_and_empty_are_the_same() -> None:
+    data = settings_of(ROWS[0][1], 1, 1).data
+    batch = collate([sample(data.model_copy(update={"detector": DetectorSettings(sparse=0.0)}), 0)])
+    with torch.inference_mode():
+        seen = counted(batch["counts"], batch["exposure"])
+        assert torch.allclose(filled_rates(seen, batch["counts"], batch["exposure"]), seen.rate, atol=1e-6)
+        volumes = given_network("unet").physics(batch["counts"], batch["exposure"]).volumes
+        once = WienerFeatures(data.wall, data.time, farthest=0.9)(batch["counts"], batch["exposure"]).volumes
+    assert torch.allclose(volumes[:, :2], once, atol=1e-4)
+    assert torch.allclose(volumes[:, 2], once[:, 1], atol=1e-4)
+
+
+def given_network(rival: str) -> Any:
+    settings = settings_of(given(rival, False), 1, 1)
+    return build(settings, settings.data.wall, settings.data.time)
+
+
+class Corner(torch.nn.Module):
+    """Brightness is that of the photons, depth is said in one corner alone."""
+
+    def forward(self, counts: torch.Tensor, exposure: torch.Tensor) -> MethodResult[torch.Tensor]:
+        depth_m = torch.full_like(exposure, torch.nan)
+        depth_m[:, 0, 0] = 0.5
+        depth_m[:, :, 1] = 2.0
+        depth_m[:, 1, :] = 1.0
+        return MethodResult(counts.sum(dim=(1, 2)) + torch.arange(exposure.shape[-1]), depth_m)
+
+
+def test_the_mean_over_mirrors_turns_with_the_wall_and_says_depths_that_half_say() -> None:
+    counts, exposure = torch.rand(1, 1, 4, 3, 3), torch.ones(1, 3, 3)
+    made = OverMirrors(Corner())(counts, exposure)
+    assert torch.allclose(made.albedo, counts.sum(dim=(1, 2)) + 1)  # the ramp of 0, 1, 2 is even over all mirrors
+    assert made.depth_m[0, 1, 1] == 1.0
+    assert made.depth_m[0, 0, 0].isnan()  # two of eight say one
+    assert made.depth_m[0, 0, 1] == pytest.approx(1.5)  # four say 2 m and four say 1
 
 
 def test_all_rows_of_a_seed_come_before_the_next_seed_and_the_dearest_last() -> None:
@@ -149,6 +219,7 @@ def test_the_queue_trains_judges_and_resumes(tmp_path: Path, monkeypatch: pytest
         "t": (
             Row("none", switches={"lifting": "none", "channels": [4, 4]}),
             Row("light-cone transform", "lct"),
+            Row("whole, mirrored", switches={"channels": [4, 4]}, mirrored=True),
             Row("whole", switches={"channels": [4, 4]}),
         )
     }
@@ -158,7 +229,8 @@ def test_the_queue_trains_judges_and_resumes(tmp_path: Path, monkeypatch: pytest
     page = (tmp_path / "page.md").read_text()
     assert "2 of 2 trainings are done: 2 rows with 1 seeds" in page  # the light-cone transform is judged, not trained
     times = [path.stat().st_mtime_ns for path in (tmp_path / "kept").rglob("*.json")]
-    assert len(times) == 3
+    assert len(times) == 4
+    assert len(list((tmp_path / "kept" / "mirrored").rglob("*.json"))) == 1
     run(2, (1,), tmp_path / "page.md")
     assert [path.stat().st_mtime_ns for path in (tmp_path / "kept").rglob("*.json")] == times
 
