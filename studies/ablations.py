@@ -48,8 +48,8 @@ NOTES = (
     f"a step; NANO of four times the samples at {RIVALS_RATE:g} with two a step. LFE's rate has a table below. The "
     "noise estimation of NANO and of the printed network is what ships: it was trained before (1,900 steps) and is "
     "frozen; rivals have none, and its steps are not among the samples. Rivals see the gaps of a sparse scan empty, "
-    "NANO filled and empty, and the printed network filled, unless a table says otherwise; at equal samples rivals have "
-    "fewer parameters but for NLOST (LFE 0.24 million, the U-Net 0.91, NLOST 1.21, NANO 1.12). "
+    "NANO filled and empty, and the printed network filled, unless a table says otherwise; at equal samples rivals "
+    "have fewer parameters but for NLOST (LFE 0.24 million, the U-Net 0.91, NLOST 1.21, NANO 1.12). "
     "Without the noise estimation (no NLE) the operator alone is told a middling noise level; falloff and snr of the "
     "inverse that it starts from still follow the estimate. Such rows say less than what the estimate is worth, and "
     "are not the paper's; the rows `H fixed, no NLE` among the readings are told no noise level at all.",
