@@ -3,6 +3,8 @@
 from abc import abstractmethod
 from collections.abc import Callable
 
+import numpy as np
+import numpy.typing as npt
 import torch
 
 from nlos.acquisition.transient import TimeAxis
@@ -13,9 +15,10 @@ from nlos.recon.transport.conventions import depths_m
 from nlos.recon.transport.falloff import Falloff
 from nlos.recon.transport.light_cone import LightConeConvolution, Snr
 from nlos.recon.transport.resampling import LightConeResampling
-from nlos.recon.transport.response_bands import BANDS, bands_of
+from nlos.recon.transport.response_bands import BANDS, bands_of, plane_brightness
 from nlos.recon.volume_method import VolumeMethod
 
+Prior = float | npt.NDArray[np.float64]
 Invert = Callable[[torch.Tensor, Snr, torch.Tensor | None], torch.Tensor]
 """(light (B, 1, V, H, W), snr one or (B,), spectrum (1, 1, F) of a response or None) -> albedo, all on the cone."""
 
@@ -42,8 +45,11 @@ class LightConeMethod(VolumeMethod):
     def solved(self, signal: torch.Tensor, snr: Snr, response: torch.Tensor | None) -> torch.Tensor:
         """The albedo on the light cone, (B, C, V, H, W), from the signal over time, (B, C, T, H, W)."""
 
-    def inverted(self, signal: torch.Tensor, snr: Snr, response: torch.Tensor | None, invert: Invert) -> torch.Tensor:
-        """`invert` of the light on the cone; with a response the sum of it over bands of time."""
+    def inverted(
+        self, signal: torch.Tensor, snr: Snr, response: torch.Tensor | None, invert: Invert, prior: Prior = 1.0
+    ) -> torch.Tensor:
+        """`invert` of the light on the cone; with a response the sum of it over bands of time, each as bright as a
+        plane would be without one. `prior` is what 1 / snr is multiplied by at lateral frequency 0."""
         if response is None:
             return invert(self.resample(signal), snr, None)
         done = []
@@ -53,8 +59,9 @@ class LightConeMethod(VolumeMethod):
             profile = sample.mean(dim=(0, 2, 3)).cpu().numpy()
             numbers = taps.cpu().double().numpy()
             bands = bands_of(profile, BANDS, numbers, self.time, self.resample.cells, self.cone.padded[0])
+            bright = plane_brightness(self.cone.filter.plane_power(), bands.spectra, prior / float(level))
             total: torch.Tensor | None = None
-            for window, spectrum in zip(bands.windows, bands.spectra, strict=True):
+            for window, spectrum in zip(bands.windows / bright[:, None], bands.spectra, strict=True):
                 weight = torch.from_numpy(window).to(sample)[:, None, None]
                 spread = torch.from_numpy(spectrum).to(sample.device)[None, None]
                 part = invert(self.resample((sample * weight)[None]), level[None], spread)

@@ -2,6 +2,7 @@
 
 from typing import Annotated, ClassVar
 
+import numpy as np
 import torch
 from pydantic import Field
 
@@ -34,7 +35,8 @@ class Gram(LightConeMethod):
 
     def solved(self, signal: torch.Tensor, snr: Snr, response: torch.Tensor | None) -> torch.Tensor:
         """The smooth least-squares albedo; a response is part of the operator."""
-        return self.inverted(signal, snr, response, self.inverse)
+        along = np.sin(np.pi * np.arange(self.cone.padded[0] // 2 + 1) / self.cone.padded[0]) ** 2
+        return self.inverted(signal, snr, response, self.inverse, self.flatness + along)
 
     def inverse(self, light: torch.Tensor, snr: Snr, spectrum: torch.Tensor | None = None) -> torch.Tensor:
         """The least-squares albedo of light on the cone."""

@@ -56,6 +56,12 @@ class LightConeFilter:
             return published_transfer(self.wall, self.time)[planes]
         return self._rows[planes, :, None] * self._cols[planes, None, :]
 
+    def plane_power(self) -> npt.NDArray[np.float64]:
+        """|H|^2 at lateral frequency 0, (F,): of a plane parallel to the wall."""
+        if self.conventions == "authors":
+            return np.abs(published_transfer(self.wall, self.time)[:, 0, 0]).astype(np.float64) ** 2
+        return np.asarray(np.abs(self._rows[:, 0] * self._cols[:, 0]) ** 2, dtype=np.float64)
+
     def __call__(self, x: Array, conjugate: bool, gain: Gain | None = None) -> Array:
         """x (N, V, H, W) * H, or x * conj(H), times a gain that may depend on |H|^2."""
         return self.by_each(x, conjugate, [gain])[0]

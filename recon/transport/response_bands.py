@@ -67,6 +67,22 @@ def spectra(
     return np.asarray(turned @ taps, dtype=np.complex64)
 
 
+def plane_brightness(
+    power: npt.NDArray[np.floating], spectra: npt.NDArray[np.complexfloating[Any, Any]], noise: Floats | float
+) -> Floats:
+    """(N,): how bright a plane parallel to the wall comes out of the inverse in each band, over what it would be at an
+    instant's response.
+
+    `power` (F,) is |H|^2 at lateral frequency 0. Over t^2 a response is wider the later, and what of its width is not
+    inverted spreads a surface over depth, which a picture, the brightest along depth, shows as darker.
+    """
+
+    def peak(of: Any) -> Any:
+        return (of / (of + noise)).mean(axis=-1)
+
+    return np.asarray(peak(power * np.abs(spectra) ** 2) / peak(power), dtype=np.float64)
+
+
 def gain_of_both(noise: Any, response: Any, adjoint: bool = False) -> Any:
     """The gain conj(K) / (|H K|^2 + noise) beside conj(H), or its conjugate: for `LightConeFilter`.
 

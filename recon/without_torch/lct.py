@@ -11,7 +11,7 @@ from nlos.acquisition.wall import WallGrid
 from nlos.recon.physics_settings import LightConeSettings
 from nlos.recon.transport.light_cone_filter import LightConeFilter
 from nlos.recon.transport.resampling_matrix import resampling_matrix
-from nlos.recon.transport.response_bands import BANDS, bands_of, gain_of_both
+from nlos.recon.transport.response_bands import BANDS, bands_of, gain_of_both, plane_brightness
 from nlos.recon.without_torch.prepared import Cube, prepare
 from nlos.recon.without_torch.volume_method import PlainVolumeMethod
 
@@ -44,8 +44,10 @@ class PlainLightConeTransform(PlainVolumeMethod):
         else:
             profile, cells = signal.mean(axis=(1, 2)), self.matrix.shape[0]
             bands = bands_of(profile, BANDS, response, self.time, cells, self.filter.padded[0])
+            bright = plane_brightness(self.filter.plane_power(), bands.spectra, float(noise))
             image = np.zeros((cells, *signal.shape[1:]), np.float32)
-            for window, spectrum in zip(bands.windows, bands.spectra, strict=True):
+            even = (bands.windows / bright[:, None]).astype(np.float32)
+            for window, spectrum in zip(even, bands.spectra, strict=True):
                 part = along_time(self.matrix, signal * window[:, None, None])[None]
                 image += self.filter(part, True, gain_of_both(noise, spectrum[None]))[0]
         return np.maximum(along_time(scipy.sparse.csr_array(self.matrix.T), image), 0)

@@ -9,6 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+import torch
 
 import nlos as library
 from nlos.acquisition.errors import InvalidData
@@ -23,12 +24,14 @@ from nlos.loaded import load_scan
 from nlos.recipe import Recipe
 from nlos.recon.errors import InvalidSettings
 from nlos.recon.evaluate import read_scene, transient_of
+from nlos.recon.light_cone_method import LightConeMethod
+from nlos.recon.methods import find
 from nlos.recon.metrics import image_scores
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.training.dataset import DatasetSettings
 from nlos.recon.training.detector import respond
 from nlos.recon.training.rendering import render
-from nlos.recon.training.scenes import front_view, make_scene, surfels
+from nlos.recon.training.scenes import Surfels, front_view, make_scene, surfels
 from nlos.recon.volume import Reconstruction
 from nlos.report import page
 from nlos.response import known_response, lateral_m, response_wanted, say_response
@@ -279,6 +282,41 @@ def test_told_beats_untold_where_the_detector_is_slow(
     for by in (0.8, 1.2):
         wrong = replace(slow, response=gaussian(300e-12 * by, "wrong"))
         assert at_best(wrong, method, truth) > told_db - 0.5
+
+
+@pytest.mark.parametrize("method", ["lct", "gram"])
+def test_a_slow_response_does_not_darken_what_lies_deeper(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Over t^2 a response is wider the later: two equal boards at 0.5 and 1.1 m are as bright as without it."""
+    wall, time = WallGrid(1.5, 1.5, 32, 32), TimeAxis(192, BIN_S)
+    fine = WallGrid(1.5, 1.5, 128, 128)
+
+    def boards(grid: WallGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        x, y = (each.ravel() for each in np.meshgrid(grid.x_m(), grid.y_m()))
+        return x, y, (np.abs(x + 0.4) < 0.2) & (np.abs(y) < 0.25), (np.abs(x - 0.4) < 0.2) & (np.abs(y) < 0.25)
+
+    x, y, near, far = boards(fine)
+    place = np.stack([x, y, np.where(near, 0.5, 1.1)], axis=1)[near | far].astype(np.float32)
+    normal = np.tile(np.array([0, 0, -1], np.float32), (len(place), 1))
+    clean = render(Surfels(place, normal, np.ones(len(place), np.float32)), wall, time).numpy()
+    response = gaussian(600e-12, "known")
+    spread = respond(clean, response.taps(time.bin_width_s))
+    *_, near, far = boards(wall)
+
+    inverse = find(method).build(find(method).Settings.model_validate({"snr": 1.0}), wall, time)
+    assert isinstance(inverse, LightConeMethod)
+
+    def deeper_over_nearer(light: np.ndarray, taps: torch.Tensor | None) -> float:
+        signal = inverse.falloff(torch.from_numpy(light).float()[None, None])
+        volume = inverse.resample.adjoint(inverse.solved(signal, 1.0, taps))
+        picture = volume.amax(dim=(0, 1, 2)).ravel().numpy()
+        return float(picture[far].mean() / picture[near].mean())
+
+    quick = deeper_over_nearer(clean, None)
+    told = deeper_over_nearer(spread, torch.from_numpy(response.taps(time.bin_width_s))[None])
+    assert told == pytest.approx(quick, rel=0.25)
+    monkeypatch.setattr("nlos.recon.light_cone_method.plane_brightness", lambda *_: np.ones(4))
+    uneven = deeper_over_nearer(spread, torch.from_numpy(response.taps(time.bin_width_s))[None])
+    assert uneven < 0.7 * told
 
 
 @pytest.mark.parametrize("method", ["fk", "phasor"])
