@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import ptufile
 
 from nlos.acquisition.errors import InvalidData
@@ -17,6 +18,7 @@ from nlos.acquisition.importers.picoquant_headers import Curve
 from nlos.acquisition.importers.raw_histograms import raw_scan
 from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES
 
+Histograms = npt.NDArray[np.uint32]
 MOST_CURVES = 1 << 20
 MOST_MARKER = 15
 """A T3 record has four bits for markers, each an input of its own or, of some instruments, a number."""
@@ -82,7 +84,7 @@ def _image(path: Path, ptu: ptufile.PtuFile, wanted: int | None, notes: list[str
     frames, rows, cols, _, bins = shape
     if min(shape) < 1 or rows * cols * bins * 4 > MAX_BYTES:
         raise InvalidData(f"{path}: states an image of {shape}, beyond {MAX_BYTES >> 30} GiB")
-    detectors = _detectors(path, ptu, wanted)
+    detectors = _detectors(path, ptu, wanted, _histograms(ptu))
     photons = detectors.photons
     image = ptu.decode_image(frame=-1, channel=detectors.channel, dtype=np.uint32)
     counts = np.asarray(image).reshape(rows, cols, bins)
@@ -109,10 +111,10 @@ def _image(path: Path, ptu: ptufile.PtuFile, wanted: int | None, notes: list[str
 
 def _point(path: Path, ptu: ptufile.PtuFile, wanted: int | None, notes: list[str]) -> ImportedScan:
     """All photons of a measurement of one point, whatever marks are among them. Raises `InvalidData` for none."""
-    histograms = np.asarray(ptu.decode_histogram(dtype=np.uint32))
+    histograms = _histograms(ptu)
     if not histograms.any():
         raise InvalidData(f"{path}: holds no photons")
-    detectors = _detectors(path, ptu, wanted)
+    detectors = _detectors(path, ptu, wanted, histograms)
     if wanted is not None:
         histograms = histograms[detectors.channel : detectors.channel + 1]
     counts = histograms.sum(axis=0, dtype=np.uint32)
@@ -133,9 +135,13 @@ class _Detectors(NamedTuple):
     notes: list[str]
 
 
-def _detectors(path: Path, ptu: ptufile.PtuFile, wanted: int | None) -> _Detectors:
+def _histograms(ptu: ptufile.PtuFile) -> Histograms:
+    """Of all of the file's photons, (channels, bins)."""
+    return np.asarray(ptu.decode_histogram(dtype=np.uint32))
+
+
+def _detectors(path: Path, ptu: ptufile.PtuFile, wanted: int | None, histograms: Histograms) -> _Detectors:
     """All, or the one that is `wanted`. Raises `InvalidData` where that has no photons."""
-    histograms = np.asarray(ptu.decode_histogram(dtype=np.uint32))
     first = int(ptu.active_channels[0]) if len(ptu.active_channels) else 0
     names = range(first, first + len(histograms))
     if wanted is None:
