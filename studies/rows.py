@@ -213,7 +213,7 @@ TABLES: dict[str, tuple[Row, ...]] = {
         Row("no lifting", "nano", {"lifting": "none"}, OWN_LOSS),
         Row("no noise estimation", "nano", {"nle": False}, OWN_LOSS),
         Row("no spectral updates", "nano", {"spectral_scales": 0}, OWN_LOSS),
-        Row("no 2D network", "nano", {"projection": False}, OWN_LOSS),
+        Row("no projection, the bare maximum", "nano", {"projection": False}, OWN_LOSS),
         Row("whole", "nano", {}, OWN_LOSS),
     ),
     "NANO as it ships, without one part (this project)": (
@@ -229,6 +229,7 @@ TABLES: dict[str, tuple[Row, ...]] = {
         longer("with both liftings", {"lifting": "both"}),
         longer("no volume with empty gaps", {"without": "empty gaps"}, WITHOUT),
         longer("no 2D network, attention alone", {"without": "2D network"}, WITHOUT),
+        longer("no projection, the bare maximum", {"projection": False}),
         longer("no noise estimation", {"nle": False}),
         longer("no spectral updates", {"spectral_scales": 0}),
         longer("as it ships", {}),
