@@ -1,13 +1,12 @@
 """Fits the estimate of noise of any kind that comes with NANO's weights, on simulated scans of known noise.
 
-`python -m studies.any_noise gather FOLDER` draws the scans (half an hour of a core),
-`python -m studies.any_noise fit FOLDER recon/weights/nano.noise [KEPT.noise]` fits the networks to them. Those
-that ship keep what was fitted for many points before there were networks for few: another fit of these was a little
-worse on measured scans. Scenes are of the kinds that NANO is trained on; those that are held out, and everything
-measured, are never seen.
+`python -m studies.any_noise gather FOLDER` draws the scans (an hour of a core),
+`python -m studies.any_noise fit FOLDER recon/weights/nano.noise [KEPT.noise [SET,...]]` fits the networks to them, all
+or those sets of KEPT.noise that are named. What ships was fitted a set at a time: many points first, for another fit of
+these was a little worse on measured scans. Scenes are of the kinds that NANO is trained on; those that are held out,
+and everything measured, are never seen.
 """
 
-import math
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ import torch.nn.functional as F
 from safetensors.torch import load_file
 from torch import Tensor, nn
 
-from nlos.recon.layers.any_noise import MANY, OWN, PEAK, POINTS, AnyNoise, noise_traits
+from nlos.recon.layers.any_noise import FEW, MIDDLE, OWN, PEAK, POINTS, AnyNoise, noise_traits
 from nlos.recon.layers.counts import added
 from nlos.recon.layers.rates import rates_of
 from nlos.recon.layers.wiener_volumes import rebinned_axis
@@ -41,7 +40,7 @@ AROUND = 0.02  # noise of the inputs, in their standard deviations
 @dataclass(frozen=True)
 class Part:
     """Scans of scenes of one seed: (rows, columns, bins, bin in ps, wall in m, weight) of the grids, kinds of noise,
-    share of sparse scans and of slow detectors, and whether it is for the networks for few points alone."""
+    share of sparse scans and of slow detectors, and the set of networks that it is for alone, if any."""
 
     seed: int
     scenes: int
@@ -49,7 +48,7 @@ class Part:
     kinds: tuple[str, ...]
     sparse: float
     slow: float
-    few: bool = False
+    alone: str = ""
 
 
 ALIKE = ("photons", "uniform", "grain", "grain", "uniform")
@@ -67,7 +66,17 @@ PARTS = (
     Part(
         8, 2000,
         ((32, 32, 256, 64.0, 2.0, 0.25), (16, 16, 256, 64.0, 2.0, 0.4), (8, 8, 256, 64.0, 2.0, 0.35)),
-        ("photons", "uniform", "grain", "photons", "uniform", "grain"), 0.25, 0.0, True,
+        ("photons", "uniform", "grain", "photons", "uniform", "grain"), 0.25, 0.0, "few",
+    ),
+    Part(
+        9, 2400,
+        (
+            (32, 32, 256, 64.0, 2.0, 0.40), (32, 32, 256, 32.0, 1.0, 0.10), (24, 40, 128, 100.0, 2.0, 0.08),
+            (40, 25, 256, 64.0, 2.0, 0.05), (20, 20, 256, 64.0, 2.0, 0.07), (16, 16, 256, 64.0, 2.0, 0.20),
+            (8, 8, 256, 64.0, 2.0, 0.10),
+        ),
+        ("photons", "uniform", "grain", "photons", "uniform", "grain", "photons and uniform", "photons and grain"),
+        0.0, 0.0, "middle",
     ),
 )  # fmt: skip
 Counts = npt.NDArray[np.float32]
@@ -149,33 +158,37 @@ def gather(folder: Path) -> None:
         np.savez(path, traits=np.array(traits), levels=np.array(levels), scenes=np.array(scenes))
 
 
-def fit(folder: Path, weights: Path, kept: Path | None = None) -> None:
-    """Fits, prints the error in decades on held-out scenes, and stores. `kept`: weights of before, whose networks for
-    many points stay as they are."""
-    parts = [np.load(folder / f"{part.seed}.npz") for part in PARTS]
+def fit(folder: Path, weights: Path, kept: Path | None = None, anew: str = "corrections,middle,few") -> None:
+    """Fits, prints the error in decades on held-out scenes, and stores. `kept`: weights of before, of which all sets of
+    networks stay as they are but those that are named in `anew`."""
+    sets = anew.split(",")
+    chosen = [part for part in PARTS if {"corrections", "few"} & set(sets) or part.alone in sets]
+    parts = [np.load(folder / f"{part.seed}.npz") for part in chosen]
     traits, levels = (
         torch.from_numpy(np.concatenate([p[name] for p in parts])).float() for name in ("traits", "levels")
     )
     left_out = torch.from_numpy(np.concatenate([p["scenes"] for p in parts]) % EVERY == 0)
-    few = torch.cat([torch.full((len(p["levels"]),), part.few) for part, p in zip(PARTS, parts, strict=True)])
-    usable = torch.isfinite(traits).all(dim=1) & torch.isfinite(levels)
-    traits, levels, left_out, few = traits[usable], levels[usable], left_out[usable], few[usable]
+    alone = np.concatenate([np.full(len(p["levels"]), part.alone) for part, p in zip(chosen, parts, strict=True)])
     network = AnyNoise()
-    wanted = levels - (traits[:, 0] - traits[:, OWN + PEAK])
     if kept is not None:
         network.load_state_dict(load_file(kept), strict=False)
-    for members, seen in (
-        (network.corrections if kept is None else (), ~left_out & ~few),
-        (network.few, ~left_out & (traits[:, POINTS] < math.log10(MANY))),
-    ):
-        for seed, member in enumerate(members):
+    points = 10 ** traits[:, POINTS]
+    seen_by = {
+        "corrections": torch.from_numpy(alone == ""),
+        "middle": torch.from_numpy(alone == "middle") & (points >= MIDDLE[0]),
+        "few": torch.from_numpy(alone != "middle") & (points < FEW[1]),
+    }
+    usable = torch.isfinite(traits).all(dim=1) & torch.isfinite(levels)
+    wanted = levels - (traits[:, 0] - traits[:, OWN + PEAK])
+    for name in sets:
+        here = usable & seen_by[name]
+        for seed, member in enumerate(getattr(network, name)):
             torch.manual_seed(seed)
-            fit_one(cast(nn.Sequential, member), traits[seen], wanted[seen])
-    with torch.no_grad():
-        error = network(traits[left_out]) - levels[left_out]
-    rms, scans_seen = float(error.square().mean().sqrt()), int((~left_out).sum())
-    print(f"{scans_seen} scans; {len(error)} held out: bias {float(error.mean()):+.3f}, rms {rms:.3f} decades")
-    about = {"of": sha256_of("nano"), "scans": scans_seen, "steps": STEPS, "validation_rms_decades": round(rms, 4)}
+            fit_one(cast(nn.Sequential, member), traits[here & ~left_out], wanted[here & ~left_out])
+        with torch.no_grad():
+            error = (network(traits[here & left_out]) - levels[here & left_out]).numpy()
+        print(f"{name}: {len(error)} scans left out, bias {error.mean():+.3f}, scatter {error.std():.3f} decades")
+    about = {"of": sha256_of("nano"), "anew": anew, "scans": int((usable & ~left_out).sum()), "steps": STEPS}
     save(weights, dict(network.named_parameters()), about)
 
 
@@ -204,4 +217,5 @@ if __name__ == "__main__":
     if sys.argv[1] == "gather":
         gather(Path(sys.argv[2]))
     else:
-        fit(*map(Path, sys.argv[2:]))
+        folder, to, *before = sys.argv[2:]
+        fit(Path(folder), Path(to), Path(before[0]) if before else None, *before[1:])

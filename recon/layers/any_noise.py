@@ -16,7 +16,9 @@ POWER = 1 + 2 * len(DIM)  # among the statistics of photons: the signal's mean o
 PEAK = POWER + len(LAGS) + 2  # and its mean peak, of averages over 3 x 3 points
 OWN = INPUTS - KNOWN  # where these statistics begin among the traits
 POINTS = BELOW + 1  # where log10 of the points measured is
-FEW, MANY = 300, 700  # points up to which, and from which on, networks of their own correct the ratio
+FEW = 300, 700  # points up to which networks of their own correct the ratio, and from which on they do no more
+MIDDLE = 800, 960, 1700, 2200  # the same from the second to the third, and not before the first nor after the last
+LEARNED = 960, 1024  # points of what `MIDDLE`'s networks have learned from
 ENOUGH = 4.0  # frequencies
 AGREE = 0.07  # decades: photon statistics that lie no farther from the estimate of any kind are left as they are
 
@@ -33,20 +35,34 @@ class AnyNoise(nn.Module):
     def __init__(self, width: int = 64, members: int = 3):
         super().__init__()
         self.corrections = nn.ModuleList(correction(width) for _ in range(members))
+        self.middle = nn.ModuleList(correction(width) for _ in range(members))
+        """For scans of whole grids of `MIDDLE` points."""
         self.few = nn.ModuleList(correction(width) for _ in range(members))
         """For scans of whole grids of `FEW` points and fewer."""
 
     def forward(self, traits: Tensor, kept: Tensor | None = None) -> Tensor:
         """traits (B, INPUTS), as `noise_traits` makes them -> (B,). `kept` (B,): of the grid's points so many were
         measured, all unless given; scans with gaps are no coarse ones."""
-        many, few = (
-            torch.stack([network(traits)[:, 0] for network in members]).mean(dim=0)
-            for members in (self.corrections, self.few)
+        points = traits[:, POINTS]
+        near = traits.clone()  # of other numbers of points than it has learned from it knows nothing
+        near[:, POINTS] = points.clamp(*(math.log10(number) for number in LEARNED))
+        many, middle, few = (
+            torch.stack([network(given)[:, 0] for network in members]).mean(dim=0)
+            for members, given in ((self.corrections, traits), (self.middle, near), (self.few, traits))
         )
-        share = ((math.log10(MANY) - traits[:, POINTS]) / math.log10(MANY / FEW)).clamp(0, 1)
-        if kept is not None:
-            share = share * (kept.reshape(-1) >= 1).to(share)
-        return traits[:, 0] - traits[:, OWN + PEAK] + torch.lerp(many, few, share)
+        whole = torch.ones_like(points) if kept is None else (kept.reshape(-1) >= 1).to(points)
+        added = torch.lerp(many, few, whole * (1 - risen(points, *FEW)))
+        return (
+            traits[:, 0]
+            - traits[:, OWN + PEAK]
+            + torch.lerp(added, middle, whole * risen(points, *MIDDLE[:2]) * (1 - risen(points, *MIDDLE[2:])))
+        )
+
+
+def risen(points: Tensor, first: float, last: float) -> Tensor:
+    """How far log10 of the points (B,) lies on the way from one number to another, 0 to 1."""
+    start = math.log10(first)
+    return ((points - start) / (math.log10(last) - start)).clamp(0, 1)
 
 
 def correction(width: int) -> nn.Sequential:
