@@ -14,6 +14,10 @@ from nlos.recon.methods.faithful import Faithful, Settings, brightness, build, h
 from nlos.recon.methods.nano import Nano
 from nlos.recon.methods.nano import Settings as NanoSettings
 from nlos.recon.methods.nano import build as build_nano
+from nlos.recon.training.dataset import sample
+from nlos.recon.training.dataset_settings import DatasetSettings
+from nlos.recon.training.detector import DetectorSettings
+from nlos.recon.training.training_sample import collate
 from nlos.recon.weights.files import WeightsError, save
 from tests.recon.methods.one_point import shell
 
@@ -171,16 +175,18 @@ def test_with_h_fixed_and_no_estimation_nothing_knows_the_noise(monkeypatch: pyt
 
 @torch.inference_mode()
 def test_told_of_any_noise_it_is_told_what_nano_is(tmp_path: Path) -> None:
-    wall, time = WallGrid(2.0, 2.0, 32, 32), TimeAxis(128, 128e-12)
-    counts = 50 * shell(wall, time)
-    generator = torch.Generator().manual_seed(4)
-    counts = torch.poisson(counts, generator) + 5 * torch.rand(counts.shape, generator=generator)
+    grain = DetectorSettings(noiseless=1.0, uniform=0.0, sparse=0.0)
+    data = DatasetSettings(seed=1, scenes=4, rows=32, cols=32, bins=128, bin_width_ps=128.0, detector=grain)
+    wall, time = data.wall, data.time
+    batch = collate([sample(data, 3)])
+    counts = batch["counts"]
     asked = SMALL | {"noise_weights": "nano", "noise_estimate": "any_kind"}
     method = build(Settings.model_validate(asked), wall, time).eval()
     rates = rates_of(method.physics.rebin(counts), None)
     ships = build_nano(NanoSettings(), wall, time)
     expected = ships.noise(rates)[0]
     torch.testing.assert_close(method.noise(rates), expected)
+    assert float(expected) == pytest.approx(float(batch["noise_level"].log10()), abs=0.1)
     photons = build(Settings.model_validate(asked | {"noise_estimate": "photons"}), wall, time)
     assert (photons.noise(rates) - expected).abs() > 0.1
     save(tmp_path / "kept.safetensors", method.state_dict(), {"method": "faithful"})
