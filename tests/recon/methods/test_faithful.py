@@ -176,7 +176,9 @@ def test_with_h_fixed_and_no_estimation_nothing_knows_the_noise(monkeypatch: pyt
 @torch.inference_mode()
 def test_told_of_any_noise_it_is_told_what_nano_is(tmp_path: Path) -> None:
     grain = DetectorSettings(noiseless=1.0, uniform=0.0, sparse=0.0)
-    data = DatasetSettings(seed=1, scenes=4, rows=32, cols=32, bins=128, bin_width_ps=128.0, detector=grain)
+    data = DatasetSettings(
+        seed=1, scenes=4, degradations=1, rows=32, cols=32, bins=128, bin_width_ps=128.0, detector=grain
+    )
     wall, time = data.wall, data.time
     batch = collate([sample(data, 3)])
     counts = batch["counts"]
