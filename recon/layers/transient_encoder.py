@@ -54,5 +54,5 @@ class TransientEncoder(nn.Module):
         self.blocks = nn.Sequential(*[LeakyBlock(3, features) for _ in range(blocks)])
 
     def forward(self, x: Tensor) -> Tensor:
-        averages = [self.average(one) for one in x.split(1, dim=1)]
+        averages = [self.average(one[:, None]) for one in x.unbind(dim=1)]
         return torch.cat((*averages, self.blocks(self.stem(x))), dim=1)
