@@ -52,7 +52,9 @@ NOTES = (
     "have fewer parameters but for NLOST (LFE 0.24 million, the U-Net 0.91, NLOST 1.21, NANO 1.12). "
     "Without the noise estimation (no NLE) the operator alone is told a middling noise level; falloff and snr of the "
     "inverse that it starts from still follow the estimate. Such rows say less than what the estimate is worth, and "
-    "are not the paper's; the rows `H fixed, no NLE` among the readings are told no noise level at all.",
+    "are not the paper's; the rows `H fixed ..., no NLE` among the readings, and all of the table with H fixed at -1.4 "
+    "but its last, are told no noise level at all. Rows that are mirrored are judged by a training of the same "
+    "settings, of the printed network and NANO another one than that which was judged seen once.",
     "As it ships is NANO's parts, its scan seen once and its picture unrefined, in all rows; what mirror images are "
     "worth is in [the paper, claim by claim](paper.md), by the same weights. Equal seconds are those of one CPU core: "
     "LFE learns from 2,630 scenes, NLOST from 1,460 and the U-Net from 1,900. The light-cone transform runs at the "

@@ -76,7 +76,7 @@ class Row:
     """Trained and judged on scenes of these kinds alone, judged on other ones of them; all, judged on kinds that none
     was trained on, unless given."""
     mirrored: bool = False
-    """Judged as the mean over the eight mirror images of the wall, by the weights of the same row seen once."""
+    """Judged as the mean over the eight mirror images of the wall, by a training with the settings of the same row."""
 
     @property
     def trained(self) -> bool:
@@ -245,7 +245,7 @@ TABLES: dict[str, tuple[Row, ...]] = {
     "Rivals given what NANO has: gaps filled as well as empty, the mean over mirror images (this project)": (
         given("lfe", False), given("lfe", True), given("nlost", False), given("nlost", True), given("unet", False),
         given("unet", True), Row("the printed network, mirrored", mirrored=True),
-        Row("NANO", "nano", SHIPS, OWN_LOSS), Row("NANO, mirrored", "nano", SHIPS, OWN_LOSS, mirrored=True),
+        Row("NANO, mirrored", "nano", SHIPS, OWN_LOSS, mirrored=True),
     ),
     "LFE's rate (this project)": (
         Row("0.0005", "lfe", NEAR, OWN_LOSS, rate=0.0005), Row("0.0045", "lfe", NEAR, OWN_LOSS, rate=0.0045),

@@ -77,8 +77,11 @@ def plane_brightness(
     inverted spreads a surface over depth, which a picture, the brightest along depth, shows as darker.
     """
 
+    both_sides = np.full(len(power), 2.0)  # of zero, which is in the half spectrum once
+    both_sides[0] = 1.0
+
     def peak(of: Any) -> Any:
-        return (of / (of + noise)).mean(axis=-1)
+        return (both_sides * of / (of + noise)).sum(axis=-1)
 
     return np.asarray(peak(power * np.abs(spectra) ** 2) / peak(power), dtype=np.float64)
 
