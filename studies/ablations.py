@@ -16,17 +16,15 @@ from nlos.recon.training.train import train
 from nlos.recon.training.train_settings import TrainSettings
 from studies.judged import FIGURES, Judged, judge, judged
 from studies.paired import Difference, Figures, difference
+from studies.row import RATE, RIVALS_RATE, Row
 from studies.rows import (
     FORM,
     JUDGED,
     PRINTED_AT,
-    RATE,
-    RIVALS_RATE,
     SAMPLES,
     SEEDS,
     SMALL,
     TABLES,
-    Row,
     folder_of,
     in_order,
     judged_on,

@@ -187,7 +187,7 @@ def fit(folder: Path, weights: Path, kept: Path | None = None, anew: str = "corr
             fit_one(cast(nn.Sequential, member), traits[here & ~left_out], wanted[here & ~left_out])
         with torch.no_grad():
             error = (network(traits[here & left_out]) - levels[here & left_out]).numpy()
-        print(f"{name}: {len(error)} scans left out, bias {error.mean():+.3f}, scatter {error.std():.3f} decades")
+        print(f"{name}: {len(error)} scans held out, bias {error.mean():+.3f}, scatter {error.std():.3f} decades")
     about = {"of": sha256_of("nano"), "anew": anew, "scans": int((usable & ~left_out).sum()), "steps": STEPS}
     save(weights, dict(network.named_parameters()), about)
 

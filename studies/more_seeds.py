@@ -19,7 +19,8 @@ from studies.ablations import train_and_judge
 from studies.judged import judge, judged
 from studies.paired import Figures, difference
 from studies.results.tables import table
-from studies.rows import JUDGED, KEPT, SAMPLES, SEEDS, Row, folder_of, kept_of, longer, settings_of
+from studies.row import Row, longer
+from studies.rows import JUDGED, KEPT, SAMPLES, SEEDS, folder_of, kept_of, settings_of
 
 MORE = (4, 5)
 SHIPS = longer("as it ships", {})

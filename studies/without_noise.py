@@ -26,7 +26,8 @@ from studies.ablations import train_and_judge
 from studies.judged import network_of, scores
 from studies.paired import Figures, difference
 from studies.results.tables import table
-from studies.rows import FOLDER, KEPT, SAMPLES, SEEDS, SMALL, Row, folder_of, rivals, settings_of
+from studies.row import Row, rivals
+from studies.rows import FOLDER, KEPT, SAMPLES, SEEDS, SMALL, folder_of, settings_of
 
 CLEAN = DetectorSettings(
     peak_counts_least=3000.0, peak_counts_most=3000.0, noiseless=0.0, uniform=0.0, sparse=0.0, uneven_dwell=0.0,

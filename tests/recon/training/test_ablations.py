@@ -22,7 +22,8 @@ from studies.ablations import Claim, run, written
 from studies.judged import FIGURES, OverMirrors
 from studies.paired import difference
 from studies.rivals_given import filled_rates
-from studies.rows import JUDGED, SEEDS, TABLES, Row, folder_of, given, in_order, kept_of, settings_of
+from studies.row import Row, given
+from studies.rows import JUDGED, SEEDS, TABLES, folder_of, in_order, kept_of, settings_of
 
 ROWS = [(title, row) for title, table in TABLES.items() for row in table]
 

@@ -10,7 +10,8 @@ from nlos.recon.training.train import train
 from nlos.recon.training.training_sample import collate
 from studies import rows, without_noise
 from studies.judged import network_of, scores
-from studies.rows import Row, folder_of, rivals, settings_of
+from studies.row import Row, rivals
+from studies.rows import folder_of, settings_of
 from studies.without_noise import CLEAN, SCENES, Trained, figures_of, judge, run, written
 
 UNET = next(row for row in rivals("samples") if row.name == "U-Net")
