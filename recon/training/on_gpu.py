@@ -204,7 +204,7 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=max(1, (os.cpu_count() or 2) - 1), help="that make scans")
     parser.add_argument("--slots", type=int, default=16, help="scans that each may have waiting")
     parser.add_argument("--capacity", type=int, default=3000, help="scans of each size that are kept on the GPU")
-    parser.add_argument("--uses", type=float, default=3.0, help="times that a scan is learned from, on average")
+    parser.add_argument("--uses", type=float, default=8.0, help="times that a scan is learned from, on average")
     parser.add_argument("--retroreflective", type=float, default=0.06, help="share of scenes of such surfaces")
     parser.add_argument("--shadows", type=float, default=0.5, help="share of scenes whose surfaces hide each other")
     parser.add_argument("--solid", type=float, default=0.7, help="share of these whose sides and rears send light")
