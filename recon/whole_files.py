@@ -7,6 +7,7 @@ import threading
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import FrameType
 
 
 @contextmanager
@@ -15,20 +16,39 @@ def whole_files(folder: Path, stale: Collection[str] = ()) -> Iterator[Path]:
     files named in `stale` that were not written anew go; where the block fails, nothing changes."""
     there_before = folder.exists()
     partial = folder / f".{os.getpid()}.part"
+    with _ended_in_order():
+        try:
+            partial.mkdir(parents=True)
+            yield partial
+            with _told_later():
+                fresh = sorted(partial.iterdir())
+                for name in set(stale) - {path.name for path in fresh}:
+                    (folder / name).unlink(missing_ok=True)
+                for path in fresh:
+                    path.replace(folder / path.name)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+            if not there_before:
+                with suppress(OSError):
+                    folder.rmdir()  # where nothing came of it
+
+
+@contextmanager
+def _ended_in_order() -> Iterator[None]:
+    """Where SIGTERM would end the program on the spot, it ends it by an exception: nothing half-written is left."""
+    in_main = threading.current_thread() is threading.main_thread()
+    if not in_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+
+    def end(number: int, frame: FrameType | None) -> None:
+        raise SystemExit(128 + number)
+
+    signal.signal(signal.SIGTERM, end)
     try:
-        partial.mkdir(parents=True)
-        yield partial
-        with _told_later():
-            fresh = sorted(partial.iterdir())
-            for name in set(stale) - {path.name for path in fresh}:
-                (folder / name).unlink(missing_ok=True)
-            for path in fresh:
-                path.replace(folder / path.name)
+        yield
     finally:
-        shutil.rmtree(partial, ignore_errors=True)
-        if not there_before:
-            with suppress(OSError):
-                folder.rmdir()  # where nothing came of it
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 @contextmanager
