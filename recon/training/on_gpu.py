@@ -11,8 +11,10 @@ import math
 import os
 import time
 from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TextIO, cast
 
 import torch
 import yaml
@@ -132,25 +134,77 @@ def rate_at(settings: TrainSettings, over: float) -> float:
     return rise * fall
 
 
+class Log:
+    """log.jsonl of a training, on the terminal as well: what it does with its time, and how good it is."""
+
+    def __init__(self, file: TextIO, steps: Steps, kept: KeptScans) -> None:
+        self.file, self.steps, self.kept = file, steps, kept
+        self.since, self.waited_s, self.before = time.monotonic(), 0.0, (0, 0)
+
+    def say(self, **words: Any) -> None:
+        """One line, numbers to five places."""
+        line = json.dumps({name: round(x, 5) if isinstance(x, float) else x for name, x in words.items()})
+        print(line, flush=True)
+        print(line, file=self.file, flush=True)
+
+    @contextmanager
+    def waiting(self) -> Iterator[None]:
+        """What takes place in here is waiting for scans."""
+        since = time.monotonic()
+        yield
+        self.waited_s += time.monotonic() - since
+
+    def say_at_times(self, now: float, began: float, rate: float) -> None:
+        """The losses and the pace since the last such line, every LOGGED_EVERY_S."""
+        passed = now - self.since
+        if passed <= LOGGED_EVERY_S:
+            return
+        steps, arrived = self.steps.taken - self.before[0], self.kept.arrived
+        loss, picture, depth, _ = (self.steps.lost / max(1, steps)).tolist()
+        self.steps.lost.zero_()
+        self.say(
+            step=self.steps.taken, scans=arrived, seconds=now - began, loss=loss, picture=picture, depth=depth,
+            rate=rate, waited=self.waited_s / passed, learned_a_second=steps * self.steps.batch / passed,
+            made_a_second=(arrived - self.before[1]) / passed,
+        )  # fmt: skip
+        self.since, self.waited_s, self.before = now, 0.0, (self.steps.taken, arrived)
+
+
+class InFlight:
+    """Steps that a GPU was given and may not have taken yet: no more than IN_FLIGHT of them."""
+
+    def __init__(self) -> None:
+        self.events: deque[Any] = deque()
+
+    def another(self) -> None:
+        """A step was given to the GPU; returns once few enough are left."""
+        self.events.append(torch.cuda.Event())  # type: ignore[no-untyped-call]
+        self.events[-1].record()
+        if len(self.events) > IN_FLIGHT:
+            self.events.popleft().synchronize()
+
+
+def pin(rings: Sequence[Sequence[Tensor]]) -> None:
+    """Memory that scans are handed over in, for a GPU to fetch them from by itself."""
+    for part in (part for ring in rings for part in ring):
+        torch.cuda.cudart().cudaHostRegister(part.data_ptr(), part.numel() * part.element_size(), 0)  # type: ignore[no-untyped-call]
+
+
 def train_for(settings: TrainSettings, folder: Path, asked: argparse.Namespace) -> None:
     """Train into `folder`: weights.safetensors, the running mean, and log.jsonl."""
     device = "cuda" if torch.cuda.is_available() else "cpu"
     torch.manual_seed(settings.seed)
     folder.mkdir(parents=True, exist_ok=True)
-    began, batch = time.monotonic(), settings.batch
+    began = time.monotonic()
     recipe = Recipe(settings, device, asked.retroreflective, asked.shadows, asked.solid, asked.first)
-    with (folder / "log.jsonl").open("a") as log, PreparedFeed(recipe, asked.processes, asked.slots) as feed:
-
-        def say(**words: Any) -> None:
-            line = json.dumps({name: round(x, 5) if isinstance(x, float) else x for name, x in words.items()})
-            print(line, flush=True)
-            print(line, file=log, flush=True)
-
+    with (folder / "log.jsonl").open("a") as file, PreparedFeed(recipe, asked.processes, asked.slots) as feed:
         steps = Steps(settings, device)
-        if device != "cpu":
-            for part in (part for ring in feed.rings for part in ring):
-                torch.cuda.cudart().cudaHostRegister(part.data_ptr(), part.numel() * part.element_size(), 0)  # type: ignore[no-untyped-call]
+        in_flight = None if device == "cpu" else InFlight()
+        if in_flight is not None:
+            pin(feed.rings)
         scans = made_on(device, settings)
+        kept = KeptScans(feed, device, settings.batch, asked.capacity, asked.uses, settings.seed)
+        log = Log(file, steps, kept)
 
         def keep() -> None:
             """Write the running mean of the weights, and say how good it is."""
@@ -160,36 +214,22 @@ def train_for(settings: TrainSettings, folder: Path, asked: argparse.Namespace) 
             )
             about = about_run(settings, steps.model, steps.taken, seconds, figures, BegunWith(steps.before, []))
             save_weights(folder, steps.model, steps.average, about | {"scans": kept.arrived})
-            say(step=steps.taken, samples=steps.taken * batch, scans=kept.arrived, seconds=seconds, validation=figures)
+            samples = steps.taken * settings.batch
+            log.say(step=steps.taken, samples=samples, scans=kept.arrived, seconds=seconds, validation=figures)
 
-        kept = KeptScans(feed, device, batch, asked.capacity, asked.uses, settings.seed)
         keep()
-        in_flight: deque[Any] = deque()
-        logged, over, waited, before, checks = time.monotonic(), 0.0, 0.0, (0, 0), [0.25, 0.5, 0.75]
-        first = time.monotonic()
+        over, checks, first = 0.0, [0.25, 0.5, 0.75], time.monotonic()
         while over < 1:
-            waiting_since = time.monotonic()
-            size, rows, image = kept.next()
-            waited += time.monotonic() - waiting_since
+            with log.waiting():
+                size, rows, image = kept.next()
             kept.put_into(steps.inputs(size), size, rows, image)
-            steps.take(size, rate_at(settings, over))
-            if device != "cpu":
-                in_flight.append(torch.cuda.Event())  # type: ignore[no-untyped-call]
-                in_flight[-1].record()
-                if len(in_flight) > IN_FLIGHT:
-                    in_flight.popleft().synchronize()
+            rate = rate_at(settings, over)
+            steps.take(size, rate)
+            if in_flight is not None:
+                in_flight.another()
             now = time.monotonic()
             over = (now - first) / (60 * asked.minutes - (first - began))
-            if now - logged > LOGGED_EVERY_S:
-                loss, picture, depth, _ = (steps.lost / max(1, steps.taken - before[0])).tolist()
-                steps.lost.zero_()
-                say(
-                    step=steps.taken, scans=kept.arrived, seconds=now - began, loss=loss, picture=picture, depth=depth,
-                    rate=rate_at(settings, over), waited=waited / (now - logged),
-                    learned_a_second=(steps.taken - before[0]) * batch / (now - logged),
-                    made_a_second=(kept.arrived - before[1]) / (now - logged),
-                )  # fmt: skip
-                logged, waited, before = now, 0.0, (steps.taken, kept.arrived)
+            log.say_at_times(now, began, rate)
             if checks and over > checks[0]:
                 checks.pop(0)
                 keep()
