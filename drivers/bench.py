@@ -1,14 +1,14 @@
 """Everything on the optical table: opened together, the light shut first whatever happens, and closed in order."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 
 from nlos.drivers.arming import Agree, Arming
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.clock import Clock, SystemClock
 from nlos.drivers.closing import Closing
 from nlos.drivers.device_model import WireLog
-from nlos.drivers.errors import BenchClosed, DeviceError
+from nlos.drivers.errors import BenchClosed
 from nlos.drivers.events import EventLog, OnEvent
 from nlos.drivers.exit_paths import ExitPaths, whole
 from nlos.drivers.galvo.known_mirrors import MIRRORS, open_mirror
@@ -115,7 +115,8 @@ def open_bench(
     latch: TripLatch | None = None,
     agree: Agree | None = None,
 ) -> Iterator[Bench]:
-    """Opens counter, shutter and mirror, in this order: the shutter is closed, and read back, before anything moves.
+    """Opens counter and mirror, first the one that drives the shutter: it is closed, and read back, before anything
+    moves.
 
     However the block is left - normally, by an exception, a signal, or the end of the interpreter - the shutter closes
     first, then the counter stops, the mirror parks and the links close. `scene` replaces a simulated bench's surfaces
@@ -141,28 +142,23 @@ def open_bench(
         stack.enter_context(ExitPaths(closing.shut_light, closing.close, closing.may_be_lit))
         with closing.on_error():
             inner: LaserShutter = NoShutter()
+            # What drives the shutter comes first and makes it dark: the other one may hang, crash or be cut short.
+            if settings.shutter_on == "mirror":
+                with whole(True):
+                    mirror = closing.mirror = open_mirror(settings.mirror, clock, log, mirror_end)
+                inner = MIRRORS[settings.mirror.model].shutters[settings.shutter.model].of(mirror)
+                closing.make_dark = lambda: open_mirror(settings.mirror, clock, log, mirror_end).close()
             with whole(settings.shutter_on == "counter"):
-                try:
-                    counter = closing.counter = open_counter(settings.counter, clock, counter_end, log)
-                except DeviceError:
-                    if settings.shutter_on == "mirror":  # the mirror's controller can still make it dark
-                        with suppress(DeviceError), whole(True):
-                            open_mirror(settings.mirror, clock, wire_log, mirror_end).close()
-                    raise
+                counter = closing.counter = open_counter(settings.counter, clock, counter_end, log)
                 if settings.shutter_on == "counter":
                     inner = COUNTERS[settings.counter.model].shutters[settings.shutter.model].of(counter)
                     inner.close()
-            # A mirror controller that drives the shutter closes it before it does anything else.
-            with whole(settings.shutter_on == "mirror"):
+            if settings.shutter_on != "mirror":
                 mirror = closing.mirror = open_mirror(settings.mirror, clock, log, mirror_end)
-            if settings.shutter_on == "mirror":
-                inner = MIRRORS[settings.mirror.model].shutters[settings.shutter.model].of(mirror)
             arming = None if settings.arming is None else Arming(settings.arming, clock, events, agree)
             shutter = closing.shutter = GuardedShutter(inner, counter, settings.safety, events, latch, arming)
             shutter.listen(silence)
             shutter.close()
-            if settings.shutter_on == "mirror":
-                closing.make_dark = lambda: open_mirror(settings.mirror, clock, log, mirror_end).close()
             bench = Bench(settings, mirror, counter, shutter, clock, events, simulated)
             stack.callback(setattr, bench, "closed", True)
             for warning in bench.warnings:

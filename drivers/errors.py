@@ -12,9 +12,13 @@ class DeviceError(Exception):
 
     def __init__(self, device: str, what: str, remedy: str = "") -> None:
         self.device = device
-        self.what = what
-        self.remedy = remedy or self.usual_remedy
-        super().__init__(f"{device}: {what} {self.remedy}".rstrip())
+        super().__init__()
+        self.say(what, remedy or self.usual_remedy)
+
+    def say(self, what: str, remedy: str) -> None:
+        """The same error in other words."""
+        self.what, self.remedy = what, remedy
+        self.args = (f"{self.device}: {what} {remedy}".rstrip(),)
 
 
 class DeviceNotFound(DeviceError):

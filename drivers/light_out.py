@@ -3,7 +3,7 @@
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.clock import Clock, SystemClock
 from nlos.drivers.device_model import WireLog
-from nlos.drivers.errors import LimitError
+from nlos.drivers.errors import DeviceError, LimitError
 from nlos.drivers.galvo.known_mirrors import open_mirror
 from nlos.drivers.tcspc.known_counters import COUNTERS, open_counter
 
@@ -12,13 +12,19 @@ def make_dark(settings: BenchSettings, wire_log: WireLog | None = None) -> None:
     """Raises `DeviceError` where the light is not confirmed off, `LimitError` where the bench has no shutter."""
     if settings.shutter_on == "nothing":
         raise LimitError("shutter", f"bench {settings.name} has none.", "Switch the laser off by hand.")
-    if not settings.simulated:
-        _close(settings, SystemClock(), None, None, wire_log)
-        return
-    from nlos.drivers.simulated.instruments import plug_in
+    try:
+        if not settings.simulated:
+            _close(settings, SystemClock(), None, None, wire_log)
+            return
+        from nlos.drivers.simulated.instruments import plug_in
 
-    with plug_in(settings) as plugged:
-        _close(settings, plugged.bench.clock, plugged.counter, plugged.mirror, wire_log)
+        with plug_in(settings) as plugged:
+            _close(settings, plugged.bench.clock, plugged.counter, plugged.mirror, wire_log)
+    except DeviceError as error:
+        error.say(
+            f"the laser shutter is NOT CONFIRMED CLOSED: {error.what}", f"Switch the laser off by hand. {error.remedy}"
+        )
+        raise
 
 
 def _close(

@@ -75,16 +75,19 @@ def open_partial_bench(
             inner: LaserShutter | None = NoShutter() if settings.shutter_on == "nothing" else None
             if inner is not None and not light_elsewhere and "mirror" in wanted:
                 raise _light_unknown("this bench has no shutter")
+            # What drives the shutter comes first and makes it dark: the other one may hang, crash or be cut short.
+            if settings.shutter_on == "mirror":
+                with whole(True):
+                    inner = _open_mirror(bench, closing, mirror_end, log)
+                if bench.mirror is not None:
+                    closing.make_dark = lambda: open_mirror(settings.mirror, clock, log, mirror_end).close()
             if "counter" in wanted or settings.shutter_on == "counter":
                 with whole(settings.shutter_on == "counter"):
                     inner = _open_counter(bench, closing, counter_end, log) or inner
             if "mirror" in wanted and settings.shutter_on == "counter" and inner is None and not light_elsewhere:
                 raise _light_unknown(f"the counter that drives the shutter does not answer ({bench.absent['counter']})")
-            if "mirror" in wanted or settings.shutter_on == "mirror":
-                with whole(settings.shutter_on == "mirror"):
-                    inner = _open_mirror(bench, closing, mirror_end, log) or inner
-            if bench.mirror is not None and settings.shutter_on == "mirror":
-                closing.make_dark = lambda: open_mirror(settings.mirror, clock, log, mirror_end).close()
+            if "mirror" in wanted and settings.shutter_on != "mirror":
+                _open_mirror(bench, closing, mirror_end, log)
             if bench.mirror is None and bench.counter is None:
                 raise next(iter(bench.absent.values()))
             if inner is not None:

@@ -25,17 +25,24 @@ class TripLatch:
 
     @classmethod
     def of_bench(cls, settings: BenchSettings) -> "TripLatch":
-        """By the bench's name and addresses: a bench file that is moved or corrected elsewhere keeps its trip."""
-        name, addresses = settings.name, (settings.mirror.address, settings.counter.model, settings.shutter.model)
-        place = hashlib.sha256("\n".join(addresses).encode()).hexdigest()[:8]
-        return cls(state_folder() / "trips" / f"{file_word(name)}-{place}.log")
+        """By the bench's name and what it is made of: a bench file that is moved or corrected elsewhere keeps its trip,
+        so does a bench whose ports have other names today."""
+        parts = (settings.mirror.model, settings.counter.model, settings.shutter.model, str(settings.simulated))
+        kind = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:8]
+        return cls(state_folder() / "trips" / f"{file_word(settings.name)}-{kind}.log")
 
     def standing(self) -> str | None:
-        """Why the bench is tripped; None where it is not."""
+        """Why the bench is tripped; None where it is not. Raises `LimitError` where nobody can know."""
         try:
             text = self.path.read_text(encoding="utf-8", errors="replace")
         except FileNotFoundError:
             return None
+        except OSError as error:
+            raise LimitError(
+                "shutter",
+                f"whether a trip stands is not to be read ({error}), so no light is allowed.",
+                "Make that file readable, or name another folder by NLOS_STATE.",
+            ) from error
         line = text.rstrip("\n").rpartition("\n")[2]
         kind, _, why = line.partition(" ")[2].partition(": ")
         if kind == "trip":

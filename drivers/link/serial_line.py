@@ -82,7 +82,7 @@ class SerialLine:
         self._wire_log = wire_log
         self._buffer = bytearray()
         self._lock = threading.RLock()
-        self._in_flight = False
+        self._in_flight, self._interjected = False, 0
         self._lost: DeviceLost | None = None
         self._said = b""
 
@@ -145,6 +145,7 @@ class SerialLine:
         if not self._lock.acquire(timeout=timeout_s):
             self.write(command)
             raise DeviceTimeout(self.device, f"{command!r} was sent over a busy line and not confirmed.")
+        self._interjected += 1
         try:
             deadline_s = self._deadline(timeout_s)
             others = b""
@@ -247,7 +248,10 @@ class SerialLine:
             if remaining_s <= 0:
                 self.in_step = False
                 got = f", only {bytes(self._buffer[:40])!r} came" if self._buffer else ""
-                raise DeviceTimeout(self.device, f"{what} in time{got}.", "Check its cable and power.")
+                bare = b"\n" in self._buffer and b"\r" not in self._buffer
+                remedy = "Its lines end without CR: turn off what translates line ends on the way." if bare else (
+                    "Check its cable and power.")  # fmt: skip
+                raise DeviceTimeout(self.device, f"{what} in time{got}.", remedy)
             self._fill(min(remaining_s, _SLICE_S))
 
     def _echoes(self) -> ProtocolError:
@@ -260,15 +264,18 @@ class SerialLine:
     def _fill(self, timeout_s: float) -> int:
         """Waits for bytes, appends what is there to the buffer; returns how many."""
         self._check_usable()
+        data, interjected = b"", self._interjected
         try:
             waiting = self._port.in_waiting
             if not waiting and self._port.timeout != timeout_s:
                 self._port.timeout = timeout_s
-            data: bytes = self._port.read(min(waiting, 4096) or 1)
+            data = self._port.read(min(waiting, 4096) or 1)
             if data and not waiting:
                 data += self._port.read(min(self._port.in_waiting, 4096))
         except _PORT_ERRORS as error:
-            raise self._gone(error) from error
+            if self._interjected == interjected or self._lost is not None:
+                raise self._gone(error) from error
+            # else a signal handler took the bytes that this read was told of, and put back what was not its own
         if data and self._wire_log:
             self._wire_log(self.device, "<", data)
         self._buffer += data

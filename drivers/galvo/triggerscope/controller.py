@@ -1,7 +1,7 @@
 """Talking to a TriggerScope-MM: who answers, does each reply confirm its command, did it restart."""
 
 import contextlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Self
 
 from nlos.drivers.clock import Clock
@@ -36,9 +36,17 @@ class Controller:
 
     @classmethod
     def open(
-        cls, port: str, clock: Clock, *, timeout_s: float, banner_timeout_s: float, wire_log: WireLog | None = None
+        cls,
+        port: str,
+        clock: Clock,
+        *,
+        timeout_s: float,
+        banner_timeout_s: float,
+        wire_log: WireLog | None = None,
+        last_words: Sequence[bytes] = (),
     ) -> Self:
-        """Opens the port, takes the start-up banner where one comes, and asks who answers.
+        """Opens the port, takes the start-up banner where one comes, and asks who answers. Where no answer can be
+        understood `last_words` are sent all the same: it may hear.
 
         Raises `DeviceNotFound`, `DeviceBusy`, `WrongDevice`, `DeviceTimeout`, `ProtocolError`.
         """
@@ -57,7 +65,10 @@ class Controller:
                     f"{port} says {replies[0][:60]!r}, then {replies[1][:60]!r}, and is not a TriggerScope-MM.",
                     "Correct `port` in the bench file; `nlos devices` lists what is plugged in.",
                 )
-        except BaseException:
+        except BaseException as error:
+            if isinstance(error, DeviceTimeout | ProtocolError):
+                with contextlib.suppress(DeviceError):
+                    _say_unheard(line, last_words)
             line.close()
             raise
         return cls(line, identity, gave_banner)
@@ -107,10 +118,7 @@ class Controller:
 
     def command_unheard(self, commands: Iterable[bytes]) -> None:
         """Sends commands, one after the other, to a controller whose replies do not come. Raises `DeviceLost`."""
-        for command in commands:
-            with contextlib.suppress(DeviceTimeout):
-                self._line.write(command)
-                self._line.drain()
+        _say_unheard(self._line, commands)
 
     def close(self) -> None:
         self._line.close()
@@ -129,6 +137,13 @@ class Controller:
         if wire.range_changed(reply):
             return _range_changed()
         return ProtocolError(DEVICE, f"{command[:40]!r} was answered by {reply[:60]!r}.", REOPEN)
+
+
+def _say_unheard(line: SerialLine, commands: Iterable[bytes]) -> None:
+    for command in commands:
+        with contextlib.suppress(DeviceTimeout):
+            line.write(command)
+            line.drain()
 
 
 def _names_itself(line: bytes) -> bool:

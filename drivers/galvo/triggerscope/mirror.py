@@ -20,7 +20,7 @@ from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.galvo.timed_mirror import TimedMirror
 from nlos.drivers.galvo.triggerscope import wire
 from nlos.drivers.galvo.triggerscope.controller import DEVICE, REOPEN, Controller
-from nlos.drivers.galvo.triggerscope.set_up import centre, disarm, ranges, set_up
+from nlos.drivers.galvo.triggerscope.set_up import centre, dark, disarm, ranges, set_up
 from nlos.drivers.galvo.triggerscope.settings import TriggerScopeSettings
 from nlos.drivers.galvo.whereabouts import Whereabouts
 from nlos.drivers.identity import DeviceIdentity
@@ -69,6 +69,7 @@ class TriggerScope(TimedMirror):
             timeout_s=settings.timeout_s,
             banner_timeout_s=settings.banner_timeout_s,
             wire_log=wire_log,
+            last_words=[] if settings.shutter_pin is None else dark(_group_of(settings.shutter_pin)),
         )
         mirror = cls(settings, clock, controller)
         if not controller.gave_banner and settings.allow_unverified_dac:
@@ -178,7 +179,7 @@ class TriggerScope(TimedMirror):
 
     def _set_up(self) -> None:
         pin = self._settings.shutter_pin
-        self._send(set_up(self._dacs, None if pin is None else (pin - 1) // 8))
+        self._send(set_up(self._dacs, None if pin is None else _group_of(pin)))
         self._armed, self._ranges_set = False, True
         self._arrive_at_centre()
 
@@ -276,3 +277,8 @@ class TriggerScope(TimedMirror):
         except (DeviceReset, MirrorDisturbed):
             self._ranges_set = False
             raise
+
+
+def _group_of(pin: int) -> int:
+    """Eight TTL outputs are set at a time."""
+    return (pin - 1) // 8

@@ -13,10 +13,10 @@ from nlos.drivers.galvo.triggerscope import wire
 def set_up(dacs: Sequence[int], shutter_group: int | None) -> list[bytes]:
     """Every command, in order. The mirror swings towards -10 V for a round trip while the ranges are set."""
     return [
-        *([] if shutter_group is None else _dark(shutter_group)),
+        *([] if shutter_group is None else dark(shutter_group)),
         b"SSL0\n",  # the signal LEDs cost time in the controller's loop
         *(wire.clear_states(dac) for dac in dacs),
-        *_dark(0),
+        *dark(0),
         *ranges(dacs),
         *(wire.end_blanking(dac) for dac in dacs),  # puts out the centre that SAR has noted for each axis
         *centre(dacs),
@@ -38,6 +38,7 @@ def disarm(dacs: Sequence[int]) -> list[bytes]:
     return [*(wire.step_states(dac, False) for dac in dacs), wire.step_masks(0, False), wire.set_mask(0, 0)]
 
 
-def _dark(group: int) -> list[bytes]:
-    """Low at once, stepping ended, low again if an edge came in between; then blanking can end and put out low."""
+def dark(group: int) -> list[bytes]:
+    """A group of TTL outputs: low at once, stepping ended, low again if an edge came in between; then blanking can end
+    and put out low."""
     return [wire.set_mask(group, 0), wire.clear_masks(group), wire.set_mask(group, 0), wire.end_mask_blanking(group)]

@@ -3,7 +3,6 @@
 from typing import Any
 
 from nlos.drivers.clock import Clock
-from nlos.drivers.errors import DeviceError
 from nlos.drivers.tcspc.picoquant.families import FAMILIES, PicoquantSettings
 from nlos.drivers.tcspc.picoquant.histogram import Picoquant
 from nlos.drivers.tcspc.picoquant.library import VendorLibrary, WireLog, load_library, open_instrument
@@ -23,6 +22,6 @@ def open_picoquant(
     serial = open_instrument(library, settings.serial)
     try:
         return (PicoquantT3 if settings.mode == "t3" else Picoquant)(settings, clock, library, serial)
-    except DeviceError:
+    except BaseException:
         library.attempt("CloseDevice", library.index)
         raise

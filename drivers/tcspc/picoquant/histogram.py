@@ -34,7 +34,7 @@ MODE_HISTOGRAM, MODE_T3 = 0, 3
 _RATES_SETTLE_S = 0.2
 _POLL_S = 0.002
 _SYNC_LOOK_S = 0.1
-"""How often an instrument without a flag for it is asked whether laser pulses still come: it counts for as long."""
+"""How often it is asked how many laser pulses come: it counts for as long."""
 _MOST_POINTS = 65_536
 
 
@@ -61,16 +61,15 @@ class Picoquant(UnwatchedCounter):
         self._base_s = resolution_ps.value * 1e-12
         model, part, version = (ctypes.create_string_buffer(64) for _ in range(3))
         library.call("GetHardwareInfo", model, part, version)
-        self.identity = DeviceIdentity(
-            settings.model, "PicoQuant", model.value.decode("ascii", "replace"), serial, version.value.decode("ascii")
-        )
+        named = (each.value.decode("ascii", "replace") for each in (model, version))
+        self.identity = DeviceIdentity(settings.model, "PicoQuant", next(named), serial, next(named))
         self._clock.sleep(_RATES_SETTLE_S)
         self._axis: HistogramAxis | None = None
         self._codes: AxisCodes | None = None
         self._dwells_s: Sequence[float] = ()
         self._taken: list[Histogram] = []
         self._triggered = 0
-        self._armed_s = self._started_s = self._sync_hz = self._sync_looked_s = 0.0
+        self._armed_s = self._started_s = self._sync_hz = self._pulses_hz = self._sync_looked_s = 0.0
         self._running = False
         self._meanwhile: Callable[[], None] = lambda: None
 
@@ -110,7 +109,7 @@ class Picoquant(UnwatchedCounter):
         gates.check(self._device, self._axis, self.max_points)
         self.abort()
         self._check_trigger(gates)
-        self._sync_hz = self.rates().sync_hz
+        self._sync_hz = self._pulses_hz = self.rates().sync_hz
         if self._sync_hz <= 0:
             raise SyncLost(self._device, "sees no sync signal.", "Check laser, sync cable and sync.level_mv.")
         self._dwells_s, self._taken, self._triggered = gates.dwells_s, [], 0
@@ -196,14 +195,15 @@ class Picoquant(UnwatchedCounter):
     def _histogram(self, counts: Any, total: int, live_s: float, flags: HistogramFlag) -> Histogram:
         axis, _ = self._configured()
         opened_s = self._started_s - self._armed_s
-        pulses = round(self._sync_hz * live_s)
+        pulses = round(self._pulses_hz * live_s)
         return Histogram(counts, axis.bin_width_s, axis.offset_s, live_s, pulses, total, flags, opened_s)
 
     def _flags(self) -> HistogramFlag:
         """The instrument's flags in ours. Raises `DeviceFault` and `SyncLost`."""
         family, raw = self._family, self._library.integer("GetFlags")
         check_alive(self._library, raw, "while measuring")
-        if raw & family.sync_lost or self._sync_is_gone():
+        self._look_at_sync()
+        if raw & family.sync_lost or self._pulses_hz <= 0:
             raise SyncLost(self._device, "lost the sync signal.", "Check laser and sync cable.")
         flags = HistogramFlag.NONE
         if raw & family.overflow:
@@ -212,11 +212,10 @@ class Picoquant(UnwatchedCounter):
             flags |= HistogramFlag.DATA_LOST
         return flags
 
-    def _sync_is_gone(self) -> bool:
-        if self._family.sync_lost or self._clock.now() - self._sync_looked_s < _SYNC_LOOK_S:
-            return False
-        self._sync_looked_s = self._clock.now()
-        return self.rates().sync_hz <= 0
+    def _look_at_sync(self) -> None:
+        """A laser that changes its rate in the middle of a scan shows in the pulses of the points that follow."""
+        if self._clock.now() - self._sync_looked_s >= _SYNC_LOOK_S:
+            self._sync_looked_s, self._pulses_hz = self._clock.now(), self.rates().sync_hz
 
     def read(self, first: int, count: int) -> list[Histogram]:
         if not 0 <= first <= first + count <= len(self._taken):

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.drivers.clock import Clock
-from nlos.drivers.errors import LimitError
+from nlos.drivers.errors import DeviceTimeout, LimitError
 from nlos.drivers.tcspc.counter import CounterStatus, Histogram, HistogramFlag, PointGates, Trigger
 from nlos.drivers.tcspc.picoquant.families import PicoquantSettings
 from nlos.drivers.tcspc.picoquant.histogram import Picoquant
@@ -20,6 +20,8 @@ _LONGEST_PERIOD = 16_777_215
 _LONGEST_MS = 360_000_000
 _POLL_S = 0.002
 """ReadFiFo returns within about 10 ms; asked more often it returns less."""
+_EMPTIED_WITHIN_S = 1.0
+"""After a point: what waits in the FIFO then is milliseconds of photons. Light may be on meanwhile."""
 _STEP_MARKERS = 0b011
 
 
@@ -158,8 +160,13 @@ class PicoquantT3(Picoquant):
 
     def _finish(self) -> Histogram:
         """One point started by the host: what is still in the FIFO belongs to it, up to the end of its dwell."""
+        until_s = self._clock.now() + _EMPTIED_WITHIN_S
         while self._while_running():
-            pass
+            if self._clock.now() >= until_s:
+                self._stop()
+                raise DeviceTimeout(
+                    self._device, f"photons still come {_EMPTIED_WITHIN_S:g} s after the end of a point."
+                )
         self._stop()
         dwell_s = self._dwells_s[self._triggered - 1]
         live_s = min(self._library.real("GetElapsedMeasTime") * 1e-3 or dwell_s, dwell_s)
@@ -181,7 +188,7 @@ class PicoquantT3(Picoquant):
                     axis.bin_width_s,
                     axis.offset_s,
                     live_s,
-                    round(live_s * self._sync_hz),
+                    round(live_s * self._pulses_hz),
                     int(points.totals[point]),
                     HistogramFlag.DATA_LOST if lost else HistogramFlag.NONE,
                     points.started[point] / self._sync_hz,

@@ -14,7 +14,8 @@ from nlos.drivers.tcspc.tcspc488.t3 import Tcspc488T3
 def open_tcspc488(
     settings: Tcspc488Settings, clock: Clock, backend: Any = None, wire_log: WireLog | None = None
 ) -> Tcspc488:
-    """Finds, opens, clears and configures the instrument; nothing is armed, the shutter is left as it is.
+    """Finds, opens, clears and configures the instrument; nothing is armed, its shutter output is
+    told to close first of all.
 
     Raises `DeviceNotFound`, `DeviceBusy`, `WrongDevice` or what the link meets.
     """

@@ -55,13 +55,14 @@ class Instrument:
         self.link = Usb488(UsbtmcInterface(self.device, found, wire_log), clock)
         try:
             self.scpi = Scpi(self.device, self.link, settings.timeout_s)
+            self.link.urgent(b"OUTP:SHUT CLOS\n", settings.timeout_s)  # before anything that it may refuse
             self.scpi.drain_errors()
             self.scpi.command(b"ABOR")  # whatever an earlier program left running
             self.identity: DeviceIdentity = decode_identity(self.device, self.scpi.query(b"*IDN?")[0])
             self.capacity: Capacity = decode_capacity(self.device, self.scpi.query(b"SYST:CAPS?")[0])
             self.setup = Setup(self.device, self.scpi, self.identity)
             self.setup.apply(input_commands(settings))
-        except DeviceError:
+        except BaseException:
             self.link.close()
             raise
 

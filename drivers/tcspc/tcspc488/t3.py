@@ -76,7 +76,7 @@ class Tcspc488T3(Tcspc488):
         again_s = 0.0005
         while True:
             self._pause(min(due_s, deadline_s))
-            status = self._drain()
+            status = self._drain(deadline_s)
             done = len(self._numbers) if self._broken else self._points.complete
             if done >= count or self._gates.disagreement is not None:
                 lost = int(self._points.lost.sum())
@@ -89,10 +89,10 @@ class Tcspc488T3(Tcspc488):
                 due_s, again_s = now_s + again_s, min(2 * again_s, POLL_S)
 
     def _look(self) -> Status:
-        return self._drain()
+        return self._drain(self.clock.now() + POLL_S)
 
-    def _drain(self) -> Status:
-        """Takes all records that wait."""
+    def _drain(self, until_s: float) -> Status:
+        """Takes all records that wait, of a stream that fills up as fast those until then."""
         while not self._broken:
             try:
                 status, data = self.instrument.take_records(_MOST_RECORDS)
@@ -109,7 +109,7 @@ class Tcspc488T3(Tcspc488):
             if len(data) % 4:  # cut short
                 self._lose_the_rest()
                 break
-            if len(data) < 4 * _MOST_RECORDS:
+            if len(data) < 4 * _MOST_RECORDS or self.clock.now() >= until_s:
                 return status
         return self.instrument.look()[0]
 

@@ -82,7 +82,7 @@ class TimeTagger(UnwatchedCounter):
         tagger = Tagger(settings, clock, load_package(settings.model) if backend is None else backend, wire_log)
         try:
             return cls(settings, clock, tagger)
-        except DeviceError:
+        except BaseException:
             tagger.close()
             raise
 

@@ -10,13 +10,15 @@ import numpy.typing as npt
 
 from nlos.drivers.clock import Clock
 from nlos.drivers.device_model import WireLog
-from nlos.drivers.errors import DeviceFault, DeviceLost, DeviceNotFound, SyncLost, WrongDevice
+from nlos.drivers.errors import DeviceFault, DeviceLost, DeviceNotFound, DeviceTimeout, SyncLost, WrongDevice
 from nlos.drivers.tcspc.counter import CountRates
 from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
 
 PACKAGE = "Swabian.TimeTagger"
 PS = 1e-12
 _RATE_S, _QUICK_S = 0.1, 0.01
+_MORE_S = 0.5
+"""A rate that is not there so long after its time does not come: light may be on meanwhile."""
 
 
 def load_package(device: str) -> Any:
@@ -103,8 +105,13 @@ class Tagger:
     def _count(self, channels: list[int], seconds: float) -> list[float]:
         meter = self.measurement("Countrate", channels)
         self.call("startFor", meter.startFor, round(seconds / PS))
+        deadline_s = self._clock.now() + seconds + _MORE_S
         self._clock.sleep(seconds)
         while self.call("isRunning", meter.isRunning):
+            if self._clock.now() >= deadline_s:
+                raise DeviceTimeout(
+                    self.device, f"it still counts {_MORE_S:g} s after the {seconds:g} s it was asked for."
+                )
             self._clock.sleep(0.002)
         return [float(each) for each in self.read(meter)]
 

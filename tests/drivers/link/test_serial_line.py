@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import pytest
+from serial import SerialException
 
 from nlos.drivers.clock import SystemClock
 from nlos.drivers.errors import DeviceBusy, DeviceLost, DeviceNotFound, DeviceTimeout, ProtocolError
@@ -220,3 +221,42 @@ def test_this_computers_ports_can_be_listed() -> None:
 
 def test_unplugging_nothing_is_fine() -> None:
     unplug("nobody")
+
+
+def test_bytes_that_a_signal_handler_took_from_a_read_are_no_lost_cable(dark_bench: Bench) -> None:
+    """pyserial is told that bytes are there, a signal handler's own exchange takes them, and then it reads none."""
+    line = line_to_repeater(dark_bench())
+    port, told = line._port, "device reports readiness to read but returned no data"
+
+    class Interrupted:
+        done = False
+
+        def __getattr__(self, name: str) -> object:
+            return getattr(port, name)
+
+        def __setattr__(self, name: str, value: object) -> None:
+            setattr(type(self) if name == "done" else port, name, value)
+
+        def read(self, size: int) -> bytes:
+            if not self.done:
+                self.done = True
+                line.interject(b"now\n", b"NOW")
+                raise SerialException(told)
+            return bytes(port.read(size))
+
+    line._port = Interrupted()
+    assert line.exchange(b"one\n") == b"ONE"
+    assert line.exchange(b"two\n") == b"TWO"
+
+    def gone(size: int) -> bytes:
+        raise SerialException(told)
+
+    line._port.read = gone
+    with pytest.raises(DeviceLost, match="went away"):
+        line.exchange(b"three\n")
+
+
+def test_lines_without_cr_are_told_from_silence(dark_bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Repeater, "receive", lambda self, data, when_s: data.strip().upper() + b"\n")
+    with pytest.raises(DeviceTimeout, match="end without CR"):
+        line_to_repeater(dark_bench()).transact(b"one\n")

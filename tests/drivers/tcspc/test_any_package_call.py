@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from nlos.drivers.errors import DeviceError
+from nlos.drivers.errors import DeviceError, DeviceTimeout
 from nlos.drivers.simulated.bench import Exposure, Gate, SimulatedBench
 from nlos.drivers.simulated.simulation_settings import SimulationSettings
 from nlos.drivers.simulated.table import SimulatedTable
@@ -118,3 +118,18 @@ def test_any_call_that_fails_gives_the_right_histograms_or_a_named_error_in_time
     counter = TimeTagger.open(chosen, bench.clock, package)  # what went wrong has left nothing behind
     assert [int(each.counts.sum()) for each in take(counter, trigger)] == pytest.approx([400] * 4, abs=2)
     counter.close()
+
+
+def test_a_rate_that_never_comes_is_a_timeout(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is asked for while light is on: no deadline, no dark."""
+    bench = SimulatedBench(steady)
+    chosen = TimeTaggerSettings(model="timetagger", library="simulated")
+    package = TIMETAGGER.firmware(chosen, SimulatedTable(bench, SimulationSettings(), 10e6))
+    counter = TimeTagger.open(chosen, bench.clock, package)
+    call = counter.tagger.call
+    monkeypatch.setattr(counter.tagger, "call", lambda name, *rest: name == "isRunning" or call(name, *rest))
+    began_s = bench.clock.now()
+    for ask in (counter.rates, counter.tagger.detector_hz):
+        with pytest.raises(DeviceTimeout, match="still counts"):
+            ask()
+    assert bench.clock.now() - began_s < 2.0

@@ -30,7 +30,15 @@ from nlos.drivers.simulated.faults import Fault, FaultPlan
 from nlos.drivers.simulated.picoquant.library import PicoquantLibrary
 from nlos.drivers.simulated.scene import SceneLight, SceneSettings
 from nlos.drivers.simulated.spad import DetectorSettings
-from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, PointGates, StopAtCounts, Trigger
+from nlos.drivers.tcspc.counter import (
+    CountRates,
+    Histogram,
+    HistogramAxis,
+    HistogramFlag,
+    PointGates,
+    StopAtCounts,
+    Trigger,
+)
 from nlos.drivers.tcspc.picoquant.counter import open_picoquant
 from nlos.drivers.tcspc.picoquant.families import FAMILIES, PicoquantSettings
 from nlos.drivers.tcspc.picoquant.histogram import Picoquant
@@ -419,3 +427,45 @@ def test_a_bench_with_a_multiharp_scans_by_its_clock() -> None:
         ranges = [2.0 / np.cos(angles.x_rad) / np.cos(angles.y_rad) for angles in sequence]
         expected = [((2 * range_m / 299792458.0) + 0.35e-9 - 8e-9) / 40e-12 for range_m in ranges]
         assert peaks == pytest.approx(expected, abs=2)
+
+
+def test_photons_that_never_end_end_the_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Light may be on while a library delivers records for ever."""
+    counter, bench = opened("hydraharp400", mode="t3")
+    stopped: list[str] = []
+    read, attempt = counter._while_running, counter._library.attempt
+
+    def endless() -> int:
+        bench.clock.sleep(0.01)
+        return read() + 1
+
+    def noted(name: str, *arguments: Any) -> int:
+        stopped.append(name)
+        return attempt(name, *arguments)
+
+    monkeypatch.setattr(counter, "_while_running", endless)
+    monkeypatch.setattr(counter._library, "attempt", noted)
+    began_s = bench.clock.now()
+    with pytest.raises(DeviceTimeout, match="photons still come"):
+        one_by_one(counter, 1)
+    assert bench.clock.now() - began_s < 2.0
+    assert "StopMeas" in stopped
+
+
+@pytest.mark.parametrize("mode", ["histogram", "t3"])
+@pytest.mark.parametrize("device", FAMILIES)
+def test_a_laser_that_changes_its_rate_shows_in_the_points_that_follow(
+    device: str, mode: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counter, bench = opened(device, mode=mode)
+    rates = counter.rates
+    begun_s = bench.clock.now()
+
+    def halved() -> CountRates:
+        now = rates()
+        return now if bench.clock.now() - begun_s < 0.1 else CountRates(now.sync_hz / 2, now.detector_hz)
+
+    monkeypatch.setattr(counter, "rates", halved)
+    pulses = [each.sync_count / each.live_time_s for each in one_by_one(counter, 40)]
+    assert pulses[0] == pytest.approx(10e6, rel=1e-3)
+    assert pulses[-1] == pytest.approx(5e6, rel=1e-3)

@@ -1,0 +1,114 @@
+"""Whatever light a program that was killed left on: it goes out before anything else is tried, whatever fails then."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from nlos.configs.load import load
+from nlos.drivers import bench as bench_module
+from nlos.drivers import light_out, partial_bench
+from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.drivers.errors import DeviceError, DeviceTimeout, LimitError, ProtocolError
+from nlos.drivers.light_out import make_dark
+from nlos.drivers.partial_bench import open_partial_bench
+from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.tcspc.tcspc488.settings import Tcspc488Settings
+from nlos.drivers.trip_latch import TripLatch
+
+Sent = list[tuple[str, bytes]]
+DARK, CLOSED = b"SDO1-0\n", b"OUTP:SHUT CLOS"
+
+
+def settings(name: str, *faults: Fault) -> BenchSettings:
+    read = load("bench", name, BenchSettings).settings
+    assert read.simulation is not None
+    return read.model_copy(update={"simulation": read.simulation.model_copy(update={"faults": tuple(faults)})})
+
+
+def kept(sent: Sent) -> Any:
+    return lambda device, way, data: sent.append((device, data)) if way == ">" else None
+
+
+ERRORS = [
+    DeviceTimeout("picoquant", "nothing answers."),
+    UnicodeDecodeError("ascii", b"\xb5", 0, 1, "a version of another language"),
+    SystemExit(143),
+    KeyboardInterrupt(),
+]
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=lambda each: type(each).__name__)
+def test_a_counter_that_does_not_open_leaves_no_light_that_the_mirror_drives(
+    monkeypatch: pytest.MonkeyPatch, error: BaseException
+) -> None:
+    sent: Sent = []
+
+    def fails(*_: Any) -> Any:
+        assert ("triggerscope", DARK) in sent
+        raise error
+
+    for module in (bench_module, partial_bench):
+        monkeypatch.setattr(module, "open_counter", fails)
+    with pytest.raises(type(error)), open_bench(settings("multiharp"), wire_log=kept(sent)):
+        pass
+    sent.clear()
+    if isinstance(error, DeviceError):
+        with open_partial_bench(settings("multiharp"), {"mirror", "counter"}, wire_log=kept(sent)) as left:
+            assert left.mirror is not None
+            assert set(left.absent) == {"counter"}
+    else:
+        with (
+            pytest.raises(type(error)),
+            open_partial_bench(settings("multiharp"), {"mirror", "counter"}, wire_log=kept(sent)),
+        ):
+            pass
+
+
+def test_a_counter_closes_its_shutter_before_it_is_told_what_it_may_refuse(monkeypatch: pytest.MonkeyPatch) -> None:
+    sent: Sent = []
+    make_dark(settings("simulated"), kept(sent))
+    closed = next(k for k, (_, data) in enumerate(sent) if CLOSED in data)
+    assert closed < next(k for k, (_, data) in enumerate(sent) if b"INP" in data or b"ABOR" in data)
+    sent.clear()
+
+    def refused(_: Tcspc488Settings) -> dict[str, str]:
+        return {"INP1:LEV": "out of all ranges"}
+
+    monkeypatch.setattr("nlos.drivers.tcspc.tcspc488.instrument.input_commands", refused)
+    with pytest.raises(DeviceError, match=r"NOT CONFIRMED CLOSED.*Switch the laser off by hand"):
+        make_dark(settings("simulated"), kept(sent))
+    assert any(CLOSED in data for _, data in sent)
+
+
+@pytest.mark.parametrize(
+    ("fault", "error"),
+    [(Fault(name="G1", times=10_000), DeviceTimeout), (Fault(name="G4", times=10_000), ProtocolError)],
+)
+def test_a_controller_that_is_not_understood_is_told_to_close_all_the_same(fault: Fault, error: type) -> None:
+    sent: Sent = []
+    with pytest.raises(error, match=r"NOT CONFIRMED CLOSED.*Switch the laser off by hand"):
+        make_dark(settings("multiharp", fault), kept(sent))
+    assert ("triggerscope", DARK) in sent
+
+
+def test_a_bench_without_a_shutter_says_only_that(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(light_out, "_close", None)
+    bare = settings("simulated")
+    bare = bare.model_copy(update={"shutter": bare.shutter.model_copy(update={"model": "none"})})
+    with pytest.raises(LimitError, match="has none") as said:
+        make_dark(bare)
+    assert "CONFIRMED" not in str(said.value)
+
+
+def test_a_port_of_another_name_does_not_forget_a_trip(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("NLOS_STATE", str(tmp_path))
+    here = settings("multiharp")
+    here = here.model_copy(update={"mirror": here.mirror.model_copy(update={"port": "/dev/ttyACM0"})})
+    TripLatch.of_bench(here).trip("too bright")
+    moved = here.model_copy(update={"mirror": here.mirror.model_copy(update={"port": "/dev/serial/by-id/usb-ARC"})})
+    assert TripLatch.of_bench(moved).standing() == "too bright"
+    assert TripLatch.of_bench(here.model_copy(update={"name": "other"})).standing() is None
+    monkeypatch.setenv("NLOS_STATE", "/dev/null/x")
+    with pytest.raises(LimitError, match=r"no light is allowed.*NLOS_STATE"):
+        TripLatch.of_bench(here).standing()
