@@ -37,6 +37,8 @@ APART = (
     "what is seen lies so near, for points so far apart, that each point sees the one pixel in front of it: no test of "
     "the picture. Check the wall's size, the bin width and time zero"
 )
+FAINT = "too little light to hold a picture against: its points are not told from a flat background, one by one"
+OTHERS = np.array([0.25, 0.25, 0.0, 0.25, 0.25])  # the neighbours of a stretch, whose noise is not its own
 SEED = 5
 Floats = npt.NDArray[np.float64]
 Seen = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
@@ -91,13 +93,16 @@ def explained_light(
             return None
         return None if other.note in (UNSEEN, APART) else other
 
-    found = Explained(told.share, told.error, told.note)
+    found = Explained(told.share, None if told.share is None else told.error, told.note)
+    hot = hot_points(transient, unit) if found.nothing or found.share is None else ""
+    if hot and found.share is None:  # it is them that nobody should believe
+        found = replace(found, share=0.0, error=0.0)
     doubt = out_of_order(transient)
-    if elsewhere and not doubt and not found.nothing:
+    if elsewhere and not doubt and told.share is not None and not found.nothing:
         doubt = better_wall(transient, told, with_wall)
     words = [
         told.note,
-        hot_points(transient, unit) if found.nothing else "",
+        hot,
         "" if whole else "after corrections these are no whole photons: their noise is estimated",
     ]
     note = "; ".join(word for word in words if word)
@@ -126,37 +131,64 @@ def _judge(
     profile = np.maximum(scipy.ndimage.uniform_filter1d((had / dwell).mean(axis=1), 3), 0)
     floor = max(float(np.quantile(profile, 0.1)), 0.0) + 0.02 * float(profile.max())
     near = np.maximum(scipy.ndimage.uniform_filter1d(had, 5, axis=0), 0)
-    weight = 1 / (floor * dwell + 0.5 * profile[:, None] * dwell + 0.5 * near)
-    best: tuple[float, Floats, str] | None = None
-    for falloff in falloffs:
-        sent, alone = _sent(albedo, depth_m, seen, points, falloff)
-        light = stretches(sent * dwell)
-        if seen.response is not None:
-            light = scipy.ndimage.convolve1d(
-                light, seen.response.taps(joined * seen.time.bin_width_s), axis=0, mode="constant"
-            )
-        for width in WIDTHS:
-            rendered = light
-            if width:
-                rendered = scipy.ndimage.gaussian_filter1d(rendered, width, axis=0, mode="constant")
-            model = _fitted(had, rendered, flat, weight)
-            misfit = float((weight * (had - model) ** 2).sum())
-            if best is None or misfit < best[0]:
-                best = (misfit, model, alone)
-    assert best is not None
-    rest = (1 - KEPT) / KEPT
-    empty = flat * (max(float((weight * had * flat).sum()), 0.0) / float((weight * flat * flat).sum()))
+    lights = _rendered(albedo, depth_m, seen, points, falloffs, lambda sent: stretches(sent * dwell), joined)
+    rest, count = (1 - KEPT) / KEPT, len(points)
+
+    def fitted(around: Floats) -> tuple[Floats, Floats, Floats, str]:
+        """Weights, the model and the flat background that come closest to the light, and why it is no test, or ""."""
+        weight = 1 / (floor * dwell + 0.5 * profile[:, None] * dwell + 0.5 * around)
+        models = [(_fitted(had, light, flat, weight), alone) for light, alone in lights]
+        model, alone = min(models, key=lambda each: float((weight * (had - each[0]) ** 2).sum()))
+        background = max(float((weight * had * flat).sum()), 0.0) / float((weight * flat * flat).sum())
+        return weight, rest * model, rest * background * flat, alone
+
+    weight, model, empty, alone = fitted(near)
     noise = unit * left  # its expected value is the variance, whatever the mean
-    missed = (weight * ((left - rest * best[1]) ** 2 - noise)).sum(axis=0)  # (N,)
-    there = (weight * ((left - rest * empty) ** 2 - noise)).sum(axis=0)
-    total, count = float(there.sum()), len(there)
+    missed = (weight * ((left - model) ** 2 - noise)).sum(axis=0)  # (N,)
+    there = (weight * ((left - empty) ** 2 - noise)).sum(axis=0)
+    if float(there.sum()) < SURE * float(np.sqrt(count * there.var())):
+        # Of so little light each part is mostly noise, but theirs are independent: what both say there is, there is.
+        weight, model, empty, alone = fitted(np.maximum(scipy.ndimage.convolve1d(had, OTHERS, axis=0), 0))
+        there = (weight * (rest * had - empty) * (left - empty)).sum(axis=0)
+        missed = there - (weight * (model - empty) * (2 * left - model - empty)).sum(axis=0)
+    total = float(there.sum())
     if total < SURE * float(np.sqrt(count * there.var())):
-        return Judged(0.0, 0.0, "nothing to explain: no light but a flat background", missed, there)
-    if best[2]:
-        return Judged(0.0, 0.0, best[2], missed, there)
+        note = FAINT if _comes_in_time(parts) else "nothing to explain: no light but a flat background"
+        return Judged(None if note == FAINT else 0.0, 0.0, note, missed, there)
+    if alone:
+        return Judged(0.0, 0.0, alone, missed, there)
     share = 1 - float(missed.sum()) / total
     error = float(np.sqrt(count * (missed - (1 - share) * there).var())) / total
     return Judged(share, error, "", missed, there)
+
+
+def _rendered(
+    albedo: npt.NDArray[np.float32], depth_m: npt.NDArray[np.float32], seen: Transient, points: npt.NDArray[np.intp],
+    falloffs: tuple[float, ...], stretches: Callable[[npt.NDArray[np.float32]], Floats], joined: int,
+) -> list[tuple[Floats, str]]:  # fmt: skip
+    """What the picture's surface sends, in stretches of so many bins, by every falloff and for every width that the
+    response may have beyond the one that is known; and why it is no test, or ""."""
+    lights = []
+    for falloff in falloffs:
+        sent, alone = _sent(albedo, depth_m, seen, points, falloff)
+        light = stretches(sent)
+        if seen.response is not None:
+            taps = seen.response.taps(joined * seen.time.bin_width_s)
+            light = scipy.ndimage.convolve1d(light, taps, axis=0, mode="constant")
+        for width in WIDTHS:
+            wider = scipy.ndimage.gaussian_filter1d(light, width, axis=0, mode="constant") if width else light
+            lights.append((wider, alone))
+    return lights
+
+
+def _comes_in_time(parts: Parts) -> bool:
+    """Whether the light of all points together is no flat background, by the time at which it comes."""
+    seen, judging = (part.counts.sum(axis=(1, 2), dtype=np.float64) for part in (parts.seen, parts.judging))
+    first = int(np.flatnonzero(seen)[0])
+    seen, judging = seen[first:], judging[first:]
+    both = (seen - seen.mean()) * (judging - judging.mean())
+    noise = parts.unit * parts.unit * seen.mean() * judging.mean() * len(both)
+    return float(both.sum()) > SURE * float(np.sqrt(max(noise, 0.0)))
 
 
 def _sent(

@@ -35,7 +35,7 @@ Floats = npt.NDArray[np.float64]
 class Judged:
     """How much of the light a picture explains; and, for each point of the wall, what it misses and what there is."""
 
-    share: float
+    share: float | None
     error: float
     note: str
     missed: Floats  # (N,)
@@ -52,15 +52,16 @@ def better_wall(scan: Transient, told: Judged, judge: Callable[[float], Judged |
     """What speaks for another wall than that of `scan`, in words; empty where nothing does.
 
     `told` is how its own wall was judged; `judge` does so with one that is so many times as large, None where there is
-    no picture: once for most scans that it is asked about at all.
+    no picture: once for most scans that it is asked about at all. Without a share nothing is known to speak for one.
     """
-    if told.share >= ENOUGH:
+    share = told.share
+    if share is None or share >= ENOUGH:
         return ""
     judged = cache(judge)
     own = sharpness(scan, 1.0)
     for scale in (WIDER, 1 / WIDER):
         sharper = sharpness(scan, scale) > own
-        if not sharper and not (scale > 1 and told.share < POOR):
+        if not sharper and not (scale > 1 and share < POOR):
             continue
         other = judged(scale)
         if other is None:
@@ -72,7 +73,7 @@ def better_wall(scan: Transient, told: Judged, judge: Callable[[float], Judged |
         if opposite is not None and told.gain(opposite)[0] > 0:
             continue
         return (
-            f"a wall {scale:.3g} times as large explains {100 * (told.share + gain):.0f} % of the light instead of "
-            f"{100 * told.share:.0f} %: check the wall's size, time zero and falloff"
+            f"a wall {scale:.3g} times as large explains {100 * (share + gain):.0f} % of the light instead of "
+            f"{100 * share:.0f} %: check the wall's size, time zero and falloff"
         )
     return ""

@@ -124,6 +124,35 @@ def test_the_truth_explains_the_light_however_few_photons_and_wrong_pictures_do_
     assert explained_light(scan, lambda part: (albedo, depth), (2.0, 4.0)).share == pytest.approx(whole.share, abs=0.03)
 
 
+def test_light_that_hardly_stands_out_is_judged_by_what_both_parts_say() -> None:
+    """Some thousand photons, or much ambient light: a right picture is not said to explain nothing."""
+    made, scan = drawn(20.0)
+    albedo, depth = truth(made)
+    rng = np.random.default_rng(8)
+
+    def judged(counts: npt.NDArray[np.float32], shown: npt.NDArray[np.float32] = albedo) -> Explained:
+        return explained_light(replace(scan, counts=counts), lambda part: (shown, depth), (4.0,))
+
+    few = rng.binomial(scan.counts.astype(int), 3000 / scan.counts.sum()).astype(np.float32)
+    bright = scan.counts + rng.poisson(40.0, scan.counts.shape).astype(np.float32)
+    for counts in (few, bright):
+        told = judged(counts)
+        assert told.share is not None
+        assert told.error is not None
+        assert abs(told.share - 0.9) < 3 * told.error < 0.9  # of much light this truth explains 0.9
+        assert not told.nothing
+        wrong = judged(counts, albedo[:, ::-1].copy())
+        assert wrong.share is not None
+        assert wrong.share < told.share - 0.1
+    untold = judged(scan.counts + rng.poisson(150.0, scan.counts.shape).astype(np.float32))
+    assert untold.share is None
+    assert "too little light" in untold.note
+    assert "unknown" in str(untold)
+    for seed in range(8):
+        noise = np.random.default_rng(seed).poisson(15.0, scan.counts.shape).astype(np.float32)
+        assert judged(noise).nothing
+
+
 @pytest.mark.parametrize("haze", [0.01, 0.1])
 def test_haze_counts_but_not_by_depths_near_the_wall_where_it_would_outshine_everything(haze: float) -> None:
     """Noise pixels and the halo around an object get depths from anywhere; light fades with the fourth power."""
