@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from nlos.configs.settings import Settings
 from nlos.drivers.alignment_settings import AlignmentSettings
@@ -96,6 +96,26 @@ class LaserSettings(Settings):
     """Goes into the recording."""
 
 
+class LightSettings(Settings):
+    """What of a bench file has to be right for the light to be shut off: whatever else is wrong in it."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    mirror: MirrorSettings
+    counter: CounterSettings
+    shutter: ShutterSettings
+
+    @property
+    def simulated(self) -> bool:
+        """As of a whole bench."""
+        return self.mirror.simulated
+
+    @property
+    def shutter_on(self) -> Literal["mirror", "counter", "nothing"]:
+        """Which instrument's output closes the light."""
+        return _shutter_on(self.mirror, self.counter, self.shutter)
+
+
 class BenchSettings(Settings):
     """A bench file. The bench is simulated where its instruments' addresses say so: all of them, or none."""
 
@@ -156,9 +176,7 @@ class BenchSettings(Settings):
     @property
     def shutter_on(self) -> Literal["mirror", "counter", "nothing"]:
         """Which instrument's output closes the light."""
-        if self.shutter.model in COUNTERS[self.counter.model].shutters:
-            return "counter"
-        return "mirror" if self.shutter.model in MIRRORS[self.mirror.model].shutters else "nothing"
+        return _shutter_on(self.mirror, self.counter, self.shutter)
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -183,3 +201,11 @@ class BenchSettings(Settings):
                 return
         others = [f"{role} {name}" for role, models, _ in both for name in models if word in models[name].shutters]
         raise ValueError(f"shutter {word} is an output of the {' or '.join(others)}, which this bench does not have")
+
+
+def _shutter_on(
+    mirror: MirrorSettings, counter: CounterSettings, shutter: ShutterSettings
+) -> Literal["mirror", "counter", "nothing"]:
+    if shutter.model in COUNTERS[counter.model].shutters:
+        return "counter"
+    return "mirror" if shutter.model in MIRRORS[mirror.model].shutters else "nothing"

@@ -1,6 +1,6 @@
 """Closes a bench's laser shutter with nothing but the instrument that drives it."""
 
-from nlos.drivers.bench_settings import BenchSettings
+from nlos.drivers.bench_settings import BenchSettings, LightSettings
 from nlos.drivers.clock import Clock, SystemClock
 from nlos.drivers.device_model import WireLog
 from nlos.drivers.errors import DeviceError, LimitError
@@ -8,12 +8,14 @@ from nlos.drivers.galvo.known_mirrors import open_mirror
 from nlos.drivers.tcspc.known_counters import COUNTERS, open_counter
 
 
-def make_dark(settings: BenchSettings, wire_log: WireLog | None = None) -> None:
-    """Raises `DeviceError` where the light is not confirmed off, `LimitError` where the bench has no shutter."""
+def make_dark(settings: BenchSettings | LightSettings, wire_log: WireLog | None = None) -> None:
+    """Of a bench file that is not valid its `LightSettings` do, for real instruments.
+
+    Raises `DeviceError` where the light is not confirmed off, `LimitError` where the bench has no shutter."""
     if settings.shutter_on == "nothing":
-        raise LimitError("shutter", f"bench {settings.name} has none.", "Switch the laser off by hand.")
+        raise LimitError("shutter", "this bench has none.", "Switch the laser off by hand.")
     try:
-        if not settings.simulated:
+        if isinstance(settings, LightSettings) or not settings.simulated:
             _close(settings, SystemClock(), None, None, wire_log)
             return
         from nlos.drivers.simulated.instruments import plug_in
@@ -28,7 +30,11 @@ def make_dark(settings: BenchSettings, wire_log: WireLog | None = None) -> None:
 
 
 def _close(
-    settings: BenchSettings, clock: Clock, counter_end: object, mirror_end: object, wire_log: WireLog | None
+    settings: BenchSettings | LightSettings,
+    clock: Clock,
+    counter_end: object,
+    mirror_end: object,
+    wire_log: WireLog | None,
 ) -> None:
     if settings.shutter_on == "mirror":
         open_mirror(settings.mirror, clock, wire_log, mirror_end).close()  # closes the shutter before anything else

@@ -47,7 +47,7 @@ FEWEST_SLICES = 80
 PROFILE = 3  # slices before and behind a surface that the last network sees
 FEWEST_LEFT = 48
 MARGIN = 8  # slices behind the last light, and before the first
-REFINED = 24  # points a side from which on pictures are refined: those it was learned on had 32 and 64
+REFINED = 16  # points a side from which on pictures are refined: fitted at 32 and 64, it gains 0.1 dB at 16 to 22 too
 DIMMEST = 0.003  # of the brightest point; below it there is no depth
 
 

@@ -71,6 +71,22 @@ def test_shutter_close_needs_only_what_drives_the_shutter(nlos: Nlos, tmp_path: 
     assert nlos("shutter", "open").returncode == 2
 
 
+def test_no_log_and_no_wrong_key_keep_the_shutter_from_being_told(nlos: Nlos, tmp_path: Path) -> None:
+    for _ in range(2):  # the second time the log is there
+        done = nlos("--wire-log", "wire.log", "shutter", "close", "--bench", "multiharp")
+        assert done.returncode == 0, done.stderr
+    assert "warning" in done.stderr
+    assert "File exists" in done.stderr
+    real = find("bench", "lab").read_text()
+    (tmp_path / "lab.yaml").write_text(f"{real}\nnonsense_key: 3\n")
+    asked = nlos("shutter", "close", "--bench", "lab.yaml")
+    assert asked.returncode == 3, asked.stderr  # it looked for the instrument, which is not here
+    assert "nonsense_key" in asked.stderr
+    assert "NOT CONFIRMED CLOSED" in asked.stderr
+    (tmp_path / "broken.yaml").write_text(real.replace("mirror:", "mirror_:"))
+    assert nlos("shutter", "close", "--bench", "broken.yaml").returncode == 2
+
+
 @pytest.mark.parametrize(
     ("driven_by", "closes", "missing", "role"),
     [("tcspc488", "OUTP:SHUT CLOS", "G10", "mirror"), ("triggerscope_ttl", "SDO1-0", "U17", "counter")],

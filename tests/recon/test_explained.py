@@ -144,7 +144,7 @@ def test_light_that_hardly_stands_out_is_judged_by_what_both_parts_say() -> None
         wrong = judged(counts, albedo[:, ::-1].copy())
         assert wrong.share is not None
         assert wrong.share < told.share - 0.1
-    untold = judged(scan.counts + rng.poisson(150.0, scan.counts.shape).astype(np.float32))
+    untold = judged(scan.counts + rng.poisson(600.0, scan.counts.shape).astype(np.float32))
     assert untold.share is None
     assert "too little light" in untold.note
     assert "unknown" in str(untold)
