@@ -184,12 +184,12 @@ class PicoquantT3(Picoquant):
             live_s = 0.0 if lost else self._dwells_s[point]
             taken.append(
                 Histogram(
-                    points.counts[point].copy(),
+                    np.zeros_like(points.counts[point]) if lost else points.counts[point].copy(),
                     axis.bin_width_s,
                     axis.offset_s,
                     live_s,
                     round(live_s * self._pulses_hz),
-                    int(points.totals[point]),
+                    0 if lost else int(points.totals[point]),
                     HistogramFlag.DATA_LOST if lost else HistogramFlag.NONE,
                     points.started[point] / self._sync_hz,
                 )

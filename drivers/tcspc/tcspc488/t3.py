@@ -6,7 +6,7 @@ mirror moved belong to none. The stream is told once: what the link loses of it,
 
 import numpy as np
 
-from nlos.drivers.errors import CommandRejected, DeviceLost, DeviceTimeout, LimitError, ProtocolError
+from nlos.drivers.errors import CommandRejected, DeviceLost, DeviceTimeout, LimitError, ProtocolError, SyncLost
 from nlos.drivers.tcspc.counter import (
     CounterStatus,
     Histogram,
@@ -60,6 +60,8 @@ class Tcspc488T3(Tcspc488):
         if self._axis is not None:
             self._check_records(self._axis, self._stops)
         self._sync_hz = self.rates().sync_hz
+        if self._sync_hz <= 0:
+            raise SyncLost(self._device, "sees no sync signal.", "Check laser, sync cable and its level.")
         super().arm(gates)
         assert self._axis is not None
         self._decoder = T3Decoder(GENERIC)

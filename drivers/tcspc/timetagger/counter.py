@@ -239,6 +239,7 @@ class TimeTagger(UnwatchedCounter):
             counts, opened_s, lost = clocked.point(point)
             flags = HistogramFlag.DATA_LOST if lost else HistogramFlag.NONE
             live_s = 0.0 if lost else self._dwells_s[point]
+            counts = np.zeros_like(counts) if lost else counts
             taken.append(self._made(counts, live_s, flags, opened_s - (self._zero_s or 0.0)))
         return taken
 

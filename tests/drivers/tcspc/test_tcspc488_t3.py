@@ -6,9 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nlos.drivers.errors import CommandRejected, LimitError, SafetyTrip
+from nlos.drivers.errors import CommandRejected, LimitError, SafetyTrip, SyncLost
 from nlos.drivers.simulated.faults import Fault
-from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, PointGates, StopAtCounts, Trigger
+from nlos.drivers.tcspc.counter import (
+    CountRates,
+    Histogram,
+    HistogramAxis,
+    HistogramFlag,
+    PointGates,
+    StopAtCounts,
+    Trigger,
+)
 
 NUMBERS = list(range(100, 112))
 DWELL_S = 0.004
@@ -119,3 +127,10 @@ def test_many_photons_take_several_blocks(rig: Callable) -> None:
     this.bench.clock.sleep(0.1)
     this.counter.wait_points(3, 1.0)
     assert [int(each.counts[0]) for each in this.counter.read(0, 3)] == [180_000] * 3
+
+
+def test_without_laser_pulses_there_is_no_time(rig: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
+    this = rig(mode="t3")
+    monkeypatch.setattr(this.counter, "rates", lambda: CountRates(0.0, 100.0))
+    with pytest.raises(SyncLost, match="no sync signal"):
+        this.counter.arm(PointGates([DWELL_S], [0]))
