@@ -131,7 +131,16 @@ def _judge(
     profile = np.maximum(scipy.ndimage.uniform_filter1d((had / dwell).mean(axis=1), 3), 0)
     floor = max(float(np.quantile(profile, 0.1)), 0.0) + 0.02 * float(profile.max())
     near = np.maximum(scipy.ndimage.uniform_filter1d(had, 5, axis=0), 0)
-    lights = _rendered(albedo, depth_m, seen, points, falloffs, lambda sent: stretches(sent * dwell), joined)
+    lights: list[tuple[Floats, str]] = []  # by every falloff and width of the response, and why it is no test, or ""
+    for falloff in falloffs:
+        sent, alone = _sent(albedo, depth_m, seen, points, falloff)
+        light = stretches(sent * dwell)
+        if seen.response is not None:
+            taps = seen.response.taps(joined * seen.time.bin_width_s)
+            light = scipy.ndimage.convolve1d(light, taps, axis=0, mode="constant")
+        for width in WIDTHS:
+            wider = scipy.ndimage.gaussian_filter1d(light, width, axis=0, mode="constant") if width else light
+            lights.append((wider, alone))
     rest, count = (1 - KEPT) / KEPT, len(points)
 
     def fitted(around: Floats) -> tuple[Floats, Floats, Floats, str]:
@@ -160,25 +169,6 @@ def _judge(
     share = 1 - float(missed.sum()) / total
     error = float(np.sqrt(count * (missed - (1 - share) * there).var())) / total
     return Judged(share, error, "", missed, there)
-
-
-def _rendered(
-    albedo: npt.NDArray[np.float32], depth_m: npt.NDArray[np.float32], seen: Transient, points: npt.NDArray[np.intp],
-    falloffs: tuple[float, ...], stretches: Callable[[npt.NDArray[np.float32]], Floats], joined: int,
-) -> list[tuple[Floats, str]]:  # fmt: skip
-    """What the picture's surface sends, in stretches of so many bins, by every falloff and for every width that the
-    response may have beyond the one that is known; and why it is no test, or ""."""
-    lights = []
-    for falloff in falloffs:
-        sent, alone = _sent(albedo, depth_m, seen, points, falloff)
-        light = stretches(sent)
-        if seen.response is not None:
-            taps = seen.response.taps(joined * seen.time.bin_width_s)
-            light = scipy.ndimage.convolve1d(light, taps, axis=0, mode="constant")
-        for width in WIDTHS:
-            wider = scipy.ndimage.gaussian_filter1d(light, width, axis=0, mode="constant") if width else light
-            lights.append((wider, alone))
-    return lights
 
 
 def _comes_in_time(parts: Parts) -> bool:

@@ -100,7 +100,7 @@ class PicoquantSettings(CounterBlock):
     cable: ClassVar = "library"
     incidental: ClassVar[frozenset[str]] = CounterBlock.incidental | {
         "mode", "levels_converted", "marker_holdoff_ns", "marker_disorder_us"}  # fmt: skip
-    listing_begins_s: ClassVar[float] = 0.009
+    listing_begins_s: ClassVar[float] = 0.002
     listing_ends_s: ClassVar[float] = 0.0068
 
     usual_mode: ClassVar[str | None] = "t3"

@@ -113,7 +113,7 @@ class Picoquant(UnwatchedCounter):
         if self._sync_hz <= 0:
             raise SyncLost(self._device, "sees no sync signal.", "Check laser, sync cable and sync.level_mv.")
         self._dwells_s, self._taken, self._triggered = gates.dwells_s, [], 0
-        self._armed_s = self._clock.now()
+        self._armed_s = self._sync_looked_s = self._clock.now()
 
     def _check_trigger(self, gates: PointGates) -> None:
         if gates.trigger is not Trigger.HOST:
@@ -215,7 +215,7 @@ class Picoquant(UnwatchedCounter):
     def _look_at_sync(self) -> None:
         """A laser that changes its rate in the middle of a scan shows in the pulses of the points that follow."""
         if self._clock.now() - self._sync_looked_s >= _SYNC_LOOK_S:
-            self._sync_looked_s, self._pulses_hz = self._clock.now(), self.rates().sync_hz
+            self._sync_looked_s, self._pulses_hz = self._clock.now(), self._sync_rate_hz()
 
     def read(self, first: int, count: int) -> list[Histogram]:
         if not 0 <= first <= first + count <= len(self._taken):
@@ -231,11 +231,12 @@ class Picoquant(UnwatchedCounter):
         self._running = False
 
     def rates(self) -> CountRates:
-        channel = self._settings.channel
-        if self._family.prefix == "PH":
-            return CountRates(*(float(self._library.integer("GetCountRate", each)) for each in (0, 1)))
-        sync = self._library.integer("GetSyncRate")
-        return CountRates(float(sync), float(self._library.integer("GetCountRate", channel)))
+        channel = 1 if self._family.prefix == "PH" else self._settings.channel
+        return CountRates(self._sync_rate_hz(), float(self._library.integer("GetCountRate", channel)))
+
+    def _sync_rate_hz(self) -> float:
+        asked = ("GetCountRate", 0) if self._family.prefix == "PH" else ("GetSyncRate",)
+        return float(self._library.integer(*asked))
 
     def close(self) -> None:
         try:

@@ -31,7 +31,6 @@ from nlos.drivers.simulated.picoquant.library import PicoquantLibrary
 from nlos.drivers.simulated.scene import SceneLight, SceneSettings
 from nlos.drivers.simulated.spad import DetectorSettings
 from nlos.drivers.tcspc.counter import (
-    CountRates,
     Histogram,
     HistogramAxis,
     HistogramFlag,
@@ -459,14 +458,8 @@ def test_a_laser_that_changes_its_rate_shows_in_the_points_that_follow(
     device: str, mode: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     counter, bench = opened(device, mode=mode)
-    rates = counter.rates
-    begun_s = bench.clock.now()
-
-    def halved() -> CountRates:
-        now = rates()
-        return now if bench.clock.now() - begun_s < 0.1 else CountRates(now.sync_hz / 2, now.detector_hz)
-
-    monkeypatch.setattr(counter, "rates", halved)
+    rate_hz, begun_s = counter._sync_rate_hz, bench.clock.now()
+    monkeypatch.setattr(counter, "_sync_rate_hz", lambda: rate_hz() / (1 if bench.clock.now() - begun_s < 0.1 else 2))
     pulses = [each.sync_count / each.live_time_s for each in one_by_one(counter, 40)]
     assert pulses[0] == pytest.approx(10e6, rel=1e-3)
     assert pulses[-1] == pytest.approx(5e6, rel=1e-3)
