@@ -1,6 +1,6 @@
 """Constants and impulse responses from anywhere: read by a child first, so that a damaged file stops nobody."""
 
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 
 from nlos.acquisition.errors import InvalidData
@@ -24,14 +24,20 @@ def response_checked(path: Path) -> ImpulseResponse:
     return load_response(path)
 
 
+def measured_at(constants: BenchConstants) -> datetime:
+    """When they were measured; a time without a zone is UTC, as its name says. Raises `ValueError` where it is none."""
+    time = datetime.fromisoformat(constants.measured_utc)
+    return time if time.tzinfo is not None else time.replace(tzinfo=UTC)
+
+
 def all_checked(folder: Path) -> list[tuple[Path, BenchConstants]]:
     """Every constants file of `folder`, the newest measured first; what cannot be read is passed over."""
-    found = []
+    found: list[tuple[datetime, Path, BenchConstants]] = []
     with one_reader():
         for path in sorted(folder.glob("*.h5")):
             try:
                 constants = load_checked(path)
-                found.append((datetime.fromisoformat(constants.measured_utc), path, constants))
-            except (InvalidData, CalibrationError, ValueError):
+                found.append((measured_at(constants), path, constants))
+            except (InvalidData, CalibrationError, ValueError, OSError):
                 continue
     return [(path, constants) for _, path, constants in sorted(found, key=lambda each: each[:2], reverse=True)]

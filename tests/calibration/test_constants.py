@@ -122,6 +122,16 @@ def test_the_newest_comes_first_and_what_cannot_be_read_not_at_all(constants: Be
     assert [path.name for path, _ in all_checked(tmp_path)] == ["b.h5", "a.h5", "c.h5"]
 
 
+def test_a_time_without_a_zone_is_utc_and_a_nameless_one_is_passed_over(
+    constants: BenchConstants, tmp_path: Path
+) -> None:
+    for name, utc in (("a", "2026-03-03T00:00:00"), ("b", "2026-03-03T01:00:00+00:00"), ("c", "some day")):
+        save(replace(constants, measured_utc=utc), tmp_path / f"{name}.h5")
+    (tmp_path / "folder.h5").mkdir()
+    (tmp_path / "gone.h5").symlink_to(tmp_path / "nothing")
+    assert [path.name for path, _ in all_checked(tmp_path)] == ["b.h5", "a.h5"]
+
+
 @pytest.mark.parametrize("harm", ["truncated", "nan", "format", "shape"])
 def test_a_damaged_file_is_refused_with_its_name(constants: BenchConstants, tmp_path: Path, harm: str) -> None:
     path = tmp_path / "c.h5"
