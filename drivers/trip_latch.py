@@ -2,26 +2,23 @@
 
 import hashlib
 import os
-import re
 from datetime import UTC, datetime
 from pathlib import Path
 
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.errors import LimitError
+from nlos.drivers.file_word import older_word, own_word
 from nlos.drivers.state_folder import state_folder
-
-
-def file_word(name: str) -> str:
-    """A bench's name as part of a file's."""
-    return re.sub(r"[^A-Za-z0-9]+", "-", name)[:60]
 
 
 class TripLatch:
     """The log of one bench: a line a trip, override or name. The last line says whether a trip stands; one that is not
     whole, as a full disk leaves it, stands for a trip: nothing else is written down while light is on."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, older: Path | None = None) -> None:
+        """`older`: the log of an earlier version, which several benches may share. It is read until there is an own
+        one, so that a trip in it stands, and never written to."""
+        self.path, self._older = path, older
 
     @classmethod
     def of_bench(cls, settings: BenchSettings) -> "TripLatch":
@@ -29,20 +26,24 @@ class TripLatch:
         so does a bench whose ports have other names today."""
         parts = (settings.mirror.model, settings.counter.model, settings.shutter.model, str(settings.simulated))
         kind = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:8]
-        return cls(state_folder() / "trips" / f"{file_word(settings.name)}-{kind}.log")
+        folder = state_folder() / "trips"
+        older = folder / f"{older_word(settings.name)}-{kind}.log"
+        return cls(folder / f"{own_word(settings.name)}-{kind}.log", older)
 
     def standing(self) -> str | None:
         """Why the bench is tripped; None where it is not. Raises `LimitError` where nobody can know."""
         try:
-            text = self.path.read_text(encoding="utf-8", errors="replace")
-        except FileNotFoundError:
-            return None
+            text = _text(self.path)
+            if text is None and self._older is not None:
+                text = _text(self._older)
         except OSError as error:
             raise LimitError(
                 "shutter",
                 f"whether a trip stands is not to be read ({error}), so no light is allowed.",
                 "Make that file readable, or name another folder by NLOS_STATE.",
             ) from error
+        if text is None:
+            return None
         line = text.rstrip("\n").rpartition("\n")[2]
         kind, _, why = line.partition(" ")[2].partition(": ")
         if kind == "trip":
@@ -74,6 +75,14 @@ class TripLatch:
             os.fsync(log)
         finally:
             os.close(log)
+
+
+def _text(path: Path) -> str | None:
+    """None where there is no such file. Raises OSError where it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8", errors="replace")
+    except FileNotFoundError:
+        return None
 
 
 def _ends_its_line(log: int) -> bool:

@@ -19,8 +19,8 @@ from nlos.calibration.errors import InvalidData
 from nlos.calibration.geometry_fit import Spots
 from nlos.calibration.spots_sense import check_sense, span_the_wall
 from nlos.drivers.bench_settings import BenchSettings
+from nlos.drivers.file_word import own_word
 from nlos.drivers.state_folder import state_folder
-from nlos.drivers.trip_latch import file_word
 from nlos.whole_file import whole_file
 
 RULER_M = 0.02
@@ -44,6 +44,7 @@ def keep_beam_seen(settings: BenchSettings, by: str, spots: Spots) -> None:
     if not span_the_wall(spots):
         return
     said = {
+        "bench": settings.name,
         "by": by,
         "utc": datetime.now(UTC).isoformat(timespec="seconds"),
         "facts": _facts(settings),
@@ -68,7 +69,7 @@ def judge_beam(settings: BenchSettings, aim: Aiming, by_spots: bool = False) -> 
         if not span_the_wall(spots):
             raise ValueError("these spots tell nothing")
         seen, then = f"seen by `nlos {said['by']}` on {str(said['utc'])[:10]}", dict(said["facts"])
-        if then[INSTRUMENTS] != _kind(settings):
+        if then[INSTRUMENTS] != _kind(settings) or said.get("bench", settings.name) != settings.name:
             raise ValueError("this is of another bench")
     except (OSError, ValueError, KeyError, TypeError):
         if by_spots:
@@ -112,7 +113,7 @@ def _kind(settings: BenchSettings) -> str:
 def _path(settings: BenchSettings, kind: str | None = None) -> Path:
     """A file for the real bench and one for the simulated one: a rehearsal replaces nothing that was seen."""
     ending = ".simulated.json" if (kind or _kind(settings)) == SIMULATED else ".json"
-    return state_folder() / "beam_seen" / f"{file_word(settings.name)}{ending}"
+    return state_folder() / "beam_seen" / f"{own_word(settings.name)}{ending}"
 
 
 def _facts(settings: BenchSettings) -> dict[str, object]:

@@ -8,12 +8,12 @@ from pathlib import Path
 
 from nlos.acquisition.planning.aim import Aiming
 from nlos.calibration.bench_facts import INSTRUMENTS, REAL, Facts, facts_of
-from nlos.calibration.checked import all_checked, load_checked
+from nlos.calibration.checked import all_checked, load_checked, measured_at
 from nlos.calibration.constants import BenchConstants
 from nlos.calibration.errors import StaleConstants
 from nlos.calibration.geometry import ScannerGeometry
+from nlos.drivers.file_word import older_word, own_word
 from nlos.drivers.state_folder import state_folder
-from nlos.drivers.trip_latch import file_word
 
 log = logging.getLogger(__name__)
 
@@ -48,7 +48,14 @@ class Known:
 
 def folder_of(bench: str) -> Path:
     """Where `nlos calibrate` keeps the constants of the bench of that name."""
-    return state_folder() / "constants" / file_word(bench)
+    return state_folder() / "constants" / own_word(bench)
+
+
+def _kept_for(bench: str) -> list[tuple[Path, BenchConstants]]:
+    """Those that say they are of that bench, the newest first; earlier versions kept several benches in one folder."""
+    folders = dict.fromkeys((folder_of(bench), folder_of(bench).with_name(older_word(bench))))
+    found = [each for folder in folders for each in all_checked(folder) if each[1].bench == bench]
+    return sorted(found, key=lambda each: measured_at(each[1]), reverse=True)
 
 
 def aiming_constants(given: Path | None, bench_json: str, devices: Mapping[str, str]) -> Known | None:
@@ -105,7 +112,7 @@ def _known(
         constants.refuse_other_models(devices)
         return Known(given, constants, tuple(constants.stale(devices, facts)))
     passed_over = ""
-    for path, constants in all_checked(folder_of(name)) if name else ():
+    for path, constants in _kept_for(name) if name else ():
         if why := _of_the_other_kind(constants, facts):
             passed_over = passed_over or (
                 f"constants: {path} passed over: {why}. `nlos calibrate` with a scan of this bench measures its own; "

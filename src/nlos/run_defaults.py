@@ -1,7 +1,6 @@
 """Notes and places of a run: what the command line says, else the bench file, else a person's own defaults."""
 
 import os
-import re
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 from nlos.acquisition.recording.run_notes import RunNotes
 from nlos.cli.exit_codes import UsageError
 from nlos.configs.load import ConfigError, parse
+from nlos.drivers.file_word import file_word
 from nlos.drivers.run_defaults import HookSettings, RunDefaults
 
 if TYPE_CHECKING:
@@ -70,8 +70,3 @@ def dated_name(bench: "BenchSettings", scan: str, sample: str, now: datetime) ->
     if folder is None:
         return Path(f"{'-'.join(words)}-{now:%Y%m%d-%H%M%S}.h5")
     return folder / f"{now:%Y-%m-%d}" / f"{now:%H%M%S}-{'-'.join(words)}.h5"
-
-
-def file_word(text: str) -> str:
-    """A text as part of a file's name: letters of any language, digits, dots and underscores, joined by dashes."""
-    return re.sub(r"[^\w.]+", "-", text).strip("-.")[:60]

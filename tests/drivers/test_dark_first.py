@@ -10,6 +10,7 @@ from nlos.drivers import bench as bench_module
 from nlos.drivers import light_out, partial_bench
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.errors import DeviceError, DeviceTimeout, LimitError, ProtocolError
+from nlos.drivers.file_word import own_word
 from nlos.drivers.light_out import make_dark
 from nlos.drivers.partial_bench import open_partial_bench
 from nlos.drivers.simulated.faults import Fault
@@ -112,3 +113,28 @@ def test_a_port_of_another_name_does_not_forget_a_trip(monkeypatch: pytest.Monke
     monkeypatch.setenv("NLOS_STATE", "/dev/null/x")
     with pytest.raises(LimitError, match=r"no light is allowed.*NLOS_STATE"):
         TripLatch.of_bench(here).standing()
+
+
+ALIKE = ("bench-1", "bench 1", "Bench 1", "実験台", "光学台", "", " ", "a" * 70, "a" * 71, "v1.2", "v1,2")
+
+
+def test_no_two_benches_share_a_log_whatever_they_are_called(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("NLOS_STATE", str(tmp_path))
+    benches = [settings("multiharp").model_copy(update={"name": name}) for name in ALIKE]
+    assert len({TripLatch.of_bench(bench).path for bench in benches}) == len(ALIKE)
+    assert own_word("bench-1") == "bench-1"
+    TripLatch.of_bench(benches[4]).trip("too bright")
+    assert TripLatch.of_bench(benches[3]).standing() is None
+
+
+def test_a_trip_that_an_earlier_version_wrote_down_stands_until_it_is_cleared(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It called two benches' logs the same: the other one's trip is not cleared with one's own."""
+    monkeypatch.setenv("NLOS_STATE", str(tmp_path))
+    spaced, dashed = (settings("multiharp").model_copy(update={"name": name}) for name in ("bench 1", "bench-1"))
+    TripLatch.of_bench(dashed).trip("too bright")
+    assert TripLatch.of_bench(spaced).standing() == "too bright"
+    TripLatch.of_bench(spaced).clear("Ada")
+    assert TripLatch.of_bench(spaced).standing() is None
+    assert TripLatch.of_bench(dashed).standing() == "too bright"

@@ -19,6 +19,7 @@ from nlos.calibration.errors import ForeignConstants, StaleConstants
 from nlos.calibration.geometry import ScannerGeometry
 from nlos.configs.load import find, parse
 from nlos.drivers.bench import BenchSettings
+from nlos.drivers.file_word import older_word
 from tests.nlos.conftest import SMALL
 
 DEVICES = {"mirror": "triggerscope ", "counter": "tcspc488 SIM0001"}
@@ -81,6 +82,27 @@ def test_they_are_found_by_the_benchs_name_and_say_what_they_override(kept: Path
     assert "y_gain" not in known.said(drawn)
     assert aiming_constants(None, bench_json(name="another"), devices_now()) is None
     assert aiming_constants(NONE, bench_json(), devices_now()) is None
+
+
+@pytest.mark.parametrize("others", ["光学台", "bench-1"])
+@pytest.mark.parametrize("own", ["実験台", "bench 1"])
+def test_another_benchs_constants_never_aim_this_one_however_alike_their_names(
+    own: str, others: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor those in a folder that an earlier version let them share, where its own ones are still found."""
+    monkeypatch.setenv("NLOS_STATE", str(tmp_path))
+    assert folder_of(own) != folder_of(others)
+    shared = folder_of(own).with_name(older_word(own))
+    for folder in (folder_of(own), shared):
+        folder.mkdir(parents=True)
+        save(constants(bench=others, measured_utc="2026-04-01T12:00:00+00:00"), folder / "others.h5")
+    assert aiming_constants(None, bench_json(name=own), {}) is None
+    save(constants(bench=own, measured_utc="2026-03-02T12:00:00+00:00"), shared / "older.h5")
+    for name in ("older.h5", "own.h5"):
+        known = aiming_constants(None, bench_json(name=own), {})
+        assert known is not None
+        assert known.path.name == name
+        save(constants(bench=own, measured_utc="2026-03-03T12:00:00+00:00"), folder_of(own) / "own.h5", overwrite=True)
 
 
 CHANGED = {

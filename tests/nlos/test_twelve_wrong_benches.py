@@ -239,6 +239,24 @@ def test_a_rehearsal_is_no_sighting_of_the_real_bench(
     assert not other.wrong
 
 
+def test_a_sighting_of_a_bench_of_a_similar_name_is_none_of_this_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NLOS_STATE", str(tmp_path))
+    real = load("bench", "lab", BenchSettings).settings
+    aim = drawn_aim(real.geometry)
+    x_m, y_m = np.array([0.0, 0.3, 0.0]), np.array([0.0, 0.0, 0.3])
+    ours, theirs = (real.model_copy(update={"name": name}) for name in ("実験台", "光学台"))
+    keep_beam_seen(ours, "jog", Spots(*aim.angles_rad(x_m, y_m), x_m, y_m))
+    assert judge_beam(ours, aim) == BeamJudged()
+    assert "nobody has seen" in judge_beam(theirs, aim).warning
+    (kept,) = (tmp_path / "beam_seen").iterdir()
+    keep_beam_seen(theirs, "jog", Spots(*aim.angles_rad(x_m, y_m), x_m, y_m))
+    (other,) = set((tmp_path / "beam_seen").iterdir()) - {kept}
+    other.write_bytes(kept.read_bytes())  # as a copied state folder, or a case-blind disk, has it
+    assert "nobody has seen" in judge_beam(theirs, aim).warning
+
+
 def test_stale_constants_are_named_before_the_first_point(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,6 +1,5 @@
 """`nlos jog`: the beam by arrow keys, with angles, place, rates and histogram in view, and marks for calibration."""
 
-import re
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
@@ -17,6 +16,7 @@ from nlos.cli.exit_codes import UsageError
 from nlos.cli.named_files import BenchWord
 from nlos.cli.point import ELSEWHERE, LIGHT, LIVE, PORT
 from nlos.cli.terminal import terminal
+from nlos.drivers.file_word import own_word
 
 
 def jog(
@@ -37,8 +37,7 @@ def jog(
     for as long again. `m` marks a spot: its
     commanded angles, and where on the wall a ruler finds it, for `nlos calibrate --spots`."""
     table = load_bench(bench)
-    name = re.sub(r"[^A-Za-z0-9]+", "-", table.settings.name)[:60]
-    book = Marks(marks or Path(f"spots-{name}-{datetime.now(UTC):%Y%m%d}.csv"))
+    book = Marks(marks or Path(f"spots-{own_word(table.settings.name)}-{datetime.now(UTC):%Y%m%d}.csv"))
     had = book.count
     with (
         viewer(live, port) as page,

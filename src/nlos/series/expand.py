@@ -15,7 +15,8 @@ from nlos.acquisition.recording.run_notes import RunNotes
 from nlos.cli.exit_codes import UsageError
 from nlos.configs.load import Loaded, find, load, parse
 from nlos.drivers.bench_settings import BenchSettings
-from nlos.run_defaults import file_word, notes_for
+from nlos.drivers.file_word import file_word
+from nlos.run_defaults import notes_for
 from nlos.series.settings import MOST_RUNS, QueuedScan, QueueSettings
 
 
