@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from nlos.calibration.errors import InvalidData
 from nlos.drivers.galvo.mirror import MirrorAngles
 
 COLUMNS = ("x_deg", "y_deg", "x_m", "y_m")
@@ -38,34 +39,45 @@ class Mark:
 
 
 class Marks:
-    """A table that is on the disk after every mark. Written on where it exists. `count`: its spots; `unmeasured`: of
-    those, the ones whose place on the wall is still to be filled in."""
+    """A table that is on the disk after every mark. Written on by its own header where it exists. `count`: its spots;
+    `unmeasured`: of those, the ones whose place on the wall is still to be filled in. Raises `InvalidData` for a table
+    without the columns of `COLUMNS`."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.count = self.unmeasured = 0
         self._marks: list[Mark] = []
-        self._lines = 1
-        if path.exists():
-            rows = path.read_text(encoding="utf-8-sig").splitlines()
+        self._header: list[str] = []
+        self._lines = 0
+        text = path.read_text(encoding="utf-8-sig") if path.exists() else ""
+        self._ends_its_line = not text or text.endswith(("\n", "\r"))
+        if text.strip():
+            rows = text.splitlines()
             self._lines = len(rows)
+            self._header = _header(path, rows)
             self.count = len(rows) - 1
-            self.unmeasured = sum(row.rstrip().endswith(",") for row in rows[1:])
-            self._marks = _read(rows)
+            self._marks, self.unmeasured = _read(rows)
 
     def add(self, angles: MirrorAngles, measured: tuple[float, float] | None) -> Mark:
         """One spot, at optical angles; `measured` (x_m, y_m), None to be filled in later."""
         place = ("", "") if measured is None else tuple(f"{each:.5f}" for each in measured)
         x_deg, y_deg = math.degrees(angles.x_rad), math.degrees(angles.y_rad)
+        said = dict(zip(COLUMNS, (f"{x_deg:.6f}", f"{y_deg:.6f}", *place), strict=True))
         text = io.StringIO()
         table = csv.writer(text, lineterminator="\n")
-        if not self.path.exists():
-            table.writerow(COLUMNS)
-        table.writerow((f"{x_deg:.6f}", f"{y_deg:.6f}", *place))
-        with self.path.open("a", encoding="utf-8") as file:
+        begun = bool(self._header)
+        if not begun:
+            self._header = list(COLUMNS)
+            table.writerow(self._header)
+            self._lines += 1
+        elif not self._ends_its_line:
+            text.write("\n")
+        table.writerow([said.get(name, "") for name in self._header])
+        with self.path.open("a" if begun else "w", encoding="utf-8") as file:
             file.write(text.getvalue())
             file.flush()
             os.fsync(file.fileno())
+        self._ends_its_line = True
         self.count += 1
         self.unmeasured += measured is None
         self._lines += 1
@@ -77,13 +89,28 @@ class Marks:
         return [each for each in self._marks if each is not new and each.contradicts(new, wall_distance_m)]
 
 
-def _read(rows: list[str]) -> list[Mark]:
-    """What a table says so far, by its own header; rows that a person has still to correct are passed over."""
-    marks = []
+def _header(path: Path, rows: list[str]) -> list[str]:
+    """The table's columns, in its order. Raises `InvalidData` where one is missing: nobody could say what a row is."""
+    header: list[str] = []
+    with suppress(csv.Error):
+        header = list(csv.DictReader(rows, skipinitialspace=True).fieldnames or ())
+    if missing := [name for name in COLUMNS if header.count(name) != 1]:
+        raise InvalidData(
+            f"{path}: its header has no column, or two, of {', '.join(missing)}; expected {','.join(COLUMNS)}. "
+            "Name another file for the marks, or correct its first line."
+        )
+    return header
+
+
+def _read(rows: list[str]) -> tuple[list[Mark], int]:
+    """What a table says so far, by its own header, and how many places it lacks; rows that a person has still to
+    correct are passed over."""
+    marks, unmeasured = list[Mark](), 0
     table = csv.DictReader(rows, skipinitialspace=True)
     with suppress(csv.Error):  # `calibrate --spots` says what is wrong with such a table
         for row in table:
+            unmeasured += not (row["x_m"] or "").strip() or not (row["y_m"] or "").strip()
             with suppress(KeyError, TypeError, ValueError):
                 x_deg, y_deg, x_m, y_m = (float(row[name]) for name in COLUMNS)
                 marks.append(Mark(table.line_num, x_deg, y_deg, (x_m, y_m)))
-    return marks
+    return marks, unmeasured

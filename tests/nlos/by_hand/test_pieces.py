@@ -108,6 +108,46 @@ def test_spots_without_a_rulers_value_are_counted_and_named_by_calibrate(tmp_pat
         read_spots(path)
 
 
+def test_marks_are_added_by_the_header_of_the_table(tmp_path: Path) -> None:
+    """In the order that its author chose, other columns left empty, and no row of theirs run on into ours."""
+    path = tmp_path / "spots.csv"
+    path.write_text("x_m, y_m, who, y_deg, x_deg\n0.3,0.1,Ada,2.5,7.5\n,,Ada,1.0,2.0", encoding="utf-8-sig")
+    marks = Marks(path)
+    assert (marks.count, marks.unmeasured) == (2, 1)
+    assert marks.add(MirrorAngles(0.1, -0.05), (0.2, -0.1)).line == 4
+    Marks(path).add(MirrorAngles(-0.1, 0.05), (-0.2, 0.1))
+    assert [each.line for each in marks.contradicted_by(marks.add(MirrorAngles(0.1, -0.05), (0.3, 0.0)), 2.0)] == [4]
+    rows = path.read_text("utf-8-sig").splitlines()
+    assert rows[2:5] == [
+        ",,Ada,1.0,2.0",
+        "0.20000,-0.10000,,-2.864789,5.729578",
+        "-0.20000,0.10000,,2.864789,-5.729578",
+    ]
+    path.write_text("\n".join([*rows[:2], *rows[3:]]), encoding="utf-8-sig")
+    spots = read_spots(path)
+    assert spots.x_rad[1:] == pytest.approx([0.1, -0.1, 0.1], abs=1e-7)
+    assert spots.x_m == pytest.approx([0.3, 0.2, -0.2, 0.3])
+
+
+@pytest.mark.parametrize("text", ["", "\n"])
+def test_an_empty_table_gets_its_header_with_the_first_mark(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "spots.csv"
+    path.write_text(text)
+    marks = Marks(path)
+    assert marks.count == 0
+    new = marks.add(MirrorAngles(0.1, -0.05), (0.2, -0.1))
+    assert read_spots(path).x_m == pytest.approx([0.2])
+    assert path.read_text().splitlines()[new.line - 1].startswith("5.729578,")
+
+
+@pytest.mark.parametrize("header", ["x,y", "x_deg;y_deg;x_m;y_m", "x_deg,y_deg,x_m", "x_deg,y_deg,x_m,y_m,x_m"])
+def test_a_table_that_is_none_of_spots_is_not_written_on(header: str, tmp_path: Path) -> None:
+    path = tmp_path / "spots.csv"
+    path.write_text(f"{header}\n1,2\n")
+    with pytest.raises(InvalidData, match=r"spots\.csv: its header has no column, or two, of .*Name another file"):
+        Marks(path)
+
+
 @pytest.mark.parametrize("bench", [name for name in names("bench") if name != "lab"])
 def test_every_counter_has_bins_for_the_whole_period(bench: str) -> None:
     settings = load("bench", bench, BenchSettings).settings
