@@ -6,6 +6,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
+import time
 from contextlib import closing
 from datetime import datetime
 from pathlib import Path
@@ -210,7 +211,11 @@ SEARCHES = {
     ("tag:nigh",): set(),
     ("2026-03",): {"hat"},
     ("since:2026-03-02",): {"cap"},
+    ("since:2026-3-2",): {"cap"},
     ("until:2026-03",): {"hat"},
+    ("until:2026-3",): {"hat"},
+    ("until:2026-3-1",): {"hat"},
+    ("since:2026-3-1", "until:2026-4-2"): {"hat", "cap"},
     ("since:2026", "until:2026-04-02"): {"hat", "cap"},
     ("status:complete", "simulated"): {"hat", "cap", "plain"},
     ("'; DROP TABLE runs; --",): set(),
@@ -232,6 +237,36 @@ def three(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_words_find_runs(three: Path, words: tuple[str, ...]) -> None:
     with RunsIndex(three, three / "index.sqlite") as index:
         assert {Path(each.path).stem for each in index.search(words)} == SEARCHES[words]
+
+
+def test_an_index_made_under_another_clock_shows_and_finds_what_this_one_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The laboratory's and a travelling laptop's: files are told apart by moments, days are those of whoever looks."""
+
+    def clock(zone: str) -> None:
+        monkeypatch.setenv("TZ", zone)
+        time.tzset()
+
+    try:
+        clock("Asia/Tokyo")
+        recording(tmp_path / "late.h5", NOTES, started="2026-03-01T20:00:00+00:00")
+        with RunsIndex(tmp_path, tmp_path / "index.sqlite") as index:
+            index.update()
+            assert [each.started for each in index.search(["since:2026-03-02", "2026-03-02 05"])] == [
+                "2026-03-02 05:00:00"
+            ]
+        clock("America/New_York")
+        recording(tmp_path / "later.h5", NOTES, started="2026-03-01T21:00:00+00:00")
+        with RunsIndex(tmp_path, tmp_path / "index.sqlite") as index:
+            assert index.update().read == 1
+            started = {each.path: each.started for each in index.search(["until:2026-03-01", "2026-03-01 1"])}
+            assert started == {"later.h5": "2026-03-01 16:00:00", "late.h5": "2026-03-01 15:00:00"}
+            assert index.search(["since:2026-03-02"]) == []
+            assert index.search(["2026-03-02"]) == []
+    finally:
+        monkeypatch.undo()
+        time.tzset()
 
 
 def test_they_come_in_the_order_asked_for_and_no_more(three: Path) -> None:

@@ -10,6 +10,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from nlos.runs.query import local_time
+
 Stamp = tuple[int, ...]
 """Size, time of change, inode; empty: to be read again."""
 Row = tuple[tuple[Any, ...], str]
@@ -18,7 +20,7 @@ COLUMNS = ("path", "size", "mtime_ns", "inode", "kind", "started", "status", "po
            "sample", "operator", "note", "tags", "bench", "words")  # fmt: skip
 DAMAGED = (sqlite3.DatabaseError, UnicodeDecodeError)
 """What a damaged file raises: the second where SQLite's own words quote bytes of it that are no text."""
-_VERSION = 3
+_VERSION = 4
 _SCHEMA = """
 CREATE TABLE runs (
     path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, inode INTEGER, kind TEXT, started TEXT, status TEXT,
@@ -110,6 +112,7 @@ def _connected(place: Path) -> sqlite3.Connection:
     base = sqlite3.connect(place, timeout=30.0)
     base.text_factory = lambda raw: raw.decode("utf-8", "backslashreplace")  # of a damaged one: its checksum is wrong
     base.create_function("checksum", 1, checksum, deterministic=True)
+    base.create_function("local_time", 1, local_time)
     return base
 
 

@@ -30,7 +30,7 @@ from nlos.runs.database import (
     stamps,
     storable,
 )
-from nlos.runs.query import OTHER, UNREADABLE, condition
+from nlos.runs.query import OTHER, UNREADABLE, condition, local_time
 
 SORTS = ("started", "path", "status", "points", "photons", "live_s", "sample", "operator", "bench")
 
@@ -145,7 +145,7 @@ class RunsIndex:
 def _run(path: str, started: str, status: str, summary: str | None, crc: int | None) -> Run:
     if summary is None or checksum(summary) != crc:
         raise sqlite3.DatabaseError(f"the summary of {path} is damaged")
-    return Run(path, started, status, json.loads(summary))
+    return Run(path, local_time(started), status, json.loads(summary))
 
 
 def _recordings(folder: Path) -> Iterator[tuple[str, os.stat_result]]:

@@ -11,7 +11,7 @@ from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.importers.isolated import IsolatedReader
 from nlos.acquisition.importers.magic import is_recording
 from nlos.runs.database import Row
-from nlos.runs.query import OTHER, UNREADABLE, local_time
+from nlos.runs.query import OTHER, UNREADABLE, utc_time
 
 _READER = "nlos.acquisition.recording.summary:summarise"
 _BATCH = 500
@@ -47,10 +47,10 @@ def _row(reader: IsolatedReader, folder: Path, path: str, stamp: Stamp) -> Row:
     except (InvalidData, StorageError, OSError) as error:
         kind = UNREADABLE if _may_be_one(full) else OTHER
         said = {"status": UNREADABLE, "trouble": str(error)}
-    started = local_time(str(said.get("started_utc", "")))
+    started = utc_time(str(said.get("started_utc", "")))
     told = [str(said.get(name, "")) for name in ("sample", "operator", "note")]
     tags, bench = " ".join(said.get("tags", [])), str(said.get("bench", ""))
-    words = " ".join([path, started, *told, tags, bench, str(said.get("status")), str(said.get("pattern", "")),
+    words = " ".join([path, *told, tags, bench, str(said.get("status")), str(said.get("pattern", "")),
                       *said.get("devices", [])]).casefold()  # fmt: skip
     row = (
         path, *stamp, kind, started, said.get("status"), said.get("points"), said.get("planned"),
