@@ -132,14 +132,22 @@ def measure_constants(
 
 
 def _with_dark(constants: BenchConstants, run: RawPoints) -> BenchConstants:
-    """Adds the dark rate: clicks with the light off, less those that are afterpulses of others."""
-    clicks = float(run.total_count.sum()) or float(run.counts.sum(dtype=np.float64))
+    """Adds the dark rate: clicks with the light off, less those that are afterpulses of others. Where a source keeps no
+    clicks outside of the histogram, those in it stand for its share of the laser's period."""
+    told, inside = run.total_count > 0, run.counts.sum(axis=1, dtype=np.float64)
+    period_s, share = run.period_s, 1.0
+    if period_s is not None:
+        share = min(run.time.bins * run.time.bin_width_s / period_s, 1.0)
+    elif not told.all():
+        log.warning("no clicks and no laser pulses are known of a dark run: its dark rate is that of its window alone")
+    clicks = float(run.total_count[told].sum() + inside[~told].sum() / share)
+    variance = max(float(run.total_count[told].sum() + inside[~told].sum() / share**2), 1.0)
     seconds = float(run.exposure_s.sum())
     first = 1 - (constants.afterpulse_probability.value if constants.afterpulse_probability else 0.0)
     per_bin, _ = dark_rate_per_bin(run.counts, run.exposure_s)
     return replace(
         constants,
-        dark_hz=Quantity(first * clicks / seconds, first * float(np.sqrt(max(clicks, 1.0))) / seconds),
+        dark_hz=Quantity(first * clicks / seconds, first * float(np.sqrt(variance)) / seconds),
         dark_per_bin_hz=first * per_bin,
     )
 

@@ -77,6 +77,23 @@ def test_every_constant_lies_within_its_error(dead_time_ns: float, jitter_fwhm_p
     assert np.hypot(hit.x_m - 0.5, hit.y_m + 0.5) < 5e-3
 
 
+def test_dark_counts_and_afterpulses_are_told_apart_from_each_other_and_from_ambient_light() -> None:
+    """A noisy detector: with its afterpulses dark counts would be 7 % too many, with its dark counts ambient light
+    twice as much."""
+    detector = DetectorSettings(dead_time_ns=40.0, dark_cps=20e3, afterpulse_probability=0.07)
+    scene = SceneSettings(direct_cps=0.02 * HZ, ambient_cps=20e3, delay_ns=0.35)
+    covered = SceneSettings(direct_cps=0.0, ambient_cps=0.0)
+    raw = recorded(SceneLight(scene, detector, PATH, HZ, 7), 12, WHOLE_PERIOD, 0.05)
+    dark = recorded(SceneLight(covered, detector, PATH, HZ, 8), 4, WHOLE_PERIOD, 1.0, shutter_open=False)
+    found = measure_constants([raw, dark], devices={}, sources=[], measured_utc="2026-01-01", aim=AIM).constants
+    assert found.dark_hz is not None
+    assert found.ambient_hz is not None
+    assert found.afterpulse_probability is not None
+    assert found.afterpulse_probability.value == pytest.approx(0.07, abs=0.01)
+    assert found.dark_hz.value == pytest.approx(20e3, rel=0.015)
+    assert found.ambient_hz.value == pytest.approx(20e3, rel=0.1)
+
+
 def test_the_default_scene_is_calibrated_without_being_told_anything() -> None:
     scene = SceneSettings(delay_ns=0.35)
     light = SceneLight(scene, DetectorSettings(), BeamPath(2.0), HZ, 20260)

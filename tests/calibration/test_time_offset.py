@@ -57,6 +57,24 @@ def test_scanner_and_delay_lie_within_their_errors(raw_scan: RawScan) -> None:
     assert error_m[2] < 0.02
 
 
+def test_the_errors_of_a_walls_fit_are_the_spread_of_many_fits() -> None:
+    """Of arrivals with a known scatter: place in metres, delay in seconds, there and back."""
+    rng, scatter_s = np.random.default_rng(1), 20e-12
+    x, y = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-0.8, 0.8, 12)] * 2))
+    truth = np.array([0.2, -0.1, 1.5, 3e-9])
+    exact = truth[3] + 2 * np.linalg.norm(np.stack([x, y, 0 * x], axis=1) - truth[:3], axis=1) / 299_792_458
+    fits = []
+    for _ in range(60):
+        fit = fit_wall_timing(exact + rng.normal(0, scatter_s, len(x)), np.full(len(x), scatter_s), x, y)
+        assert fit is not None
+        fits.append(fit)
+    places = np.array([[*fit.scanner_position_m, fit.delay_s] for fit in fits])
+    said = np.sqrt(np.mean([np.diag(fit.covariance) for fit in fits], axis=0))
+    assert (np.abs(places.mean(axis=0) - truth) < 4 * said / np.sqrt(len(fits))).all()
+    assert places.std(axis=0) == pytest.approx(said, rel=0.35)
+    assert np.mean([fit.rms_s for fit in fits]) == pytest.approx(scatter_s, rel=0.05)
+
+
 def test_the_delay_counts_from_the_sync_wherever_the_record_starts(raw_scan: RawScan) -> None:
     parts = (raw_scan.counts, raw_scan.x_m, raw_scan.y_m)
     early = measure_time_offsets(*parts, TimeAxis(512, raw_scan.bin_width_s)).wall
