@@ -231,7 +231,7 @@ def _read_map(path: Path) -> Floats:
     if path.stat().st_size > MAX_MAP_BYTES:
         raise InvalidData(f"{path}: is larger than {MAX_MAP_BYTES >> 20} MB")
     try:
-        weights = np.loadtxt(path, delimiter=",", ndmin=2, dtype=np.float64, encoding="utf-8")
+        weights = np.loadtxt(path, delimiter=",", ndmin=2, dtype=np.float64, encoding="utf-8-sig")
     except ValueError as error:
         raise InvalidData(f"{path}: is not a table of numbers with as many in every line ({error})") from error
     if not weights.size or not np.isfinite(weights).all() or (weights < 0).any() or not (weights > 0).any():

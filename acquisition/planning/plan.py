@@ -20,6 +20,14 @@ MOST_PARTS = 64
 """Of interleaved frames: after so many the same points come again, if ever."""
 
 
+def _kept(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The same numbers, which nobody changes: a copy of what its caller may still write to."""
+    if array.flags.writeable:
+        array = array.copy()
+        array.flags.writeable = False
+    return array
+
+
 @dataclass(frozen=True, eq=False)
 class ScanPlan:
     """What to measure, in which order, for how long. A point's number is its place in this order, from 0.
@@ -59,8 +67,9 @@ class ScanPlan:
             raise ValueError(
                 f"a plan that returns needs whole passes; {len(self)} is not a multiple of {self.first_pass}"
             )
-        for array in self.columns().values():
-            array.flags.writeable = False
+        places = Positions(*(_kept(getattr(self.positions, name)) for name in ("row", "col", "x_m", "y_m")))
+        for name, value in (("positions", places), ("dwell_s", _kept(self.dwell_s)), ("pass_", _kept(self.pass_))):
+            object.__setattr__(self, name, value)
 
     def __len__(self) -> int:
         return len(self.positions)

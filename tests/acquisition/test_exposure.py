@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 
 from nlos.acquisition.errors import InvalidData, PlanRefused
+from nlos.acquisition.planning.exposure import unbiased_live_s
 from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.positions import Positions
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.engine import record, scan
 from nlos.drivers.bench import BenchSettings, open_bench
-from nlos.drivers.tcspc.counter import HistogramFlag
+from nlos.drivers.tcspc.counter import HistogramFlag, StopAtCounts
 
 Benches = Callable[..., BenchSettings]
 Plans = Callable[..., ScanPlan]
@@ -41,9 +43,11 @@ def test_dwell_follows_the_distance(small_plan: Plans, falloff: int) -> None:
     assert plan.dwell_s.mean() == pytest.approx(0.008, rel=1e-3)
 
 
-def test_dwell_follows_a_map_and_zero_leaves_points_out(small_plan: Plans, tmp_path: Path) -> None:
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_dwell_follows_a_map_and_zero_leaves_points_out(small_plan: Plans, tmp_path: Path, encoding: str) -> None:
+    """Also with the mark that Excel begins a file with."""
     path = tmp_path / "map.csv"
-    path.write_text("0,1\n2,3\n", encoding="utf-8")
+    path.write_text("0,1\n2,3\n", encoding=encoding)
     plan = small_plan(4, 4, exposure={"kind": "by_map", "file": str(path)})
     assert len(plan) == 12
     for point in plan:
@@ -82,9 +86,34 @@ def test_points_stop_at_their_nth_count_and_the_rate_is_unbiased(
     assert rates.mean() == pytest.approx(np.mean(reference), rel=4 / np.sqrt(20 * 36))
 
 
+def test_a_rate_by_the_nth_count_is_right_on_average_where_n_is_small() -> None:
+    """Waiting times of the third count, drawn count by count: N over them is half as much again."""
+    rng, rate_hz = np.random.default_rng(0), 5000.0
+    live_s = rng.exponential(1 / rate_hz, (200_000, 3)).sum(axis=1)
+    early = np.full(len(live_s), HistogramFlag.STOPPED_EARLY, np.uint16)
+    told_s = unbiased_live_s(live_s, early, StopAtCounts(3, 0, 64))
+    assert np.mean(3 / told_s) == pytest.approx(rate_hz, rel=0.01)
+    assert np.mean(3 / live_s) == pytest.approx(1.5 * rate_hz, rel=0.01)
+    assert np.array_equal(unbiased_live_s(live_s, 0 * early, StopAtCounts(3, 0, 64)), live_s)
+    assert np.array_equal(unbiased_live_s(live_s, early, None), live_s)
+
+
 def test_a_stop_window_off_the_time_axis_is_refused(small_plan: Plans) -> None:
     with pytest.raises(PlanRefused, match="not within the histogram"):
         small_plan(exposure={"kind": "stop_at_counts", "counts": 20, "from_ns": 0.0, "to_ns": 15.0})
+
+
+def test_a_plan_keeps_its_numbers_and_leaves_its_callers_arrays_alone(small_plan: Plans) -> None:
+    like = small_plan(4, 4)
+    row, col, x_m, y_m, dwell_s, pass_ = (column.copy() for column in like.columns().values())
+    plan = ScanPlan(like.wall, like.axis, Positions(row, col, x_m, y_m), dwell_s, pass_, like.stop)
+    digest = plan.digest()
+    for array in (row, col, x_m, y_m, dwell_s, pass_):
+        array += 1
+    assert plan.digest() == digest
+    for column in plan.columns().values():
+        with pytest.raises(ValueError, match="read-only"):
+            column += 1
 
 
 def two_pass(small_plan: Plans, below: int, **extra: Any) -> ScanPlan:

@@ -174,9 +174,11 @@ def test_circles_and_spirals_space_their_points_evenly() -> None:
     assert len(sunflower) == pytest.approx(4.0 / (np.pi * 0.05**2), rel=0.05)
 
 
-def test_a_list_may_name_pixels(tmp_path: Path) -> None:
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_a_list_may_name_pixels(tmp_path: Path, encoding: str) -> None:
+    """Also with the mark that Excel begins a file with."""
     path = tmp_path / "pixels.csv"
-    path.write_text("row,col\n0,1\n2,2\n", encoding="utf-8")
+    path.write_text("row,col\n0,1\n2,2\n", encoding=encoding)
     positions = FromList(file=str(path)).points(WallGrid(1.0, 1.0, 3, 3))
     assert positions.on_grid
     assert positions.x_m == pytest.approx([0.0, 1 / 3])
@@ -190,7 +192,15 @@ def test_a_list_may_name_pixels(tmp_path: Path) -> None:
         ("x_m,y_m\n0.1,nan\n", ":2: .*not finite"),
         ("x_m,y_m\n", "holds no points"),
         ("row,col\n0.5,1\n", ":2: "),
-        ("row,col\n7,1\n", "outside the grid of 3 x 3"),
+        ("row,col\n1,1\n7,1\n", ":3: '7,1' lies outside the grid of 3 x 3"),
+        ("row,col\n1,-1\n", ":2: '1,-1' lies outside the grid of 3 x 3"),
+        ("row,col\n1,1\n3000000000,0\n", ":3: '3000000000,0' lies outside the grid"),
+        (f"row,col\n0,{10**30}\n", ":2: '0,1000000000000000000000000000000' lies outside the grid"),
+        ("row,col\n1e30,0\n", ":2: '1e30,0' is not two numbers"),
+        ("x_m,y_m\n0,1e999\n", ":2: '0,1e999' is not finite"),
+        (f"row,col\n1,{'1' * 5000}\n", ":2: '1,1{58}...' is not two numbers"),
+        (f"x_m,y_m\n0,0\n0,{'1' * 131_073}\n", ":3: is no line of a CSV file .*field"),
+        ("x" * 131_073, ":1: is no line of a CSV file .*field"),
     ],
 )
 def test_a_bad_list_is_refused_by_file_and_line(tmp_path: Path, text: str, place: str) -> None:
