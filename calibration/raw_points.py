@@ -148,7 +148,7 @@ def from_samples(samples: Iterable[Sample]) -> RawPoints:
     if len(axes) > 1:
         raise InvalidData(f"samples have {len(axes)} different time axes: {sorted(axes)[:3]}.")
     return RawPoints(
-        np.stack([np.sum([s.histogram.counts for s in g], axis=0, dtype=np.uint32) for g in groups]),
+        np.stack([_added([s.histogram.counts for s in g]) for g in groups]),
         np.array([g[0].point.x_m for g in groups]),
         np.array([g[0].point.y_m for g in groups]),
         np.array([sum(s.histogram.live_time_s for s in g) for g in groups], dtype=np.float64),
@@ -156,6 +156,12 @@ def from_samples(samples: Iterable[Sample]) -> RawPoints:
         np.array([sum(s.histogram.total_count for s in g) for g in groups], dtype=np.float64),
         TimeAxis(len(first.counts), first.bin_width_s, first.offset_s),
     )
+
+
+def _added(counts: Sequence[npt.NDArray[np.uint32]]) -> npt.NDArray[np.generic]:
+    """Histograms of one position, (T,); of 64 bits where a sum takes more than 32."""
+    total = np.asarray(np.sum(counts, axis=0, dtype=np.uint64))
+    return total if total.max(initial=0) > np.iinfo(np.uint32).max else total.astype(np.uint32)
 
 
 def from_sample(sample: Sample) -> RawPoints:

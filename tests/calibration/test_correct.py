@@ -3,13 +3,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.calibration.correct import correct, correct_points
 from nlos.calibration.direct_reflection import find_direct_light
 from nlos.calibration.errors import InvalidData, SaturatedBins
 from nlos.calibration.measure import measure_constants
-from nlos.calibration.raw_points import RawPoints
+from nlos.calibration.raw_points import RawPoints, from_samples
+from nlos.drivers.tcspc.counter import Histogram, HistogramFlag
 from tests.calibration.conftest import RawScan, make_raw_scan
 
 
@@ -150,3 +152,15 @@ def test_constants_align_a_scan_whose_direct_light_is_gated_out() -> None:
     assert inside.mean() > 0.9
     assert np.abs(brightest - return_bins)[inside].max() < 3
     assert done.report()["arrivals_known"]
+
+
+@pytest.mark.parametrize(("each", "of_bits"), [(1_000, 32), (3_000_000_000, 64)])
+def test_passes_over_one_position_are_added_up_whatever_they_hold(each: int, of_bits: int) -> None:
+    counts = np.array([0, each, each - 7], np.uint32)
+    histogram = Histogram(counts, 16e-12, 0.0, 1.0, 10**9, int(counts.sum(dtype=np.int64)), HistogramFlag.NONE, 0.0)
+    places = [(0.1, 0.0), (0.2, 0.0), (0.1, 0.0)]
+    samples = [Sample(ScanPoint(n, None, None, *place, 1.0), histogram, 0.0) for n, place in enumerate(places)]
+    added = from_samples(samples)
+    assert added.counts.tolist() == [[0, 2 * each, 2 * each - 14], [0, each, each - 7]]
+    assert added.counts.dtype.itemsize * 8 == of_bits
+    assert added.total_count[0] == added.counts[0].sum()
