@@ -4,7 +4,9 @@ Layout: `albedo` (H, W), `depth_m` (H, W, NaN where nothing is seen), `confidenc
 measured there), `x_m` (W,), `y_m` (H,); where the method knows how sure it is `albedo_low`, `albedo_high`,
 `depth_low_m`, `depth_high_m` (90 % intervals) and `seen` (probability of a surface), all (H, W); and where it has them
 `volume` (D, H, W) and `depths_m` (D,); attributes `method`, `settings` (JSON), `seconds`, `weights_sha256`, `software`,
-`response` (which response of the instrument was taken, in words), where one is known `response_fwhm_ps`,
+`response` (which response of the instrument was taken, in words), where one is known `response_fwhm_ps` and
+`response_used` (whether the method took it into account), its curve `response_shares` (K,) with its attributes
+`step_s`, `zero` and `source`,
 `scan` (the name of the file that it was made from), `frame` (where it is one frame of it alone), `points` and `photons`
 (measured, and in their histograms; 0 where that is not known), `samples_left_aside` (damaged or unreadable, not used),
 `explained` and `explained_error` (the share of light that the picture accounts for, NaN where that could not be found),
@@ -24,6 +26,7 @@ import numpy as np
 from nlos.acquisition.importers.imported import LARGEST_WALL_M
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, needed_array, open_hdf5
 from nlos.acquisition.recording.validation import json_object
+from nlos.acquisition.response import Response, gaussian, measured
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData
 from nlos.recon.explained_share import NOT_LOOKED_FOR, Explained
@@ -95,7 +98,7 @@ def write_reconstruction(path: Path, reconstruction: Reconstruction, keep_volume
         file.attrs["software"] = software()
         file.attrs["response"] = response_words(reconstruction)
         if reconstruction.response is not None:
-            file.attrs["response_fwhm_ps"] = reconstruction.response.fwhm_s * 1e12
+            _write_response(file, reconstruction.response, reconstruction.response_used)
         file.attrs["scan"] = reconstruction.scan
         if reconstruction.frame is not None:
             file.attrs["frame"] = reconstruction.frame
@@ -138,6 +141,7 @@ def read_reconstruction(path: Path) -> Reconstruction:
                     raise InvalidData("volume or depths_m: hold values that are not finite")
                 volume = Volume(held, depths_m, wall)
             known = find_dataset(file, "confidence") is not None
+            response, used = _response(file)
             return Reconstruction(
                 albedo=albedo,
                 depth_m=needed_array(file, "depth_m", (rows, cols)),
@@ -151,6 +155,8 @@ def read_reconstruction(path: Path) -> Reconstruction:
                 photons=float(file.attrs.get("photons", 0.0)),
                 scan=str(file.attrs.get("scan", "")),
                 frame=int(file.attrs["frame"]) if "frame" in file.attrs else None,
+                response=response,
+                response_used=used,
                 left_aside=int(file.attrs.get("samples_left_aside", 0)),
                 confidence=needed_array(file, "confidence", (rows, cols)) if known else None,
                 intervals=_intervals(file, rows, cols),
@@ -160,6 +166,30 @@ def read_reconstruction(path: Path) -> Reconstruction:
         if isinstance(error, FileNotFoundError):
             raise
         raise InvalidData(f"{path} is not a reconstruction: {error}. Make one with `nlos reconstruct`.") from error
+
+
+def _write_response(file: h5py.File, response: Response, used: bool) -> None:
+    file.attrs["response_fwhm_ps"] = response.fwhm_s * 1e12
+    file.attrs["response_used"] = used
+    file["response_shares"] = response.shares
+    for name in ("step_s", "zero", "source"):
+        file["response_shares"].attrs[name] = getattr(response, name)
+
+
+def _response(file: h5py.File) -> tuple[Response | None, bool]:
+    """The response and whether it was used. Older files have its width and words alone: a Gaussian stands for it."""
+    if "response_fwhm_ps" not in file.attrs:
+        return None, False
+    stored = find_dataset(file, "response_shares")
+    if stored is None:
+        words = str(file.attrs["response"]).partition(" ps FWHM, ")[2]
+        unused = f"; {file.attrs['method']} does not use it"
+        of_width = gaussian(float(file.attrs["response_fwhm_ps"]) * 1e-12, words.removesuffix(unused))
+        return of_width, not words.endswith(unused)
+    said = stored.attrs
+    shares = needed_array(file, "response_shares", (None,))
+    found = measured(shares, float(said["step_s"]), str(said["source"]), float(said["zero"]))
+    return found, bool(file.attrs["response_used"])
 
 
 def _intervals(file: h5py.File, rows: int, cols: int) -> Intervals | None:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from nlos.acquisition.response import measured
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData
 from nlos.recon.export_mesh import write_glb, write_obj
@@ -19,11 +20,11 @@ from nlos.recon.export_ply import write_ply
 from nlos.recon.export_vti import write_vti
 from nlos.recon.front_view import depth_map, front_view
 from nlos.recon.pictures import confidence_picture
-from nlos.recon.results import read_reconstruction, write_results
+from nlos.recon.results import read_reconstruction, write_reconstruction, write_results
 from nlos.recon.slices_picture import slices_picture
 from nlos.recon.small_print import small_print
 from nlos.recon.view3d import write_view3d
-from nlos.recon.volume import Reconstruction, Volume
+from nlos.recon.volume import Reconstruction, Volume, response_words
 
 WALL = WallGrid(1.2, 0.8, 8, 12)
 PLY_VERTEX = [("xyz", "<f4", 3), ("normal", "<f4", 3), ("albedo", "<f4"), ("grey", "u1", 3)]
@@ -85,6 +86,35 @@ def test_the_file_holds_what_its_layout_says(made: Reconstruction, tmp_path: Pat
     assert again.volume is not None
     assert again.confidence is not None
     assert all(imread(path).std() > 0 for path in paths[1:4])
+
+
+@pytest.mark.parametrize("used", [True, False])
+@pytest.mark.parametrize("older", [False, True])
+def test_the_response_that_a_picture_was_made_with_is_read_back(
+    made: Reconstruction, tmp_path: Path, used: bool, older: bool
+) -> None:
+    """Also from a file of before its curve was kept."""
+    curve = measured([0.0, 1.0, 5.0, 3.0, 2.0, 1.0, 0.5, 0.0], 50e-12, "the scan's own direct peak", zero=1.75)
+    told = replace(made, response=curve, response_used=used)
+    path = tmp_path / "reconstruction.h5"
+    write_reconstruction(path, told)
+    if older:
+        with h5py.File(path, "r+") as file:
+            del file["response_shares"], file.attrs["response_used"]
+    again = read_reconstruction(path)
+    assert response_words(again) == response_words(told)
+    assert again.response_used is used
+    assert again.response is not None
+    assert again.response.source == curve.source
+    if not older:
+        assert again.response.shares == pytest.approx(curve.shares, rel=1e-6)
+        assert (again.response.step_s, again.response.zero) == (curve.step_s, curve.zero)
+        with h5py.File(path, "r+") as file:
+            file["response_shares"][2] = np.nan
+        with pytest.raises(InvalidData, match=r"reconstruction\.h5 is not a reconstruction: the response .*finite"):
+            read_reconstruction(path)
+    write_reconstruction(path, made)
+    assert response_words(read_reconstruction(path)) == "none known"
 
 
 def test_nothing_is_overwritten_unasked_and_the_volume_may_stay_away(made: Reconstruction, tmp_path: Path) -> None:
