@@ -38,6 +38,8 @@ from nlos.response import say_response, with_response
 log = logging.getLogger(__name__)
 
 LONGEST_SIDE_PX = 384
+ENCODING_S = 600.0
+"""What ffmpeg gets for a film."""
 TRAILS = ("#4cc9f0", "#80ed99", "#f15bb5", "#ffffff")
 NAMES = ("film.npz", "film.gif", "track.csv", "track.json", "objects.csv")
 
@@ -222,7 +224,7 @@ def ffmpeg() -> str:
 
 
 def write_mp4(path: Path, film: Film) -> None:
-    """The same by the computer's ffmpeg. Raises `InvalidData` where there is none, or it fails."""
+    """The same by the computer's ffmpeg. Raises `InvalidData` where there is none, it fails or does not end."""
     encoder = ffmpeg()
     drawn = _drawn(film)
     rows, cols = drawn.shape[1:3]
@@ -230,7 +232,13 @@ def write_mp4(path: Path, film: Film) -> None:
         encoder, "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{cols}x{rows}",
         "-r", f"{1 / _pace_s(film):.6f}", "-i", "-", "-pix_fmt", "yuv420p", "-f", "mp4", str(path),
     ]  # fmt: skip
-    done = subprocess.run(command, input=drawn.tobytes(), capture_output=True, timeout=600, check=False)
+    try:
+        done = subprocess.run(command, input=drawn.tobytes(), capture_output=True, timeout=ENCODING_S, check=False)
+    except subprocess.TimeoutExpired as error:
+        raise InvalidData(
+            f"{path}: ffmpeg was ended, it took longer than {ENCODING_S:g} s for {len(drawn)} pictures of {cols} x "
+            f"{rows}. Export gif, or try again when the computer has less to do."
+        ) from error
     if done.returncode:
         raise InvalidData(f"{path}: ffmpeg failed: {done.stderr.decode(errors='replace')[-200:]}")
 

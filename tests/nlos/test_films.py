@@ -2,7 +2,9 @@
 
 import csv
 import json
+import os
 import shutil
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -143,6 +145,21 @@ def test_a_film_that_cannot_be_is_refused(run: Path, tmp_path: Path, monkeypatch
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(InvalidData, match="no ffmpeg"):
         write_mp4(tmp_path / "film.mp4", film)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="its ffmpeg is a shell's script")
+@pytest.mark.parametrize(("does", "said"), [("exec sleep 60", "longer than 0.2 s for 1 picture"),
+                                            ("echo no such codec >&2; exit 3", "failed: no such codec")])  # fmt: skip
+def test_an_ffmpeg_that_hangs_or_fails_is_named(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, does: str, said: str
+) -> None:
+    program = tmp_path / "ffmpeg"
+    program.write_text(f"#!/bin/sh\n{does}\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setattr("nlos.film.ENCODING_S", 0.2 if "sleep" in does else 60.0)
+    with pytest.raises(InvalidData, match=rf"film\.mp4: ffmpeg .*{said}"):
+        write_mp4(tmp_path / "film.mp4", film_of(run, LCT, 8))
 
 
 @pytest.mark.parametrize("formats", ["gif,mp4", "npz,gif,mp4", "npz,ply"])
