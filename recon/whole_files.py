@@ -1,6 +1,7 @@
 """Files that appear in a folder together, each whole, in the place of older ones."""
 
 import os
+import secrets
 import shutil
 import signal
 import threading
@@ -15,7 +16,7 @@ def whole_files(folder: Path, stale: Collection[str] = ()) -> Iterator[Path]:
     """A hidden folder inside `folder` to write files to. When the block ends they take their places in `folder`, and
     files named in `stale` that were not written anew go; where the block fails, nothing changes."""
     there_before = folder.exists()
-    partial = folder / f".{os.getpid()}.part"
+    partial = folder / f".{os.getpid()}-{secrets.token_hex(4)}.part"  # in a container a killed one had the same number
     with _ended_in_order():
         try:
             partial.mkdir(parents=True)

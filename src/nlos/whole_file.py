@@ -1,5 +1,7 @@
 """A file that appears whole or not at all, in the place of an older one."""
 
+import os
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +16,7 @@ def whole_file(target: Path) -> Iterator[Path]:
     if not target.absolute().parent.is_dir():
         raise FileNotFoundError(f"{target.parent}: no such folder. Make it, or choose another place with -o.")
     check_writable(target.parent)
-    partial = target.with_name(f".{target.name}.part")
+    partial = target.with_name(f".{target.name}.{os.getpid()}-{secrets.token_hex(4)}.part")  # two may write it at once
     try:
         yield partial
         partial.replace(target)

@@ -27,3 +27,13 @@ def test_what_was_cut_short_leaves_the_older_file_and_nothing_beside_it(tmp_path
     with pytest.raises(type(error)):
         write()
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"page.html": "old"}
+
+
+def test_two_who_write_one_file_at_once_both_write_it_whole(tmp_path: Path) -> None:
+    target = tmp_path / "page.html"
+    with whole_file(target) as first:
+        first.write_text("first")
+        with whole_file(target) as second:
+            second.write_text("second")
+        assert target.read_text() == "second"
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"page.html": "first"}

@@ -1,11 +1,14 @@
 """Files that appear together: what is left of them where the program is ended while it writes them."""
 
+import os
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from nlos.recon.whole_files import whole_files
 
 WRITES = """
 import sys, time
@@ -33,3 +36,12 @@ def test_sigterm_while_files_are_written_leaves_what_was_there(tmp_path: Path, t
         assert writer.wait(30) == 128 + signal.SIGTERM
     assert [path.name for path in tmp_path.rglob("*")] == (["made", "picture.png"] if there_before else [])
     assert not there_before or (folder / "picture.png").read_bytes() == b"whole"
+
+
+def test_what_a_killed_process_of_the_same_number_left_is_in_nobodys_way(tmp_path: Path) -> None:
+    """In a container every run may have the same one."""
+    (tmp_path / f".{os.getpid()}.part").mkdir()
+    with whole_files(tmp_path) as first, whole_files(tmp_path) as second:
+        (first / "albedo.png").write_text("first")
+        (second / "depth.png").write_text("second")
+    assert {path.name for path in tmp_path.glob("*.png")} == {"albedo.png", "depth.png"}
