@@ -179,7 +179,12 @@ def settle(path: Path, plan: ScanPlan) -> bool:
             if recording.plan != plan or recording.missing():
                 return False
             if recording.status is not Status.COMPLETE:
-                _resumed(recording, plan, WriterLock(path), None)
+                lock = WriterLock(path)
+                try:
+                    _resumed(recording, plan, lock, None)
+                except BaseException:
+                    lock.release()
+                    raise
             clear_left_lock(path)
             return True
     except (FileNotFoundError, InvalidData):

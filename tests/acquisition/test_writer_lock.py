@@ -2,14 +2,20 @@
 
 import multiprocessing
 import time
+from collections.abc import Callable
 from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 
 import pytest
 
 from nlos.acquisition.errors import StorageError
+from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording import writer_lock
+from nlos.acquisition.recording.layout import Status
+from nlos.acquisition.recording.salvage import settle
+from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.recording.writer_lock import WriterLock, is_locked
+from tests.acquisition.test_resuming import killed, names
 
 FORK = multiprocessing.get_context("fork")
 TAKES = 400
@@ -97,3 +103,20 @@ def test_who_is_broken_into_leaves_the_lock_that_another_holds(tmp_path: Path, r
         WriterLock(tmp_path / "run.h5")
     assert is_locked(tmp_path / "run.h5")
     held.release()
+
+
+def test_who_fails_to_mark_a_scan_complete_leaves_it_to_the_next_who_tries(
+    run_path: Path, small_plan: Callable[..., ScanPlan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(writer: RecordingWriter, status: Status) -> None:
+        raise StorageError("no space left")
+
+    plan = small_plan()
+    killed(run_path, plan, len(plan))
+    with monkeypatch.context() as changed:
+        changed.setattr(RecordingWriter, "finish", full)
+        with pytest.raises(StorageError, match="no space left"):
+            settle(run_path, plan)
+    assert not is_locked(run_path)
+    assert settle(run_path, plan)
+    assert names(run_path.parent) == {"run.h5"}
