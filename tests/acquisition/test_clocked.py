@@ -168,6 +168,23 @@ def test_every_sequence_gives_each_point_its_dwell_after_its_settling(
         assert len(set(made.dwells_s)) == 1
 
 
+@pytest.mark.parametrize("jump_rad", [0.15, 0.2, 0.6])
+def test_no_gate_opens_before_a_long_jump_has_settled(jump_rad: float) -> None:
+    """Rows of small steps with long ways back: those get an entry that waits, and no time more than they need."""
+    places = [(step * 1e-3 + row % 2 * jump_rad, row * 1e-3) for row in range(6) for step in range(30)]
+    points = [ScanPoint(n, None, None, x, y, 1e-3) for n, (x, y) in enumerate(places)]
+    angles = [MirrorAngles(x, y) for x, y in places]
+    made = stepping(points, angles, MODEL.settle_s, 500, list_mode=False)
+    assert made.count == len(points)
+    waits = [entry for entry, index in enumerate(made.index) if index < 0]
+    assert len(waits) == 5
+    for entry in waits:
+        needed_s = MODEL.settle_s(made.angles[entry - 1], made.angles[entry])
+        assert needed_s > 3 * made.blanking_s
+        assert made.angles[entry + 1] == made.angles[entry]
+        assert needed_s <= made.blanking_s + made.dwells_s[entry] + made.blanking_s < needed_s + 1.5e-6
+
+
 def light(bench: Bench) -> bool:
     assert bench.simulated is not None
     return bench.simulated.shutter_open

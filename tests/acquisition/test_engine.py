@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.schemes import Scheme
 from nlos.acquisition.sample import Sample
 from nlos.acquisition.scanning.control import ScanControl, ScanState
 from nlos.acquisition.scanning.engine import scan
 from nlos.drivers.bench import Bench, BenchSettings, open_bench
 from nlos.drivers.errors import BenchClosed, DeviceError, DeviceLost, LimitError, SafetyTrip
 from nlos.drivers.simulated.faults import Fault
+from nlos.drivers.tcspc.counter import CounterStatus
 
 Benches = Callable[..., BenchSettings]
 Plans = Callable[..., ScanPlan]
@@ -101,6 +103,30 @@ def test_a_pause_discards_the_point_under_way_and_going_on_takes_it_again(
     assert (histograms(samples) == undisturbed).all()
     assert ("scan", "paused by Ctrl-C") in events
     assert control.state is ScanState.COMPLETE
+
+
+@pytest.mark.parametrize("number", [0, 17, 35])
+def test_a_point_whose_light_a_person_cut_off_at_its_end_is_taken_again(
+    bench_settings: Benches, small_plan: Plans, number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While the counter is waited for: its histogram is there, and half dark."""
+    plan, control, waits = small_plan(), ScanControl(lambda why: True), list[int]()
+    with open_bench(bench_settings()) as bench:
+        undisturbed = histograms(list(scan(plan, bench, scheme=Scheme.STEPPED)))
+        wait_points = bench.counter.wait_points
+
+        def interrupted(points: int, timeout_s: float) -> CounterStatus:
+            waits.append(points)
+            if len(waits) == number + 1:
+                bench.shutter.close("signal")
+                control.interrupt("Ctrl-C")
+            return wait_points(points, timeout_s=timeout_s)
+
+        monkeypatch.setattr(bench.counter, "wait_points", interrupted)
+        samples = list(scan(plan, bench, control=control, scheme=Scheme.STEPPED))
+    assert len(waits) == 37
+    assert [sample.point.number for sample in samples] == list(range(36))
+    assert (histograms(samples) == undisturbed).all()
 
 
 def test_a_pause_within_a_long_dwell_does_not_wait_for_its_end(bench_settings: Benches, small_plan: Plans) -> None:

@@ -15,7 +15,7 @@ import zmq
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.positions import pixels
 from nlos.acquisition.recording.provenance import Header
@@ -23,7 +23,7 @@ from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.sample import Sample
 from nlos.acquisition.served.address import listening_address
-from nlos.acquisition.served.messages import decode_block, decode_plan, decode_request
+from nlos.acquisition.served.messages import Block, decode_block, decode_plan, decode_request, encode_block
 from nlos.acquisition.served.served_copy import copy_served
 from nlos.acquisition.served.server import AddressTaken, SampleServer
 from nlos.acquisition.served.ticket import Ticket, new_keys
@@ -152,6 +152,26 @@ def test_a_mirror_that_was_interrupted_goes_on(tmp_path: Path) -> None:
         assert copy_served(server.ticket, tmp_path / "far.h5", patience_s=20) == 400
     with Recording.open(run) as a, Recording.open(tmp_path / "far.h5") as b:
         assert np.array_equal(a.counts_of(0, 400), b.counts_of(0, 400))
+
+
+@pytest.mark.parametrize("what", ["counts", "records"])
+def test_a_sample_that_changed_on_its_way_is_not_kept(
+    what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One number of one of them; what came before it is there."""
+
+    def changed(number: int, block: Block) -> list[bytes]:
+        records, counts = block.records.copy(), block.counts.copy()
+        if len(records):
+            (records["live_time_s"] if what == "records" else counts[:, 60])[7] += 1
+        return encode_block(number, replace(block, records=records, counts=counts))
+
+    run = write(tmp_path / "run.h5", 10)
+    monkeypatch.setattr("nlos.acquisition.served.server.encode_block", changed)
+    with serving(run) as server, pytest.raises(StorageError, match="a sample changed on its way"):
+        copy_served(server.ticket, tmp_path / "far.h5", patience_s=20)
+    with Recording.open(tmp_path / "far.h5") as far:
+        assert [each.point.number for each in far.samples()] == list(range(7))
 
 
 def test_nobody_is_answered_without_the_tickets_keys(tmp_path: Path) -> None:
