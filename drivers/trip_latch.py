@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -25,10 +26,10 @@ class TripLatch:
         """By the bench's name and what it is made of: a bench file that is moved or corrected elsewhere keeps its trip,
         so does a bench whose ports have other names today."""
         parts = (settings.mirror.model, settings.counter.model, settings.shutter.model, str(settings.simulated))
-        kind = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:8]
+        addresses = (settings.mirror.address, settings.counter.model, settings.shutter.model)  # as earlier versions did
         folder = state_folder() / "trips"
-        older = folder / f"{older_word(settings.name)}-{kind}.log"
-        return cls(folder / f"{own_word(settings.name)}-{kind}.log", older)
+        older = folder / f"{older_word(settings.name)}-{_short_hash(addresses)}.log"
+        return cls(folder / f"{own_word(settings.name)}-{_short_hash(parts)}.log", older)
 
     def standing(self) -> str | None:
         """Why the bench is tripped; None where it is not. Raises `LimitError` where nobody can know."""
@@ -75,6 +76,10 @@ class TripLatch:
             os.fsync(log)
         finally:
             os.close(log)
+
+
+def _short_hash(words: Sequence[str]) -> str:
+    return hashlib.sha256("\n".join(words).encode()).hexdigest()[:8]
 
 
 def _text(path: Path) -> str | None:

@@ -133,11 +133,12 @@ class PicoquantSettings(CounterBlock):
 
     @classmethod
     def pulse_keys(cls, pulse: Pulse, device: str = "") -> Mapping[str, object] | None:
-        """The family's own levels (vendor's manuals); None where its inputs take no such pulses."""
+        """The family's own levels (vendor's manuals); None where its inputs take no such pulses. TTL pulses only pass an
+        attenuator: a MultiHarp's inputs take 1.2 V."""
         family = FAMILIES[device]
         if family.constant_fraction:  # their inputs take negative pulses only
             return {"level_mv": family.nim_level_mv} if pulse == "nim" else None
-        return {"level_mv": -50, "edge": "falling"} if pulse == "nim" else {"level_mv": 1000, "edge": "rising"}
+        return {"level_mv": -50, "edge": "falling"} if pulse == "nim" else {"level_mv": 300, "edge": "rising"}
 
     @property
     def channel(self) -> int:
