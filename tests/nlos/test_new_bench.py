@@ -82,6 +82,26 @@ def test_a_counter_with_its_defaults_hears_laser_and_detector(counter: str, devi
     assert rates.detector_hz > 0
 
 
+@pytest.mark.parametrize("counter", ["picoquant", "tcspc488", "timetagger"])
+def test_a_counter_hears_ttl_pulses_and_the_file_says_what_they_need(
+    counter: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "b.yaml"
+    given = [f"counter={counter}", "sync_pulse=ttl", "detector_pulse=ttl"]
+    assert new("bench", file, None, given, True, False, False) == 0
+    made = 2 if counter != "timetagger" else 0  # its levels reach 2.5 V: TTL is what it is made for
+    assert file.read_text().count("put an attenuator to below 1.2 V") == made
+    assert capsys.readouterr().err.count("put an attenuator to below 1.2 V") == made
+    settings = load("bench", str(file), BenchSettings).settings
+    assert settings.counter.sync.level_mv == settings.counter.detector.level_mv  # type: ignore[attr-defined]
+    assert settings.counter.sync.level_mv == (300 if made else 500)  # type: ignore[attr-defined]
+    with open_bench(settings) as bench:
+        bench.clock.sleep(0.5)
+        rates = bench.counter.rates()
+    assert rates.sync_hz == pytest.approx(10e6, rel=1e-3)
+    assert rates.detector_hz > 0
+
+
 @pytest.mark.parametrize(
     ("counter", "device", "mirror"),
     [(*kind, mirror) for kind, mirror in zip(KINDS, itertools.cycle(("optotune", "helios")))],

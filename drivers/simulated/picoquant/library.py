@@ -22,13 +22,20 @@ _TEXTS = {
     -37: "ERROR_USB_BULKRD_FAIL",
 }  # fmt: skip
 _NIM_MV = 800
-"""Laser sync and detector send negative pulses of this height."""
+"""Laser sync and detector send negative pulses of this height, unless a rising edge is waited for:"""
+_ATTENUATED_TTL_MV = 500
+"""then 5 V behind an attenuator of 20 dB, as a MultiHarp's inputs need it."""
 _TEXT_BYTES = {"GetLibraryVersion": 8, "GetErrorString": 40, "OpenDevice": 32, "GetSerialNumber": 32}
 """How much a call may write to its first string, whatever the caller reserved (the vendor's demo)."""
 _BASE_PS = {"PH": 4.0, "HH": 1.0, "MH": 5.0}
 _T3 = 3
 _BEFORE_OPEN = frozenset(("GetLibraryVersion", "GetErrorString", "OpenDevice", "CloseDevice"))
 _BEFORE_INITIALIZE = frozenset(("Initialize", "GetSerialNumber"))
+
+
+def _edge_crossed(level_mv: int, edge: int) -> bool:
+    """Whether the pulses of laser or detector cross a MultiHarp's trigger level (edge 1: rising)."""
+    return -_NIM_MV < level_mv < 0 or (edge == 1 and 0 < level_mv < _ATTENUATED_TTL_MV)
 
 
 def _write(pointer: Any, value: float) -> None:
@@ -152,13 +159,13 @@ class PicoquantLibrary:
     def _SetSyncEdgeTrg(self, level_mv: int, edge: int) -> int:
         if not (-1200 <= level_mv <= 1200 and edge in (0, 1)):
             return -17
-        self._sync_crossed = -_NIM_MV < level_mv < 0
+        self._sync_crossed = _edge_crossed(level_mv, edge)
         return 0
 
     def _SetInputEdgeTrg(self, channel: int, level_mv: int, edge: int) -> int:
         if not (-1200 <= level_mv <= 1200 and edge in (0, 1)):
             return -17
-        self._detector_crossed = self._t3.hears = -_NIM_MV < level_mv < 0
+        self._detector_crossed = self._t3.hears = _edge_crossed(level_mv, edge)
         return 0
 
     def _SetSyncCFD(self, level_mv: int, zero_cross_mv: int) -> int:

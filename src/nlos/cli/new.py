@@ -14,7 +14,7 @@ from nlos.new_bench.asking import answers, as_options
 from nlos.new_bench.detection import detect
 from nlos.new_bench.questions import questions
 from nlos.new_bench.unfinished import Unfinished
-from nlos.new_bench.writing import bench_text, blocks_of
+from nlos.new_bench.writing import attenuators, bench_text, blocks_of
 
 
 def new(
@@ -50,7 +50,8 @@ def new(
             terminal.log(f"{unfinished.path}: your answers so far; the same command offers them again")
         raise
     try:
-        text = bench_text(blocks_of(name or output.stem, said, simulated))
+        content = blocks_of(name or output.stem, said, simulated)
+        text = bench_text(content)
     except ValidationError as error:
         why = "; ".join(each["msg"].removeprefix("Value error, ") for each in error.errors())
         raise UsageError(f"these answers do not make a valid bench file: {why}. {as_options(said)}") from error
@@ -62,6 +63,8 @@ def new(
         raise
     unfinished.forget()
     terminal.result(f"{output}: written; every line says what it means", bench_file=str(output), answers=said)
+    for warning in attenuators(content):
+        terminal.log(f"warning: {warning}")
     if not check:
         return 0
     terminal.result("")

@@ -9,6 +9,7 @@ from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.tcspc.block import CounterBlock, Pulse
 from nlos.drivers.tcspc.known_counters import COUNTERS
 from nlos.new_bench.detection import Detected, devices_of
+from nlos.new_bench.pulses import needs_attenuator
 
 Answers = Mapping[str, str]
 YES_OR_NO = ("yes", "no")
@@ -86,7 +87,8 @@ def questions(found: Detected, simulated: bool) -> "list[Asking]":
             takes, device = counter_of(said), said.get("device", "")
             kinds: tuple[Pulse, ...] = ("nim", "ttl")
             taken = tuple(each for each in kinds if takes.pulse_keys(each, device) is not None)
-            words = f"{text}: nim (0 to -0.8 V) or ttl (0 to 3 V or more)"
+            words = f"{text}: nim (0 to -0.8 V) or ttl (0 to 3 V or more"
+            words += ", behind an attenuator)" if needs_attenuator(takes, key.removesuffix("_pulse")) else ")"
             if len(taken) < len(kinds):
                 words += "; this counter takes no other, put a converter into the cable"
             return Question(key, words, takes.usual_pulse if takes.usual_pulse in taken else taken[0], taken)

@@ -13,6 +13,7 @@ from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.tcspc.block import CounterBlock, Pulse
 from nlos.drivers.tcspc.known_counters import COUNTERS
+from nlos.new_bench.pulses import attenuator, input_keys
 from nlos.new_bench.questions import has_channels
 
 _COMMENT_AT, _WIDTH = 38, 120
@@ -64,7 +65,7 @@ def _counter(said: Mapping[str, str], simulated: bool) -> dict[str, Any]:
         counter["input"] = int(said["detector_input"])
     for role in ("sync", "detector"):
         pulse: Pulse = "nim" if said[f"{role}_pulse"] == "nim" else "ttl"
-        keys = dict(settings.pulse_keys(pulse, said.get("device", "")) or {})
+        keys = input_keys(settings, role, pulse, said.get("device", "")) or {}
         if has_channels(settings):
             sign = -1 if keys.pop("edge", "rising") == "falling" else 1
             keys = {"channel": sign * int(said[f"{role}_input"]), **keys}
@@ -93,11 +94,20 @@ def bench_text(content: Mapping[str, Any]) -> str:
     return _HEAD + "\n".join(_lines(content, BenchSettings.model_validate_json(json.dumps(content)), 0)) + "\n"
 
 
+def attenuators(content: Mapping[str, Any]) -> list[str]:
+    """What belongs into the cables of the counter's inputs before they are plugged in."""
+    counter = BenchSettings.model_validate_json(json.dumps(content)).counter
+    said = ((role, attenuator(getattr(counter, role))) for role in ("sync", "detector"))
+    return [f"{role}: {what}" for role, what in said if what]
+
+
 def _lines(content: Mapping[str, Any], block: BaseModel, depth: int) -> list[str]:
     assert isinstance(block, Settings)
     meanings, lines, indent = describe(type(block)), [], "  " * depth
     for key, value in content.items():
         inner, what = getattr(block, key), " ".join(meanings[key].what.split())
+        if key == "level_mv" and (first := attenuator(block)):
+            what = f"{first} {what}"
         if isinstance(value, dict) and isinstance(inner, Settings):
             lines += _commented(f"{indent}{key}:", what)
             lines += _lines(value, inner, depth + 1)

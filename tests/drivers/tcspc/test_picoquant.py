@@ -267,6 +267,16 @@ def test_a_nim_detector_is_seen_as_the_inputs_come(device: str, mode: str) -> No
     assert one_by_one(counter)[0].total_count > 500
 
 
+@pytest.mark.parametrize("mode", ["histogram", "t3"])
+def test_ttl_behind_an_attenuator_is_seen_at_300_mv_and_not_at_1000(mode: str) -> None:
+    rising = {"level_mv": 300, "edge": "rising"}
+    counter, _ = opened("multiharp150", mode=mode, sync=rising, detector=rising)
+    assert counter.rates().sync_hz == 10e6
+    assert one_by_one(counter)[0].total_count > 500
+    counter, _ = opened("multiharp150", mode=mode, detector={"level_mv": 1000, "edge": "rising"})
+    assert counter.rates().detector_hz == 0
+
+
 @pytest.mark.parametrize("device", FAMILIES)
 @pytest.mark.parametrize("mode", ["histogram", "t3"])
 def test_a_level_that_no_pulse_reaches_counts_nothing(device: str, mode: str) -> None:

@@ -1,0 +1,52 @@
+"""What a counter's input says of a pulse in a new bench file, and what belongs into the cable before it."""
+
+from collections.abc import Mapping
+
+from annotated_types import Le
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from nlos.drivers.tcspc.block import CounterBlock, Pulse
+
+_TTL_MIDDLE_MV = 1500
+"""Of a pulse of 3 V. An input whose levels end below it was not made for such pulses."""
+
+
+def input_keys(counter: type[CounterBlock], role: str, pulse: Pulse, device: str) -> dict[str, object] | None:
+    """Keys of the block `role` (sync, detector) that such a pulse crosses, behind an attenuator where it needs one;
+    None: the counter takes no such pulse."""
+    keys = counter.pulse_keys(pulse, device)
+    if keys is None:
+        return None
+    if pulse == "nim" or not needs_attenuator(counter, role):
+        return dict(keys)
+    return {**keys, "level_mv": _most_mv(_block(counter, role)) // 4}
+
+
+def needs_attenuator(counter: type[CounterBlock], role: str) -> bool:
+    """Whether a TTL pulse is more than this input (sync, detector) was made for."""
+    return _most_mv(_block(counter, role)) < _TTL_MIDDLE_MV
+
+
+def attenuator(block: BaseModel) -> str:
+    """What has to be done before the cable of this input is plugged in; empty where nothing has."""
+    fields = type(block).model_fields
+    level_mv = getattr(block, "level_mv", None) or 0  # none: a level for NIM
+    if getattr(block, "edge", "falling") != "rising" or level_mv <= 0:
+        return ""
+    if (most_mv := _most_mv(fields)) >= _TTL_MIDDLE_MV:
+        return ""
+    return (
+        f"TTL is 3 V or more, the levels of this input end at {most_mv / 1000:g} V: put an attenuator to below "
+        f"{most_mv / 1000:g} V into its cable before it is plugged in (docs/instruments.md, Levels)."
+    )
+
+
+def _block(counter: type[CounterBlock], role: str) -> Mapping[str, FieldInfo]:
+    block = counter.model_fields[role].annotation
+    assert block is not None
+    return block.model_fields  # type: ignore[no-any-return]
+
+
+def _most_mv(fields: Mapping[str, FieldInfo]) -> int:
+    return next(int(str(each.le)) for each in fields["level_mv"].metadata if isinstance(each, Le))
