@@ -116,3 +116,25 @@ def test_every_column_of_an_evaluation_is_explained() -> None:
     figures = page[page.index("## What the figures mean") :]
     assert [field.name for field in fields(Row) if f"`{field.name}`" not in figures] == []
     assert "`NAME~300ps`" in page
+
+
+def test_every_exit_code_is_on_its_page() -> None:
+    from nlos.cli.exit_codes import ExitCode
+
+    rows = re.findall(r"^\| (\d+) \|", SHOWN["docs/exit-codes.md"], re.M)
+    assert [int(code) for code in rows] == sorted(ExitCode)
+    assert "(../exit-codes.md)" in SHOWN["docs/howto/archives.md"]
+
+
+def test_every_page_is_in_the_menu() -> None:
+    menu = (DOCS.parent / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:\n")[1]
+    pages = [*DOCS.glob("*.md"), *DOCS.glob("howto/*.md"), *DOCS.glob("settings/*.md")]
+    assert [page for each in pages if f": {(page := each.relative_to(DOCS).as_posix())}\n" not in menu] == []
+
+
+def test_both_pages_with_the_same_figure_name_the_same_depths() -> None:
+    captions = [re.search(r"bear 0[^!]*?staircase [^!]*?\d\.\d\d\b[^!]*?\d\.\d\d", SHOWN[f"docs/{name}.md"], re.S)
+                for name in ("gallery", "results")]  # fmt: skip
+    depths = [re.findall(r"\d\.\d\d", caption[0]) for caption in captions if caption]
+    assert len(depths[0]) == 14
+    assert depths[0] == depths[1]
