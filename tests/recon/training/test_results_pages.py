@@ -59,6 +59,10 @@ def test_a_target_says_what_is_missing_to_it() -> None:
     text = section([missed], {"margin": "longer training"})
     assert "0 of 1 met" in text
     assert "**margin**: longer training" in text
+    assert "to spare" not in text
+    compared = Target("rivals", "PSNR over lfe", 0, True, 1.34, "", error=0.68)
+    assert compared.line()[2:] == ["1.34 ± 0.68", "+1.34", "missed"]
+    assert "met only where it holds with 2 e to spare" in section([compared], {})
 
 
 def test_a_rival_is_beaten_with_two_errors_to_spare_at_the_worst_condition() -> None:
