@@ -3,6 +3,7 @@
 import itertools
 import os
 import pty
+import re
 import shlex
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -227,13 +228,27 @@ def test_every_question_has_a_hint() -> None:
             given = {"wall_distance_m": "1.4", "repetition_hz": "10e6", "mirror": mirror, "counter": counter, **more}
             keys |= answered(simulated, **given).keys()
     assert keys <= HINTS.keys()
+    assert HINTS.keys() - keys == {"shutter_pin"} - keys  # asked where the shutter is on the mirror's controller
+    page = (Path(__file__).parents[2] / "docs/howto/my-bench.md").read_text().split("| key | answer |")[1]
+    assert set(re.findall(r"`(\w+)`", "".join(re.findall(r"^\| (.*?) \|", page, re.M)))) == HINTS.keys()
+
+
+def test_a_wall_that_is_turned_and_no_square_is_written_and_seen_by_its_doctor(tmp_path: Path) -> None:
+    file = tmp_path / "turned.yaml"
+    given = ["wall_yaw_deg=20", "wall_pitch_deg=-5", "half_m=0.6", "half_height_m=0.4"]
+    assert new("bench", file, None, given, True, True, False) == 0
+    geometry = load("bench", str(file), BenchSettings).settings.geometry
+    assert (geometry.wall_yaw_deg, geometry.wall_pitch_deg) == (20, -5)
+    assert geometry.allowed is not None
+    assert (geometry.allowed.left_m, geometry.allowed.right_m) == (-0.6, 0.6)
+    assert (geometry.allowed.bottom_m, geometry.allowed.top_m) == (-0.4, 0.4)
 
 
 @pytest.mark.parametrize("port", ["sim://triggerscope", "simulated"])
 def test_a_simulated_port_of_a_real_bench_is_refused_at_that_question(
     port: str, at_a_terminal: Callable[[str], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    at_a_terminal(f"triggerscope\n{port}\n/dev/ttyACM7\n" + "\n" * 12 + "1.42\n\n\n\n\n20e6\n")
+    at_a_terminal(f"triggerscope\n{port}\n/dev/ttyACM7\n" + "\n" * 12 + "1.42" + "\n" * 8 + "20e6\n")
     said = answers(questions(NOTHING, False), {})
     assert said["port"] == "/dev/ttyACM7"
     assert f"{port!r} is a simulated instrument: `nlos new bench --simulated`" in capsys.readouterr().err

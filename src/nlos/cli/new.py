@@ -12,6 +12,7 @@ from nlos.cli.exit_codes import UsageError
 from nlos.cli.terminal import terminal
 from nlos.new_bench.asking import answers, as_options
 from nlos.new_bench.detection import detect
+from nlos.new_bench.hints import HINTS
 from nlos.new_bench.questions import questions
 from nlos.new_bench.unfinished import Unfinished
 from nlos.new_bench.writing import attenuators, bench_text, blocks_of
@@ -23,7 +24,11 @@ def new(
     name: Annotated[str | None, typer.Option(help="The bench's name; default: the file's.")] = None,
     answer: Annotated[
         list[str] | None,
-        typer.Option("--answer", metavar="KEY=VALUE", help="An answer given before, so that it is not asked for."),
+        typer.Option(
+            "--answer",
+            metavar="KEY=VALUE",
+            help=f"An answer given before, so that it is not asked for. Keys, where they apply: {', '.join(HINTS)}.",
+        ),
     ] = None,
     simulated: Annotated[
         bool, typer.Option("--simulated", help="A simulated table with these instruments, to rehearse on.")

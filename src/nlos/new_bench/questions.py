@@ -134,8 +134,11 @@ def questions(found: Detected, simulated: bool) -> "list[Asking]":
     def half_width(said: Answers) -> Question | None:
         reach_m = float(said["wall_distance_m"]) * tan(radians(min(2 * float(said["max_mechanical_deg"]), 60.0)))
         aside_m = max(abs(float(said["scanner_x_m"])), abs(float(said["scanner_y_m"])))
-        text = "how far from the wall's centre the beam may be sent, each way, in metres"
+        text = "how far from the wall's centre the beam may be sent to the left and right, in metres"
         return Question("half_m", text, f"{max(0.05, min(1.0, 0.7 * reach_m - aside_m)):.2g}", number=(0.001, 50))
+
+    def half_height(said: Answers) -> Question | None:
+        return Question("half_height_m", "how far up and down, in metres", said["half_m"], number=(0.001, 50))
 
     wall = Question("wall_distance_m", "metres from the second mirror to the wall, straight ahead",
                     "2.0" if simulated else None, number=(0.05, 100))  # fmt: skip
@@ -146,6 +149,10 @@ def questions(found: Detected, simulated: bool) -> "list[Asking]":
     above = Question(
         "scanner_y_m", "metres that they stand above it (below: negative; 0 if not measured)", "0.0", number=(-50, 50)
     )
+    yaw = Question("wall_yaw_deg", "degrees by which the wall's right edge swings away from the mirrors (towards them: "
+                   "negative)", "0.0", number=(-59, 59))  # fmt: skip
+    pitch = Question("wall_pitch_deg", "degrees by which its top edge leans away (towards them: negative)", "0.0",
+                     number=(-59, 59))  # fmt: skip
     laser = Question("repetition_hz", "laser pulses a second", "10e6" if simulated else None, number=(1e3, 1e9))
     return [
         lambda said: Question("mirror", "mirror controller", first_mirror, mirrors), port, volts, reach,
@@ -153,8 +160,8 @@ def questions(found: Detected, simulated: bool) -> "list[Asking]":
         sync_input, inputs,
         pulse("sync_pulse", "the laser's sync pulse"), pulse("detector_pulse", "the detector's pulse"),
         markers, pixel_clock,
-        shutter, shutter_pin, lambda said: wall, lambda said: lever, lambda said: right, lambda said: above, half_width,
-        lambda said: laser,
+        shutter, shutter_pin, lambda said: wall, lambda said: lever, lambda said: right, lambda said: above,
+        lambda said: yaw, lambda said: pitch, half_width, half_height, lambda said: laser,
     ]  # fmt: skip
 
 

@@ -32,7 +32,7 @@ def blocks_of(name: str, said: Mapping[str, str], simulated: bool) -> dict[str, 
     mirror["max_mechanical_deg"] = float(said["max_mechanical_deg"])
     if "shutter_pin" in said:
         mirror["shutter_pin"] = int(said["shutter_pin"])
-    half_m = float(said["half_m"])
+    half_m, half_height_m = float(said["half_m"]), float(said["half_height_m"])
     found = {
         "name": name,
         "mirror": mirror,
@@ -43,7 +43,9 @@ def blocks_of(name: str, said: Mapping[str, str], simulated: bool) -> dict[str, 
             "mirror_separation_m": float(said["mirror_separation_m"]),
             "scanner_x_m": float(said["scanner_x_m"]),
             "scanner_y_m": float(said["scanner_y_m"]),
-            "allowed": {"left_m": -half_m, "right_m": half_m, "bottom_m": -half_m, "top_m": half_m},
+            "wall_pitch_deg": float(said["wall_pitch_deg"]),
+            "wall_yaw_deg": float(said["wall_yaw_deg"]),
+            "allowed": {"left_m": -half_m, "right_m": half_m, "bottom_m": -half_height_m, "top_m": half_height_m},
         },
         "laser": {"repetition_hz": float(said["repetition_hz"])},
     }
