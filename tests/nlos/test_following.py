@@ -15,6 +15,10 @@ import pytest
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.gathering import Gathering
+from nlos.acquisition.wall import WallGrid
+from nlos.live.following import replace_pictures
+from nlos.recon.live import LivePicture
+from nlos.recon.volume import Intervals, Reconstruction
 from tests.scan_texts import COARSE_TO_FINE, recorded
 
 Nlos = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -66,6 +70,16 @@ def test_following_a_shuffled_growing_file_ends_in_the_batch_result(nlos: Nlos, 
     left = {path.name for path in (tmp_path / "live").iterdir()}
     assert {"albedo.png", "depth.png", "reconstruction.h5"} <= left
     assert not [name for name in left if name.startswith(".")]
+
+
+def test_what_is_followed_by_a_method_that_knows_how_sure_it_is_has_its_picture(tmp_path: Path) -> None:
+    ones = np.ones((8, 8), np.float32)
+    sure = Intervals(0.5 * ones, 1.5 * ones, 0.9 * ones, 1.1 * ones, ones)
+    made = Reconstruction(ones, ones, WallGrid(1.0, 1.0, 8, 8), "nano", 0.0, {}, None, intervals=sure)
+    replace_pictures(tmp_path, LivePicture(made, 64, 0.1, 0.1, confidence=ones), False)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
+        ("albedo.png", "depth.png", "confidence.png", "uncertainty.png")
+    )
 
 
 def test_what_is_served_is_followed_by_its_ticket(nlos: Nlos, run: Path, tmp_path: Path) -> None:

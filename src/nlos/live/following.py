@@ -86,11 +86,14 @@ def replace_pictures(folder: Path, picture: "LivePicture", keep_volume: bool) ->
     """The pictures, in the same way."""
     from nlos.recon.pictures import albedo_picture, confidence_picture, depth_picture
     from nlos.recon.slices_picture import slices_picture
+    from nlos.recon.uncertainty_picture import uncertainty_picture
 
     result = picture.reconstruction
     draw = [(albedo_picture, NAMES[1]), (depth_picture, NAMES[2])]
     if keep_volume and result.volume is not None:
         draw.append((slices_picture, "slices.png"))
+    if result.intervals is not None:
+        draw.append((uncertainty_picture, "uncertainty.png"))
     with tempfile.TemporaryDirectory(dir=folder, prefix=".next-") as fresh:
         for drawn, name in counted(draw, len(draw), "pictures"):
             drawn(result, Path(fresh) / name)
