@@ -12,7 +12,9 @@ import yaml
 
 from nlos.__main__ import run
 from nlos.cli.terminal import terminal
-from nlos.doctor.instruments import dark_line
+from nlos.configs.load import load
+from nlos.doctor.instruments import dark_line, shutter
+from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.first_light_settings import FirstLightSettings
 from nlos.drivers.simulated.bench import SimulatedBench
 from nlos.drivers.simulated.tcspc488.firmware import Tcspc488Firmware
@@ -146,6 +148,14 @@ def test_without_its_counter_the_doctor_moves_no_mirror_that_may_be_in_the_light
     assert said["counter"] == ["FAIL", "SKIP"]
     assert said["shutter"] == ["PASS"]
     assert said["mirror"] == ["PASS", "PASS"]
+
+
+def test_a_ttl_shutter_is_given_no_remedy_that_it_has_no_input_for(tmp_path: Path) -> None:
+    file = bench_file(tmp_path, mirror={"shutter_pin": 9}, shutter={"model": "triggerscope_ttl"})
+    with open_bench(load("bench", file, BenchSettings).settings) as bench:
+        contact, watchdog = shutter(bench)
+    assert "has no input for a contact" in contact.remedy
+    assert "a thread of it closes the shutter after 2 s" in watchdog.said
 
 
 def test_a_check_that_fails_takes_only_those_along_that_need_the_same_instrument(

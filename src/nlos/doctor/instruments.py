@@ -33,12 +33,18 @@ def shutter(bench: Bench) -> Iterator[Finding]:
     elif state.interlock_closed is False:
         yield failed("shutter", "closed; the interlock loop is open", "Close the loop.")
     elif state.feedback_open is None:
-        yield warned("shutter", "commanded closed; nothing reads back whether it is", "Wire its contact.")
+        remedy = "Wire its contact." if bench.settings.shutter_on == "counter" else (
+            "This output has no input for a contact: watch the shutter close, or put it on a counter's output that "
+            "reads back (docs/instruments.md, Wiring).")  # fmt: skip
+        yield warned("shutter", "commanded closed; nothing reads back whether it is", remedy)
     else:
         yield passed("shutter", "closed and read back, interlock closed")
     if bench.settings.shutter_on != "nothing" and not bench.shutter.has_watchdog:
-        yield warned("shutter", "no watchdog: if the computer freezes or kills this program, the shutter stays open",
-                     "Set safety.watchdog_s with a counter that has one.")  # fmt: skip
+        said = "no watchdog: if the computer freezes or kills this program, the shutter stays open"
+        watchdog_s = bench.settings.safety.watchdog_s
+        if watchdog_s > 0 and bench.settings.shutter_on == "mirror":
+            said += f"; where the program only hangs, a thread of it closes the shutter after {watchdog_s:g} s"
+        yield warned("shutter", said, "Set safety.watchdog_s with a shutter on a counter that has a watchdog.")
 
 
 def links(bench: Bench) -> Iterator[Finding]:
