@@ -170,8 +170,18 @@ def _from_runs(
     _refuse_poor(found.constants)
     save(replace(found.constants, bench=bench, bench_facts=facts), target, overwrite)
     kept = bench and target.parent.resolve() == folder_of(bench).resolve()
-    whose = f"of bench {bench}, taken from now on" if kept else "taken where --constants names it"
+    whose = f"of bench {bench}, {_used_by(found.constants)}" if kept else "taken where --constants names it"
     terminal.result(f"{target}: {whose}", constants=str(target), bench=bench, kept_with_bench=bool(kept))
+
+
+def _used_by(constants: "BenchConstants") -> str:
+    """Who takes constants that are kept with their bench."""
+    if constants.aims:
+        return "taken from now on: `plan` and `scan` aim by them, `reconstruct` corrects by them"
+    return (
+        "taken from now on by `reconstruct`. `plan` and `scan` go on aiming by the bench file: constants without spots "
+        "do not say where the beam lands (--spots FILE)"
+    )
 
 
 def _refuse_to_replace(target: Path, overwrite: bool) -> None:

@@ -24,7 +24,7 @@ _FOUND = {
     "points_off_the_wall_fit": "Points off the fit of the wall",
     "offset_rms_ps": "Time offsets about that fit, RMS (ps)",
     "offset_rms_mm": "The same as a distance (mm)",
-    "scanner_position_m": "Scanner, from the wall's centre: x, y, z (mm)",
+    "scanner_position_m": "Scanner, from the wall's centre, along the wall's own axes: x, y, z (mm)",
     "electronic_delay_ns": "Delay of cables and electronics for that place (ns)",
     "response_fwhm_ps": "Impulse response, FWHM (ps)",
     "direct_masked_ns": "Direct light masked for (ns)",
