@@ -120,7 +120,8 @@ def evaluate(
     scenes = list(find_scenes(paths, say))
     if not scenes:
         raise InvalidData(
-            f"no scene with ground truth (gt_intensity, gt_depth, gt_mask) in {', '.join(map(str, paths))}."
+            f"no scene with ground truth (gt_intensity, gt_depth, gt_mask) in {', '.join(map(str, paths))}. To compare "
+            "methods on a scan without one: `nlos reconstruct` by each, then `nlos figure DIR DIR ... -o both.png`."
         )
     for condition in conditions:
         if not any(has_condition(scene, condition) for scene in scenes):

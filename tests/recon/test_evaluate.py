@@ -107,6 +107,9 @@ def test_what_does_not_exist_is_named(tmp_path: Path) -> None:
     with pytest.raises(InvalidSettings, match="counts_p7"):
         evaluate([scene], ["lct"], ["transient", "counts_p7"], step=lambda done, total, at: begun.append(done))
     assert not begun, "what is misspelt is said before anything is computed"
+    (tmp_path / "mine").mkdir()
+    with pytest.raises(InvalidData, match=r"no scene with ground truth .* `nlos figure DIR DIR"):
+        evaluate([tmp_path / "mine"], ["lct"], ["transient"])
     with pytest.raises(InvalidSettings, match="no method 'ltc'"):
         evaluate([scene], ["ltc"], ["transient"])
     with pytest.raises(InvalidData, match="does not exist"):

@@ -98,7 +98,16 @@ def _write_scan(run: Path, word: str, partial: Path, target: Path) -> list[str]:
             arrays = arrays_of_recording(recording)
             frames = ended_plan(recording.plan, recording.intact_records()).frames
     else:
-        arrays = arrays_of_import(read_isolated(run), run)
+        try:
+            arrays = arrays_of_import(read_isolated(run), run)
+        except InvalidData as error:
+            if not _is_reconstruction(run):
+                raise
+            raise InvalidData(
+                f"{run}: is a reconstruction, and {word} is a format of scans. A picture becomes "
+                f"{', '.join(PICTURE_FORMATS)}; MATLAB and NumPy open this file as it is: "
+                f"h5read('{run.name}', '/albedo').', h5py.File('{run.name}')['albedo']."
+            ) from error
     if not (arrays.exposure_s > 0).any():
         raise InvalidData(f"{run}: no point of it was measured; there is nothing to export")
     if word == "ytal" and arrays.on_grid and not arrays.rectified:
@@ -113,6 +122,14 @@ def _write_scan(run: Path, word: str, partial: Path, target: Path) -> list[str]:
     if arrays.left_aside:
         left_behind = [*left_behind, f"{arrays.left_aside} samples that are damaged or unreadable"]
     return left_behind
+
+
+def _is_reconstruction(path: Path) -> bool:
+    try:
+        check_isolated(path, "nlos.recon.results:read_reconstruction")
+    except InvalidData:
+        return False
+    return True
 
 
 def _with_scanner(run: Path, arrays: ScanArrays) -> ScanArrays:
