@@ -14,7 +14,8 @@ from nlos.recon.without_torch.volume_method import PlainVolumeMethod
 
 
 class Settings(PhysicsSettings):
-    """Settings of f-k migration. It has no inverse filter: `snr` changes nothing."""
+    """Settings of f-k migration. It has no inverse filter: `snr` changes nothing, and is known so that one --set does
+    for every physics method."""
 
     has_inverse_filter: ClassVar[bool] = False
     cubes: ClassVar[float] = 8.5

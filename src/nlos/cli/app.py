@@ -38,7 +38,7 @@ VERBS = {
     "evaluate": "Compare methods on scenes with ground truth.",
     "methods": "List the reconstruction methods, or the settings of one.",
     "patterns": "List the scan patterns, or the settings of one.",
-    "schema": "Print the JSON Schema of scan, bench or training files, for editors.",
+    "schema": "Print the JSON Schema of scan, bench, queue, defaults or training files.",
     "completion": "Print the script that switches on shell completion.",
 }
 """Verb -> what it does. The function `VERB` (or `VERB_` for a Python keyword) lives in `cli/VERB.py`."""
