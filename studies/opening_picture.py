@@ -42,8 +42,9 @@ def half_m(centres_m: NDArray[np.float64]) -> float:
 
 def draw(data: Path, target: Path) -> None:
     """Writes the figure."""
-    figure = Figure(figsize=(9.2, 7.2), layout="constrained")
+    figure = Figure(figsize=(9.2, 7.3), dpi=80, layout="constrained")
     FigureCanvasAgg(figure)
+    figure.get_layout_engine().set(rect=(0, 0.015, 1, 0.98))  # type: ignore[union-attr, call-arg]
     panels = figure.subplots(len(SCENES), 4)
     titles = ("LCT, all points", "NANO, all points", "LCT, 16 x 16 points", "NANO, 16 x 16 points")
     for line, (name, label) in zip(panels, SCENES.items(), strict=True):
