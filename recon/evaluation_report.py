@@ -120,7 +120,8 @@ def sure_table(rows: list[Row]) -> list[str]:
 
 
 def gallery(evaluation: Evaluation, path: Path) -> None:
-    """Front views and depths: a line a scene and condition, the truth first, then a column a method."""
+    """Front views and depths: a line a scene and condition, the truth first, then a column a method. Yellow is near,
+    dark blue far; beside each line stands where its colours end."""
     methods = _unique(row.method for row in evaluation.rows)
     pairs = _unique((row.condition, row.scene) for row in evaluation.rows)
     truth = {scene.name: scene for scene in evaluation.scenes}
@@ -133,7 +134,7 @@ def gallery(evaluation: Evaluation, path: Path) -> None:
         span = depth_span_m(scene)
         _intensity(line[0], scene.intensity)
         _depth(line[1], np.where(scene.mask, scene.depth_m, np.nan), span)
-        line[0].set_ylabel(f"{name}\n{condition}", fontsize=6)
+        line[0].set_ylabel(f"{name}\n{condition}\ndepth {span[0]:.2f} to {span[1]:.2f} m", fontsize=6)
         for k, method in enumerate(methods, start=1):
             picture = evaluation.pictures.get((name, method, condition))
             if picture is None:

@@ -15,7 +15,7 @@ from nlos.recon.contours import contours
 from nlos.recon.errors import InvalidData
 from nlos.recon.png import write_png
 from nlos.recon.seen import DOUBTFUL, FAINT, brightest, depth_limits, depth_opacity, visible_depth
-from nlos.recon.small_print import small_print
+from nlos.recon.small_print import below, small_print
 from nlos.recon.volume import Reconstruction
 
 DOTS_PER_INCH = 150
@@ -77,11 +77,11 @@ def summary_figure(reconstruction: Reconstruction, figure: Figure | None = None)
     """Front view and depth map side by side, on `figure` where one is given."""
     figure = figure or Figure()
     figure.set_size_inches(9.4, 4.2)
-    figure.set_layout_engine("constrained")
+    figure.set_layout_engine("compressed")
     left, right = figure.subplots(1, 2)
     draw_albedo(reconstruction, figure, left)
     draw_depth(reconstruction, figure, right)
-    figure.supxlabel(small_print(reconstruction), fontsize=7, color="0.35")
+    below(figure, small_print(reconstruction), 7)
     warned(reconstruction, figure)
     return figure
 
@@ -111,9 +111,9 @@ def warned(reconstruction: Reconstruction, figure: Figure) -> None:
 
 
 def _single(reconstruction: Reconstruction, path: Path, draw: Callable[[Reconstruction, Figure, Axes], None]) -> None:
-    figure = Figure(figsize=(5.6, 4.9), layout="constrained")
+    figure = Figure(figsize=(5.6, 4.9), layout="compressed")  # colour bars as high as a picture that is no square
     draw(reconstruction, figure, figure.add_subplot())
-    figure.supxlabel(small_print(reconstruction), fontsize=6.5, color="0.35")
+    below(figure, small_print(reconstruction), 6.5)
     warned(reconstruction, figure)
     save_picture(figure, path)
 

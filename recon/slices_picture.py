@@ -10,7 +10,7 @@ from matplotlib.image import AxesImage
 from nlos.recon.errors import InvalidData
 from nlos.recon.pictures import extent, save_picture
 from nlos.recon.seen import FAINT
-from nlos.recon.small_print import small_print
+from nlos.recon.small_print import below, small_print
 from nlos.recon.volume import Reconstruction, Volume
 
 MARK = "#56b4e9"
@@ -54,7 +54,7 @@ def slices_picture(reconstruction: Reconstruction, path: Path) -> None:
     )
     words = "Through the brightest voxel.\nMarks at the edges: where\nthe other two slices lie"
     corner.text(0.1, 0.4, words, color="0.35", va="top", transform=corner.transAxes)
-    figure.supxlabel(small_print(reconstruction), fontsize=6.5, color="0.35")
+    below(figure, small_print(reconstruction), 6.5)
     save_picture(figure, path)
 
 

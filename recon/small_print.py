@@ -1,6 +1,13 @@
 """What a picture is of, in small print: scan, method, points, photons, what it explains, time."""
 
+from typing import TYPE_CHECKING
+
 from nlos.recon.volume import Reconstruction
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_BETWEEN = " · "
 
 
 def small_print(reconstruction: Reconstruction) -> str:
@@ -11,7 +18,35 @@ def small_print(reconstruction: Reconstruction) -> str:
         words += [f"{made.points:,} points", f"{si(made.photons)}indirect photons"]
     if made.explained is not None and made.explained.share is not None:
         words.append(made.explained.figure)
-    return " · ".join(word for word in (*words, f"computed in {made.seconds:.1f} s") if word)
+    return _BETWEEN.join(word for word in (*words, f"computed in {made.seconds:.1f} s") if word)
+
+
+def below(figure: "Figure", text: str, points: float) -> None:
+    """Small print of so many points below a figure, in lines that are no longer than it is wide."""
+    most = 72 * 0.97 * float(figure.get_figwidth())
+    lines: list[str] = []
+    for paragraph in text.split("\n"):
+        line = ""
+        for piece in paragraph.split(_BETWEEN):
+            together = f"{line}{_BETWEEN}{piece}" if line else piece
+            if line and _long(together, points) > most:
+                lines.append(line)
+                together = piece
+            line = together
+            while _long(line, points) > most:  # a file's name alone
+                fits = max(1, int(len(line) * most / _long(line, points)) - 1)
+                lines.append(line[:fits])
+                line = line[fits:]
+        lines.append(line)
+    figure.supxlabel("\n".join(lines), fontsize=points, color="0.35")
+
+
+def _long(text: str, points: float) -> float:
+    """How long a line of it is, in points."""
+    from matplotlib.textpath import TextPath
+
+    shown = text.replace("$", r"\$")
+    return float(TextPath((0, 0), shown, size=points).get_extents().width)
 
 
 def si(number: float) -> str:

@@ -13,7 +13,7 @@ from matplotlib.ticker import FuncFormatter
 from nlos.recon.errors import InvalidData
 from nlos.recon.pictures import BACKGROUND, extent, save_picture
 from nlos.recon.seen import brightest
-from nlos.recon.small_print import small_print
+from nlos.recon.small_print import below, small_print
 from nlos.recon.volume import Reconstruction
 
 NARROWEST_M, WIDEST_M = 0.002, 0.5
@@ -31,10 +31,8 @@ def uncertainty_picture(reconstruction: Reconstruction, path: Path) -> None:
         raise InvalidData(f"this {reconstruction.method} reconstruction does not say how sure it is.")
     figure = Figure(figsize=(12.4, 4.2), layout="constrained")
     draw_uncertainty(reconstruction, figure)
-    figure.supxlabel(
-        f"pale: hardly a surface. An interval holds the truth in nine cases of ten.\n{small_print(reconstruction)}",
-        fontsize=6.5, color="0.35",
-    )  # fmt: skip
+    said = "pale: hardly a surface. An interval holds the truth in nine cases of ten."
+    below(figure, f"{said}\n{small_print(reconstruction)}", 6.5)
     save_picture(figure, path)
 
 

@@ -9,9 +9,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 from nlos.acquisition.errors import InvalidData as NotAMeasurement
+from nlos.recon import evaluation_report
 from nlos.recon.entrants import SNR_CHOICES
 from nlos.recon.errors import InvalidData, InvalidSettings
 from nlos.recon.evaluate import evaluate, transient_of
@@ -234,3 +236,11 @@ def test_a_truth_without_a_depth_where_nothing_is_scores_as_one_with_zeros(tmp_p
 def test_a_setting_that_no_method_has_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidSettings, match=r"none of lct, fk has a setting 'fallof'; did you mean 'falloff'\?"):
         evaluate([make_scene(tmp_path / "one.h5")], ["lct", "fk"], ["transient"], settings={"fallof": 2}, say=print)
+
+
+def test_the_gallery_names_the_ends_of_its_depth_colours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    done = evaluate([make_scene(tmp_path / "one.h5")], ["lct"], ["transient"], fixed=True, say=lambda line: None)
+    drawn: list[Figure] = []
+    monkeypatch.setattr(evaluation_report, "write_png", lambda figure, path, dots: drawn.append(figure))
+    evaluation_report.gallery(done, tmp_path / "gallery.png")
+    assert drawn[0].axes[0].get_ylabel() == "one\ntransient\ndepth 0.55 to 0.65 m"

@@ -9,6 +9,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 from PIL import Image
 
 from nlos.__main__ import run
@@ -21,7 +23,7 @@ from nlos.recon.pictures import UNSEEN, albedo_picture, depth_picture, summary_f
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.results import write_results
 from nlos.recon.seen import FAINT, FULL, depth_limits, depth_opacity, depth_span, visible_depth
-from nlos.recon.small_print import si, small_print
+from nlos.recon.small_print import below, si, small_print
 from nlos.recon.uncertainty_picture import uncertainty_picture
 from nlos.recon.volume import Intervals, Reconstruction
 
@@ -180,3 +182,39 @@ def test_pictures_of_one_wall_on_two_grids_are_compared_on_the_finer() -> None:
     wide = replace(other, wall=WallGrid(2.0, 1.0, 16, 16))
     with pytest.raises(InvalidData, match="walls of different sizes"):
         difference_figure(one, wide, ("a", "b"))
+
+
+def boxes(figure: Figure) -> dict[str, Bbox]:
+    """Title of a panel, or label of its colour bar -> where it is drawn, in dots."""
+    figure.draw_without_rendering()
+    return {axes.get_title() or axes.get_ylabel(): axes.get_window_extent() for axes in figure.axes}
+
+
+@pytest.mark.parametrize("size_m", [(2.0, 0.5), (0.5, 2.0)])
+def test_beside_a_wall_that_is_no_square_colour_bars_are_no_taller_than_it_and_no_title_runs_into_them(
+    size_m: tuple[float, float],
+) -> None:
+    result = replace(made(), wall=WallGrid(*size_m, 32, 32))
+    figure = summary_figure(result)
+    drawn = boxes(figure)
+    panels = [box for name, box in drawn.items() if name.startswith("LCT")]
+    bars = [box for name, box in drawn.items() if not name.startswith("LCT")]
+    assert len(panels) == len(bars) == 2
+    for panel, bar in zip(panels, bars, strict=True):
+        assert bar.height <= panel.height
+        assert panel.y0 <= bar.y0 < bar.y1 <= panel.y1  # titles stand above
+        assert panel.x1 < bar.x0
+
+
+@pytest.mark.parametrize("scan", ["run.h5", "a measurement of a rather long name on monday.h5", "x" * 300])
+def test_the_small_print_is_whole_however_long(scan: str) -> None:
+    figure = Figure(figsize=(5.6, 4.9), layout="constrained")
+    result = replace(made(), scan=scan, points=4096, photons=2.01e6, explained=Explained(0.946, 0.002, ""))
+    below(figure, small_print(result), 6.5)
+    figure.draw_without_rendering()
+    (print_,) = figure.texts or [figure._supxlabel]  # type: ignore[attr-defined]
+    box = print_.get_window_extent()
+    assert 0 <= box.x0 < box.x1 <= figure.bbox.x1
+    assert box.y0 >= 0
+    told = print_.get_text()
+    assert "".join(told.split("\n")).replace(" · ", "") == small_print(result).replace(" · ", "")
