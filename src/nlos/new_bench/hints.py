@@ -21,8 +21,8 @@ HINTS = {
     "scanner_y_m": "seen by somebody who faces the wall",
     "wall_yaw_deg": "seen from above; 0 for a wall straight ahead, or if not measured: spots find it",
     "wall_pitch_deg": "seen from the side; 0 for an upright wall, or if not measured: spots find it",
-    "half_height_m": "the same as to the sides for a square",
     "half_m": "nothing is sent beyond it: leave windows, screens and people outside",
+    "half_height_m": "the same as to the sides for a square",
     "repetition_hz": "the laser's display or data sheet, such as 10e6; the doctor holds the sync signal against it",
 }
 """Key of a question -> one line."""
