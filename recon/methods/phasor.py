@@ -35,7 +35,8 @@ class Settings(PhysicsSettings):
     """The exact confocal propagator, or the approximation in light-cone space (the authors' conventions use that)."""
     wavelength_m: Annotated[float, Field(gt=0)] | None = None
     """Of the virtual wave, along the light's path; four wall pixels unless given, more where the instrument's response
-    would not leave enough of these."""
+    would not leave enough of these. The wave fades with distance, so surfaces come out nearer by about 2 sigma^2 over
+    their depth: by 2 to 13 mm of 0.6 m at 32 to 16 pixels a metre, by 3 at most with two pixels."""
     cycles: Annotated[float, Field(ge=1, le=50)] | None = None
     """In the pulse; 4 unless given, 5 as published. Fewer see finer depth, more suppress noise."""
     planes: Annotated[int, Field(ge=2)] = 128

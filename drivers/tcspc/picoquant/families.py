@@ -133,8 +133,8 @@ class PicoquantSettings(CounterBlock):
 
     @classmethod
     def pulse_keys(cls, pulse: Pulse, device: str = "") -> Mapping[str, object] | None:
-        """The family's own levels (vendor's manuals); None where its inputs take no such pulses. TTL pulses only pass an
-        attenuator: a MultiHarp's inputs take 1.2 V."""
+        """The family's own levels (vendor's manuals); None where its inputs take no such pulses. TTL pulses come
+        through an attenuator: a MultiHarp's inputs take 1.2 V."""
         family = FAMILIES[device]
         if family.constant_fraction:  # their inputs take negative pulses only
             return {"level_mv": family.nim_level_mv} if pulse == "nim" else None
