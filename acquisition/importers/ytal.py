@@ -141,11 +141,14 @@ def read_zaragoza(path: Path) -> ImportedScan:
         origins = [_point(file, "laserPosition"), _point(file, "cameraPosition")]
         upright = np.moveaxis(grid, 0, 2) if grid.shape[0] == 3 and grid.shape[2] != 3 else grid
         hints = _sides(file, upright, ("hiddenVolumePosition", "cameraPosition"), "cameraGridNormals")
-    # Two axis orders are in use: (sy, sx, bounce, t, colour) and (colour, t, bounce, sx, sy).
+    # Two axis orders are in use: (colour, t, bounce, sx, sy) with a grid (3, sx, sy), and all of it reversed:
+    # (sy, sx, bounce, t, colour) with (sy, sx, 3). Reversed data beside a grid (3, sx, sy) are met, too.
     if data.shape[0] <= 3 and data.shape[3:] in (grid.shape[1:], grid.shape[:2]):
         counts = data.sum(axis=(0, 2))
     else:
-        counts = np.moveaxis(data.sum(axis=(2, 4)), 2, 0).swapaxes(1, 2)
+        counts = np.moveaxis(data.sum(axis=(2, 4)), 2, 0)
+        if grid.shape != (*counts.shape[1:], 3):
+            counts = counts.swapaxes(1, 2)
     if grid.shape == (3, *counts.shape[1:]):
         grid = np.moveaxis(grid, 0, 2)
     return _upright(path, _Capture("Zaragoza HDF5", counts, grid, origins, delta_m, start_m, hints=hints))

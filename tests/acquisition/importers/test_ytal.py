@@ -72,16 +72,18 @@ def test_what_cannot_be_reconstructed_is_refused_by_name(tmp_path: Path, changes
         read_ytal(write(tmp_path / "capture.hdf5", **changes))
 
 
-@pytest.mark.parametrize("order", ["time before space", "space before time"])
-def test_zaragoza_orders_are_both_read(tmp_path: Path, order: str) -> None:
-    first = np.zeros((1, T, 2, X, Y), np.float32)  # colour, t, bounce, sx, sy
-    first[0, 2, 1, 3, 2] = 1.0
-    data = first if order == "time before space" else first.transpose(4, 3, 2, 1, 0)
+@pytest.mark.parametrize("sides", [(5, 4), (4, 4)])
+@pytest.mark.parametrize("order", ["time before space", "space before time", "grid and space before time"])
+def test_zaragoza_orders_are_all_read(tmp_path: Path, order: str, sides: tuple[int, int]) -> None:
+    cols, rows = sides
+    x, y = np.meshgrid(np.linspace(-0.75, 0.75, cols), np.linspace(-0.5, 0.5, rows), indexing="ij")
+    first, grid = np.zeros((1, T, 2, cols, rows), np.float32), np.stack([x, y, np.zeros_like(x)])
+    first[0, 2, 1, -1, 1] = 1.0  # colour, t, bounce, sx, sy: rightmost column, second row from below
     with h5py.File(tmp_path / "capture.hdf5", "w") as file:
-        file["data"] = data
-        file["cameraGridPositions"] = np.moveaxis(points(), 2, 0)
+        file["data"] = first if order == "time before space" else first.T
+        file["cameraGridPositions"] = grid.T if order.startswith("grid") else grid
         file["deltaT"], file["t0"] = 0.003, 0.0
         file["laserPosition"] = file["cameraPosition"] = np.array([0.0, 0.0, 1.0])
     scan = read_any(tmp_path / "capture.hdf5")
-    assert scan.transient.counts[2, 0, 3] == 1.0
+    assert np.argwhere(scan.transient.counts).tolist() == [[2, rows - 2, cols - 1]]
     assert not scan.rectified
