@@ -15,6 +15,8 @@ Array = npt.NDArray[np.float64]
 
 FARTHEST = 0.25
 """Pairs of an exhaustive scan farther apart than this share of its grid are skipped: surfaces are not opposite."""
+_SAME = 1e-6
+"""Of a bin: what coordinates' rounding makes of nothing."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,18 @@ def of_every_pair(
 
 def moved_out(counts: npt.NDArray[np.generic], apart_m: float, first_m: float, delta_m: float) -> Array:
     """One histogram (T,) whose first bin begins at path `first_m`, in bins of `delta_m` from 0 of the confocal path.
-    Counts go where their time goes; those of paths shorter than `apart_m`, which no light takes, are gone."""
+    Counts go where their time goes; those of paths shorter than `apart_m`, which no light takes, are gone. Whole counts
+    of a laser point that is the sensor point stay whole, so that they are still known for photons."""
+    late = first_m / delta_m
+    if apart_m <= _SAME * delta_m and abs(late - round(late)) < _SAME:
+        return _delayed(np.asarray(counts, dtype=np.float64), round(late))
     edges_m = np.sqrt((np.arange(len(counts) + 1) * delta_m) ** 2 + apart_m**2)
     so_far = np.concatenate([[0.0], np.cumsum(counts, dtype=np.float64)])
     return np.diff(np.interp((edges_m - first_m) / delta_m, np.arange(len(counts) + 1), so_far))
+
+
+def _delayed(counts: Array, bins: int) -> Array:
+    """The histogram (T,) so many bins later, or earlier where `bins` is below 0; what leaves it at an end is gone."""
+    moved, kept = np.zeros_like(counts), max(len(counts) - abs(bins), 0)
+    moved[max(bins, 0) : max(bins, 0) + kept] = counts[max(-bins, 0) : max(-bins, 0) + kept]
+    return moved

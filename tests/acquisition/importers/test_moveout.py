@@ -115,6 +115,17 @@ def test_every_photon_goes_where_its_time_goes() -> None:
         assert moved[int(first) : int(last) + 1].sum() == pytest.approx(count)
 
 
+@pytest.mark.parametrize("late", [0, 7, -7, BINS + 1])
+def test_counts_of_one_point_are_the_same_counts(late: int) -> None:
+    counts = np.random.default_rng(0).poisson(1.0, BINS)
+    expected = np.zeros(BINS)
+    for at, count in enumerate(counts):
+        if 0 <= at + late < BINS:
+            expected[at + late] = count
+    for rounding in (0.0, 1e-10, -1e-10):
+        assert np.array_equal(moved_out(counts, abs(rounding), late * DELTA_M + rounding, DELTA_M), expected)
+
+
 @pytest.mark.parametrize(
     ("lasers", "changes", "named"),
     [

@@ -74,6 +74,12 @@ def test_plates_are_where_they_are(tmp_path: Path, apart_m: float, hills_m: floa
     assert plates_found(held) == pytest.approx([z - plane_m for *_, z in PLATES], abs=0.012)
 
 
+def test_a_laser_point_that_is_the_sensor_point_keeps_its_counts(tmp_path: Path) -> None:
+    lasers, _ = points(count=64)
+    counts = np.random.default_rng(0).poisson(1.0, (64, BINS))
+    assert np.array_equal(light_of(saved(tmp_path / "one.npz", counts, laser_m=lasers, sensor_m=lasers)).counts, counts)
+
+
 def test_a_wall_taken_for_flat_and_confocal_shows_them_elsewhere(tmp_path: Path) -> None:
     """So that the test above could fail."""
     lasers, sensors = points(apart_m=0.2, hills_m=0.1)
