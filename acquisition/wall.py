@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from nlos.acquisition.lattice import lattice_of
+
 Floats = npt.NDArray[np.float64]
 
 ORIENTATION = (
@@ -41,11 +43,14 @@ class WallGrid:
 
 
 def grid_around(x_m: Floats, y_m: Floats, size_m: tuple[float, float] | None = None) -> WallGrid:
-    """A grid for N points at free positions (N,), fine enough that hardly two share a pixel.
+    """A grid for N points at free positions (N,), fine enough that hardly two share a pixel: their own where they lie
+    on one (`lattice_of`).
 
     `size_m`: width and height of the wall; without, the smallest wall around its centre that holds all points. Square
     pixels, 32 to 256 along the longer side, about two per mean spacing of the points.
     """
+    if (lattice := lattice_of(x_m, y_m, size_m)) is not None:
+        return WallGrid(*lattice)
     count = len(x_m)
     if size_m is None:
         reach_x, reach_y = float(np.abs(x_m).max()), float(np.abs(y_m).max())
