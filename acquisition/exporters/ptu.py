@@ -32,21 +32,23 @@ Records = npt.NDArray[np.uint32]
 
 
 def write_ptu(scan: ScanArrays, path: Path) -> list[str]:
-    """Writes every photon as a T3 record. Returns what the format cannot hold.
+    """Writes every photon as a T3 record, its delay counted from time 0. Returns what the format cannot hold.
 
     Raises `InvalidData`, before anything is written, for free positions, for a scan of which no point was measured,
-    for more bins than a record can tell apart and for more photons than are read back.
+    for more bins than a record can tell apart, of a rectified scan from time 0 on, and for more photons than are read
+    back.
     """
     if not scan.on_grid:
         raise InvalidData(f"{path}: a PTU image needs a grid; export free positions to npz")
     rows, cols, bins = scan.histograms.shape
     if bins > _MAX_BINS:
         raise InvalidData(f"{path}: {bins} bins; a T3 record tells {_MAX_BINS} apart. Rebin, or export npz.")
+    late, of_time = _first_delay(scan, path)
     measured_s = scan.exposure_s[scan.exposure_s > 0]
     if not measured_s.size:
         raise InvalidData(f"{path}: no point of the scan was measured; there is nothing to export")
     stated_s = float(measured_s.mean())
-    period_s = max(_PULSE_PERIOD_S, (bins + 1) * scan.time.bin_width_s, rows * cols * stated_s / _MOST_PULSES)
+    period_s = max(_PULSE_PERIOD_S, (late + bins + 1) * scan.time.bin_width_s, rows * cols * stated_s / _MOST_PULSES)
     dwell = max(1, int(stated_s / period_s * (1 + 1e-9)))
     dwell_s = max(stated_s, period_s)
     period_s = dwell_s / dwell  # readers count a dwell in whole periods
@@ -58,13 +60,13 @@ def write_ptu(scan: ScanArrays, path: Path) -> list[str]:
             f"{path}: {photons:,} photons; a PTU has a record of each, {4 * most_records / 2**30:.1f} GiB, and at most "
             f"{MAX_BYTES >> 30} GiB are read back. Export npz."
         )
-    head = _header((1, rows, cols, 1, bins), period_s, dwell_s, scan)
+    head = _header((1, rows, cols, 1, late + bins), period_s, dwell_s, scan)
     with path.open("wb") as file:
         file.write(head)
-        written = sum(file.write(records) for records in _records(scan.histograms, dwell))
+        written = sum(file.write(records) for records in _records(scan.histograms, dwell, late))
         file.seek(0)
         file.write(_stating(_stating(head, "TTResult_NumberOfRecords", written // 4), "ImgHdr_MaxFrames", 1))
-    notes = [*_of_the_scan(scan), *_of_exposures(scan.exposure_s, measured_s, dwell_s)]
+    notes = [*_of_the_scan(scan), *of_time, *_of_exposures(scan.exposure_s, measured_s, dwell_s)]
     notes.append(f"the laser's period is not known: pulses are written {period_s * 1e9:g} ns apart")
     if bright := int((of_point > dwell).sum()):
         notes.append(f"{bright} of {rows * cols} points have more photons than laser pulses: several share one")
@@ -78,9 +80,25 @@ def _of_the_scan(scan: ScanArrays) -> list[str]:
     ]
     if scan.rectified:
         notes.append("that time 0 is the wall has no place in PTU: read it with --rectified")
-    if scan.time.start_s:
-        notes.append(f"delays count from the first bin, {scan.time.start_s * 1e9:g} ns after the laser pulse")
     return notes
+
+
+def _first_delay(scan: ScanArrays, path: Path) -> tuple[int, list[str]]:
+    """The delay of the first bin, in bins, and what to say of it. Raises `InvalidData` for a rectified scan that is too
+    late for it: of others, light tells when it was at the wall, so that theirs may count from anywhere."""
+    at, bins = scan.time.start_s / scan.time.bin_width_s, scan.time.bins
+    late = round(at)
+    if late + bins > _MAX_BINS:
+        begins = f"{scan.time.start_s * 1e9:g} ns after time 0"
+        if scan.rectified:
+            raise InvalidData(
+                f"{path}: its {bins} bins begin {begins}, at bin {late}; a T3 record tells {_MAX_BINS} apart. Rebin, "
+                "or export npz."
+            )
+        return 0, [f"delays count from the first bin, which is {begins}: a T3 record tells {_MAX_BINS} bins apart"]
+    if abs(at - late) < 0.01:
+        return late, []
+    return late, [f"delays are whole bins: times are {abs(at - late) * scan.time.bin_width_s * 1e12:.2g} ps off"]
 
 
 def _of_exposures(
@@ -122,10 +140,11 @@ def _stating(head: bytes, tag: str, value: int) -> bytes:
     return head[:at] + struct.pack("<q", value) + head[at + 8 :]
 
 
-def _records(counts: Records, dwell: int) -> Iterator[bytes]:
-    """The records of a frame of histograms (H, W, T), `dwell` laser pulses a point, in pieces of bounded size."""
+def _records(counts: Records, dwell: int, begins: int) -> Iterator[bytes]:
+    """The records of a frame of histograms (H, W, T) whose first bin has the delay `begins`, of `dwell` laser pulses a
+    point, in pieces of bounded size."""
     wrapped = 0
-    for pulses, words in _events(counts, dwell):
+    for pulses, words in _events(counts, dwell, begins):
         wraps = pulses // _WRAP
         missing = np.diff(wraps, prepend=wrapped)
         overflows = -(-missing // _MOST_WRAPS)
@@ -138,7 +157,7 @@ def _records(counts: Records, dwell: int) -> Iterator[bytes]:
         yield records.tobytes()
 
 
-def _events(counts: Records, dwell: int) -> Iterator[tuple[Integers, Integers]]:
+def _events(counts: Records, dwell: int, begins: int) -> Iterator[tuple[Integers, Integers]]:
     """Photons and markers in the order of time: their laser pulses, and their records but for those. Photons of a
     point are spread evenly over its dwell, by rising delay."""
     rows, cols, bins = counts.shape
@@ -160,6 +179,6 @@ def _events(counts: Records, dwell: int) -> Iterator[tuple[Integers, Integers]]:
             within = np.minimum(((event - before[point] + 0.5) * spacing[point]).astype(np.int64), dwell - 1)
             within[starts] = 0
             within[stops] = dwell
-            words = np.where(starts, _LINE_START, np.where(stops, _LINE_STOP, delay * _WRAP))
+            words = np.where(starts, _LINE_START, np.where(stops, _LINE_STOP, (begins + delay) * _WRAP))
             yield (first * cols + point) * dwell + within, words
     yield np.array([rows * cols * dwell]), np.array([_FRAME])

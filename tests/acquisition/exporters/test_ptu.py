@@ -84,6 +84,26 @@ def test_any_shape_comes_back(tmp_path: Path, shape: tuple[int, int, int]) -> No
     check_read_back(tmp_path / "scan.ptu", counts, 0.02)
 
 
+@pytest.mark.parametrize("rectified", [True, False])
+def test_delays_count_from_time_0_where_the_record_begins_later(tmp_path: Path, rectified: bool) -> None:
+    counts = drawn(0.3)
+    late = replace(scan(counts, 1.0), time=TimeAxis(300, BIN_S, 100 * BIN_S), rectified=rectified)
+    notes = write_ptu(late, tmp_path / "late.ptu")
+    check_read_back(tmp_path / "late.ptu", np.pad(counts, ((0, 0), (0, 0), (100, 0))), 1.0)
+    assert not any("delays" in note for note in notes)
+    between = replace(late, time=TimeAxis(300, BIN_S, 100.25 * BIN_S))
+    assert "delays are whole bins: times are 8 ps off" in write_ptu(between, tmp_path / "between.ptu")
+
+
+def test_what_begins_too_late_for_a_record_is_refused_unless_its_light_tells_its_time(tmp_path: Path) -> None:
+    counts = drawn(0.3)
+    late = replace(scan(counts, 1.0), time=TimeAxis(300, BIN_S, 32_500 * BIN_S))
+    with pytest.raises(InvalidData, match="its 300 bins begin 1040 ns after time 0, at bin 32500"):
+        write_ptu(replace(late, rectified=True), tmp_path / "late.ptu")
+    assert any("delays count from the first bin" in note for note in write_ptu(late, tmp_path / "late.ptu"))
+    check_read_back(tmp_path / "late.ptu", counts, 1.0)
+
+
 @pytest.mark.parametrize("block", [1, 7, 64])
 def test_pieces_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int) -> None:
     """Records are made in pieces; here of few photons, which end anywhere in a line, a point or a bin."""

@@ -98,6 +98,10 @@ def test_a_state_comes_back(state: str, word: str, imported: bool, tmp_path: Pat
         (first.held.wall.width_m, first.held.wall.height_m)
     )
     photons = np.asarray(back.held.counts, dtype=np.int64)
+    if word == "ptu":  # has delays from time 0 on, and no place for when the first bin begins
+        before = round(stated.get("offset_s", 0.0) / BIN_S)
+        assert not photons[:before].any()
+        photons = photons[before:]
     if back.points is None:
         assert np.array_equal(np.moveaxis(photons, 0, 2), COUNTS)
     else:
