@@ -19,6 +19,9 @@ LONGEST_EXPOSURE_S = 1e7
 NO_WALL = "the wall's size is not stored"
 """How a note begins that says what was assumed of it."""
 
+DOUBT = "in doubt:"
+"""How a note begins that is a warning."""
+
 ASSUMED = "points as far apart in x as in y, 1 m over the longer side"
 
 

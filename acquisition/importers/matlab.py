@@ -19,13 +19,13 @@ from nlos.acquisition.importers.arrays import (
     scan_of,
 )
 from nlos.acquisition.importers.given import NOTHING, Given
-from nlos.acquisition.importers.imported import NO_WALL, ImportedScan, assumed_sides_m
+from nlos.acquisition.importers.imported import DOUBT, NO_WALL, ImportedScan, assumed_sides_m
 from nlos.acquisition.importers.mat_file import read_variable, shapes_of, structs_of
 from nlos.acquisition.importers.missing_direct import SAID, direct_is_missing
 from nlos.acquisition.importers.own_data import how_to_convert
 from nlos.acquisition.importers.separate_points import refuse_other_names
 from nlos.acquisition.importers.stored_counts import without_missing, without_single_axes
-from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 
 
@@ -118,9 +118,11 @@ def read_matlab(path: Path, given: Given = NOTHING) -> ImportedScan:
     time = TimeAxis(bins, width_s or given.bin_width_s or layout.bin_width_s)
     offsets = None
     if layout.key == "meas":
-        offsets = _time_of_flight(path, (rows, cols), given.bin_width_s or time.bin_width_s, x_first)
+        offsets = _time_of_flight(path, (rows, cols), TimeAxis(bins, given.bin_width_s or time.bin_width_s), x_first)
         if offsets is None and given.rectified is None:
-            notes.append("no tofgrid in it, nor in a tof.mat beside it: taken as rectified (if it is not: --raw)")
+            notes.append(_without_times(bins, layout))
+        elif offsets is not None and (doubt := _too_short(offsets, time.bin_width_s, sides_m)):
+            notes.append(doubt)
     cube = np.ascontiguousarray(np.moveaxis(counts, 2, 0), dtype=np.float32)
     if only_offsets := offsets is not None and direct_is_missing(cube, offsets):
         notes.append(SAID)
@@ -210,11 +212,35 @@ def _told_bin_width_s(path: Path, shapes: dict[str, tuple[int, ...]]) -> float |
     return float(width_s[0])
 
 
-def _time_of_flight(
-    path: Path, grid: tuple[int, int], bin_width_s: float, x_first: bool
-) -> npt.NDArray[np.float64] | None:
+def _without_times(bins: int, layout: _Layout) -> str:
+    """What to say of counts that nothing says when light reached the wall of."""
+    if bins != layout.bins[0]:
+        return "no tofgrid in it, nor in a tof.mat beside it: taken as rectified (if it is not: --raw)"
+    return (
+        f"{DOUBT} no tofgrid in it, nor in a tof.mat beside it, and {bins} bins, as raw measurements of this kind have "
+        f"(rectified ones: {', '.join(map(str, layout.bins[1:]))}); direct light would be taken for hidden surfaces. "
+        "If it is raw: --raw, or put its tof.mat beside it. If time 0 is the wall: --rectified."
+    )
+
+
+def _too_short(offsets: npt.NDArray[np.float64], bin_width_s: float, sides_m: tuple[float, float]) -> str:
+    """What to ask about times in which light cannot be at the farthest point of a wall and back, even from its middle;
+    the electronics' own delay may take some off."""
+    longest_s, least_s = (
+        float(np.nanmax(offsets, initial=0)) * bin_width_s,
+        float(np.hypot(*sides_m)) / SPEED_OF_LIGHT_M_PER_S,
+    )
+    if not 0 < longest_s < least_s / 4:
+        return ""
+    return (
+        f"{DOUBT} tofgrid says at most {longest_s * 1e12:,.0f} ps; to a corner of a wall of {sides_m[0]:.4g} x "
+        f"{sides_m[1]:.4g} m and back light takes {least_s * 1e12:,.0f} ps or more. Is it in bins? Store picoseconds."
+    )
+
+
+def _time_of_flight(path: Path, grid: tuple[int, int], time: TimeAxis, x_first: bool) -> npt.NDArray[np.float64] | None:
     """`tofgrid` (ps to each scan point) from the measurement itself or from `tof.mat` beside it, in bins; `x_first`
-    where its rows run along x."""
+    where its rows run along x. Raises `InvalidData` for times that no unit but picoseconds can have made."""
     place = _tof_place(path, shapes_of(path))
     if place is None:
         return None
@@ -222,7 +248,16 @@ def _time_of_flight(
     picoseconds = picoseconds.T if x_first else picoseconds
     if picoseconds.shape != grid:
         raise InvalidData(f"{place}: tofgrid: has shape {picoseconds.shape}, the scan {grid}")
-    return picoseconds * 1e-12 / bin_width_s
+    offsets = picoseconds * 1e-12 / time.bin_width_s
+    sizes = np.abs(offsets[np.isfinite(offsets)])
+    if sizes.size and (0 < sizes.max() < 1 or sizes.min() >= time.bins):
+        within = "below one bin" if sizes.max() < 1 else f"beyond all {time.bins} bins"
+        raise InvalidData(
+            f"{place}: tofgrid: is {np.nanmin(picoseconds):.4g} to {np.nanmax(picoseconds):.4g}: as picoseconds, "
+            f"{within} of {time.bin_width_s * 1e12:g} ps at every point. Picoseconds to each point and back are "
+            "expected, 6,671 for a metre: are these seconds, nanoseconds or metres?"
+        )
+    return offsets
 
 
 def _tof_place(path: Path, shapes: dict[str, tuple[int, ...]]) -> Path | None:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.given import NOTHING, Given
-from nlos.acquisition.importers.imported import NO_WALL, ImportedScan
+from nlos.acquisition.importers.imported import DOUBT, NO_WALL, ImportedScan
 from nlos.acquisition.importers.isolated import read_isolated
 from nlos.acquisition.importers.magic import is_recording
 from nlos.acquisition.importers.to_recording import said_by_source
@@ -77,7 +77,7 @@ def load_scan(path: Path, given: Given = NOTHING, frames: range | None = None) -
         read = read_isolated(path, given)
         for note in read.notes:
             if read.wall_known or not note.startswith(NO_WALL):
-                log.info("%s: %s", path, note)
+                log.log(logging.WARNING if note.startswith(DOUBT) else logging.INFO, "%s: %s", path, note)
         scan = _as_loaded(read)
         tell_of_last_bin(str(path), scan.transient)
         if scan.wall_known:

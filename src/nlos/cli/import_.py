@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from nlos.acquisition.importers.imported import DOUBT
 from nlos.acquisition.importers.isolated import one_reader
 from nlos.acquisition.importers.to_recording import write_recording
 from nlos.acquisition.wall import ORIENTATION
@@ -44,7 +45,7 @@ def import_(
             photons = int(scan.held.counts.sum(dtype="float64"))
             terminal.result(f"{target}: {points} points, {photons} photons ({scan.source_format})")
             for note in (*scan.notes, ORIENTATION):
-                terminal.log(f"  {note}")
+                terminal.log(f"  {'warning: ' if note.startswith(DOUBT) else ''}{note}")
             if not scan.wall_known:
                 terminal.log("  `reconstruct` and `calibrate` find the wall by the direct times; or use --wall-size-m")
             written.append({"file": str(file), "recording": str(target), "points": points, "photons": photons,

@@ -11,8 +11,11 @@ from scipy.io import savemat
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.given import Given
+from nlos.acquisition.importers.imported import DOUBT
 from nlos.acquisition.importers.mat5_types import no_number
 from nlos.acquisition.importers.matlab import read_matlab
+from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
+from nlos.loaded import load_scan
 
 COUNTS = np.arange(3 * 2 * 5, dtype=np.uint16).reshape(3, 2, 5)
 TOLD = {"bin_resolution": 32e-12, "wall_size": 2.0}
@@ -44,9 +47,40 @@ def test_fk_offsets_come_from_tofgrid_beside_it_in_picoseconds(tmp_path: Path) -
     assert read_matlab(tmp_path / "meas_10min.mat", Given(wall_m=(2.0, 2.0), bin_width_s=32e-12)).rectified
     savemat(tmp_path / "tof.mat", {"tofgrid": np.full((3, 2), 64.0)})
     scan = read_matlab(tmp_path / "meas_10min.mat")
+    assert any(note.startswith(f"{DOUBT} tofgrid says at most 64 ps") for note in scan.notes)
     assert scan.time_offset_bins is not None
     assert np.allclose(scan.time_offset_bins, 2.0)
     assert not scan.rectified
+
+
+@pytest.mark.parametrize(
+    ("units_of_a_picosecond", "within"), [(1e-12, "below one bin"), (1e-3, "below one bin"), (1e3, "beyond all 512")]
+)
+def test_a_tofgrid_that_no_picoseconds_make_is_refused(
+    tmp_path: Path, units_of_a_picosecond: float, within: str
+) -> None:
+    x, y = np.meshgrid(*2 * [np.linspace(-1, 1, 64)])
+    picoseconds = 2e12 / SPEED_OF_LIGHT_M_PER_S * np.sqrt(x**2 + y**2 + 1.7**2)
+    path = tmp_path / "m.mat"
+    savemat(path, {"meas": published(64, 64, 512), "tofgrid": picoseconds})
+    assert not any(note.startswith(DOUBT) for note in read_matlab(path).notes)
+    savemat(path, {"meas": published(64, 64, 512), "tofgrid": picoseconds * units_of_a_picosecond})
+    with pytest.raises(InvalidData, match=f"{within}.*Picoseconds to each point and back are expected"):
+        read_matlab(path)
+    savemat(path, {"meas": published(64, 64, 512), "tofgrid": picoseconds / 32})
+    assert any("Is it in bins?" in note for note in read_matlab(path).notes if note.startswith(DOUBT))
+
+
+@pytest.mark.parametrize(
+    ("bins", "rectified", "doubted"), [(2048, None, True), (512, None, False), (2048, True, False)]
+)
+def test_raw_measurements_without_their_times_are_not_taken_for_rectified_silently(
+    tmp_path: Path, bins: int, rectified: bool | None, doubted: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    savemat(tmp_path / "m.mat", {"meas": published(64, 64, bins)}, do_compression=True)
+    with caplog.at_level("WARNING", "nlos"):
+        load_scan(tmp_path / "m.mat", Given(rectified=rectified))
+    assert ("If it is raw: --raw, or put its tof.mat beside it" in caplog.text) == doubted
 
 
 def test_version_73_files_have_their_axes_reversed(tmp_path: Path) -> None:
