@@ -120,6 +120,15 @@ def free_port() -> int:
         return int(free.getsockname()[1])
 
 
+def test_times_of_flight_beside_a_measurement_are_no_scan(tmp_path: Path) -> None:
+    for name in ("meas_10min.mat", "tof.mat", "tof_raw.mat"):
+        (tmp_path / name).write_bytes(b"")
+    assert files_of([tmp_path]) == [tmp_path / "meas_10min.mat"]
+    assert files_of([tmp_path / "tof.mat"]) == [tmp_path / "tof.mat"]
+    (tmp_path / "meas_10min.mat").unlink()
+    assert files_of([tmp_path]) == [tmp_path / "tof.mat", tmp_path / "tof_raw.mat"]
+
+
 def test_the_broken_are_named_with_their_reasons_and_the_others_are_done(tmp_path: Path) -> None:
     archive(tmp_path / "in", 3)
     done = command.nlos(tmp_path, "reconstruct", "in", "-o", "out")

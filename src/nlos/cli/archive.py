@@ -1,5 +1,6 @@
 """An archive: many files to a folder each, every one with an outcome of its own, here or on a Dask cluster."""
 
+import re
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -23,19 +24,28 @@ SUFFIXES = (
     ".ptu", ".phu", ".pt2", ".pt3", ".ht2", ".ht3", ".t3r", ".phd", ".hhd", ".thd",
 )  # fmt: skip
 """What of a folder is taken for a scan; a file that is named is always read."""
+_OF_NEIGHBOURS = re.compile(r"tof(_raw|_\d+)?\.mat", re.IGNORECASE)
+"""What f-k migration's authors call the times of flight that go with the measurements beside them."""
 WAITS_S = 30.0
 """An archive that is told to end waits so long for the files that workers have begun."""
 
 
 def files_of(runs: Sequence[Path]) -> list[Path]:
-    """The files named, and those of the folders named, in the order of their names. Raises `UsageError`."""
+    """The files named, and the scans of the folders named, in the order of their names. Raises `UsageError`."""
     files: list[Path] = []
     for run in runs:
-        inside = sorted(path for path in run.iterdir() if path.suffix.lower() in SUFFIXES) if run.is_dir() else [run]
+        inside = _scans_in(run) if run.is_dir() else [run]
         if not inside:
             raise UsageError(f"{run}: holds no scans ({', '.join(SUFFIXES)}). {how_to_convert()}")
         files += [path for path in inside if not path.name.startswith(".")]
     return list(dict.fromkeys(files))
+
+
+def _scans_in(folder: Path) -> list[Path]:
+    """Its files by their suffix; times of flight that go with other MATLAB files are no scan of their own."""
+    inside = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    scans = [path for path in inside if not _OF_NEIGHBOURS.fullmatch(path.name)]
+    return scans if any(path.suffix.lower() == ".mat" for path in scans) else inside
 
 
 def folders_for(files: Sequence[Path], output: Path) -> list[Path]:
