@@ -23,6 +23,7 @@ MOST_CURVES = 1 << 20
 MOST_MARKER = 15
 """A T3 record has four bits for markers, each an input of its own or, of some instruments, a number."""
 _MARKERS = ("ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame")
+_SIZES = ("ImgHdr_PixX", "ImgHdr_PixY")
 _DAMAGE = (
     ptufile.PqFileError, ValueError, KeyError, IndexError, TypeError, OverflowError, ZeroDivisionError, struct.error,
     MemoryError, EOFError, AttributeError, UnicodeDecodeError, OSError, NameError,
@@ -71,7 +72,14 @@ def _image(path: Path, ptu: ptufile.PtuFile, wanted: int | None, notes: list[str
     if int(tags.get("Measurement_SubMode", 0)) != 3:
         raise InvalidData(f"{path}: is a line measurement, not an image of scan points, nor one point")
     photons = int(ptu.number_photons)
-    if photons and not ptu.number_lines:
+    if not photons:
+        raise InvalidData(f"{path}: holds no photons")
+    if ptu.measurement_ndim == 3 and (missing := [name for name in _SIZES if name not in tags]):
+        raise InvalidData(
+            f"{path}: does not say of how many points its image is: its header lacks {' and '.join(missing)}. Store it "
+            "again with the software that took it."
+        )
+    if not ptu.number_lines:
         said = ", ".join(f"{name[7:]} {tags.get(name, 'not stated')}" for name in _MARKERS)
         raise InvalidData(
             f"{path}: none of its {photons:,} photons lies within a line of the image: of its {ptu.number_markers:,} "

@@ -201,6 +201,19 @@ def test_a_ptu_image_whose_photons_find_no_line_is_refused(tmp_path: Path) -> No
         read_picoquant(tmp_path / "a.ptu")
 
 
+def test_a_ptu_image_without_photons_is_called_one(tmp_path: Path) -> None:
+    write_raster(tmp_path / "dark.ptu", (4, 8), np.zeros((0, 3)))
+    with pytest.raises(InvalidData, match=r"dark\.ptu: holds no photons"):
+        read_picoquant(tmp_path / "dark.ptu")
+
+
+def test_a_ptu_image_that_does_not_say_its_size_is_refused_by_that(tmp_path: Path) -> None:
+    raw = raster(tmp_path / "a.ptu").replace(b"ImgHdr_PixY\0", b"Other_Words\0")
+    (tmp_path / "a.ptu").write_bytes(raw)
+    with pytest.raises(InvalidData, match=r"a\.ptu: does not say .* its header lacks ImgHdr_PixY\. Store it again"):
+        read_picoquant(tmp_path / "a.ptu")
+
+
 def test_a_git_lfs_pointer_is_called_one(tmp_path: Path) -> None:
     for name in ("a.ptu", "a.mat", "a.h5", "a.npz", "a.sdt"):
         (tmp_path / name).write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 5\n")
