@@ -100,8 +100,12 @@ def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
     known = not _flag(stored, "wall_size_assumed", False)
     held: Transient | FreePoints
     if counts.ndim == 3:
-        grid = on_even_grid(stored.name, shape, sides_m, *(stored.beside.get(axis) for axis in ("x_m", "y_m")),
-                            told=given.wall_m is not None)  # fmt: skip
+        places = (stored.beside.get(axis) for axis in ("x_m", "y_m"))
+        placed_at = [
+            None if each is None else given.places(axis, each, shape)
+            for axis, each in zip(("x_m", "y_m"), places, strict=True)
+        ]
+        grid = on_even_grid(stored.name, shape, sides_m, *placed_at, told=given.wall_m is not None)
         notes += grid.notes
         if grid.sides_m is None and rectified:
             raise InvalidData(f"{stored.name}: wall_size_m: is not stored. {put_there('--wall-size-m W or WxH')}")

@@ -60,6 +60,15 @@ class Given:
         x_first = "X" in named and "Y" in named and named.index("X") < named.index("Y")
         return values.T if x_first and values.shape == shape[::-1] else values
 
+    def places(self, key: str, values: npt.NDArray[Any], shape: tuple[int, ...]) -> npt.NDArray[Any]:
+        """`x_m` or `y_m` (`key`) of each point of a grid of `shape` (H, W), as `beside`; of a square grid they tell
+        themselves along which axis they do not change."""
+        turned = self.beside(values, shape)
+        if values.ndim != 2 or shape[0] != shape[1]:
+            return turned
+        same = 0 if key == "x_m" else 1
+        return turned if np.ptp(turned, axis=same).max() <= np.ptp(values, axis=same).max() else values
+
     def applied(self, scan: ImportedScan) -> ImportedScan:
         """The scan with what was said in place of what the file said, and a note of each."""
         notes = list(scan.notes)
