@@ -18,7 +18,7 @@ from nlos.direct_times import DirectTimes
 from nlos.loaded import LoadedScan, load_scan
 from nlos.recipe import Recipe
 from nlos.recon.depth_range import within_depths
-from nlos.recon.errors import InvalidSettings, NoLight
+from nlos.recon.errors import InvalidData, InvalidSettings, NoLight
 from nlos.recon.gridding import grid_samples
 from nlos.recon.methods import find
 from nlos.recon.reconstruct import reconstruct
@@ -99,6 +99,7 @@ def _calibrated(
 ) -> "tuple[Transient, ImpulseResponse | None]":
     """And the response that the scan's own direct light showed, where it was looked for."""
     transient = scan.transient
+    _refuse_late(scan)
     if use_file_offsets:
         _check_file_offsets(scan)
     use_file_offsets = use_file_offsets or (scan.no_direct_light and not scan.rectified)
@@ -138,6 +139,18 @@ def _calibrated(
     hear(corrected.points)
     _tell_calibration(corrected.report(), tell)
     return corrected.transient, _own(corrected.points)
+
+
+def _refuse_late(scan: LoadedScan) -> None:
+    """Raises `InvalidData` for a rectified scan whose record begins later than it is long: nothing of it would be left
+    of as many bins from time 0 on."""
+    time = scan.transient.time
+    if scan.rectified and scan.direct_cut_bins is None and time.start_s >= time.bins * time.bin_width_s:
+        raise InvalidData(
+            f"offset_s: the first bin begins {time.start_s * 1e9:.4g} ns after light is at the wall, and all "
+            f"{time.bins} bins last {time.bins * time.bin_width_s * 1e9:.4g} ns: as many from time 0 on hold nothing "
+            "of it. Is offset_s in seconds? If so, store empty bins before them, and offset_s = 0."
+        )
 
 
 def _check_file_offsets(scan: LoadedScan) -> None:

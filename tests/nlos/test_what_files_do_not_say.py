@@ -11,8 +11,10 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.given import Given
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
+from nlos.chain import calibrate_scan
 from nlos.loaded import load_scan
 from nlos.recon.depth_range import within_depths
+from nlos.recon.errors import InvalidData as ReconInvalidData
 from nlos.recon.volume import Reconstruction, Volume
 
 PTU = Path(__file__).parents[3] / "shared" / "data" / "tcspc" / "replay_s_u.ptu"
@@ -78,6 +80,17 @@ def test_free_positions_are_read(tmp_path: Path, suffix: str) -> None:
     assert np.array_equal(scan.points.exposure_s, arrays["exposure_s"])
     assert float(scan.transient.counts.sum()) == counts.sum()
     assert scan.transient.wall.width_m >= 2 * np.abs(x_m).max()
+
+
+def test_a_record_that_begins_later_than_it_is_long_is_refused_by_its_offset(tmp_path: Path) -> None:
+    said = {"bin_width_s": 32e-12, "wall_size_m": 1.0, "rectified": True}
+    for late, refused in ((2e-9, False), (60e-9, True)):
+        path = write(tmp_path / "late.h5", COUNTS, **said, offset_s=late)
+        if refused:
+            with pytest.raises(ReconInvalidData, match=r"offset_s: the first bin begins 60 ns after .* last 4\.096 ns"):
+                calibrate_scan(load_scan(path))
+        else:
+            assert calibrate_scan(load_scan(path)).counts.any()
 
 
 def test_import_says_the_wall_that_was_given(nlos, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
