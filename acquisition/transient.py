@@ -9,6 +9,8 @@ from nlos.acquisition.response import Response
 from nlos.acquisition.wall import WallGrid
 
 SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
+MOST_COUNTS = 2.0**53
+"""In a bin: up to there numbers of any kind are exact, and nobody waits for as many photons."""
 
 
 @dataclass(frozen=True)

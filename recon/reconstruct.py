@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
+from nlos.acquisition.transient import MOST_COUNTS, SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.configs.settings import Settings
 from nlos.recon.errors import InvalidData, NoLight, ReconstructionFailed
 from nlos.recon.explained import explained_light
@@ -209,6 +209,12 @@ def check(transient: Transient) -> None:
         raise InvalidData(
             f"{int((~finite).sum())} of {counts.size} counts are not finite, the first in bin {bin_} of row {row}, "
             f"column {col}. Mark that point as not measured (exposure 0) or scan it again."
+        )
+    if max(float(counts.max()), -float(counts.min())) > MOST_COUNTS:
+        bin_, row, col = (int(i) for i in np.unravel_index(np.abs(counts).argmax(), counts.shape))
+        raise InvalidData(
+            f"{float(counts[bin_, row, col]):.3g} in bin {bin_} of row {row}, column {col} is more than anybody counts "
+            f"({MOST_COUNTS:.2g}). Store what was counted."
         )
     if not counts.any():
         raise NoLight(

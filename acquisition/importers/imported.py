@@ -8,13 +8,16 @@ import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.response import Response
-from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.transient import MOST_COUNTS, TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid, grid_around
 
 LARGEST_WALL_M = 100.0
 MOST_POINTS = 4096 * 4096
 NARROWEST_BIN_S, WIDEST_BIN_S = 1e-13, 1e-6
 LONGEST_EXPOSURE_S = 1e7
+
+ALL_NAN = "points hold NaN alone"
+"""What a note says of points that were not measured."""
 
 NO_WALL = "the wall's size is not stored"
 """How a note begins that says what was assumed of it."""
@@ -114,11 +117,18 @@ class ImportedScan:
         for place, values in (("exposure_s", held.exposure_s), ("time_offset_bins", self.time_offset_bins)):
             if values is not None and not np.isfinite(values).all():
                 raise InvalidData(f"{name}: {place}: holds values that are not finite")
+        if not held.exposure_s.any():
+            why = next((f": {note}" for note in self.notes if ALL_NAN in note), ": exposure_s is 0 everywhere")
+            raise InvalidData(f"{name}: no point of it was measured{why}")
         if not 0 < held.exposure_s.max() <= LONGEST_EXPOSURE_S or held.exposure_s.min() < 0:
             raise InvalidData(f"{name}: exposure_s: from {held.exposure_s.min():g} to {held.exposure_s.max():g} s")
         if isinstance(held, FreePoints) and not (np.isfinite(held.x_m).all() and np.isfinite(held.y_m).all()):
             raise InvalidData(f"{name}: x_m, y_m: hold positions that are not finite")
-        for bad, what in ((~np.isfinite(held.counts), "not a number"), (held.counts < 0, "negative")):
+        for bad, what in (
+            (~np.isfinite(held.counts), "not a number"),
+            (held.counts < 0, "negative"),
+            (held.counts > MOST_COUNTS, f"more than anybody counts, {MOST_COUNTS:.2g}"),
+        ):
             if bad.any():
                 place = _place(held, np.argwhere(bad)[0].tolist())
                 value = held.counts[tuple(np.argwhere(bad)[0])]

@@ -5,6 +5,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nlos.acquisition.importers.imported import ALL_NAN
+
 Array = npt.NDArray[Any]
 
 
@@ -21,7 +23,7 @@ def without_missing(
     """Counts (..., T) and exposures (...) where points of which nothing is a number are not measured: exposure 0. Where
     that is 0, nothing is counted, whatever stands there. Other points that are no counts are refused later."""
     if counts.dtype.kind == "f" and (unsaid := np.isnan(counts).all(axis=-1) & (exposure_s > 0)).any():
-        notes.append(f"{int(unsaid.sum())} points hold NaN alone: taken for not measured")
+        notes.append(f"{int(unsaid.sum())} {ALL_NAN}: taken for not measured")
         exposure_s = np.where(unsaid, 0.0, exposure_s)
     unmeasured = exposure_s == 0
     bad = unmeasured.any() and not (np.isfinite(held := counts[unmeasured]) & (held >= 0)).all()

@@ -7,7 +7,7 @@ from typing import Any, SupportsFloat
 import numpy as np
 import numpy.typing as npt
 
-from nlos.acquisition.transient import TimeAxis, Transient
+from nlos.acquisition.transient import MOST_COUNTS, TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid, grid_around
 from nlos.calibration.raw_points import RawPoints
 from nlos.loaded import LoadedScan
@@ -129,6 +129,8 @@ def _refuse_bad(counts: npt.NDArray[Any]) -> None:
     what = "not a finite number"
     if not bad.any():
         bad, what = counts < 0, "negative"
+    if not bad.any():
+        bad, what = counts > MOST_COUNTS, f"more than anybody counts, {MOST_COUNTS:.2g}"
     if bad.any():
         place = tuple(int(i) for i in np.argwhere(bad)[0])
         raise InvalidData(

@@ -31,6 +31,13 @@ def test_counts_that_are_not_finite(transient: Transient) -> None:
         reconstruct(replace(transient, counts=counts), "lct")
 
 
+def test_counts_that_nobody_counts(transient: Transient) -> None:
+    counts = transient.counts.copy()
+    counts[7, 2, 3] = 1e30
+    with pytest.raises(InvalidData, match=r"1e\+30 in bin 7 of row 2, column 3 is more than anybody counts"):
+        reconstruct(replace(transient, counts=counts), "lct")
+
+
 def test_no_light_at_all(transient: Transient) -> None:
     with pytest.raises(InvalidData, match="every count is 0"):
         reconstruct(replace(transient, counts=np.zeros_like(transient.counts)), "lct")

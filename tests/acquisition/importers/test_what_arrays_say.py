@@ -55,6 +55,32 @@ def test_exposures_that_are_rows_first_already_stay(tmp_path: Path) -> None:
     assert np.array_equal(scan.transient.exposure_s, EXPOSURE_S[:5])
 
 
+@pytest.mark.parametrize("rows", [8, 5])
+@pytest.mark.parametrize("with_counts", [True, False])
+def test_axes_hold_for_the_place_of_every_point_too(tmp_path: Path, rows: int, with_counts: bool) -> None:
+    """In the order of the histograms, or as NumPy's meshgrid makes them."""
+    counts, step = COUNTS[:rows], 1 / 8
+    x_m, y_m = np.meshgrid((np.arange(8) - 3.5) * step, ((rows - 1) / 2 - np.arange(rows)) * step)
+    places = (x_m.T, y_m.T) if with_counts else (x_m, y_m)
+    np.savez(tmp_path / "a.npz", histograms=counts.transpose(1, 0, 2), x_m=places[0], y_m=places[1], bin_width_s=32e-12,
+             rectified=True)  # fmt: skip
+    scan = read_any(tmp_path / "a.npz", Given(axes="XYT")).transient
+    assert np.array_equal(np.moveaxis(scan.counts, 0, 2), counts)
+    assert (scan.wall.width_m, scan.wall.height_m) == (pytest.approx(1.0), pytest.approx(rows / 8))
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (1e30, "row 0, column 0, bin 0 is more than anybody counts, 9e"),
+        (np.nan, "no point of it was measured: 64 points hold NaN alone"),
+    ],
+)
+def test_what_nobody_counted_is_refused_by_what_it_is(tmp_path: Path, factor: float, said: str) -> None:
+    with pytest.raises(InvalidData, match=said):
+        read_any(stored(tmp_path / "a.npz", histograms=(COUNTS + 1) * factor))
+
+
 def test_offsets_of_a_scan_that_is_rectified_are_named(tmp_path: Path) -> None:
     offsets = np.full((8, 8), 30.0)
     path = stored(tmp_path / "a.npz", histograms=COUNTS, time_offset_bins=offsets)
