@@ -12,7 +12,9 @@ TRY_AGAIN_S = 0.01
 
 
 def lock_file(path: Path) -> Path:
-    """The file that whoever writes the scan file `path` holds a lock on."""
+    """The file that whoever writes the scan file `path` holds a lock on. Raises `IsADirectoryError` for `.` and `/`."""
+    if not path.name:
+        raise IsADirectoryError(f"{path}: is a folder. Name the file in it.")
     return path.with_name(path.name + ".lock")
 
 

@@ -12,7 +12,10 @@ from nlos.writable import check_writable
 @contextmanager
 def whole_file(target: Path) -> Iterator[Path]:
     """A path beside `target` to write to: it becomes `target` when the block ends, and is removed where that fails.
-    Raises `FileNotFoundError` where there is no folder for it, and as `check_writable` does."""
+    Raises `FileNotFoundError` where there is no folder for it, `IsADirectoryError` where it is one,
+    and as `check_writable` does."""
+    if target.is_dir():
+        raise IsADirectoryError(f"{target}: is a folder. Name the file in it.")
     if not target.absolute().parent.is_dir():
         raise FileNotFoundError(f"{target.parent}: no such folder. Make it, or choose another place with -o.")
     check_writable(target.parent)

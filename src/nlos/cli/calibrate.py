@@ -1,5 +1,6 @@
 """`nlos calibrate`: measures a bench's constants from recordings, says how good they are, draws every correction."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,6 +24,7 @@ from nlos.cli.file_words import Detector
 from nlos.cli.first_light import first_light as measured
 from nlos.cli.progress import Progress, Stages
 from nlos.cli.spots import place_scanner
+from nlos.cli.targets import refuse_own_input
 from nlos.cli.terminal import terminal
 from nlos.report.calibration_pictures import write_pictures
 from nlos.report.spots_picture import spots_picture
@@ -106,7 +108,7 @@ def calibrate(
         "Use them with --first-light.",
     )  # fmt: skip
     if output is not None:
-        _refuse_to_replace(output, overwrite)
+        _refuse_to_replace(output, [*runs, response, spots], overwrite)
     known = KnownBefore(
         None if dead_time_ns is None else Quantity(dead_time_ns * 1e-9, 0.0),
         None if response is None else response_checked(response),
@@ -138,7 +140,7 @@ def _from_runs(
     devices = common_devices(runs, [one.devices for one in loaded])
     bench, facts = common_bench(runs, [one.bench_json for one in loaded])
     target = output or (folder_of(bench) if bench else Path("constants")) / f"{runs[0].stem}.h5"
-    _refuse_to_replace(target, overwrite)
+    _refuse_to_replace(target, runs, overwrite)
     points = sum(len(one.raw.counts) for one in loaded)
     terminal.log(f"fitting the direct light of {points} points")
     with Stages("calibrate", "nlos.calibration"):
@@ -184,7 +186,8 @@ def _used_by(constants: "BenchConstants") -> str:
     )
 
 
-def _refuse_to_replace(target: Path, overwrite: bool) -> None:
+def _refuse_to_replace(target: Path, read: Sequence[Path | None], overwrite: bool) -> None:
+    refuse_own_input(target, read, "a file that is calibrated from")
     if target.exists() and not overwrite:
         raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --overwrite.")
 

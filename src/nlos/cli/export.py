@@ -22,6 +22,7 @@ from nlos.calibration.errors import InvalidData as InvalidCalibration
 from nlos.cli.contradictions import refuse_without
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.film import frames_counted
+from nlos.cli.targets import refuse_folder, refuse_own_input
 from nlos.cli.terminal import terminal
 from nlos.recipe import Recipe
 from nlos.recon.export_mesh import write_glb, write_obj
@@ -63,10 +64,10 @@ def export(
         "--method", method is not None and not set(words) & set(FILM_FORMATS), "--to gif or mp4",
         "only films are reconstructed to be exported",
     )  # fmt: skip
+    refuse_folder(run)
     targets = {word: output or run.with_suffix(known[word]) for word in words}
     for target in targets.values():
-        if target.resolve() == run.resolve():
-            raise UsageError(f"{target}: is the file that is exported; choose another name with -o")
+        refuse_own_input(target, [run], "the file that is exported")
         if os.path.lexists(target) and not overwrite:  # a link to nothing, too
             raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --overwrite.")
     left_behind = {}

@@ -11,6 +11,7 @@ from nlos.acquisition.importers.to_recording import write_recording
 from nlos.acquisition.wall import ORIENTATION
 from nlos.cli.file_words import Axes, BinWidth, Detector, Rectified, WallSize, given
 from nlos.cli.progress import Progress
+from nlos.cli.targets import recording_target, refuse_own_input
 from nlos.cli.terminal import terminal
 
 
@@ -34,10 +35,13 @@ def import_(
 ) -> None:
     """Reads other people's formats into a recording; says what a format could not hold."""
     said = given(wall_size_m, bin_width_ps, axes, rectified, detector)
+    targets = [output if len(files) == 1 else output / f"{file.stem}.h5" for file in files]
+    for target in targets:
+        recording_target(target)
+        refuse_own_input(target, files, "a file that is imported")
     written = []
     with one_reader() as reader:
-        for file in files:
-            target = output if len(files) == 1 else output / f"{file.stem}.h5"
+        for file, target in zip(files, targets, strict=True):
             scan = reader.read(file, said)
             target.parent.mkdir(parents=True, exist_ok=True)
             with Progress(int((scan.held.exposure_s > 0).sum()), what=f"import {file.name}") as progress:

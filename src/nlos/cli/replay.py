@@ -17,7 +17,7 @@ from nlos.cli.exit_codes import UsageError
 from nlos.cli.file_words import Response
 from nlos.cli.method_settings import Weights, chosen_method
 from nlos.cli.progress import Progress
-from nlos.cli.targets import recording_target
+from nlos.cli.targets import recording_target, refuse_own_input
 from nlos.cli.terminal import terminal
 from nlos.recipe import Recipe
 from nlos.recon.methods import find
@@ -46,8 +46,8 @@ def replay(
     if reconstruct is not None:  # before anything is written
         find(reconstruct)
         response_wanted(response)
-    if output is not None and recording_target(output).resolve() == run.resolve():
-        raise UsageError(f"{output}: is the recording that is replayed")
+    if output is not None:
+        refuse_own_input(recording_target(output), [run], "the recording that is replayed")
     with open_checked(run) as recording:
         warning, missing = recording.condition().warning, recording.missing()
         left_aside = recording.left_aside()

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from nlos.cli.exit_codes import UsageError
+from nlos.cli.targets import page_target, refuse_folder, refuse_own_input
 from nlos.cli.terminal import terminal
 from nlos.live.process import methods_for
 from nlos.report.page import write_report
@@ -21,7 +22,10 @@ def report(
     overwrite: Annotated[bool, typer.Option("--overwrite")] = False,
 ) -> None:
     """The best picture, how good it is, 3D, other methods, calibration, rates, and then tables and the event log."""
-    target = output or runs[0].with_suffix(".html")
+    for run in runs:
+        refuse_folder(run)
+    target = runs[0].with_suffix(".html") if output is None else page_target(output)
+    refuse_own_input(target, runs, "a recording that is reported on")
     if target.exists() and not overwrite:
         raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --overwrite.")
     if len({run.resolve() for run in runs}) < len(runs):

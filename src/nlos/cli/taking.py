@@ -18,7 +18,7 @@ from nlos.cli.benches import opened
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.interrupts import Interrupts
 from nlos.cli.progress import Progress
-from nlos.cli.targets import recording_target
+from nlos.cli.targets import recording_target, refuse_own_input
 from nlos.cli.terminal import terminal
 from nlos.configs.load import Loaded
 from nlos.drivers.bench import Bench, BenchSettings
@@ -76,6 +76,8 @@ def take(wanted: Loaded[ScanSettings], table: Loaded[BenchSettings], target: Pat
     """One scan, from its settings to its recording and picture. Raises `Stopped`, and what any of it raises."""
     plan, resume, overwrite = wanted.settings.plan(), options.resume, options.overwrite
     recording_target(target)
+    refuse_own_input(target, [options.scene], "the recorded scan whose light is replayed")
+    refuse_own_input(target, [options.constants], "the file of the constants")
     if resume and settle(target, plan):  # no device is even opened
         terminal.result(f"{target}: is complete, nothing was left to take", recording=str(target), taken=0)
         if options.method is not None and not target.with_suffix("").exists():

@@ -1,5 +1,6 @@
 """Where a verb may write: names are looked at before anything is opened, measured or computed."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from nlos.cli.exit_codes import UsageError
@@ -28,6 +29,20 @@ def page_target(path: Path) -> Path:
     _check_kind(path, PAGES, "a page")
     _check_folder(path)
     return path
+
+
+def refuse_own_input(target: Path, inputs: Iterable[Path | None], what: str) -> None:
+    """Raises `UsageError` where `target` is one of the files that it is made from, by whatever name: --overwrite means
+    an older result, never that. `what` says what such a file is."""
+    for file in inputs:
+        if file is not None and file.exists() and target.exists() and target.samefile(file):
+            raise UsageError(f"{target}: is {what}. Choose another name with -o.")
+
+
+def refuse_folder(path: Path) -> None:
+    """Raises `IsADirectoryError` for a folder where a file is to be named."""
+    if path.is_dir():
+        raise IsADirectoryError(f"{path}: is a folder. Name a file in it.")
 
 
 def _check_kind(path: Path, suffixes: tuple[str, ...], what: str) -> None:

@@ -1,0 +1,71 @@
+"""No verb writes over what it reads, and a folder is no file: refused in a sentence, with --overwrite, too."""
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.command import nlos as command
+
+
+@pytest.fixture(scope="module")
+def taken(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("taken")
+    command(folder, "scan", "five_by_five", "-o", "run.h5", check=True)
+    command(folder, "export", "run.h5", "--to", "npz", "-o", "data.npz", check=True)
+    return folder
+
+
+@pytest.fixture
+def folder(taken: Path, tmp_path: Path) -> Path:
+    for name in ("run.h5", "data.npz"):
+        shutil.copy(taken / name, tmp_path / name)
+    shutil.copy(taken / "run.h5", tmp_path / "other.h5")
+    shutil.copy(taken / "run.h5", tmp_path / "page.html")
+    os.link(tmp_path / "run.h5", tmp_path / "linked.h5")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("report run.h5 -o run.h5", "a page is written as .html"),
+        ("report run.h5 other.h5 -o third.h5", "a page is written as .html"),
+        ("report page.html -o page.html", "page.html: is a recording that is reported on"),
+        ("report page.html", "page.html: is a recording that is reported on"),
+        ("calibrate run.h5 -o run.h5", "run.h5: is a file that is calibrated from"),
+        ("calibrate other.h5 run.h5 -o linked.h5", "linked.h5: is a file that is calibrated from"),
+        ("scan five_by_five --scene run.h5 -o run.h5", "run.h5: is the recorded scan whose light is replayed"),
+        ("scan five_by_five --constants run.h5 -o ./run.h5", "run.h5: is the file of the constants"),
+        ("import data.npz -o data.npz", "a recording is written as .h5"),
+        ("import data.npz other.h5 -o .", "other.h5: is a file that is imported"),
+        ("replay run.h5 --speed max -o linked.h5", "linked.h5: is the recording that is replayed"),
+        ("export run.h5 --to npz -o linked.h5", "linked.h5: is the file that is exported"),
+    ],
+)
+def test_no_verb_writes_over_what_it_reads(folder: Path, words: str, sentence: str) -> None:
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    done = command(folder, *words.split(), "--overwrite")
+    assert (done.returncode, sentence in done.stderr) == (2, True), done.stderr
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize("where", [".", "./", "/"])
+@pytest.mark.parametrize("verb", ["report", "export --to npz", "replay", "live", "serve", "info", "verify"])
+def test_a_folder_is_called_one(tmp_path: Path, verb: str, where: str) -> None:
+    done = command(tmp_path, *verb.split(), where)
+    assert (done.returncode, "is a folder. Name a" in done.stderr) == (2, True), done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["report run.h5 -o .", "export run.h5 --to npz -o .", "export run.h5 --to npz -o made", "recover run.h5 -o ."],
+)
+def test_a_folder_is_not_replaced_by_a_file(folder: Path, words: str) -> None:
+    (folder / "made").mkdir()
+    before = sorted(folder.iterdir())
+    done = command(folder, *words.split(), "--overwrite")
+    assert (done.returncode, "Traceback" in done.stderr) == (2, False), done.stderr
+    assert sorted(folder.iterdir()) == before
