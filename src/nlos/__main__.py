@@ -63,8 +63,9 @@ def run(arguments: list[str]) -> int:
     try:
         rest, version = take_global_options(arguments)
     except ValueError as error:
-        terminal.log(f"nlos: {error}", -9)
-        return 2
+        from nlos.cli.exit_codes import UsageError
+
+        return report(UsageError(str(error)), arguments)
     if version:
         from nlos.version import __version__
 

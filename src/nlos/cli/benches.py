@@ -1,7 +1,7 @@
 """Opens the bench that a command names, with the wire log, and writes what happens on it into a recording."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -64,8 +64,11 @@ def measured_constants(given: Path | None, bench: "Bench", of: "BenchSettings") 
 
 
 @contextmanager
-def opened(loaded: "Loaded[BenchSettings]", scene: Path | None = None, quiet: bool = False) -> Iterator["Bench"]:
-    """The open bench; `scene` is a recorded scan that replaces a simulated bench's light."""
+def opened(
+    loaded: "Loaded[BenchSettings]", scene: Path | None = None, quiet: bool = False, logged: bool = True
+) -> Iterator["Bench"]:
+    """The open bench; `scene` is a recorded scan that replaces a simulated bench's light. Without `logged` it is left
+    out of the wire log: the twin of a real bench, whose bytes go to no device."""
     if scene is not None and not loaded.settings.simulated:
         raise UsageError(
             f"--scene {scene}: {loaded.path} is a real bench, whose light is its own. Use --scene with a simulated "
@@ -73,7 +76,7 @@ def opened(loaded: "Loaded[BenchSettings]", scene: Path | None = None, quiet: bo
         )
     latch = TripLatch.of_bench(loaded.settings)
     with (
-        wire_logged() as log,
+        wire_logged() if logged else nullcontext() as log,
         open_bench(loaded.settings, scene=_scene(scene), wire_log=log, latch=latch, agree=agrees) as bench,
     ):
         for warning in bench.warnings:
@@ -88,16 +91,19 @@ def wire_logged() -> Iterator[Callable[[str, str, bytes], None] | None]:
     if terminal.wire_log is None:
         yield None
         return
-    whole = True
-    file = terminal.wire_log.open("x", encoding="utf-8")
+    again = terminal.wire_log_begun
+    try:
+        file = terminal.wire_log.open("a" if again else "x", encoding="utf-8")
+    except FileExistsError as error:
+        raise FileExistsError(f"{terminal.wire_log}: exists. Choose another name for --wire-log.") from error
+    terminal.wire_log_begun, whole_before = True, terminal.wire_log_whole
 
     def log(device: str, direction: str, data: bytes) -> None:
-        nonlocal whole
         now = datetime.now(UTC).isoformat(timespec="microseconds")
         try:
             file.write(f"{now} {device} {direction} {data!r}\n")
         except OSError:
-            whole = False
+            terminal.wire_log_whole = False
             raise
 
     try:
@@ -106,9 +112,11 @@ def wire_logged() -> Iterator[Callable[[str, str, bytes], None] | None]:
         try:
             file.close()
         except OSError:
-            whole = False
+            terminal.wire_log_whole = False
+        whole = terminal.wire_log_whole
         what = "every byte to and from the devices" if whole else "not every byte: it could not be written to its end"
-        terminal.log(f"{'' if whole else 'warning: '}{terminal.wire_log}: {what}")
+        if not again or whole != whole_before:  # else it was said
+            terminal.log(f"{'' if whole else 'warning: '}{terminal.wire_log}: {what}")
 
 
 def _scene(path: Path | None) -> "RecordedScan | None":

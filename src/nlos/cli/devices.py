@@ -3,7 +3,7 @@ moves or shines."""
 
 from dataclasses import asdict, dataclass
 
-from nlos.cli.benches import load_bench
+from nlos.cli.benches import load_bench, wire_logged
 from nlos.cli.exit_codes import ExitCode
 from nlos.cli.named_files import BenchWord
 from nlos.cli.terminal import terminal
@@ -83,7 +83,7 @@ def _simulated(settings: "BenchSettings") -> list[Expected]:
     blocks = (("mirror", settings.mirror), ("counter", settings.counter))
     named = [(role, block.model, block.address) for role, block in blocks]
     try:
-        with open_bench(settings) as bench:
+        with wire_logged() as log, open_bench(settings, wire_log=log) as bench:
             said = [f"{who.product} {who.serial or who.firmware}, simulated" for who in bench.identities]
     except DeviceError as error:
         failed = next((model for _, model, _ in named if error.device.startswith(model)), None)

@@ -19,6 +19,9 @@ class Terminal:
     as_json: bool = False
     verbosity: int = 0
     wire_log: Path | None = None
+    wire_log_begun: bool = False
+    """A command that opens its bench again goes on in the same file."""
+    wire_log_whole: bool = True
     document: dict[str, Any] = field(default_factory=dict)
     about: str = ""
     """The file, of several, that the library's log is of."""
@@ -26,6 +29,7 @@ class Terminal:
     def begin(self) -> None:
         """A command of its own: nothing that an earlier one of this process was told, or said, is in it."""
         self.as_json, self.verbosity, self.wire_log, self.document, self.about = False, 0, None, {}, ""
+        self.wire_log_begun, self.wire_log_whole = False, True
 
     def result(self, text: str, **values: Any) -> None:
         """A line of the result. Its values go into the JSON document instead with --json."""
@@ -80,16 +84,17 @@ def take_global_options(arguments: list[str]) -> tuple[list[str], bool]:
     """Removes the options that are allowed everywhere and sets `terminal` by them.
 
     Returns the other arguments and whether --version was asked for. Raises `ValueError` for a --wire-log without a
-    file. Everything after `--` is left alone.
+    file, once all of them are taken. Everything after `--` is left alone.
     """
     terminal.begin()
     rest: list[str] = []
-    version = False
+    version = lacking = False
     pending = list(arguments)
     while pending:
         word = pending.pop(0)
         if word == "--":
-            return [*rest, word, *pending], version
+            rest += [word, *pending]
+            break
         match word:
             case "--json":
                 terminal.as_json = True
@@ -100,11 +105,16 @@ def take_global_options(arguments: list[str]) -> tuple[list[str], bool]:
             case "-V" | "--version":
                 version = True
             case "--wire-log":
-                if not pending:
-                    raise ValueError("--wire-log needs a file")
-                terminal.wire_log = Path(pending.pop(0))
+                if not pending or not pending[0] or pending[0].startswith("-"):  # the next option is no file
+                    lacking = True
+                else:
+                    terminal.wire_log = Path(pending.pop(0))
+            case "--wire-log=":
+                lacking = True
             case _ if word.startswith("--wire-log="):
                 terminal.wire_log = Path(word.partition("=")[2])
             case _:
                 rest.append(word)
+    if lacking:
+        raise ValueError("--wire-log needs a file")
     return rest, version

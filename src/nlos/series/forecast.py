@@ -27,7 +27,8 @@ def forecasts(runs: Sequence[Run], constants: Path | None) -> Iterator[Forecast]
     would raise, naming the run."""
     for _, group in itertools.groupby(runs, key=lambda run: run.bench.path):
         same = list(group)
-        with opened(twin(same[0].bench), quiet=True) as bench:
+        table = same[0].bench
+        with opened(twin(table), quiet=True, logged=table.settings.simulated) as bench:
             known = aiming_constants(constants, same[0].bench.settings.model_dump_json(), {})
             measured = None if known is None else known.constants.geometry
             aim = aim_of(bench) if measured is None else measured
