@@ -9,6 +9,7 @@ from nlos.array_scan import Size, scan_from_arrays
 from nlos.chain import reconstruct_scan
 from nlos.picture import Picture
 from nlos.recipe import Recipe
+from nlos.recon.device import check_device
 from nlos.recon.errors import InvalidSettings
 from nlos.response import response_wanted
 from nlos.scan_data import Scan, load
@@ -44,6 +45,7 @@ def reconstruct(
     method: `nlos.methods()[method].settings`. Raises `InvalidData`, `InvalidSettings` and `ReconstructionFailed` of
     `nlos.recon.errors`, and what `nlos.load` raises.
     """
+    check_device(device)
     if isinstance(scan, str | Path):
         scan = load(scan)
     if isinstance(scan, Scan):

@@ -4,8 +4,11 @@ import os
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import nlos
+from nlos.recon.errors import InvalidSettings
 from tests.command import nlos as command
 
 
@@ -69,3 +72,15 @@ def test_a_folder_is_not_replaced_by_a_file(folder: Path, words: str) -> None:
     done = command(folder, *words.split(), "--overwrite")
     assert (done.returncode, "Traceback" in done.stderr) == (2, False), done.stderr
     assert sorted(folder.iterdir()) == before
+
+
+def test_marks_that_are_no_text_are_refused(folder: Path) -> None:
+    done = command(folder, "jog", "--marks", "run.h5")
+    assert (done.returncode, "run.h5: is no text, so no table of spots" in done.stderr) == (2, True), done.stderr
+
+
+def test_a_device_that_does_not_exist_is_refused_everywhere_before_anything_is_read(folder: Path) -> None:
+    done = command(folder, "evaluate", "--data", "run.h5", "--device", "foo")
+    assert (done.returncode, "--device foo: cpu or cuda" in done.stderr) == (2, True), done.stderr
+    with pytest.raises(InvalidSettings, match="--device foo: cpu or cuda"):
+        nlos.reconstruct(np.zeros((4, 4, 64)), wall=1.0, bin_width=32e-12, device="foo")

@@ -10,6 +10,7 @@ from nlos.cli.method_settings import parse_settings
 from nlos.cli.progress import Progress
 from nlos.cli.terminal import terminal
 from nlos.recon import evaluate as evaluation
+from nlos.recon.device import check_device
 from nlos.recon.methods import usable
 from nlos.response import response_wanted, with_response
 
@@ -41,6 +42,7 @@ def evaluate(
     for name in NAMES:
         if (output / name).exists() and not overwrite:
             raise FileExistsError(f"{output / name}: exists. Choose another folder with -o, or use --overwrite.")
+    check_device(device)
     wanted = response_wanted(response)
     chosen = methods.split(",") if methods else usable()
     with Progress(1, what="evaluate", unit="pictures") as progress:

@@ -37,7 +37,11 @@ def jog(
     for as long again. `m` marks a spot: its
     commanded angles, and where on the wall a ruler finds it, for `nlos calibrate --spots`."""
     table = load_bench(bench)
-    book = Marks(marks or Path(f"spots-{own_word(table.settings.name)}-{datetime.now(UTC):%Y%m%d}.csv"))
+    table_of_spots = marks or Path(f"spots-{own_word(table.settings.name)}-{datetime.now(UTC):%Y%m%d}.csv")
+    try:
+        book = Marks(table_of_spots)
+    except UnicodeDecodeError as error:
+        raise UsageError(f"--marks {table_of_spots}: is no text, so no table of spots. Name another file.") from error
     had = book.count
     with (
         viewer(live, port) as page,
