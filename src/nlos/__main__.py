@@ -22,12 +22,19 @@ from collections.abc import Sequence
 from os.path import basename, isfile
 
 from nlos.cli.escaped import escape_what_is_printed
-from nlos.cli.interrupts import end_at_interrupts, ignore_interrupts, never_lose_an_interrupt, was_told_to_end
+from nlos.cli.interrupts import (
+    end_at_interrupts,
+    end_in_order_at_sigterm,
+    ignore_interrupts,
+    never_lose_an_interrupt,
+    was_told_to_end,
+)
 from nlos.cli.outliving import outlive_terminal
 from nlos.cli.terminal import show_library_log, take_global_options, terminal
 
 _OUTPUTS = ("-o", "--output")
 _MOST_NAMED = 3
+_BY_SIGNAL, _INTERRUPTED, _TERMINATED = 128, 130, 143
 _MOST_BEHIND = 100
 
 
@@ -72,6 +79,8 @@ def run(arguments: list[str]) -> int:
         print(f"nlos {__version__}")
         return 0
 
+    if terminal.as_json:
+        end_in_order_at_sigterm()
     from nlos.cli.app import app
 
     if "_NLOS_COMPLETE" in os.environ:  # a shell asks what may come next: see `nlos completion`
@@ -79,11 +88,18 @@ def run(arguments: list[str]) -> int:
 
         completion_init()
     try:
-        returned = app(rest, standalone_mode=False)
+        code = int(app(rest, standalone_mode=False) or 0)
+        if code == _INTERRUPTED:  # what typer makes of a Ctrl-C
+            return ended_by_signal(KeyboardInterrupt(), code)
         terminal.finish()
-        return int(returned or 0)
+        return code
     except SystemExit as stop:
-        return int(stop.code or 0) if isinstance(stop.code, int | None) else 1
+        ignore_interrupts()
+        code = int(stop.code or 0) if isinstance(stop.code, int | None) else 1
+        if code > _BY_SIGNAL:
+            return ended_by_signal(stop, code)
+        terminal.finish()
+        return code
     except BaseException as error:
         ignore_interrupts()  # it ends: a second Ctrl-C has nothing to add
         return report(error, rest)
@@ -138,6 +154,13 @@ def with_its_file(message: str, words: Sequence[str]) -> str:
         return message
     more = f" and {len(files) - _MOST_NAMED} more" if len(files) > _MOST_NAMED else ""
     return f"{', '.join(files[:_MOST_NAMED])}{more}: {message}"
+
+
+def ended_by_signal(error: BaseException, code: int) -> int:
+    """Says that a signal ended the command, unless it said so itself; returns the exit code."""
+    if not terminal.end_said:
+        terminal.say_end({_INTERRUPTED: "interrupted", _TERMINATED: "terminated"}.get(code, "ended by a signal"))
+    return ended(terminal.end_said, error, code)
 
 
 def ended(message: str, error: BaseException, code: int) -> int:

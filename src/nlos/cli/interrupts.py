@@ -1,8 +1,10 @@
 """Ctrl-C: an end between two imports, or a pause of a scan on a terminal, as Ctrl-Z is. A bench shuts its light before
 any of it."""
 
+import os
 import signal
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -37,13 +39,39 @@ def end_at_interrupts() -> None:
 def interrupt(frame: FrameType | None, top: FrameType | None = None) -> None:
     """Raises `KeyboardInterrupt`; where a frame between `frame` and `top` loads a module, a little later."""
     global _told
-    while frame is not None and frame is not top:
-        if frame.f_code.co_filename == _IMPORT:
-            signal_soon(signal.SIGINT, _AGAIN_S)
-            return
-        frame = frame.f_back
+    if _loads_a_module(frame, top):
+        signal_soon(signal.SIGINT, _AGAIN_S)
+        return
     _told = True
     raise KeyboardInterrupt
+
+
+def _loads_a_module(frame: FrameType | None, top: FrameType | None) -> bool:
+    while frame is not None and frame is not top:
+        if frame.f_code.co_filename == _IMPORT:
+            return True
+        frame = frame.f_back
+    return False
+
+
+def end_in_order_at_sigterm() -> None:
+    """From now on SIGTERM raises `SystemExit`, as it does while a bench is open, and comes again once an import is
+    over: who asked for a document is told what became of the command. Does nothing in another program's process."""
+    if not _watched or threading.current_thread() is not threading.main_thread():
+        return
+    process, top = os.getpid(), sys._getframe(1)
+
+    def end(number: int, frame: FrameType | None) -> None:
+        if os.getpid() != process:  # a child that was forked has nothing to say
+            signal.signal(number, signal.SIG_DFL)
+            os.kill(os.getpid(), number)
+        elif _loads_a_module(frame, top):
+            signal_soon(number, _AGAIN_S)
+        else:
+            raise SystemExit(128 + number)
+
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, end)
 
 
 def was_told_to_end() -> bool:

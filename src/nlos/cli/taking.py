@@ -215,7 +215,8 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
         if ending is None:
             raise
         if not (ending.film is not None and ending.complete and isinstance(error, KeyboardInterrupt)):
-            terminal.log(f"nlos: ended by a signal. {ending.safe}", -9)
+            terminal.say_end(f"ended by a signal. {ending.safe}")
+            terminal.document.update(recording=str(request.target), status="interrupted")
             raise
     assert writer is not None
     assert ending is not None

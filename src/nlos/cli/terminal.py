@@ -26,10 +26,13 @@ class Terminal:
     about: str = ""
     """The file, of several, that the library's log is of."""
 
+    end_said: str = ""
+    """By which words it was told that a signal ends the command."""
+
     def begin(self) -> None:
         """A command of its own: nothing that an earlier one of this process was told, or said, is in it."""
         self.as_json, self.verbosity, self.wire_log, self.document, self.about = False, 0, None, {}, ""
-        self.wire_log_begun, self.wire_log_whole = False, True
+        self.wire_log_begun, self.wire_log_whole, self.end_said = False, True, ""
 
     def result(self, text: str, **values: Any) -> None:
         """A line of the result. Its values go into the JSON document instead with --json."""
@@ -41,6 +44,11 @@ class Terminal:
         """A line on stderr, shown when the verbosity is at least `level` (-1 shows even with -q)."""
         if self.verbosity >= level:
             print(escaped(text), file=sys.stderr, flush=True)
+
+    def say_end(self, text: str) -> None:
+        """What became of the command that a signal ends, said once: on stderr now, in the JSON document at the end."""
+        self.end_said = text
+        self.log(f"nlos: {text}", -9)
 
     @contextmanager
     def log_of(self, file: str) -> Iterator[None]:

@@ -1,0 +1,50 @@
+"""A command that a signal ends says so on stderr, and with --json in its document."""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.command import nlos
+
+LONG = """\
+wall: {width_m: 0.5, height_m: 0.5, rows: 64, cols: 64}
+pattern: serpentine
+dwell_ms: 40
+histogram: {bins: 1024, bin_width_ps: 16, offset_ns: 10}
+"""
+COMMANDS = {
+    "reconstruct": ("reconstruct run.h5 --method gradient_descent --set iterations=9999", "run.h5: gradient_descent"),
+    "scan": ("scan long.yaml -o long.h5", "scheme"),
+}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without asking it")
+@pytest.mark.parametrize(
+    ("verb", "number"),
+    [("reconstruct", signal.SIGINT), ("reconstruct", signal.SIGTERM), ("scan", signal.SIGTERM)],
+)
+def test_a_document_says_that_a_signal_ended_its_command(tmp_path: Path, verb: str, number: signal.Signals) -> None:
+    (tmp_path / "long.yaml").write_text(LONG)
+    nlos(tmp_path, "scan", "five_by_five", "-o", "run.h5", check=True)
+    words, begun = COMMANDS[verb]
+    command = [sys.executable, "-P", "-m", "nlos", "--json", *words.split()]
+    with subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True
+    ) as child:
+        assert child.stderr is not None
+        while begun not in (line := child.stderr.readline()):
+            assert line, "it ended before it began"
+        while verb == "scan" and not (tmp_path / "long.h5").exists():
+            assert child.poll() is None
+        child.send_signal(number)
+        out, said = child.communicate(timeout=240)
+    error = json.loads(out)["error"]
+    assert (child.returncode, error["exit_code"]) == (128 + number, 128 + number), said
+    assert said.count(f"nlos: {error['message']}") == 1, said
+    words_of = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+    assert "long.h5" in error["message"] if verb == "scan" else error["message"] == words_of[number]
+    assert "Traceback" not in said
