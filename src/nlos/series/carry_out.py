@@ -86,8 +86,16 @@ def carry_out(series: Series) -> int:
 def forecast(series: Series) -> None:
     """Checks everything and says what is to come; writes nothing."""
     journal = Journal(series.folder)
-    todo = [run for run in series.runs if journal.outcome(run.name) != outcomes.DONE]
+    todo = [run for run in series.runs if not _seems_over(series, journal, run)]
     _tell(series, journal, todo, list(forecasts(todo, series.constants)))
+
+
+def _seems_over(series: Series, journal: Journal, run: Run) -> bool:
+    """What `_is_over` will say, as far as that is known without writing."""
+    last = journal.last(run.name)
+    if last is not None and last.what == outcomes.ALARM and series.queue.settings.on_alarm == "skip":
+        return not series.retry
+    return last is not None and last.what == outcomes.DONE and series.recording(run).exists()
 
 
 def _is_over(series: Series, journal: Journal, run: Run) -> bool:
@@ -144,6 +152,14 @@ def _one(series: Series, journal: Journal, run: Run) -> None:
         terminal.log(f"warning: run {run.name} left as it is: {error}")
         return
     journal.add(run.name, outcomes.DONE, run.digest)
+    if series.queue.settings.reconstruct is None and _is_stale(path):
+        terminal.log(f"warning: {path.with_suffix('')}: holds a picture that is older than {path.name}, so not of it")
+
+
+def _is_stale(run: Path) -> bool:
+    """Whether there is a picture that was made before the recording was: of one that had its name."""
+    picture = run.with_suffix("") / "reconstruction.h5"
+    return picture.exists() and picture.stat().st_mtime_ns < run.stat().st_mtime_ns
 
 
 def _may_go_on(series: Series, error: BaseException) -> bool:
@@ -153,13 +169,16 @@ def _may_go_on(series: Series, error: BaseException) -> bool:
 
 
 def _pictures(series: Series, journal: Journal) -> int:
-    """Reconstructs every complete recording that has no picture yet; how many could not be."""
+    """Reconstructs every complete recording that has no picture yet, or one of an older recording; how many could not
+    be."""
     method, failed = series.queue.settings.reconstruct, 0
     assert method is not None
     for run in series.runs:
         path = series.recording(run)
         folder = path.with_suffix("")
-        if journal.outcome(run.name) != outcomes.DONE or (folder / "reconstruction.h5").exists():
+        if journal.outcome(run.name) != outcomes.DONE:
+            continue
+        if (folder / "reconstruction.h5").exists() and not _is_stale(path):
             continue
         try:
             done = reconstruct_file(

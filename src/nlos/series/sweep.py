@@ -15,6 +15,7 @@ from nlos.cli.terminal import terminal
 from nlos.configs.load import Loaded, load
 from nlos.drivers.bench_settings import BenchSettings
 from nlos.run_defaults import dated_name
+from nlos.series import journal
 from nlos.series.carry_out import Series, carry_out
 from nlos.series.settings import QueueSettings
 
@@ -39,7 +40,7 @@ def swept(
                                          ("note", notes.note), ("operator", notes.operator)) if value is not None},
         "tags": list(notes.tags),
         "no_shutter": no_shutter,
-        "runs": [{"scan": str(scan.path.absolute()), "sweep": dict(_values(each) for each in sweep)}],
+        "runs": [{"scan": str(scan.path.absolute()), "sweep": _keys(sweep)}],
     }  # fmt: skip
     if constants is not None:
         content["constants"] = str(constants if str(constants) == "none" else constants.absolute())
@@ -56,8 +57,12 @@ def swept(
         terminal.log(f"{target}: `nlos queue {target}` resumes it after anything")
         return carry_out(series)
     finally:
-        if fresh and not (series is not None and any(series.recording(run).exists() for run in series.runs)):
-            target.unlink(missing_ok=True)  # nothing was begun: it must not stand in the way of what was meant
+        begun = series is not None and any(series.recording(run).exists() for run in series.runs)
+        if fresh and not begun and not (folder / journal.NAME).exists():
+            for name in (target, folder / journal.PLAN):
+                name.unlink(missing_ok=True)  # nothing was begun: it must not stand in the way of what was meant
+            if series is not None:
+                terminal.log(f"{target}: nothing was begun, so it is gone again")
             with contextlib.suppress(OSError):
                 folder.rmdir()
 
@@ -67,6 +72,16 @@ def load_queue(path: Path) -> Loaded[QueueSettings]:
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such queue file")
     return load("queue", str(path), QueueSettings)
+
+
+def _keys(sweep: Sequence[str]) -> dict[str, list[Any]]:
+    """Which values each key takes. Raises `UsageError`."""
+    keys: dict[str, list[Any]] = {}
+    for key, values in map(_values, sweep):
+        if key in keys:
+            raise UsageError(f"--sweep {key}: given twice. Name all of its values at once, as {key}=A,B,C.")
+        keys[key] = values
+    return keys
 
 
 def _values(text: str) -> tuple[str, list[Any]]:

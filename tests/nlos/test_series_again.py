@@ -1,0 +1,57 @@
+"""A series that is taken up again: what names it is there, what is forecast is taken, pictures are of their scans."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from nlos.acquisition.recording.recording import Recording
+from tests.nlos.conftest import Nlos
+
+
+def test_a_sweep_whose_bench_is_not_there_can_be_resumed_by_what_it_names(nlos: Nlos, tmp_path: Path) -> None:
+    done = nlos("scan", "five_by_five", "--bench", "lab", "--sweep", "dwell_ms=1,2", "-o", "swept")
+    assert done.returncode == 3, done.stderr
+    assert "`nlos queue swept/queue.yaml` resumes it" in done.stderr
+    queue = tmp_path / "swept" / "queue.yaml"
+    content = yaml.safe_load(queue.read_text())
+    assert content["runs"][0]["sweep"] == {"dwell_ms": [1, 2]}
+    assert nlos("queue", "swept/queue.yaml").returncode == 3
+
+
+def test_a_sweep_that_is_refused_before_its_first_scan_leaves_nothing_and_says_so(nlos: Nlos, tmp_path: Path) -> None:
+    done = nlos("scan", "five_by_five", "--sweep", "wall.width_m=1,40", "-o", "swept")
+    assert done.returncode in (2, 4), done.stderr
+    assert "nothing was begun, so it is gone again" in done.stderr
+    assert not (tmp_path / "swept").exists()
+
+
+def test_a_key_that_is_swept_twice_is_refused(nlos: Nlos, tmp_path: Path) -> None:
+    done = nlos("scan", "five_by_five", "--sweep", "dwell_ms=1,2", "--sweep", "dwell_ms=3", "-o", "swept")
+    assert (done.returncode, "--sweep dwell_ms: given twice" in done.stderr) == (2, True), done.stderr
+    assert not (tmp_path / "swept").exists()
+
+
+@pytest.mark.parametrize("method", ["lct", None])
+def test_a_recording_that_is_gone_is_forecast_taken_and_seen_anew(
+    nlos: Nlos, tmp_path: Path, method: str | None
+) -> None:
+    asked = [] if method is None else ["--reconstruct", method]
+    nlos("scan", "five_by_five", "--sweep", "dwell_ms=1,2", "-o", "swept", *asked, check=True)
+    recording = sorted((tmp_path / "swept").glob("*.h5"))[0]
+    picture = recording.with_suffix("") / "reconstruction.h5"
+    if method is None:
+        nlos("reconstruct", str(recording), "-o", str(picture.parent), check=True)
+    recording.unlink()
+    before = picture.stat()
+    assert "1 of 2 scans to take" in nlos("queue", "swept/queue.yaml", "--plan", check=True).stdout
+    done = nlos("queue", "swept/queue.yaml", check=True)
+    assert "1 of 2 scans to take" in done.stdout
+    with Recording.open(recording) as taken:
+        assert len(taken) == 25
+    if method is None:
+        assert f"holds a picture that is older than {recording.name}" in done.stderr
+        assert picture.stat() == before
+    else:
+        assert picture.stat().st_mtime_ns > recording.stat().st_mtime_ns
+    assert "0 of 2 scans to take" in nlos("queue", "swept/queue.yaml", "--plan", check=True).stdout
