@@ -122,7 +122,7 @@ def report(error: BaseException, words: Sequence[str] = ()) -> int:
         message = f"the memory is not enough{f' ({message})' if message else ''}. Close what else runs, or take less."
     if code == ExitCode.BUG and (was_told_to_end() or follows_an_interrupt(error)):
         code, message = ExitCode.INTERRUPTED, ""
-    if code == ExitCode.DATA:
+    if code == ExitCode.DATA and not getattr(error, "names_files", False):
         message = with_its_file(message, words)
     if code == ExitCode.BUG:
         traceback.print_exception(error)

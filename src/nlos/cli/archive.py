@@ -26,6 +26,7 @@ SUFFIXES = (
 """What of a folder is taken for a scan; a file that is named is always read."""
 _OF_NEIGHBOURS = re.compile(r"tof(_raw|_\d+)?\.mat", re.IGNORECASE)
 """What f-k migration's authors call the times of flight that go with the measurements beside them."""
+MOST_NAMED = 3
 WAITS_S = 30.0
 """An archive that is told to end waits so long for the files that workers have begun."""
 
@@ -117,11 +118,17 @@ def ended(rows: Sequence[Row], output: Path) -> Stopped | None:
     missing, partial = (
         [row for row in others if row["outcome"] not in MADE], [row for row in others if row["outcome"] in MADE]
     )  # fmt: skip
-    said = [f"{len(missing)} of {len(rows)} files without a result"] if missing else []
+    said = [f"{len(missing)} of {len(rows)} files without a result ({_named(missing)})"] if missing else []
     if partial:
-        said.append(f"{len(partial)} of {len(rows)} partial, made without their damaged samples")
+        said.append(f"{len(partial)} of {len(rows)} partial, made without their damaged samples ({_named(partial)})")
     again = " The same command with --skip-existing takes the files without a result again." if missing else ""
-    return Stopped(worst(others), f"{'; '.join(said)}; the others are done. {output / RECORD} says why.{again}")
+    words = f"{'; '.join(said)}; the others are done. {output / RECORD} says why.{again}"
+    return Stopped(worst(others), words, names_files=True)
+
+
+def _named(rows: Sequence[Row]) -> str:
+    more = f" and {len(rows) - MOST_NAMED} more" if len(rows) > MOST_NAMED else ""
+    return ", ".join(str(row["file"]) for row in rows[:MOST_NAMED]) + more
 
 
 def worst(rows: Sequence[Row]) -> ExitCode:

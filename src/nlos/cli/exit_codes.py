@@ -41,8 +41,9 @@ class UsageError(ValueError):
 class Stopped(Exception):
     """The command ended early for a reason that it has explained itself."""
 
-    def __init__(self, code: ExitCode, message: str) -> None:
-        self.code = code
+    def __init__(self, code: ExitCode, message: str, *, names_files: bool = False) -> None:
+        """`names_files`: the message says itself of which files it is."""
+        self.code, self.names_files = code, names_files
         super().__init__(message)
 
 

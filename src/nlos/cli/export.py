@@ -56,8 +56,10 @@ def export(
     words = [word.strip() for word in to.split(",") if word.strip()]
     known = SCAN_FORMATS | PICTURE_FORMATS | FILM_FORMATS
     unknown = [word for word in words if word not in known]
-    if unknown or not words:
-        raise UsageError(f"--to {to}: {', '.join(unknown) or 'nothing'} is not known; known: {', '.join(known)}")
+    if not words:
+        raise UsageError(f"--to: name one format, or several with commas between them: {', '.join(known)}")
+    if unknown:
+        raise UsageError(f"--to {to}: {', '.join(unknown)} is not known; known: {', '.join(known)}")
     if output is not None and len(words) > 1:
         raise UsageError("-o names one file; with several formats leave it out")
     refuse_without(

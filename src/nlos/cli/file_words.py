@@ -7,6 +7,8 @@ import typer
 from nlos.acquisition.importers.given import Given
 from nlos.cli.exit_codes import UsageError
 
+FARTHEST_M = 1000.0
+
 WallSize = Annotated[
     str | None, typer.Option("--wall-size-m", metavar="W[xH]", help="Size of the wall, for files that do not store it.")
 ]
@@ -53,13 +55,14 @@ def depths(words: str | None) -> tuple[float, float] | None:
     """Nearest and farthest depth in metres. Raises `UsageError`."""
     if words is None:
         return None
-    near, _, far = words.partition(":")
+    near, colon, far = words.partition(":")
+    open_end = FARTHEST_M if near and colon else far  # as `:2` begins at the wall, `0.5:` has no end
     try:
-        nearest_m, farthest_m = float(near or 0.0), float(far)
+        nearest_m, farthest_m = float(near or 0.0), float(far or open_end)
     except ValueError:
         nearest_m, farthest_m = 0.0, -1.0
-    if not 0 <= nearest_m < farthest_m <= 1000:
-        raise UsageError(f"--depth-m {words}: NEAR:FAR in metres is expected, as 0.5:2")
+    if not 0 <= nearest_m < farthest_m <= FARTHEST_M:
+        raise UsageError(f"--depth-m {words}: NEAR:FAR in metres is expected, as 0.5:2, :2 or 0.5:")
     return nearest_m, farthest_m
 
 

@@ -7,8 +7,10 @@ import typer
 
 from nlos.acquisition.importers.imported import DOUBT
 from nlos.acquisition.importers.isolated import one_reader
+from nlos.acquisition.importers.magic import is_recording
 from nlos.acquisition.importers.to_recording import write_recording
 from nlos.acquisition.wall import ORIENTATION
+from nlos.cli.exit_codes import UsageError
 from nlos.cli.file_words import Axes, BinWidth, Detector, Rectified, WallSize, given
 from nlos.cli.progress import Progress
 from nlos.cli.targets import recording_target, refuse_own_input
@@ -36,9 +38,11 @@ def import_(
     """Reads other people's formats into a recording; says what a format could not hold."""
     said = given(wall_size_m, bin_width_ps, axes, rectified, detector)
     targets = [output if len(files) == 1 else output / f"{file.stem}.h5" for file in files]
-    for target in targets:
+    for file, target in zip(files, targets, strict=True):
         recording_target(target)
         refuse_own_input(target, files, "a file that is imported")
+        if file.is_file() and is_recording(file):
+            raise UsageError(f"{file}: is a recording already: every verb reads it as it is.")
     written = []
     with one_reader() as reader:
         for file, target in zip(files, targets, strict=True):

@@ -19,6 +19,7 @@ from nlos.calibration.checked import load_checked
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.file_words import Response
 from nlos.cli.method_settings import Weights, chosen_method
+from nlos.cli.seconds import check_seconds
 from nlos.cli.terminal import terminal
 from nlos.live.own_process import prepare_process
 from nlos.live.page import LivePage
@@ -55,6 +56,7 @@ def live(
     ] = None,
 ) -> None:
     """A read-only page on 127.0.0.1. Whoever has its address may look; nobody can control anything. Ctrl-C ends it."""
+    check_seconds("--idle-s", idle_s)
     wanted = response_wanted(response)
     seeing: dict[str, object] = {}
     if weights is not None:

@@ -20,6 +20,7 @@ from nlos.cli.benches import load_bench
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.named_files import BenchWord
 from nlos.cli.point import ELSEWHERE, LIGHT, LIVE, PORT
+from nlos.cli.seconds import check_seconds
 from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ def monitor(
     """Shows what the counter sees, more than ten times a second on a terminal and as a line a second elsewhere. Light
     only for --light seconds, or while SPACE is held. `q` ends."""
     window = _window(gate)
+    check_seconds("--for", seconds, may_be_none_at_all=False)
     if log is not None and log.exists() and not overwrite:
         raise FileExistsError(f"{log}: exists. Choose another name, or use --overwrite.")
     table = load_bench(bench)

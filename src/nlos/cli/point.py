@@ -10,6 +10,7 @@ from nlos.by_hand.opening import in_hand
 from nlos.cli.benches import load_bench
 from nlos.cli.contradictions import refuse_together
 from nlos.cli.named_files import BenchWord
+from nlos.cli.seconds import check_seconds
 from nlos.cli.terminal import terminal
 from nlos.drivers.errors import LimitError
 from nlos.drivers.galvo.mirror import MirrorAngles
@@ -38,6 +39,7 @@ def point(
 ) -> None:
     """Sends the beam to one place and stays there: until a key on a terminal, for --hold or --light seconds elsewhere.
     SPACE, held down, gives light as well. The mirror parks in the dark afterwards."""
+    check_seconds("--hold", hold)
     longer = hold is not None and light is not None and light > hold
     refuse_together(
         "--hold", {f"--light {light or 0:g}": longer}, f"the light would outlast the stay of {hold or 0:g} s",

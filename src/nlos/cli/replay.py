@@ -16,6 +16,7 @@ from nlos.cli.contradictions import refuse_without
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.file_words import Response
 from nlos.cli.method_settings import Weights, chosen_method
+from nlos.cli.picture_beside import picture_beside
 from nlos.cli.progress import Progress
 from nlos.cli.targets import recording_target, refuse_own_input
 from nlos.cli.terminal import terminal
@@ -48,6 +49,10 @@ def replay(
         response_wanted(response)
     if output is not None:
         refuse_own_input(recording_target(output), [run], "the recording that is replayed")
+    if reconstruct is not None:
+        picture_beside(
+            output or run, overwrite, "Choose another name with -o, use --overwrite, or leave --reconstruct out."
+        )
     with open_checked(run) as recording:
         warning, missing = recording.condition().warning, recording.missing()
         left_aside = recording.left_aside()

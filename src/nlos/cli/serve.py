@@ -12,6 +12,7 @@ import typer
 from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.acquisition.served.address import listening_address
 from nlos.cli.exit_codes import UsageError
+from nlos.cli.seconds import check_seconds
 from nlos.cli.terminal import terminal
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ def serve(
     ] = 60.0,
 ) -> None:
     """Writes RUN.ticket; `nlos reconstruct RUN.ticket --follow` on the other machine does the rest. Ctrl-C ends it."""
+    check_seconds("--idle-s", idle_s)
     from nlos.acquisition.served.server import AddressTaken, SampleServer  # needs the extra `live`
 
     try:

@@ -17,6 +17,7 @@ from nlos.chain import reconstruct_file
 from nlos.cli.benches import opened
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.interrupts import Interrupts
+from nlos.cli.picture_beside import picture_beside
 from nlos.cli.progress import Progress
 from nlos.cli.targets import recording_target, refuse_own_input
 from nlos.cli.terminal import terminal
@@ -85,6 +86,9 @@ def take(wanted: Loaded[ScanSettings], table: Loaded[BenchSettings], target: Pat
         return
     if os.path.lexists(target) and not (overwrite or resume):  # a link to nothing, too
         raise FileExistsError(f"{target}: exists. Choose another name with -o, or use --resume or --overwrite.")
+    if options.method is not None:
+        remedy = "Move it away" if resume else "Choose another name with -o, use --overwrite"
+        picture_beside(target, overwrite, f"{remedy}, or leave --reconstruct out.")
     header = Header(
         scan_text=wanted.text,
         scan_json=wanted.settings.model_dump_json(),
