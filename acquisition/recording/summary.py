@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.recording.ended_as_asked import word_of
 from nlos.acquisition.recording.header import FORMAT, LATER, MAX_TEXT_BYTES, VERSION
-from nlos.acquisition.recording.layout import RECORD, STATUS, Status
+from nlos.acquisition.recording.layout import EVENT, EVENT_ROWS, RECORD, STATUS, Status
 from nlos.acquisition.recording.run_notes import RunNotes
 from nlos.acquisition.recording.writer_lock import is_locked
 
@@ -71,7 +72,7 @@ def _summary(path: Path, file: h5py.File, texts: dict[str, str]) -> dict[str, An
     records = _array(stored, RECORD)[: min(int(taken), planned)]
     scan, bench = json.loads(texts["scan_json"]), json.loads(texts["bench_json"])
     notes, pattern = RunNotes.from_json(texts["run_json"] or "{}"), scan.get("pattern", "")
-    status = Status(state).name.lower()
+    status = word_of(Status(state), _events(file) if state == Status.INTERRUPTED else ())
     if state == Status.RUNNING and not is_locked(path):
         status = CUT_OFF
     wall = [said["width_m"], said["height_m"]]
@@ -98,6 +99,15 @@ def _summary(path: Path, file: h5py.File, texts: dict[str, str]) -> dict[str, An
         "warnings": len(json.loads(texts["warnings"])),
         "thumbnail": _thumbnail(records, x_m / wall[0], y_m / wall[1], *grid),
     }
+
+
+def _events(file: h5py.File) -> list[tuple[str, str]]:
+    """(kind, text) of each; none where they cannot be read as such."""
+    stored = h5py.h5d.open(file.id, b"events")
+    if stored.dtype != EVENT or stored.shape != (EVENT_ROWS,):
+        return []
+    rows = _array(stored, EVENT)
+    return [(kind.decode(errors="replace"), text.decode(errors="replace")) for kind, text in rows[["kind", "text"]]]
 
 
 def _array(item: h5py.h5d.DatasetID, dtype: np.dtype[Any]) -> npt.NDArray[Any]:

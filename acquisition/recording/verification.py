@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from nlos.acquisition.recording.condition import Condition
+from nlos.acquisition.recording.ended_as_asked import AS_ASKED, status_word
 from nlos.acquisition.recording.frames import ended_plan, frame_table
 from nlos.acquisition.recording.layout import Status
 from nlos.acquisition.recording.recording import Recording
@@ -24,6 +25,8 @@ class Verification:
     missing: tuple[int, ...]
     frames: int = 1
     complete_frames: int = 0
+    status_word: str = ""
+    """What `nlos` calls the status."""
 
     @property
     def written(self) -> int:
@@ -45,6 +48,11 @@ class Verification:
         """Whether every planned sample is there, and what was measured."""
         return self.intact and not self.missing
 
+    @property
+    def as_asked(self) -> bool:
+        """Whether the scan ended because its picture was good enough, as somebody had asked."""
+        return self.status_word == AS_ASKED
+
 
 def verify(path: Path) -> Verification:
     """Checks every sample's CRC. Raises `InvalidData` where `path` is no scan file, `StorageError` where the disk does
@@ -58,4 +66,5 @@ def verify(path: Path) -> Verification:
         repeated = tuple(numbers[times > 1].tolist())
         table = frame_table(plan, recording.intact_records())
         planned = len(plan) if plan.budget is None else len(numbers) + len(missing)
-        return Verification(recording.status, planned, condition, repeated, missing, plan.frames, table.complete)
+        word = status_word(recording)
+        return Verification(recording.status, planned, condition, repeated, missing, plan.frames, table.complete, word)

@@ -13,6 +13,7 @@ from nlos.acquisition.planning.aim import Aiming
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.preflight import aim_of, checked_angles
 from nlos.acquisition.planning.schemes import Choice, Scheme, choose, forecast, sequencer
+from nlos.acquisition.recording.ended_as_asked import KIND, NOTHING_LEFT
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.scanning import clocked, lag_trial, stepped
 from nlos.acquisition.scanning.advice import Adviser
@@ -192,7 +193,7 @@ class _Run:
             self._bench.report("scan", "the first pass is ended early: the second begins")
             self._left.first_pass_cut = True
             return
-        self._bench.report("scan", "ended early: there is nothing left to gain")
+        self._bench.report(KIND, NOTHING_LEFT)
         self._control.enter(ScanState.ENDED)
 
     def _look_around(self) -> None:

@@ -11,6 +11,7 @@ import typer
 from nlos.acquisition.importers.isolated import NoScan, read_isolated
 from nlos.acquisition.importers.magic import HDF5_MAGIC, is_recording, magic_of
 from nlos.acquisition.importers.to_recording import said_by_source
+from nlos.acquisition.recording.ended_as_asked import status_word
 from nlos.acquisition.recording.frames import frame_table
 from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.acquisition.scanning.advice import reasons
@@ -84,7 +85,7 @@ def _of_recording(recording: "Recording") -> dict[str, Any]:
     live_s = float(records["live_time_s"].sum())
     return {
         "format": "recording",
-        "status": recording.status.name.lower() + (", damaged since: `nlos verify` says where" if left_aside else ""),
+        "status": status_word(recording) + (", damaged since: `nlos verify` says where" if left_aside else ""),
         "points": f"{len(records)} of {_planned(plan)}" + (f", {left_aside} more skipped" if left_aside else ""),
         "skipped": left_aside,
         "identity": header.identity,

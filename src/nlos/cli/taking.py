@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from nlos.acquisition.planning.preflight import aim_of, refitted
 from nlos.acquisition.planning.scan_settings import ScanSettings
+from nlos.acquisition.recording.ended_as_asked import AS_ASKED
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.run_notes import NO_NOTES, RunNotes
 from nlos.acquisition.recording.salvage import settle
@@ -225,12 +226,14 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
     assert writer is not None
     assert ending is not None
     duration_s = bench.clock.now() - start_s - begun.away_s
-    _tell_taken(prepared, ending, writer.acknowledged, len(begun.taken), duration_s)
+    as_asked = not ending.complete and enough is not None and enough.reached and not interrupts.seen
+    status = AS_ASKED if as_asked else "complete" if ending.complete else "interrupted"
+    _tell_taken(prepared, ending, writer.acknowledged, len(begun.taken), duration_s, status)
     if enough is not None and enough.said:
         terminal.result(
             f"the picture at the last look: {enough.said}", until={"reached": enough.reached, "said": enough.said}
         )
-    if not ending.complete and (interrupts.seen or enough is None or not enough.reached):
+    if status == "interrupted":
         raise Stopped(ExitCode.INTERRUPTED, f"ended by Ctrl-C. {ending.safe}")
 
 
@@ -241,7 +244,9 @@ def _kept_words(kept: Path, taken: int) -> str:
     return f"what lay there cannot be read as a recording, so the scan begins anew; it is kept as {kept}"
 
 
-def _tell_taken(prepared: PreparedScan, ending: ScanEnding, points: int, before: int, duration_s: float) -> None:
+def _tell_taken(
+    prepared: PreparedScan, ending: ScanEnding, points: int, before: int, duration_s: float, status: str
+) -> None:
     """What was taken of what was planned, in which time; of a film until it is stopped, its frames."""
     plan, forecast_s = prepared.request.plan, prepared.choice.forecast.total_s
     planned, why = plan.most_samples, f" ({forecast_s:.1f} s predicted)"
@@ -255,7 +260,7 @@ def _tell_taken(prepared: PreparedScan, ending: ScanEnding, points: int, before:
         f"{prepared.request.target}: {said} in {duration_s:.1f} s of bench time{why}",
         recording=str(prepared.request.target), taken=points - before, points=points, planned=planned,
         bench_s=duration_s, predicted_s=predicted_s, scheme=prepared.choice.scheme.value,
-        status="complete" if ending.complete else "interrupted",
+        status=status,
         **({} if plan.frames == 1 else {"frames": (ending.film.plan if ending.film is not None else plan).frames}),
     )  # fmt: skip
 

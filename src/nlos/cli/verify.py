@@ -13,15 +13,16 @@ from nlos.cli.terminal import terminal
 
 
 def verify(run: Annotated[Path, typer.Argument(metavar="RUN")]) -> None:
-    """Checks every sample's checksum. Exits 0 where every planned sample is there, and what was measured."""
+    """Checks every sample's checksum. Exits 0 where every planned sample is there, and what was measured;
+    of a scan that ended as asked, every one that was taken."""
     check_recording(run)
     found = verify_recording(run)
     rows = found.rows
     terminal.result(
-        f"{run}: {found.status.name.lower()}; {rows.intact} of {found.planned} points are what was measured, "
+        f"{run}: {found.status_word}; {rows.intact} of {found.planned} points are what was measured, "
         f"{len(rows.damaged)} damaged, {len(rows.unread)} unreadable, {len(found.repeated)} repeated, "
         f"{len(found.missing)} missing, {len(rows.unacknowledged)} never acknowledged",
-        status=found.status.name.lower(), planned=found.planned, written=found.written, intact_samples=rows.intact,
+        status=found.status_word, planned=found.planned, written=found.written, intact_samples=rows.intact,
         corrupt=rows.damaged, unread=rows.unread, unacknowledged=rows.unacknowledged, repeated=found.repeated,
         missing=found.missing, intact=found.intact, complete=found.complete,
     )  # fmt: skip
@@ -41,6 +42,9 @@ def verify(run: Annotated[Path, typer.Argument(metavar="RUN")]) -> None:
         if numbers:
             terminal.result(f"  {what}: {listed(numbers, 16)}")
     if found.complete:
+        return
+    if found.as_asked and found.intact:
+        terminal.result("  the picture was good enough without them; `nlos scan ... --resume` takes them all the same")
         return
     if rows.damaged or found.repeated:
         code, what, remedy = ExitCode.DATA, "not every sample is what was measured", "keeps the others"

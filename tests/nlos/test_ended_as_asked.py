@@ -1,0 +1,56 @@
+"""A scan that ended because its picture was good enough reads so; one that somebody broke off does not."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from nlos.acquisition.recording.ended_as_asked import AS_ASKED, NOTHING_LEFT, word_of
+from nlos.acquisition.recording.layout import Status
+from nlos.acquisition.recording.recording import Recording
+from tests.nlos.conftest import Nlos
+
+
+def test_a_scan_until_its_picture_stands_still_reads_as_ended_as_asked(nlos: Nlos, tmp_path: Path) -> None:
+    done = nlos("--json", "scan", "anytime", "-o", "run.h5", "--until", "stable", check=True)
+    said = json.loads(done.stdout)
+    assert (said["status"], said["until"]["reached"]) == (AS_ASKED, True)
+    assert said["points"] < said["planned"]
+    verified = nlos("--json", "verify", "run.h5", check=True)
+    found = json.loads(verified.stdout)
+    assert (found["status"], found["complete"], found["intact"]) == (AS_ASKED, False, True)
+    assert "ended as asked" in nlos("verify", "run.h5", check=True).stdout
+    assert json.loads(nlos("--json", "info", "run.h5", check=True).stdout)["status"] == AS_ASKED
+    assert "  ended as asked  " in nlos("runs", "--folder", ".", check=True).stdout
+    nlos("recover", "run.h5", "-o", "copy.h5", check=True)
+    nlos("verify", "copy.h5", check=True)
+    with Recording.open(tmp_path / "run.h5") as recording:
+        assert recording.status is Status.INTERRUPTED
+
+
+def test_damage_to_a_scan_that_ended_as_asked_is_damage(nlos: Nlos, tmp_path: Path) -> None:
+    nlos("scan", "anytime", "-o", "run.h5", "--until", "stable", check=True)
+    with Recording.open(tmp_path / "run.h5") as recording:
+        counts = recording.counts_of(0, 1).astype("<u4").tobytes()
+    whole = (tmp_path / "run.h5").read_bytes()
+    at = whole.index(counts) + len(counts) // 2
+    (tmp_path / "run.h5").write_bytes(whole[:at] + bytes(each ^ 255 for each in whole[at : at + 4]) + whole[at + 4 :])
+    done = nlos("verify", "run.h5")
+    assert (done.returncode, "not every sample is what was measured" in done.stderr) == (7, True), done.stdout
+
+
+@pytest.mark.parametrize(
+    ("status", "said", "word"),
+    [
+        (Status.INTERRUPTED, [NOTHING_LEFT, "interrupted"], AS_ASKED),
+        (Status.INTERRUPTED, ["interrupted"], "interrupted"),
+        (Status.INTERRUPTED, [NOTHING_LEFT, "interrupted", "interrupted"], "interrupted"),
+        (Status.INTERRUPTED, ["interrupted", NOTHING_LEFT, "interrupted"], AS_ASKED),
+        (Status.STOPPED, [NOTHING_LEFT, "stopped"], "stopped"),
+        (Status.COMPLETE, [NOTHING_LEFT, "interrupted", "complete"], "complete"),
+        (Status.RUNNING, [NOTHING_LEFT, "interrupted"], "running"),
+    ],
+)
+def test_only_its_last_words_tell(status: Status, said: list[str], word: str) -> None:
+    events = [("shutter", "opened"), *(("scan", each) for each in said), ("shutter", "closed")]
+    assert word_of(status, events) == word
