@@ -182,7 +182,7 @@ def common_bins(constants: BenchConstants, x_m: npt.ArrayLike, y_m: npt.ArrayLik
         raise InvalidData(
             f"direct light arrives up to bin {latest:.0f}, but the record has {time.bins}: lengthen the histogram."
         )
-    return time.bins - max(int(np.ceil(latest)), 0)
+    return time.bins - int(np.ceil(latest))
 
 
 def known_arrival_bins(constants: BenchConstants, x_m: npt.ArrayLike, y_m: npt.ArrayLike, time: TimeAxis) -> Floats:
@@ -244,7 +244,7 @@ def _bins_left(raw: RawPoints, arrival: Floats, offsets: TimeOffsets | None) -> 
     """Bins from the direct arrival on that every point recorded, strays aside: one must not shorten all others."""
     held = arrival if offsets is None else np.where(offsets.stray, -np.inf, arrival)
     point = int(np.argmax(held))
-    bins = raw.time.bins - max(int(np.ceil(held[point])), 0)
+    bins = raw.time.bins - int(np.ceil(held[point]))
     if offsets is not None and bins * raw.time.bin_width_s < SHORTEST_S:
         raise NothingBehind(
             f"{raw.name(point)}: direct light arrives in bin {held[point]:.0f} of {raw.time.bins}; no hidden scene was "
