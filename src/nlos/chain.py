@@ -142,14 +142,14 @@ def _calibrated(
 
 
 def _refuse_late(scan: LoadedScan) -> None:
-    """Raises `InvalidData` for a rectified scan whose record begins later than it is long: nothing of it would be left
-    of as many bins from time 0 on."""
+    """Raises `InvalidData` for a rectified scan whose record begins later than it is long: most of a time axis from 0
+    on would be empty, and of a wrong unit all that there is memory for."""
     time = scan.transient.time
     if scan.rectified and scan.direct_cut_bins is None and time.start_s >= time.bins * time.bin_width_s:
         raise InvalidData(
             f"offset_s: the first bin begins {time.start_s * 1e9:.4g} ns after light is at the wall, and all "
-            f"{time.bins} bins last {time.bins * time.bin_width_s * 1e9:.4g} ns: as many from time 0 on hold nothing "
-            "of it. Is offset_s in seconds? If so, store empty bins before them, and offset_s = 0."
+            f"{time.bins} bins last {time.bins * time.bin_width_s * 1e9:.4g} ns: most of a time axis from 0 "
+            "on would be empty. Is offset_s in seconds? If so, store empty bins before them, and offset_s = 0."
         )
 
 
