@@ -39,5 +39,5 @@ class Arrivals:
         return np.asarray(arrival + extra)
 
     @cached_property
-    def _places(self) -> scipy.spatial.cKDTree:
+    def _places(self) -> "scipy.spatial.cKDTree":
         return scipy.spatial.cKDTree(np.column_stack([self.x_m, self.y_m]))

@@ -249,9 +249,8 @@ class SerialLine:
                 self.in_step = False
                 got = f", only {bytes(self._buffer[:40])!r} came" if self._buffer else ""
                 bare = b"\n" in self._buffer and b"\r" not in self._buffer
-                remedy = "Its lines end without CR: turn off what translates line ends on the way." if bare else (
-                    "Check its cable and power.")  # fmt: skip
-                raise DeviceTimeout(self.device, f"{what} in time{got}.", remedy)
+                ends = ", and what translates line ends on the way: its lines end without CR" if bare else ""
+                raise DeviceTimeout(self.device, f"{what} in time{got}.", f"Check its cable and power{ends}.")
             self._fill(min(remaining_s, _SLICE_S))
 
     def _echoes(self) -> ProtocolError:
