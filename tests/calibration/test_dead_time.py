@@ -60,3 +60,12 @@ def test_more_clicks_than_live_pulses_are_refused_by_point_and_bin() -> None:
         SaturatedBins, match="point 1, bin 6 clicked 41 times, but the detector was live there for only 40"
     ):
         correct_free_running(counts, 100, counts.sum(axis=1), 1e-9, 20e-9, 3e-9)
+
+
+def test_the_variance_is_that_of_many_measurements() -> None:
+    """By drawing: a pulse clicks in a bin or does not, with the probability that its photons give it."""
+    rng, pulses, photons = np.random.default_rng(1), 20_000, np.array([0.002, 0.05, 0.4])
+    clicks = rng.binomial(pulses, 1 - np.exp(-photons), (4000, 3)).astype(float)
+    found, variance = correct_free_running(clicks, np.full(4000, pulses), clicks.sum(axis=1), 1e-9, 100e-9, 0.0)
+    assert found.mean(axis=0) == pytest.approx(photons * pulses, rel=0.01)
+    assert variance.mean(axis=0) == pytest.approx(found.var(axis=0), rel=0.08)

@@ -1,6 +1,7 @@
 """What counts as seen: one rule for every picture, view and export; noise that stands alone is no surface."""
 
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -9,12 +10,13 @@ from nlos.acquisition.wall import WallGrid
 from nlos.live.describe import described
 from nlos.napari_layers import layers
 from nlos.recon.contours import contours
+from nlos.recon.depth_range import within_depths
 from nlos.recon.live import LivePicture
 from nlos.recon.results import write_results
 from nlos.recon.seen import FAINT, FULL, depth_limits, depth_opacity, depth_span, visible_depth
 from nlos.recon.surface import front_surface
-from nlos.recon.view3d import solid_scene
-from nlos.recon.volume import Reconstruction
+from nlos.recon.view3d import _volume, solid_scene
+from nlos.recon.volume import Reconstruction, Volume
 
 WALL = WallGrid(1.0, 1.0, 64, 64)
 X_M, Y_M = np.meshgrid(WALL.x_m(), WALL.y_m())
@@ -102,3 +104,26 @@ def test_a_single_line_of_points_has_its_pictures_without_lines(tmp_path: Path, 
     assert contours(line, depth_limits([line])) is None
     write_results(tmp_path / "out", line)
     assert (tmp_path / "out" / "depth.png").is_file()
+
+
+@pytest.mark.parametrize(("row", "col", "plane"), [(0, 3, 2), (7, 0, 9)])
+def test_the_brightest_voxel_lies_where_the_volume_says_up_being_1(row: int, col: int, plane: int) -> None:
+    albedo = np.zeros((10, 8, 8), np.float32)
+    albedo[plane, row, col] = 1.0
+    volume = Volume(albedo, np.linspace(0.5, 1.5, 10), WallGrid(1.0, 1.0, 8, 8))
+    across, up, deep = cast(list[float], _volume(volume)["at"])
+    assert (across, up, deep) == pytest.approx((col / 7, 1 - row / 7, plane / 9))
+
+
+@pytest.mark.parametrize("keeps_volume", [True, False])
+def test_a_range_of_depths_holds_its_ends(keeps_volume: bool) -> None:
+    planes = np.array([0.5, 1.0, 1.5])
+    albedo = np.zeros((3, 8, 8), np.float32)
+    albedo[0, 0, 0] = albedo[1, 1, 1] = albedo[2, 2, 2] = 1.0
+    volume = Volume(albedo, planes, WallGrid(1.0, 1.0, 8, 8)) if keeps_volume else None
+    depth = np.full((8, 8), np.nan, np.float32)
+    depth[0, 0], depth[1, 1], depth[2, 2] = planes
+    whole = Reconstruction(albedo.max(axis=0), depth, WallGrid(1.0, 1.0, 8, 8), "lct", 0.5, volume=volume)
+    kept = within_depths(whole, 0.5, 1.0)
+    assert [kept.albedo[k, k] for k in range(3)] == [1, 1, 0]
+    assert [kept.depth_m[k, k] for k in range(2)] == [0.5, 1.0]

@@ -146,3 +146,12 @@ def test_a_second_program_is_refused(rig: Callable[..., Rig]) -> None:
     this.open()
     with pytest.raises(DeviceBusy):
         this.open()
+
+
+@pytest.mark.parametrize("samples_per_s", [7, 1000, 20_000, 65_535])
+def test_a_sample_lasts_a_processor_cycle_longer_than_its_rate_says(samples_per_s: int) -> None:
+    """The timer of the firmware counts from its compare value down to 0, both included."""
+    cycles = wire.sample_s(samples_per_s) * wire._CPU_HZ
+    assert cycles == pytest.approx(round(cycles), abs=1e-6)
+    assert round(cycles) == wire._CPU_HZ // samples_per_s + 1
+    assert wire.sample_s(samples_per_s) > 1 / samples_per_s

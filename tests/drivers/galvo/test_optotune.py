@@ -1,6 +1,7 @@
 """The Optotune driver: its codec, its dialogue, and every fault of rows G and B with the driver's answer."""
 
 import math
+import struct
 from collections.abc import Callable
 
 import pytest
@@ -437,3 +438,15 @@ def test_a_mirror_away_from_where_it_was_sent_is_reported_or_stopped(lab: Lab) -
 def test_the_warning_comes_before_the_limit() -> None:
     with pytest.raises(ValidationError, match="warn_error_deg"):
         OptotuneSettings(model="optotune", port="COM3", warn_error_deg=2.0)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "is_one"), [(0.7, -0.7, True), (1.15, 0.0, True), (1.3, 0.0, False), (9.0, 9.0, False)]
+)
+def test_a_sensor_that_sees_the_mirror_off_the_disc_is_not_believed(x: float, y: float, is_one: bool) -> None:
+    payload = b"\0\2" + struct.pack(">2f", x, y)
+    if is_one:
+        assert wire.decode_position(payload) == pytest.approx((x, y))
+    else:
+        with pytest.raises(ValueError, match="off the unit disc"):
+            wire.decode_position(payload)
