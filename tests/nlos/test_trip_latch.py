@@ -76,7 +76,7 @@ def test_no_log_and_no_wrong_key_keep_the_shutter_from_being_told(nlos: Nlos, tm
         done = nlos("--wire-log", "wire.log", "shutter", "close", "--bench", "multiharp")
         assert done.returncode == 0, done.stderr
     assert "warning" in done.stderr
-    assert "File exists" in done.stderr
+    assert "wire.log: exists" in done.stderr
     real = find("bench", "lab").read_text()
     (tmp_path / "lab.yaml").write_text(f"{real}\nnonsense_key: 3\n")
     asked = nlos("shutter", "close", "--bench", "lab.yaml")

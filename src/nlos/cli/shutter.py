@@ -30,7 +30,7 @@ def shutter(
         try:
             log = stack.enter_context(wire_logged())
         except OSError as error:
-            terminal.log(f"warning: {error}: nothing is logged of what the devices say")
+            terminal.log(f"warning: {str(error).rstrip('.')}. Nothing of what the devices say is logged.")
         make_dark(settings, log)
     terminal.result("the shutter is closed", shutter="closed")
 
