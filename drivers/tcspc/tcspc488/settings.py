@@ -83,8 +83,9 @@ class Tcspc488Settings(CounterBlock):
 
     @classmethod
     def pulse_keys(cls, pulse: Pulse, device: str = "") -> Mapping[str, object] | None:
-        """Levels of the instrument profile: -100 mV falling for NIM, 1 V rising for TTL."""
-        return {"level_mv": -100, "edge": "falling"} if pulse == "nim" else {"level_mv": 1000, "edge": "rising"}
+        """Levels of the instrument profile, -100 mV falling for NIM; TTL pulses come through an attenuator, for levels
+        end at 1.2 V."""
+        return {"level_mv": -100, "edge": "falling"} if pulse == "nim" else {"level_mv": 300, "edge": "rising"}
 
     @property
     def udev_rule(self) -> str:

@@ -8,8 +8,8 @@ from nlos.drivers.device_settings import DeviceSettings
 from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.tcspc.block import CounterBlock, Pulse
 from nlos.drivers.tcspc.known_counters import COUNTERS
+from nlos.new_bench.attenuators import needs_attenuator
 from nlos.new_bench.detection import Detected, devices_of
-from nlos.new_bench.pulses import needs_attenuator
 
 Answers = Mapping[str, str]
 YES_OR_NO = ("yes", "no")

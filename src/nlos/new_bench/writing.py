@@ -13,7 +13,7 @@ from nlos.drivers.bench_settings import BenchSettings
 from nlos.drivers.galvo.known_mirrors import MIRRORS
 from nlos.drivers.tcspc.block import CounterBlock, Pulse
 from nlos.drivers.tcspc.known_counters import COUNTERS
-from nlos.new_bench.pulses import attenuator, input_keys
+from nlos.new_bench.attenuators import attenuator
 from nlos.new_bench.questions import has_channels
 
 _COMMENT_AT, _WIDTH = 38, 120
@@ -67,7 +67,7 @@ def _counter(said: Mapping[str, str], simulated: bool) -> dict[str, Any]:
         counter["input"] = int(said["detector_input"])
     for role in ("sync", "detector"):
         pulse: Pulse = "nim" if said[f"{role}_pulse"] == "nim" else "ttl"
-        keys = input_keys(settings, role, pulse, said.get("device", "")) or {}
+        keys = dict(settings.pulse_keys(pulse, said.get("device", "")) or {})
         if has_channels(settings):
             sign = -1 if keys.pop("edge", "rising") == "falling" else 1
             keys = {"channel": sign * int(said[f"{role}_input"]), **keys}

@@ -1,4 +1,4 @@
-"""What a counter's input says of a pulse in a new bench file, and what belongs into the cable before it."""
+"""What belongs into the cable of a counter's input before a TTL pulse is sent through it."""
 
 from collections.abc import Mapping
 
@@ -6,21 +6,10 @@ from annotated_types import Le
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from nlos.drivers.tcspc.block import CounterBlock, Pulse
+from nlos.drivers.tcspc.block import CounterBlock
 
 _TTL_MIDDLE_MV = 1500
 """Of a pulse of 3 V. An input whose levels end below it was not made for such pulses."""
-
-
-def input_keys(counter: type[CounterBlock], role: str, pulse: Pulse, device: str) -> dict[str, object] | None:
-    """Keys of the block `role` (sync, detector) that such a pulse crosses, behind an attenuator where it needs one;
-    None: the counter takes no such pulse."""
-    keys = counter.pulse_keys(pulse, device)
-    if keys is None:
-        return None
-    if pulse == "nim" or not needs_attenuator(counter, role):
-        return dict(keys)
-    return {**keys, "level_mv": _most_mv(_block(counter, role)) // 4}
 
 
 def needs_attenuator(counter: type[CounterBlock], role: str) -> bool:
