@@ -29,4 +29,11 @@ def within_depths(result: Reconstruction, nearest_m: float, farthest_m: float) -
         )
     volume = Volume(result.volume.albedo[planes], depths_m[planes], result.volume.wall)
     depth_m = depth_map(volume.albedo, volume.depths_m)
-    return replace(result, volume=volume, albedo=front_view(volume.albedo), depth_m=depth_m)
+    # Of a surface that is still the brightest, the method's own depth: it may know better than the volume's maximum.
+    kept = planes[result.volume.albedo.argmax(axis=0)] & np.isfinite(depth_m) & np.isfinite(result.depth_m)
+    return replace(
+        result,
+        volume=volume,
+        albedo=front_view(volume.albedo),
+        depth_m=np.where(kept, result.depth_m, depth_m).astype(np.float32),
+    )

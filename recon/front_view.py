@@ -3,6 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
+MOST_FADED = 3  # planes that a maximum is put back by
 LEAST_SEEN, MOST_HIDDEN = 0.1, 0.3  # of the bright parts' level: darker has no depth, brighter always has one
 
 
@@ -11,8 +12,16 @@ def front_view(albedo: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     return np.asarray(albedo.max(axis=0), dtype=np.float32)
 
 
-def depth_map(albedo: npt.NDArray[np.float32], depths_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
-    """Depth in metres of the maximum of a volume (D, H, W), planes at (D,), by a parabola; NaN where only noise is."""
+def depth_map(
+    albedo: npt.NDArray[np.float32],
+    depths_m: npt.NDArray[np.float64],
+    fading_per_m: npt.NDArray[np.float64] | None = None,
+) -> npt.NDArray[np.float32]:
+    """Depth in metres of the maximum of a volume (D, H, W), planes at (D,), by a parabola; NaN where only noise is.
+
+    A volume that shows one surface darker the deeper it lies has its maxima before the surfaces. They are put back, by
+    `fading_per_m`, (D,), what the logarithm of that brightness falls by a metre, over what the volume's own bends by.
+    """
     peak = albedo.argmax(axis=0)
     depth_m = depths_m[peak]
     if len(depths_m) > 2:
@@ -24,6 +33,9 @@ def depth_map(albedo: npt.NDArray[np.float32], depths_m: npt.NDArray[np.float64]
         offset = np.divide(0.5 * (before - after), curvature, out=np.zeros_like(at), where=curvature < 0)
         pitch_m = (depths_m[-1] - depths_m[0]) / (len(depths_m) - 1)
         depth_m = depths_m[middle] + np.clip(offset, -1, 1) * pitch_m
+        if fading_per_m is not None:
+            bend = np.divide(at, -curvature, out=np.zeros_like(at), where=curvature < 0) * pitch_m**2
+            depth_m += np.minimum(fading_per_m[middle] * bend, MOST_FADED * pitch_m)
     front = albedo.max(axis=0)
     return np.where(front > _floor(front), depth_m, np.nan).astype(np.float32)
 

@@ -59,12 +59,15 @@ def _without_response(signal: torch.Tensor, exposure_s: torch.Tensor | None, res
     return torch.from_numpy(np.stack(undone)).to(signal)
 
 
-def seen_in(volume: torch.Tensor, depths_m: npt.NDArray[np.float64]) -> MethodResult[torch.Tensor]:
-    """A volume (B, 1, D, H, W) at `depths_m` with what one sees of it from the wall; the depth map has no gradient."""
+def seen_in(
+    volume: torch.Tensor, depths_m: npt.NDArray[np.float64], fading_per_m: npt.NDArray[np.float64] | None = None
+) -> MethodResult[torch.Tensor]:
+    """A volume (B, 1, D, H, W) at `depths_m` with what one sees of it from the wall; the depth map has no gradient.
+    `fading_per_m` is that of `depth_map`."""
     if volume.shape[1] != 1:
         raise ValueError(f"{volume.shape[1]} channels; a picture is made of one at a time")
     whole = volume[:, 0]
-    maps = [depth_map(one.detach().cpu().numpy(), depths_m) for one in whole]
+    maps = [depth_map(one.detach().cpu().numpy(), depths_m, fading_per_m) for one in whole]
     return MethodResult(whole.amax(dim=1), torch.from_numpy(np.stack(maps)).to(volume.device), whole)
 
 

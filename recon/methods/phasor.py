@@ -3,6 +3,7 @@
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from pydantic import Field
 from torch import nn
@@ -35,8 +36,7 @@ class Settings(PhysicsSettings):
     """The exact confocal propagator, or the approximation in light-cone space (the authors' conventions use that)."""
     wavelength_m: Annotated[float, Field(gt=0)] | None = None
     """Of the virtual wave, along the light's path; four wall pixels unless given, more where the instrument's response
-    would not leave enough of these. The wave fades with distance, so surfaces come out nearer by about 2 sigma^2 over
-    their depth: by 2 to 13 mm of 0.6 m at 32 to 16 pixels a metre, by 3 at most with two pixels."""
+    would not leave enough of these."""
     cycles: Annotated[float, Field(ge=1, le=50)] | None = None
     """In the pulse; 4 unless given, 5 as published. Fewer see finer depth, more suppress noise."""
     planes: Annotated[int, Field(ge=2)] = 128
@@ -78,6 +78,7 @@ class Camera(VolumeMethod):
         self.falloff = Falloff(time, settings.falloff)
         self.wall, self.wavelength_m = wall, _wavelength_m(settings, wall)
         self.propagate = self._propagator(self.wavelength_m)
+        self.fading_per_m = _fading_per_m(wall, self.depths_m)
         self.slower: tuple[float, ConfocalRsd] | None = None
 
     def volume(
@@ -138,6 +139,13 @@ def build(settings: AnySettings, wall: WallGrid, time: TimeAxis) -> nn.Module:
         )
     lightcone = settings.variant == "light_cone" or settings.conventions == "authors"
     return LightConeCamera(settings, wall, time) if lightcone else Camera(settings, wall, time)
+
+
+def _fading_per_m(wall: WallGrid, depths_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """What the propagator, 1 / distance^2 from each wall point, lets a point in front of the wall's middle fade by."""
+    across_m2 = wall.x_m() ** 2 + wall.y_m()[:, None] ** 2
+    gathered = (1 / (across_m2 + depth_m**2) for depth_m in depths_m)
+    return np.array([2 * z * (g**2).sum() / g.sum() for z, g in zip(depths_m, gathered, strict=True)])
 
 
 def _wavelength_m(settings: Settings, wall: WallGrid) -> float:
