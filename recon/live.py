@@ -157,7 +157,7 @@ class LiveReconstruction:
 
     def _set_for_film(self, falloff: int | None, hurried: bool, finished: bool) -> dict[str, object]:
         known = find(self.method).Settings.model_fields
-        quick: dict[str, object] = {"symmetries": False}
+        quick: dict[str, object] = {"symmetries": False, "finer_grid": False}
         if "bfloat16" in known and self._device == "cpu":
             from nlos.recon.layers.in_bfloat16 import bfloat16_is_fast
 

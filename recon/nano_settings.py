@@ -7,6 +7,7 @@ from pydantic import Field
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
+from nlos.recon.layers.finer_grid import FinerGrid
 from nlos.recon.layers.transient_lifting import LiftingName
 from nlos.recon.layers.wiener_volumes import rebinned_axis
 from nlos.recon.memory import cube_bytes
@@ -51,6 +52,8 @@ class Settings(AnySettings):
     refine: bool = True
     """Hold the picture against the light that it was made from, and correct it, for the weights that ship; False: a
     picture without intervals, which are those of corrected ones."""
+    finer_grid: bool = True
+    """See arrays of fewer than 28 points a side among cells that nobody measured, 48 a side and more, once trained."""
     bfloat16: bool = False
     """Convolutions in three dimensions in bfloat16, once trained: for films, where the processor multiplies in it."""
     from_first_light: bool = False
@@ -58,10 +61,15 @@ class Settings(AnySettings):
     stage: Literal["whole", "noise"] = "whole"
     """What is trained: the operator with frozen noise estimation, or noise estimation alone."""
 
+    def grid(self, wall: WallGrid) -> FinerGrid:
+        """What scans of `wall` are seen on."""
+        return FinerGrid.of_few(wall) if self.finer_grid and self.weights is not None else FinerGrid(wall)
+
     def bytes_needed(self, wall: WallGrid, time: TimeAxis, told: bool = False) -> int:
         """Peak memory beside the program itself and the counts: the operator's own grid does not grow with the scan's,
         what noise estimation and the Wiener volumes hold does."""
-        return OWN_BYTES + int((CUBES + told * TOLD_CUBES) * cube_bytes(wall, rebinned_axis(wall, time)[1]))
+        finer = self.grid(wall).wall
+        return OWN_BYTES + int((CUBES + told * TOLD_CUBES) * cube_bytes(finer, rebinned_axis(wall, time)[1]))
 
     def smaller(self, wall: WallGrid, time: TimeAxis, free: int, told: bool = False) -> dict[str, int]:
         """No setting makes it less."""

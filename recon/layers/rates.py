@@ -10,6 +10,9 @@ from nlos.recon.layers.counts import exposed
 
 TREND = 3
 STEEPEST = 0.3
+FEW = 200
+"""Points up to which light is looked for point by point as well."""
+WINDOW, CLUMPED = 16, (1.5, 2.0)
 AROUND = 4
 """Time bins before and behind each over which a mean histogram is averaged."""
 
@@ -55,7 +58,7 @@ def presence(rates: Tensor, exposure: Tensor) -> Tensor:
 
     Under a flat rate the variance of the mean over N points is 1/N of that of the points, whatever a photon counts.
     Slow changes of a background are no signal (`without_trend`). Bins that are empty everywhere (cut by a calibration)
-    say nothing and are skipped.
+    say nothing and are skipped. Of `FEW` points each is asked alone, too (`clumped`).
     """
     measured = (exposure > 0).float()[:, None]  # (B, 1, H, W)
     points = measured.sum(dim=(1, 2, 3)).clamp(min=2)
@@ -67,7 +70,29 @@ def presence(rates: Tensor, exposure: Tensor) -> Tensor:
     within = (within * used).sum(dim=1) / bins
     between = without_trend(profile, used).square().sum(dim=1) / (bins - 1 - TREND) * points
     spread = (2 / bins).sqrt()
-    return ((between / within.clamp(min=1e-30) - 1 - 5 * spread) / (5 * spread)).clamp(0, 1)
+    found = ((between / within.clamp(min=1e-30) - 1 - 5 * spread) / (5 * spread)).clamp(0, 1)
+    if float(points.min()) > FEW:
+        return found
+    each = zip(rates[:, 0], used > 0, exposure > 0, strict=True)
+    alone = [clumped(one[bins_used][:, at].T) if int(at.sum()) <= FEW else 0.0 for one, bins_used, at in each]
+    return torch.maximum(found, found.new_tensor(alone))
+
+
+def clumped(histograms: Tensor) -> float:
+    """From 0 to 1: do the histograms of points (P, T) vary more over `WINDOW`s of bins than from bin to bin?
+
+    Points that are few and far apart see a surface at times of their own, which a mean over them does not hold. Under
+    a flat rate, a slow trend aside, the ratio is about 1, whatever a photon counts: 1.25 at most in 2,700 scans of 25
+    to 144 points with ambient light that varies, a slope of a quarter and afterpulses. Light is told from `CLUMPED` on.
+    """
+    windows = histograms.shape[1] // WINDOW
+    if windows < TREND + 3:
+        return 0.0
+    noise = float(histograms.diff(dim=1).square().mean()) / 2
+    means = histograms[:, : windows * WINDOW].reshape(len(histograms), windows, WINDOW).mean(dim=2)
+    rest = float(without_trend(means, torch.ones_like(means)).square().sum()) / (len(means) * (windows - 1))
+    low, high = CLUMPED
+    return min(max((rest * WINDOW / max(noise, 1e-30) - low) / (high - low), 0.0), 1.0)
 
 
 def without_trend(profile: Tensor, used: Tensor) -> Tensor:

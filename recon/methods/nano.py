@@ -64,6 +64,8 @@ class Nano(nn.Module):
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis):
         super().__init__()
         self.settings, self.time = settings, time
+        self.grid = settings.grid(wall)
+        wall = self.grid.wall
         self.physics = WienerVolumes(wall, time, settings.falloff)
         self.depths_m = self.physics.depths.double().numpy() * self.physics.unit_m
         pitch = self.physics.pitch
@@ -102,6 +104,7 @@ class Nano(nn.Module):
     def forward(
         self, counts: Tensor, exposure: Tensor | None = None, response: Tensor | None = None
     ) -> MethodResult[Tensor]:
+        counts, exposure = self.grid.spread(counts, exposure)
         coarse = None if self.training else in_the_large(self.halved, counts, exposure, response)
         given = self.prepared(counts, exposure, response)
         volumes, eta, maps, lifted, presence, first = given
@@ -110,9 +113,7 @@ class Nano(nn.Module):
         else:
             seen = self.iterate(volumes, eta, maps, lifted, first)
         present = presence[:, None, None]
-        albedo = seen.albedo
-        if not self.training:
-            albedo = with_detail(coarse, albedo.clamp(0, 1))
+        albedo = seen.albedo if self.training else with_detail(coarse, seen.albedo.clamp(0, 1))
         refined = as_it_was(albedo, seen.depth)
         if self.refinement is not None:
             refined = self.refinement(counts, exposure, response, albedo, seen.depth)
@@ -127,7 +128,7 @@ class Nano(nn.Module):
             sure = intervals_of(self.head_of_intervals, found, presence, self.physics)
         behind = self.physics.slices - first - seen.volume.shape[1]  # too far for any light
         volume = F.pad(seen.volume * present[..., None], (0, 0, 0, 0, first, behind))
-        return with_intervals(MethodResult(albedo, depth_m, volume), sure)
+        return self.grid.gathered(with_intervals(MethodResult(albedo, depth_m, volume), sure))
 
     def prepared(self, counts: Tensor, exposure: Tensor | None, response: Tensor | None = None) -> Prepared:
         """What the operator is given of counts and exposure as `forward` takes them."""
@@ -180,8 +181,8 @@ class Nano(nn.Module):
             eta, spread, known = self.noise_level.everywhere(rates.raw, rates.exposure)
         if self.any_noise is None or self.training:
             return eta, spread, torch.full_like(eta, torch.nan)
-        wall, time = self.physics.wall, self.physics.time
-        traits = noise_traits(rates, known, eta, (wall.height_m, wall.width_m), time.bin_width_s)
+        wall = self.physics.wall
+        traits = noise_traits(rates, known, eta, (wall.height_m, wall.width_m), self.physics.time.bin_width_s)
         return eta, spread, torch.where(rates.presence > 0, self.any_noise(traits, rates.kept), torch.nan)
 
     # B. The operator, S times (algorithm 1)
@@ -285,6 +286,7 @@ def build(settings: AnySettings, wall: WallGrid, time_axis: TimeAxis) -> Nano:
         network.takes_response = holds(settings.weights, TOLD)
     network.any_noise = own_copy(any_noise_for(settings.weights)) if settings.noise_weights is None else None
     network.head_of_intervals = own_copy(head_for(settings.weights)) if settings.refine else None
+    wall = network.grid.wall
     refined = settings.refine and min(wall.rows, wall.cols) >= REFINED
     correction = own_copy(correction_for(settings.weights)) if refined else None
     if correction is not None:

@@ -38,7 +38,7 @@ VARIANTS: tuple[tuple[int, DetectorSettings, bool], ...] = (
     (32, QUICK, False), (64, QUICK, False), (32, SLOW, False), (64, TOLD, False),
     (32, QUICK, False), (64, QUICK, False), (32, TOLD, False), (64, SLOW, False),
     (32, QUICK, True), (64, QUICK, False), (32, QUICK, False), (64, TOLD, False),
-    (20, QUICK, False), (24, TOLD, False), (16, QUICK, False),
+    (40, QUICK, False), (48, TOLD, False), (32, QUICK, False),
 )  # fmt: skip
 """Points a side, detector, retroreflective: in turn."""
 SLOW_VARIANTS = ((64, TOLD, False), (32, TOLD, False), (64, TOLD, False))
