@@ -7,9 +7,12 @@ import numpy.typing as npt
 
 from nlos.drivers.simulated.timetagger.measurements import NONE, Measurement, Tagger
 
+CHANNEL_UNUSED = -134_217_728
+
 
 class Flim(Measurement):
-    """Pixels begin and end with edges; a frame is complete with its last pixel, and the next one begins."""
+    """Pixels begin and end with edges; a frame is complete with its last pixel. Of `finish_after_outputframe` frames
+    each can be asked for by its number; where that is 0, nothing but the latest one."""
 
     def __init__(
         self,
@@ -21,7 +24,12 @@ class Flim(Measurement):
         n_bins: int,
         binwidth: int,
         pixel_end_channel: int,
+        frame_begin_channel: int = CHANNEL_UNUSED,
+        finish_after_outputframe: int = 0,
     ) -> None:
+        if frame_begin_channel != CHANNEL_UNUSED or finish_after_outputframe > 1:
+            raise NotImplementedError("of one frame, which its pixels begin")
+        self._frames = finish_after_outputframe
         self._start, self._click, self._begin_at, self._end_at = (
             start_channel, click_channel, pixel_begin_channel, pixel_end_channel,
         )  # fmt: skip
@@ -66,6 +74,8 @@ class Flim(Measurement):
         return self._sorted()
 
     def getReadyFrameEx(self, index: int = -1) -> "FrameInfo":
+        if index >= self._frames:
+            raise ValueError("frame is out of bounds or on unlimited mode")
         return self._sorted()
 
 

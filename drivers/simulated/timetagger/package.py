@@ -17,6 +17,8 @@ _INPUTS = 18
 class TimeTaggerPackage:
     """The package with one Time Tagger Ultra plugged in, wired as the bench file says."""
 
+    CHANNEL_UNUSED = flim.CHANNEL_UNUSED
+
     def __init__(self, table: SimulatedTable, wiring: TimeTaggerSettings) -> None:
         self._panel = FrontPanel(table, wiring)
         self.held = False

@@ -119,6 +119,7 @@ class ByFlim:
         self._flim = tagger.measurement(
             "Flim", settings.sync.channel, settings.detector.channel, tagger.call("getChannel", begin.getChannel),
             points, self._bins, round(axis.bin_width_s / PS), tagger.call("getChannel", end.getChannel),
+            tagger.constant("CHANNEL_UNUSED"), 1,  # frame; of an endless number none can be asked for by its own
         )  # fmt: skip
         self._complete = 0
         self._frame: npt.NDArray[Any] = np.zeros((points, self._bins), np.uint32)

@@ -81,15 +81,19 @@ class Tagger:
         """The array that a measurement holds."""
         return np.asarray(self.call(name, self._named(source, name)))
 
-    def _named(self, source: Any, name: str) -> Callable[..., Any]:
-        function: Callable[..., Any] | None = getattr(source, name, None)
-        if function is None:
+    def constant(self, name: str) -> Any:
+        """A number of the vendor's package."""
+        return self._named(self._package, name)
+
+    def _named(self, source: Any, name: str) -> Any:
+        found = getattr(source, name, None)
+        if found is None:
             raise WrongDevice(
                 self.device,
                 f"the vendor's package has no {name}: it is of a version that this adapter was not written for.",
                 "pip install --upgrade Swabian-TimeTagger.",
             )
-        return function
+        return found
 
     def rates(self) -> CountRates:
         """Over a tenth of a second; every laser pulse counts, for which the filter is off meanwhile."""
