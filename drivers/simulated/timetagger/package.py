@@ -12,10 +12,12 @@ from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
 
 SERIAL = "SIM2100001"
 _INPUTS = 18
+_HARDWARE_DELAY_PS = 2_500_000
+_LEVELS_V = (-1.5, 1.5)
 
 
 class TimeTaggerPackage:
-    """The package with one Time Tagger Ultra plugged in, wired as the bench file says."""
+    """The package with one Time Tagger X plugged in, wired as the bench file says."""
 
     CHANNEL_UNUSED = flim.CHANNEL_UNUSED
 
@@ -37,7 +39,7 @@ class TimeTaggerPackage:
 
     def freeTimeTagger(self, tagger: "Instrument") -> None:
         if tagger.open:
-            tagger.xtra_setAuxOut(1, False)
+            tagger.panel.set_clock(0.0)
             tagger.panel.stop()
         tagger.open = self.held = False
 
@@ -68,7 +70,7 @@ class Instrument:
             raise ValueError(f"Channel {channel} does not exist")
 
     def getModel(self) -> str:
-        return "Time Tagger Ultra"
+        return "Time Tagger X"
 
     def getSerial(self) -> str:
         return SERIAL
@@ -77,14 +79,27 @@ class Instrument:
         return "2.22"
 
     def setTriggerLevel(self, channel: int, voltage: float) -> None:
+        """A level beyond its range becomes the last one within; nothing but a line in the log says so."""
         self.check_channel(channel)
-        if not -2.5 <= voltage <= 2.5:
-            raise ValueError(f"Trigger level {voltage} V is out of range")
-        self.panel.level_v[channel] = voltage
+        self.panel.level_v[channel] = min(max(voltage, _LEVELS_V[0]), _LEVELS_V[1])
+
+    def getTriggerLevel(self, channel: int) -> float:
+        self.check_channel(channel)
+        return self.panel.level_v[channel]
 
     def setInputDelay(self, channel: int, delay: int) -> None:
+        """Before the filter where the instrument can."""
         self.check_channel(channel)
-        self.panel.delay_ps[channel] = delay
+        in_hardware = abs(delay) <= _HARDWARE_DELAY_PS
+        self.panel.hardware_ps[channel], self.panel.software_ps[channel] = (delay, 0) if in_hardware else (0, delay)
+
+    def setDelaySoftware(self, channel: int, delay: int) -> None:
+        self.check_channel(channel)
+        self.panel.software_ps[channel] = delay
+
+    def getDelaySoftware(self, channel: int) -> int:
+        self.check_channel(channel)
+        return self.panel.software_ps.get(channel, 0)
 
     def setConditionalFilter(self, trigger: list[int], filtered: list[int]) -> None:
         for channel in (*trigger, *filtered):

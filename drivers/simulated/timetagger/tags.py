@@ -34,7 +34,10 @@ class FrontPanel:
         self._decoder = T3Decoder(GENERIC)
         self._started_s = 0.0
         self.level_v: dict[int, float] = {}
-        self.delay_ps: dict[int, int] = {}
+        self.hardware_ps: dict[int, int] = {}
+        """Delays by channel that come before the conditional filter."""
+        self.software_ps: dict[int, int] = {}
+        """Those that come after it."""
         self.filtered: frozenset[int] = frozenset()
 
     def crossed(self, channel: int, height_mv: int) -> bool:
@@ -80,10 +83,14 @@ class FrontPanel:
         since_ps = round(self._started_s / PS)
         pulses, sync, detector = events.photon_pulses, self.wiring.sync.channel, self.wiring.detector.channel
         late_ps = events.format.delays(events.photons).astype(np.int64) * self._width_ps + self._width_ps // 2
-        clicks = since_ps + pulses * self.period_ps + late_ps + self.delay_ps.get(detector, 0)
+        clicks = pulses * self.period_ps + late_ps + self.hardware_ps.get(detector, 0)
         # The filter lets the pulse after a photon through, once where several photons came before it.
         next_pulse = 1 if sync in self.filtered else 0
-        lasers = since_ps + (np.unique(pulses) + next_pulse) * self.period_ps + self.delay_ps.get(sync, 0)
+        last_pulses = np.unique((clicks - self.hardware_ps.get(sync, 0)) // self.period_ps)
+        lasers = (last_pulses + next_pulse) * self.period_ps + self.hardware_ps.get(sync, 0)
+        clicks, lasers = (
+            since_ps + each + self.software_ps.get(channel, 0) for each, channel in ((clicks, detector), (lasers, sync))
+        )
         if not self.photons_cross():
             clicks = clicks[:0]
         if not self.laser_crosses():

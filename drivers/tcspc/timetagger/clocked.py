@@ -1,7 +1,7 @@
 """Points stepped by a Time Tagger's AUX OUT and told apart by the mirror's markers: by the vendor's `Flim`, or by tags.
 
-The `xtra_` calls drive AUX OUT of the Time Tagger Ultra and X; that its first edge comes as it is enabled, and how it
-stops, is not in the vendor's reference: watch it on an oscilloscope before the first scan.
+The `xtra_` calls drive AUX OUT of the Time Tagger X; that its first edge comes as it is enabled, and how it stops, is
+not in the vendor's reference: watch it on an oscilloscope before the first scan.
 """
 
 from dataclasses import dataclass

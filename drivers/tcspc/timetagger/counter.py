@@ -49,10 +49,12 @@ class TimeTagger(UnwatchedCounter):
         self.list_mode = self.counts_markers = self.has_pixel_clock or self.follows_mirror
         self.warnings: Sequence[str] = ()
         for each in (settings.sync, settings.detector):
-            tagger.set("setTriggerLevel", each.channel, each.level_mv * 1e-3)
-            tagger.set("setInputDelay", each.channel, each.delay_ps)
+            tagger.set_level(each.channel, each.level_mv)
+        tagger.delay_inputs()
         for channel in settings.markers if self.counts_markers else ():
-            tagger.set("setTriggerLevel", channel, settings.marker_level_mv * 1e-3)
+            tagger.set_level(channel, settings.marker_level_mv)
+        if settings.pixel_clock is not None:
+            tagger.set("xtra_setAuxOut", settings.pixel_clock, False)  # a model or licence without it says so here
         self.identity = DeviceIdentity(
             settings.model,
             "Swabian Instruments",

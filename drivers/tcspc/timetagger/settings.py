@@ -20,7 +20,7 @@ class TimeTaggerInput(Settings):
     level_mv: int = Field(default=500, ge=-2500, le=2500)
     """Voltage that a pulse has to cross."""
     delay_ps: int = Field(default=0, ge=-99_999, le=99_999)
-    """Added to this input's times, as a cable would."""
+    """Added to this input's times, as a cable would; a Time Tagger 20 cannot."""
 
 
 class TimeTaggerSettings(CounterBlock):
@@ -54,8 +54,8 @@ class TimeTaggerSettings(CounterBlock):
     mirror_steps: bool = False
     """Whether the mirror steps by a clock of its own, and its marks are wired to `markers`."""
     pixel_clock: int | None = Field(default=None, ge=1, le=2)
-    """AUX OUT (Time Tagger Ultra and X) that is wired to the mirror controller's trigger input; none: the computer
-    steps the mirror."""
+    """AUX OUT (Time Tagger X with its maker's fast-feedback licence) that is wired to the mirror controller's trigger
+    input; none: the computer steps the mirror."""
 
     @classmethod
     def pulse_keys(cls, pulse: Pulse, device: str = "") -> Mapping[str, object] | None:

@@ -1,5 +1,6 @@
 """A Time Tagger behind the vendor's Python package: found, opened, set up, and every call's failure named."""
 
+import contextlib
 import importlib
 import threading
 from collections.abc import Callable
@@ -10,13 +11,23 @@ import numpy.typing as npt
 
 from nlos.drivers.clock import Clock
 from nlos.drivers.device_model import WireLog
-from nlos.drivers.errors import DeviceFault, DeviceLost, DeviceNotFound, DeviceTimeout, SyncLost, WrongDevice
+from nlos.drivers.errors import (
+    DeviceFault,
+    DeviceLost,
+    DeviceNotFound,
+    DeviceTimeout,
+    LimitError,
+    SyncLost,
+    WrongDevice,
+)
 from nlos.drivers.tcspc.counter import CountRates
 from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
 
 PACKAGE = "Swabian.TimeTagger"
 PS = 1e-12
 _RATE_S, _QUICK_S = 0.1, 0.01
+_LEVEL_STEP_MV = 20
+"""No model's levels are further apart."""
 _MORE_S = 0.5
 """A rate that is not there so long after its time does not come: light may be on meanwhile."""
 
@@ -95,6 +106,31 @@ class Tagger:
             )
         return found
 
+    def set_level(self, channel: int, level_mv: int) -> None:
+        """Raises `LimitError` where it took another: the vendor's package moves a level beyond the model's range to its
+        end, and says so nowhere but in its log."""
+        self.set("setTriggerLevel", channel, level_mv * 1e-3)
+        taken_mv = float(self.set("getTriggerLevel", channel)) * 1e3
+        if abs(taken_mv - level_mv) > _LEVEL_STEP_MV:
+            raise LimitError(
+                self.device,
+                f"input {channel} takes no level of {level_mv} mV: it made {taken_mv:.0f} mV of it.",
+                "Correct it in the bench file.",
+            )
+
+    def delay_inputs(self) -> None:
+        """As the bench file says, before the filter: behind it the pulse that goes with a photon would be another one.
+        Raises `LimitError` for a model that cannot."""
+        for each in (self._settings.sync, self._settings.detector):
+            self.set("setDelaySoftware", each.channel, 0)
+            self.set("setInputDelay", each.channel, each.delay_ps)
+            if int(self.set("getDelaySoftware", each.channel)):
+                raise LimitError(
+                    self.device,
+                    f"this model delays input {each.channel} only behind its filter, which would lose photons.",
+                    "Set delay_ps: 0 in the bench file, and choose histogram.offset_ns instead.",
+                )
+
     def rates(self) -> CountRates:
         """Over a tenth of a second; every laser pulse counts, for which the filter is off meanwhile."""
         self.set("clearConditionalFilter")
@@ -126,7 +162,7 @@ class Tagger:
             raise SyncLost(self.device, "sees no sync signal.", "Check laser, sync cable and sync.level_mv.")
         sync, detector = self._settings.sync, self._settings.detector
         self.set("setConditionalFilter", [detector.channel], [sync.channel])
-        self.set("setInputDelay", sync.channel, sync.delay_ps - round(1 / (sync_hz * PS)))
+        self.set("setDelaySoftware", sync.channel, -round(1 / (sync_hz * PS)))  # one before the filter opened it late
         self.set("sync")
 
     def overflowed(self) -> bool:
@@ -134,8 +170,9 @@ class Tagger:
         return bool(self.set("getOverflowsAndClear"))
 
     def close(self) -> None:
-        """May be called twice."""
+        """May be called twice; what the package says of an instrument that is gone is no error of closing it."""
         with self._lock:
             if not self.closed:
                 self.closed = True
-                self._package.freeTimeTagger(self.instrument)
+                with contextlib.suppress(RuntimeError, ValueError, OSError):
+                    self._package.freeTimeTagger(self.instrument)

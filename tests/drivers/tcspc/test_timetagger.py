@@ -1,0 +1,103 @@
+"""A Time Tagger whose model or cabling differs from the one of the other tests: delays, levels, AUX OUT."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nlos.drivers.errors import DeviceFault, LimitError
+from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.simulated.bench import Exposure, Gate, SimulatedBench
+from nlos.drivers.simulated.simulation_settings import SimulationSettings
+from nlos.drivers.simulated.table import SimulatedTable
+from nlos.drivers.tcspc.counter import HistogramAxis, PointGates
+from nlos.drivers.tcspc.timetagger.counter import TimeTagger
+from nlos.drivers.tcspc.timetagger.model import TIMETAGGER
+from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
+
+PERIOD_PS, WIDTH_PS = 100_000, 100
+AXIS = HistogramAxis(PERIOD_PS // WIDTH_PS, WIDTH_PS * 1e-12)
+ARRIVALS_PS = (1_050, 98_050)
+"""After the laser pulse: one early, one late in its period."""
+
+
+def light(gate: Gate, beam: MirrorAngles, is_open: bool) -> Exposure:
+    counts = np.zeros(gate.bins, np.uint32)
+    for arrival_ps in ARRIVALS_PS:
+        place = int((arrival_ps * 1e-12 - gate.offset_s) / gate.bin_width_s)
+        if 0 <= place < gate.bins:
+            counts[place] = 40
+    return Exposure(counts, gate.dwell_s, round(gate.dwell_s / (PERIOD_PS * 1e-12)), int(counts.sum()), False)
+
+
+def rig(**given: Any) -> tuple[Any, TimeTaggerSettings, SimulatedBench]:
+    settings = TimeTaggerSettings.model_validate({"model": "timetagger", "library": "simulated", **given})
+    bench = SimulatedBench(light)
+    bench.set_shutter(True)
+    table = SimulatedTable(bench, SimulationSettings(), 1 / (PERIOD_PS * 1e-12))
+    return TIMETAGGER.firmware(settings, table), settings, bench
+
+
+class Replaced:
+    """The package, of whose instrument some methods are others."""
+
+    def __init__(self, package: Any, **methods: Any) -> None:
+        self._package, self._methods = package, methods
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._package, name)
+
+    def createTimeTagger(self, serial: str) -> Any:
+        instrument = self._package.createTimeTagger(serial)
+        for name, method in self._methods.items():
+            setattr(instrument, name, method)
+        return instrument
+
+
+@pytest.mark.parametrize("mode", ["histogram", "list"])
+@pytest.mark.parametrize(("sync_ps", "detector_ps"), [(0, 0), (0, 5_000), (0, -5_000), (-2_000, 3_000), (90_000, 0)])
+def test_delays_move_photons_around_the_period_and_lose_none(mode: str, sync_ps: int, detector_ps: int) -> None:
+    package, settings, bench = rig(
+        mode=mode, sync={"channel": 1, "delay_ps": sync_ps}, detector={"channel": 2, "delay_ps": detector_ps}
+    )
+    counter = TimeTagger.open(settings, bench.clock, package)
+    counter.configure(AXIS)
+    counter.arm(PointGates([0.004], [0]))
+    counter.trigger()
+    counter.wait_points(1, 1.0)
+    (seen,) = counter.read(0, 1)
+    counter.close()
+    due = sorted((arrival + detector_ps - sync_ps) % PERIOD_PS // WIDTH_PS for arrival in ARRIVALS_PS)
+    assert np.flatnonzero(seen.counts).tolist() == due
+    assert seen.counts[due].tolist() == [40, 40]
+
+
+def test_a_model_that_delays_behind_its_filter_is_refused_delays_and_nothing_else() -> None:
+    """A Time Tagger 20 has no other delays than those of the computer."""
+    package, settings, bench = rig(detector={"channel": 2, "delay_ps": 5_000})
+    panel = package._panel
+
+    def behind(channel: int, delay: int) -> None:
+        panel.software_ps[channel] = delay
+
+    older = Replaced(package, setInputDelay=behind)
+    with pytest.raises(LimitError, match=r"input 2 only behind its filter.*delay_ps: 0"):
+        TimeTagger.open(settings, bench.clock, older)
+    TimeTagger.open(rig()[1], bench.clock, older).close()
+
+
+def test_a_level_that_the_package_moves_into_its_range_is_refused() -> None:
+    package, settings, bench = rig(detector={"channel": 2, "level_mv": -2000})
+    with pytest.raises(LimitError, match="input 2 takes no level of -2000 mV: it made -1500 mV of it"):
+        TimeTagger.open(settings, bench.clock, package)
+    assert not package.held
+
+
+def test_a_model_without_aux_out_says_so_as_it_is_opened() -> None:
+    package, settings, bench = rig(pixel_clock=1)
+
+    def without(channel: int, enabled: bool) -> None:
+        raise RuntimeError("Aux Out signal generator is only supported on the Time Tagger X series.")
+
+    with pytest.raises(DeviceFault, match="only supported on the Time Tagger X"):
+        TimeTagger.open(settings, bench.clock, Replaced(package, xtra_setAuxOut=without))
