@@ -124,8 +124,9 @@ def moves_s(bench: Bench, angles: Sequence[MirrorAngles]) -> npt.NDArray[np.floa
     if pause_s is None:
         return settled_s
     look_s, _ = exchanges_s(bench)
-    in_vain = np.maximum(np.ceil((settled_s - look_s - pause_s / 2) / (look_s + pause_s)), 0.0)
-    return np.asarray((in_vain + 2) * look_s + (in_vain + 1) * pause_s)
+    stable_s = bench.settings.mirror.stable_s
+    in_vain = np.maximum(np.ceil((settled_s - stable_s - look_s - pause_s / 2) / (look_s + pause_s)), 0.0)
+    return np.asarray((in_vain + 2) * look_s + in_vain * pause_s + max(pause_s, stable_s))
 
 
 def stepped_forecast(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles], links: Links) -> Forecast:

@@ -28,6 +28,11 @@ class MirrorBlock(DeviceSettings):
     """How far each axis may be sent to each side, in optical degrees, whatever the geometry says; the head's reach
     alone unless given."""
 
+    @property
+    def stable_s(self) -> float:
+        """How long a mirror that is looked at has to say that it is still, which its moves last longer."""
+        return 0.0
+
     def check_allowed(self, angles: MirrorAngles) -> None:
         """Raises `LimitError` outside `allowed_deg`. A driver asks before it sends."""
         if self.allowed_deg is not None:

@@ -77,7 +77,9 @@ class Optotune:
         self._coordinates(angles)
 
     def settle_s(self, start: MirrorAngles, end: MirrorAngles) -> float:
-        return self._settings.settle.settle_s(start, end)
+        if start == end:
+            return 0.0
+        return self._settings.settle.settle_s(start, end) + self._settings.stable_s
 
     def begin_move(self, angles: MirrorAngles) -> None:
         """Sends both coordinates in one command."""
@@ -91,7 +93,8 @@ class Optotune:
             self._target = angles
 
     def wait_settled(self) -> None:
-        """Polls the status until it says stable twice in a row, then compares positions where `readback` asks for it.
+        """Polls the status until it says stable twice in a row, `stable_ms` apart, then compares positions where
+        `readback` asks for it.
 
         Raises `SettleTimeout`, and `DeviceFault` for any fault bit, present or latched. The mirror is not moved again.
         """
@@ -207,7 +210,7 @@ class Optotune:
                     f"not stable after {self._settings.settle_timeout_s:g} s: STATUS 0x{status:08x}, {self._board()}.",
                     REOPEN,
                 )
-            self._clock.sleep(self._settings.polled_every_s)
+            self._clock.sleep(max(self._settings.stable_s if stable else 0.0, self._settings.polled_every_s))
 
     def _board(self) -> str:
         try:

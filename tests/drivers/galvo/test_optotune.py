@@ -450,3 +450,33 @@ def test_a_sensor_that_sees_the_mirror_off_the_disc_is_not_believed(x: float, y:
     else:
         with pytest.raises(ValueError, match="off the unit disc"):
             wire.decode_position(payload)
+
+
+STILL_MS = ((0.0, False), (14.7, True), (15.6, False), (16.4, True), (17.3, False), (17.7, True), (18.9, False),
+            (19.9, True))  # fmt: skip
+"""A mirror that rings: from when on after a move it calls itself stable."""
+
+
+@pytest.mark.parametrize("exchange_ms", [0.05, 0.2, 0.5, 1.0, 3.0])
+def test_a_mirror_that_rings_is_not_settled_while_it_calls_itself_stable_now_and_then(
+    lab: Lab, exchange_ms: float
+) -> None:
+    """Of a real MR-15-30 three such calls are known, within 5.2 ms."""
+    bench, mirror = lab()
+    firmware = plugged("steered").firmware
+    receive, sent_s = firmware.receive, [0.0]
+
+    def ring(data: bytes, when_s: float) -> bytes:
+        bench.clock.sleep(exchange_ms * 1e-3)
+        if data != b"STATUS\r\n":
+            return receive(data, when_s)
+        after_ms = (bench.clock.now() - sent_s[0]) * 1e3
+        still = next(is_still for from_ms, is_still in reversed(STILL_MS) if after_ms >= from_ms)
+        return b"00000000\r\n" if still else b"00000010\r\n"
+
+    firmware.receive = ring  # type: ignore[method-assign]
+    for start_ms in range(0, 30, 3):
+        mirror.begin_move(ASIDE)
+        sent_s[0] = bench.clock.now() - start_ms * 1e-4
+        mirror.wait_settled()
+        assert bench.clock.now() - sent_s[0] >= 19.9e-3
