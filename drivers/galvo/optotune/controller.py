@@ -182,7 +182,7 @@ class _FrameDamaged(ProtocolError):
 
 def _prove(line: SerialLine, stale: bytes) -> None:
     """An answer that nobody waited for is no noise: a command was carried out twice, and the mirror may have moved."""
-    unasked = line.in_step and re.search(rb"OK|NO|OL|OU|ERROR|[0-9A-F]{8}|~", stale)
+    unasked = line.in_step and re.search(rb"OK|NO|OL|OU|ERROR|0x|[0-9A-Fa-f]{8}|~", stale)
     _to_simple_mode(line)
     if wire.names_model(stale):
         raise _restarted()

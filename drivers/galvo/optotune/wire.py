@@ -22,7 +22,9 @@ MEASURED_XY = {"MR-E-2": (0x2302, 0x2303), "MR-E-3": (0x3B00, 0x3B01)}
 """Registers of the position that the mirror's own sensor sees, by controller."""
 
 _FLAG, _ESCAPE, _FLIP = 0x7E, 0x7D, 0x20
-_STATUS = re.compile(rb"(?:0x)?([0-9A-Fa-f]{8})")
+_STATUS = re.compile(
+    rb"0x[0-9A-Fa-f]{1,8}|[0-9A-Fa-f]{8}"
+)  # without a prefix, nothing but all digits shows it is whole
 _MODEL = re.compile(rb"MR-?E-?([23])")
 
 
@@ -72,7 +74,7 @@ def set_position(x: float, y: float) -> bytes:
 def decode_status(line: bytes) -> Status | None:
     """The register, or None for any other line."""
     match = _STATUS.fullmatch(line)
-    return Status(int(match[1], 16)) if match else None
+    return Status(int(match[0], 16)) if match else None
 
 
 def names_model(text: bytes) -> str:

@@ -480,3 +480,14 @@ def test_a_mirror_that_rings_is_not_settled_while_it_calls_itself_stable_now_and
         sent_s[0] = bench.clock.now() - start_ms * 1e-4
         mirror.wait_settled()
         assert bench.clock.now() - sent_s[0] >= 19.9e-3
+
+
+@pytest.mark.parametrize(
+    ("line", "status"),
+    [(b"0x0", 0), (b"0x10", 0x10), (b"0x00000010", 0x10), (b"00000010", 0x10), (b"10", None), (b"0x", None),
+     (b"0x123456789", None), (b"OK", None)],
+)  # fmt: skip
+def test_the_status_may_be_written_with_a_prefix_and_then_without_leading_zeros(
+    line: bytes, status: int | None
+) -> None:
+    assert wire.decode_status(line) == status
