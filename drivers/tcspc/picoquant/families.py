@@ -87,7 +87,7 @@ class PicoquantInput(Settings):
     edge: Literal["rising", "falling"] = "falling"
     """Which edge counts (MultiHarp)."""
     offset_ps: int = Field(default=0, ge=-99_999, le=99_999)
-    """Added to this input's times, as a cable would."""
+    """Added to this input's times, as a cable would; of a PicoHarp to the sync's alone."""
 
     def level_of(self, family: Family) -> int:
         """The level that is set on an instrument of this family."""
@@ -165,6 +165,21 @@ class PicoquantSettings(CounterBlock):
                 f"`channel` counted inputs from 0; write `input: {written}`, the number printed on the front panel"
             )
         return given
+
+    @model_validator(mode="after")
+    def _nothing_is_left_out(self) -> Self:
+        """A value that no call of the library would take is no setting of this instrument."""
+        family = FAMILIES[self.device]
+        if family.prefix == "PH" and self.input != 1:
+            raise ValueError(f"input {self.input}: a {family.product} has input 1 alone beside its sync, input 0")
+        if family.prefix == "PH" and self.detector.offset_ps:
+            raise ValueError(f"detector.offset_ps: a {family.product} moves its sync alone; set sync.offset_ps instead")
+        for name, each in (("sync", self.sync), ("detector", self.detector)):
+            if family.constant_fraction and each.edge == "rising":
+                raise ValueError(f"{name}.edge rising: the discriminators of a {family.product} take negative pulses")
+            if not family.constant_fraction and each.zero_cross_mv != PicoquantInput().zero_cross_mv:
+                raise ValueError(f"{name}.zero_cross_mv: a {family.product} has edge triggers, no discriminators")
+        return self
 
     @model_validator(mode="after")
     def _levels_exist(self) -> Self:

@@ -202,6 +202,21 @@ def test_a_zero_crossing_that_the_instrument_lacks_is_refused() -> None:
     assert settings("hydraharp400", detector={"zero_cross_mv": 30}).detector.zero_cross_mv == 30
 
 
+@pytest.mark.parametrize(
+    ("device", "given", "why"),
+    [
+        ("picoharp300", {"input": 2}, "input 2: a PicoHarp 300 has input 1 alone"),
+        ("picoharp300", {"detector": {"offset_ps": 500}}, "moves its sync alone; set sync.offset_ps"),
+        ("hydraharp400", {"sync": {"edge": "rising"}}, "sync.edge rising: the discriminators .* take negative pulses"),
+        ("multiharp150", {"detector": {"zero_cross_mv": 5}}, "detector.zero_cross_mv: .* has edge triggers"),
+    ],
+)
+def test_a_setting_that_no_call_would_take_is_refused(device: str, given: dict[str, Any], why: str) -> None:
+    with pytest.raises(ValidationError, match=why):
+        settings(device, **given)
+    assert settings(device, **settings(device).model_dump(exclude={"model", "device", "library"})) == settings(device)
+
+
 def test_a_transient_usb_error_is_tried_again_once_where_that_is_harmless() -> None:
     place = {"place": "GetHistogram", "code": -37}
     counter, _ = opened("picoharp300", Fault(name="V1", skip=1, parameters=place))
