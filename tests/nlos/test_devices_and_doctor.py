@@ -65,6 +65,19 @@ def test_what_a_real_bench_misses_is_named_with_its_remedy(tmp_path: Path, capsy
     assert "Plug it in" in said
 
 
+def test_a_wire_log_of_a_real_bench_is_begun_though_nothing_is_said_to_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(terminal, "wire_log_begun", False)
+    path, log = bench_file(tmp_path, "lab", mirror={"port": str(tmp_path / "ttyACM7")}), tmp_path / "wire.log"
+    assert run(["devices", "--bench", path, "--wire-log", str(log)]) == 3
+    assert log.read_bytes() == b""
+    assert f"{log}: every byte" in capsys.readouterr().err
+    monkeypatch.setattr(terminal, "wire_log_begun", False)
+    assert run(["devices", "--bench", path, "--wire-log", str(log)]) == 6
+    assert "exists" in capsys.readouterr().err
+
+
 def test_a_port_that_is_not_ours_comes_with_a_udev_rule(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
