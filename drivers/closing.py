@@ -78,9 +78,10 @@ class Closing:
                 self._dark = self._shut(failures, self.shutter)
         if failures and self._error is None:
             raise failures[0]
-        for failure in failures:
-            if self._error is not None:
-                self._error.add_note(str(failure))
+        if self._error is not None:
+            for said in dict.fromkeys(map(str, failures)):  # a cable that is gone fails every step in the same words
+                if said != str(self._error):
+                    self._error.add_note(said)
 
     def _shut(self, failures: list[Exception], shutter: GuardedShutter) -> bool:
         """Whether it is dark. A cable that is lost, and a failure of who is told, take nothing back that was
@@ -120,8 +121,10 @@ class Closing:
         try:
             step()
         except Exception as error:  # memory that ran out, say: the light is a device's business all the same
+            known = str(error) in map(str, failures)
             failures.append(error)
             with suppress(Exception):  # whoever is told of it may be what failed
-                self._events.report("device", str(error))
+                if not known:
+                    self._events.report("device", str(error))
             return False
         return True

@@ -40,7 +40,7 @@ class GuardedShutter:
         self.confirmed_closed = False  # and not opened since
         self._latch = latch
         self._trip: str | None = None if latch is None else latch.standing()
-        self._unnoted = ""
+        self._unnoted = self._unconfirmed = ""
         self._lately = CountedLately(settings.trip_ms * 1e-3)
         self._held = ""
         self._for_good = False
@@ -113,7 +113,7 @@ class GuardedShutter:
             self._silence.lit()
         was_open = self._open
         # From here on the light may be on, whatever the instrument's answer will be.
-        self._open, self.confirmed_closed = True, False
+        self._open, self.confirmed_closed, self._unconfirmed = True, False, ""
         try:
             self._shutter.open()
         except DeviceError as error:
@@ -173,9 +173,11 @@ class GuardedShutter:
         try:
             self._shutter.close()
         except DeviceError as error:
-            self._events.report("shutter", f"NOT CONFIRMED CLOSED: {error}")
+            if str(error) != self._unconfirmed:  # the next attempt may fail in the same words
+                self._unconfirmed = str(error)
+                self._events.report("shutter", f"NOT CONFIRMED CLOSED: {error}")
             raise
-        self._open, self.confirmed_closed = False, True
+        self._open, self.confirmed_closed, self._unconfirmed = False, True, ""
         if self._silence is not None:
             self._silence.dark()
         if was_open and self._there:

@@ -206,6 +206,25 @@ def test_a_pulled_usb_cable_is_said_aloud_and_left_to_the_watchdog(caplog: pytes
     assert math.hypot(opened.simulated.beam.x_rad, opened.simulated.beam.y_rad) < 1e-4
 
 
+def test_what_every_step_of_the_way_out_fails_with_is_said_once() -> None:
+    """A cable that is gone: shutter, gate and links fail in the same words."""
+
+    def work(opened: Bench) -> None:
+        opened.shutter.open()
+        assert opened.simulated is not None
+        opened.simulated.faults.add(Fault(name="U11"))
+        measure(opened, 500)
+
+    with pytest.raises(DeviceError, match="tcspc488") as raised, bench() as (opened, events):
+        work(opened)
+    notes = getattr(raised.value, "__notes__", [])
+    assert len(set(notes)) == len(notes)
+    assert str(raised.value) not in notes
+    failures = [each for each in events if each[0] == "device" or "NOT CONFIRMED" in each[1]]
+    assert failures
+    assert len(set(failures)) == len(failures)
+
+
 def test_a_lost_cable_takes_nothing_back_that_was_confirmed(caplog: pytest.LogCaptureFixture) -> None:
     def work(opened: Bench) -> None:
         opened.shutter.open()
