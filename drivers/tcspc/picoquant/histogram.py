@@ -244,7 +244,7 @@ class Picoquant(UnwatchedCounter):
         except DeviceError:
             pass  # closing must succeed whatever state the link is in
         finally:
-            self._library.attempt("CloseDevice", self._library.index)
+            self._library.let_go()
 
     def _configured(self) -> tuple[HistogramAxis, AxisCodes]:
         if self._axis is None or self._codes is None:

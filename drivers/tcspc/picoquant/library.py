@@ -4,6 +4,7 @@ The library is not thread-safe (MHLib manual 7.2.4): one lock is held over each 
 """
 
 import ctypes
+import logging
 import sys
 import threading
 from collections.abc import Callable, Sequence
@@ -24,9 +25,12 @@ from nlos.drivers.errors import (
 from nlos.drivers.link.repeats import repeated
 from nlos.drivers.tcspc.picoquant.families import Family
 
+_log = logging.getLogger(__name__)
+
 WireLog = Callable[[str, str, bytes], None]
 
 _RETRY_AFTER_S = 0.1
+_CLOSES_WITHIN_S = 5.0
 _TEXT_BYTES = 64
 """The libraries write without asking for how much there is room: 40 bytes at most, 32 of a serial number."""
 _TRANSIENT = (-36, -37)
@@ -103,6 +107,14 @@ class VendorLibrary:
             if self._wire_log:
                 self._wire_log(self.device, "<", f"{code} {_shown(arguments)}".encode())
         return code
+
+    def let_go(self) -> None:
+        """CloseDevice, which comes last, when it is dark: one that never returns is left to itself, and said."""
+        closing = threading.Thread(target=self.attempt, args=("CloseDevice", self.index), daemon=True)
+        closing.start()
+        closing.join(_CLOSES_WITHIN_S)
+        if closing.is_alive():
+            _log.warning("%s: %s_CloseDevice hangs and is waited for no more.", self.device, self.family.prefix)
 
     def integer(self, name: str, *arguments: Any) -> int:
         """The int that the call writes to its last argument."""

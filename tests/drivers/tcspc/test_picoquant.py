@@ -1,6 +1,7 @@
 """The PicoQuant adapter against a stand-in library with the vendor's calls, in both modes, on all three instruments."""
 
 import ctypes
+import threading
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,7 @@ from nlos.drivers.tcspc.counter import (
     StopAtCounts,
     Trigger,
 )
+from nlos.drivers.tcspc.picoquant import library
 from nlos.drivers.tcspc.picoquant.counter import open_picoquant
 from nlos.drivers.tcspc.picoquant.families import FAMILIES, PicoquantSettings
 from nlos.drivers.tcspc.picoquant.histogram import Picoquant
@@ -215,6 +217,19 @@ def test_a_setting_that_no_call_would_take_is_refused(device: str, given: dict[s
     with pytest.raises(ValidationError, match=why):
         settings(device, **given)
     assert settings(device, **settings(device).model_dump(exclude={"model", "device", "library"})) == settings(device)
+
+
+def test_a_library_that_hangs_as_it_lets_go_is_left_to_itself(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    goes_on = threading.Event()
+    monkeypatch.setattr(library, "_CLOSES_WITHIN_S", 0.05)
+    monkeypatch.setattr(PicoquantLibrary, "_CloseDevice", lambda *_: int(goes_on.wait(60)) - 1)
+    counter, _ = opened("multiharp150")
+    counter.close()
+    assert not goes_on.is_set()
+    assert "MH_CloseDevice hangs and is waited for no more" in caplog.text
+    goes_on.set()
 
 
 def test_a_transient_usb_error_is_tried_again_once_where_that_is_harmless() -> None:
