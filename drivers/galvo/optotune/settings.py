@@ -41,8 +41,8 @@ class OptotuneSettings(MirrorBlock):
     settle_timeout_s: float = Field(default=0.5, gt=0, le=10)
     """How long it may take to say that it is still; then the scan ends."""
     stable_ms: float = Field(default=6.0, ge=0, le=1000)
-    """How long after it said so for the first time it has to be still: it says so several times while it rings. On an
-    MR-15-30, after a step of 10 degrees, the last time came 5.2 ms after the first (measured by others)."""
+    """How long after it said so for the first time it has to be still: it says so several times while it rings. Of one
+    MR-15-30 the last time came 5.2 ms after the first, after a step that is not told (measured by others)."""
     readback: bool = False
     """After every move the measured position is compared with the commanded one, which costs about 60 ms."""
     warn_error_deg: float = Field(default=0.3, gt=0)
