@@ -11,6 +11,7 @@ from nlos.acquisition.importers.imported import FreePoints, ImportedScan
 from nlos.acquisition.importers.to_recording import said_by_source
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.response import Response, from_json
+from nlos.acquisition.scanning.free_points import Counts, added
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 
@@ -28,7 +29,7 @@ class Scanner:
 class ScanArrays:
     """Counts [H, W, T] with positions of columns and rows, or [N, T] with one position each."""
 
-    histograms: npt.NDArray[np.uint32]  # (H, W, T) or (N, T)
+    histograms: Counts  # (H, W, T) or (N, T); of 32 bits where no sum takes more
     exposure_s: npt.NDArray[np.float64]  # (H, W) or (N,)
     x_m: npt.NDArray[np.float64]  # (W,) or (N,)
     y_m: npt.NDArray[np.float64]  # (H,) or (N,)
@@ -59,7 +60,9 @@ def arrays_of_recording(recording: Recording) -> ScanArrays:
     time = TimeAxis(plan.axis.bins, plan.axis.bin_width_s, plan.axis.offset_s)
     if recording.on_grid:
         transient = recording.transient()
-        counts = np.ascontiguousarray(np.moveaxis(transient.counts, 0, 2)).astype(np.uint32)
+        most = float(transient.counts.max(initial=0))
+        kind = np.uint32 if most <= np.iinfo(np.uint32).max else np.uint64
+        counts: Counts = np.ascontiguousarray(np.moveaxis(transient.counts, 0, 2)).astype(kind)
         held = ScanArrays(counts, transient.exposure_s, plan.wall.x_m(), plan.wall.y_m(), plan.wall, time)
         return _as_its_source(held, recording)
     places = np.stack([plan.positions.x_m, plan.positions.y_m], axis=1)
@@ -68,7 +71,7 @@ def arrays_of_recording(recording: Recording) -> ScanArrays:
     exposure_s = np.zeros(len(unique))
     for sample in recording.samples():
         place = place_of.ravel()[sample.point.number]
-        counts[place] += sample.histogram.counts
+        counts = added(counts, place, sample.histogram.counts)
         exposure_s[place] += sample.histogram.live_time_s
     return _as_its_source(ScanArrays(counts, exposure_s, unique[:, 0], unique[:, 1], plan.wall, time), recording)
 

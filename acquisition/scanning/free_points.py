@@ -9,6 +9,8 @@ from nlos.acquisition.recording.recording import MAX_CUBE_BYTES
 from nlos.acquisition.sample import Sample
 from nlos.acquisition.transient import TimeAxis
 
+Counts = npt.NDArray[np.unsignedinteger]
+
 
 class FreePoints:
     """Sums over the samples of a plan, place by place; of a point that was taken twice only the first counts.
@@ -26,7 +28,7 @@ class FreePoints:
         self.plan = plan
         self.x_m, self.y_m = places[:, 0].copy(), places[:, 1].copy()
         """Of every place, (P,)."""
-        self.counts = np.zeros((len(places), plan.axis.bins), dtype=np.uint32)
+        self.counts: Counts = np.zeros((len(places), plan.axis.bins), dtype=np.uint32)  # (P, T), see `added`
         self.exposure_s, self.sync_count, self.total_count = np.zeros((3, len(places)))
         self._have = np.zeros(len(plan), dtype=np.bool_)
 
@@ -50,7 +52,7 @@ class FreePoints:
             return False
         self._have[number] = True
         place = int(self._place[number])
-        self.counts[place] += histogram.counts
+        self.counts = added(self.counts, place, histogram.counts)
         self.exposure_s[place] += histogram.live_time_s
         self.sync_count[place] += histogram.sync_count
         self.total_count[place] += histogram.total_count
@@ -67,3 +69,14 @@ class FreePoints:
         if not 0 <= place < len(self.counts):
             raise IndexError(f"place {place} of {len(self.counts)}")
         return np.array(self.counts[place], dtype=np.float32)
+
+
+def added(sums: Counts, place: int, counts: Counts) -> Counts:
+    """`sums` (P, T) with `counts` (T,) added at one place: in place, or as a copy of 64 bits from the first sum on that
+    takes more than 32."""
+    sums[place] += counts
+    if sums.dtype.itemsize == 4 and (sums[place] < counts).any():  # it ran over
+        sums[place] -= counts
+        sums = sums.astype(np.uint64)
+        sums[place] += counts
+    return sums

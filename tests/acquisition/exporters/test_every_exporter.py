@@ -11,11 +11,19 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.exporters.matlab import write_matlab
 from nlos.acquisition.exporters.npz import write_npz
 from nlos.acquisition.exporters.ptu import write_ptu
-from nlos.acquisition.exporters.scan_arrays import ScanArrays
+from nlos.acquisition.exporters.scan_arrays import ScanArrays, arrays_of_recording
 from nlos.acquisition.exporters.ytal import write_ytal
 from nlos.acquisition.importers.formats import read_any
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.planning.positions import free, pixels
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.sample import Sample
+from nlos.acquisition.scanning.free_points import FreePoints
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag
 
 Writer = Callable[[ScanArrays, Path], list[str]]
 WRITERS: dict[str, Writer] = {".npz": write_npz, ".mat": write_matlab, ".hdf5": write_ytal, ".ptu": write_ptu}
@@ -70,3 +78,22 @@ def test_a_ptu_has_the_tags_that_other_readers_want(even: bool, tmp_path: Path) 
     assert tags["TTResultFormat_TTTRRecType"] == 0x00010307
     for name in ("File_CreatingTime", "CreatorSW_Version", "TTResult_SyncRate", "MeasDesc_Resolution"):
         assert name in tags
+
+
+@pytest.mark.parametrize("on_grid", [True, False])
+def test_sums_of_more_than_32_bits_are_exported_as_they_are(on_grid: bool, tmp_path: Path) -> None:
+    """Two visits of each of two places; one of their bins holds more than a 32-bit counter could."""
+    wall, axis = WallGrid(1.0, 1.0, 1, 2), HistogramAxis(3, 32e-12, 0.0)
+    places = pixels(wall, [0] * 4, [0, 1, 0, 1]) if on_grid else free([-0.2, 0.2] * 2, [0.1] * 4)
+    plan = ScanPlan(wall, axis, places, np.ones(4), np.array([0, 0, 1, 1], dtype=np.int32))
+    gathered = FreePoints(plan)
+    with RecordingWriter.create(tmp_path / "run.h5", plan, Header().stamped()) as writer:
+        for point in plan:
+            counts = np.array([5, 3 << 30, 0] if point.number % 2 else [1, 2, 3], dtype=np.uint32)
+            histogram = Histogram(counts, axis.bin_width_s, 0.0, 1.0, 10**7, int(counts.sum()), HistogramFlag.NONE, 0.0)
+            writer.write(sample := Sample(point, histogram, float(point.number)))
+            gathered.add(sample)
+    with Recording.open(tmp_path / "run.h5") as recording:
+        exported = arrays_of_recording(recording)
+    assert exported.histograms.reshape(2, 3).tolist() == [[2, 4, 6], [10, 6 << 30, 0]]
+    assert gathered.counts.tolist() == [[2, 4, 6], [10, 6 << 30, 0]]
