@@ -2,7 +2,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from nlos.calibration.dead_time import correct_free_running
+from nlos.calibration.dead_time import clicks_before, correct_free_running
 from nlos.calibration.errors import SaturatedBins
 
 
@@ -46,6 +46,31 @@ def test_a_window_needs_only_the_total_count() -> None:
     assert window[0].sum() == pytest.approx(whole[0, :90].sum(), rel=0.002)
 
 
+def test_clicks_beside_the_window_make_the_detector_blind_in_it() -> None:
+    """A window at the period's start whose light comes after it: what is blind in it is so by clicks of before."""
+    counts, pulses = np.full((1, 20), 50.0), 10_000
+    alone, _ = correct_free_running(counts, [pulses], [1000], 1e-9, 100e-9, 60e-9)
+    after, _ = correct_free_running(counts, [pulses], [5000], 1e-9, 100e-9, 60e-9)
+    assert alone[0, 0] == pytest.approx(-pulses * np.log1p(-50 / pulses))
+    # 4000 clicks over 80 ns: 60 ns before the window 3000 of them, before its last bin 41 ns of them and its own 950.
+    live = pulses - np.array([3000, 41 * 50 + 950])
+    assert after[0, [0, 19]] == pytest.approx(-pulses * np.log1p(-50 / live))
+
+
+@pytest.mark.parametrize("dead_ns", [30.0, 60.0, 77.0, 100.0, 130.0])
+def test_the_edge_of_the_period_is_no_edge_of_the_dead_time(dead_ns: float) -> None:
+    """30e-9 / 1e-9 is a little more than 30."""
+    before = clicks_before(np.ones((1, 100)), [100], 1e-9, 100e-9, dead_ns * 1e-9)
+    assert before == pytest.approx(dead_ns)
+
+
+def test_a_window_longer_than_the_period_is_refused() -> None:
+    for bins in (9, 10):
+        correct_free_running(np.ones((1, bins)), 1000, [10], 1e-9, 10e-9, 3e-9)
+    with pytest.raises(ValueError, match="11 bins of 1e-09 s are more than the laser's period"):
+        correct_free_running(np.ones((1, 11)), 1000, [11], 1e-9, 10e-9, 3e-9)
+
+
 def test_without_dead_time_nothing_but_the_logarithm_is_left() -> None:
     counts = np.arange(12.0).reshape(2, 6)
     photons, variance = correct_free_running(counts, 1000, [15, 51], 1e-9, 10e-9, 0.0)
@@ -53,11 +78,12 @@ def test_without_dead_time_nothing_but_the_logarithm_is_left() -> None:
     assert np.allclose(variance, counts, rtol=0.03)
 
 
-def test_more_clicks_than_live_pulses_are_refused_by_point_and_bin() -> None:
+@pytest.mark.parametrize("clicks", [40, 41])
+def test_as_many_clicks_as_live_pulses_are_refused_by_point_and_bin(clicks: int) -> None:
     counts = np.zeros((3, 8))
-    counts[1, 4], counts[1, 6] = 60, 41
+    counts[1, 4], counts[1, 6] = 60, clicks
     with pytest.raises(
-        SaturatedBins, match="point 1, bin 6 clicked 41 times, but the detector was live there for only 40"
+        SaturatedBins, match=f"point 1, bin 6 clicked {clicks} times, but the detector was live there for only 40"
     ):
         correct_free_running(counts, 100, counts.sum(axis=1), 1e-9, 20e-9, 3e-9)
 

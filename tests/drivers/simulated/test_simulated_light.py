@@ -125,7 +125,7 @@ def test_a_closed_shutter_leaves_dark_and_ambient_counts() -> None:
     assert closed.counts.sum() == pytest.approx(3e4 * 512 * BIN_S * 10e6, abs=400)
 
 
-@pytest.mark.parametrize(("dead_ns", "afterpulses"), [(30.0, 0.0), (77.0, 0.0), (250.0, 0.0), (60.0, 0.1)])
+@pytest.mark.parametrize(("dead_ns", "afterpulses"), [(30.0, 0.0), (77.0, 0.0), (250.0, 0.0), (60.0, 0.1), (60.0, 0.3)])
 def test_dead_time_and_afterpulses_agree_with_photons_followed_one_by_one(dead_ns: float, afterpulses: float) -> None:
     bins, pulses = 50, 200_000
     bin_s, period_s = 2e-9, 100e-9
@@ -168,9 +168,26 @@ def test_stopping_at_counts_leaves_exactly_that_many_in_the_window(stop: int, nu
     if stopped.stopped_early:
         assert stopped.counts[90:120].sum() == stop
         assert 0 < stopped.live_s <= 8e-3
+        assert stopped.sync_count == round(stopped.live_s * 10e6)
         assert stopped.total_count >= stopped.counts.sum()
     else:
         assert (stopped.counts == whole.counts).all()
+
+
+def test_the_last_count_stops_too() -> None:
+    source = light(SceneSettings(direct_cps=2e4, hidden_cps=0.0), QUIET)
+    arrived = int(source(gate(1), CENTRE, True).counts.sum())
+    assert source(gate(1, stop_counts=arrived), CENTRE, True).stopped_early
+    assert not source(gate(1, stop_counts=arrived + 1), CENTRE, True).stopped_early
+
+
+def test_a_part_of_the_clicks_is_late_by_the_diffusion_tail() -> None:
+    detector = DetectorSettings(jitter_fwhm_ps=70.0, tail_fraction=0.2, tail_ps=300.0)
+    first, share = spad.Response(detector).pulse(0.0, 1e-12)
+    time_ps = first + np.arange(len(share)) + 0.5
+    assert share.sum() == pytest.approx(1.0)
+    assert (share * time_ps).sum() == pytest.approx(0.2 * 300.0, abs=1.0)
+    assert share[time_ps > 500].sum() == pytest.approx(0.2 * np.exp(-500 / 300), rel=0.02)
 
 
 def test_the_live_time_until_a_count_is_reached_follows_the_rate() -> None:
