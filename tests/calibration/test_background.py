@@ -19,6 +19,14 @@ def test_points_with_rates_of_their_own_keep_them() -> None:
     assert np.std((found.per_bin - rate) / found.error) == pytest.approx(1, abs=0.2)
 
 
+def test_points_that_nothing_tells_apart_have_all_points_error() -> None:
+    """Exactly one count a bin, over ten points of 16 bins: 160 counts. The pulse of one comes too early to tell."""
+    found = before_pulse(np.ones((11, 40)), np.array([*[16.9] * 10, 7.9]))
+    assert found.per_bin == pytest.approx(1.0)
+    assert found.error == pytest.approx(np.sqrt(1 / 160))
+    assert before_pulse(np.ones((1, 40)), [8.0]).error == pytest.approx(np.sqrt(1 / 8))
+
+
 def test_without_bins_before_the_pulse_nothing_is_known() -> None:
     found = before_pulse(np.ones((5, 20)), np.array([0, -3, 7, np.nan, 2]))
     assert not found.per_bin.any()
@@ -33,6 +41,12 @@ def test_bright_bins_are_told_from_chance() -> None:
     rate[40] = 5.0
     hot, error = dark_rate_per_bin(random.poisson(rate, (50, 200)), np.full(50, 0.1))
     assert abs(hot[40] - 50) < 4 * error[40]
+
+
+def test_a_rate_in_the_dark_is_off_by_as_much_as_its_error_says() -> None:
+    rate_hz = np.linspace(10, 300, 400)
+    found_hz, error_hz = dark_rate_per_bin(np.random.default_rng(6).poisson(rate_hz * 0.1, (50, 400)), np.full(50, 0.1))
+    assert np.std((found_hz - rate_hz) / error_hz) == pytest.approx(1.0, abs=0.15)
 
 
 def test_subtraction_keeps_the_mean_and_does_not_clip() -> None:

@@ -80,6 +80,31 @@ def test_spots_and_times_tell_the_whole_geometry() -> None:
     assert np.sqrt((fit.spot_residual_m**2).mean()) < 6e-4
 
 
+@pytest.mark.parametrize(("scatter_s", "as_stated"), [(2e-12, 1.0), (6e-12, 3.0)])
+def test_errors_are_those_of_many_measurements(scatter_s: float, as_stated: float) -> None:
+    """Whose scatter is as stated, 2 ps, or three times that."""
+    random, path = np.random.default_rng(4), TRUE.spots(AX, AY)[2]
+    start = dataclasses.replace(TRUE, wall_distance_m=2.0, wall_pitch_rad=0.0, wall_yaw_rad=0.0)
+    found, errors = [], []
+    for _ in range(40):
+        arrival = 2 * path / C - 6e-9 + random.normal(0, scatter_s, len(AX))
+        fit = fit_geometry(start, DirectTimes(AX, AY, arrival, np.full(81, 2e-12)))
+        found.append([fit.geometry.wall_distance_m, fit.geometry.wall_pitch_rad, fit.geometry.wall_yaw_rad])
+        errors.append([fit.errors[name] for name in ("wall_distance_m", "wall_pitch_rad", "wall_yaw_rad")])
+    assert np.std(found, axis=0) == pytest.approx(np.mean(errors, axis=0), rel=0.3)
+    exact = fit_geometry(start, DirectTimes(AX, AY, 2 * path / C, np.full(81, 2e-12)))
+    assert np.mean(errors, axis=0)[0] == pytest.approx(as_stated * exact.errors["wall_distance_m"], rel=0.25)
+
+
+def test_nine_points_are_enough() -> None:
+    some = slice(0, 81, 10)
+    path = TRUE.spots(AX[some], AY[some])[2]
+    fit = fit_geometry(
+        TRUE, DirectTimes(AX[some], AY[some], 2 * path / C, np.full(9, 2e-12)), free=("wall_distance_m",)
+    )
+    assert fit.geometry.wall_distance_m == pytest.approx(TRUE.wall_distance_m, abs=1e-6)
+
+
 def test_a_bump_shows_in_the_height_map() -> None:
     x, y, path = TRUE.spots(AX, AY)
     bump = (np.hypot(x - 0.3, y) < 0.1) * 0.02

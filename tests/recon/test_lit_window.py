@@ -5,7 +5,7 @@ import pytest
 
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.lit_window import lit_window
+from nlos.recon.lit_window import is_dark, lit_window
 from nlos.recon.live import LiveReconstruction
 from nlos.recon.over_time.half_grid import HalfGrid
 from nlos.recon.reconstruct import get_ready, reconstruct
@@ -51,6 +51,23 @@ def test_what_is_far_behind_is_kept() -> None:
 @pytest.mark.parametrize(("farthest_m", "bins"), [(0.0, 512), (2.4, 512), (2.5, 1024), (6.0, 2048), (50.0, 2048)])
 def test_depths_that_are_asked_for_are_looked_at(farthest_m: float, bins: int) -> None:
     assert lit_window(drawn(0.45, 2048, 32e-12, dark=0.01), farthest_m).time.bins == bins
+
+
+@pytest.mark.parametrize("farthest_m", [0.0, 2.4])
+def test_a_record_that_begins_late_is_cut_by_its_own_times(farthest_m: float) -> None:
+    """64 bins of a record are not in it: where 2.4 m are, bin 500 of the whole one, is bin 436."""
+    whole = drawn(0.45, 2048, 32e-12, dark=0.01)
+    late = Transient(whole.counts[64:], whole.exposure_s, whole.wall, TimeAxis(1984, 32e-12, 64 * 32e-12))
+    assert lit_window(late, farthest_m).time == TimeAxis(496, 32e-12, 64 * 32e-12)
+
+
+@pytest.mark.parametrize(("length", "excess"), [(4, 3.2), (64, 0.8)])
+def test_a_bright_stretch_stands_out_of_noise_and_a_long_one_may_be_fainter(length: int, excess: float) -> None:
+    for seed in range(20):
+        noise = np.random.default_rng(seed).normal(0.0, 1.0, 1024)
+        assert is_dark(noise)
+        noise[700 : 700 + length] = excess + 0.1 * noise[700 : 700 + length]
+        assert not is_dark(noise)
 
 
 def test_light_that_stands_out_nowhere_may_be_anywhere() -> None:

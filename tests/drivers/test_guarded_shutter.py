@@ -1,0 +1,162 @@
+"""The guard around any shutter, call by call: limits to the count, the watchdog's time, and what keeps it closed."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from nlos.drivers.clock import VirtualClock
+from nlos.drivers.errors import BenchClosed, DeviceFault, SafetyTrip, ShutterHeld
+from nlos.drivers.events import EventLog
+from nlos.drivers.safety import GuardedShutter
+from nlos.drivers.safety_settings import SafetySettings
+from nlos.drivers.shutter import ShutterState
+from nlos.drivers.tcspc.counter import CountRates, Histogram, HistogramCounter, HistogramFlag
+from nlos.drivers.trip_latch import TripLatch
+
+LIMIT_CPS = 1e5
+
+
+class Table:
+    """A shutter and its counter; both write down what they are told."""
+
+    on_counter = has_watchdog = True
+
+    def __init__(self) -> None:
+        self.told: list[Any] = []
+        self.while_opening: Callable[[], object] = lambda: None
+
+    def open(self) -> None:
+        self.told.append("open")
+        self.while_opening()
+
+    def close(self) -> None:
+        self.told.append("close")
+
+    def state(self) -> ShutterState:
+        return ShutterState(False, None, None)
+
+    def arm_watchdog(self, seconds: float) -> None:
+        self.told.append(seconds)
+
+    def clear_trip(self) -> None:
+        self.told.append("clear trip")
+
+
+def guard(table: Table, latch: TripLatch | None = None) -> GuardedShutter:
+    settings = SafetySettings(watchdog_s=1.5, trip_cps=LIMIT_CPS, trip_ms=10.0)
+    return GuardedShutter(table, cast(HistogramCounter, table), settings, EventLog(), latch)
+
+
+def counted(total_count: int, live_s: float = 0.01) -> Histogram:
+    return Histogram(
+        np.zeros(4, np.uint32), 1e-11, 0.0, live_s, round(1e7 * live_s), total_count, HistogramFlag.NONE, 0.0
+    )
+
+
+def test_light_is_watched_from_before_it_comes_on_until_it_is_off() -> None:
+    table = Table()
+    shutter = guard(table)
+    shutter.open()
+    shutter.close()
+    assert table.told == [1.5, "open", "close", 0.0]
+    assert shutter.confirmed_closed
+    assert not shutter.may_be_open
+
+
+def test_the_rate_that_is_allowed_is_allowed_and_one_count_more_trips() -> None:
+    table = Table()
+    shutter = guard(table)
+    shutter.open()
+    shutter.watch(counted(1000))
+    shutter.watch_rates(CountRates(1e7, LIMIT_CPS))
+    with pytest.raises(SafetyTrip, match="closed by a trip"):
+        shutter.watch(counted(1001))
+    assert table.told[-2:] == ["close", 0.0]
+    with pytest.raises(SafetyTrip, match="stays closed after a trip"):
+        shutter.open()
+    assert table.told[-2:] == ["close", 0.0]
+    other = guard(Table())
+    with pytest.raises(SafetyTrip, match="closed by a trip"):
+        other.watch_rates(CountRates(1e7, 1.001 * LIMIT_CPS))
+
+
+def test_counts_of_before_the_light_say_nothing_of_it() -> None:
+    shutter = guard(Table())
+    shutter.open()
+    shutter.watch(counted(900, 0.009))
+    shutter.close()
+    shutter.open()
+    shutter.watch(counted(500, 0.001))  # not long enough to be judged by itself
+
+
+def test_the_first_of_two_trips_is_what_stands(tmp_path: Path) -> None:
+    latch, table = TripLatch(tmp_path / "trips.log"), Table()
+    shutter = guard(table, latch)
+    shutter.latch("too bright")
+    shutter.latch("brighter still")
+    assert latch.standing() == "too bright"
+    assert len(latch.path.read_text().splitlines()) == 1
+    with pytest.raises(SafetyTrip, match="too bright"):
+        guard(Table(), latch).open()
+    shutter.clear_trip("Ada")
+    assert table.told[-1] == "clear trip"
+    assert latch.standing() is None
+    shutter.open()
+
+
+def test_what_a_signal_shut_stays_shut_until_it_is_released() -> None:
+    table = Table()
+    shutter = guard(table)
+    shutter.hold("SIGINT")
+    with pytest.raises(ShutterHeld, match="SIGINT"):
+        shutter.open()
+    assert table.told == ["close"]
+    shutter.release()
+    shutter.open()
+    assert shutter.may_be_open
+
+
+@pytest.mark.parametrize("how", ["held", "closed"])
+def test_light_that_is_shut_off_while_it_comes_on_goes_off_again(how: str) -> None:
+    """The command to open may have been on its way when that to close was carried out."""
+    table = Table()
+    shutter = guard(table)
+    table.while_opening = shutter.close if how == "closed" else lambda: shutter.hold("SIGTERM")
+    with pytest.raises(ShutterHeld, match="was closed again after"):
+        shutter.open()
+    assert [told for told in table.told if isinstance(told, str)] == ["open", "close", "close"]
+    assert not shutter.may_be_open
+
+
+def test_an_opening_that_fails_is_taken_back() -> None:
+    table = Table()
+    shutter = guard(table)
+
+    def fails() -> None:
+        raise DeviceFault("shutter", "it does not open.", "")
+
+    table.while_opening = fails
+    with pytest.raises(DeviceFault, match="does not open"):
+        shutter.open()
+    assert table.told == [1.5, "open", "close", 0.0]
+
+
+def test_a_bench_that_was_closed_has_no_more_light() -> None:
+    table = Table()
+    shutter = guard(table)
+    shutter.close_for_good()
+    with pytest.raises(BenchClosed):
+        shutter.open()
+    assert "open" not in table.told
+
+
+def test_the_watchdogs_time_is_waited_for_and_the_shutters_own() -> None:
+    clock, shutter = VirtualClock(), guard(Table())
+    assert not shutter.outlast_watchdog(clock)
+    shutter.open()
+    before_s = clock.now()
+    assert shutter.outlast_watchdog(clock)
+    assert clock.now() - before_s == pytest.approx(1.6)
