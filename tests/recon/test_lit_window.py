@@ -1,5 +1,7 @@
 """A window that is much longer than the light in it: pictures by the light cone are as deep as in a short one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -43,7 +45,9 @@ def test_a_whole_laser_period_is_as_deep_as_a_short_window(bins: int, bin_s: flo
 def test_what_is_far_behind_is_kept() -> None:
     near, far = drawn(0.45, 2048, 32e-12, dark=0.01), drawn(6.0, 2048, 32e-12, photons=3000.0)
     both = Transient(near.counts + far.counts, near.exposure_s, near.wall, near.time)
+    just_before_half = drawn(4.4, 2048, 32e-12, photons=3000.0)
     assert lit_window(near).time.bins == 512
+    assert lit_window(replace(near, counts=near.counts + just_before_half.counts)).time.bins == 2048
     assert lit_window(both).time.bins == 2048
     assert lit_window(far).time.bins == 2048
 

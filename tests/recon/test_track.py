@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from nlos.recon.track import COLUMNS, track
+from nlos.recon.local_lines import OF_A_PIXEL
+from nlos.recon.track import COLUMNS, fitted, track
 
 X_M, Y_M = np.linspace(-0.5, 0.5, 41), np.linspace(0.5, -0.5, 41)
 
@@ -63,3 +64,35 @@ def test_what_is_not_there_has_no_place_and_no_speed() -> None:
     alone = track(albedo[:4], depth[:4], X_M, Y_M, time_s[:4])
     assert np.isfinite(alone["x_m"]).tolist() == [False, False, False, True]
     assert np.isnan(alone["vx_m_per_s"]).all()
+    two = track(albedo[3:5], depth[3:5], X_M, Y_M, time_s[3:5])
+    assert np.isfinite(two["x_m"]).all()
+    assert np.isnan(two["vx_m_per_s"]).all()
+
+
+def test_no_place_is_known_better_than_a_part_of_a_pixel() -> None:
+    time_s = np.arange(8) * 0.1
+    found = track(*bars(time_s), X_M, Y_M, time_s)
+    for axis in "xyz":
+        assert (found[f"{axis}_error_m"] >= OF_A_PIXEL * 0.025).all()
+
+
+def test_speeds_are_off_by_as_much_as_their_errors_say() -> None:
+    """Five frames a line, of which it takes two: what still stands by chance scatters about a speed of 0."""
+    time_s, rng = np.arange(1500) * 0.25, np.random.default_rng(7)
+    albedo = np.stack([np.outer(_covered(Y_M, 0.0, 0.1), _covered(X_M, x, 0.2)) for x in rng.normal(0, 0.02, 1500)])
+    found = track(albedo, np.full(albedo.shape, 0.8), X_M, Y_M, time_s)
+    off = found["vx_m_per_s"] / found["vx_error_m_per_s"]
+    assert float(np.sqrt((off**2).mean())) == pytest.approx(1.0, abs=0.12)
+
+
+def test_a_line_ends_where_the_film_stood_still() -> None:
+    """0.3 m/s, then nothing for ten seconds, then -0.3 m/s somewhere else."""
+    time_s = np.concatenate([np.arange(6), 100 + np.arange(6)]) * 0.1
+    albedo, depth = bars(np.concatenate([np.arange(6), np.arange(6)[::-1]]) * 0.1)
+    assert track(albedo, depth, X_M, Y_M, time_s)["vx_m_per_s"] == pytest.approx([0.3] * 6 + [-0.3] * 6, abs=0.05)
+
+
+@pytest.mark.parametrize(("pace_s", "frames"), [(1.0, 5), (0.2, 5), (0.13, 7), (0.1, 9), (0.01, 9)])
+def test_a_speed_is_that_of_most_of_a_second(pace_s: float, frames: int) -> None:
+    assert fitted(np.arange(20) * pace_s) == frames
+    assert fitted(np.zeros(1)) == 5
