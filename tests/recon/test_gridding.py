@@ -57,7 +57,8 @@ def test_confidence_falls_with_the_distance_to_the_nearest_sample_and_with_littl
     assert trusted[4, 3] == 1
     assert trusted[4, 11] == pytest.approx(0.25)
     assert trusted[4, 4] == pytest.approx(np.exp(-0.5))
-    assert trusted[4, 4] > trusted[4, 5] > trusted[0, 5]
+    assert trusted[4, 5] == pytest.approx(np.exp(-2.0))
+    assert trusted[4, 5] > trusted[0, 5]
 
 
 def test_a_scan_along_a_curve_is_not_spread_over_what_it_encloses() -> None:
@@ -97,6 +98,15 @@ def test_filling_keeps_what_was_measured_and_is_differentiable() -> None:
     kept = measured[:, None, None].expand_as(x)
     assert torch.allclose(filled[kept], x[kept])
     assert torch.autograd.gradcheck(lambda value: fill_unmeasured(value, measured), (x,), fast_mode=True)
+
+
+def test_a_sample_on_the_very_edge_of_the_wall_is_on_it() -> None:
+    x, y = np.array([-0.6, 0.6, -0.6, 0.6]), np.array([0.4, 0.4, -0.4, -0.4])
+    gridded = grid_samples(x, y, np.ones((4, 5), np.float32), np.arange(1.0, 5.0), WALL, TIME)
+    assert gridded.exposure_s[[0, 0, -1, -1], [0, -1, 0, -1]].tolist() == [1.0, 2.0, 3.0, 4.0]
+    for beside in ((0.72, 0.0), (-0.72, 0.0), (0.0, 0.53), (0.0, -0.53)):
+        with pytest.raises(InvalidData, match="1 of 1 samples lie beside the wall"):
+            grid_samples(*np.array(beside)[:, None], np.ones((1, 5), np.float32), np.ones(1), WALL, TIME)
 
 
 def test_what_cannot_be_gridded_is_refused() -> None:

@@ -39,6 +39,13 @@ def test_half_a_command_is_said_until_the_line_is_in_step_again(dark_bench: Benc
     assert not line.half_sent
 
 
+def test_a_line_that_did_not_come_in_time_may_come_yet(dark_bench: Bench) -> None:
+    line = line_to_repeater(dark_bench())
+    with pytest.raises(DeviceTimeout, match="did not come in time"):
+        line.receive(lambda reply: reply == b"DONE")
+    assert not line.in_step
+
+
 def test_a_proof_that_fails_is_none(dark_bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(line := line_to_repeater(dark_bench()), "_resynchronise", lambda line, stale: 1 / 0)
     with pytest.raises(ZeroDivisionError):
