@@ -107,7 +107,9 @@ def beam_within_px(plan: ScanPlan, bench: Bench, angles: Sequence[MirrorAngles])
 
 def disk_bytes(plan: ScanPlan) -> int:
     """How large the recording will be."""
-    return plan.most_samples * (plan.axis.bins * 4 + RECORD.itemsize) + EVENT_ROWS * EVENT.itemsize + HEADER_BYTES
+    points = sum(column.nbytes for column in plan.columns().values())
+    samples = plan.most_samples * (plan.axis.bins * 4 + RECORD.itemsize)
+    return samples + points + EVENT_ROWS * EVENT.itemsize + HEADER_BYTES
 
 
 def check_disk(plan: ScanPlan, path: Path, least_free: int = 0) -> None:

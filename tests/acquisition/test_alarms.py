@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -11,11 +12,11 @@ from hypothesis import strategies as st
 
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.sample import Sample, ScanPoint
-from nlos.acquisition.scanning.alarms import AlarmRaised, Alarms, AlarmSettings
+from nlos.acquisition.scanning.alarms import BLOCK, AlarmRaised, Alarms, AlarmSettings, Expected
 from nlos.acquisition.scanning.control import ScanControl, ScanState
 from nlos.acquisition.scanning.engine import scan
 from nlos.drivers.bench import Bench, BenchSettings, open_bench
-from nlos.drivers.tcspc.counter import Histogram, HistogramFlag
+from nlos.drivers.tcspc.counter import CountRates, Histogram, HistogramFlag
 
 Benches = Callable[..., BenchSettings]
 Plans = Callable[..., ScanPlan]
@@ -67,6 +68,57 @@ def test_the_laser_must_pulse_as_the_bench_file_says(sync_hz: float, stands: boo
 
 def test_short_dwells_do_not_look_like_a_wrong_pulse_rate() -> None:
     assert alarms().judge(sample_at(1, live_s=1.3e-6)) is None
+
+
+@pytest.mark.parametrize(("pulses", "stands"), [(7, True), (8, True), (9, False), (11, False), (12, True)])
+def test_one_pulse_more_or_less_is_how_the_gate_fell(pulses: int, stands: bool) -> None:
+    """Ten are due in a microsecond."""
+    assert (alarms().judge(sample_at(0, pulses * 1e6, 1e-6)) is not None) == stands
+
+
+def test_a_rate_is_one_of_a_millisecond_and_begins_anew_after_it() -> None:
+    """1e6 counts/s, twice what is allowed, for 0.9 ms; then nothing more."""
+    watch = alarms()
+    assert all(watch.judge(sample_at(90, live_s=9e-5)) is None for _ in range(10))
+    trouble = watch.judge(sample_at(150, live_s=1.5e-4))
+    assert trouble is not None
+    assert trouble.name == "count rate"
+    assert watch.judge(sample_at(100, live_s=1e-3)) is None
+
+
+@pytest.mark.parametrize(("detector_hz", "stands"), [(1299.0, False), (1301.0, True)])
+@pytest.mark.parametrize("shutter_on", ["counter", "nothing"])
+def test_counts_in_the_dark_are_usual_up_to_three_times_what_they_were_and_a_thousand(
+    detector_hz: float, stands: bool, shutter_on: str
+) -> None:
+    counter = SimpleNamespace(rates=lambda: CountRates(REPETITION_HZ, detector_hz))
+    bench = cast(Bench, SimpleNamespace(counter=counter, settings=SimpleNamespace(shutter_on=shutter_on)))
+    watch = Alarms(AlarmSettings(), REPETITION_HZ, expected=Expected(usual_dark_hz=100.0))
+    assert (watch.before(bench) is not None) == (stands and shutter_on == "counter")
+
+
+@pytest.mark.parametrize(
+    ("sync_hz", "detector_hz", "name"), [(1e7, 4.9e5, None), (1e7, 5.1e5, "count rate"), (9e6, 1e3, "sync")]
+)
+def test_a_rate_meter_is_held_against_the_same_limits(sync_hz: float, detector_hz: float, name: str | None) -> None:
+    trouble = alarms().judge_rates(CountRates(sync_hz, detector_hz))
+    assert (trouble and trouble.name) == name
+
+
+def test_the_disk_is_looked_at_with_every_block() -> None:
+    watch = alarms(iter([900.0, 90.0]), on_disk="pause")
+    troubles = [watch.judge(sample_at(100)) for _ in range(BLOCK + 1)]
+    assert [trouble is not None for trouble in troubles] == [False] * BLOCK + [True]
+    assert alarms(iter([99.9])).judge(sample_at(100)) is not None
+    assert alarms(iter([100.0])).judge(sample_at(100)) is None
+
+
+def test_wrong_direct_light_is_said_once() -> None:
+    watch = Alarms(AlarmSettings(), REPETITION_HZ, expected=Expected(direct=lambda sample: "it is late"))
+    first = watch.judge(sample_at(100))
+    assert first is not None
+    assert (first.name, first.text) == ("direct", "it is late")
+    assert watch.judge(sample_at(100)) is None
 
 
 def test_no_photons_where_there_were_some_is_noticed_only_when_it_cannot_be_chance() -> None:

@@ -80,6 +80,14 @@ def test_a_hole_in_a_scan_stays_dark() -> None:
     assert torch.allclose(filled[:, :36], torch.ones(()))
 
 
+def test_beyond_all_triangles_the_nearest_sample_counts() -> None:
+    row, col = np.array([2, 2, 5, 6]), np.array([3, 8, 4, 9])
+    on_grid = (interpolation(row, col, 8, 12) @ np.array([10.0, 20.0, 30.0, 40.0])).reshape(8, 12)
+    assert on_grid[[0, 0, 7, 7], [0, 11, 0, 11]].tolist() == [10.0, 20.0, 30.0, 40.0]
+    assert on_grid[row, col].tolist() == pytest.approx([10.0, 20.0, 30.0, 40.0])
+    assert on_grid[2, 4] == pytest.approx(12.0)  # on the line between the first two
+
+
 def test_a_sub_grid_is_interpolated_along_rows_and_columns() -> None:
     """Against the bilinear formula, sample positions kept: rows 1, 3, 5, 7 and columns 1, 4, 7, 10."""
     rows, cols = np.arange(1, 8, 2), np.arange(1, 12, 3)
@@ -119,3 +127,5 @@ def test_what_cannot_be_gridded_is_refused() -> None:
         InvalidData, match=r"1 of 2 samples lie beside the wall of 1.2 x 0.8 m, the first at \(\+0.800 m"
     ):
         grid_samples(np.array([0.0, 0.8]), np.zeros(2), np.ones((2, 5), np.float32), np.ones(2), WALL, TIME)
+    with pytest.raises(InvalidData, match=r"1 of 1 samples .* the first at \(\+0.800 m"):  # one that was not measured
+        grid_samples(np.array([0.0, 0.8]), np.zeros(2), np.ones((2, 5), np.float32), np.arange(2.0), WALL, TIME)
