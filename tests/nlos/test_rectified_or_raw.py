@@ -1,6 +1,7 @@
 """A scan that is said to be what it is not is told so, with the word that corrects it; one that is what it says is
 not."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -61,6 +62,8 @@ def test_scans_with_direct_light_seem_raw(hidden: Surface) -> None:
     assert arrival_s is not None
     ranges_m = np.sqrt(raw.x_m**2 + raw.y_m**2 + AWAY_M**2)
     assert arrival_s == pytest.approx(float(np.mean(2 * ranges_m / 299792458)) - 8e-9, abs=100e-12)
+    begun_late = replace(raw, time=TimeAxis(BINS, BIN_S, 6e-9))
+    assert mean_arrival_s(begun_late) == pytest.approx(arrival_s + 6e-9, abs=1e-12)
     assert mean_arrival_s(points(photons(hidden, direct_cps=0.0, from_wall=True))) is None
 
 
