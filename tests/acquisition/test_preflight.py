@@ -80,6 +80,16 @@ def test_rates_are_told_apart_in_a_histogram_and_expected_of_a_dwell(small_plan:
     assert at_a_point.signal_to_noise == pytest.approx(3.6 / np.sqrt(3.6 + 0.16 * 1024))
 
 
+def test_a_small_plan_is_as_bright_as_a_large_one_of_the_same_wall(bench_settings: Benches, small_plan: Plans) -> None:
+    """Looked at are sixteen points, or as many as there are."""
+    with open_bench(bench_settings()) as bench:
+        totals_hz = []
+        for plan in (small_plan(2, 2), small_plan(12, 12)):
+            angles = checked_angles(plan, bench, preflight.aim_of(bench))
+            totals_hz.append(ExpectedRates.of_simulation(plan, bench, angles).total_hz)
+    assert totals_hz[0] == pytest.approx(totals_hz[1], rel=0.3)
+
+
 def test_a_settled_beam_is_so_many_pixels_off_at_most(small_plan: Plans) -> None:
     """At the middle of a wall, 2 m away, 0.05 degrees of each mirror are 0.1 of the beam: 3.5 mm, more from the first
     mirror; 10 pixels a metre across, 20 down."""

@@ -1,5 +1,6 @@
 """The guard around any shutter, call by call: limits to the count, the watchdog's time, and what keeps it closed."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
@@ -105,6 +106,13 @@ def test_the_first_of_two_trips_is_what_stands(tmp_path: Path) -> None:
     assert table.told[-1] == "clear trip"
     assert latch.standing() is None
     shutter.open()
+
+
+def test_a_trip_is_on_the_disk_before_anybody_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    latch, synced = TripLatch(tmp_path / "trips.log"), []
+    monkeypatch.setattr(os, "fsync", lambda number: synced.append(latch.path.read_text()))
+    latch.trip("too bright")
+    assert [text.endswith("trip: too bright\n") for text in synced] == [True]
 
 
 def test_what_a_signal_shut_stays_shut_until_it_is_released() -> None:

@@ -51,6 +51,19 @@ def test_a_delay_that_the_response_tells_is_taken_back() -> None:
     assert torch.allclose(twice, cone.wiener(y, 12.0) / 2)
 
 
+def test_a_prior_of_small_gradients_is_one_of_neighbours_differences() -> None:
+    """At an snr so low that only the prior is left: (flatness + squared gradient) z = H* y, away from the edges."""
+    wall, time = WallGrid(0.6, 0.5, 7, 6), TimeAxis(16, 200e-12)
+    cone = LightConeConvolution(wall, time)
+    y = torch.rand(1, 1, cone.cells, 7, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(5))
+    snr = torch.tensor([1e-7], dtype=torch.float64)
+    z = (cone.gram_inverse(y, snr, 3.0) / snr)[0, 0].numpy()
+    inside = (slice(1, -1),) * 3
+    curved = sum(np.roll(z, 1, axis) + np.roll(z, -1, axis) - 2 * z for axis in range(3))
+    expected = cone.adjoint(y)[0, 0].numpy()
+    assert (3.0 * z - curved / 4)[inside] == pytest.approx(expected[inside], rel=1e-4, abs=1e-5 * expected.max())
+
+
 def test_the_part_of_the_falloff_that_is_undone_is_a_part_of_its_exponent() -> None:
     time = TimeAxis(10, 100e-12)
     ones = torch.ones(2, 1, 10, 1, 1, dtype=torch.float64)

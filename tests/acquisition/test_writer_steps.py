@@ -1,0 +1,117 @@
+"""What makes a sample safe, step by step: the order of writes, syncs, events that a disk refuses, what is resumed."""
+
+import errno
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from nlos.acquisition.errors import StorageError
+from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.recording import Recording, Status
+from nlos.acquisition.recording.salvage import resume
+from nlos.acquisition.recording.writer import SYNC_S, RecordingWriter
+from nlos.drivers.clock import VirtualClock
+from tests.acquisition.test_resuming import sample
+
+Plans = Callable[..., ScanPlan]
+
+
+def test_counts_are_written_before_what_names_them_and_both_before_they_are_acknowledged(
+    run_path: Path, small_plan: Plans, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan, order = small_plan(), []
+    with RecordingWriter.create(run_path, plan, Header().stamped()) as writer:
+        for kind in {type(each) for each in (writer._file.counts, writer._file.records, writer._file.status)}:
+            monkeypatch.setattr(kind, "write", spied(kind.write, order, writer))
+        writer.write(sample(plan, 0))
+        writer.flush()
+        assert order == ["counts", "records", "status"]
+        assert writer.acknowledged == 1
+
+
+def spied(write: Callable[..., Any], order: list[str], writer: RecordingWriter) -> Callable[..., Any]:
+    """The same write, which says of what."""
+    names = {id(getattr(writer._file, name)): name for name in ("counts", "records", "status", "events")}
+
+    def spy(stored: Any, *rest: Any) -> Any:
+        order.append(names[id(stored)])
+        return write(stored, *rest)
+
+    return spy
+
+
+def test_the_disk_is_told_to_keep_it_every_five_seconds_and_at_the_end(
+    run_path: Path, small_plan: Plans, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan, clock, synced = small_plan(), VirtualClock(), []
+    sync = os.fsync
+    writer = RecordingWriter.create(run_path, plan, Header().stamped(), clock=clock)
+    monkeypatch.setattr(os, "fsync", lambda number: synced.append(clock.now()) or sync(number))
+    for number in range(20):
+        clock.sleep(1.0)
+        writer.write(sample(plan, number))
+    assert synced == [SYNC_S, 2 * SYNC_S, 3 * SYNC_S, 4 * SYNC_S]
+    writer.finish(Status.INTERRUPTED)
+    assert len(synced) == 5
+
+
+def test_an_event_that_the_disk_refuses_holds_nothing_up_and_is_told_by_the_next_flush(
+    run_path: Path, small_plan: Plans, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = small_plan()
+    writer = RecordingWriter.create(run_path, plan, Header().stamped())
+    writer.write(sample(plan, 0))
+
+    def refuses(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "no space left")
+
+    with monkeypatch.context() as full:
+        full.setattr(type(writer._file.events), "write", refuses)
+        writer.log("shutter", "closed")
+    with pytest.raises(StorageError, match="the disk refused a write"):
+        writer.flush()
+    with pytest.raises(StorageError, match="the disk refused a write"):
+        writer.finish(Status.FAILED)
+
+
+def test_a_scan_that_is_left_half_way_says_so_and_goes_on_with_its_events(run_path: Path, small_plan: Plans) -> None:
+    plan = small_plan()
+    with RecordingWriter.create(run_path, plan, Header().stamped()) as writer:
+        writer.log("note", "first", 0.5)
+        for number in range(len(plan) - 1):
+            writer.write(sample(plan, number))
+    with Recording.open(run_path) as recording:
+        assert recording.status is Status.INTERRUPTED
+    resumed = resume(run_path, plan, Header())
+    assert resumed.writer is not None
+    with resumed.writer as writer:
+        writer.write(sample(plan, len(plan) - 1))
+    with Recording.open(run_path) as recording:
+        assert recording.status is Status.COMPLETE
+        assert [event.kind for event in recording.events()] == ["note", "resumed"]
+
+
+@pytest.mark.parametrize(("ago_s", "away_s"), [(90.0, 90.0), (-500.0, 0.0)])
+def test_a_scan_goes_on_as_late_as_it_was_left_for(
+    run_path: Path, small_plan: Plans, monkeypatch: pytest.MonkeyPatch, ago_s: float, away_s: float
+) -> None:
+    """By the latest that the file tells of, here an event a second after the last sample; a clock that was put back
+    tells nothing. The first point was lit at the beginning."""
+    plan, began_s = small_plan(), time.time()
+    with RecordingWriter.create(run_path, plan, Header().stamped()) as writer:
+        for number in range(1, 10):
+            writer.write(sample(plan, number))
+        last_s = 10 * 8e-3
+        writer.log("pause", "somebody looks", last_s + 1.0, began_s)
+    monkeypatch.setattr(time, "time", lambda: began_s + ago_s)
+    resumed = resume(run_path, plan, Header())
+    assert resumed.writer is not None
+    resumed.writer.finish(Status.INTERRUPTED)
+    assert resumed.away_s == pytest.approx(away_s, abs=2.0)
+    assert resumed.elapsed_s == pytest.approx(last_s + 1.0 + resumed.away_s, abs=1e-6)
+    assert resumed.lit_s == pytest.approx(8e-3)
