@@ -86,7 +86,7 @@ def window_warnings(plan: ScanPlan, direct: DirectLight) -> list[str]:
     length_s = axis.bins * axis.bin_width_s
     window = f"the window, {axis.offset_s * 1e9:g} to {(axis.offset_s + length_s) * 1e9:g} ns"
     if length_s > direct.period_s * _ROUNDING:
-        most = int(direct.period_s / axis.bin_width_s)
+        most = int(direct.period_s / axis.bin_width_s * _ROUNDING)
         warnings.append(
             f"{window}, is longer than the laser's period of {direct.period_s * 1e9:g} ns: what comes after that is "
             f"the next pulse's light, or no light at all. Take at most {most} bins."

@@ -11,7 +11,7 @@ import pytest
 
 from nlos.acquisition.errors import StorageError
 from nlos.acquisition.planning import preflight
-from nlos.acquisition.planning.direct_light import DirectLight
+from nlos.acquisition.planning.direct_light import DirectLight, window_warnings
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.preflight import (
     HEADER_BYTES,
@@ -134,3 +134,18 @@ def test_a_window_holds_a_pulse_from_before_its_maximum_until_after_it(
     assert direct.inside(small_plan()).tolist() == [inside]
     seen_ns = arrival_ns if arrival_ns > 10.2 else arrival_ns + 100
     assert direct.seen_at_s(small_plan()) * 1e9 == pytest.approx([seen_ns])
+
+
+@pytest.mark.parametrize(("bin_width_ps", "most"), [(16, 6250), (25, 4000), (30, 3333)])
+def test_a_window_may_be_as_long_as_the_period_and_no_bin_longer(
+    small_plan: Plans, bin_width_ps: int, most: int
+) -> None:
+    """100e-9 / 25e-12 is a little less than 4000."""
+    direct = DirectLight(np.array([5e-9]), 100e-9, True)
+    plans = (
+        small_plan(histogram={"bins": bins, "bin_width_ps": bin_width_ps, "offset_ns": 0}) for bins in (most, most + 1)
+    )
+    fits, too_long = (window_warnings(plan, direct) for plan in plans)
+    assert fits == []
+    assert "longer than the laser's period of 100 ns: what comes after" in too_long[0]
+    assert too_long[0].endswith(f"Take at most {most} bins.")
