@@ -63,3 +63,12 @@ def test_only_steady_counts_are_flat() -> None:
     lit[:, 200] += random.poisson(3.0, 100)
     assert not is_flat(lit)
     assert quiet_background(lit).mean() == pytest.approx(0.1, rel=0.2)
+
+
+def test_a_little_light_is_not_flat_and_much_light_is_no_background() -> None:
+    random = np.random.default_rng(7)
+    little, much = random.poisson(0.1, (2, 100, 512))
+    little[:, 205] += random.poisson(1.6, 100)  # as many as the background of its 16 bins, 13 times their noise
+    much[:, 205] += 200
+    assert not is_flat(little)
+    assert quiet_background(much).mean() == pytest.approx(0.1, rel=0.2)

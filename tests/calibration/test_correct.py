@@ -92,6 +92,21 @@ def test_unmeasured_points_stay_unmeasured(raw_scan: RawScan) -> None:
     assert not done.counts[10].any()
 
 
+def test_a_point_whose_arrival_nobody_knows_was_not_exposed(raw_scan: RawScan) -> None:
+    arrival = np.asarray(raw_scan.arrival_bins, dtype=np.float64).copy()
+    arrival[10] = np.nan
+    done = correct_points(raw(raw_scan), offset_bins=arrival)
+    assert np.flatnonzero(done.exposure_s == 0).tolist() == [10]
+    assert not done.usable[10].any()
+    assert done.usable[:10, -1].all()
+    assert done.usable[11:, -1].all()
+
+
+def test_the_last_bin_is_one_that_every_point_recorded() -> None:
+    done = correct_points(raw(make_raw_scan(direct_counts=40_000)))
+    assert done.usable[:, -1].all()
+
+
 @pytest.mark.parametrize(
     ("bad", "reason"),
     [
