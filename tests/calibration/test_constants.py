@@ -10,7 +10,13 @@ from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.arrivals import Arrivals
 from nlos.calibration.checked import all_checked
 from nlos.calibration.constants import BenchConstants, Quantity, load, load_response, save
-from nlos.calibration.correct import common_bins, correct_known, correct_points, correct_sample
+from nlos.calibration.correct import (
+    common_bins,
+    correct_known,
+    correct_points,
+    correct_sample,
+    known_arrival_bins,
+)
 from nlos.calibration.errors import ForeignConstants, InvalidData, PoorCalibration
 from nlos.calibration.geometry import ScannerGeometry
 from nlos.calibration.raw_points import RawPoints
@@ -175,6 +181,20 @@ def test_a_stream_is_corrected_as_the_whole_scan_is(constants: BenchConstants, r
         one = correct_sample(Sample(point, histogram, 0.0), constants, bins)
         assert np.array_equal(one.counts, batch.counts[row])
         assert one.exposure_s == 8e-3
+
+
+def test_a_stream_that_begins_later_and_counts_fewer_pulses(constants: BenchConstants, raw_scan: RawScan) -> None:
+    raw = points(raw_scan)
+    late = TimeAxis(raw.time.bins, raw.time.bin_width_s, 20 * raw.time.bin_width_s)
+    arrival = known_arrival_bins(constants, raw.x_m, raw.y_m, raw.time)
+    assert known_arrival_bins(constants, raw.x_m, raw.y_m, late) == pytest.approx(arrival - 20)
+    assert constants.ambient_hz is not None
+    per_bin = constants.ambient_hz.value * raw.time.bin_width_s * 88_000
+    few = correct_known(replace(raw, sync_count=raw.sync_count / 4), constants)
+    assert few.background.per_bin == pytest.approx(per_bin / 4)
+    short = TimeAxis(int(arrival.max()) + 1, raw.time.bin_width_s)
+    with pytest.raises(InvalidData, match="lengthen the histogram"):
+        common_bins(constants, raw.x_m, raw.y_m, short)
 
 
 def test_a_scan_without_direct_light_leans_on_the_constants(constants: BenchConstants, raw_scan: RawScan) -> None:
