@@ -96,6 +96,15 @@ def test_errors_are_those_of_many_measurements(scatter_s: float, as_stated: floa
     assert np.mean(errors, axis=0)[0] == pytest.approx(as_stated * exact.errors["wall_distance_m"], rel=0.25)
 
 
+def test_a_time_that_is_ten_errors_off_is_left_aside_and_one_of_two_is_not() -> None:
+    arrival = 2 * TRUE.spots(AX, AY)[2] / C + np.random.default_rng(6).normal(0, 1e-12, 81).clip(-2e-12, 2e-12)
+    arrival[7] += 20e-12
+    fit = fit_geometry(TRUE, DirectTimes(AX, AY, arrival, np.full(81, 2e-12)))
+    assert np.flatnonzero(~fit.accepted).tolist() == [7]
+    arrival[7] -= 16e-12
+    assert fit_geometry(TRUE, DirectTimes(AX, AY, arrival, np.full(81, 2e-12))).accepted.all()
+
+
 def test_nine_points_are_enough() -> None:
     some = slice(0, 81, 10)
     path = TRUE.spots(AX[some], AY[some])[2]

@@ -27,9 +27,9 @@ def axis_of(start_ns: float, end_ns: float, most_bins: int) -> HistogramAxis:
     return part_of_period(counter, start_ns * 1e-9, end_ns * 1e-9, 8e-3, most_bins)
 
 
-@pytest.mark.parametrize("start_ns", range(0, 200, 7))
+@pytest.mark.parametrize("start_ns", [*range(0, 200, 7), 31, 62, 124])
 def test_whole_nanoseconds_are_taken_as_they_are(start_ns: int) -> None:
-    """Although 7e-9 is no whole number of 1e-9: neither a nanosecond nor a bin more."""
+    """Although 7e-9 is a little more than 7 times 1e-9, and 31e-9 less: neither a nanosecond nor a bin more."""
     for length_ns in (1, 3, 7):
         axis = axis_of(start_ns, start_ns + length_ns, length_ns * 1000)
         assert (axis.offset_s, axis.bin_width_s) == (pytest.approx(start_ns * 1e-9), 1e-12)
