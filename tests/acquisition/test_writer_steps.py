@@ -13,10 +13,11 @@ from nlos.acquisition.errors import StorageError
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
+from nlos.acquisition.recording.rescue import copied
 from nlos.acquisition.recording.salvage import resume
 from nlos.acquisition.recording.writer import SYNC_S, RecordingWriter
 from nlos.drivers.clock import VirtualClock
-from tests.acquisition.test_resuming import sample
+from tests.acquisition.test_resuming import sample, write
 
 Plans = Callable[..., ScanPlan]
 
@@ -58,6 +59,53 @@ def test_the_disk_is_told_to_keep_it_every_five_seconds_and_at_the_end(
     assert synced == [SYNC_S, 2 * SYNC_S, 3 * SYNC_S, 4 * SYNC_S]
     writer.finish(Status.INTERRUPTED)
     assert len(synced) == 5
+
+
+def test_rows_that_are_not_there_when_they_are_read_back_are_not_acknowledged(
+    run_path: Path, small_plan: Plans, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = small_plan()
+    writer = RecordingWriter.create(run_path, plan, Header().stamped())
+    writer.write(sample(plan, 0))
+    with monkeypatch.context() as lossy:
+        lossy.setattr(type(writer._file.records), "write", lambda *_: None)
+        with pytest.raises(StorageError, match="lost what was written to row 0"):
+            writer.flush()
+    assert writer.acknowledged == 0
+    with pytest.raises(StorageError, match="1 samples are safe in"):
+        writer.finish(Status.FAILED)
+
+
+def test_a_sample_that_is_there_already_is_copied_once(run_path: Path, small_plan: Plans) -> None:
+    """As one is that was written, but not yet acknowledged, when the file lost its name."""
+    plan = small_plan()
+    write(run_path, plan, 5)
+    with Recording.open(run_path) as recording:
+        pending = recording.records[3:5].copy(), recording.counts_of(3, 5)
+        twice = pending[0][[0, 0, 1]], pending[1][[0, 0, 1]]
+        fresh, samples = copied(recording, run_path, Status.FAILED, ("salvaged", "copied"), [pending, twice])
+    assert samples == 5
+    with Recording.open(fresh) as copy:
+        assert [each.point.number for each in copy.samples()] == list(range(5))
+        assert copy.acknowledged == 5
+        assert not copy.condition().left_aside
+
+
+def test_a_copy_is_believed_once_it_is_read_back(
+    run_path: Path, small_plan: Plans, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk that drops the histograms and says nothing."""
+    write(run_path, small_plan(), 5)
+    with Recording.open(run_path) as recording, monkeypatch.context() as lossy:
+        lossy.setattr(type(recording._file.counts), "write", dropping(type(recording._file.counts).write))
+        with pytest.raises(StorageError, match=r"what was copied is not what is there\. Nothing was changed"):
+            copied(recording, run_path, Status.FAILED, ("salvaged", "copied"))
+    assert [path.name for path in run_path.parent.iterdir()] == ["run.h5"]
+
+
+def dropping(write: Callable[..., Any]) -> Callable[..., Any]:
+    """The same write, of nothing where histograms are meant."""
+    return lambda stored, first, rows: write(stored, first, rows if rows.dtype.names else 0 * rows)
 
 
 def test_an_event_that_the_disk_refuses_holds_nothing_up_and_is_told_by_the_next_flush(
