@@ -13,7 +13,7 @@ from nlos.acquisition.errors import StorageError
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
-from nlos.acquisition.recording.rescue import copied
+from nlos.acquisition.recording.rescue import copied, written_unix_s
 from nlos.acquisition.recording.salvage import resume
 from nlos.acquisition.recording.writer import SYNC_S, RecordingWriter
 from nlos.drivers.clock import VirtualClock
@@ -89,6 +89,18 @@ def test_a_sample_that_is_there_already_is_copied_once(run_path: Path, small_pla
         assert [each.point.number for each in copy.samples()] == list(range(5))
         assert copy.acknowledged == 5
         assert not copy.condition().left_aside
+
+
+def test_a_copy_was_last_written_to_when_what_it_is_of_was(
+    run_path: Path, small_plan: Plans, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(run_path, small_plan(), 5)
+    with Recording.open(run_path) as recording:
+        written_s = written_unix_s(recording)
+        monkeypatch.setattr(time, "time", lambda: written_s + 1000.0)
+        fresh, _ = copied(recording, run_path, Status.FAILED, ("salvaged", "copied"))
+    with Recording.open(fresh) as copy:
+        assert written_unix_s(copy) == written_s
 
 
 def test_a_copy_is_believed_once_it_is_read_back(

@@ -1,0 +1,24 @@
+"""Frames of the Optotune's Pro mode that are nearly right."""
+
+import pytest
+
+from nlos.drivers.galvo.optotune import wire
+
+
+def framed(content: bytes) -> bytes:
+    """With a right CRC, whatever it says; none of these bytes needs an escape."""
+    return b"~" + content + wire.crc_16(content).to_bytes(2, "little") + b"~"
+
+
+def test_a_frame_that_is_longer_or_shorter_than_it_says_is_refused() -> None:
+    assert wire.decode_frame(framed(b"\0\x11\x02ab")) == (0x11, b"ab")
+    for content in (b"\0\x11\x03ab", b"\0\x11\x01ab", b"\0\x11", b"\1\x11\x02ab"):
+        with pytest.raises(ValueError, match="is cut or damaged"):
+            wire.decode_frame(framed(content))
+
+
+def test_a_position_a_little_off_the_disc_is_one_and_farther_off_is_none() -> None:
+    assert wire.decode_position(b"\0\2" + b"\x3f\x99\x00\x00" + bytes(4)) == (1.1953125, 0.0)
+    for x in (b"\x3f\xa0\x00\x00", b"\x7f\xc0\x00\x00"):  # 1.25, not a number
+        with pytest.raises(ValueError, match="off the unit disc"):
+            wire.decode_position(b"\0\2" + x + bytes(4))
