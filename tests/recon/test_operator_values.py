@@ -7,6 +7,7 @@ import torch
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.transport.falloff import Falloff
+from nlos.recon.transport.falloff_weights import falloff_weights
 from nlos.recon.transport.fk_migration import FkMigration
 from nlos.recon.transport.light_cone import LightConeConvolution
 from nlos.recon.transport.phasor_field import ConfocalRsd, frequencies_per_m
@@ -36,6 +37,29 @@ def test_a_response_on_the_cone_is_the_response_in_time(centre: int) -> None:
     assert np.abs(found - expected).max() < 0.05 * expected.max()
     cell = np.arange(cells)
     assert (found * cell).sum() / found.sum() == pytest.approx((expected * cell).sum() / expected.sum(), abs=0.4)
+
+
+def test_points_too_far_apart_for_the_window_see_nothing_of_each_other() -> None:
+    """1.35 m of path in all on a wall of 3 m: beyond a pixel or two light comes later than the record ends."""
+    wall, time = WallGrid(3.0, 3.0, 6, 6), TimeAxis(9, 100e-12)
+    cone = LightConeConvolution(wall, time)
+    u = torch.zeros(1, 1, cone.cells, 6, 6, dtype=torch.float64)
+    u[0, 0, 1, 0, 0] = 1.0
+    seen = cone(u)[0, 0].abs().amax(dim=0).numpy()
+    away_m = np.hypot(*np.indices((6, 6))) * 0.5 - np.sqrt(0.5)  # between the nearest corners
+    reach_m = 9 * 100e-12 * SPEED_OF_LIGHT_M_PER_S / 2
+    assert (away_m > reach_m).sum() > 10
+    assert seen[away_m > reach_m].max() < 1e-3 * seen.max()
+
+
+def test_no_light_comes_before_it_has_left() -> None:
+    """From the end of the window it reaches far points after it: beyond the record, and not at its beginning."""
+    wall, time = WallGrid(1.4, 1.4, 9, 9), TimeAxis(40, 100e-12)
+    cone = LightConeConvolution(wall, time)
+    u = torch.zeros(1, 1, cone.cells, 9, 9, dtype=torch.float64)
+    u[0, 0, :, 0, 0] = torch.from_numpy(np.exp(-0.5 * ((np.arange(cone.cells) - 32.0) / 2.0) ** 2))
+    seen = cone(u)[0, 0].abs().numpy()
+    assert seen[:22].max() < 1e-3 * seen.max()
 
 
 def test_a_delay_that_the_response_tells_is_taken_back() -> None:
@@ -69,6 +93,7 @@ def test_the_part_of_the_falloff_that_is_undone_is_a_part_of_its_exponent() -> N
     ones = torch.ones(2, 1, 10, 1, 1, dtype=torch.float64)
     relative = (np.arange(10) + 0.5) / 10
     assert Falloff(time, 4.0)(ones)[0].flatten().numpy() == pytest.approx(relative**4)
+    assert falloff_weights(time, 4.0) == pytest.approx(relative**4)
     part = Falloff(time, 4.0)(ones, torch.tensor([0.5, 0.25]))
     assert part[:, 0, :, 0, 0].numpy() == pytest.approx(np.stack([relative**2, relative]))
 
