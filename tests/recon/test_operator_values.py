@@ -114,6 +114,19 @@ def test_a_plane_wave_migrates_to_half_of_its_way(start_s: float) -> None:
         assert int(image.argmax()) == at
 
 
+@pytest.mark.parametrize(("start_s", "at"), [(0.0, 14.0), (0.0, 14.5), (0.0, 39.5), (0.5e-9, 7.75), (0.5e-9, 17.55)])
+def test_migration_puts_a_point_at_its_depth_to_a_twentieth_of_a_bin(start_s: float, at: float) -> None:
+    wall, time = WallGrid(1.2, 1.2, 33, 33), TimeAxis(96, 80e-12, start_s)
+    bin_m = SPEED_OF_LIGHT_M_PER_S * time.bin_width_s / 2
+    depth_m = (at + 0.5) * bin_m + start_s * SPEED_OF_LIGHT_M_PER_S / 2
+    away_m = np.sqrt(wall.x_m() ** 2 + wall.y_m()[:, None] ** 2 + depth_m**2)
+    off = (np.arange(96)[:, None, None] - (away_m - depth_m) / bin_m - at) / 1.2
+    wave = torch.from_numpy((1 - off**2) * np.exp(-0.5 * off**2) * (depth_m / away_m) ** 2)
+    power = FkMigration(wall, time)(wave[None, None])[0, 0, :, 16, 16].abs().square().numpy()
+    near = np.arange(power.argmax() - 4, power.argmax() + 5)
+    assert (power[near] * near).sum() / power[near].sum() == pytest.approx(at, abs=0.05)
+
+
 def test_the_phasor_field_is_the_sum_of_waves_out_and_back() -> None:
     wall, time, depth_m = WallGrid(0.8, 0.6, 3, 4), TimeAxis(30, 100e-12, 200e-12), 0.31
     x = torch.rand(1, 1, 30, 3, 4, dtype=torch.float64, generator=torch.Generator().manual_seed(3))
