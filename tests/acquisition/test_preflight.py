@@ -11,7 +11,7 @@ import pytest
 
 from nlos.acquisition.errors import StorageError
 from nlos.acquisition.planning import preflight
-from nlos.acquisition.planning.direct_light import DirectLight, window_warnings
+from nlos.acquisition.planning.direct_light import DirectLight, expected_direct, window_warnings
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.planning.preflight import (
     HEADER_BYTES,
@@ -149,3 +149,15 @@ def test_a_window_may_be_as_long_as_the_period_and_no_bin_longer(
     assert fits == []
     assert "longer than the laser's period of 100 ns: what comes after" in too_long[0]
     assert too_long[0].endswith(f"Take at most {most} bins.")
+
+
+def test_axes_that_are_turned_show_only_where_the_wall_leans(bench_settings: Benches, small_plan: Plans) -> None:
+    settings = bench_settings()
+    upright, leaning = (
+        expected_direct(small_plan(), settings, preflight.drawn_aim(GeometrySettings(wall_distance_m=2.0, **tilt)))
+        for tilt in ({}, {"wall_yaw_deg": 10.0})
+    )
+    assert upright.turned_s == {}
+    assert "x is reversed" in leaning.turned_s
+    assert "y is reversed" not in leaning.turned_s
+    assert leaning.turned_s["x is reversed"].max() == pytest.approx(leaning.arrival_s.max(), rel=0.01)

@@ -37,6 +37,7 @@ def test_time_zero_is_the_direct_arrival_and_only_the_hidden_light_is_left() -> 
         near = slice(int(return_bins[point]) - 3, int(return_bins[point]) + 6)
         assert done.counts[point, near].sum() == pytest.approx(scan.hidden[point].sum(), abs=25)
     assert done.counts[:, : done.direct.end_bin].max() == 0
+    assert not done.counts[~done.usable].any()
     elsewhere = done.usable & (np.abs(np.arange(done.time.bins) - return_bins[:, None]) > 20)
     assert abs(done.counts[elsewhere].mean()) < 0.05
     rest = (done.counts / np.sqrt(np.maximum(done.variance, 0.2)))[elsewhere]

@@ -1,5 +1,7 @@
 """What leaves a serial line out of step, and that the next command is answered by its own reply all the same."""
 
+import threading
+
 import pytest
 
 from nlos.drivers.errors import DeviceTimeout
@@ -71,3 +73,35 @@ def test_a_reply_that_comes_before_an_interjected_commands_is_kept(dark_bench: B
         patched.setattr(line, "_fill", fill_interrupted)
         patched.setattr(Repeater, "receive", lambda self, data, when_s: b"NOW\r\n" if b"now" in data else b"")
         assert line.exchange(b"one\n") == b"ONE"
+
+
+def test_a_command_that_cannot_wait_is_sent_over_a_line_that_is_busy(dark_bench: Bench) -> None:
+    """As when another thread hangs within an exchange: the light is shut all the same, though nothing confirms it."""
+    sent: list[bytes] = []
+    line = line_to_repeater(dark_bench(), wire_log=lambda device, way, data: sent.append(data) if way == ">" else None)
+    held, let_go = threading.Event(), threading.Event()
+
+    def hold() -> None:
+        with line._lock:
+            held.set()
+            let_go.wait(60.0)
+
+    other = threading.Thread(target=hold)
+    other.start()
+    try:
+        held.wait(60.0)
+        with pytest.raises(DeviceTimeout, match="was sent over a busy line and not confirmed"):
+            line.interject(b"now\n", b"NOW", 0.01)
+    finally:
+        let_go.set()
+        other.join()
+    assert sent == [b"now\n"]
+
+
+def test_what_was_thrown_away_for_an_interjected_command_leaves_the_line_out_of_step(dark_bench: Bench) -> None:
+    bench = dark_bench()
+    line = line_to_repeater(bench)
+    plugged("repeater")._reply(b"OLD\r\n", bench.clock.now())
+    bench.clock.sleep(0.01)
+    line.interject(b"now\n", b"NOW")
+    assert not line.in_step
