@@ -91,6 +91,22 @@ def test_a_sample_that_is_there_already_is_copied_once(run_path: Path, small_pla
         assert not copy.condition().left_aside
 
 
+def test_a_recording_that_holds_a_point_twice_is_resumed_to_its_end(run_path: Path, small_plan: Plans) -> None:
+    """Its file has as many rows as the plan has points, and no more."""
+    plan = small_plan()
+    with RecordingWriter.create(run_path, plan, Header().stamped()) as writer:
+        for number in (0, 1, 2, 3, 3, 4):
+            writer.write(sample(plan, number))
+    resumed = resume(run_path, plan, Header())
+    assert resumed.writer is not None
+    with resumed.writer as writer:
+        for number in range(5, len(plan)):
+            writer.write(sample(plan, number))
+    with Recording.open(run_path) as recording:
+        assert [each.point.number for each in recording.samples()] == list(range(len(plan)))
+        assert recording.status is Status.COMPLETE
+
+
 def test_a_copy_was_last_written_to_when_what_it_is_of_was(
     run_path: Path, small_plan: Plans, monkeypatch: pytest.MonkeyPatch
 ) -> None:
