@@ -14,7 +14,7 @@ from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.rescue import copied, written_unix_s
-from nlos.acquisition.recording.salvage import resume
+from nlos.acquisition.recording.salvage import recover, resume
 from nlos.acquisition.recording.writer import SYNC_S, RecordingWriter
 from nlos.drivers.clock import VirtualClock
 from tests.acquisition.test_resuming import sample, write
@@ -105,6 +105,18 @@ def test_a_recording_that_holds_a_point_twice_is_resumed_to_its_end(run_path: Pa
     with Recording.open(run_path) as recording:
         assert [each.point.number for each in recording.samples()] == list(range(len(plan)))
         assert recording.status is Status.COMPLETE
+
+
+@pytest.mark.parametrize(("count", "status"), [(5, Status.INTERRUPTED), (36, Status.COMPLETE)])
+def test_what_is_recovered_is_complete_only_where_nothing_is_missing(
+    run_path: Path, small_plan: Plans, count: int, status: Status
+) -> None:
+    write(run_path, small_plan(), count)
+    assert recover(run_path, run_path.with_name("saved.h5")) == count
+    with Recording.open(run_path.with_name("saved.h5")) as saved:
+        assert saved.status is status
+    with pytest.raises(StorageError, match="is the recording itself"):
+        recover(run_path, run_path, overwrite=True)
 
 
 def test_a_copy_was_last_written_to_when_what_it_is_of_was(
