@@ -1,5 +1,7 @@
 """What a refinement may change of a picture, and what becomes of an interval head's words: number by number."""
 
+import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -9,8 +11,8 @@ from torch import Tensor, nn
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.intervals import UNCALIBRATED, CalibratedHead, intervals_of
-from nlos.recon.layers.evidence import NAMES
+from nlos.recon.intervals import TRAITS, UNCALIBRATED, CalibratedHead, adjusted, intervals_of, traits_of
+from nlos.recon.layers.evidence import NAMES, UNTOLD
 from nlos.recon.layers.interval_head import IntervalHead, RawIntervals
 from nlos.recon.layers.light_left_over import AROUND, CHANNELS
 from nlos.recon.layers.refinement import ALBEDO, ASKED, CHANGE, DEPTH, Correction, Refinement
@@ -87,3 +89,22 @@ def test_intervals_are_in_metres_and_no_surface_is_surer_than_that_there_is_one(
     for name, value in expected.items():
         assert made[name] == pytest.approx(torch.full((2, 4, 4), value)), name
     assert made["seen"][:, 0, 0].tolist() == pytest.approx([0.5, 0.125])
+
+
+def test_each_side_of_an_interval_is_as_wide_as_its_own_calibration_says() -> None:
+    """Brightness by 2, depth by 3, at a trait of 0."""
+    zeros = (0.0,) * len(TRAITS)
+    calibration = replace(UNCALIBRATED, albedo=(math.log(2.0), *zeros), depth=(math.log(3.0), *zeros))
+    raw = RawIntervals(*(torch.full((1, 2, 2), value) for value in (0.5, 0.6, 0.1, 0.15, 0.05, 0.07, 0.0)))
+    made = adjusted(raw, calibration, torch.zeros(1, len(TRAITS)))
+    expected = {"albedo_low": 0.3, "albedo_high": 0.8, "depth_low": 0.45, "depth_high": 0.81, "seen": 0.5}
+    for name, value in expected.items():
+        assert getattr(made, name) == pytest.approx(torch.full((1, 2, 2), value)), name
+
+
+def test_traits_of_a_scan_are_its_noise_its_points_and_whether_a_response_was_told() -> None:
+    """A quarter of 16 x 32 points: the evidence `kept` is half of the logarithm of the share."""
+    evidence = torch.zeros(2, len(NAMES), 16, 32)
+    evidence[:, NAMES.index("noise")], evidence[:, NAMES.index("kept")] = -1.5, -1.0
+    evidence[0, NAMES.index("response")], evidence[1, NAMES.index("response")] = UNTOLD, 0.2
+    assert traits_of(evidence).tolist() == [[-1.5, 7.0, 0.0], [-1.5, 7.0, 1.0]]
