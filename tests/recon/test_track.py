@@ -69,6 +69,15 @@ def test_what_is_not_there_has_no_place_and_no_speed() -> None:
     assert np.isnan(two["vx_m_per_s"]).all()
 
 
+def test_light_without_a_depth_is_not_the_object() -> None:
+    time_s = np.arange(8) * 0.1
+    albedo, depth = bars(time_s)
+    alone = track(albedo, depth, X_M, Y_M, time_s)
+    albedo[:, 2:5, 2:5] = 1.0
+    for column, values in track(albedo, depth, X_M, Y_M, time_s).items():
+        assert values == pytest.approx(alone[column]), column
+
+
 def test_no_place_is_known_better_than_a_part_of_a_pixel() -> None:
     time_s = np.arange(8) * 0.1
     found = track(*bars(time_s), X_M, Y_M, time_s)
