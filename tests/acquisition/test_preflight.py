@@ -155,7 +155,7 @@ def test_axes_that_are_turned_show_only_where_the_wall_leans(bench_settings: Ben
     settings = bench_settings()
     upright, leaning = (
         expected_direct(small_plan(), settings, preflight.drawn_aim(GeometrySettings(wall_distance_m=2.0, **tilt)))
-        for tilt in ({}, {"wall_yaw_deg": 10.0})
+        for tilt in ({"mirror_separation_m": 0.012}, {"wall_yaw_deg": 10.0})
     )
     assert upright.turned_s == {}
     assert "x is reversed" in leaning.turned_s

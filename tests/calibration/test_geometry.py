@@ -105,6 +105,34 @@ def test_a_time_that_is_ten_errors_off_is_left_aside_and_one_of_two_is_not() -> 
     assert fit_geometry(TRUE, DirectTimes(AX, AY, arrival, np.full(81, 2e-12))).accepted.all()
 
 
+def marked(wrong: int) -> Spots:
+    """A spot for each of 81 directions, so many of them off by 5 cm along x."""
+    x, y, _ = TRUE.spots(AX, AY)
+    x = x + np.random.default_rng(8).normal(0, 3e-4, 81)
+    x[3 : 3 + wrong] += np.resize([0.05, -0.05, 0.05], wrong)
+    return Spots(AX, AY, x, y, error_m=1e-3)
+
+
+def test_a_spot_that_is_off_along_x_counts_along_neither_axis() -> None:
+    fit = fit_geometry(ScannerGeometry(2.03, TRUE.mirror_separation_m, wall_pitch_rad=TRUE.wall_pitch_rad,
+                                       wall_yaw_rad=TRUE.wall_yaw_rad), spots=marked(2))  # fmt: skip
+    assert np.flatnonzero(~fit.spots_accepted).tolist() == [3, 4]
+    assert np.flatnonzero(~fit.counted).tolist() == [3, 4, 84, 85]
+
+
+def test_where_more_than_a_quarter_is_off_nobody_knows_which_is_wrong() -> None:
+    assert fit_geometry(TRUE, spots=marked(18)).spots_accepted.sum() == 63
+    with pytest.raises(InvalidData, match=r"2[0-9] of 81 spots do not fit the others: spot 4, spot 5"):
+        fit_geometry(TRUE, spots=marked(24))
+
+
+def test_what_is_told_of_the_mirrors_is_kept_to() -> None:
+    told = {"x_gain": 1e-4, "y_gain": 1e-4}
+    fit = fit_geometry(TRUE, spots=marked(0), told=told)
+    assert (fit.geometry.x_gain, fit.geometry.y_gain) == pytest.approx((1.0, 1.0), abs=2e-3)
+    assert fit_geometry(TRUE, spots=marked(0)).geometry.x_gain == pytest.approx(TRUE.x_gain, abs=2e-3)
+
+
 def test_nine_points_are_enough() -> None:
     some = slice(0, 81, 10)
     path = TRUE.spots(AX[some], AY[some])[2]
