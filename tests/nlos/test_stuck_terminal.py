@@ -1,12 +1,19 @@
-"""A terminal that takes nothing more (Ctrl-S, a connection that hangs) holds up nothing while light is on."""
+"""A terminal that takes nothing more (Ctrl-S, a connection that hangs) holds up nothing while light is on, nor the end
+of a recording, nor of a command that is told to end."""
 
 import os
 import pty
+import signal
+import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from nlos.acquisition.errors import InvalidData
+from nlos.acquisition.recording.recording import Recording, Status
 from nlos.cli.outliving import OutlivingStream
+from nlos.cli.terminal import terminal
 from nlos.drivers.exit_paths import ExitPaths
 from tests.acquisition.killed_scans import FORK
 from tests.acquisition.witnessed_bench import bench_file, witnessed
@@ -45,6 +52,61 @@ def test_what_nobody_takes_is_dropped_in_the_light_and_what_somebody_takes_is_wh
     assert os.read(ours, 512).decode().replace("\r", "").startswith(whole[:300])
     os.close(ours)
     os.close(theirs)
+
+
+@pytest.mark.parametrize("hurried", ["by light", "by a signal"])
+def test_what_waits_in_the_dark_waits_no_longer_once_nothing_may(hurried: str) -> None:
+    """A thread of the screen, say, with the lock that everybody needs who has something to show."""
+    ours, theirs = pty.openpty()
+
+    def write() -> None:
+        stream, lit = OutlivingStream(os.fdopen(theirs, "w")), threading.Event()
+        with ExitPaths(lambda why: None, lambda: None, lit.is_set):
+            thread = threading.Thread(target=stream.write, args=("x" * 300_000,))  # more than any of them holds
+            thread.start()
+            thread.join(0.5)
+            if not thread.is_alive():
+                os._exit(1)  # in the dark all of it is waited for
+            if hurried == "by light":
+                lit.set()
+            else:
+                terminal.end_said = "ended by a signal"
+            thread.join()
+        os._exit(0)
+
+    assert _ends(write) == 0
+    os.close(ours)
+    os.close(theirs)
+
+
+def _ends(what: Callable[[], None]) -> int | None:
+    child = FORK.Process(target=what)
+    child.start()
+    child.join(60)
+    ended = child.exitcode
+    child.kill()
+    child.join()
+    return ended
+
+
+def _status(run: Path) -> Status | None:
+    try:
+        with Recording.open(run) as recording:
+            return recording.status
+    except (InvalidData, OSError):  # between two writes
+        return None
+
+
+def test_a_scan_before_a_stopped_terminal_ends_its_recording_and_ends_when_told(tmp_path: Path) -> None:
+    (tmp_path / "small.yaml").write_text(SCAN.replace("128", "24"))
+    path = bench_file(tmp_path, "S2")
+    with at_a_terminal(tmp_path, "scan", "small.yaml", "--bench", str(path), "-o", "run.h5") as child:
+        child.wait_until(lambda: "shutter open" in witnessed(tmp_path), "light")
+        child.press("\x13")  # Ctrl-S
+        child.wait_until(lambda: _status(tmp_path / "run.h5") is Status.COMPLETE, "the end of the recording", 120)
+        child.wait_until(lambda: not (tmp_path / "run.h5.lock").exists(), "nobody who writes it")
+        child.signal(signal.SIGTERM)
+        assert child.ends() == 143
 
 
 def test_a_scan_that_has_something_to_say_to_a_stopped_terminal_shuts_its_light(tmp_path: Path) -> None:

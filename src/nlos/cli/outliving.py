@@ -2,7 +2,8 @@
 
 A pipe whose reader went, a full device, a terminal that hung up, a stream closed before the command began: none of
 these is a reason to end a scan in its middle. Nor does light wait for a terminal that takes nothing more (Ctrl-S, a
-connection that hangs), or a pipe whose reader sleeps: while it is on, what they do not take at once is dropped.
+connection that hangs), or a pipe whose reader sleeps: while it is on, what they do not take at once is dropped, also
+what was waiting for them since before. Nor does the end of a command that a signal ended wait for such a terminal.
 """
 
 import os
@@ -13,10 +14,13 @@ import time
 from typing import TextIO
 
 from nlos.cli.passing_stream import PassingStream
-from nlos.drivers.exit_paths import light_may_be_on
+from nlos.cli.terminal import terminal
+from nlos.drivers.exit_paths import a_bench_is_open, light_may_be_on
 
 _TAKES_S = 0.1
 """So long is waited for a stream that took all that came before; one that did not is not waited for."""
+_LOOK_S = 0.05
+"""In the dark a stream is waited for, and so often it is looked whether it still may be."""
 _PIECE = 512
 """A pipe that has room at all takes so many bytes without waiting (PIPE_BUF)."""
 
@@ -27,11 +31,12 @@ class OutlivingStream(PassingStream):
     def __init__(self, sent: TextIO) -> None:
         super().__init__(sent)
         self._unwaiting = _without_waiting(sent)
+        self._is_terminal = self.isatty()
         self._stuck = False
 
     def write(self, text: str) -> int:
         try:
-            if self._unwaiting is not None and light_may_be_on():
+            if self._unwaiting is not None and (a_bench_is_open() or self._hurried()):
                 self._offer(text.encode(self.sent.encoding, "backslashreplace"), self._unwaiting)
             else:
                 self.sent.write(text)
@@ -41,22 +46,27 @@ class OutlivingStream(PassingStream):
 
     def flush(self) -> None:
         try:
-            if self._unwaiting is None or not light_may_be_on():
+            if self._unwaiting is None or not (a_bench_is_open() or self._hurried()):
                 self.sent.flush()
         except (OSError, ValueError):
             self._send_to_nowhere()
 
+    def _hurried(self) -> bool:
+        """Whether nothing is waited for that has no deadline."""
+        return light_may_be_on() or (self._is_terminal and bool(terminal.end_said))
+
     def _offer(self, data: bytes, number: int) -> None:
-        """Sends what is taken, past what is buffered below, where another thread may be waiting."""
+        """Sends what is taken, past what is buffered below: in the dark all of it, but whoever waits there, another
+        thread perhaps and with a lock of the screen, waits no longer once light comes."""
         until_s = time.monotonic() + (0.0 if self._stuck else _TAKES_S)
         while data:
-            left_s = until_s - time.monotonic()
-            if select.select([], [number], [], max(left_s, 0.0))[1]:
+            left_s = until_s - time.monotonic() if self._hurried() else _LOOK_S
+            if select.select([], [number], [], min(max(left_s, 0.0), _LOOK_S))[1]:
                 try:
                     data = data[os.write(number, data[:_PIECE]) :]
                     continue
                 except BlockingIOError:  # room for less than the next character
-                    pass
+                    time.sleep(min(max(left_s, 0.0), _LOOK_S))
             if left_s <= 0:
                 break
         self._stuck = bool(data)

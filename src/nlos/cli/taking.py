@@ -197,11 +197,12 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
                     return
                 progress = Progress(None if plan.until_stopped else plan.most_samples, len(begun.taken))
                 control = ScanControl(lambda why: _ask(interrupts, progress, writer, why))
+                stack.push(progress)  # left last: the recording is ended before a terminal is waited for
                 ending = stack.enter_context(ScanEnding(bench, writer, control, "--resume", terminal.log))
             interrupts.pauses(control, bench.settings.shutter_on != "nothing")
             watching.show(prepared)
             start_s = bench.clock.now() - begun.elapsed_s
-            stack.enter_context(progress)
+            progress.show()
             samples = prepared.samples(begun, control, enough, adviser)
             bench.on_event = lambda kind, text: writer.log(kind, text, bench.clock.now() - start_s)
             with closing(samples):
