@@ -26,6 +26,24 @@ def test_a_line_says_rate_and_time_left(monkeypatch: pytest.MonkeyPatch, capsys:
     assert re.search(r"^4 of 10 files, [\d.]+ files/(s|min), \d+ s left$", capsys.readouterr().err, re.M)
 
 
+def test_a_pause_is_none_of_the_pace(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    now_s = [100.0]
+    monkeypatch.setattr(terminal, "verbosity", 0)
+    monkeypatch.setattr("nlos.cli.progress.time.monotonic", lambda: now_s[0])
+    progress = Progress(100, what="scan", line_s=0.0)
+    now_s[0] += 50.0  # before the first step is waited for
+    progress.show()
+    now_s[0] += 1.0
+    progress.step(20)
+    progress.hide()
+    now_s[0] += 3600.0
+    progress.show()
+    now_s[0] += 1.0
+    progress.step(20)
+    shown = capsys.readouterr().err.splitlines()
+    assert shown == ["20 of 100 points, 20 points/s, 4 s left", "40 of 100 points, 20 points/s, 3 s left"]
+
+
 def test_a_stage_of_unknown_length_says_how_long_it_takes(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -91,7 +91,7 @@ class Progress(_OnScreen):
         """`total`: None where nobody knows how many there will be."""
         self._what, self._unit, self._line_s = what, unit, line_s
         self._total, self._done, self._begun_with = total, done, done
-        self._begun_s = self._shown_s = time.monotonic()
+        self._begun_s = self._shown_s = self._hidden_s = time.monotonic()
         self._bar = _bar_of(lambda rich: (
             "{task.description}", rich.BarColumn(), rich.MofNCompleteColumn(), "{task.fields[rate]}",
             rich.TimeRemainingColumn(),
@@ -130,10 +130,13 @@ class Progress(_OnScreen):
             self._bar.update(self._task, total=total)
 
     def hide(self) -> None:
-        """Makes room for a question."""
+        """Makes room for a question. Until `show` no step is waited for, so that time is none of the pace."""
+        self._hidden_s = time.monotonic()
         if self._bar is not None:
             self._bar.stop()
 
     def show(self) -> None:
+        """Shows the bar, again or for the first time."""
+        self._begun_s += time.monotonic() - self._hidden_s
         if self._bar is not None:
             self._bar.start()
