@@ -124,6 +124,8 @@ class _Run:
                 if control.state is not ScanState.RUNNING:
                     return
             self._dark("the scan is over" if self._left.first_pass_cut else "the scan is complete")
+            if self._left.first_pass_cut:
+                self._bench.report(KIND, NOTHING_LEFT)
             control.enter(ScanState.ENDED if self._left.first_pass_cut else ScanState.COMPLETE)
         except SafetyTrip as error:
             self._shut(error)

@@ -1,14 +1,27 @@
 """A scan that ended because its picture was good enough reads so; one that somebody broke off does not."""
 
 import json
+import sqlite3
+from collections.abc import Callable
+from contextlib import AbstractContextManager, closing
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from nlos.acquisition.recording.ended_as_asked import AS_ASKED, NOTHING_LEFT, word_of
 from nlos.acquisition.recording.layout import Status
 from nlos.acquisition.recording.recording import Recording
+from nlos.runs.index import RunsIndex
 from tests.nlos.conftest import Nlos
+
+TWO_PASSES = """\
+wall: {width_m: 1.0, height_m: 1.0, rows: 16, cols: 16}
+pattern: {kind: coarse_to_fine, batch: 16}
+dwell_ms: 8
+histogram: {bins: 512, bin_width_ps: 32, offset_ns: 10}
+exposure: {kind: two_pass, counts: 400, again_ms: 4}
+"""
 
 
 def test_a_scan_until_its_picture_stands_still_reads_as_ended_as_asked(nlos: Nlos, tmp_path: Path) -> None:
@@ -26,6 +39,31 @@ def test_a_scan_until_its_picture_stands_still_reads_as_ended_as_asked(nlos: Nlo
     nlos("verify", "copy.h5", check=True)
     with Recording.open(tmp_path / "run.h5") as recording:
         assert recording.status is Status.INTERRUPTED
+
+
+def test_a_scan_of_two_passes_that_ended_as_asked_reads_so_everywhere(
+    nlos: Nlos, tmp_path: Path, viewing: Callable[..., AbstractContextManager[Any]]
+) -> None:
+    """The second pass, of what the first came to and found dim, runs out: nobody ends it."""
+    (tmp_path / "two.yaml").write_text(TWO_PASSES)
+    done = nlos(
+        "--json", "scan", "two.yaml", "-o", "run.h5", "--until", "stable:0.5", "--reconstruct", "lct", check=True
+    )
+    said = json.loads(done.stdout)
+    assert (said["status"], said["until"]["reached"]) == (AS_ASKED, True)
+    assert said["points"] < said["planned"]
+    assert json.loads(nlos("--json", "verify", "run.h5", check=True).stdout)["status"] == AS_ASKED
+    assert json.loads(nlos("--json", "runs", "--folder", ".", check=True).stdout)["runs"][0]["status"] == AS_ASKED
+    with RunsIndex(tmp_path) as index, closing(sqlite3.connect(index.place)) as older:
+        older.execute("PRAGMA user_version = 4")  # of when such a scan was called interrupted
+    with RunsIndex(tmp_path) as index:
+        assert (index.update().read, index.search()[0].status) == (1, AS_ASKED)
+    nlos("report", "run.h5", "--methods", "lct", check=True)
+    page = (tmp_path / "run.html").read_text()
+    assert "points were measured, and the scan ended as asked." in page
+    assert f"<td>ended as asked, {said['points']} of {said['planned']} points</td>" in page
+    with viewing("run.h5", "--method", "lct") as there:
+        assert there.waits(lambda state: state["over"])["status"] == AS_ASKED
 
 
 def test_damage_to_a_scan_that_ended_as_asked_is_damage(nlos: Nlos, tmp_path: Path) -> None:

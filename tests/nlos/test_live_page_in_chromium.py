@@ -18,6 +18,7 @@ import pytest
 import yaml
 from matplotlib.colors import Normalize
 
+from nlos.acquisition.recording.ended_as_asked import KIND, NOTHING_LEFT
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.cli.interrupts import BY_HAND
@@ -430,6 +431,24 @@ def test_light_that_is_on_is_loud_and_light_that_is_off_is_calm_and_always_said(
         shows(page, "banner", "^Ended early ?while paused by Ctrl-C in the terminal: 64 of 256 points")
         shows(page, "laser", r"^laser off since the scan's end \(simulated bench\)$")
         shows(page, "rateof", "^count rate at the end$")
+        page.close()
+
+
+def test_a_scan_whose_picture_was_good_enough_ended_as_asked(folder: Path, browser: Any) -> None:
+    with viewed(folder, "enough.h5", "--method", "lct", ends=None) as url:
+        page, _ = opened(browser, url)
+        bench = Bench(folder, "enough.h5")
+        bench.says("shutter", "opened")
+        bench.takes(64)
+        bench.says(KIND, NOTHING_LEFT)
+        bench.says("shutter", "closed")
+        bench.says(KIND, "interrupted")
+        bench.ends(Status.INTERRUPTED)
+        shows(page, "status", "^Ended as asked$")
+        shows(page, "banner", "^Ended as asked ?the picture was good enough: 64 of 256 points are taken; .*--resume")
+        shows(page, "laser", r"^laser off since the scan's end \(simulated bench\)$")
+        shows(page, "rateof", "^count rate at the end$")
+        assert page.locator("#banner").get_attribute("class") == "good"
         page.close()
 
 

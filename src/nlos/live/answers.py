@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from nlos.acquisition.recording.ended_as_asked import word_of
 from nlos.live.describe import described, packed, solid
 from nlos.live.file_seen import Seen
 from nlos.live.frames import Frames
@@ -170,12 +171,12 @@ def _where_m(plan: "ScanPlan", place: int) -> tuple[float, float]:
 
 
 def _status(scan: LiveScan, seen: Seen) -> str:
-    """The file's status, or `paused` or `lost`, which it does not know."""
+    """The file's status as `nlos` calls it, or `paused` or `lost`, which it does not know."""
     if seen.status.name == "INTERRUPTED" and seen.plan.until_stopped and scan.gathered is not None:
         # That is how it ends, unless all of the wall has not come once.
         return "complete" if len(scan.gathered.samples) >= seen.plan.first_round else "interrupted"
     if seen.status.name != "RUNNING":
-        return seen.status.name.lower()
+        return word_of(seen.status, ((event.kind, event.text) for event in seen.events))
     if scan.error is not None:
         return "lost"
     said = [event.text for event in seen.events if event.kind == "scan"]

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nlos.acquisition.recording.ended_as_asked import AS_ASKED, status_word
 from nlos.acquisition.recording.frames import ended_plan, frame_table
 from nlos.acquisition.scanning.advice import reasons
 from nlos.report.html import folded, picture, table
@@ -52,7 +53,8 @@ def _sentence(recording: "Recording") -> str:
     again = sum(event.kind == "resumed" for event in recording.events())
     if again:
         how += f"; resumed {again} time{'s' if again > 1 else ''}, and the time holds the pauses"
-    kept = "" if recording.status.name == "COMPLETE" else f", and the scan is {recording.status.name.lower()}"
+    status = status_word(recording)
+    kept = {"complete": "", AS_ASKED: f", and the scan {AS_ASKED}"}.get(status, f", and the scan is {status}")
     return (
         f"{len(plan):,} {'candidates' if plan.budget else 'points'} on a wall of {plan.wall.width_m:g} x "
         f"{plan.wall.height_m:g} m in {recording.elapsed_s:.1f} s, {live_s:.1f} s of it counting: {light}; {how}{kept}."
@@ -67,7 +69,7 @@ def _about(recording: "Recording") -> str:
     rows = {
         "Started": header.started_utc or "not stored",
         **{name.capitalize(): text for name, text in header.notes.shown().items()},
-        "Status": f"{recording.status.name.lower()}, {len(records)} of {planned} points",
+        "Status": f"{status_word(recording)}, {len(records)} of {planned} points",
         **({} if plan.frames == 1 else {"Frames": frame_table(plan, records).said()}),
         "Wall": f"{plan.wall.width_m:g} x {plan.wall.height_m:g} m, grid of {plan.wall.rows} x {plan.wall.cols}",
         "Time axis": f"{plan.axis.bins} bins of {plan.axis.bin_width_s * 1e12:g} ps",

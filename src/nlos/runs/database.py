@@ -20,7 +20,7 @@ COLUMNS = ("path", "size", "mtime_ns", "inode", "kind", "started", "status", "po
            "sample", "operator", "note", "tags", "bench", "words")  # fmt: skip
 DAMAGED = (sqlite3.DatabaseError, UnicodeDecodeError)
 """What a damaged file raises: the second where SQLite's own words quote bytes of it that are no text."""
-_VERSION = 4
+_VERSION = 5
 _SCHEMA = """
 CREATE TABLE runs (
     path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, inode INTEGER, kind TEXT, started TEXT, status TEXT,

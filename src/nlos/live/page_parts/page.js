@@ -1,5 +1,5 @@
 // What the page knows of each scan, how it asks for more, and what it says about it.
-const WORDS = {waiting: "Waiting for the scan's file", running: "Scanning", paused: "Paused", complete: "Scan complete", interrupted: "Ended early", stopped: "Stopped by an alarm", failed: "Failed", lost: "The scan was killed"};
+const WORDS = {waiting: "Waiting for the scan's file", running: "Scanning", paused: "Paused", complete: "Scan complete", interrupted: "Ended early", "ended as asked": "Ended as asked", stopped: "Stopped by an alarm", failed: "Failed", lost: "The scan was killed"};
 let scans = [], panels = [], chosen = 0, overlaid = false, compared = false, method = null, frame = null, gone = false, shape = "";
 const placeOf = (known, n) => { const {order} = known.plan; return order[known.state.film ? n % order.length : Math.min(n, order.length - 1)]; }; // of the n-th point; a film's repeat
 const panelName = (kind, scan) => (kind === "front" ? "albedo" : kind === "turn" ? "volume" : kind) + (scan ? scan : "");
@@ -62,7 +62,7 @@ function next(state) {
 }
 // Light: what it is called, and whether it is loud. What no program switches, or nobody commands any more, is loud as well.
 const LIGHTS = {on: "LASER ON", off: "laser off", maybe: "LASER MAY BE ON", "no shutter": "NO SHUTTER: TREAT THE LASER AS ON", replayed: "replay of a recording: no laser", untold: "laser: this file does not say"};
-const OVER = ["complete", "interrupted", "stopped", "failed"], mayBeOn = state => ["on", "maybe", "no shutter"].includes(state.light);
+const OVER = ["complete", "interrupted", "ended as asked", "stopped", "failed"], mayBeOn = state => ["on", "maybe", "no shutter"].includes(state.light);
 function lightOf(state) { // its words, and whether they are loud
   const over = OVER.includes(state.status), simulated = state.simulated ? " (simulated bench)" : "";
   if (!state.light) return ["laser: not known" + (gone ? "" : " before the scan begins"), false];
@@ -95,6 +95,7 @@ function banner(state) {
   else if (state.status === "lost") [big, small, kind] = [mayBeOn(state) ? "The scan was killed: the laser may be on" : "The scan was killed; the laser was off", `Nobody commands the shutter now: look at the laser, then run \`nlos shutter close\`. ${count(state.samples)} samples are safe; \`nlos scan --resume\` takes the others.`, "bad"];
   else if (state.status === "stopped" || state.status === "failed") [big, small, kind] = [WORDS[state.status], last("trip") || last("alarm") || last("device"), "bad"];
   else if (state.status === "interrupted") [big, small] = ["Ended early", `${whyEnded(state)}${soFar(state)} points are taken; \`nlos scan --resume\` takes the others.`];
+  else if (state.status === "ended as asked") [big, small, kind] = [WORDS[state.status], `the picture was good enough: ${soFar(state)} points are taken; \`nlos scan --resume\` takes the others.` + (state.over ? "" : " The last picture is being made."), "good"];
   else if (state.status === "complete") [big, small, kind] = ["Scan complete", `${count(state.samples)} points in ${seconds(state.elapsed_s)}` + (state.alarms ? `; ${state.alarms === 1 ? "one alarm" : count(state.alarms) + " alarms"}, see the events` : "") + (state.over ? "" : "; the last picture is being made"), "good"];
   else if (alarm && state.elapsed_s - alarm[0] < 30) [big, small, kind] = ["Alarm", `${alarm[2]} (at ${seconds(alarm[0])})`, "bad"];
   if (kind === "bad" && state.light && lightOf(state)[1] && (gone || state.status === "paused" || state.status === "lost")) kind = "bad lit"; // about light: no other trouble looks like it
