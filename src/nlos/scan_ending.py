@@ -44,6 +44,8 @@ class ScanEnding(AbstractContextManager["ScanEnding"]):
         path = self._writer.path
         if self.film is not None and self.film.whole:
             return f"{path} holds the film: {self.film.said()}."
+        if self.complete:
+            return f"{path} is complete."
         if self._uncut:
             return f"{path} was not cut to the frames of its film. {UNCUT.format(path=path)}"
         return f"The samples so far are safe in {self._writer.path}; `{self._resume}` takes the others."

@@ -9,7 +9,7 @@ from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.writer import RecordingWriter
-from nlos.acquisition.scanning.control import ScanControl
+from nlos.acquisition.scanning.control import ScanControl, ScanState
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings, open_bench
 from nlos.drivers.errors import DeviceError, DeviceLost, Preempted, ProtocolError, SafetyTrip
@@ -60,3 +60,15 @@ def test_a_recording_says_who_ended_the_scan(
                 raise error
     with Recording.open(tmp_path / "run.h5") as recording:
         assert recording.status is status
+
+
+def test_a_signal_after_the_last_point_leaves_nothing_for_a_resume(tmp_path: Path) -> None:
+    bench_settings = load("bench", "zero_latency", BenchSettings).settings
+    with open_bench(bench_settings) as bench:
+        control = ScanControl()
+        writer = RecordingWriter.create(tmp_path / "run.h5", PLAN, Header())
+        ending = ScanEnding(bench, writer, control, "--resume")
+        with contextlib.suppress(SystemExit), ending:
+            control.enter(ScanState.COMPLETE)
+            raise SystemExit(143)
+        assert ending.safe == f"{tmp_path / 'run.h5'} is complete."

@@ -222,7 +222,8 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
             raise
         if not (ending.film is not None and ending.complete and isinstance(error, KeyboardInterrupt)):
             terminal.say_end(f"ended by a signal. {ending.safe}")
-            terminal.document.update(recording=str(request.target), status="interrupted")
+            status = "complete" if ending.complete else "interrupted"  # by a signal after its last point
+            terminal.document.update(recording=str(request.target), status=status)
             raise
     assert writer is not None
     assert ending is not None
