@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.importers.isolated import check_isolated
-from nlos.acquisition.importers.plain import read_plain
+from nlos.acquisition.importers.plain import grid_of, read_plain
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, needed_array, open_hdf5
 from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
@@ -205,6 +205,7 @@ def read_scene(path: Path) -> Scene | None:
             sizes = np.atleast_1d(np.asarray(file.attrs["wall_size_m"], dtype=np.float64))
             wall = WallGrid(float(sizes[0]), float(sizes[-1]), *intensity.shape)
             falloff = file.attrs.get("falloff_exponent_authors")
+            places = grid_of(path, file, intensity.shape)
     except (OSError, LookupError, ValueError, TypeError) as error:
         raise InvalidData(f"{path}: {error}. A scene needs bin_width_s, wall_size_m and gt_* of [H, W].") from error
     if not (intensity.ndim == 2 and intensity.shape == depth_m.shape == mask.shape):
@@ -214,6 +215,7 @@ def read_scene(path: Path) -> Scene | None:
         )
     if not (np.isfinite(intensity).all() and intensity.max(initial=0) > 0):
         raise InvalidData(f"{path}: gt_intensity holds no light or is not finite; there is nothing to compare with.")
+    intensity, depth_m, mask = (places.upright(each) for each in (intensity, depth_m, mask))  # as histograms are
     depth_m = checked_depth(path, depth_m, mask > 0)
     return Scene(path.stem, path, intensity, depth_m, mask > 0, wall, None if falloff is None else int(falloff))
 
@@ -231,7 +233,8 @@ def has_condition(scene: Scene, condition: str) -> bool:
 
 
 def transient_of(scene: Scene, condition: str) -> Transient:
-    """The scene's histograms under a condition; points outside it have exposure 0 and no counts."""
+    """The scene's histograms under a condition; points outside it, and those not measured, have exposure 0 and no
+    counts. Raises `InvalidData`, also for raw histograms."""
     wanted = parsed(condition)
     scan = read_plain(scene.path, wanted.dataset)
     whole = replace(scan.transient, response=scan.response)
@@ -240,15 +243,20 @@ def transient_of(scene: Scene, condition: str) -> Transient:
             f"{scene.path}: {wanted.dataset} was measured on {whole.wall.rows} x {whole.wall.cols} points, the truth "
             f"is given on {scene.intensity.shape[0]} x {scene.intensity.shape[1]}."
         )
+    if not scan.rectified:
+        raise InvalidData(
+            f"{scene.path}: {wanted.dataset}: is raw, and methods are compared from time 0 at the wall on, without "
+            "direct light. Store it so, with rectified = 1."
+        )
     check_reach(scene.path, scene.depth_m, whole.time)
     if (whole.counts < 0).any():
         raise InvalidData(f"{scene.path}: {wanted.dataset} holds {int((whole.counts < 0).sum())} counts below 0.")
     if wanted.fwhm_ps is not None:
         whole = slowed(whole, read_plain(scene.path, NOISELESS).transient, wanted.fwhm_ps)
-    measured = measured_points(wanted.subset, whole.wall.rows, whole.wall.cols)
-    counts = whole.counts * measured
+    exposure_s = whole.exposure_s * measured_points(wanted.subset, whole.wall.rows, whole.wall.cols)
+    counts = whole.counts * (exposure_s > 0)
     counts[: scan.direct_cut_bins] = 0
-    return replace(whole, counts=counts, exposure_s=measured.astype(np.float64))
+    return replace(whole, counts=counts, exposure_s=exposure_s)
 
 
 def _run(

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.arrays import KNOWN, StoredArrays, scan_of
 from nlos.acquisition.importers.given import NOTHING, Given
+from nlos.acquisition.importers.grid_places import EvenGrid, on_even_grid
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.own_data import how_to_convert
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, open_hdf5, read_array
@@ -41,7 +42,15 @@ def read_plain(path: Path, dataset: str = "histograms", given: Given = NOTHING) 
     return scan_of(StoredArrays(str(path), "plain HDF5", dataset, counts, beside, others, DIFFUSE), given)
 
 
-def _beside(path: Path, file: h5py.File, histograms: h5py.Dataset, name: str) -> npt.NDArray[Any] | None:
+def grid_of(path: Path, file: h5py.File, shape: tuple[int, ...]) -> EvenGrid:
+    """How a file's arrays (H, W) stand, by the places `x_m` and `y_m` of its columns and rows. Raises `InvalidData` for
+    places that are no even grid."""
+    x_m, y_m = (_beside(path, file, file, axis) for axis in ("x_m", "y_m"))
+    rows, cols = shape
+    return on_even_grid(str(path), (rows, cols), None, x_m, y_m, told=False)
+
+
+def _beside(path: Path, file: h5py.File, histograms: h5py.File | h5py.Dataset, name: str) -> npt.NDArray[Any] | None:
     """What goes with the histograms: an attribute of the file or of their dataset, or a dataset. Raises `InvalidData`
     where these differ."""
     stored = find_dataset(file, name)

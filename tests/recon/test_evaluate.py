@@ -186,6 +186,7 @@ def test_what_a_file_says_of_itself_is_heeded(tmp_path: Path) -> None:
         (lambda file: file["gt_depth"].write_direct(file["gt_depth"][:] * np.nan), r"gt_depth is not a number above 0"),
         (lambda file: file["transient"].resize((15, 16, 120)), "15 x 16 points, the truth is given on 16 x 16"),
         (lambda file: file["transient"].__setitem__((1, 2, 3), -1), "1 counts below 0"),
+        (lambda file: file.attrs.__setitem__("rectified", 0), "one.h5: transient: is raw, and methods"),
     ],
 )
 def test_scenes_that_cannot_be_used_are_refused(
@@ -222,6 +223,39 @@ def test_a_truth_that_lies_another_way_round_is_said(
             file[name][...] = turn(file[name][:])
     notes = evaluate([path], ["lct"], ["transient"], fixed=True, say=print).notes
     assert any(f"with the truth {named}" in note for note in notes) if named else not notes
+
+
+def test_a_truth_is_turned_round_as_its_histograms_are(tmp_path: Path) -> None:
+    letter = np.zeros((16, 16), bool)  # an L
+    letter[4:13, 5:7] = letter[11:13, 5:11] = True
+    path = make_scene(tmp_path / "one.h5", square=letter)
+    upright = evaluate([path], ["lct"], ["transient"], fixed=True, say=print)
+    with h5py.File(path, "r+") as file:
+        for name in ("transient", "gt_intensity", "gt_depth", "gt_mask"):
+            file[name][...] = file[name][:][::-1, ::-1]
+        file["y_m"] = (np.arange(16) - 7.5) / 16
+        file.attrs["x_m"] = (7.5 - np.arange(16)) / 16
+    turned = evaluate([path], ["lct"], ["transient"], fixed=True, say=print)
+    assert turned.notes == []
+    assert turned.rows[0].psnr == pytest.approx(upright.rows[0].psnr)
+    np.testing.assert_array_equal(turned.scenes[0].intensity, letter)
+
+
+def test_points_have_the_exposures_that_their_file_says(tmp_path: Path) -> None:
+    path = make_scene(tmp_path / "one.h5")
+    exposure_s = np.random.default_rng(1).uniform(0.5, 2, (16, 16))
+    exposure_s[3, 4] = 0
+    with h5py.File(path, "r+") as file:
+        file["exposure_s"] = exposure_s
+        file["transient"][9, 2] = np.nan
+    exposure_s[9, 2] = 0
+    scene = read(path)
+    assert scene is not None
+    transient = transient_of(scene, "transient")
+    np.testing.assert_array_equal(transient.exposure_s, exposure_s)
+    assert not transient.counts[:, exposure_s == 0].any()
+    kept = transient_of(scene, "transient@8x8").exposure_s
+    np.testing.assert_array_equal(kept, np.where(kept > 0, exposure_s, 0))
 
 
 def test_a_truth_without_a_depth_where_nothing_is_scores_as_one_with_zeros(tmp_path: Path) -> None:
