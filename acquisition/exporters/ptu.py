@@ -16,6 +16,7 @@ import ptufile
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.exporters.scan_arrays import ScanArrays
+from nlos.acquisition.exporters.scan_facts import unsaid
 from nlos.acquisition.importers.untrusted_hdf5 import MAX_BYTES
 
 _MAX_BINS = 1 << 15  # 15 bits of delay in a generic T3 record
@@ -80,7 +81,7 @@ def _of_the_scan(scan: ScanArrays) -> list[str]:
     ]
     if scan.rectified:
         notes.append("that time 0 is the wall has no place in PTU: read it with --rectified")
-    return notes
+    return [*notes, *unsaid(scan)]
 
 
 def _first_delay(scan: ScanArrays, path: Path) -> tuple[int, list[str]]:

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from nlos.acquisition.exporters.scan_arrays import ScanArrays
+from nlos.acquisition.importers.plain import DIFFUSE
 
 
 def facts_of(scan: ScanArrays) -> dict[str, Any]:
@@ -31,3 +32,25 @@ def facts_of(scan: ScanArrays) -> dict[str, Any]:
     if scan.response is not None:
         values |= {"response": scan.response.shares, "response_bin_width_s": np.float64(scan.response.step_s)}
     return values
+
+
+def unsaid(scan: ScanArrays, *held: str) -> list[str]:
+    """What to say of facts that a format has no place for: of those that decide how a picture is made, all that are
+    known and not `held`, by their names in `facts_of`."""
+    fwhm_ps = 0.0 if scan.response is None else scan.response.fwhm_s * 1e12
+    facts = {
+        "direct_cut_bins": (
+            scan.direct_cut_bins,
+            f"that the first {scan.direct_cut_bins} bins hold direct light: it is written with the rest",
+        ),
+        "falloff_exponent_authors": (
+            scan.falloff not in (None, DIFFUSE),
+            f"the light's falloff: reconstruct it with --set falloff={scan.falloff}",
+        ),
+        "response": (scan.response is not None, f"the response: reconstruct it with --response {fwhm_ps:.4g}"),
+        "time_offset_bins": (
+            scan.time_offset_bins is not None and not scan.rectified,
+            "when light arrives at each point (time_offset_bins): direct light has to tell it",
+        ),
+    }
+    return [said for name, (known, said) in facts.items() if known and name not in held]

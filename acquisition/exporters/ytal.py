@@ -8,6 +8,7 @@ import numpy as np
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.exporters.scan_arrays import ScanArrays
+from nlos.acquisition.exporters.scan_facts import unsaid
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 
 _NOWHERE_M = (0.0, 0.0, 1.0)
@@ -55,7 +56,8 @@ def write_ytal(scan: ScanArrays, path: Path) -> list[str]:
         left.append(f"the scanner is at ({x_m:.3f}, {y_m:.3f}, {z_m:.3f}) m by the times of direct light")
     elif not scan.rectified:
         left.append("time 0 is not the wall and nothing tells the scanner's place: y-tal's solvers will not focus it")
-    return left
+    in_its_paths = ("time_offset_bins",) if scan.scanner is not None else ()
+    return [*left, *unsaid(scan, "falloff_exponent_authors", *in_its_paths)]
 
 
 def _said(scan: ScanArrays) -> dict[str, object]:

@@ -1,6 +1,7 @@
 """What is exported comes back: the same counts, walls and time axes, wherever the format has room for them."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from nlos.acquisition.planning.positions import free, pixels
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.writer import RecordingWriter
+from nlos.acquisition.response import gaussian
 from nlos.acquisition.sample import Sample
 from nlos.acquisition.scanning.free_points import FreePoints
 from nlos.acquisition.transient import TimeAxis
@@ -53,6 +55,20 @@ def test_counts_and_time_axis_come_back(suffix: str, even: bool, tmp_path: Path)
         assert np.array_equal(back.exposure_s, scan(even).exposure_s)
     else:
         assert left_behind
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_facts_that_a_format_has_no_place_for_are_named(suffix: str, tmp_path: Path) -> None:
+    plain = replace(scan(), rectified=True)
+    told = WRITERS[suffix](plain, tmp_path / f"plain{suffix}")
+    said = replace(plain, direct_cut_bins=12, falloff=2, response=gaussian(150e-12, "a Gaussian"))
+    more = " / ".join(note for note in WRITERS[suffix](said, tmp_path / f"said{suffix}") if note not in told)
+    assert ("the first 12 bins hold direct light" in more) == (suffix in (".hdf5", ".ptu"))
+    assert ("--response 150" in more) == (suffix in (".hdf5", ".ptu"))
+    assert ("--set falloff=2" in more) == (suffix == ".ptu")
+    timed = replace(scan(), time_offset_bins=np.full((4, 3), 5.0))
+    more = " / ".join(WRITERS[suffix](timed, tmp_path / f"timed{suffix}"))
+    assert ("time_offset_bins" in more) == (suffix in (".hdf5", ".ptu"))
 
 
 @pytest.mark.parametrize("suffix", [".hdf5", ".ptu"])
