@@ -3,8 +3,12 @@
 import numpy as np
 import numpy.typing as npt
 
+from nlos.calibration.background import Background
+
 Floats = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.float32]
+_SURE = 5.0
+"""Standard deviations."""
 
 
 def align(counts: npt.ArrayLike, offset_bins: npt.ArrayLike, bins: int) -> Counts:
@@ -28,6 +32,18 @@ def align_variance(variance: npt.ArrayLike, offset_bins: npt.ArrayLike, bins: in
     first = _window(recorded, whole, bins + 1)
     weight = part.astype(np.float32)[:, None]
     return first[:, :-1] * (1 - weight) ** 2 + first[:, 1:] * weight**2
+
+
+def light_beyond(counts: npt.ArrayLike, offset_bins: npt.ArrayLike, bins: int, background: Background) -> float:
+    """Counts above the background after the last of the bins that `align` keeps; 0 where chance may have made them."""
+    recorded = np.asarray(counts)
+    begin = np.clip(np.ceil(np.asarray(offset_bins) + bins), 0, recorded.shape[1]).astype(np.int64)
+    begin[~np.isfinite(background.error)] = recorded.shape[1]
+    length = recorded.shape[1] - begin
+    late = sum(float(row[at:].sum(dtype=np.float64)) for row, at in zip(recorded, begin, strict=True))
+    error = np.where(length > 0, background.error, 0.0)
+    above = late - float(background.per_bin @ length)
+    return above if above > _SURE * (np.sqrt(max(late, 0.0)) + float(error @ length)) else 0.0
 
 
 def recorded_bins(offset_bins: npt.ArrayLike, record_bins: int, bins: int) -> npt.NDArray[np.bool_]:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.calibration import raw_points
-from nlos.calibration.alignment import align, align_variance, recorded_bins
+from nlos.calibration.alignment import align, align_variance, light_beyond, recorded_bins
 from nlos.calibration.arrival_rounds import TimeOffsets
 from nlos.calibration.background import Background, before_pulse, subtract
 from nlos.calibration.constants import BenchConstants
@@ -39,6 +39,8 @@ class CorrectedPoints:
     offsets: TimeOffsets | None  # None where the arrivals were given
     direct: DirectLight
     background: Background
+    beyond: float = 0.0
+    """Light (counts) after the last bin of `time`, at points whose record goes on, and left out."""
 
     def report(self) -> Report:
         """Figures for people and JSON: what was found, and how well it fits."""
@@ -237,7 +239,12 @@ def _finish(
     aligned[~usable] = 0
     exposure = np.where(there, raw.exposure_s, 0.0)
     axis = TimeAxis(bins, raw.time.bin_width_s)
-    return CorrectedPoints(aligned, spread, usable, exposure, axis, offsets, direct, background)
+    beyond = light_beyond(timed.counts[there], arrival[there], bins, _at(background, there)) if known is None else 0.0
+    return CorrectedPoints(aligned, spread, usable, exposure, axis, offsets, direct, background, beyond)
+
+
+def _at(background: Background, points: npt.NDArray[np.bool_]) -> Background:
+    return Background(*(np.broadcast_to(each, points.shape)[points] for each in (background.per_bin, background.error)))
 
 
 def _bins_left(raw: RawPoints, arrival: Floats, offsets: TimeOffsets | None) -> int:

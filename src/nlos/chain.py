@@ -15,6 +15,7 @@ from nlos.calibration.correct import CorrectedPoints, Report, correct, correct_p
 from nlos.calibration.errors import NoDirectPeak, NothingBehind, ShutterClosed
 from nlos.calibration.raw_points import from_transient
 from nlos.direct_times import DirectTimes
+from nlos.light_left_out import tell_of_light_left_out
 from nlos.loaded import LoadedScan, load_scan
 from nlos.recipe import Recipe
 from nlos.recon.depth_range import within_depths
@@ -67,7 +68,7 @@ def arrivals_of(scan: LoadedScan, constants: "BenchConstants | None" = None) -> 
         raw = scan.points
         places = {place: k for k, place in enumerate(zip(raw.x_m.tolist(), raw.y_m.tolist(), strict=True))}
     done = correct_points(raw, constants)
-    _tell_calibration(done.report(), log.log)
+    _tell_calibration(done, log.log)
     return None if done.offsets is None else DirectTimes(done.offsets, places)
 
 
@@ -116,7 +117,7 @@ def _calibrated(
             tell_if_not_rectified(scan, points, done, tell)
         elif arrivals is None:
             hear(done)
-            _tell_calibration(done.report(), tell)
+            _tell_calibration(done, tell)
         gridded = grid_samples(
             scan.points.x_m, scan.points.y_m, done.counts, done.exposure_s, transient.wall, done.time
         )
@@ -133,11 +134,13 @@ def _calibrated(
             transient, constants, offset_bins=scan.offset_bins if of_a_whole is None else of_a_whole.offset_bins,
             sync_count=scan.sync_count, total_count=scan.total_count,
         )  # fmt: skip
+        if of_a_whole is None:
+            tell_of_light_left_out(known.points, tell)
         return known.transient, None if of_a_whole is None else of_a_whole.response
     with _or_rectified(scan):
         corrected = correct(transient, constants, sync_count=scan.sync_count, total_count=scan.total_count)
     hear(corrected.points)
-    _tell_calibration(corrected.report(), tell)
+    _tell_calibration(corrected.points, tell)
     return corrected.transient, _own(corrected.points)
 
 
@@ -178,7 +181,12 @@ def _or_rectified(scan: LoadedScan) -> Iterator[None]:
         raise type(error)(f"{error} {IF_RECTIFIED}") from error
 
 
-def _tell_calibration(report: "Report", tell: Tell) -> None:
+def _tell_calibration(done: CorrectedPoints, tell: Tell) -> None:
+    _tell_arrivals(done.report(), tell)
+    tell_of_light_left_out(done, tell)
+
+
+def _tell_arrivals(report: Report, tell: Tell) -> None:
     rms_bins, points = report["offset_rms_bins"], report["points"]
     assert isinstance(points, int)
     if report["arrivals_known"]:

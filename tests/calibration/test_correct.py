@@ -151,6 +151,21 @@ def test_a_stray_arrival_late_in_the_record_shortens_no_other_point(raw_scan: Ra
     assert not done.usable[7, -100:].any()
 
 
+def test_light_that_only_some_points_recorded_is_counted() -> None:
+    scan = make_raw_scan(hidden_counts=100)
+    whole = correct_points(raw(scan))
+    assert whole.beyond == 0
+    ends = int(scan.arrival_bins.max()) + 200  # 2 x 0.96 m behind the last point's direct light
+    time = TimeAxis(ends, scan.bin_width_s)
+    short = correct_points(replace(raw(scan), counts=scan.counts[:, :ends], time=time))
+    last = np.ceil(scan.arrival_bins + short.time.bins).astype(int)
+    left_out = sum(row[at:ends].sum() for row, at in zip(scan.hidden, last, strict=True))
+    assert left_out > 500
+    assert short.beyond == pytest.approx(left_out, abs=5 * np.sqrt(scan.counts.shape[0] * 200 * 0.2))
+    dark = make_raw_scan(hidden_counts=0)
+    assert correct_points(replace(raw(dark), counts=dark.counts[:, :ends], time=time)).beyond == 0
+
+
 def test_records_that_end_with_the_direct_light_are_refused(raw_scan: RawScan) -> None:
     latest = int(raw_scan.arrival_bins.max()) + 20
     time = TimeAxis(latest, raw_scan.bin_width_s)
