@@ -17,7 +17,7 @@ import numpy.typing as npt
 from nlos.acquisition.importers.formats import read_any
 from nlos.acquisition.importers.imported import ImportedScan
 from nlos.acquisition.importers.isolated import check_isolated
-from nlos.acquisition.importers.plain import read_plain
+from nlos.acquisition.importers.plain import grid_of, read_plain
 from nlos.acquisition.importers.untrusted_hdf5 import needed_array, open_hdf5
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
@@ -29,6 +29,8 @@ NOISELESS, COUNTED, TRUTH = "transient", "histograms", ".truth.h5"
 NEEDED = ("gt_intensity", "gt_depth", "gt_mask")
 HDF5 = (".h5", ".hdf5")
 LFE_BINS = 600
+WHOLE = 0.01
+"""Of a bin: what rounding makes of a whole number of them."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,8 @@ def read_scene(path: Path) -> SceneOnDisk:
     elif not scan.rectified:
         raise ValueError(f"{path}: time 0 is not the wall; set `rectified` where it is, or store `time_offset_bins`")
     light[: scan.direct_cut_bins] = 0
+    if scan.rectified:
+        light = _from_time_0(path, light, held.time, counted)
     intensity, albedo, depth_m, coverage = _truth(path)
     if intensity.shape != light.shape[1:]:
         raise ValueError(
@@ -91,7 +95,7 @@ def read_scene(path: Path) -> SceneOnDisk:
     exposure = held.exposure_s.astype(np.float32)
     if not light.any() or light.min() < 0 or not np.isfinite(light).all():
         raise ValueError(f"{path}: light must be finite, not negative and not 0 everywhere")
-    time = TimeAxis(held.time.bins, held.time.bin_width_s)
+    time = TimeAxis(len(light), held.time.bin_width_s)
     return SceneOnDisk(
         light, exposure, intensity, albedo, depth_m, coverage, held.wall, time, counted, scan.falloff == 2
     )
@@ -149,15 +153,32 @@ def _truth(path: Path) -> tuple[Array, Array, Array, Array]:
             )
         intensity, depth_m, mask = (needed_array(file, name, (None, None)) for name in NEEDED)
         albedo, coverage = _or(file, "gt_albedo", intensity), _or(file, "gt_coverage", (mask > 0).astype(np.float32))
+        places = grid_of(where, file, intensity.shape)
     if not intensity.shape == depth_m.shape == mask.shape == albedo.shape == coverage.shape:
         raise ValueError(f"{where}: the truth's arrays are of different shapes")
     if not intensity.max(initial=0) > 0 or intensity.min() < 0:
         raise ValueError(f"{where}: gt_intensity must not be negative, nor 0 everywhere")
-    return intensity, albedo, np.where(mask > 0, depth_m, 0).astype(np.float32), np.clip(coverage, 0, 1)
+    depth_m, coverage = np.where(mask > 0, depth_m, 0).astype(np.float32), np.clip(coverage, 0, 1)
+    upright = (np.ascontiguousarray(places.upright(each)) for each in (intensity, albedo, depth_m, coverage))
+    return next(upright), next(upright), next(upright), next(upright)  # as histograms are
 
 
 def _or(file: h5py.File, name: str, default: Array) -> Array:
     return needed_array(file, name, (None, None)) if name in file else default
+
+
+def _from_time_0(path: Path, light: Array, time: TimeAxis, counted: bool) -> Array:
+    """Histograms (T, H, W) of a record that begins after time 0, behind as many empty bins. Raises ValueError where
+    these are more than the record has, or of counts no whole number."""
+    late = time.start_s / time.bin_width_s
+    if late > time.bins or (counted and abs(late - round(late)) > WHOLE):
+        raise ValueError(
+            f"{path}: its record of {time.bins} bins begins {late:.6g} bins after time 0 (offset_s); no more than it "
+            f"has{', and a whole number,' if counted else ''} can be put before it"
+        )
+    before = int(np.ceil(late - WHOLE))
+    padded = np.pad(light, ((before, 0), (0, 0), (0, 0)))
+    return padded if before - late <= WHOLE else _earlier(padded, np.full(light.shape[1:], before - late))
 
 
 def _earlier(light: Array, offsets: npt.NDArray[np.float64]) -> Array:
