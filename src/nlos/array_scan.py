@@ -46,7 +46,7 @@ def scan_from_arrays(
             raise InvalidData(f"exposure has shape {exposed.shape}; {shape} is expected, seconds per point.")
     exposed = np.where(masked, 0.0, exposed)
     time = TimeAxis(counts.shape[-1], width_s)
-    assumed, rectified = rectified is None, rectified is not False
+    assumed, rectified = rectified is None, rectified is None or rectified
     if points is None:
         scan = _on_grid(counts, exposed, _wall(wall, *shape), time, rectified)
         return replace(scan, rectified_assumed=assumed)
@@ -58,6 +58,19 @@ def scan_from_arrays(
     empty = np.zeros_like(on_grid.exposure_s)
     return LoadedScan(on_grid, {}, empty, empty, rectified, None, None, None, points=free,
                       rectified_assumed=assumed)  # fmt: skip
+
+
+def whether_rectified(said: object) -> bool | None:
+    """What was said, as files and arrays hold it, too: `np.False_`, 0, an array of one. None: nothing.
+
+    Raises `InvalidData` for what is no answer.
+    """
+    if said is None:
+        return None
+    held = np.asarray(said)
+    if held.size != 1 or held.dtype.kind not in "bui" or held.item() not in (0, 1):
+        raise InvalidData(f"rectified={said!r}: True (time 0 is the wall, direct light is gone) or False is expected.")
+    return bool(held.item())
 
 
 def _on_grid(

@@ -125,9 +125,15 @@ def _as_given(path: Path, scan: LoadedScan, given: Given) -> LoadedScan:
         scan = replace(scan, transient=replace(scan.transient, wall=wall), wall_known=True)
         log.info("%s: a wall of %g x %g m, as given", path, *given.wall_m)
     if given.rectified is not None:
-        scan = replace(scan, rectified=given.rectified, rectified_assumed=False, no_direct_light=False)
+        scan = said_rectified(scan, given.rectified)
         log.info("%s: %s, as given", path, "rectified" if given.rectified else "raw")
     return scan
+
+
+def said_rectified(scan: LoadedScan, rectified: bool) -> LoadedScan:
+    """The scan as a user says that it is, whatever its file says: of a raw one nothing was cut."""
+    cut = scan.direct_cut_bins if rectified else None
+    return replace(scan, rectified=rectified, direct_cut_bins=cut, rectified_assumed=False, no_direct_light=False)
 
 
 def _on_found_wall(path: Path, scan: LoadedScan) -> LoadedScan:

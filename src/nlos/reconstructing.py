@@ -3,16 +3,19 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import numpy.typing as npt
 
-from nlos.array_scan import Size, scan_from_arrays
+from nlos.acquisition.importers.given import Given
+from nlos.array_scan import Size, scan_from_arrays, whether_rectified
 from nlos.chain import reconstruct_scan
+from nlos.loaded import load_scan, said_rectified
 from nlos.picture import Picture
 from nlos.recipe import Recipe
 from nlos.recon.device import check_device
 from nlos.recon.errors import InvalidSettings
 from nlos.response import response_wanted
-from nlos.scan_data import Scan, load
+from nlos.scan_data import Scan
 
 ResponseSaid = str | float | Path | tuple[npt.ArrayLike, float]
 
@@ -27,7 +30,7 @@ def reconstruct(
     points: Sequence[npt.ArrayLike] | None = None,
     axes: str | None = None,
     exposure: npt.ArrayLike | None = None,
-    rectified: bool | None = None,
+    rectified: bool | np.bool_ | None = None,
     constants: str | Path | None = None,
     response: ResponseSaid = "auto",
     device: str = "cpu",
@@ -36,27 +39,30 @@ def reconstruct(
     """What is behind the corner: from a `Scan`, a file, or histograms [H, W, T] ([N, T] with `points=(x_m, y_m)`).
 
     For arrays: `wall` its side or (width, height) in metres, `bin_width` in seconds, `axes` the order of the axes where
-    it is another ("TYX"), `exposure` in seconds per point (0 = not measured), `rectified` whether time 0 is the wall
-    and direct light is gone, which is assumed unless said; if not, both are found in the histograms. `response`: what
-    the instrument makes of an instant of light, as `--response`: "auto", "none", a FWHM in picoseconds, a file, or
-    (curve, bin width in seconds);
+    it is another ("TYX"), `exposure` in seconds per point (0 = not measured). `rectified`: whether time 0 is the wall
+    and direct light is gone, which is assumed of arrays unless said; if not, both are found in the histograms. It goes
+    before what a file or a `Scan` says. `response`: what the instrument makes of an instant of light, as `--response`:
+    "auto", "none", a FWHM in picoseconds, a file, or (curve, bin width in seconds);
     `picture.response` says which was taken. `method` is `lct`, unless `weights` (a file, or
     a name of those that ship) say another: they bring method and architecture. Other keywords are settings of the
     method: `nlos.methods()[method].settings`. Raises `InvalidData`, `InvalidSettings` and `ReconstructionFailed` of
     `nlos.recon.errors`, and what `nlos.load` raises.
     """
     check_device(device)
+    said = whether_rectified(rectified)
     if isinstance(scan, str | Path):
-        scan = load(scan)
+        scan = Scan(load_scan(Path(scan), Given(rectified=said)), Path(scan).name)
     if isinstance(scan, Scan):
         given = {"wall": wall, "bin_width": bin_width, "points": points, "axes": axes, "exposure": exposure}
         if named := [name for name, value in given.items() if value is not None]:
             raise InvalidSettings(f"{', '.join(named)}: the scan says so itself; these belong to plain arrays.")
         loaded, whole = scan.loaded, scan.whole
+        if said is not None:
+            loaded, whole = said_rectified(loaded, said), None if whole is None else said_rectified(whole, said)
     else:
         whole = None
         loaded = scan_from_arrays(
-            scan, bin_width=bin_width, wall=wall, points=points, axes=axes, exposure=exposure, rectified=rectified
+            scan, bin_width=bin_width, wall=wall, points=points, axes=axes, exposure=exposure, rectified=said
         )
     name, chosen = method or "lct", settings
     if weights is not None:

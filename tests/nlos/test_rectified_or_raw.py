@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
+from nlos import load, reconstruct
 from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.seems_raw import aligned_later_s, mean_arrival_s
@@ -16,6 +17,7 @@ from nlos.drivers.simulated.beam import BeamPath
 from nlos.drivers.simulated.scene import SceneLight, SceneSettings
 from nlos.drivers.simulated.spad import DetectorSettings
 from nlos.drivers.simulated.surfaces import Surface
+from nlos.recon.errors import InvalidData
 from tests.command import nlos
 
 SIDE, BINS, BIN_S, WALL_M, AWAY_M, DWELL_S = 16, 1024, 16e-12, 0.9, 1.6, 0.3
@@ -125,3 +127,46 @@ def test_direct_light_that_was_aligned_to_a_later_bin_is_seen(hidden: Surface, l
     assert found is not None
     assert found == pytest.approx(late * BIN_S, abs=4 * BIN_S)
     assert aligned_later_s(points(photons(hidden, direct_cps=0.0, from_wall=True))) is None
+
+
+@pytest.mark.parametrize("said", [np.False_, 0, np.int64(0), np.array(False)], ids=repr)
+def test_an_array_is_raw_however_python_and_files_say_so(said: object) -> None:
+    counts = photons(LETTER, direct_cps=400000.0, from_wall=False)
+    raw, told = (
+        reconstruct(counts, wall=WALL_M, bin_width=BIN_S, rectified=each)  # type: ignore[arg-type]
+        for each in (False, said)
+    )
+    np.testing.assert_array_equal(told.albedo, raw.albedo)
+    for wrong in ("no", 2, 0.0, [True, False]):
+        with pytest.raises(InvalidData, match=r"rectified=.*True .* or False is expected"):
+            reconstruct(counts, wall=WALL_M, bin_width=BIN_S, rectified=wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("stored", [True, False, None])
+@pytest.mark.parametrize("said", [True, False])
+def test_what_python_says_goes_before_what_a_file_says(tmp_path: Path, said: bool, stored: bool | None) -> None:
+    counts = photons(LETTER, direct_cps=0.0 if said else 400000.0, from_wall=said)
+    write(tmp_path, counts)
+    if stored is not None:
+        with h5py.File(tmp_path / "scan.h5", "a") as file:
+            file.attrs["rectified"] = stored
+    right = reconstruct(counts, wall=WALL_M, bin_width=BIN_S, rectified=said)
+    for scan in (tmp_path / "scan.h5", load(tmp_path / "scan.h5")):
+        np.testing.assert_array_equal(reconstruct(scan, rectified=said).albedo, right.albedo)
+
+
+def test_of_a_scan_that_is_said_to_be_raw_nothing_was_cut(tmp_path: Path) -> None:
+    """A file's own cut belongs to a rectified scan: without it, direct light is looked for and removed."""
+    counts = photons(LETTER, direct_cps=400000.0, from_wall=False)
+    x_m, y_m = (each.ravel() for each in np.meshgrid(AT_M, -AT_M))
+    with h5py.File(tmp_path / "cut.h5", "w") as file:
+        file["histograms"], file["x_m"], file["y_m"] = counts.reshape(-1, BINS), x_m, y_m
+        file.attrs.update({"bin_width_s": BIN_S, "wall_size_m": WALL_M, "rectified": True, "direct_cut_bins": 40})
+    assert nlos(tmp_path, "import", "cut.h5", "-o", "run.h5").returncode == 0
+    of_arrays = reconstruct(
+        counts.reshape(-1, BINS), points=(x_m, y_m), wall=WALL_M, bin_width=BIN_S, rectified=False
+    )  # fmt: skip
+    for name in ("cut.h5", "run.h5"):
+        np.testing.assert_allclose(
+            reconstruct(tmp_path / name, rectified=False).albedo, of_arrays.albedo, rtol=1e-4, atol=1e-4
+        )
