@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset
+from nlos.acquisition.recording.shown_to_hdf5 import written_hdf5
 from nlos.acquisition.recording.validation import json_object
 from nlos.calibration.arrivals import Arrivals
 from nlos.calibration.bench_facts import Facts, changes
@@ -135,7 +136,7 @@ def save(constants: BenchConstants, path: Path, overwrite: bool = False) -> None
         about["geometry_errors"] = dict(constants.geometry_errors)
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        with h5py.File(partial, "w") as file:
+        with written_hdf5(partial) as file:
             file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
             file.attrs["about"] = json.dumps(about)
             file.attrs["bin_width_s"] = constants.bin_width_s

@@ -25,6 +25,7 @@ import numpy as np
 
 from nlos.acquisition.importers.imported import LARGEST_WALL_M
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset, needed_array, open_hdf5
+from nlos.acquisition.recording.shown_to_hdf5 import written_hdf5
 from nlos.acquisition.recording.validation import json_object
 from nlos.acquisition.response import Response, gaussian, measured
 from nlos.acquisition.wall import WallGrid
@@ -90,7 +91,7 @@ def write_results(
 def write_reconstruction(path: Path, reconstruction: Reconstruction, keep_volume: bool = True) -> None:
     """Writes one HDF5 file in the layout above."""
     wall = reconstruction.wall
-    with h5py.File(path, "w") as file:
+    with written_hdf5(path) as file:
         file.attrs["method"] = reconstruction.method
         file.attrs["settings"] = json.dumps(reconstruction.settings, sort_keys=True)
         file.attrs["seconds"] = reconstruction.seconds

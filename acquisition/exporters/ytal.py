@@ -9,6 +9,7 @@ import numpy as np
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.exporters.scan_arrays import ScanArrays
 from nlos.acquisition.exporters.scan_facts import unsaid
+from nlos.acquisition.recording.shown_to_hdf5 import written_hdf5
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S
 
 _NOWHERE_M = (0.0, 0.0, 1.0)
@@ -31,7 +32,7 @@ def write_ytal(scan: ScanArrays, path: Path) -> list[str]:
     grid = np.stack([x, y, np.zeros_like(x)], axis=2)
     normals = np.zeros_like(grid)
     normals[..., 2] = 1.0
-    with h5py.File(path, "w") as file:
+    with written_hdf5(path) as file:
         file.create_dataset(
             "H",
             data=scan.histograms[::-1].transpose(2, 1, 0).astype(np.float32),

@@ -65,7 +65,7 @@ def _answer(request: dict[str, Any]) -> dict[str, object]:
             return {"found": found} if isinstance(found, dict) else {}
         given = request["given"]
         wall_m = None if given["wall_m"] is None else tuple(given["wall_m"])
-        return _sent(read_any(path, Given(**{**given, "wall_m": wall_m})), Path(request["folder"]))
+        return _passed_on(read_any(path, Given(**{**given, "wall_m": wall_m})), Path(request["folder"]), shown)
     except StorageError as error:
         return {"storage": str(error).replace(str(path), shown)}
     except refusals as error:
@@ -84,6 +84,16 @@ def _contents(path: Path, request: dict[str, Any]) -> dict[str, object]:
 
 def _plain(value: object) -> object:
     return value if isinstance(value, str | int | float) else str(value)
+
+
+def _passed_on(scan: ImportedScan, folder: Path, shown: str) -> dict[str, object]:
+    try:
+        return _sent(scan, folder)
+    except OSError as error:  # of that folder's disk, and no fault of the file
+        raise StorageError(
+            f"{shown}: {folder.parent} has no room for what it holds ({error}). Free disk space there, or "
+            "name another folder by the environment variable TMPDIR."
+        ) from error
 
 
 def _sent(scan: ImportedScan, folder: Path) -> dict[str, object]:

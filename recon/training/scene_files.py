@@ -6,9 +6,9 @@
 import sys
 from pathlib import Path
 
-import h5py
 import numpy as np
 
+from nlos.acquisition.recording.shown_to_hdf5 import written_hdf5
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.training.rendering import render
@@ -31,7 +31,7 @@ def write_scene(path: Path, kind: str, index: int, wall: WallGrid = WALL, time: 
     pieces = surfels(scene, rng)
     light = render(pieces, wall, time, seen=visibility(scene, pieces, wall)).numpy()
     light = np.moveaxis(light, 0, 2) / light.max()
-    with h5py.File(path, "w") as file:
+    with written_hdf5(path) as file:
         file.attrs.update({"bin_width_s": time.bin_width_s, "rectified": True, "scene": path.stem, "kind": scene.kind})
         file.attrs["wall_size_m"] = [wall.width_m, wall.height_m]
         file.attrs["provenance"] = f"recon.training.scene_files, seed {SEED}, scene {index} of kind {kind}"
