@@ -1,7 +1,8 @@
 """Runs a method of the catalogue on a transient, by torch."""
 
+import os
 from collections.abc import Hashable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import cast
 
 import numpy as np
@@ -21,6 +22,9 @@ from nlos.recon.own_methods import defined_at, with_its_line
 
 Floats = npt.NDArray[np.float32]
 Depths = npt.NDArray[np.float64]
+
+if hasattr(os, "register_at_fork"):  # not on Windows. A child has none of its parent's threads, and OpenMP awaits them
+    os.register_at_fork(after_in_child=partial(torch.set_num_threads, 1))
 
 
 def see_by(
