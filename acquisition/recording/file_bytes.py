@@ -93,6 +93,7 @@ class HdfBytes:
         if at < len(self._start) and not self._blind:
             head = self._start[at : at + size]
             data = head + data[len(head) :]
+        buffer = memoryview(buffer)  # that of h5py before 3.12 takes no bytes
         buffer[: len(data)] = data
         buffer[len(data) :] = bytes(size - len(data))
         self._at += size
