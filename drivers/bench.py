@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from threading import Lock
 
 from nlos.drivers.arming import Agree, Arming
 from nlos.drivers.bench_settings import BenchSettings
@@ -47,6 +48,8 @@ class Bench:
         self.simulated = simulated
         self._events = events
         self.closed = False
+        self.scanning = Lock()
+        """Held by the scan that a Python program runs."""
         self.while_waiting: Callable[[], None] = lambda: None
         """Called every 10 ms while points are waited for; what it raises ends the wait."""
         counter.meanwhile(self._look)

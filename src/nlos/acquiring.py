@@ -20,6 +20,7 @@ from nlos.cli.targets import recording_target
 from nlos.configs.load import load
 from nlos.drivers import bench as table
 from nlos.drivers.bench import Bench, BenchSettings
+from nlos.drivers.errors import DeviceBusy
 from nlos.drivers.exit_paths import undisturbed
 from nlos.drivers.trip_latch import TripLatch
 from nlos.live.looks import catch_up
@@ -61,8 +62,9 @@ def scan(
     with all that happens, each sample before it is yielded; `resume`: only what is missing there. `constants`: what
     `nlos calibrate` measured, to aim by; default: the bench's newest; "none": none. A bench without a shutter needs
     `no_shutter=True`. `sample`, `operator`, `note`, `tags`: kept in the recording; defaults are the bench's, then one's
-    own. Raises `DeviceError` with the shutter closed.
+    own. Raises `DeviceError` with the shutter closed, `DeviceBusy` while another scan of this bench is under way.
     """
+    _check_free(bench)
     if bench.settings.shutter.model == "none" and not no_shutter:
         raise PlanRefused(
             "this bench has no shutter, so nothing here can shut off the light. Pass no_shutter=True if something else "
@@ -81,8 +83,38 @@ def scan(
     prepared = prepare(ScanRequest(plan, alarms, header, target, resume, constants=aimed_by), bench)
     prepared.alarms.wait_for_rates(bench)
     if target is None:
-        return _advised(prepared, Resumed(None, {}, 0.0), ScanControl(), _adviser(prepared))
-    return _recorded(prepared)
+        return _alone(bench, _advised(prepared, Resumed(None, {}, 0.0), ScanControl(), _adviser(prepared)))
+    return _alone(bench, _recorded(prepared))
+
+
+def _check_free(bench: Bench) -> None:
+    """Raises `TypeError` for what is no open bench, and `DeviceBusy` where a scan of it is under way."""
+    if not isinstance(bench, Bench):
+        raise TypeError(
+            f"{bench!r} is no open bench. Open it: with nlos.open_bench(...) as bench: nlos.scan(..., bench)"
+        )
+    if bench.scanning.locked():
+        raise _busy(bench)
+
+
+def _busy(bench: Bench) -> DeviceBusy:
+    return DeviceBusy(
+        "bench",
+        f"{bench.settings.name} is scanning already.",
+        "End that scan first: its loop, or close() of its samples.",
+    )
+
+
+def _alone(bench: Bench, samples: Generator[Sample, None, None]) -> Generator[Sample, None, None]:
+    """The samples, while no other scan speaks to the same instruments."""
+    with closing(samples):
+        if not bench.scanning.acquire(blocking=False):
+            raise _busy(bench)
+        try:
+            yield from samples
+        finally:
+            samples.close()
+            bench.scanning.release()
 
 
 def _checked_target(path: Path, resume: bool) -> Path:

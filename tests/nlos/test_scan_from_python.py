@@ -8,7 +8,7 @@ import nlos
 from nlos.__main__ import run
 from nlos.acquisition.errors import StorageError
 from nlos.acquisition.recording.recording import Recording, Status
-from nlos.drivers.errors import SafetyTrip
+from nlos.drivers.errors import DeviceBusy, SafetyTrip
 from nlos.drivers.state_folder import STATE
 from nlos.drivers.trip_latch import TripLatch
 
@@ -77,3 +77,29 @@ def test_a_trip_in_the_scan_says_where_the_samples_are() -> None:
 def test_a_name_that_cannot_be_written_is_refused_at_once(name: str) -> None:
     with nlos.open_bench(BENCH) as bench, pytest.raises(StorageError, match="run"):
         nlos.scan(SCAN, bench, output=name)
+
+
+def test_a_second_scan_of_a_bench_leaves_the_first_alone() -> None:
+    with nlos.open_bench(BENCH) as bench:
+        alone = [sample.histogram.counts.tolist() for sample in nlos.scan(SCAN, bench)]
+    with nlos.open_bench(BENCH) as bench:
+        waiting, first = nlos.scan(SCAN, bench), nlos.scan(SCAN, bench)
+        taken = [next(first)]
+        with pytest.raises(DeviceBusy, match=r"is scanning already\. End that scan first"):
+            nlos.scan(SCAN, bench, output="second.h5")
+        with pytest.raises(DeviceBusy, match="is scanning already"):
+            next(waiting)
+        taken += first
+        assert [sample.histogram.counts.tolist() for sample in taken] == alone
+        assert not Path("second.h5").exists()
+        left = nlos.scan(SCAN, bench)
+        next(left)
+        left.close()
+        assert not bench.shutter.may_be_open
+        assert len(list(nlos.scan(SCAN, bench))) == len(alone)
+
+
+def test_what_is_no_open_bench_is_told_how_one_is_opened() -> None:
+    for wrong in (BENCH, None, nlos.open_bench(BENCH)):
+        with pytest.raises(TypeError, match=r"is no open bench\. Open it: with nlos.open_bench\("):
+            nlos.scan(SCAN, wrong)  # type: ignore[arg-type]
