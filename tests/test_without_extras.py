@@ -1,12 +1,14 @@
 """Who installed no extra has every command that needs none: each module above the rooms is imported without them."""
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from tests.test_house_rules import files
+import nlos
+from tests.test_house_rules import TOP, files
 
 EXTRAS = ("torch", "safetensors", "zmq", "tensorboard", "xarray", "distributed", "dask", "mkdocs", "IPython", "napari")
 
@@ -38,3 +40,27 @@ def test_a_package_of_its_own_that_is_not_there_is_named(package: str, name: str
     assert done.returncode == 2
     assert f"pip install {name}" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_python_is_told_what_to_install_for_a_method_that_is_asked_for() -> None:
+    run = """
+import sys
+sys.modules["torch"] = None
+import numpy as np, nlos
+try:
+    nlos.reconstruct(np.ones((4, 4, 64)), "gram", wall=1.0, bin_width=32e-12, rectified=True)
+except ModuleNotFoundError as error:
+    print(error.name, error)
+"""
+    done = subprocess.run([sys.executable, "-c", run], capture_output=True, text=True, timeout=120)
+    assert done.stdout.startswith("torch gram needs torch"), done.stderr[-2000:]
+    assert "pip install 'nlos[recon]'" in done.stdout
+
+
+def test_a_type_checker_knows_the_names_that_there_are() -> None:
+    """It takes a module's `__getattr__` for a name of any kind, a misspelt one among them."""
+    tree = ast.parse((TOP / "src/nlos/__init__.py").read_text(encoding="utf-8"))
+    defined = [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
+    assert "__getattr__" not in defined
+    with pytest.raises(AttributeError, match=r"it offers .*reconstruct"):
+        _ = nlos.reconstuct  # type: ignore[attr-defined]

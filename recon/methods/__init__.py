@@ -50,7 +50,7 @@ def find(name: str) -> Method:
     """The method of that name, or in that file where it ends in `.py`.
 
     Raises `InvalidSettings` with the nearest name for one that does not exist, with file and line for a file that
-    holds no method.
+    holds no method; `ModuleNotFoundError` with what to install where it needs an extra.
     """
     if in_a_file(name):
         return find_in_file(name)
@@ -69,7 +69,13 @@ def find(name: str) -> Method:
         )
     if name in PLAIN and not torch_is_installed():
         return cast(Method, importlib.import_module(f"nlos.recon.without_torch.{name}"))
-    return cast(Method, importlib.import_module(f"{__name__}.{name}"))
+    try:
+        return cast(Method, importlib.import_module(f"{__name__}.{name}"))
+    except ModuleNotFoundError as error:
+        if error.name not in ("torch", "safetensors"):
+            raise
+        said = f"{name} needs {error.name}, which is not installed. Install it with: pip install 'nlos[recon]'"
+        raise ModuleNotFoundError(said, name=error.name) from error
 
 
 def torch_is_installed() -> bool:

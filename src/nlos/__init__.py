@@ -38,13 +38,15 @@ _WHERE = {
 }
 
 
-def __getattr__(name: str) -> Any:
-    """Loads a function of the API when it is first asked for."""
-    if name not in _WHERE:
-        raise AttributeError(f"module 'nlos' has no attribute '{name}'; it offers {', '.join(sorted(_WHERE))}")
-    value = getattr(import_module(f"nlos.{_WHERE[name]}"), name)
-    globals()[name] = value
-    return value
+if not TYPE_CHECKING:  # which knows the names above, and would take any other for one
+
+    def __getattr__(name: str) -> Any:
+        """Loads a function of the API when it is first asked for."""
+        if name not in _WHERE:
+            raise AttributeError(f"module 'nlos' has no attribute '{name}'; it offers {', '.join(sorted(_WHERE))}")
+        value = getattr(import_module(f"nlos.{_WHERE[name]}"), name)
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:

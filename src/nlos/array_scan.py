@@ -91,7 +91,7 @@ def _numbers(values: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
 def _bin_width(bin_width: float | None) -> float:
     if bin_width is None:
         raise InvalidData("bin_width is missing: the width of a time bin in seconds, for example bin_width=32e-12.")
-    if not isinstance(bin_width, SupportsFloat):
+    if not isinstance(bin_width, SupportsFloat) or np.ndim(bin_width) > 0:
         raise InvalidData(f"bin_width={bin_width!r}: a number of seconds is expected, for example bin_width=32e-12.")
     if not 1e-13 <= bin_width <= 1e-6:
         hint = f" Did you mean bin_width={bin_width:g}e-12?" if 0.1 <= bin_width <= 1e6 else ""
@@ -109,7 +109,7 @@ def _ordered(array: npt.NDArray[Any], axes: str | None, free: bool) -> npt.NDArr
     if 0 in array.shape:
         raise InvalidData(f"histograms have shape {array.shape}: there is nothing in them.")
     if axes is not None:
-        named = "".join(AXES.get(letter, letter) for letter in axes.upper())
+        named = "".join(AXES.get(letter, letter) for letter in str(axes).upper())
         if sorted(named) != sorted(expected):
             raise InvalidData(f"axes='{axes}': the letters of '{expected}' are expected, in the order of the array.")
         array = np.transpose(array, [named.index(letter) for letter in expected])
@@ -143,7 +143,9 @@ def _refuse_bad(counts: npt.NDArray[Any]) -> None:
     if not bad.any():
         bad, what = counts < 0, "negative"
     if not bad.any():
-        bad, what = counts > MOST_COUNTS, f"more than anybody counts, {MOST_COUNTS:.2g}"
+        with np.errstate(over="ignore"):  # float16 ends far below
+            bad = counts > MOST_COUNTS
+        what = f"more than anybody counts, {MOST_COUNTS:.2g}"
     if bad.any():
         place = tuple(int(i) for i in np.argwhere(bad)[0])
         raise InvalidData(

@@ -75,6 +75,7 @@ def test_free_positions_show_the_object_where_it_is() -> None:
         ({"histograms": np.zeros((4, 0, 6))}, "nothing in them"),
         ({"bin_width": None}, "bin_width is missing.*32e-12"),
         ({"bin_width": 32}, r"bin_width=32: seconds.*Did you mean bin_width=32e-12\?"),
+        ({"bin_width": np.array([32e-12])}, r"bin_width=array.*: a number of seconds"),
         ({"wall": None}, r"wall is missing.*wall=\(2.0, 2.0\)"),
         ({"wall": (0, 1)}, "wall=.*metres"),
         ({"wall": 2000}, "between 0 and 100"),
@@ -85,6 +86,7 @@ def test_free_positions_show_the_object_where_it_is() -> None:
          r"histograms\[0, 0, 0\] is masked, other bins of that point are not \(2 of 120 values\)"),
         ({"histograms": np.ones((2, 40)), "points": (np.ma.masked_less([0.0, 1.0], 1), [0.0, 1.0])}, "is masked"),
         ({"axes": "TXX"}, "axes='TXX'"),
+        ({"axes": 201}, "axes='201': the letters of 'YXT'"),
         ({"exposure": np.ones(3)}, r"exposure has shape \(3,\)"),
         ({"points": ([0.0], [0.0])}, r"\[N, T\]"),
         ({"histograms": np.ones((3, 40)), "points": ([0.0, 1.0], [0.0, 1.0])}, r"\(3,\) each is expected"),
@@ -96,6 +98,15 @@ def test_what_cannot_be_meant_is_refused_with_what_is_expected(given: dict[str, 
     histograms = arguments.pop("histograms")
     with pytest.raises(InvalidData, match=said):
         nlos.reconstruct(histograms, **arguments)  # type: ignore[arg-type]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("kind", ["<f2", ">f2", ">u2", ">f8"])
+def test_counts_of_any_number_type_and_byte_order_are_the_same_counts(kind: str) -> None:
+    counts = point_scene()
+    told = nlos.reconstruct(counts, wall=1.0, bin_width=BIN_S)
+    picture = nlos.reconstruct(counts.astype(kind), wall=1.0, bin_width=BIN_S)
+    np.testing.assert_allclose(picture.albedo, told.albedo, rtol=1e-3, atol=1e-3 * float(told.albedo.max()))
 
 
 def test_masked_points_were_not_measured() -> None:
