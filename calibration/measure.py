@@ -12,9 +12,10 @@ from nlos.calibration.afterpulsing import ClickAfterClick, from_full_period
 from nlos.calibration.agreement import disagreements, landed_at, off_its_aim
 from nlos.calibration.arrival_rounds import TimeOffsets
 from nlos.calibration.arrivals import Arrivals
-from nlos.calibration.background import dark_rate_per_bin, is_flat
+from nlos.calibration.background import dark_rate_per_bin
 from nlos.calibration.constants import BenchConstants, Quantity
 from nlos.calibration.correct import CorrectedPoints, correct_points
+from nlos.calibration.dark_runs import dark_and_light
 from nlos.calibration.detector import WHOLE_PERIOD, undo_dead_time
 from nlos.calibration.errors import InvalidData, PoorCalibration
 from nlos.calibration.geometry import ScannerGeometry
@@ -58,6 +59,8 @@ class KnownBefore:
     dead_time: Quantity | None = None
     response: ImpulseResponse | None = None
     spots: Spots | None = None
+    meant_dark: Sequence[bool] = ()
+    """Which of the runs were taken dark on purpose, in their order; none where it is empty."""
 
 
 NOTHING_KNOWN = KnownBefore()
@@ -72,17 +75,17 @@ def measure_constants(
     aim: Aim | ScannerGeometry | None = None,
     known: KnownBefore = NOTHING_KNOWN,
 ) -> Measurement:
-    """Constants from one or more runs of one bench; runs whose counts are flat in time are dark runs.
+    """Constants from one or more runs of one bench; dark runs are those whose counts are flat in time, and those meant
+    to be that show no wall.
 
     `aim`: what the scans were aimed by, for wall distance and tilt: the drawing, or an earlier fit. Raises
-    `InvalidData` for bad counts, `NoDirectPeak`, and `PoorCalibration` where the points do not determine the arrivals.
+    `InvalidData` for bad counts and for a run beside a scan that is neither dark nor shows a wall, `NoDirectPeak`, and
+    `PoorCalibration` where the points do not determine the arrivals.
     """
     dead_time, response, spots = known.dead_time, known.response, known.spots
     for run in runs:
         run.check()
-    flat = [is_flat(run.counts[run.exposure_s > 0]) for run in runs]
-    dark = [run for run, is_dark in zip(runs, flat, strict=True) if is_dark]
-    light = [run for run, is_dark in zip(runs, flat, strict=True) if not is_dark]
+    dark, light = dark_and_light(runs, known.meant_dark, sources)
     found = BenchConstants(
         devices, measured_utc, tuple(sources), (light or dark)[0].time.bin_width_s, response=response
     )

@@ -66,7 +66,10 @@ def calibrate(
     ] = False,
     detector: Detector = None,
     dark: Annotated[
-        bool, typer.Option("--dark", help="These runs were meant to be dark, even if there is only one.")
+        bool,
+        typer.Option(
+            "--dark", help="Runs without a wall in them were dark on purpose: the only one, or one of uneven bins."
+        ),
     ] = False,
     first_light: Annotated[
         bool,
@@ -150,7 +153,7 @@ def _from_runs(
             sources=[str(run) for run in runs],
             measured_utc=datetime.now(UTC).isoformat(timespec="seconds"),
             aim=next((one.aim for one in loaded if one.aim is not None), None),
-            known=known,
+            known=replace(known, meant_dark=[dark or one.meant_dark for one in loaded]),
         )
     if found.raw is None and not dark:
         refuse_unmeant_darkness(runs, loaded)
