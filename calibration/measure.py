@@ -135,8 +135,9 @@ def measure_constants(
 
 
 def _with_dark(constants: BenchConstants, run: RawPoints) -> BenchConstants:
-    """Adds the dark rate: clicks with the light off, less those that are afterpulses of others. Where a source keeps no
-    clicks outside of the histogram, those in it stand for its share of the laser's period."""
+    """Adds the dark rate: clicks with the light off, less those that are afterpulses of others, and with those that the
+    dead time took. Where a source keeps no clicks outside of the histogram, those in it stand for its share of the
+    laser's period."""
     told, inside = run.total_count > 0, run.counts.sum(axis=1, dtype=np.float64)
     period_s, share = run.period_s, 1.0
     if period_s is not None:
@@ -147,6 +148,14 @@ def _with_dark(constants: BenchConstants, run: RawPoints) -> BenchConstants:
     variance = max(float(run.total_count[told].sum() + inside[~told].sum() / share**2), 1.0)
     seconds = float(run.exposure_s.sum())
     first = 1 - (constants.afterpulse_probability.value if constants.afterpulse_probability else 0.0)
+    if constants.dead_time_s is not None:  # even light: of all the time, it is blind for as long as its clicks took
+        live_s = seconds - clicks * constants.dead_time_s.value
+        if not live_s > 0:
+            raise InvalidData(
+                f"{clicks:.0f} clicks in {seconds:g} s of a dark run, each blind for "
+                f"{constants.dead_time_s.value * 1e9:g} ns, are more than there was time for. Check the dead time."
+            )
+        first *= seconds / live_s
     per_bin, _ = dark_rate_per_bin(run.counts, run.exposure_s)
     return replace(
         constants,

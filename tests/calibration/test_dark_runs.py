@@ -1,10 +1,11 @@
-"""Dark runs beside scans and alone: bins that differ, and what couples into one."""
+"""Dark runs beside scans and alone: bins that differ, what couples into one, and clicks that the dead time took."""
 
 import numpy as np
 import pytest
 
 from nlos.acquisition.planning.aim import Aim
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
+from nlos.calibration.constants import Quantity
 from nlos.calibration.errors import InvalidData
 from nlos.calibration.measure import KnownBefore, Measurement, measure_constants
 from nlos.calibration.raw_points import RawPoints
@@ -68,3 +69,20 @@ def test_several_scans_are_all_scans() -> None:
     found = measured(run(2.0, direct=900.0), run(2.0, direct=300.0, seed=5), known=KnownBefore())
     assert found.raw is not None
     assert len(found.raw.counts) == 2 * SIDE**2
+
+
+def test_clicks_that_the_dead_time_took_belong_to_the_dark_rate() -> None:
+    """A detector that is blind for 77 ns after each click sees n / (1 + n 77 ns) of n photons a second."""
+    photons_hz = 400e3
+    clicks_hz = photons_hz / (1 + photons_hz * 77e-9)
+    found = measured(run(clicks_hz * WIDTH_S * PULSES, seed=3), known=KnownBefore(Quantity(77e-9, 0.0))).constants
+    assert found.dark_hz is not None
+    assert abs(found.dark_hz.value - photons_hz) < 4 * found.dark_hz.error
+    assert found.dark_hz.error < 0.002 * photons_hz
+    assert found.dark_per_bin_hz is not None
+    assert found.dark_per_bin_hz.mean() == pytest.approx(photons_hz * WIDTH_S / PERIOD_S, rel=0.01)
+
+
+def test_more_clicks_than_the_dead_time_leaves_time_for_are_refused() -> None:
+    with pytest.raises(InvalidData, match="more than there was time for"):
+        measured(run(4e6 * WIDTH_S * PULSES), known=KnownBefore(Quantity(300e-9, 0.0)))
