@@ -39,33 +39,39 @@ def correct_free_running(
 def clicks_before(
     counts: npt.ArrayLike, total_count: npt.ArrayLike, bin_width_s: float, period_s: float, span_s: float
 ) -> Floats:
-    """Clicks within `span_s` before the start of each bin, cyclic in the laser's period, shape (N, T)."""
+    """Clicks within `span_s` before the start of each bin, cyclic in the laser's period, shape (N, T). A record that is
+    longer than the period tells them by its first period: later bins are empty, or hold the same clicks once more."""
     recorded = np.asarray(counts, dtype=np.float64)
     points, bins = recorded.shape
     period = period_s / bin_width_s
-    if bins > period + 0.5:
-        raise ValueError(f"{bins} bins of {bin_width_s:g} s are more than the laser's period of {period_s:g} s")
-    period = max(period, float(bins))
-    low, part, turns = _look_back(bins, period, span_s / bin_width_s)
-    running = np.empty((points, bins + 2))  # clicks before each bin, and before the period's end
+    held = bins if bins <= period + 0.5 else int(period)
+    period = max(period, float(held))
+    running = np.empty((points, held + 2))  # clicks before each bin, and before the period's end
     running[:, 0] = 0
-    np.cumsum(recorded, axis=1, out=running[:, 1:-1])
+    np.cumsum(recorded[:, :held], axis=1, out=running[:, 1:-1])
     running[:, -1] = np.maximum(running[:, -2], _per_point(total_count, points)[:, 0])
+    begun = running[:, :bins] if held == bins else _up_to(running, *_look_back(bins, held, period, 0.0))
+    return np.asarray(begun - _up_to(running, *_look_back(bins, held, period, span_s / bin_width_s)))
+
+
+def _up_to(running: Floats, low: npt.NDArray[np.intp], part: Floats, turns: Floats) -> Floats:
+    """Clicks before each of the places that `_look_back` found, shape (N, T)."""
     until = running[:, low]
     until += (running[:, low + 1] - until) * part
-    return np.asarray(running[:, :bins] - until - turns * running[:, -1:])
+    until += turns * running[:, -1:]
+    return until
 
 
 @lru_cache(maxsize=16)
-def _look_back(bins: int, period: float, span: float) -> tuple[npt.NDArray[np.intp], Floats, Floats]:
+def _look_back(bins: int, held: int, period: float, span: float) -> tuple[npt.NDArray[np.intp], Floats, Floats]:
     """Where `span` bins before the start of each bin lies: after which knot, how far between it and the next, and how
-    many periods ago. Knots are the edges of the bins and the period's end."""
-    knots = np.append(np.arange(bins + 1.0), period)
+    many periods on. Knots are the edges of the `held` bins of one period and the period's end."""
+    knots = np.append(np.arange(held + 1.0), period)
     start = np.arange(bins) - span
     turns = np.floor(start / period)
     at = start - turns * period
-    low = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, bins)
-    low[(low == bins) & (period == bins)] = bins - 1
+    low = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, held)
+    low[(low == held) & (period == held)] = held - 1
     return low, (at - knots[low]) / (knots[low + 1] - knots[low]), turns
 
 

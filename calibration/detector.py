@@ -32,7 +32,10 @@ def undo_dead_time(
     after, decay_s = constants.afterpulse_probability, constants.afterpulse_decay_s
     whole_period = abs(raw.time.bins * width_s / period_s - 1) < WHOLE_PERIOD
     if after is not None and decay_s is not None and after.value > 0 and whole_period:
-        counts = subtract_afterpulses(counts, raw.counts, after.value, decay_s, dead_s, width_s)
+        once = slice(min(raw.time.bins, round(period_s / width_s)))  # of a record that is a little longer
+        counts[:, once] = subtract_afterpulses(
+            counts[:, once], raw.counts[:, once], after.value, decay_s, dead_s, width_s
+        )
     return counts, variance
 
 

@@ -173,13 +173,15 @@ def measure_click_after_click(raw: RawPoints, response: ImpulseResponse | None =
     width = raw.time.bin_width_s
     if period_s is None or abs(raw.time.bins * width / period_s - 1) > WHOLE_PERIOD:
         return None
-    offsets = measure_time_offsets(raw.counts, raw.x_m, raw.y_m, raw.time, response, raw.exposure_s > 0)
+    bins = min(raw.time.bins, round(period_s / width))  # of a record that is a little longer
+    counts, time = raw.counts[:, :bins], replace(raw.time, bins=bins)
+    offsets = measure_time_offsets(counts, raw.x_m, raw.y_m, time, response, raw.exposure_s > 0)
     first = np.nan_to_num(np.floor(offsets.offset_bins)).astype(np.int64)
     lead = int(np.ceil(1e-9 / width))
-    total = np.zeros(raw.time.bins)
-    for histogram, start in zip(raw.counts, first, strict=True):
+    total = np.zeros(bins)
+    for histogram, start in zip(counts, first, strict=True):
         total += np.roll(histogram, lead - start)
-    quiet = np.arange(raw.time.bins) * width > 1e-9 + QUIET_AFTER_S
+    quiet = np.arange(bins) * width > 1e-9 + QUIET_AFTER_S
     try:
         return from_full_period(total, float(raw.sync_count.sum()), width, quiet)
     except InvalidData:

@@ -64,11 +64,19 @@ def test_the_edge_of_the_period_is_no_edge_of_the_dead_time(dead_ns: float) -> N
     assert before == pytest.approx(dead_ns)
 
 
-def test_a_window_longer_than_the_period_is_refused() -> None:
-    for bins in (9, 10):
-        correct_free_running(np.ones((1, bins)), 1000, [10], 1e-9, 10e-9, 3e-9)
-    with pytest.raises(ValueError, match="11 bins of 1e-09 s are more than the laser's period"):
-        correct_free_running(np.ones((1, 11)), 1000, [11], 1e-9, 10e-9, 3e-9)
+@pytest.mark.parametrize("again", [False, True])
+@pytest.mark.parametrize("period_s", [200e-9, 199.6e-9])
+def test_a_record_longer_than_the_period_is_corrected_as_its_first_period(again: bool, period_s: float) -> None:
+    """Whether the counter starts over with each laser pulse, so that later bins stay empty, or lists clicks again."""
+    rate, pulses = photons_per_pulse(200, 0.2), 400_000
+    clicks = clicks_in_time_order(rate, 150, pulses)
+    later = clicks[:90] if again else np.zeros(90, np.int64)
+    whole, _ = correct_free_running(clicks[None], [pulses], [clicks.sum()], 1e-9, 200e-9, 150e-9)
+    longer = np.concatenate([clicks, later])
+    found, variance = correct_free_running(longer[None], [pulses], [clicks.sum()], 1e-9, period_s, 150e-9)
+    assert found[0, :200] == pytest.approx(whole[0], rel=0.005, abs=2)
+    assert found[0, 200:] == pytest.approx(whole[0, :90] if again else 0, rel=0.02, abs=2)
+    assert np.isfinite(variance).all()
 
 
 def test_without_dead_time_nothing_but_the_logarithm_is_left() -> None:

@@ -64,6 +64,17 @@ def test_dead_time_and_afterpulses_undone_leave_the_photons() -> None:
     assert uncorrected[0, behind].sum() > 1.1 * photons[behind].sum()
 
 
+def test_afterpulses_of_a_record_that_is_a_little_longer_than_the_period_are_undone() -> None:
+    photons = np.full(BINS, 1_500)
+    photons[10] = 60_000
+    clicks = np.repeat(clicks_of(photons), 2) // 2
+    same = replace(points(clicks, clicks.sum(), 2 * BINS), time=TimeAxis(2 * BINS, WIDTH_S / 2))
+    longer = replace(same, counts=np.pad(same.counts, ((0, 0), (0, 1))), time=TimeAxis(2 * BINS + 1, WIDTH_S / 2))
+    told, _ = undo_dead_time(longer, KNOWN)
+    assert np.allclose(told[0, :-1], undo_dead_time(same, KNOWN)[0])
+    assert told[0, -1] == 0
+
+
 @pytest.mark.parametrize(("bins", "total_known"), [(BINS, True), (BINS, False), (25, True), (25, False)])
 def test_the_dark_rate_is_that_of_all_the_time_whatever_the_window_holds(bins: int, total_known: bool) -> None:
     """Also where a source tells the clicks of its window alone."""
