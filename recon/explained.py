@@ -38,6 +38,7 @@ APART = (
     "the picture. Check the wall's size, the bin width and time zero"
 )
 FAINT = "too little light to hold a picture against: its points are not told from a flat background, one by one"
+NEAR = 5.0  # pixels of half the grid: a surface nearer than this sends its points other light than its pixels do
 OTHERS = np.array([0.25, 0.25, 0.0, 0.25, 0.25])  # the neighbours of a stretch, whose noise is not its own
 SEED = 5
 Floats = npt.NDArray[np.float64]
@@ -61,7 +62,7 @@ def explained_light(
     began = clock.perf_counter()
     unit, whole = photon_unit(transient), counted_in(transient) > 0
 
-    def judged(scan: Transient) -> tuple[Parts, Judged]:
+    def judged(scan: Transient) -> tuple[Parts, Judged, bool]:
         parts = split(prepare(scan), unit)
         for part in (parts.seen, parts.judging):
             if not part.counts.sum(dtype=np.float64) > 0:
@@ -70,16 +71,16 @@ def explained_light(
             seen = see(parts.seen)
         except ReconError as error:
             raise ReconstructionFailed(f"no picture of a part of the scan: {error}") from error
-        return parts, _judge(parts, *seen, falloffs)
+        return parts, _judge(parts, *seen, falloffs), _is_near(*seen, scan.wall)
 
     try:
         if np.count_nonzero(transient.exposure_s > 0) == 1:
             raise InvalidData("one point of the wall alone explains itself")
         thinned = coarser(transient)
-        parts, told = judged(thinned)
-        if told.note in (UNSEEN, APART) and thinned is not transient:
+        parts, told, near = judged(thinned)
+        if (near or told.note in (UNSEEN, APART)) and thinned is not transient:
             again = judged(transient)
-            parts, told = (parts, told) if again[1].note else again
+            parts, told = (parts, told) if again[1].note else again[:2]
     except ReconError as error:
         return Explained(None, None, str(error), clock.perf_counter() - began)
 
@@ -107,6 +108,13 @@ def explained_light(
     ]
     note = "; ".join(word for word in words if word)
     return replace(found, note=note, doubt=doubt, seconds=clock.perf_counter() - began)
+
+
+def _is_near(albedo: npt.NDArray[np.float32], depth_m: npt.NDArray[np.float32], wall: WallGrid) -> bool:
+    """Whether what is seen lies only a few pixels in front of the wall."""
+    depths = with_haze(albedo, depth_m, wall)[albedo > 0.5 * albedo.max()]
+    pixel_m = max(wall.width_m / wall.cols, wall.height_m / wall.rows)
+    return bool(depths.size and np.median(depths) < NEAR * pixel_m)
 
 
 def _judge(

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 import pytest
+import scipy
 from matplotlib.figure import Figure
 
 from nlos.acquisition.transient import TimeAxis, Transient
@@ -303,6 +304,21 @@ def test_what_is_only_seen_on_the_whole_grid_is_judged_there() -> None:
     told = explained_light(scan, sees_nothing, (4.0,))
     assert told.nothing
     assert "nothing is seen" in told.note
+
+
+def test_a_right_picture_of_what_is_near_is_judged_on_the_whole_grid() -> None:
+    """Half the grid is too coarse to render it, and said that the right picture explains nothing."""
+    wall, time = WallGrid(0.6, 0.6, 32, 32), TimeAxis(384, 16e-12)
+    x, y = np.meshgrid(0.004 * (np.arange(30) - 14.5) + 0.1, 0.004 * (np.arange(20) - 9.5) + 0.06)
+    where = np.stack([x, y, np.full(x.shape, 0.1)], axis=-1).reshape(-1, 3).astype(np.float32)
+    facing = np.tile(np.array([0, 0, -1], np.float32), (len(where), 1))
+    rate = render(Surfels(where, facing, np.ones(len(where), np.float32)), wall, time).numpy()
+    rate = scipy.ndimage.gaussian_filter1d(rate, 2, axis=0)  # a response of 75 ps
+    counts = np.random.default_rng(3).poisson(400 * 1024 * rate / rate.sum() + 0.01).astype(np.float32)
+    told = reconstruct(Transient(counts, np.ones((32, 32)), wall, time), "lct", {}).explained
+    assert told is not None
+    assert told.share is not None
+    assert told.share > 0.5
 
 
 def test_hot_points_that_hide_the_rest_are_named() -> None:
