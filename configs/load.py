@@ -223,7 +223,14 @@ def _keys_beside(model: type[BaseModel], loc: Place) -> set[str]:
         fields = [found.model_fields[step] for found in models if isinstance(step, str) and step in found.model_fields]
         if fields:
             models = [inner for field in fields for inner in _models_in(field.annotation)]
+        elif chosen := [found for found in models if _is_called(found, step)]:
+            models = chosen
     return {key for found in models for key in found.model_fields}
+
+
+def _is_called(model: type[BaseModel], word: str | int) -> bool:
+    """Whether `word` is what chooses this branch of a union."""
+    return any(word in get_args(field.annotation) for field in model.model_fields.values())
 
 
 def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:

@@ -49,6 +49,12 @@ def test_an_unknown_key_is_refused_where_it_stands_with_the_nearest_known_one() 
     )
 
 
+def test_a_key_of_another_branch_is_not_suggested_where_it_is_refused() -> None:
+    """Here `rows` is a grid's; nobody is asked whether the very word was meant."""
+    message = refusal("dwell_ms: 1.0\nshape: {kind: circle, radius_m: 1.0, rows: 3}\n")
+    assert message == "demo.yaml:2:38: shape.rows: no such key."
+
+
 def test_a_number_that_yaml_reads_as_text_is_explained() -> None:
     message = refusal("dwell_ms: 1e-3\n")
     assert message.startswith("demo.yaml:1:1: dwell_ms: ")
