@@ -31,6 +31,8 @@ def result_lines(found: "Measurement", spots: "Spots | None") -> Lines:
     background = "clicks/s between the pulses of a scan: room light and dark counts"
     if constants.dark_hz is not None:
         background = "clicks/s between the pulses of a scan beyond those with the shutter closed"
+    if constants.afterpulse_probability is None:
+        background += ", afterpulses included"
     for name, unit, scale in (
         ("dark_hz", "clicks/s with the shutter closed: dark counts and room light", 1.0),
         ("ambient_hz", background, 1.0),
@@ -40,8 +42,15 @@ def result_lines(found: "Measurement", spots: "Spots | None") -> Lines:
         quantity = getattr(constants, name)
         if quantity is not None:
             text = f"{plus_minus(quantity.value * scale, quantity.error * scale)} {unit}"
+            if name == "dead_time_s" and quantity.error > 0 and (period_s := _period_s(found)):
+                text += f", or longer by the laser's period of {period_s * 1e9:.4g} ns: see the data sheet"
             lines.append((text, {name: quantity.value, f"{name}_error": quantity.error}))
     return lines
+
+
+def _period_s(found: "Measurement") -> float | None:
+    """Of the scans that the dead time was measured from."""
+    return None if found.raw is None else found.raw.period_s
 
 
 def warnings_of(found: "Measurement", spots: "Spots | None") -> list[str]:
@@ -53,7 +62,8 @@ def warnings_of(found: "Measurement", spots: "Spots | None") -> list[str]:
     if spots is not None:
         said += aside_lines(fit, spots)
     loose = {name: (getattr(fit.geometry, name), fit.errors[name]) for name in poorly_determined(fit)}
-    said += [undetermined_line(name, value, error) for name, (value, error) in loose.items()]
+    told = "these times" if spots is None else "these spots"
+    said += [undetermined_line(name, value, error, told) for name, (value, error) in loose.items()]
     for name, (value, error) in found.placed.undetermined.items():
         if name not in OFFSETS:
             said.append(f"{undetermined_line(name, value, error)}; kept as the scan was aimed")

@@ -66,11 +66,11 @@ def fitted_lines(fit: "GeometryFit") -> list[tuple[str, dict[str, object]]]:
     return lines
 
 
-def undetermined_line(name: str, value: float, error: float) -> str:
-    """What the spots leave open."""
+def undetermined_line(name: str, value: float, error: float, told: str = "these spots") -> str:
+    """What the spots leave open, or what else was to tell it."""
     called, scale, unit, _ = NAMES[name]
     said = "" if not math.isfinite(error) else f" ({value * scale:+.2f} +- {error * scale:.2f} {unit})"
-    return f"{called}: these spots do not determine it{said}"
+    return f"{called}: {told} do not determine it{said}"
 
 
 def spots_line(fit: "GeometryFit", spots: Spots) -> str:
