@@ -38,7 +38,7 @@ APART = (
     "the picture. Check the wall's size, the bin width and time zero"
 )
 FAINT = "too little light to hold a picture against: its points are not told from a flat background, one by one"
-NEAR = 5.0  # pixels of half the grid: a surface nearer than this sends its points other light than its pixels do
+NEAR = 3.0  # pixels of half the grid: a surface nearer than this sends its points other light than its pixels do
 OTHERS = np.array([0.25, 0.25, 0.0, 0.25, 0.25])  # the neighbours of a stretch, whose noise is not its own
 SEED = 5
 Floats = npt.NDArray[np.float64]
