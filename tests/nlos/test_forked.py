@@ -14,7 +14,7 @@ import numpy as np, torch
 import nlos
 
 rng = np.random.default_rng(0)
-COUNTS = rng.poisson(1.0, (16, 16, 128)) + 8 * (np.arange(128) // 4 == 15)
+COUNTS = rng.poisson(1.0, (32, 32, 128)) + 8 * (np.arange(128) // 4 == 15)
 
 def picture(method):
     return nlos.reconstruct(COUNTS, method, wall=1.0, bin_width=64e-12, rectified=True).albedo
