@@ -42,13 +42,7 @@ def test_what_nobody_takes_is_dropped_in_the_light_and_what_somebody_takes_is_wh
                 stream.flush()
         os._exit(0)
 
-    child = FORK.Process(target=write)
-    child.start()
-    child.join(240)
-    ended = child.exitcode
-    child.kill()
-    child.join()
-    assert ended == 0
+    assert _ends(write, within_s=240) == 0
     assert os.read(ours, 512).decode().replace("\r", "").startswith(whole[:300])
     os.close(ours)
     os.close(theirs)
@@ -79,10 +73,10 @@ def test_what_waits_in_the_dark_waits_no_longer_once_nothing_may(hurried: str) -
     os.close(theirs)
 
 
-def _ends(what: Callable[[], None]) -> int | None:
+def _ends(what: Callable[[], None], within_s: float = 60) -> int | None:
     child = FORK.Process(target=what)
     child.start()
-    child.join(60)
+    child.join(within_s)
     ended = child.exitcode
     child.kill()
     child.join()

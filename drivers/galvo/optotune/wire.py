@@ -22,9 +22,8 @@ MEASURED_XY = {"MR-E-2": (0x2302, 0x2303), "MR-E-3": (0x3B00, 0x3B01)}
 """Registers of the position that the mirror's own sensor sees, by controller."""
 
 _FLAG, _ESCAPE, _FLIP = 0x7E, 0x7D, 0x20
-_STATUS = re.compile(
-    rb"0x[0-9A-Fa-f]{1,8}|[0-9A-Fa-f]{8}"
-)  # without a prefix, nothing but all digits shows it is whole
+# Without a prefix only all eight digits show that it is whole.
+_STATUS = re.compile(rb"0x[0-9A-Fa-f]{1,8}|[0-9A-Fa-f]{8}")
 _MODEL = re.compile(rb"MR-?E-?([23])")
 
 
