@@ -22,6 +22,7 @@ from nlos.recon.layers.unet import UNet
 WIDTHS = (32, 48, 64)
 ALBEDO, ASKED, DEPTH, CHANGE = (CHANNELS.index(name) for name in ("albedo", "asked", "depth", "change"))
 NEARER = 0.25  # pixels' pitches of depth for an output of 1
+BRIGHTNESS = slice(0, 2)  # of the network's outputs: added, and a share of what the light asks for; the third is depth
 
 
 class Correction(nn.Module):
