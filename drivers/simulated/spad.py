@@ -1,7 +1,6 @@
 """A single-photon detector: timing jitter, dark counts, dead time, afterpulsing, and counts drawn from the rates."""
 
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +8,7 @@ from pydantic import Field
 
 from nlos.configs.settings import Settings
 from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.simulated.afterpulses import Afterpulses
 from nlos.drivers.simulated.bench import Exposure, Gate
 from nlos.drivers.simulated.turns import placed
 
@@ -75,42 +75,35 @@ def distort(per_pulse: Array, bin_width_s: float, settings: DetectorSettings) ->
 
     `per_pulse` (P,) are expected photons over one whole laser period. Bin b detects mu_b (1 - sum of the detections
     within the preceding dead time, cyclically), the steady state whose inverse is Coates' correction for a
-    free-running detector (Coates 1968, with the sum over the dead time instead of the start of the period).
+    free-running detector (Coates 1968, with the sum over the dead time instead of the start of the period); and the
+    afterpulses of earlier detections for which it is live.
     """
     period = len(per_pulse)
     dead = round(settings.dead_time_ns * 1e-9 / bin_width_s)
-    seen = per_pulse
-    if settings.afterpulse_probability:
-        gain = _afterpulse_gain(settings, bin_width_s, period, dead)
-        seen = np.fft.irfft(np.fft.rfft(per_pulse) * gain, period).clip(min=0.0)
-    if dead == 0:
-        return seen
-    wanted = -np.expm1(-seen)
+    share, again = settings.afterpulse_probability, np.zeros(1)
+    if dead == 0 and not share:
+        return per_pulse
+    after = Afterpulses(per_pulse, dead, settings.afterpulse_ns * 1e-9 / bin_width_s) if share else None
+    wanted = -np.expm1(-per_pulse) if dead else per_pulse
     load = float(wanted.sum()) * dead / period
     step = 1.0 if load < 0.3 else 1 / (1 + load)
     detected: Array = wanted / (1 + load)
-    for _ in range(200):
-        change = step * (wanted * (1 - _preceding(detected, dead)) - detected)
+    for number in range(200):
+        live = 1 - _preceding(detected, dead)
+        settled = after is None or number % 4 == 0  # afterpulses hardly change from step to step
+        if after is not None and settled:
+            again = share * after.of(detected, live)
+        change = step * (wanted * live + again - detected)
         detected = detected + change
-        # Each step leaves about `load` of the last change as the error.
-        if min(load, 1.0) * np.abs(change).max() <= 1e-5 * detected.max():
+        # Each step leaves about `load` of the last change as the error, and `share` of it as afterpulses to come.
+        if settled and min(load + share, 1.0) * np.abs(change).max() <= 1e-5 * detected.max():
             break
     return detected
 
 
-@lru_cache(maxsize=8)
-def _afterpulse_gain(
-    settings: DetectorSettings, bin_width_s: float, period: int, dead: int
-) -> npt.NDArray[np.complex128]:
-    """Spectrum of a detection with its afterpulses, theirs included: a geometric series."""
-    delay_s = np.arange(period) * bin_width_s
-    decay = np.roll(np.exp(-delay_s / (settings.afterpulse_ns * 1e-9)), dead)
-    spectrum = np.fft.rfft(decay * settings.afterpulse_probability / decay.sum())
-    return np.asarray(1 / (1 - spectrum))
-
-
 def _preceding(detected: Array, dead: int) -> Array:
-    """Sum of the `dead` bins before each bin, cyclically; (P,)."""
+    """Sum of the `dead` bins before the middle of each bin, itself left out, cyclically; (P,): of the bin from whose
+    middle on they count, half."""
     period = len(detected)
     turns, rest = divmod(dead, period)
     until = np.append(0.0, np.cumsum(detected))
@@ -118,7 +111,7 @@ def _preceding(detected: Array, dead: int) -> Array:
     result: Array = until[:period] + turns * total
     result[rest:] -= until[: period - rest]
     result[:rest] += total - until[period - rest : period]
-    return result
+    return result - np.roll(detected, dead) / 2 if dead else result
 
 
 def draw(per_pulse: Array, gate: Gate, repetition_hz: float, rng: np.random.Generator) -> Exposure:

@@ -125,18 +125,25 @@ def test_a_closed_shutter_leaves_dark_and_ambient_counts() -> None:
     assert closed.counts.sum() == pytest.approx(3e4 * 512 * BIN_S * 10e6, abs=400)
 
 
-@pytest.mark.parametrize(("dead_ns", "afterpulses"), [(30.0, 0.0), (77.0, 0.0), (250.0, 0.0), (60.0, 0.1), (60.0, 0.3)])
-def test_dead_time_and_afterpulses_agree_with_photons_followed_one_by_one(dead_ns: float, afterpulses: float) -> None:
+@pytest.mark.parametrize(
+    ("dead_ns", "afterpulses", "brightest"),
+    [(30.0, 0.0, 0.15), (77.0, 0.0, 0.15), (250.0, 0.0, 0.15), (60.0, 0.1, 0.15), (60.0, 0.3, 0.15), (30.0, 0.0, 1.0),
+     (40.0, 0.1, 1.0), (250.0, 0.1, 1.0)],
+)  # fmt: skip
+def test_dead_time_and_afterpulses_agree_with_photons_followed_one_by_one(
+    dead_ns: float, afterpulses: float, brightest: float
+) -> None:
     bins, pulses = 50, 200_000
     bin_s, period_s = 2e-9, 100e-9
     detector = DetectorSettings(
         dead_time_ns=dead_ns, afterpulse_probability=afterpulses, afterpulse_ns=20.0, dark_cps=0.0
     )
     photons = np.full(bins, 0.002)
-    photons[10], photons[30] = 0.15, 0.08
+    photons[10], photons[30] = brightest, 0.08
     rng = np.random.default_rng(1)
     drawn = rng.poisson(photons * pulses)
-    times = (np.repeat(np.arange(bins), drawn) + 0.5) * bin_s + rng.integers(0, pulses, drawn.sum()) * period_s
+    times = (np.repeat(np.arange(bins), drawn) + rng.random(drawn.sum())) * bin_s
+    times += rng.integers(0, pulses, drawn.sum()) * period_s
     pending = sorted(times)[::-1]
     seen = np.zeros(bins)
     ready_s = 0.0
