@@ -9,6 +9,8 @@ import scipy
 from nlos.calibration.errors import InvalidData
 
 Floats = npt.NDArray[np.float64]
+_POINTS = 64
+"""So many at a time: what is kept of each is some twenty histograms."""
 
 
 @dataclass(frozen=True)
@@ -120,17 +122,49 @@ def _smooth(values: Floats, length: int) -> Floats:
 
 
 def subtract_afterpulses(
-    photons: npt.ArrayLike,
-    clicks: npt.ArrayLike,
-    probability: float,
-    decay_s: float,
-    dead_time_s: float,
-    bin_width_s: float,
+    photons: npt.ArrayLike, clicks: npt.ArrayLike, live: npt.ArrayLike, found: ClickAfterClick, bin_width_s: float
 ) -> Floats:
-    """`photons` (N, T), dead time already undone, less the afterpulses expected of all `clicks` (N, T); both over the
-    laser's whole period."""
-    recorded = np.asarray(clicks, dtype=np.float64)
-    bins = recorded.shape[1]
-    kernel = probability * _kernel_spectrum(bins, bin_width_s, decay_s, dead_time_s)
-    expected = np.fft.irfft(np.fft.rfft(recorded, axis=1) * kernel, bins, axis=1)
-    return np.asarray(photons, dtype=np.float64) - expected
+    """`photons` (N, T) per laser pulse, dead time already undone, less the afterpulses expected of all `clicks` (N, T)
+    per pulse of a detector that is `live` (N, T), as a share of all pulses; all three over the laser's whole period.
+
+    A carrier that comes free within a further dead time of becoming live again was stopped only by a photon in between;
+    later ones found the detector live as often as photons did. It is not so blind to afterpulses of bright light as to
+    other photons: the click itself says when it was live. Exact but for afterpulses that stop others.
+    """
+    seen, recorded, alive = (np.asarray(each, dtype=np.float64) for each in (photons, clicks, live))
+    cleaned = np.empty_like(seen)
+    for first in range(0, len(seen), _POINTS):
+        some = slice(first, first + _POINTS)
+        cleaned[some] = seen[some] - _afterpulses(seen[some], recorded[some], alive[some], found, bin_width_s)
+    return cleaned
+
+
+def _afterpulses(seen: Floats, clicks: Floats, live: Floats, found: ClickAfterClick, bin_width_s: float) -> Floats:
+    """Afterpulses per pulse and share of it that the detector is live, (N, T)."""
+    bins, dead, decay = seen.shape[1], found.dead_time_s / bin_width_s, found.decay_s / bin_width_s
+    due = _earlier(clicks, dead + 0.5)  # a click is anywhere in its bin
+    left = float(np.exp(-dead / decay))
+    soon, kept, back = due, np.exp(-1 / decay - seen), 1
+    while kept.max() > 1e-6:  # a step of the recursion looks twice as far back as the one before
+        soon = soon + kept * np.roll(soon, back, axis=1)
+        kept, back = kept * np.roll(kept, back, axis=1), 2 * back
+    turns, rest = divmod(round(dead), bins)
+    until = np.pad(np.cumsum(np.hstack([seen, seen]), axis=1), ((0, 0), (1, 0)))
+    between = until[:, bins + 1 :] - until[:, bins + 1 - rest : 2 * bins + 1 - rest] + turns * until[:, bins, None]
+    soon = soon - left * np.exp(-between) * np.roll(soon, round(dead), axis=1)
+    late = left * _exponential(_earlier(due, dead), decay)
+    return np.asarray(-np.expm1(-1 / decay) * found.afterpulse_probability * (soon / live + late))
+
+
+def _earlier(values: Floats, by: float) -> Floats:
+    """Rows (N, T) as they are `by` bins earlier, cyclic, linear between bins."""
+    whole = int(np.floor(by))
+    near, far = np.roll(values, whole, axis=1), np.roll(values, whole + 1, axis=1)
+    return near + (by - whole) * (far - near)
+
+
+def _exponential(values: Floats, decay: float) -> Floats:
+    """Rows (N, T) after which exp(-bins / decay) of each bin is left, cyclic."""
+    bins = values.shape[1]
+    kernel = np.exp(-np.arange(bins) / decay) / -np.expm1(-bins / decay)
+    return np.asarray(np.fft.irfft(np.fft.rfft(values, axis=1) * np.fft.rfft(kernel), bins, axis=1))

@@ -3,7 +3,7 @@
 One HDF5 file. Attributes: format "nlos-constants", version 1, `about` (JSON: devices, date, sources), and each scalar
 with its error under its own name (`dead_time_s`, `dead_time_s_error`). Datasets: `response`, `arrivals/...` (the fit,
 `x_m`, `y_m`, `residual_s`, and for other readers `arrival_s`, the offset map itself), `direct_shape`,
-`dark_per_bin_hz`. What was not measured is not there.
+`dark_per_bin_hz` (attributes `bin_width_s`, `start_s`). What was not measured is not there.
 """
 
 import json
@@ -19,6 +19,7 @@ import numpy.typing as npt
 from nlos.acquisition.importers.untrusted_hdf5 import find_dataset
 from nlos.acquisition.recording.shown_to_hdf5 import written_hdf5
 from nlos.acquisition.recording.validation import json_object
+from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.arrivals import Arrivals
 from nlos.calibration.bench_facts import Facts, changes
 from nlos.calibration.errors import ForeignConstants, InvalidData, PoorCalibration
@@ -55,6 +56,8 @@ class BenchConstants:
     direct_end_bin: int = 0
     dark_hz: Quantity | None = None
     dark_per_bin_hz: Floats | None = None  # (T,) of the dark run's own time axis
+    dark_time: TimeAxis | None = None
+    """That axis; None in files of before it was kept."""
     ambient_hz: Quantity | None = None
     dead_time_s: Quantity | None = None
     afterpulse_probability: Quantity | None = None
@@ -150,6 +153,9 @@ def save(constants: BenchConstants, path: Path, overwrite: bool = False) -> None
             for name in ("direct_shape", "dark_per_bin_hz"):
                 if getattr(constants, name) is not None:
                     file[name] = getattr(constants, name)
+            if constants.dark_time is not None and constants.dark_per_bin_hz is not None:
+                file["dark_per_bin_hz"].attrs["bin_width_s"] = constants.dark_time.bin_width_s
+                file["dark_per_bin_hz"].attrs["start_s"] = constants.dark_time.start_s
             if constants.response is not None:
                 file["response"] = constants.response.density
                 file["response"].attrs["step_s"] = constants.response.step_s
@@ -234,6 +240,7 @@ def _read(file: h5py.File) -> BenchConstants:
         direct_shape=_optional(file, "direct_shape"),
         direct_end_bin=int(file.attrs["direct_end_bin"]),
         dark_per_bin_hz=_optional(file, "dark_per_bin_hz"),
+        dark_time=_dark_time(file),
         afterpulse_decay_s=_finite(file.attrs["afterpulse_decay_s"]) if "afterpulse_decay_s" in file.attrs else None,
         geometry=geometry_of(about["geometry"]) if "geometry" in about else None,
         geometry_errors={str(name): float(value) for name, value in about.get("geometry_errors", {}).items()},
@@ -242,6 +249,14 @@ def _read(file: h5py.File) -> BenchConstants:
         warnings=tuple(str(each) for each in about.get("warnings", ())),
         **quantities,
     )
+
+
+def _dark_time(file: h5py.File) -> TimeAxis | None:
+    stored = find_dataset(file, "dark_per_bin_hz")
+    if stored is None or "bin_width_s" not in stored.attrs:
+        return None
+    width_s, start_s = (_finite(stored.attrs[name]) for name in ("bin_width_s", "start_s"))
+    return TimeAxis(len(_array(file, "dark_per_bin_hz", 1)), width_s, start_s)
 
 
 def geometry_of(fields: Mapping[str, object]) -> ScannerGeometry:

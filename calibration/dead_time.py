@@ -32,8 +32,17 @@ def correct_free_running(
     """
     recorded = np.asarray(counts, dtype=np.float64)
     pulses = _per_point(sync_count, len(recorded))
-    blind = clicks_before(recorded, total_count, bin_width_s, period_s, dead_time_s)
+    blind = blind_pulses(recorded, total_count, bin_width_s, period_s, dead_time_s)
     return _photons(recorded, pulses - blind, pulses)
+
+
+def blind_pulses(
+    counts: npt.ArrayLike, total_count: npt.ArrayLike, bin_width_s: float, period_s: float, dead_time_s: float
+) -> Floats:
+    """Laser pulses in which the detector was blind in each bin, (N, T): of clicks that are anywhere in the bin one dead
+    time before, every other one still blinds."""
+    within_s = max(dead_time_s - bin_width_s / 2, 0.0)
+    return clicks_before(counts, total_count, bin_width_s, period_s, within_s)
 
 
 def clicks_before(

@@ -3,10 +3,11 @@
 import numpy as np
 import numpy.typing as npt
 
-from nlos.calibration.afterpulsing import subtract_afterpulses
+from nlos.acquisition.transient import TimeAxis
+from nlos.calibration.afterpulsing import ClickAfterClick, subtract_afterpulses
 from nlos.calibration.background import subtract
 from nlos.calibration.constants import BenchConstants
-from nlos.calibration.dead_time import correct_free_running
+from nlos.calibration.dead_time import blind_pulses, correct_free_running
 from nlos.calibration.raw_points import RawPoints
 
 WHOLE_PERIOD = 0.01
@@ -33,17 +34,36 @@ def undo_dead_time(
     whole_period = abs(raw.time.bins * width_s / period_s - 1) < WHOLE_PERIOD
     if after is not None and decay_s is not None and after.value > 0 and whole_period:
         once = slice(min(raw.time.bins, round(period_s / width_s)))  # of a record that is a little longer
-        counts[:, once] = subtract_afterpulses(
-            counts[:, once], raw.counts[:, once], after.value, decay_s, dead_s, width_s
-        )
+        found = ClickAfterClick(dead_s, 0.0, after.value, after.error, decay_s)
+        pulses = np.asarray(raw.sync_count, dtype=np.float64)[:, None]
+        blind = blind_pulses(raw.counts[:, once], raw.total_count, width_s, period_s, dead_s)
+        seen, clicks = counts[:, once] / pulses, raw.counts[:, once] / pulses
+        counts[:, once] = pulses * subtract_afterpulses(seen, clicks, 1 - blind / pulses, found, width_s)
     return counts, variance
 
 
 def subtract_dark(
     counts: npt.NDArray[np.generic], raw: RawPoints, constants: BenchConstants | None
 ) -> npt.NDArray[np.generic]:
-    """Counts less the dark counts expected in each bin, where a shutter-closed run of the same length told them."""
-    per_bin = constants.dark_per_bin_hz if constants is not None else None
-    if per_bin is None or len(per_bin) != raw.time.bins:
+    """Counts less the dark counts expected in each bin, where a shutter-closed run told them."""
+    per_bin = None if constants is None else _dark_per_bin_hz(constants, raw.time)
+    if per_bin is None:
         return counts
     return subtract(counts, np.multiply.outer(raw.exposure_s, per_bin))
+
+
+def _dark_per_bin_hz(constants: BenchConstants, time: TimeAxis) -> npt.NDArray[np.float64] | None:
+    """In the bins of `time` (T,): the dark run's own where it had the same, else its counts as they lie in time, and
+    its mean where it recorded none. A file that does not say when its bins were is believed for bins like its own."""
+    told, axis = constants.dark_per_bin_hz, constants.dark_time
+    if told is None or axis == time:
+        return told
+    if axis is None:
+        same = len(told) == time.bins and np.isclose(constants.bin_width_s, time.bin_width_s, rtol=1e-6)
+        return told if same else None
+    edges_s = axis.start_s + np.arange(axis.bins + 1) * axis.bin_width_s
+    wanted_s = time.start_s + np.arange(time.bins + 1) * time.bin_width_s
+    inside_s = np.clip(wanted_s, edges_s[0], edges_s[-1])
+    held = np.diff(np.interp(inside_s, edges_s, np.append(0.0, np.cumsum(told))))
+    beside_s = time.bin_width_s - np.diff(inside_s)
+    return np.asarray(held + beside_s * told.mean() / axis.bin_width_s)

@@ -161,6 +161,7 @@ def _with_dark(constants: BenchConstants, run: RawPoints) -> BenchConstants:
         constants,
         dark_hz=Quantity(first * clicks / seconds, first * float(np.sqrt(variance)) / seconds),
         dark_per_bin_hz=first * per_bin,
+        dark_time=run.time,
     )
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from nlos.calibration.afterpulsing import from_full_period, subtract_afterpulses
+from nlos.calibration.afterpulsing import from_full_period
 
 DEAD_S, PROBABILITY, DECAY_S = 40e-9, 0.04, 30e-9
 
@@ -24,6 +24,3 @@ def test_a_histogram_over_the_whole_period_tells_them_too() -> None:
     assert abs(found.dead_time_s - DEAD_S) <= 3 * found.dead_time_error_s
     assert abs(found.afterpulse_probability - PROBABILITY) < 3 * found.afterpulse_error
     assert found.decay_s == pytest.approx(DECAY_S, rel=0.1)
-    seen = detected / (1 - preceding)
-    cleaned = subtract_afterpulses(seen[None], detected[None], PROBABILITY, DECAY_S, DEAD_S, width)
-    assert np.allclose(cleaned[0], photons, rtol=1e-3)

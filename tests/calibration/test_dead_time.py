@@ -52,8 +52,9 @@ def test_clicks_beside_the_window_make_the_detector_blind_in_it() -> None:
     alone, _ = correct_free_running(counts, [pulses], [1000], 1e-9, 100e-9, 60e-9)
     after, _ = correct_free_running(counts, [pulses], [5000], 1e-9, 100e-9, 60e-9)
     assert alone[0, 0] == pytest.approx(-pulses * np.log1p(-50 / pulses))
-    # 4000 clicks over 80 ns: 60 ns before the window 3000 of them, before its last bin 41 ns of them and its own 950.
-    live = pulses - np.array([3000, 41 * 50 + 950])
+    # 4000 clicks over 80 ns: 59.5 ns before the window 2975 of them, before its last bin 40.5 ns of them
+    # and its own 950; those of the bin itself are in the logarithm.
+    live = pulses - np.array([2975, 40.5 * 50 + 950])
     assert after[0, [0, 19]] == pytest.approx(-pulses * np.log1p(-50 / live))
 
 

@@ -2,14 +2,15 @@
 
 import heapq
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from nlos.acquisition.transient import TimeAxis
-from nlos.calibration.constants import BenchConstants, Quantity
-from nlos.calibration.detector import undo_dead_time
+from nlos.calibration.constants import BenchConstants, Quantity, load, save
+from nlos.calibration.detector import subtract_dark, undo_dead_time
 from nlos.calibration.direct_reflection import known_direct_light
 from nlos.calibration.measure import measure_constants
 from nlos.calibration.raw_points import RawPoints
@@ -26,12 +27,12 @@ KNOWN = replace(
 )
 
 
-def clicks_of(photons: npt.NDArray[np.int64], seed: int = 4) -> npt.NDArray[np.int64]:
+def clicks_of(photons: npt.NDArray[np.int64], seed: int = 4, pulses: int = PULSES) -> npt.NDArray[np.int64]:
     """Counts (T,) of a detector that is blind after each click, and then clicks once more by itself now and then; of
     `photons` (T,) over all pulses, each at a pulse of its own."""
     random = np.random.default_rng(seed)
     bins = np.repeat(np.arange(BINS), photons)
-    pending = (random.integers(0, PULSES, len(bins)) * BINS + bins).astype(float).tolist()
+    pending = (random.integers(0, pulses, len(bins)) * BINS + bins + random.random(len(bins))).tolist()
     heapq.heapify(pending)
     clicks, live_from = np.zeros(BINS, np.int64), -1.0
     while pending:
@@ -62,6 +63,20 @@ def test_dead_time_and_afterpulses_undone_leave_the_photons() -> None:
     assert told[0, behind].sum() == pytest.approx(photons[behind].sum(), rel=0.03)
     uncorrected, _ = undo_dead_time(points(clicks, clicks.sum()), replace(KNOWN, afterpulse_probability=None))
     assert uncorrected[0, behind].sum() > 1.1 * photons[behind].sum()
+
+
+def test_afterpulses_of_bright_light_are_undone_bin_by_bin() -> None:
+    """One photon a pulse: the detector is blind for most pulses, but never at the end of a click's own dead time."""
+    photons, pulses = np.full(BINS, 900), 300_000
+    photons[10] = pulses
+    clicks = clicks_of(photons, pulses=pulses)
+    bright = replace(
+        points(clicks, clicks.sum()), sync_count=np.full(1, pulses), exposure_s=np.full(1, pulses * PERIOD_S)
+    )
+    told, _ = undo_dead_time(bright, KNOWN)
+    behind = told[0, 11 + DEAD_BINS : 96].reshape(-1, 5).sum(axis=1) / (5 * 900)
+    assert np.abs(behind - 1).max() < 0.15
+    assert behind.mean() == pytest.approx(1, abs=0.03)
 
 
 def test_afterpulses_of_a_record_that_is_a_little_longer_than_the_period_are_undone() -> None:
@@ -108,3 +123,27 @@ def test_direct_light_of_a_known_shape_has_all_its_photons_back() -> None:
     assert shape[:12].sum() == pytest.approx(0.82, abs=0.01)
     for number, found in zip(photons, direct.amplitude, strict=True):
         assert abs(found - number) < 4 * np.sqrt(number / shape[:12].sum())
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_dark_counts_are_taken_from_where_they_lie_in_time(kept: bool, tmp_path: Path) -> None:
+    """A dark run of other bins than the scan's: a hot nanosecond is subtracted where it is, not from the bin of its
+    number. A file that does not say when its bins were is used for such bins alone."""
+    hot = np.full(64, 10.0)
+    hot[20] = 1000.0  # 30 to 31 ns
+    axis = TimeAxis(64, 1e-9, 10e-9) if kept else None
+    save(replace(NOTHING, dark_hz=Quantity(1630.0, 1.0), dark_per_bin_hz=hot, dark_time=axis), tmp_path / "c.h5")
+    constants = load(tmp_path / "c.h5")
+    for time, bins in (
+        (TimeAxis(64, 1e-9, 10e-9), {20: 1000.0}),
+        (TimeAxis(64, 1e-9, 12e-9), {18: 1000.0}),
+        (TimeAxis(128, 0.5e-9, 10e-9), {40: 500.0, 41: 500.0}),
+    ):
+        raw = RawPoints(np.zeros((1, time.bins)), *[np.ones(1)] * 5, time)  # 1 s
+        taken = -np.asarray(subtract_dark(raw.counts, raw, constants))[0]
+        if not kept and time.bin_width_s != 1e-9:
+            assert not taken.any()
+        elif kept:
+            assert {int(k): taken[k] for k in np.flatnonzero(taken > 50)} == pytest.approx(bins)
+            beside = time.bin_width_s / 1e-9 * hot.mean()
+            assert taken[-2] == pytest.approx(beside if time.start_s > 10e-9 else 10.0 * time.bin_width_s / 1e-9)
