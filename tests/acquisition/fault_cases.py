@@ -57,7 +57,7 @@ VENDOR: list[tuple[str, dict[str, Any]]] = [
 ]  # fmt: skip
 TAGGER: list[tuple[str, dict[str, Any]]] = [
     ("T1", {}), ("T2", {"place": "getData"}), ("T2", {"place": "getOverflowsAndClear", "lost": True}),
-    ("T2", {"place": "sync"}),
+    ("T2", {"place": "sync"}), ("T4", {}),
 ]  # fmt: skip
 HELIOS: list[tuple[str, dict[str, Any]]] = [
     ("H1", {"place": "sequence"}), ("H3", {"place": "frame"}), ("H3", {"place": "command"}),

@@ -11,5 +11,8 @@ FAULTS: tuple[FaultRow, ...] = (
              "`DeviceFault` with the vendor's words; where it says that the connection is gone, `DeviceLost`; "
              "shutter closed",
              ALL, "`place`: the call; `lost`"),
+    FaultRow("T4", "the laser's rate changes while points are taken",
+             "`SyncLost` that names the input and both rates, at the end of the points under way; shutter closed",
+             ALL, "`times_hz`: the factor"),
 )
 # fmt: on

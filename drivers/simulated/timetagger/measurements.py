@@ -177,7 +177,7 @@ class Countrate(Measurement):
         self._seen = np.zeros(len(self.channels))
 
     def take(self, times: npt.NDArray[np.int64], channels: npt.NDArray[np.int32]) -> None:
-        """Rates are those of the inputs, not of what passes a filter."""
+        """Rates are asked for as they are read."""
 
     def _begin(self, ends_s: float | None) -> None:
         self._tagger.check_channel(1)

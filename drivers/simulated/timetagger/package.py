@@ -56,7 +56,9 @@ class Instrument:
         """What a rate meter says of a channel."""
         panel = self.panel
         if channel == panel.wiring.sync.channel:
-            return panel.sync_hz if panel.laser_crosses() else 0.0
+            laser_hz = panel.laser_hz() if panel.laser_crosses() else 0.0
+            passing = channel in panel.filtered  # the filter is the instrument's, not a measurement's
+            return min(laser_hz, self.clicks_a_second(panel.wiring.detector.channel)) if passing else laser_hz
         if channel != panel.wiring.detector.channel or not panel.photons_cross():
             return 0.0
         seen = panel.bench.expose(Gate(panel.bench.clock.now(), 0.1, 1024, 4e-12, 0.0, kept=False))

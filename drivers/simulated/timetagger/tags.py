@@ -3,6 +3,8 @@
 The T3 instrument draws what arrives and when; here it becomes edges on the channels of a front panel.
 """
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -39,6 +41,31 @@ class FrontPanel:
         self.software_ps: dict[int, int] = {}
         """Those that come after it."""
         self.filtered: frozenset[int] = frozenset()
+        self._changed_s = math.inf
+        self._later_ps = self.period_ps
+        """The laser's period from `_changed_s` on."""
+
+    def laser_hz(self) -> float:
+        """The laser's rate as it is now."""
+        self._drift()
+        return self.sync_hz if self._changed_s == math.inf else 1 / (self._later_ps * PS)
+
+    def _drift(self) -> None:
+        now_s = self.bench.clock.now()
+        if (fault := self.bench.faults.strikes("T4", now_s)) is not None:
+            self._changed_s = now_s
+            self._later_ps = round(self.period_ps / float(fault.parameters.get("times_hz", 0.99)))
+
+    def _pulse_before(self, at_ps: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """The last laser pulse at or before each time since the measurement began, and the one after it."""
+        before = at_ps // self.period_ps * self.period_ps
+        after = before + self.period_ps
+        if self._changed_s < math.inf:
+            since_ps = max(0, round((self._changed_s - self._started_s) / PS)) // self.period_ps * self.period_ps
+            late = since_ps + (at_ps - since_ps) // self._later_ps * self._later_ps
+            changed = at_ps >= since_ps
+            before, after = np.where(changed, late, before), np.where(changed, late + self._later_ps, after)
+        return before, after
 
     def crossed(self, channel: int, height_mv: int) -> bool:
         """Whether positive pulses of this height make edges there."""
@@ -82,12 +109,12 @@ class FrontPanel:
         events = self._decoder.feed(self._instrument.read(_RECORDS))
         since_ps = round(self._started_s / PS)
         pulses, sync, detector = events.photon_pulses, self.wiring.sync.channel, self.wiring.detector.channel
+        self._drift()
         late_ps = events.format.delays(events.photons).astype(np.int64) * self._width_ps + self._width_ps // 2
-        clicks = pulses * self.period_ps + late_ps + self.hardware_ps.get(detector, 0)
+        clicks = self._pulse_before(pulses * self.period_ps)[0] + late_ps + self.hardware_ps.get(detector, 0)
         # The filter lets the pulse after a photon through, once where several photons came before it.
-        next_pulse = 1 if sync in self.filtered else 0
-        last_pulses = np.unique((clicks - self.hardware_ps.get(sync, 0)) // self.period_ps)
-        lasers = (last_pulses + next_pulse) * self.period_ps + self.hardware_ps.get(sync, 0)
+        last, following = self._pulse_before(clicks - self.hardware_ps.get(sync, 0))
+        lasers = np.unique(following if sync in self.filtered else last) + self.hardware_ps.get(sync, 0)
         clicks, lasers = (
             since_ps + each + self.software_ps.get(channel, 0) for each, channel in ((clicks, detector), (lasers, sync))
         )

@@ -195,6 +195,8 @@ class Picoquant(UnwatchedCounter):
     def _histogram(self, counts: Any, total: int, live_s: float, flags: HistogramFlag) -> Histogram:
         axis, _ = self._configured()
         opened_s = self._started_s - self._armed_s
+        if flags & HistogramFlag.DATA_LOST:  # how many photons were lost is not known: none count
+            return Histogram(np.zeros_like(counts), axis.bin_width_s, axis.offset_s, 0.0, 0, 0, flags, opened_s)
         pulses = round(self._pulses_hz * live_s)
         return Histogram(counts, axis.bin_width_s, axis.offset_s, live_s, pulses, total, flags, opened_s)
 

@@ -221,12 +221,13 @@ class ByTags:
     @staticmethod
     def single(
         tagger: Tagger, settings: TimeTaggerSettings, stream: Any, axis: HistogramAxis, period: Period
-    ) -> npt.NDArray[Any]:
-        """All tags of one point started by the host, as counts over the laser period (bins,)."""
-        times, channels, _, _ = _tags(tagger, stream)
+    ) -> tuple[npt.NDArray[Any], bool]:
+        """All tags of one point started by the host, as counts over the laser period (bins,), and whether any were
+        lost."""
+        times, channels, lost, _ = _tags(tagger, stream)
         before = np.iinfo(np.int64).min // 2
         bins, _, _ = _photons(times, channels, settings, before, round(axis.bin_width_s / PS))
-        return np.bincount(bins[bins < period.bins], minlength=period.bins)
+        return np.bincount(bins[bins < period.bins], minlength=period.bins), lost
 
 
 def _tags(tagger: Tagger, stream: Any) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], bool, int]:

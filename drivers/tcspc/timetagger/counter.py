@@ -180,8 +180,9 @@ class TimeTagger(UnwatchedCounter):
             if self._zero_s is None and done:  # what its own time was when it was armed, to within a look and a step
                 _, opened_s, _ = clocked.point(done - 1)
                 self._zero_s = opened_s + self._dwells_s[done - 1] - (self._clock.now() - self._armed_s)
-            if done >= len(self._dwells_s):
+            if done >= len(self._dwells_s) and self._running:
                 self._end()
+                self._check_sync()
             seen, due = clocked.steps()
             return CounterStatus(self._running, done, clocked.lost_points(), seen, due)
         while len(self._taken) < count:
@@ -196,7 +197,13 @@ class TimeTagger(UnwatchedCounter):
                 self._meanwhile()
                 self._clock.sleep(_POLL_S)
             self._taken.append(self._finish())
+            if len(self._taken) == len(self._dwells_s):
+                self._check_sync()
         return CounterStatus(False, len(self._taken), 0, None)
+
+    def _check_sync(self) -> None:
+        """Before the last points are read. Raises `SyncLost`."""
+        self.tagger.check_sync(self._period.sync_hz, round(self._configured().bin_width_s / PS))
 
     def _late(self, what: str, timeout_s: float) -> DeviceTimeout:
         return DeviceTimeout(self._device, f"{what} after {timeout_s:g} s.", "Check clock and marker wiring.")
@@ -213,17 +220,20 @@ class TimeTagger(UnwatchedCounter):
     def _finish(self) -> Histogram:
         axis, period = self._configured(), self._period
         self._running = False
+        lost = False
         if self._settings.mode == "list":
-            counts = ByTags.single(self.tagger, self._settings, self._histogram, axis, period)
+            counts, lost = ByTags.single(self.tagger, self._settings, self._histogram, axis, period)
         else:
             counts = self.tagger.read(self._histogram).astype(np.uint32)
         live_s = self._dwells_s[self._triggered - 1]
-        flags = HistogramFlag.DATA_LOST if self.tagger.overflowed() else HistogramFlag.NONE
+        flags = HistogramFlag.DATA_LOST if self.tagger.overflowed() or lost else HistogramFlag.NONE
         return self._made(counts, live_s, flags, self._started_s - self._armed_s)
 
     def _made(self, counts: Any, live_s: float, flags: HistogramFlag, opened_s: float) -> Histogram:
         """From the counts of a whole laser period, shape (period.bins,)."""
         axis, period = self._configured(), self._period
+        if flags & HistogramFlag.DATA_LOST:  # how many photons were lost is not known: none count
+            counts, live_s = np.zeros_like(counts), 0.0
         inside = counts[period.first : period.first + axis.bins].astype(np.uint32)
         pulses, total = round(live_s * period.sync_hz), int(counts.sum())
         return Histogram(inside, axis.bin_width_s, axis.offset_s, live_s, pulses, total, flags, opened_s)
@@ -240,9 +250,7 @@ class TimeTagger(UnwatchedCounter):
         for point in range(first, first + count):
             counts, opened_s, lost = clocked.point(point)
             flags = HistogramFlag.DATA_LOST if lost else HistogramFlag.NONE
-            live_s = 0.0 if lost else self._dwells_s[point]
-            counts = np.zeros_like(counts) if lost else counts
-            taken.append(self._made(counts, live_s, flags, opened_s - (self._zero_s or 0.0)))
+            taken.append(self._made(counts, self._dwells_s[point], flags, opened_s - (self._zero_s or 0.0)))
         return taken
 
     def _end(self) -> None:

@@ -33,7 +33,7 @@ class TimeTaggerSettings(CounterBlock):
     usual_pulse: ClassVar[Pulse] = "ttl"
     listing_begins_s: ClassVar[float] = 0.1
     """The laser's rate is measured first."""
-    listing_ends_s: ClassVar[float] = 0.11
+    listing_ends_s: ClassVar[float] = 0.12
     marker_input_most_v: ClassVar[float] = 5.0
 
     model: Literal["timetagger"]

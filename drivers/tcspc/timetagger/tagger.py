@@ -131,6 +131,24 @@ class Tagger:
                     "Set delay_ps: 0 in the bench file, and choose histogram.offset_ns instead.",
                 )
 
+    def check_sync(self, sync_hz: float, width_ps: int) -> None:
+        """After points: whether laser pulses still come at the rate by which they were dated back, to within a bin per
+        period. Behind the filter it shows in nothing else. Raises `SyncLost`."""
+        sync = self._settings.sync
+        self.set("clearConditionalFilter")
+        self.set("sync")
+        now_hz = self._count([sync.channel], _QUICK_S)[0]
+        told_hz = 1 / _QUICK_S + 1 / _RATE_S  # one pulse more or less in either
+        if abs(now_hz - sync_hz) <= sync_hz**2 * width_ps * PS + told_hz:
+            return
+        off = f", photons are up to {abs(1 / now_hz - 1 / sync_hz) / PS:.0f} ps off" if now_hz > 0 else ""
+        raise SyncLost(
+            self.device,
+            f"input {sync.channel} (sync) had {sync_hz:.0f} Hz when points began and {now_hz:.0f} Hz at their end: "
+            f"laser pulses are dated by the first{off}.",
+            "Let the laser settle (and check its sync cable), then take these points again.",
+        )
+
     def rates(self) -> CountRates:
         """Over a tenth of a second; every laser pulse counts, for which the filter is off meanwhile."""
         self.set("clearConditionalFilter")

@@ -181,6 +181,17 @@ def test_a_full_fifo_ends_the_segment_and_flags_what_is_missing() -> None:
     assert all((each.live_time_s, each.total_count, each.counts.sum()) == (0, 0, 0) for each in gone)  # no rate of them
 
 
+@pytest.mark.parametrize("device", FAMILIES)
+def test_a_point_started_by_the_host_that_lost_photons_has_no_counts_and_no_live_time(device: str) -> None:
+    counter, _ = opened(device, Fault(name="V2"), mode="t3")
+    histograms = one_by_one(counter)
+    lost = [HistogramFlag.DATA_LOST in each.flags for each in histograms]
+    assert any(lost)
+    assert not all(lost)
+    for each, gone in zip(histograms, lost, strict=True):
+        assert (each.live_time_s > 0, each.sync_count > 0, each.total_count > 0, each.counts.any()) == (not gone,) * 4
+
+
 @pytest.mark.parametrize("mode", ["histogram", "t3"])
 @pytest.mark.parametrize("device", FAMILIES)
 def test_a_lost_sync_and_a_system_error_end_the_scan(device: str, mode: str) -> None:

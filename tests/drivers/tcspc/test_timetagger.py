@@ -5,12 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nlos.drivers.errors import DeviceFault, LimitError
+from nlos.drivers.errors import DeviceFault, LimitError, SyncLost
 from nlos.drivers.galvo.mirror import MirrorAngles
 from nlos.drivers.simulated.bench import Exposure, Gate, SimulatedBench
+from nlos.drivers.simulated.faults import Fault
 from nlos.drivers.simulated.simulation_settings import SimulationSettings
 from nlos.drivers.simulated.table import SimulatedTable
-from nlos.drivers.tcspc.counter import HistogramAxis, PointGates
+from nlos.drivers.tcspc.counter import Histogram, HistogramAxis, HistogramFlag, PointGates
 from nlos.drivers.tcspc.timetagger.counter import TimeTagger
 from nlos.drivers.tcspc.timetagger.model import TIMETAGGER
 from nlos.drivers.tcspc.timetagger.settings import TimeTaggerSettings
@@ -101,3 +102,47 @@ def test_a_model_without_aux_out_says_so_as_it_is_opened() -> None:
 
     with pytest.raises(DeviceFault, match="only supported on the Time Tagger X"):
         TimeTagger.open(settings, bench.clock, Replaced(package, xtra_setAuxOut=without))
+
+
+def taken(counter: TimeTagger, bench: SimulatedBench, points: int = 3) -> list[Histogram]:
+    """Started by the host, 4 ms each."""
+    counter.configure(AXIS)
+    counter.arm(PointGates([0.004] * points, list(range(points))))
+    for point in range(points):
+        counter.trigger()
+        counter.wait_points(point + 1, 1.0)
+    return counter.read(0, points)
+
+
+@pytest.mark.parametrize("mode", ["histogram", "list"])
+def test_a_laser_that_changes_its_rate_while_points_are_taken_is_named_with_both_rates(mode: str) -> None:
+    package, settings, bench = rig(mode=mode)
+    counter = TimeTagger.open(settings, bench.clock, package)
+    assert [point.total_count for point in taken(counter, bench)] == [80] * 3
+    bench.faults.add(Fault(name="T4", after_s=bench.clock.now() + 0.11, parameters={"times_hz": 0.98}))
+    with pytest.raises(SyncLost, match=r"input 1 \(sync\) had 10000000 Hz .* 97999.. Hz .* up to 2041 ps off"):
+        taken(counter, bench)
+    assert len(taken(counter, bench)) == 3  # of one rate again
+    counter.close()
+
+
+def test_a_laser_that_drifts_by_less_than_a_bin_a_period_is_as_it_was() -> None:
+    package, settings, bench = rig()
+    counter = TimeTagger.open(settings, bench.clock, package)
+    bench.faults.add(Fault(name="T4", after_s=bench.clock.now() + 0.11, parameters={"times_hz": 0.9995}))
+    assert [point.total_count for point in taken(counter, bench)] == [80] * 3
+    counter.close()
+
+
+@pytest.mark.parametrize("mode", ["histogram", "list"])
+def test_a_point_whose_tags_were_lost_has_no_counts_and_no_live_time(mode: str) -> None:
+    package, settings, bench = rig(mode=mode)
+    counter = TimeTagger.open(settings, bench.clock, package)
+    counter.tagger.overflowed()
+    bench.faults.add(Fault(name="T1", after_s=bench.clock.now() + 0.11))
+    seen = taken(counter, bench)
+    counter.close()
+    lost = [HistogramFlag.DATA_LOST in each.flags for each in seen]
+    assert sum(lost) == 1
+    for each, gone in zip(seen, lost, strict=True):
+        assert (each.live_time_s, each.total_count, each.counts.sum()) == ((0.0, 0, 0) if gone else (0.004, 80, 80))
