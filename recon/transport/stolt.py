@@ -2,7 +2,7 @@
 
 Source: Lindell, Wetzstein, O'Toole, ACM TOG 38(4), 2019; Stolt 1978. A real FFT along time gives exactly the half
 spectrum that migration uses, and both lateral frequencies stay on the grid, so Stolt's change of variable from time
-frequency to depth frequency is a one-dimensional linear interpolation.
+frequency to depth frequency is a one-dimensional interpolation.
 """
 
 from collections.abc import Callable
@@ -16,13 +16,16 @@ from nlos.recon.transport.conventions import Conventions, check_supported, speed
 from nlos.recon.transport.fourier import Array, beside, cast, each, fft, good_size, half_spectrum, ifft
 
 PLANES_AT_ONCE = 8
+TAPS = 3  # frequencies that one is interpolated from
+STEEP = 6.2  # of the kernel exp(STEEP (sqrt(1 - (2 u / TAPS)^2) - 1)): within 1 % wherever a frequency falls
 
 
 class StoltMigration:
     """Real field at the wall (T, H, W) -> complex field at time 0 (D, H, W), one plane a bin.
 
-    Under `physical`, samples lie at bin centres, and the interpolation is done about the middle of the window with its
-    loss of amplitude divided out; under `authors` as published.
+    Under `physical`, samples lie at bin centres, and the interpolation is done about the middle of the window, by a
+    kernel whose own shape over time is divided out (Barnett, Magland, af Klinteberg, SIAM J. Sci. Comput. 41, 2019);
+    under `authors` it is linear, as published.
     """
 
     def __init__(self, wall: WallGrid, time: TimeAxis, conventions: Conventions = "physical") -> None:
@@ -47,10 +50,13 @@ class StoltMigration:
         return self._to_depth(self.stolt(spectrum, gather))
 
     def gain(self, like: Array) -> Array:
-        """Linear interpolation between frequencies fades what is far from the middle of the window; undone here."""
+        """Interpolation between frequencies fades what is far from the middle of the window; undone here."""
+        if self.conventions == "authors":
+            return beside(like, np.ones(self.time.bins))[:, None, None]
         from_middle = (np.arange(self.time.bins) - self.middle) / self.padded[0]
-        gain = np.ones(self.time.bins) if self.conventions == "authors" else 1 / np.sinc(from_middle) ** 2
-        return beside(like, gain)[:, None, None]
+        place = (np.arange(100) + 0.5) / 100 * TAPS - TAPS / 2
+        shape = np.cos(2 * np.pi * from_middle[:, None] * place) @ _kernel(place) * (TAPS / 100)
+        return beside(like, 1 / shape)[:, None, None]
 
     def about_middle(self, like: Array) -> Array:
         """Moves time 0 to the middle of the window, about which the spectrum is smoothest; (F, 1, 1)."""
@@ -67,7 +73,7 @@ class StoltMigration:
         each(work, range(rows), spectrum)
         return spectrum[:planes, :rows]
 
-    def stolt(self, spectrum: Array, move: Callable[[Array, Array, Array, Array], Array]) -> Array:
+    def stolt(self, spectrum: Array, move: Callable[[Array, Array, list[Array], Array], Array]) -> Array:
         """Time frequency -> depth frequency of (F, Y, W) by `gather`, back by its transpose `scatter`; in place."""
         cols = spectrum.shape[2]
         wide = spectrum
@@ -76,10 +82,10 @@ class StoltMigration:
             wide[planes] = fft(wide[planes], 1)
 
         def work(ky: int) -> None:
-            below, weight, factor = self._table(ky, wide)
+            first, weights, factor = self._table(ky, wide)
             for row in {ky, -ky % self.padded[1]}:
                 plane = fft(wide[:, row], 1, self.padded[2])  # (F, X)
-                wide[:, row] = ifft(move(plane, below, weight, factor), 1)[:, :cols]
+                wide[:, row] = ifft(move(plane, first, weights, factor), 1)[:, :cols]
 
         def back(planes: slice) -> None:
             wide[planes] = ifft(wide[planes], 1)
@@ -90,8 +96,8 @@ class StoltMigration:
         each(back, some, wide)
         return spectrum
 
-    def _table(self, ky: int, like: Array) -> tuple[Array, Array, Array]:
-        """For a row of lateral frequencies: flat index below, weight of the one above and factor, each (F, X)."""
+    def _table(self, ky: int, like: Array) -> tuple[Array, list[Array], Array]:
+        """For a row of lateral frequencies, (F, X): flat index of the first tap, each tap's weight and a factor."""
         xp: Any
         place: dict[str, Any]
         if isinstance(like, np.ndarray):
@@ -104,7 +110,9 @@ class StoltMigration:
         kz = xp.arange(frequencies, dtype=xp.float64, **place)[:, None]
         kx = xp.arange(self.padded[2] // 2 + 1, dtype=xp.float64, **place)
         source = (kz**2 + (self.per_col_cycle * kx) ** 2 + (self.per_row_cycle * ky) ** 2) ** 0.5
-        below = xp.clip(xp.floor(source), 0, frequencies - 2)
+        linear = self.conventions == "authors"
+        taps = 2 if linear else TAPS
+        first = xp.clip(xp.floor(source - taps / 2 + 1), 0, frequencies - taps)
         cycles = (kz * self.first - source * (self.first + self.middle)) / self.padded[0]
         real = "float64" if like.itemsize == 16 else "float32"
         angle = cast(2 * xp.pi * (cycles - xp.floor(cycles)), real)
@@ -112,36 +120,48 @@ class StoltMigration:
         factor = jacobian * (xp.cos(angle) + 1j * xp.sin(angle))
         col = xp.arange(self.padded[2], **place)
         mirrored = xp.minimum(col, self.padded[2] - col)
-        index = cast(below, "int64")[:, mirrored] * self.padded[2] + col
-        return index, cast(source - below, real)[:, mirrored], factor[:, mirrored]
+        index = cast(first, "int64")[:, mirrored] * self.padded[2] + col
+        place = cast(source - first, real)  # after the first tap
+        weights = [1 - abs(place - tap) if linear else _kernel(place - tap, xp) for tap in range(taps)]
+        return index, [weight[:, mirrored] for weight in weights], factor[:, mirrored]
 
 
-def gather(plane: Array, below: Array, weight: Array, factor: Array) -> Array:
-    """Linear interpolation along the first axis of `plane` (F, X), then times `factor`."""
+def _kernel(place: Array, xp: Any = np) -> Array:
+    """What a tap weighs at a distance of so many frequencies; `xp` is NumPy or torch."""
+    inside = (1 - place * place * (2 / TAPS) ** 2).clip(0)
+    return xp.exp(STEEP * (xp.sqrt(inside) - 1)) * (inside > 0)
+
+
+def gather(plane: Array, first: Array, weights: list[Array], factor: Array) -> Array:
+    """The weighted sum of as many neighbours along the first axis of `plane` (F, X), then times `factor`."""
     flat = plane.reshape(-1)
-    under, over = flat[below], flat[below + plane.shape[1]]
-    over -= under
-    over *= weight
-    over += under
-    over *= factor
-    return over
+    total = flat[first]
+    total *= weights[0]
+    for tap, weight in enumerate(weights[1:], 1):
+        neighbour = flat[first + tap * plane.shape[1]]
+        neighbour *= weight
+        total += neighbour
+    total *= factor
+    return total
 
 
-def scatter(plane: Array, below: Array, weight: Array, factor: Array) -> Array:
+def scatter(plane: Array, first: Array, weights: list[Array], factor: Array) -> Array:
     """The conjugate transpose of `gather`."""
     value = plane * factor.conj()
-    index = [below.reshape(-1), (below + plane.shape[1]).reshape(-1)]
-    parts = [(value * (1 - weight)).reshape(-1), (value * weight).reshape(-1)]
+    index = [(first + tap * plane.shape[1]).reshape(-1) for tap in range(len(weights))]
+    parts = [(value * weight).reshape(-1) for weight in weights]
     if isinstance(plane, np.ndarray):
-        sums = [
-            np.bincount(i, weights=component, minlength=plane.size)
-            for i, part in zip(index, parts, strict=True)
-            for component in (part.real, part.imag)
-        ]
-        return (sums[0] + sums[2] + 1j * (sums[1] + sums[3])).astype(plane.dtype).reshape(plane.shape)
+        real, imaginary = (
+            sum(
+                np.bincount(i, weights=getattr(part, name), minlength=plane.size)
+                for i, part in zip(index, parts, strict=True)
+            )
+            for name in ("real", "imag")
+        )
+        return np.asarray(real + 1j * imaginary, dtype=plane.dtype).reshape(plane.shape)
     import torch
 
-    moved = torch.zeros(plane.numel(), 2, dtype=weight.dtype, device=plane.device)
+    moved = torch.zeros(plane.numel(), 2, dtype=weights[0].dtype, device=plane.device)
     for i, part in zip(index, parts, strict=True):
         moved.index_add_(0, i, torch.view_as_real(part))
     return torch.view_as_complex(moved).reshape(plane.shape)

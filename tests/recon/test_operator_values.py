@@ -114,6 +114,16 @@ def test_a_plane_wave_migrates_to_half_of_its_way(start_s: float) -> None:
         assert int(image.argmax()) == at
 
 
+@pytest.mark.parametrize("start_s", [0.0, 0.6e-9])
+def test_plane_waves_migrate_as_bright_from_everywhere_in_the_window(start_s: float) -> None:
+    wall, time, at = WallGrid(2.0, 2.0, 32, 32), TimeAxis(256, 64e-12, start_s), np.array([12, 40, 128, 200, 245])
+    bright = []
+    for pulse in np.exp(-0.5 * (np.arange(256) - at[:, None]) ** 2):
+        image = FkMigration(wall, time)(over_time(pulse).expand(1, 1, 256, 32, 32).contiguous())[0, 0]
+        bright.append(float(image.abs().square()[:, 14:18, 14:18].amax(dim=0).mean()))
+    assert np.array(bright) / np.mean(bright) == pytest.approx(1, abs=0.03)
+
+
 @pytest.mark.parametrize(("start_s", "at"), [(0.0, 14.0), (0.0, 14.5), (0.0, 39.5), (0.5e-9, 7.75), (0.5e-9, 17.55)])
 def test_migration_puts_a_point_at_its_depth_to_a_twentieth_of_a_bin(start_s: float, at: float) -> None:
     wall, time = WallGrid(1.2, 1.2, 33, 33), TimeAxis(96, 80e-12, start_s)
