@@ -1,9 +1,15 @@
 """A volume as one sees it who looks towards the wall: its brightest voxels, and their depth."""
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 
 MOST_FADED = 3  # planes that a maximum is put back by
+STANDING = 0.5  # of the maximum: what is brighter, and hangs together with it, is one surface
+DepthBy = Callable[[npt.NDArray[np.float32], npt.NDArray[np.float64]], npt.NDArray[np.float32]]
+"""(volume (D, H, W), depths_m (D,)) -> depth (H, W) in metres, NaN where only noise is."""
+
 LEAST_SEEN, MOST_HIDDEN = 0.1, 0.3  # of the bright parts' level: darker has no depth, brighter always has one
 
 
@@ -36,7 +42,32 @@ def depth_map(
         if fading_per_m is not None:
             bend = np.divide(at, -curvature, out=np.zeros_like(at), where=curvature < 0) * pitch_m**2
             depth_m += np.minimum(fading_per_m[middle] * bend, MOST_FADED * pitch_m)
+    return _seen(depth_m, albedo.max(axis=0))
+
+
+def middle_map(albedo: npt.NDArray[np.float32], depths_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+    """Depth in metres of the middle of what stands about the maximum of a volume (D, H, W), planes at (D,); NaN where
+    only noise is.
+
+    For a wave, whose intensity is brightest at either edge of a pulse and not in between, where the surface lies.
+    """
     front = albedo.max(axis=0)
+    depth_m = depths_m[albedo.argmax(axis=0)]
+    plane = np.arange(len(depths_m))[:, None]
+    for row in range(albedo.shape[1]):  # one at a time, to save memory
+        along = albedo[:, row]
+        above = along - STANDING * front[row]
+        peak = along.argmax(axis=0)
+        first = np.where((above < 0) & (plane < peak), plane, -1).max(axis=0) + 1
+        end = np.where((above < 0) & (plane > peak), plane, len(plane)).min(axis=0)
+        weight = np.where((plane >= first) & (plane < end), above, 0).astype(np.float64)
+        total = weight.sum(axis=0)
+        np.divide(depths_m @ weight, total, out=depth_m[row], where=total > 0)
+    return _seen(depth_m, front)
+
+
+def _seen(depth_m: npt.NDArray[np.float64], front: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Depths where the picture holds more than noise."""
     return np.where(front > _floor(front), depth_m, np.nan).astype(np.float32)
 
 

@@ -5,7 +5,7 @@ import numpy.typing as npt
 import torch
 
 from nlos.acquisition.transient import TimeAxis
-from nlos.recon.front_view import depth_map
+from nlos.recon.front_view import DepthBy, depth_map
 from nlos.recon.gridding import fill_unmeasured
 from nlos.recon.method import MethodResult
 from nlos.recon.noise import estimate, without_background
@@ -60,14 +60,13 @@ def _without_response(signal: torch.Tensor, exposure_s: torch.Tensor | None, res
 
 
 def seen_in(
-    volume: torch.Tensor, depths_m: npt.NDArray[np.float64], fading_per_m: npt.NDArray[np.float64] | None = None
+    volume: torch.Tensor, depths_m: npt.NDArray[np.float64], depth_by: DepthBy = depth_map
 ) -> MethodResult[torch.Tensor]:
-    """A volume (B, 1, D, H, W) at `depths_m` with what one sees of it from the wall; the depth map has no gradient.
-    `fading_per_m` is that of `depth_map`."""
+    """A volume (B, 1, D, H, W) at `depths_m` with what one sees of it from the wall; the depth map has no gradient."""
     if volume.shape[1] != 1:
         raise ValueError(f"{volume.shape[1]} channels; a picture is made of one at a time")
     whole = volume[:, 0]
-    maps = [depth_map(one.detach().cpu().numpy(), depths_m, fading_per_m) for one in whole]
+    maps = [depth_by(one.detach().cpu().numpy(), depths_m) for one in whole]
     return MethodResult(whole.amax(dim=1), torch.from_numpy(np.stack(maps)).to(volume.device), whole)
 
 

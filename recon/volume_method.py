@@ -7,6 +7,7 @@ import numpy.typing as npt
 import torch
 from torch import nn
 
+from nlos.recon.front_view import DepthBy, depth_map
 from nlos.recon.method import MethodResult
 from nlos.recon.physics import seen_in
 
@@ -15,15 +16,15 @@ class VolumeMethod(nn.Module, ABC):
     """(B, C, T, H, W) counts -> what one sees of a volume (B, C, D, H, W) at `depths_m`: `volume` is what differs."""
 
     takes_response = True
-    fading_per_m: npt.NDArray[np.float64] | None = None
-    """(D,): what the logarithm of a surface's brightness falls by a metre of depth; None where it does not fall."""
+    depth_by: DepthBy = staticmethod(depth_map)
+    """What finds the depths in a volume."""
     depths_m: npt.NDArray[np.float64]
 
     def forward(
         self, counts: torch.Tensor, exposure_s: torch.Tensor | None = None, response: torch.Tensor | None = None
     ) -> MethodResult[torch.Tensor]:
         """The volume, its front view and its depth map."""
-        return seen_in(self.volume(counts, exposure_s, response), self.depths_m, self.fading_per_m)
+        return seen_in(self.volume(counts, exposure_s, response), self.depths_m, self.depth_by)
 
     @abstractmethod
     def volume(

@@ -5,6 +5,7 @@ import torch
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
+from nlos.recon.front_view import middle_map
 from nlos.recon.physics import prepare
 from nlos.recon.transport.conventions import depths_m
 from nlos.recon.transport.falloff import Falloff
@@ -15,6 +16,8 @@ from nlos.recon.without_torch.fk import Settings
 
 class Migration(VolumeMethod):
     """(B, C, T, H, W) counts -> (B, C, D, H, W) squared magnitude. Source: Lindell et al., ACM TOG 38(4), 2019."""
+
+    depth_by = staticmethod(middle_map)
 
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
         super().__init__()

@@ -1,5 +1,6 @@
 """Phasor field: a virtual camera behind the wall, focused on every voxel; good with noise and clutter."""
 
+from functools import partial
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -12,6 +13,7 @@ from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.configs.settings import Settings as AnySettings
 from nlos.recon.errors import InvalidSettings
+from nlos.recon.front_view import depth_map
 from nlos.recon.memory import cube_bytes
 from nlos.recon.method import MethodResult
 from nlos.recon.physics import prepare, seen_in
@@ -78,7 +80,7 @@ class Camera(VolumeMethod):
         self.falloff = Falloff(time, settings.falloff)
         self.wall, self.wavelength_m = wall, _wavelength_m(settings, wall)
         self.propagate = self._propagator(self.wavelength_m)
-        self.fading_per_m = _fading_per_m(wall, self.depths_m)
+        self.depth_by = partial(depth_map, fading_per_m=_fading_per_m(wall, self.depths_m))
         self.slower: tuple[float, ConfocalRsd] | None = None
 
     def volume(

@@ -121,8 +121,8 @@ class StoltMigration:
         col = xp.arange(self.padded[2], **place)
         mirrored = xp.minimum(col, self.padded[2] - col)
         index = cast(first, "int64")[:, mirrored] * self.padded[2] + col
-        place = cast(source - first, real)  # after the first tap
-        weights = [1 - abs(place - tap) if linear else _kernel(place - tap, xp) for tap in range(taps)]
+        after = cast(source - first, real)
+        weights = [1 - abs(after - tap) if linear else _kernel(after - tap, xp) for tap in range(taps)]
         return index, [weight[:, mirrored] for weight in weights], factor[:, mirrored]
 
 

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.acquisition.wall import WallGrid
+from nlos.recon.front_view import middle_map
 from nlos.recon.physics_settings import PhysicsSettings
 from nlos.recon.transport.stolt import StoltMigration
 from nlos.recon.without_torch.prepared import Cube, prepare
@@ -23,6 +24,8 @@ class Settings(PhysicsSettings):
 
 class PlainMigration(PlainVolumeMethod):
     """Counts (T, H, W) and exposure (H, W) -> squared magnitude (D, H, W). Source: Lindell et al., ACM TOG 2019."""
+
+    depth_by = staticmethod(middle_map)
 
     def __init__(self, settings: Settings, wall: WallGrid, time: TimeAxis) -> None:
         super().__init__(settings, time)

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.transient import TimeAxis
-from nlos.recon.front_view import depth_map, front_view
+from nlos.recon.front_view import DepthBy, depth_map, front_view
 from nlos.recon.method import MethodResult
 from nlos.recon.physics_settings import PhysicsSettings
 from nlos.recon.transport.conventions import depths_m
@@ -17,6 +17,8 @@ class PlainVolumeMethod(ABC):
     """Counts (T, H, W) and exposure (H, W) -> front view, depth map and volume (D, H, W); `volume` is what differs."""
 
     takes_response = True
+    depth_by: DepthBy = staticmethod(depth_map)
+    """What finds the depths in a volume."""
 
     def __init__(self, settings: PhysicsSettings, time: TimeAxis) -> None:
         self.settings, self.time = settings, time
@@ -27,7 +29,7 @@ class PlainVolumeMethod(ABC):
     ) -> MethodResult[Cube]:
         """The volume, its front view and its depth map."""
         volume = self.volume(counts, exposure_s, response)
-        return MethodResult(front_view(volume), depth_map(volume, self.depths_m), volume)
+        return MethodResult(front_view(volume), self.depth_by(volume, self.depths_m), volume)
 
     @abstractmethod
     def volume(

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from nlos.acquisition.response import gaussian
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.depth_range import within_depths
@@ -33,6 +34,7 @@ def light(*depths_m: float) -> npt.NDArray[np.float64]:
 
 
 def transient(*depths_m: float) -> Transient:
+    """Counts of an instant response."""
     return Transient(light(*depths_m), np.ones((WALL.rows, WALL.cols)), WALL, TIME)
 
 
@@ -40,6 +42,21 @@ def transient(*depths_m: float) -> Transient:
 @pytest.mark.parametrize("depth_m", [0.4, 0.6, 1.0, 1.4])
 def test_a_patch_is_where_it_is(method: str, within_m: float, depth_m: float) -> None:
     made = reconstruct(transient(depth_m), method)
+    assert np.nanmedian(made.depth_m[14:18, 14:18]) == pytest.approx(depth_m, abs=within_m)
+
+
+@pytest.mark.parametrize("peak", [None, 20])
+@pytest.mark.parametrize("fwhm_ps", [100, 200, 500])
+@pytest.mark.parametrize("depth_m", [0.4, 0.7, 1.0, 1.4])
+def test_a_patch_is_where_it_is_where_a_slow_response_is_told(depth_m: float, fwhm_ps: int, peak: int | None) -> None:
+    per_bin = TIME.bin_width_s * 1e12 / fwhm_ps
+    curve = np.exp2(-4 * (np.arange(-40, 41) * per_bin) ** 2)
+    slow = np.apply_along_axis(np.convolve, 0, light(depth_m), curve / curve.sum(), "same")
+    if peak is not None:
+        slow = np.random.default_rng(0).poisson(slow * (peak / slow.max())).astype(np.float64)
+    told = gaussian(fwhm_ps * 1e-12, "known")
+    made = reconstruct(Transient(slow, np.ones((WALL.rows, WALL.cols)), WALL, TIME, told), "fk", explain=False)
+    within_m = 5e-3 if peak is None else 8e-3
     assert np.nanmedian(made.depth_m[14:18, 14:18]) == pytest.approx(depth_m, abs=within_m)
 
 
