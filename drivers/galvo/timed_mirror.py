@@ -8,11 +8,15 @@ from nlos.drivers.galvo.mirror import MirrorAngles
 
 
 class TimedMirror(ABC):
-    """The part of a `GalvoMirror` that waits by the clock. Whatever moves the mirror sets `_settled_at_s`."""
+    """The part of a `GalvoMirror` that waits by the clock. Whatever moves the mirror says so by `_arrive`."""
 
     _settings: MirrorBlock
     _clock: Clock
     _settled_at_s: float
+    _region: tuple[MirrorAngles, ...]
+    """The move under way began at one of these, or between them."""
+    _target: MirrorAngles | None
+    """Where it goes; None where `_region` alone says where the mirror is."""
 
     def check(self, angles: MirrorAngles) -> None:
         """Raises `LimitError` when `angles` is beyond the head or the DAC."""
@@ -27,6 +31,15 @@ class TimedMirror(ABC):
     def move_to(self, angles: MirrorAngles) -> None:
         self.begin_move(angles)
         self.wait_settled()
+
+    def _arrive(self, angles: MirrorAngles, begins_s: float = 0.0) -> None:
+        """A move begins within `begins_s`. It may do so before the one before has settled: then from anywhere on its
+        way."""
+        now_s = self._clock.now()
+        if self._target is not None:
+            self._region = (self._target,) if now_s >= self._settled_at_s else (*self._region, self._target)
+        self._settled_at_s = now_s + begins_s + max(self.settle_s(corner, angles) for corner in self._region)
+        self._target = angles
 
     @abstractmethod
     def begin_move(self, angles: MirrorAngles) -> None:

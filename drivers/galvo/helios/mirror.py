@@ -43,7 +43,7 @@ class Helios(TimedMirror):
         self.warnings = [f"{DEVICE}: nothing reads back where this mirror points."]
         self._settings, self._clock, self._pipes = settings, clock, pipes
         self._place = Whereabouts(DEVICE, REOPEN)
-        self._from: tuple[MirrorAngles, ...] = (MirrorAngles(0.0, 0.0),)  # one of these: where a sequence was stopped
+        self._region, self._target = (MirrorAngles(0.0, 0.0),), None
         self._settled_at_s = 0.0
         self._sequence: tuple[MirrorAngles, ...] = ()
         self._frame, self._step_s = b"", 0.0
@@ -76,7 +76,7 @@ class Helios(TimedMirror):
         self._place.check_known()
         with self._place.motion():
             self._hold(codes)
-            self._arrive(angles)
+            self._arrive(angles, 1 / _RATE)
 
     def load(self, sequence: Sequence[MirrorAngles]) -> None:
         raise LimitError(DEVICE, "this mirror cannot step by itself to a trigger.", _STEPS)
@@ -139,13 +139,13 @@ class Helios(TimedMirror):
             return
         done = (self._clock.now() - played_s) / self._step_s
         if done > len(sequence) + 1:
-            self._from = sequence[-1:]
+            self._region, self._target = sequence[-1:], None
             return
         here = sequence[min(int(done), len(sequence) - 1)]
-        self._from = sequence
+        self._region, self._target = sequence, None
         with self._place.motion():
             self._hold(self._codes(here))
-            self._arrive(here)
+            self._arrive(here, 1 / _RATE)
 
     def look(self) -> None:
         """Reads what nobody asked for: of a DAC that answers only when asked, a restart or somebody else's answer."""
@@ -164,7 +164,7 @@ class Helios(TimedMirror):
             self._pipes.command(wire.encode_command(wire.SHUTTER), self._settings.timeout_s)
             self._clock.sleep(_STOPPED_S)
             self._hold((wire.CENTRE, wire.CENTRE))
-            self._arrive(MirrorAngles(0.0, 0.0))
+            self._arrive(MirrorAngles(0.0, 0.0), 1 / _RATE)
         self.wait_settled()
 
     def close(self) -> None:
@@ -188,11 +188,6 @@ class Helios(TimedMirror):
                 "Close other programs that use it.",
             )
         self._pipes.send(frame, self._settings.timeout_s)
-
-    def _arrive(self, angles: MirrorAngles) -> None:
-        settle_s = max(self.settle_s(start, angles) for start in self._from)
-        self._settled_at_s = self._clock.now() + 1 / _RATE + settle_s
-        self._from = (angles,)
 
     def _ask(self, code: int) -> bytes:
         """The answer, which begins with the command's code and its top bit; older answers are let go."""

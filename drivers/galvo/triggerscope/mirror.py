@@ -50,8 +50,7 @@ class TriggerScope(TimedMirror):
         self._place = Whereabouts(DEVICE, REOPEN)
         limit_rad = math.radians(2.0 * settings.max_mechanical_deg)
         self._anywhere = (MirrorAngles(-limit_rad, -limit_rad), MirrorAngles(limit_rad, limit_rad))
-        self._region: tuple[MirrorAngles, ...] = self._anywhere  # the move under way began within these corners
-        self._target: MirrorAngles | None = None
+        self._region, self._target = self._anywhere, None
         self._settled_at_s = 0.0
         self._sequence: tuple[MirrorAngles, ...] = ()
         self._armed = False
@@ -222,14 +221,6 @@ class TriggerScope(TimedMirror):
             partial(wire.code_for, volts_per_degree=a.volts_per_degree, offset_v=a.offset_v) for a in self._axes
         )
         return axis_codes(DEVICE, angles, self._settings.max_mechanical_deg, x_code, y_code)
-
-    def _arrive(self, angles: MirrorAngles) -> None:
-        """A move may begin before the one before has settled: then from anywhere on its way."""
-        now_s = self._clock.now()
-        if self._target is not None:
-            self._region = (self._target,) if now_s >= self._settled_at_s else (*self._region, self._target)
-        self._settled_at_s = now_s + max(self.settle_s(corner, angles) for corner in self._region)
-        self._target = angles
 
     def _check_known(self) -> None:
         self._place.check_known()

@@ -154,6 +154,16 @@ def test_the_beam_is_still_on_its_way_while_the_mirror_settles(lab: Callable[...
     assert there.points_at(MirrorAngles(0.6, 0.0))
 
 
+def test_a_move_that_cuts_another_short_is_waited_for_from_where_that_began(lab: Callable[..., Lab]) -> None:
+    there = lab()
+    far, near = MirrorAngles(-0.5, 0.0), MirrorAngles(0.3, 0.0)
+    there.mirror.move_to(far)
+    for step in (0.0, 1e-3, 2e-3):
+        there.mirror.begin_move(MirrorAngles(near.x_rad + step, near.y_rad))
+    there.mirror.wait_settled()
+    assert there.points_at(MirrorAngles(near.x_rad + step, near.y_rad))
+
+
 def test_settling_takes_about_as_long_as_expected(lab: Callable[..., Lab]) -> None:
     there = lab()
     for start, end in itertools.pairwise(PATH):

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 import torch
 from scipy.ndimage import convolve1d
+from scipy.optimize import nnls
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.explained_surface import surface_light
-from nlos.recon.layers.light_left_over import CHANNELS, LightLeftOver
+from nlos.recon.layers.light_left_over import CHANNELS, SMOOTH, LightLeftOver, _best
 from nlos.recon.layers.refinement import Correction, Refinement
 from nlos.recon.layers.surface_light import Axis, arriving, paths, surface_of
 
@@ -25,16 +26,15 @@ def scene() -> tuple[np.ndarray, np.ndarray]:
     return albedo, depth
 
 
-def counted(
-    albedo: np.ndarray, depth: np.ndarray, falloff: float = 4.0, seed: int = 0, taps: np.ndarray | None = None
-) -> torch.Tensor:
+def counted(albedo: np.ndarray, depth: np.ndarray, falloff: float = 4.0, seed: int = 0,
+            taps: np.ndarray | None = None, dwell: np.ndarray | float = 1.0) -> torch.Tensor:  # fmt: skip
     """Photons drawn from the other renderer, (T, H, W)."""
     points = np.argwhere(np.ones((32, 32), bool))
     light = surface_light(albedo, depth, WALL, points, TIME, falloff).reshape(256, 32, 32)
     rate = GAIN * light / light.max()
     if taps is not None:
         rate = convolve1d(rate, taps, axis=0, mode="constant")
-    return torch.from_numpy(np.random.default_rng(seed).poisson(rate + DARK).astype(np.float32))
+    return torch.from_numpy(np.random.default_rng(seed).poisson((rate + DARK) * dwell).astype(np.float32))
 
 
 def look(counts: torch.Tensor, albedo: np.ndarray, depth: np.ndarray, exposure: torch.Tensor | None = None,
@@ -62,6 +62,15 @@ def test_light_of_a_surface_is_that_of_the_other_renderer(falloff: float) -> Non
     assert np.abs(ours.sum(axis=0) / theirs.sum(axis=0) - 1).max() < 0.03  # edges: the slope of what is not there
     late, early = np.cumsum(ours, axis=0), np.cumsum(theirs, axis=0)
     assert np.abs(late[1:] - early[1:]).max() < 0.6 * theirs.max()  # no more than half a bin of light apart
+
+
+def test_a_surface_leans_as_its_depths_do_and_not_over_an_edge() -> None:
+    x, y = (torch.from_numpy(each / 2.0).float() for each in (WALL.x_m(), WALL.y_m()))
+    everywhere = torch.ones(32, 32, dtype=torch.bool)
+    plane = 0.7 + 0.3 * x + 0.2 * y[:, None] + 0.5 * (x > 0)
+    surface = surface_of(torch.ones(32, 32), plane, everywhere, everywhere, x, y)
+    torch.testing.assert_close(surface.across, torch.full((1024,), 0.3), atol=1e-4, rtol=0)
+    torch.testing.assert_close(surface.up, torch.full((1024,), 0.2), atol=1e-4, rtol=0)
 
 
 @pytest.mark.parametrize("sparse", [False, True])
@@ -104,6 +113,7 @@ def test_a_slow_response_is_found_and_one_that_is_told_is_used() -> None:
     untold, told = look(slow, albedo, depth), look(slow, albedo, depth, response=torch.from_numpy(taps))
     assert float(untold["width"][0, 0]) > 0
     assert float(told["width"][0, 0]) == 0
+    assert float(untold["misfit"][0, 0]) < 0.1  # as wide as it was found, it is what the rest is rendered with
     assert float(told["misfit"][0, 0]) < 0.05  # what is left is noise
     assert float(look(slow, albedo, depth + 0.05)["misfit"][0, 0]) > 0.2
 
@@ -139,3 +149,99 @@ def test_an_untrained_correction_changes_nothing_and_nothing_to_see_stays_so() -
         torch.testing.assert_close(seen.albedo[0], torch.from_numpy(picture), atol=1e-6, rtol=0)
         known = torch.from_numpy((picture > 0) & np.isfinite(deep))
         torch.testing.assert_close(seen.depth[0][known], torch.from_numpy(deep / 2.0)[known], atol=1e-6, rtol=0)
+
+
+def test_a_record_that_begins_late_says_the_same() -> None:
+    albedo, depth = scene()
+    counts, wrong, late = counted(albedo, depth), albedo * 0.9 + 0.1 * (albedo > 0), 60
+    whole = look(counts, wrong, depth + 0.01)
+    time = TimeAxis(TIME.bins - late, TIME.bin_width_s, late * TIME.bin_width_s)
+    found = LightLeftOver(WALL, time, 4.0)(
+        counts[late:], torch.ones(32, 32), torch.from_numpy(wrong), torch.from_numpy(depth + 0.01) / 2.0, None
+    )
+    assert found is not None
+    for name, values in zip(CHANNELS, found, strict=True):
+        torch.testing.assert_close(values, whole[name], atol=0.08, rtol=0)  # fewer bins tell the background
+
+
+def test_points_looked_at_for_longer_and_those_that_were_not_leave_a_right_picture_alone() -> None:
+    albedo, depth = scene()
+    dwell = np.where(np.add.outer(np.arange(32), np.arange(32)) % 3 == 0, 4.0, 0.2)
+    dwell[::5] = 0.0
+    counts, exposure = counted(albedo, depth, dwell=dwell), torch.from_numpy(dwell).float()
+    found, seen = look(counts, albedo, depth, exposure), torch.from_numpy(albedo > 0)
+    assert found["change"][seen].abs().mean() < 0.03
+    assert abs(float(found["misfit"][0, 0])) < 0.1
+    counts[:, ::5] = 1e4  # whatever stands where nothing was measured
+    for name, values in look(counts, albedo, depth, exposure).items():
+        torch.testing.assert_close(values, found[name], atol=1e-5, rtol=1e-5)
+
+
+def test_a_response_with_a_tail_is_undone_the_right_way_round() -> None:
+    albedo, depth = scene()
+    taps = np.where(np.arange(-30, 31) >= 0, np.exp(-np.arange(-30, 31) / 8.0), 0.0)
+    taps /= taps.sum()
+    wrong = albedo.copy()
+    wrong[6:10, 4:12] *= 0.5
+    counts, told = counted(albedo, depth, taps=taps), torch.from_numpy(taps).float()
+    assert look(counts, wrong, depth, response=told)["ratio"][6:10, 5:11].mean() > 0.1
+    for off_m in (-0.01, 0.01):
+        step = look(counts, albedo, depth + off_m, response=told)["depth_step"]
+        assert float(step[7:9, 6:24].mean()) * off_m < 0
+
+
+def test_how_certain_brightness_is_said_to_be_is_how_it_scatters() -> None:
+    albedo, depth = scene()
+    seen = torch.from_numpy(albedo > 0)
+    for seed in range(2):
+        found = look(counted(albedo, depth, seed=seed), albedo, depth)
+        in_errors = 4 * found["step"] / torch.from_numpy(albedo) * 10 ** (2 * found["certainty"])
+        assert 0.7 < float(in_errors[seen].std()) < 2.5  # pixels share light: a little more than for each alone
+
+
+def test_brightness_that_is_off_by_a_power_of_depth_explains_the_light() -> None:
+    albedo, depth = scene()
+    bent = (albedo * np.nan_to_num(depth, nan=1.0) ** 2).astype(np.float32)
+    found = look(counted(albedo, depth), bent / bent.max(), depth)
+    assert float(found["misfit"][0, 0]) < 0.05
+    assert found["ratio"][torch.from_numpy(albedo > 0)].abs().mean() < 0.05
+
+
+def test_what_is_faint_is_asked_about_too() -> None:
+    albedo, depth = scene()
+    albedo[18:26, 12:20] = 0.05
+    found = look(counted(albedo, depth), albedo, depth)
+    assert (found["known"] == torch.from_numpy(albedo > 0)).all()
+
+
+def test_gain_and_background_are_the_best_that_are_not_negative() -> None:
+    rng = np.random.default_rng(3)
+    flat = np.ones((6, 40))
+    for case in range(12):
+        models = [rng.random((6, 40)) ** power for power in (1, 4, 0.1)]
+        light = rng.poisson(5 * models[case % 3] + (0.0, 4.0)[case % 2])
+        light = light * (models[case % 3] > 0.3 * (case > 5))  # dark where the picture has some: no background fits
+        given, floor = torch.from_numpy(light), torch.tensor(0.5)
+        smooth = convolve1d(light.astype(float), SMOOTH, axis=1, mode="constant")
+        weight = np.sqrt(1 / (0.5 * smooth + 0.5 * smooth.mean(axis=0) + 0.5)).ravel()
+        truth = [
+            nnls(np.stack([model.ravel(), flat.ravel()], axis=1) * weight[:, None], light.ravel() * weight)
+            for model in models
+        ]
+        which = int(np.argmin([misfit for _, misfit in truth]))
+        found = _best(given.double(), [torch.from_numpy(each) for each in models], torch.from_numpy(flat), floor)
+        assert found is not None
+        assert found.which == which
+        assert (found.gain, found.background) == pytest.approx(tuple(truth[which][0]), rel=1e-5, abs=1e-7)
+
+
+def test_a_refinement_hands_on_how_long_points_were_looked_at_and_through_what() -> None:
+    albedo, depth = scene()
+    taps = np.exp(-0.5 * (np.arange(-9, 10) / 2.5) ** 2)
+    taps /= taps.sum()
+    dwell = np.where(np.arange(32) % 2 == 0, 3.0, 0.5) * np.ones((32, 1))
+    counts, told = counted(albedo, depth, taps=taps, dwell=dwell)[None, None], torch.from_numpy(taps).float()[None]
+    pictures = torch.from_numpy(albedo)[None], torch.from_numpy(depth)[None] / 2.0
+    seen = Refinement(Correction(), WALL, TIME, 4.0)(counts, 7e-3 * torch.from_numpy(dwell)[None], told, *pictures)
+    assert abs(float(seen.found[0, CHANNELS.index("misfit"), 0, 0])) < 0.1
+    assert float(seen.found[0, CHANNELS.index("width"), 0, 0]) == 0
