@@ -75,8 +75,20 @@ def test_light_moved_is_the_light_of_what_has_moved() -> None:
     assert np.isfinite(off).sum() > 50
     assert np.nanmedian(np.abs(off)) < 1.5
     assert np.nanmedian(np.abs(unmoved)) > 5
+    late = 40  # the same of a record that begins late
+    time = TimeAxis(TIME.bins - late, TIME.bin_width_s, late * TIME.bin_width_s)
+    cut = replace(before, counts=np.ascontiguousarray(before.counts[:, late:]), time=time)
+    whole, part = (moved(each, np.tile(way_m, (256, 1)), 0.95, 0).counts[:, -196:] for each in (before, cut))
+    assert np.abs(whole - part).sum() < 0.01 * whole.sum()
     still = moved(before, np.zeros((256, 3)), 1.0, 0)
     assert np.array_equal(still.counts, before.counts)
+
+
+def test_a_frames_moment_is_that_of_its_exposure() -> None:
+    each = np.zeros(3)
+    points = Moments(each, each, np.zeros((3, 256), np.float32), np.array([1.0, 1.0, 8.0]), np.array([0.0, 1.0, 2.0]),
+                     WALL, TIME)  # fmt: skip
+    assert points.mean_s == pytest.approx(1.7)
 
 
 def test_a_path_goes_through_its_pairs_and_not_through_an_outlier() -> None:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -115,6 +115,7 @@ def test_another_device_on_the_port_is_refused(talk: Callable[..., TriggerScope]
 
 @pytest.mark.parametrize("name", ["PAO", "PDO"])
 @given(values=st.lists(st.integers(0, 255), min_size=1, max_size=wire.STATES))
+@example(values=[k % 256 for k in range(wire.STATES)])  # drawn lists are short
 def test_uploaded_lines_hold_every_value_once_and_fit_the_controllers_buffers(name: str, values: list[int]) -> None:
     lines = list(wire.load_states(9, values) if name == "PAO" else wire.load_masks(1, values))
     parsed: list[int] = []
@@ -154,6 +155,11 @@ def test_positions_beyond_the_head_are_refused_before_anything_is_sent(talk: Cal
     for bad in (math.nan, math.inf):
         with pytest.raises(LimitError):
             mirror.check(MirrorAngles(bad, 0.0))
+    last_v = 10.0 - wire.SPAN_V / wire.CODES  # 16 bits hold no code for +10 V itself
+    assert wire.code_for(math.radians(2 * last_v), 1.0, 0.0) == wire.CODES - 1
+    assert wire.code_for(math.radians(-20.0), 1.0, 0.0) == 0
+    with pytest.raises(ValueError, match=r"\+10.000 V"):
+        wire.code_for(math.radians(20.0), 1.0, 0.0)
 
 
 @given(

@@ -253,6 +253,17 @@ def test_a_closing_shutter_gets_past_a_lost_reply_within_its_time(lab: Lab) -> N
     assert not bench.shutter_open
 
 
+def test_a_closing_shutter_is_told_again_where_the_command_itself_was_lost(lab: Lab) -> None:
+    bench, mirror = lab(shutter_pin=9)
+    mirror.set_shutter_line(True)
+    firmware, lost = plugged("faulty").firmware, [b"SDO1-0"]
+    receive = firmware.receive
+    firmware.receive = lambda data, when_s: b"" if lost and lost[0] in data and lost.pop() else receive(data, when_s)
+    mirror.set_shutter_line(False)
+    assert not lost
+    assert not bench.shutter_open
+
+
 @pytest.mark.parametrize("sent", range(7))  # of `SDO1-1` and its newline
 def test_half_an_opening_of_the_shutter_is_never_completed(lab: Lab, sent: int) -> None:
     bench, mirror = lab(Fault(name="G9", after_s=AFTER_OPENING_S, parameters={"sent": sent}), shutter_pin=9)

@@ -277,6 +277,26 @@ def test_an_instrument_that_restarted_between_scans_gets_its_settings_back(rig: 
     assert "restarted" in this.counter.warnings[0]
 
 
+def test_an_instrument_that_restarted_between_scans_watches_over_the_light_again(rig: Callable) -> None:
+    this = rig()
+    this.counter.arm_watchdog(0.5)
+    this.bench.faults.add(fault("U18"))
+    this.counter.arm(PointGates([0.002] * 10, NUMBERS))
+    this.shutter.open()
+    this.bench.clock.sleep(0.6)
+    assert not this.bench.shutter_open
+
+
+@pytest.mark.parametrize("kept", [b"0", b"5"])
+def test_a_watchdog_that_was_not_set_as_asked_is_noticed(rig: Callable, kept: bytes) -> None:
+    this = rig()
+    handler = this.firmware._parser._handlers["SYST:WDOG"]
+    this.firmware._parser._handlers["SYST:WDOG"] = lambda argument: handler(kept)
+    this.firmware._parser._found.clear()
+    with pytest.raises(ProtocolError, match=r"watchdog was set to 0\.5 s and says"):
+        this.counter.arm_watchdog(0.5)
+
+
 def test_a_restart_that_closed_the_shutter_stops_the_scan(rig: Callable) -> None:
     this = rig()
     this.shutter.open()

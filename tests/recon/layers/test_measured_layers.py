@@ -1,5 +1,7 @@
 """U-Nets, liftings, noise estimation and projection: shapes at odd sizes, and what each must never do."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -108,6 +110,27 @@ def test_strong_background_behind_bins_that_were_cut_does_not_hide_the_signal() 
     assert float(rates.net.mean()) == pytest.approx(1.0, rel=1e-3)
 
 
+def test_whatever_stands_where_nothing_was_measured_is_not_looked_at() -> None:
+    exposure = torch.ones(1, 12, 12)
+    exposure[:, ::3] = 0
+    one = rates_of(signal() * (exposure > 0), exposure)
+    for garbage in (1e6, torch.nan):
+        held = torch.where(exposure > 0, signal(), garbage)
+        other = rates_of(held, exposure)
+        for name in ("net", "unfilled", "raw", "background", "presence"):
+            torch.testing.assert_close(getattr(other, name), getattr(one, name))
+
+
+@pytest.mark.parametrize(("share", "ambient"), [(0.2, 0.0), (0.6, 3.0)])
+def test_background_is_what_is_there_without_light(share: float, ambient: float) -> None:
+    """Of light that fills a part of the record, and of light alone."""
+    expected = torch.full((1, 1, 200, 12, 12), ambient)
+    expected[:, :, 20 : 20 + round(200 * share)] += 2.0
+    rates = rates_of(torch.poisson(expected, generator=torch.Generator().manual_seed(1)), None)
+    level = 2.0 * share  # the unit: of a voxel on average, without background
+    assert float(rates.background) == pytest.approx(ambient / level, abs=0.1)
+
+
 def test_an_empty_measurement_has_no_signal_and_finite_rates() -> None:
     rates = rates_of(torch.zeros(1, 1, 64, 12, 12), None)
     assert float(rates.presence) == 0
@@ -136,6 +159,35 @@ def test_the_volume_of_unfilled_rates_differs_from_the_filled_one_where_points_a
     part = physics(rates, level)
     torch.testing.assert_close(part[0], whole[0], rtol=1e-4, atol=1e-5)
     assert (part[1, 2] - part[1, 1]).abs().max() > 0.1 * part[1, 1].abs().max()
+    alike = physics(replace(rates, unfilled=rates.net), level)  # no more than the noise that gaps stand for
+    assert (part[1, 2] - alike[1, 2]).abs().max() > 0.1 * alike[1, 2].abs().max()
+
+
+@pytest.mark.parametrize("first", [0, 11])
+def test_slices_reach_from_the_wall_or_the_first_bin_to_the_last(first: int) -> None:
+    physics = WienerVolumes(WALL, TimeAxis(64, 128e-12, first * 128e-12))
+    half = physics.pitch[0] / 2
+    bin_depth = 299792458.0 * 128e-12 / 2 / 2.0
+    assert float(physics.depths[0]) - half == pytest.approx(first * bin_depth, abs=1e-6)
+    assert float(physics.depths[-1]) + half == pytest.approx((first + 64) * bin_depth, abs=1e-6)
+    far = WienerVolumes(WALL, TimeAxis(4000, 32e-12, first * 1e-9))
+    assert 2.0 <= float(far.depths[-1]) + far.pitch[0] / 2 < 2.0 + 0.01  # wall widths: no light comes from behind
+
+
+def test_of_retroreflective_surfaces_less_is_undone() -> None:
+    """Light that falls with r^2: the far one of two equal sheets is not made the brighter one."""
+    rate = torch.full((1, 1, 64, 12, 12), 0.01)
+    for bin_, metres in ((26, 0.5), (58, 1.1)):
+        rate[:, :, bin_] += 40 / metres**2
+    rates = rates_of(torch.poisson(rate, generator=torch.Generator().manual_seed(1)), None)
+
+    def far_over_near(falloff: float) -> float:
+        physics = WienerVolumes(WALL, TIME, falloff)
+        volume = physics(rates, torch.tensor([-1.0]))[0, 1, :, 3:9, 3:9].mean(dim=(1, 2))
+        near = physics.depths * physics.unit_m < 0.8
+        return float(volume[~near].max() / volume[near].max())
+
+    assert 1.0 < far_over_near(4.0) / far_over_near(2.0) < 10
 
 
 def test_fine_bins_are_added_until_they_match_the_wall() -> None:
