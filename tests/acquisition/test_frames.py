@@ -141,6 +141,12 @@ def test_every_frame_has_its_own_samples_where_the_beam_was(
         assert sum(part.exposure_s for part in parts) == pytest.approx(whole.exposure_s)
         assert np.array_equal(gathered.transient().counts, whole.counts)
         for frame, part in enumerate(parts):
+            taken = [
+                (each.taken_s, each.histogram.live_time_s) for each in recording.samples() if each.point.pass_ == frame
+            ]
+            assert table.end_s[frame] == pytest.approx(max(begun_s + live_s for begun_s, live_s in taken))
+            middle_s = sum((begun_s + live_s / 2) * live_s for begun_s, live_s in taken)
+            assert table.mean_s[frame] == pytest.approx(middle_s / sum(live_s for _, live_s in taken))
             expected = np.zeros((64, 4, 4))
             for sample in recording.samples():
                 if sample.point.pass_ == frame:

@@ -90,6 +90,11 @@ def test_every_pair_near_each_other_is_a_finer_confocal_scan(tmp_path: Path) -> 
     alike, apart_m = against_confocal(tmp_path, scan, fine)
     assert alike > 0.99
     assert apart_m < 0.002
+    # Points two steps apart are skipped: those themselves, two neighbours either way round, two diagonals.
+    pairs = np.ones((15, 15))
+    pairs[1::2], pairs[:, 1::2] = 2, 2
+    pairs[1::2, 1::2] = 4
+    assert np.array_equal(scan.transient.exposure_s, pairs)
 
 
 def test_the_ways_to_the_scanner_are_taken_off(tmp_path: Path) -> None:

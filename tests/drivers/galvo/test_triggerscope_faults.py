@@ -176,6 +176,10 @@ def test_a_controller_without_banner_moves_nothing_and_is_not_trusted(lab: Lab) 
         with pytest.raises(DeviceFault, match="SD card"):
             act()
     mirror.set_shutter_line(False)
+    with mirror.trusted_for_trial():
+        mirror.move_to(ASIDE)
+    with pytest.raises(DeviceFault, match="SD card"):  # nobody has said that it moved
+        mirror.begin_move(ASIDE)
     bench, mirror = lab(Fault(name="A3"), allow_unverified_dac=True)
     assert any("not verified" in warning for warning in mirror.warnings)
     mirror.move_to(ASIDE)
@@ -215,6 +219,20 @@ def test_markers_count_the_steps_that_were_really_made(lab: Lab, kind: str, step
         bench.edge("pixel_clock", bench.clock.now())
     mirror.stop()
     assert len(edges) == steps
+
+
+def test_parked_without_an_answer_it_steps_no_further(lab: Lab) -> None:
+    bench, mirror = lab()
+    mirror.load([ASIDE, ELSEWHERE, ASIDE])
+    mirror.start()
+    bench.faults.add(Fault(name="G1", after_s=bench.clock.now(), times=10_000))
+    with pytest.raises(DeviceTimeout):
+        mirror.park()
+    bench.clock.sleep(0.5)
+    for _ in range(3):
+        bench.edge("pixel_clock", bench.clock.now())
+        bench.clock.sleep(0.1)
+        assert math.hypot(bench.beam.x_rad, bench.beam.y_rad) < 1e-4
 
 
 @pytest.mark.parametrize("skip", range(8))

@@ -330,6 +330,15 @@ def test_garbled_settings_are_noticed_before_the_gate_opens(rig: Callable) -> No
         this.counter.arm(PointGates([0.002] * 10, NUMBERS))
 
 
+@pytest.mark.parametrize("header", ["ACQ:NUMB:LIST", "ACQ:DWEL:LIST"])
+def test_a_list_that_was_not_kept_is_noticed_before_the_gate_opens(rig: Callable, header: str) -> None:
+    this = rig()
+    this.firmware._parser._handlers[header] = lambda argument: None
+    this.firmware._parser._found.clear()
+    with pytest.raises(DeviceReset, match=header):
+        this.counter.arm(PointGates([0.002, 0.003], NUMBERS[:2]))
+
+
 def test_an_unknown_state_is_a_protocol_error(rig: Callable) -> None:
     this = rig()
     this.counter.arm(PointGates([0.002] * 10, NUMBERS))

@@ -110,6 +110,23 @@ def test_a_loss_flags_all_points_that_were_not_complete_and_no_other(rig: Callab
         np.testing.assert_array_equal(histogram.counts, this.counts(number))
 
 
+def test_records_that_a_cable_changed_are_no_photons(rig: Callable) -> None:
+    """One bit of each block: a photon in another bin, or a wrap of time that never was."""
+    this = rig(mode="t3")
+    this.counter.arm(PointGates([DWELL_S] * 12, NUMBERS, Trigger.CLOCK))
+    tags = this.firmware.acquisition.tags
+    told = tags.take
+    tags.take = lambda most, now_s: bytes((data := bytearray(told(most, now_s)))[:-1]) + bytes(
+        [data[-1] ^ 4] if data else []
+    )
+    for k in range(12):
+        this.counter.wait_points(k + 1, 2.0)
+    for number, histogram in zip(NUMBERS, this.counter.read(0, 12), strict=True):
+        if HistogramFlag.DATA_LOST not in histogram.flags:
+            np.testing.assert_array_equal(histogram.counts, this.counts(number))
+    assert HistogramFlag.DATA_LOST in histogram.flags
+
+
 def test_a_trip_is_seen_in_t3_mode_too(rig: Callable) -> None:
     this = rig(mode="t3")
     this.shutter.open()
