@@ -116,8 +116,8 @@ def test_records_that_a_cable_changed_are_no_photons(rig: Callable) -> None:
     this.counter.arm(PointGates([DWELL_S] * 12, NUMBERS, Trigger.CLOCK))
     tags = this.firmware.acquisition.tags
     told = tags.take
-    tags.take = lambda most, now_s: bytes((data := bytearray(told(most, now_s)))[:-1]) + bytes(
-        [data[-1] ^ 4] if data else []
+    tags.take = lambda most, now_s: (
+        bytes((data := bytearray(told(most, now_s)))[:-1]) + bytes([data[-1] ^ 4] if data else [])
     )
     for k in range(12):
         this.counter.wait_points(k + 1, 2.0)

@@ -73,6 +73,35 @@ def test_delays_move_photons_around_the_period_and_lose_none(mode: str, sync_ps:
     assert seen.counts[due].tolist() == [40, 40]
 
 
+@pytest.mark.parametrize("mode", ["histogram", "list"])
+def test_a_window_that_begins_late_holds_what_comes_in_it_and_the_total_all(mode: str) -> None:
+    package, settings, bench = rig(mode=mode)
+    counter = TimeTagger.open(settings, bench.clock, package)
+    counter.configure(HistogramAxis(25, WIDTH_PS * 1e-12, 970 * WIDTH_PS * 1e-12))
+    counter.arm(PointGates([0.004], [0]))
+    counter.trigger()
+    counter.wait_points(1, 1.0)
+    (seen,) = counter.read(0, 1)
+    counter.close()
+    assert np.flatnonzero(seen.counts).tolist() == [980 - 970]
+    assert seen.counts.sum() == 40
+    assert seen.total_count == 80
+
+
+@pytest.mark.parametrize("mode", ["histogram", "list"])
+def test_a_point_of_which_tags_were_lost_says_so(mode: str) -> None:
+    package, settings, bench = rig(mode=mode)
+    counter = TimeTagger.open(settings, bench.clock, package)
+    counter.configure(AXIS)
+    counter.arm(PointGates([0.004] * 2, [0, 1]))
+    bench.faults.add(Fault(name="T1"))
+    for number in range(2):
+        counter.trigger()
+        counter.wait_points(number + 1, 1.0)
+    assert [each.flags for each in counter.read(0, 2)] == [HistogramFlag.DATA_LOST, HistogramFlag.NONE]
+    counter.close()
+
+
 def test_a_model_that_delays_behind_its_filter_is_refused_delays_and_nothing_else() -> None:
     """A Time Tagger 20 has no other delays than those of the computer."""
     package, settings, bench = rig(detector={"channel": 2, "delay_ps": 5_000})
