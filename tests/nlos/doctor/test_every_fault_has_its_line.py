@@ -91,7 +91,7 @@ CASES = {
     "H4": _helios("mirror", after_s=0.5),
     "T1": _timetagger("markers", "WARN"),
     "T2": _timetagger("markers", parameters={"place": "sync"}),
-    "T4": _timetagger("markers"),
+    "T4": Case("markers", bench="timetagger", after_s=0.7),
     "V1": _multiharp("counter"),
     "V2": _multiharp("markers", "WARN"),
     "V3": _multiharp("markers"),
