@@ -37,7 +37,7 @@ def undo_dead_time(
         found = ClickAfterClick(dead_s, 0.0, after.value, after.error, decay_s)
         pulses = np.asarray(raw.sync_count, dtype=np.float64)[:, None]
         blind = blind_pulses(raw.counts[:, once], raw.total_count, width_s, period_s, dead_s)
-        seen, clicks = counts[:, once] / pulses, raw.counts[:, once] / pulses
+        seen, clicks = (np.asarray(each[:, once], dtype=np.float64) / pulses for each in (counts, raw.counts))
         counts[:, once] = pulses * subtract_afterpulses(seen, clicks, 1 - blind / pulses, found, width_s)
     return counts, variance
 
