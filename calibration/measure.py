@@ -17,6 +17,7 @@ from nlos.calibration.constants import BenchConstants, Quantity
 from nlos.calibration.correct import CorrectedPoints, correct_points
 from nlos.calibration.dark_runs import dark_and_light
 from nlos.calibration.detector import WHOLE_PERIOD, undo_dead_time
+from nlos.calibration.drift import Drift, measure_drift, without_drift
 from nlos.calibration.errors import InvalidData, PoorCalibration
 from nlos.calibration.geometry import ScannerGeometry
 from nlos.calibration.geometry_fit import DirectTimes, GeometryFit, Spots, fit_geometry
@@ -42,6 +43,8 @@ class Measurement:
     """All scans with light in them; None where there was only a dark run."""
     corrected: CorrectedPoints | None
     placed: PlacedScanner | None
+    drift: Drift | None = None
+    """Of the time zero while they were taken; None where the runs do not say when their points were."""
     off_aim: str = ""
     """What to say of these runs, and not of the constants: that they landed elsewhere."""
 
@@ -112,6 +115,11 @@ def measure_constants(
             f"{len(raw.counts)} points do not tell wall distance and delay apart: take nine or more that span the wall "
             "and arrive at different times (a rectified scan does not)."
         )
+    drift = measure_drift(raw, offsets)
+    if drift is not None and drift.significant:
+        offsets = without_drift(raw, offsets, drift)
+    if offsets.wall is None:
+        raise PoorCalibration("without the drift of the time zero the direct times tell no wall. Scan more points.")
     placed = None if aim is None else fit_scanner(raw, offsets, aim, spots)
     fit = None if placed is None else placed.fit
     arrivals, warnings, off_aim = _arrivals(raw, offsets, offsets.wall, raw.x_m, raw.y_m), [], ""
@@ -131,7 +139,7 @@ def measure_constants(
         geometry=fit.geometry if fit else None,
         geometry_errors=fit.errors if fit else {},
     )
-    return Measurement(found, raw, corrected, placed, off_aim)
+    return Measurement(found, raw, corrected, placed, drift, off_aim)
 
 
 def _with_dark(constants: BenchConstants, run: RawPoints) -> BenchConstants:

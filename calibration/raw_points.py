@@ -29,6 +29,9 @@ class RawPoints:
     sync_count: Floats  # (N,)
     total_count: Floats  # (N,); all clicks, those outside of the histogram too
     time: TimeAxis
+    taken_s: Floats | None = None  # (N,); the middle of the exposure, since the scan's start; None where nobody says
+    visits: "RawPoints | None" = None
+    """The same photons visit by visit, where points were visited more than once."""
 
     def __post_init__(self) -> None:
         shapes = {a.shape for a in (self.x_m, self.y_m, self.exposure_s, self.sync_count, self.total_count)}
@@ -51,11 +54,13 @@ class RawPoints:
             self.sync_count[rows],
             self.total_count[rows],
             self.time,
+            None if self.taken_s is None else self.taken_s[rows],
         )
 
     def scaled(self, factor: float) -> "RawPoints":
         """The same points on a wall that is `factor` times as large."""
-        return replace(self, x_m=self.x_m * factor, y_m=self.y_m * factor)
+        visits = None if self.visits is None else self.visits.scaled(factor)
+        return replace(self, x_m=self.x_m * factor, y_m=self.y_m * factor, visits=visits)
 
     def check(self, cut_tops: bool = True) -> None:
         """Raises `InvalidData` or `SaturatedBins`, naming the first point whose histogram cannot be used and why.
@@ -128,9 +133,10 @@ def from_transient(
     )
 
 
-def from_samples(samples: Iterable[Sample]) -> RawPoints:
-    """Points in the order taken; histograms of one position taken in several passes are added up. Raises
-    `SaturatedBins` for a sample that its counter flagged, `InvalidData` for none or for samples of different axes."""
+def from_samples(samples: Iterable[Sample], *, visits: bool = False) -> RawPoints:
+    """Points in the order taken; histograms of one position taken in several passes are added up, and kept apart beside
+    that with `visits`. Raises `SaturatedBins` for a sample that its counter flagged, `InvalidData` for none or for
+    samples of different axes."""
     rows: dict[tuple[float, float], list[Sample]] = {}
     for sample in samples:
         flags = sample.histogram.flags
@@ -143,6 +149,12 @@ def from_samples(samples: Iterable[Sample]) -> RawPoints:
     if not rows:
         raise InvalidData("there is not one sample to calibrate from.")
     groups = list(rows.values())
+    apart = [[sample] for group in groups for sample in group]
+    return replace(_grouped(groups), visits=_grouped(apart) if visits and len(apart) > len(groups) else None)
+
+
+def _grouped(groups: Sequence[Sequence[Sample]]) -> RawPoints:
+    """A point for each group of samples of one position."""
     first = groups[0][0].histogram
     axes = {(len(s.histogram.counts), s.histogram.bin_width_s, s.histogram.offset_s) for g in groups for s in g}
     if len(axes) > 1:
@@ -155,6 +167,7 @@ def from_samples(samples: Iterable[Sample]) -> RawPoints:
         np.array([sum(s.histogram.sync_count for s in g) for g in groups], dtype=np.float64),
         np.array([sum(s.histogram.total_count for s in g) for g in groups], dtype=np.float64),
         TimeAxis(len(first.counts), first.bin_width_s, first.offset_s),
+        np.array([np.mean([s.taken_s + s.histogram.live_time_s / 2 for s in g]) for g in groups], dtype=np.float64),
     )
 
 

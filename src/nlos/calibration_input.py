@@ -72,7 +72,7 @@ def load_run(run: Path, given: Given = NOTHING) -> RunInput:
         said = said_by_source(recording)
         _refuse_rectified(run, given.rectified is None and bool(said.get("rectified", False)))
         try:
-            raw = from_samples(recording.samples())
+            raw = from_samples(recording.samples(), visits=True)
             recording.left_aside()
         except InvalidData as error:
             raise type(error)(f"{run}: {error}") from error

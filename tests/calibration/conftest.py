@@ -36,13 +36,15 @@ def make_raw_scan(
     depth_m: float = 0.9,
     hidden_counts: float = 40.0,
     seed: int = 3,
+    later_s: npt.NDArray[np.float64] | float = 0.0,
 ) -> RawScan:
-    """A Gaussian pulse with an exponential tail from every wall point, a point object behind the corner, and noise."""
+    """A Gaussian pulse with an exponential tail from every wall point, a point object behind the corner, and noise; all
+    light of a point `later_s` later."""
     random = np.random.default_rng(seed)
     grid = ((np.arange(side) + 0.5) / side - 0.5) * wall_m
     x, y = (a.ravel() for a in np.meshgrid(grid, -grid))
     sx, sy, sz = scanner_m
-    arrival_s = delay_s + 2 * np.sqrt((x - sx) ** 2 + (y - sy) ** 2 + sz**2) / C
+    arrival_s = delay_s + 2 * np.sqrt((x - sx) ** 2 + (y - sy) ** 2 + sz**2) / C + later_s
     return_s = 2 * np.sqrt((x - 0.2) ** 2 + y**2 + depth_m**2) / C
     fine = 8
     edges = np.arange(bins * fine + 1) / fine * bin_width_s

@@ -26,6 +26,7 @@ def result_lines(found: "Measurement", spots: "Spots | None") -> Lines:
     if found.corrected is not None:
         lines += _timing_lines(found.corrected.report())
         lines += _place_of_arrivals(constants) if found.geometry is None else _geometry_lines(found, spots)
+        lines += _drift_lines(found)
     else:
         lines.append(("no laser light in these runs: taken as runs with the shutter closed", {}))
     background = "clicks/s between the pulses of a scan: room light and dark counts"
@@ -141,6 +142,26 @@ def _geometry_lines(found: "Measurement", spots: "Spots | None") -> Lines:
             lines.append(_alone_line(placed.spots_alone, placed.times_alone))
         lines.append((_as_told_line(placed.freed, placed.undetermined), {}))
     return lines
+
+
+def _drift_lines(found: "Measurement") -> Lines:
+    """Whether the time zero stayed while the points were taken, which a wall that leans may only seem to say."""
+    drift = found.drift
+    if drift is None:
+        return []
+    tilt_deg, seconds = float(np.rad2deg(drift.like_tilt_rad)), drift.last_s - drift.first_s
+    if not drift.known:
+        words = (
+            "drift of the time zero: these points cannot tell it from the wall, for they were taken in the order of "
+            f"their places; 10 ps over their {seconds:.3g} s would pass for {tilt_deg:.3f} deg of lean and "
+            f"{drift.like_distance_m * 1e3:.1f} mm of distance. A scan in random order tells (pattern: random_pixels)"
+        )
+        return [(words, {"drift_known": False, "lean_like_10_ps_deg": tilt_deg})]
+    total_ps, error_ps = drift.total_s * 1e12, drift.error_s * 1e12
+    words = f"drift of the time zero over the {seconds:.3g} s: {plus_minus(total_ps, error_ps)} ps"
+    words += ", taken out of what is said of the wall" if drift.significant else ", no more than chance"
+    values = {"drift_known": True, "drift_ps": total_ps, "drift_error_ps": error_ps, "drift_found": drift.significant}
+    return [(words, dict(values))]
 
 
 def _alone_line(spots: "GeometryFit", times: "GeometryFit | None") -> tuple[str, dict[str, object]]:
