@@ -63,8 +63,7 @@ def live(
         method, seeing = chosen_method(weights, method, {})
     methods = methods_for(method)
     prepare_process()
-    if len({run.resolve() for run in runs}) < len(runs) or len(runs) > MOST_RUNS:
-        raise UsageError(f"{len(runs)} RUNs: name up to {MOST_RUNS} different ones")
+    _refuse_too_many(runs)
     inherited = os.environ.pop(SOCKET, "")
     token = os.environ.pop(TOKEN, "") or secrets.token_urlsafe(24)
     if not inherited:  # whose address somebody has already
@@ -122,6 +121,17 @@ def live(
     failed = next((scan.error for scan in scans if scan.failed and scan.error is not None), None)
     if failed is not None:
         raise failed
+
+
+def _refuse_too_many(runs: list[Path]) -> None:
+    """Raises `UsageError` for more than a page has room for, and for one that is named twice."""
+    if len(runs) > MOST_RUNS:
+        raise UsageError(f"{len(runs)} RUNs: a page shows up to {MOST_RUNS}. Open another page for the others.")
+    for number, run in enumerate(runs):
+        for earlier in runs[:number]:
+            if run.resolve() == earlier.resolve():
+                same = "is named twice" if run == earlier else f"and {earlier} are the same recording"
+                raise UsageError(f"{run}: {same}. Name it once, or another beside it.")
 
 
 def _refuse_what_is_no_recording(runs: list[Path], constants: Path | None) -> None:
