@@ -2,16 +2,20 @@
 
 import json
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from nlos.acquisition.recording.ended_as_asked import AS_ASKED, NOTHING_LEFT, word_of
+from nlos.__main__ import run
+from nlos.acquisition.recording.ended_as_asked import AS_ASKED, NOTHING_LEFT, status_word, word_of
 from nlos.acquisition.recording.layout import Status
 from nlos.acquisition.recording.recording import Recording
+from nlos.acquisition.recording.replay import replay as played
+from nlos.acquisition.sample import Sample
 from nlos.runs.index import RunsIndex
 from tests.nlos.conftest import Nlos
 
@@ -64,6 +68,33 @@ def test_a_scan_of_two_passes_that_ended_as_asked_reads_so_everywhere(
     assert f"<td>ended as asked, {said['points']} of {said['planned']} points</td>" in page
     with viewing("run.h5", "--method", "lct") as there:
         assert there.waits(lambda state: state["over"])["status"] == AS_ASKED
+
+
+def test_what_is_replayed_says_how_the_scan_had_ended(nlos: Nlos) -> None:
+    nlos("scan", "anytime", "-o", "run.h5", "--until", "stable", check=True)
+    nlos("replay", "run.h5", "--speed", "max", "-o", "again.h5", check=True)
+    found = json.loads(nlos("--json", "verify", "again.h5", check=True).stdout)
+    assert (found["status"], found["intact"]) == (AS_ASKED, True)
+    assert json.loads(nlos("--json", "info", "again.h5", check=True).stdout)["status"] == AS_ASKED
+
+
+def test_a_replay_that_is_broken_off_is_interrupted(
+    nlos: Nlos, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whatever the scan that it replays had come to."""
+
+    def broken_off(recording: Recording, pace: float | None) -> Iterator[Sample]:
+        yield from islice(played(recording, pace), 5)
+        raise KeyboardInterrupt
+
+    nlos("scan", "anytime", "-o", "run.h5", "--until", "stable", check=True)
+    nlos("scan", "demo", "-o", "whole.h5", check=True)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("nlos.cli.replay.play", broken_off)
+    for name in ("run", "whole"):
+        assert run(["replay", f"{name}.h5", "--speed", "max", "-o", f"{name}-again.h5"]) == 130
+        with Recording.open(tmp_path / f"{name}-again.h5") as recording:
+            assert (len(recording), status_word(recording)) == (5, "interrupted")
 
 
 def test_damage_to_a_scan_that_ended_as_asked_is_damage(nlos: Nlos, tmp_path: Path) -> None:

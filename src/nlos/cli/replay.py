@@ -6,8 +6,9 @@ from typing import Annotated
 
 import typer
 
+from nlos.acquisition.recording.ended_as_asked import KIND
 from nlos.acquisition.recording.read_by_child import open_checked
-from nlos.acquisition.recording.recording import Status
+from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.replay import replay as play
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.scanning.advice import REASON
@@ -54,8 +55,7 @@ def replay(
             output or run, overwrite, "Choose another name with -o, use --overwrite, or leave --reconstruct out."
         )
     with open_checked(run) as recording:
-        warning, missing = recording.condition().warning, recording.missing()
-        left_aside = recording.left_aside()
+        warning, left_aside = recording.condition().warning, recording.left_aside()
         writer = None
         if output is not None:
             output.parent.mkdir(exist_ok=True)
@@ -69,7 +69,7 @@ def replay(
                     writer.log(event.kind, event.text, event.bench_s)
             if left_aside:
                 writer.log("left_aside", f"{run.name}: {warning}")
-        samples = photons = 0
+        samples, photons, whole = 0, 0, False
         with Progress(len(recording), what="replay") as progress:
             try:
                 for sample in play(recording, pace):
@@ -78,10 +78,10 @@ def replay(
                     if writer is not None:
                         writer.write(sample)
                     progress.step()
+                whole = True
             finally:
                 if writer is not None:
-                    ended = Status.COMPLETE if not missing else Status.INTERRUPTED
-                    writer.finish(ended if recording.status in (Status.RUNNING, Status.COMPLETE) else recording.status)
+                    _end(writer, recording, whole)
     terminal.result(
         f"{output or run}: {samples} samples, {photons} photons replayed",
         recording=str(output or run), samples=samples, photons=photons, left_aside=left_aside,
@@ -92,6 +92,19 @@ def replay(
         reconstruct_file(output or run, recipe, ResultsFolder(folder, overwrite=overwrite))
         names = files_in(folder)
         terminal.result(f"{folder}: {', '.join(names)}", folder=str(folder), files=names)
+
+
+def _end(writer: RecordingWriter, recording: Recording, whole: bool) -> None:
+    """Ends the new recording as the one that was replayed `whole` had ended, with what it says of its end."""
+    if not whole:
+        writer.finish(Status.INTERRUPTED)
+        return
+    if not recording.left_aside():  # else it does not hold what that scan ended with
+        for event in recording.events():
+            if event.kind == KIND:
+                writer.log(event.kind, event.text, event.bench_s)
+    ended = Status.INTERRUPTED if recording.missing() else Status.COMPLETE
+    writer.finish(ended if recording.status in (Status.RUNNING, Status.COMPLETE) else recording.status)
 
 
 def _pace(word: str) -> float | None:
