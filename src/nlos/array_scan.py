@@ -7,6 +7,7 @@ from typing import Any, SupportsFloat
 import numpy as np
 import numpy.typing as npt
 
+from nlos.acquisition.importers.given import Given
 from nlos.acquisition.transient import MOST_COUNTS, TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid, grid_around
 from nlos.calibration.raw_points import RawPoints
@@ -58,6 +59,12 @@ def scan_from_arrays(
     empty = np.zeros_like(on_grid.exposure_s)
     return LoadedScan(on_grid, {}, empty, empty, rectified, None, None, None, points=free,
                       rectified_assumed=assumed)  # fmt: skip
+
+
+def said_of_file(wall: Size | None, bin_width: float | None, axes: str | None, rectified: bool | None) -> Given:
+    """What the words for arrays say about a file, as the options of the command line do. Raises `InvalidData`."""
+    wall_m = None if wall is None else _sides(wall)
+    return Given(wall_m, None if bin_width is None else _bin_width(bin_width), axes, rectified)
 
 
 def whether_rectified(said: object) -> bool | None:

@@ -286,11 +286,8 @@ def reconstruct_file(
     offsets = chosen.pop("offsets", None)
     if offsets not in (None, "file"):
         raise InvalidSettings(f"offsets={offsets}: only `offsets=file` is known")
-    if results.depth_m is not None and "farthest_m" in find(recipe.method).Settings.model_fields:
-        chosen.setdefault("farthest_m", results.depth_m[1])
-    result = reconstruct_scan(
-        scan, replace(recipe, settings=chosen), use_file_offsets=offsets == "file", stage=stage, whole=whole
-    )
+    limited = replace(recipe, settings=chosen).limited_to(results.depth_m)
+    result = reconstruct_scan(scan, limited, use_file_offsets=offsets == "file", stage=stage, whole=whole)
     if results.depth_m is not None:
         result = within_depths(result, *results.depth_m)
     result = replace(result, scan=run.name, frame=frame)

@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from nlos.acquisition.importers.given import Given
 from nlos.array_scan import Size, scan_from_arrays, whether_rectified
 from nlos.chain import reconstruct_scan
-from nlos.loaded import load_scan, said_rectified
+from nlos.loaded import said_rectified
 from nlos.picture import Picture
-from nlos.recipe import Recipe
+from nlos.recipe import FARTHEST_M, Recipe
+from nlos.recon.depth_range import within_depths
 from nlos.recon.device import check_device
 from nlos.recon.errors import InvalidSettings
 from nlos.response import response_wanted
-from nlos.scan_data import Scan
+from nlos.scan_data import Scan, load
 
 ResponseSaid = str | float | Path | tuple[npt.ArrayLike, float]
 
@@ -33,13 +33,16 @@ def reconstruct(
     rectified: bool | np.bool_ | None = None,
     constants: str | Path | None = None,
     response: ResponseSaid = "auto",
+    depth_m: Sequence[float] | None = None,
     device: str = "cpu",
     **settings: object,
 ) -> Picture:
     """What is behind the corner: from a `Scan`, a file, or histograms [H, W, T] ([N, T] with `points=(x_m, y_m)`).
 
     For arrays: `wall` its side or (width, height) in metres, `bin_width` in seconds, `axes` the order of the axes where
-    it is another ("TYX"), `exposure` in seconds per point (0 = not measured). `rectified`: whether time 0 is the wall
+    it is another ("TYX"), `exposure` in seconds per point (0 = not measured); `wall`, `bin_width` and `axes` are taken
+    of a file as well, as `nlos.load` takes them. `depth_m`: (nearest, farthest), to which the picture is limited, as by
+    `--depth-m`. `rectified`: whether time 0 is the wall
     and direct light is gone, which is assumed of arrays unless said; if not, both are found in the histograms. It goes
     before what a file or a `Scan` says. `response`: what the instrument makes of an instant of light, as `--response`:
     "auto", "none", a FWHM in picoseconds, a file, or (curve, bin width in seconds);
@@ -49,9 +52,10 @@ def reconstruct(
     `nlos.recon.errors`, and what `nlos.load` raises.
     """
     check_device(device)
-    said = whether_rectified(rectified)
+    said, limits_m = whether_rectified(rectified), _limits(depth_m)
     if isinstance(scan, str | Path):
-        scan = Scan(load_scan(Path(scan), Given(rectified=said)), Path(scan).name)
+        scan = load(scan, wall=wall, bin_width=bin_width, axes=axes, rectified=said)
+        wall = bin_width = axes = None
     if isinstance(scan, Scan):
         given = {"wall": wall, "bin_width": bin_width, "points": points, "axes": axes, "exposure": exposure}
         if named := [name for name, value in given.items() if value is not None]:
@@ -70,5 +74,19 @@ def reconstruct(
 
         name, chosen = use_weights(weights, method, settings)
     place = None if constants is None else Path(constants)
-    recipe = Recipe(name, chosen, place, response_wanted(response), device)
-    return Picture(reconstruct_scan(loaded, recipe, whole=whole))
+    recipe = Recipe(name, chosen, place, response_wanted(response), device).limited_to(limits_m)
+    made = reconstruct_scan(loaded, recipe, whole=whole)
+    return Picture(made if limits_m is None else within_depths(made, *limits_m))
+
+
+def _limits(depth_m: Sequence[float] | None) -> tuple[float, float] | None:
+    """Nearest and farthest depth. Raises `InvalidSettings`."""
+    if depth_m is None:
+        return None
+    try:
+        nearest_m, farthest_m = (float(each) for each in depth_m)
+    except (TypeError, ValueError):
+        nearest_m, farthest_m = 0.0, -1.0
+    if not 0 <= nearest_m < farthest_m <= FARTHEST_M:
+        raise InvalidSettings(f"depth_m={depth_m!r}: (nearest, farthest) in metres is expected, as (0.5, 2).")
+    return nearest_m, farthest_m

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.transient import Transient
+from nlos.array_scan import Size, said_of_file, whether_rectified
 from nlos.chain import arrivals_of, calibrate_scan, constants_for
 from nlos.loaded import LoadedScan, load_scan
 
@@ -99,12 +100,23 @@ class Scan:
         return png(scan_figure(self.loaded.transient))
 
 
-def load(path: str | Path, frame: int | None = None) -> Scan:
+def load(
+    path: str | Path,
+    frame: int | None = None,
+    *,
+    wall: Size | None = None,
+    bin_width: float | None = None,
+    axes: str | None = None,
+    rectified: bool | np.bool_ | None = None,
+) -> Scan:
     """A scan from one of our recordings or any format of `nlos import`; of several frames all added up, or `frame`
     alone, aligned by the direct light of all.
 
+    What a file does not say, or not rightly: `wall` its side or (width, height) in metres, `bin_width` in seconds,
+    `axes` the order of its histograms' axes ("TYX"), `rectified` whether time 0 is the wall and direct light is gone.
     Raises `FileNotFoundError`, and `InvalidData` naming file, place and reason.
     """
+    file, given = Path(path), said_of_file(wall, bin_width, axes, whether_rectified(rectified))
     if frame is None:
-        return Scan(load_scan(Path(path)), Path(path).name)
-    return Scan(load_scan(Path(path), frames=range(frame, frame + 1)), Path(path).name, load_scan(Path(path)))
+        return Scan(load_scan(file, given), file.name)
+    return Scan(load_scan(file, given, range(frame, frame + 1)), file.name, load_scan(file, given))

@@ -135,7 +135,7 @@ def test_wrong_settings_are_named_with_the_nearest_right_one(tmp_path: Path) -> 
         nlos.reconstruct(point_scene(), wall=1.0, bin_width=BIN_S, snrr=1)
     path = plain_file(tmp_path)
     with pytest.raises(InvalidSettings, match="bin_width: the scan says so itself"):
-        nlos.reconstruct(path, bin_width=BIN_S)
+        nlos.reconstruct(nlos.load(path), bin_width=BIN_S)
 
 
 def plain_file(folder: Path) -> Path:
@@ -218,3 +218,31 @@ def test_every_method_says_what_may_be_set() -> None:
 def test_importing_it_loads_neither_torch_nor_h5py_nor_numpy() -> None:
     program = "import sys, nlos; sys.exit(str({'torch', 'h5py', 'numpy'} & set(sys.modules)).replace('set()', '') or 0)"
     assert subprocess.run([sys.executable, "-c", program], timeout=240, check=False).returncode == 0
+
+
+def test_what_a_file_does_not_say_is_said_from_python_by_the_words_for_arrays(tmp_path: Path) -> None:
+    np.save(tmp_path / "mine.npy", np.moveaxis(point_scene(), 2, 0))
+    said = {"wall": 1.0, "bin_width": BIN_S, "axes": "TYX", "rectified": True}
+    scan = nlos.load(tmp_path / "mine.npy", **said)
+    assert (scan.counts.shape, scan.wall_m, scan.bin_width_s, scan.rectified) == (
+        (16, 16, 160), (1.0, 1.0), BIN_S, True,
+    )  # fmt: skip
+    for picture in (nlos.reconstruct(scan), nlos.reconstruct(tmp_path / "mine.npy", **said)):
+        assert brightest(picture) == pytest.approx((0.25, 0.125, 0.6), abs=0.06)
+    with pytest.raises(InvalidData, match="Did you mean bin_width=64e-12"):
+        nlos.load(tmp_path / "mine.npy", wall=1.0, bin_width=64)
+    with pytest.raises(InvalidData, match="metres between 0 and 100"):
+        nlos.reconstruct(tmp_path / "mine.npy", wall=1000, bin_width=BIN_S)
+    with pytest.raises(InvalidSettings, match="exposure: the scan says so itself"):
+        nlos.reconstruct(tmp_path / "mine.npy", exposure=np.ones((16, 16)), **said)
+
+
+@pytest.mark.parametrize("wrong", [(0.5,), 2.0, (2.0, 0.5), (-1.0, 1.0), "0.5:2", (0.1, np.nan)])
+def test_a_picture_is_limited_to_depths_from_python(wrong: object) -> None:
+    histograms = 0.3 * point_scene() + point_scene(depth_m=0.9)
+    limited = nlos.reconstruct(histograms, wall=1.0, bin_width=BIN_S, depth_m=(0.4, 0.75))
+    assert brightest(limited)[2] == pytest.approx(0.6, abs=0.06)
+    assert limited.depths_m is not None
+    assert 0.4 <= limited.depths_m[0] < limited.depths_m[-1] <= 0.75
+    with pytest.raises(InvalidSettings, match="in metres is expected"):
+        nlos.reconstruct(histograms, wall=1.0, bin_width=BIN_S, depth_m=wrong)

@@ -6,8 +6,7 @@ import typer
 
 from nlos.acquisition.importers.given import Given
 from nlos.cli.exit_codes import UsageError
-
-FARTHEST_M = 1000.0
+from nlos.recipe import FARTHEST_M
 
 WallSize = Annotated[
     str | None, typer.Option("--wall-size-m", metavar="W[xH]", help="Size of the wall, for files that do not store it.")
