@@ -11,11 +11,14 @@ from nlos.acquisition.importers.given import Given
 from nlos.acquisition.transient import MOST_COUNTS, TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid, grid_around
 from nlos.calibration.raw_points import RawPoints
+from nlos.file_doubts import doubt
 from nlos.loaded import LoadedScan
 from nlos.recon.errors import InvalidData
 from nlos.recon.gridding import grid_samples
 
 Size = float | Sequence[float]
+HERE = "histograms"
+"""What arrays are called in what is said of them."""
 AXES = {"T": "T", "Y": "Y", "H": "Y", "X": "X", "W": "X", "N": "N"}
 
 
@@ -32,7 +35,8 @@ def scan_from_arrays(
     """A scan from histograms [H, W, T], or [N, T] with `points=(x_m, y_m)`; `axes` names another order.
 
     `wall`: its side, or width and height, in metres; `bin_width` in seconds. `rectified`: time 0 is the wall and direct
-    light is gone, which is assumed unless said. Raises `InvalidData` saying what was given and what is expected.
+    light is gone, which is assumed unless said. What the light denies is logged (`file_doubts`). Raises `InvalidData`
+    saying what was given and what is expected.
     """
     width_s = _bin_width(bin_width)
     counts = _ordered(_numbers(histograms, "histograms"), axes, points is not None)
@@ -50,12 +54,14 @@ def scan_from_arrays(
     assumed, rectified = rectified is None, rectified is None or rectified
     if points is None:
         scan = _on_grid(counts, exposed, _wall(wall, *shape), time, rectified)
+        doubt(HERE, scan.transient, wall_known=True, direct_light=not rectified)
         return replace(scan, rectified_assumed=assumed)
     x_m, y_m = _places(points, len(counts))
     grid = grid_around(x_m, y_m, None if wall is None else _sides(wall))
     nothing = np.zeros(len(counts))
     free = RawPoints(counts, x_m, y_m, exposed, nothing, nothing, time)
     on_grid = grid_samples(x_m, y_m, counts, exposed, grid, time)
+    doubt(HERE, on_grid, wall_known=True, direct_light=False)
     empty = np.zeros_like(on_grid.exposure_s)
     return LoadedScan(on_grid, {}, empty, empty, rectified, None, None, None, points=free,
                       rectified_assumed=assumed)  # fmt: skip

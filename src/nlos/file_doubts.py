@@ -1,4 +1,4 @@
-"""What the light of another program's file says against what the file, or its owner, says."""
+"""What the light of another program's file or arrays says against what the file, or their owner, says."""
 
 import logging
 
@@ -12,6 +12,15 @@ log = logging.getLogger(__name__)
 LAST_BINS = 16
 WALL_OFF = 0.1
 """Of a wall's width: direct light of a scanner that moves the beam's origin says a little more or less."""
+
+
+def doubt(name: str, transient: Transient, *, wall_known: bool, direct_light: bool) -> None:
+    """All that follows, of what is on a grid with or without `direct_light`; logged as warnings about `name`."""
+    tell_of_last_bin(name, transient)
+    if wall_known:
+        doubt_scale(name, transient)
+    if wall_known and direct_light:
+        doubt_wall(name, transient)
 
 
 def tell_of_last_bin(name: str, transient: Transient) -> None:
@@ -44,5 +53,6 @@ def doubt_wall(name: str, transient: Transient) -> None:
     if found is not None and abs(found[0] / width_m - 1) > max(WALL_OFF, 5 * found[1] / width_m):
         log.warning(
             "%s: the wall is said to be %.4g m wide; by the times of its direct light it is %.3f +- %.3f m. One of "
-            "them is wrong, or the bin width: --wall-size-m, --bin-width-ps.", name, width_m, *found,
+            "them is wrong, or the bin width: --wall-size-m, --bin-width-ps (wall, bin_width in Python).",
+            name, width_m, *found,
         )  # fmt: skip

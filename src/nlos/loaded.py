@@ -24,7 +24,7 @@ from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.calibration.raw_points import RawPoints, from_samples, from_transient
 from nlos.calibration.wall_size import found_side
-from nlos.file_doubts import doubt_scale, doubt_wall, tell_of_last_bin
+from nlos.file_doubts import doubt
 from nlos.recon.gridding import grid_samples
 
 log = logging.getLogger(__name__)
@@ -79,11 +79,8 @@ def load_scan(path: Path, given: Given = NOTHING, frames: range | None = None) -
             if read.wall_known or not note.startswith(NO_WALL):
                 log.log(logging.WARNING if note.startswith(DOUBT) else logging.INFO, "%s: %s", path, note)
         scan = _as_loaded(read)
-        tell_of_last_bin(str(path), scan.transient)
-        if scan.wall_known:
-            doubt_scale(str(path), scan.transient)
-        if scan.wall_known and not scan.rectified and scan.points is None:
-            doubt_wall(str(path), scan.transient)
+        direct_light = not scan.rectified and scan.points is None
+        doubt(str(path), scan.transient, wall_known=scan.wall_known, direct_light=direct_light)
     return scan if scan.wall_known else _on_found_wall(path, scan)
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
+from nlos.array_scan import scan_from_arrays
 from nlos.file_doubts import doubt_scale, doubt_wall, tell_of_last_bin
 
 TIME = TimeAxis(512, 16e-12)
@@ -50,3 +51,31 @@ def test_a_wall_in_centimetres_is_asked_about(said_m: float, asked: bool, caplog
     with caplog.at_level(logging.WARNING):
         doubt_scale("a.npz", raw(said_m))
     assert ("is the wall in metres, and the bin width in seconds" in caplog.text) == asked
+
+
+@pytest.mark.parametrize(
+    ("wall", "late", "rectified", "told"),
+    [
+        (1.0, 0, False, ""),
+        (100.0, 0, True, "histograms: points 6.25 m apart"),
+        (1.0, 50_000, True, "histograms: the last bin holds"),
+        (1.3, 0, False, "histograms: the wall is said to be 1.3 m wide"),
+    ],
+)
+def test_arrays_are_doubted_as_files_are(
+    wall: float, late: int, rectified: bool, told: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    histograms = np.moveaxis(raw(1.0).counts, 0, -1).copy()
+    histograms[..., -1] += late
+    with caplog.at_level(logging.WARNING):
+        scan_from_arrays(histograms, bin_width=TIME.bin_width_s, wall=wall, axes="YXT", rectified=rectified)
+    assert told in caplog.text
+    assert told or not caplog.text
+
+
+def test_places_in_centimetres_are_asked_about(caplog: pytest.LogCaptureFixture) -> None:
+    histograms = np.moveaxis(raw(1.0).counts, 0, -1).reshape(SIDE**2, -1)
+    x_cm, y_cm = (100 * each.ravel() for each in np.meshgrid(*2 * [np.arange(SIDE) / SIDE - 0.5]))
+    with caplog.at_level(logging.WARNING):
+        scan_from_arrays(histograms, bin_width=TIME.bin_width_s, wall=None, points=(x_cm, y_cm))
+    assert "histograms: points" in caplog.text
