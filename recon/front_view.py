@@ -5,8 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
+SAME = 1e-4  # of the maximum, by which planes of one cell may differ
 MOST_FADED = 3  # planes that a maximum is put back by
 STANDING = 0.5  # of the maximum: what is brighter, and hangs together with it, is one surface
+Floats = npt.NDArray[np.float64]
 DepthBy = Callable[[npt.NDArray[np.float32], npt.NDArray[np.float64]], npt.NDArray[np.float32]]
 """(volume (D, H, W), depths_m (D,)) -> depth (H, W) in metres, NaN where only noise is."""
 
@@ -25,6 +27,7 @@ def depth_map(
 ) -> npt.NDArray[np.float32]:
     """Depth in metres of the maximum of a volume (D, H, W), planes at (D,), by a parabola; NaN where only noise is.
 
+    Planes that share a maximum are those of one cell, as of the light cone near the wall: its middle is told from them.
     A volume that shows one surface darker the deeper it lies has its maxima before the surfaces. They are put back, by
     `fading_per_m`, (D,), what the logarithm of that brightness falls by a metre, over what the volume's own bends by.
     """
@@ -35,14 +38,41 @@ def depth_map(
         before, at, after = (
             np.take_along_axis(albedo, (middle + k)[None], 0)[0].astype(np.float64) for k in (-1, 0, 1)
         )
-        curvature = before - 2 * at + after
-        offset = np.divide(0.5 * (before - after), curvature, out=np.zeros_like(at), where=curvature < 0)
         pitch_m = (depths_m[-1] - depths_m[0]) / (len(depths_m) - 1)
-        depth_m = depths_m[middle] + np.clip(offset, -1, 1) * pitch_m
+        depth_m = depths_m[middle] + np.clip(_top(before, at, after), -1, 1) * pitch_m
         if fading_per_m is not None:
+            curvature = before - 2 * at + after
             bend = np.divide(at, -curvature, out=np.zeros_like(at), where=curvature < 0) * pitch_m**2
             depth_m += np.minimum(fading_per_m[middle] * bend, MOST_FADED * pitch_m)
+        wide = (peak == middle) & (after >= at * (1 - SAME)) & (at > 0)
+        depth_m[wide] = depths_m[0] + _top_of_cells(albedo[:, wide], peak[wide]) * pitch_m
     return _seen(depth_m, albedo.max(axis=0))
+
+
+def _top(before: Floats, at: Floats, after: Floats) -> Floats:
+    """Where a parabola through three neighbours is highest, in steps from the middle one."""
+    curvature = before - 2 * at + after
+    return np.divide(0.5 * (before - after), curvature, out=np.zeros_like(at), where=curvature < 0)
+
+
+def _top_of_cells(albedo: npt.NDArray[np.float32], peak: npt.NDArray[np.intp]) -> Floats:
+    """Where columns (D, N) are highest, in planes, that show each cell as several planes, and one plane between two
+    cells as the mean of what it meets of them; `peak` is the first plane of the highest cell."""
+    last = len(albedo) - 1
+    lower = (albedo < albedo.max(axis=0) * (1 - SAME)) & (np.arange(last + 1)[:, None] > peak)
+    end = np.where(lower.any(axis=0), lower.argmax(axis=0), last + 1)
+    column = np.arange(len(peak))
+    at = albedo[peak, column].astype(np.float64)
+
+    def side(shared: npt.NDArray[np.intp], beyond: npt.NDArray[np.intp]) -> tuple[Floats, Floats]:
+        other = albedo[np.clip(beyond, 0, last), column].astype(np.float64)
+        met = albedo[np.clip(shared, 0, last), column] - other
+        share = np.divide(met, at - other, out=np.zeros_like(at), where=at > other)
+        return other, np.where((shared < 0) | (shared > last), 0.0, np.clip(share, 0, 1))
+
+    (before, nearer), (after, farther) = side(peak - 1, peak - 2), side(end, end + 1)
+    offset = np.clip(_top(before, at, after), -0.5, 0.5)
+    return np.asarray((peak + end - 1 + farther - nearer) / 2 + offset * (end - peak + farther + nearer))
 
 
 def middle_map(albedo: npt.NDArray[np.float32], depths_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:

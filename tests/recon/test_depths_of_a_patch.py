@@ -45,6 +45,13 @@ def test_a_patch_is_where_it_is(method: str, within_m: float, depth_m: float) ->
     assert np.nanmedian(made.depth_m[14:18, 14:18]) == pytest.approx(depth_m, abs=within_m)
 
 
+@pytest.mark.parametrize("method", ["lct", "gram", "gradient_descent"])
+def test_a_patch_near_the_wall_where_a_cell_of_the_cone_is_four_bins_deep_is_where_it_is(method: str) -> None:
+    """To a third of a cell; the first of its bins, 22 mm nearer, was said."""
+    made = reconstruct(transient(0.25), method, explain=False)
+    assert np.nanmedian(made.depth_m[14:18, 14:18]) == pytest.approx(0.25, abs=12e-3)
+
+
 @pytest.mark.parametrize("peak", [None, 20])
 @pytest.mark.parametrize("fwhm_ps", [100, 200, 500])
 @pytest.mark.parametrize("depth_m", [0.4, 0.7, 1.0, 1.4])
