@@ -40,7 +40,7 @@ class CorrectedPoints:
     direct: DirectLight
     background: Background
     beyond: float = 0.0
-    """Light (counts) that was left out: after the last bin of `time`, at points that recorded longer."""
+    """Light (counts) that is not used: after the last bin of `time`, at points that recorded longer."""
 
     def report(self) -> Report:
         """Figures for people and JSON: what was found, and how well it fits."""

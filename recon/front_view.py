@@ -27,7 +27,7 @@ def depth_map(
 ) -> npt.NDArray[np.float32]:
     """Depth in metres of the maximum of a volume (D, H, W), planes at (D,), by a parabola; NaN where only noise is.
 
-    Planes that share a maximum are those of one cell, as of the light cone near the wall: its middle is told from them.
+    Where several planes share the maximum, they are one cell of the light cone near the wall (`_top_of_cells`).
     A volume that shows one surface darker the deeper it lies has its maxima before the surfaces. They are put back, by
     `fading_per_m`, (D,), what the logarithm of that brightness falls by a metre, over what the volume's own bends by.
     """
@@ -56,8 +56,9 @@ def _top(before: Floats, at: Floats, after: Floats) -> Floats:
 
 
 def _top_of_cells(albedo: npt.NDArray[np.float32], peak: npt.NDArray[np.intp]) -> Floats:
-    """Where columns (D, N) are highest, in planes, that show each cell as several planes, and one plane between two
-    cells as the mean of what it meets of them; `peak` is the first plane of the highest cell."""
+    """Depth of the maximum in planes, (N,), of columns (D, N) resampled from cells several planes deep. Planes within a
+    cell are equal; one across the border of two cells has the mean of both, weighted by what it meets of each, which
+    says where the border is. `peak` is the first plane within the highest cell."""
     last = len(albedo) - 1
     lower = (albedo < albedo.max(axis=0) * (1 - SAME)) & (np.arange(last + 1)[:, None] > peak)
     end = np.where(lower.any(axis=0), lower.argmax(axis=0), last + 1)

@@ -102,8 +102,8 @@ def distort(per_pulse: Array, bin_width_s: float, settings: DetectorSettings) ->
 
 
 def _preceding(detected: Array, dead: int) -> Array:
-    """Sum of the `dead` bins before the middle of each bin, itself left out, cyclically; (P,): of the bin from whose
-    middle on they count, half."""
+    """Detections in the `dead` bins up to the middle of each bin, cyclically, (P,): half of those in the earliest bin,
+    none of those in the bin itself."""
     period = len(detected)
     turns, rest = divmod(dead, period)
     until = np.append(0.0, np.cumsum(detected))

@@ -17,8 +17,8 @@ from nlos.recon.errors import InvalidData
 from nlos.recon.gridding import grid_samples
 
 Size = float | Sequence[float]
-HERE = "histograms"
-"""What arrays are called in what is said of them."""
+ARRAYS = "histograms"
+"""What they are called in warnings."""
 AXES = {"T": "T", "Y": "Y", "H": "Y", "X": "X", "W": "X", "N": "N"}
 
 
@@ -54,14 +54,14 @@ def scan_from_arrays(
     assumed, rectified = rectified is None, rectified is None or rectified
     if points is None:
         scan = _on_grid(counts, exposed, _wall(wall, *shape), time, rectified)
-        doubt(HERE, scan.transient, wall_known=True, direct_light=not rectified)
+        doubt(ARRAYS, scan.transient, wall_known=True, direct_light=not rectified)
         return replace(scan, rectified_assumed=assumed)
     x_m, y_m = _places(points, len(counts))
     grid = grid_around(x_m, y_m, None if wall is None else _sides(wall))
     nothing = np.zeros(len(counts))
     free = RawPoints(counts, x_m, y_m, exposed, nothing, nothing, time)
     on_grid = grid_samples(x_m, y_m, counts, exposed, grid, time)
-    doubt(HERE, on_grid, wall_known=True, direct_light=False)
+    doubt(ARRAYS, on_grid, wall_known=True, direct_light=False)
     empty = np.zeros_like(on_grid.exposure_s)
     return LoadedScan(on_grid, {}, empty, empty, rectified, None, None, None, points=free,
                       rectified_assumed=assumed)  # fmt: skip

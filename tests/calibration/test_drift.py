@@ -93,17 +93,22 @@ def test_who_does_not_say_when_the_points_were_taken_is_told_nothing_of_a_drift(
 def test_points_that_are_visited_again_tell_a_drift_of_a_raster() -> None:
     """Every row of a raster ends with the same reference point."""
     grid = scan(RASTER, 0.0)
-    order = [point for row in range(SIDE) for point in (*range(row * SIDE, row * SIDE + SIDE), 0)]
+    order = np.array([point for row in range(SIDE) for point in (*range(row * SIDE, row * SIDE + SIDE), 0)])
     taken_s = np.linspace(0, SECONDS, len(order))
     later_s = 200e-12 * (taken_s / SECONDS - 0.5)
+    again = np.cumsum(order == 0) - 1  # rounds of the wall: of the first all points, of others the reference alone
     samples = []
-    for number, (point, at_s, later) in enumerate(zip(order, taken_s, later_s, strict=True)):
-        made = make_raw_scan(SIDE, later_s=later, seed=number, **SCANNER)  # type: ignore[arg-type]
-        place = ScanPoint(number, point // SIDE, point % SIDE, grid.x_m[point], grid.y_m[point], 0.1)
-        clicks = int(made.counts[point].sum())
-        none = HistogramFlag.NONE
-        histogram = Histogram(made.counts[point], made.bin_width_s, 0.0, 0.1, 1_000_000, clicks, none, at_s)
-        samples.append(Sample(place, histogram, at_s - 0.05))
+    for turn in range(again.max() + 1):
+        seen = np.flatnonzero((again == turn) & (order == 0)) if turn else np.flatnonzero((again == 0) | (order > 0))
+        later = np.zeros(SIDE**2)
+        later[order[seen]] = later_s[seen]
+        made = make_raw_scan(SIDE, later_s=later, seed=turn, **SCANNER)  # type: ignore[arg-type]
+        for number in seen:
+            point, at_s = int(order[number]), float(taken_s[number])
+            place = ScanPoint(int(number), point // SIDE, point % SIDE, grid.x_m[point], grid.y_m[point], 0.1)
+            clicks, none = int(made.counts[point].sum()), HistogramFlag.NONE
+            histogram = Histogram(made.counts[point], made.bin_width_s, 0.0, 0.1, 1_000_000, clicks, none, at_s)
+            samples.append(Sample(place, histogram, at_s - 0.05))
     raw = from_samples(samples, visits=True)
     assert len(raw.counts) == SIDE**2
     assert raw.visits is not None

@@ -88,20 +88,6 @@ def test_a_window_that_begins_late_holds_what_comes_in_it_and_the_total_all(mode
     assert seen.total_count == 80
 
 
-@pytest.mark.parametrize("mode", ["histogram", "list"])
-def test_a_point_of_which_tags_were_lost_says_so(mode: str) -> None:
-    package, settings, bench = rig(mode=mode)
-    counter = TimeTagger.open(settings, bench.clock, package)
-    counter.configure(AXIS)
-    counter.arm(PointGates([0.004] * 2, [0, 1]))
-    bench.faults.add(Fault(name="T1"))
-    for number in range(2):
-        counter.trigger()
-        counter.wait_points(number + 1, 1.0)
-    assert [each.flags for each in counter.read(0, 2)] == [HistogramFlag.DATA_LOST, HistogramFlag.NONE]
-    counter.close()
-
-
 def test_a_model_that_delays_behind_its_filter_is_refused_delays_and_nothing_else() -> None:
     """A Time Tagger 20 has no other delays than those of the computer."""
     package, settings, bench = rig(detector={"channel": 2, "delay_ps": 5_000})
@@ -172,6 +158,6 @@ def test_a_point_whose_tags_were_lost_has_no_counts_and_no_live_time(mode: str) 
     seen = taken(counter, bench)
     counter.close()
     lost = [HistogramFlag.DATA_LOST in each.flags for each in seen]
-    assert sum(lost) == 1
+    assert lost == [False, False, True]  # from 108 to 112 ms: the rate takes 100, each point 4
     for each, gone in zip(seen, lost, strict=True):
         assert (each.live_time_s, each.total_count, each.counts.sum()) == ((0.0, 0, 0) if gone else (0.004, 80, 80))
