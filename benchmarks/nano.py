@@ -59,8 +59,8 @@ def main() -> None:
     parts = [network] if network.refinement is None else [network, network.refinement.correction]
     figure("parameters_m", sum(p.numel() for part in parts for p in part.parameters()) / 1e6, "million", 4)
     counts = measurement(WALL)
-    figure("cpu_s", seconds(network, counts, 3), "s", 20)
-    figure("peak_gb", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20, "GB", 4)
+    figure("cpu_s", seconds(network, counts, 3), "s", 10)
+    figure("peak_gb", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20, "GB", 2)
     if torch.cuda.is_available():
         network, counts = network.cuda(), counts.cuda()
         seconds(network, counts, 3)

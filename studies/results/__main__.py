@@ -132,7 +132,7 @@ def page(data: Path, docs: Path) -> str:
     levels = studies.drawn("noise_level", noise_figure.measure, pictures)
     grids = {method: studies.grids(method) for method in trained(("nano", "unet"))}
     fast = studies.speed()
-    targets = of_quality(quality.rows, thresholded(quality))
+    targets = of_quality(quality.rows + further.rows, thresholded(quality))
     for rival, own in TREATED_ALIKE.items():
         if rival in methods and own in methods:
             targets += against(quality.rows, own, rival)

@@ -16,7 +16,7 @@ from studies.results.kept import Kept, kept
 from studies.results.measured_scenes import SCANS, scan_of
 from studies.results.opening import likeness
 from studies.results.tables import at_a_glance, by_condition, by_scene, comparison, margins, training
-from studies.results.targets import RIVALS_AT, Target, against, remarks, section
+from studies.results.targets import RIVALS_AT, Target, against, of_quality, remarks, section
 
 
 def row(method: str, scene: str, condition: str, psnr: float) -> dict[str, object]:
@@ -63,6 +63,16 @@ def test_a_target_says_what_is_missing_to_it() -> None:
     compared = Target("rivals", "PSNR over lfe", 0, True, 1.34, "", error=0.68)
     assert compared.line()[2:] == ["1.34 ± 0.68", "+1.34", "missed"]
     assert "met only where it holds with 2 e to spare" in section([compared], {})
+
+
+def test_margins_and_told_responses_are_held_against_what_is_asked_of_each() -> None:
+    few, slow = "counts_p20@8x8", "counts_p20~600ps"
+    rows = [row("lct", "a", few, 15.0), row("nano", "a", few, 21.5), row("nano", "a", slow, 21.5)]
+    verdict = {target.what: target.met for target in of_quality(rows, [])}
+    assert verdict["PSNR over tuned lct, counts_p20@8x8"] is True  # 6.5 of 6
+    assert verdict["PSNR, counts_p20~600ps"] is False  # 22 are wanted
+    assert verdict["depth MAD, counts_p20~600ps"] is True  # a centimetre, and 10 mm are wanted
+    assert verdict["PSNR over tuned lct, transient"] is None
 
 
 def test_a_rival_is_beaten_with_two_errors_to_spare_at_the_worst_condition() -> None:
