@@ -33,7 +33,8 @@ class CorrectedPoints:
 
     counts: npt.NDArray[np.float32]  # (N, T); negative where chance has it so
     variance: npt.NDArray[np.float32]  # (N, T)
-    usable: npt.NDArray[np.bool_]  # (N, T); False where direct light hides the scene or nothing was recorded
+    usable: npt.NDArray[np.bool_]
+    """(N, T); False where direct light hides the scene, nothing was recorded or a dead time ends nobody knows when."""
     exposure_s: Floats  # (N,); 0 where no arrival is known
     time: TimeAxis
     offsets: TimeOffsets | None  # None where the arrivals were given
@@ -223,8 +224,11 @@ def _finish(
         bins = _bins_left(raw, arrival, offsets)
     below = np.where(np.isfinite(background.error), background.per_bin, 0.0)
     aligned = subtract(align(timed.counts, arrival, bins), below)
-    spread = align_variance(timed.variance, arrival, bins)
+    told = np.isfinite(timed.variance)
+    spread = align_variance(timed.variance if told.all() else np.where(told, timed.variance, 0), arrival, bins)
     usable = recorded_bins(arrival, record, bins) & there[:, None]
+    if not told.all():
+        usable &= align(~told, arrival, bins) == 0
     aligned[~there], spread[~there] = 0, 0
     direct = DirectLight(np.zeros(bins), np.zeros(points), 0, 0.0)
     if known is not None and known.direct_shape is not None:

@@ -18,25 +18,27 @@ def undo_dead_time(
     raw: RawPoints, constants: BenchConstants | None
 ) -> tuple[npt.NDArray[np.generic], npt.NDArray[np.generic]]:
     """Counts and their variance with dead time, pile-up and, over a whole period, afterpulses undone; as they are where
-    constants or laser pulses are not known."""
+    constants or laser pulses are not known. The variance of bins that cannot be told is infinite."""
     period_s = raw.period_s
     if constants is None or constants.dead_time_s is None or not constants.dead_time_s.value > 0 or period_s is None:
         return raw.counts, raw.counts
-    dead_s = constants.dead_time_s.value
+    dead_s, dead_error_s = constants.dead_time_s.value, constants.dead_time_s.error
     taken = raw.sync_count > 0
     if not taken.all():
         counts, variance = raw.counts.astype(np.float64), raw.counts.astype(np.float64)
         counts[taken], variance[taken] = undo_dead_time(raw.select(taken), constants)
         return counts, variance
     width_s = raw.time.bin_width_s
-    counts, variance = correct_free_running(raw.counts, raw.sync_count, raw.total_count, width_s, period_s, dead_s)
+    counts, variance = correct_free_running(
+        raw.counts, raw.sync_count, raw.total_count, width_s, period_s, dead_s, dead_error_s
+    )
     after, decay_s = constants.afterpulse_probability, constants.afterpulse_decay_s
     whole_period = abs(raw.time.bins * width_s / period_s - 1) < WHOLE_PERIOD
     if after is not None and decay_s is not None and after.value > 0 and whole_period:
         once = slice(min(raw.time.bins, round(period_s / width_s)))  # of a record that is a little longer
         found = ClickAfterClick(dead_s, 0.0, after.value, after.error, decay_s)
         pulses = np.asarray(raw.sync_count, dtype=np.float64)[:, None]
-        blind = blind_pulses(raw.counts[:, once], raw.total_count, width_s, period_s, dead_s)
+        blind = blind_pulses(raw.counts[:, once], raw.total_count, width_s, period_s, dead_s, raw.sync_count)
         seen, clicks = (np.asarray(each[:, once], dtype=np.float64) / pulses for each in (counts, raw.counts))
         counts[:, once] = pulses * subtract_afterpulses(seen, clicks, 1 - blind / pulses, found, width_s)
     return counts, variance

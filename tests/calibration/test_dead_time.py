@@ -2,7 +2,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from nlos.calibration.dead_time import clicks_before, correct_free_running
+from nlos.calibration.dead_time import blind_pulses, correct_free_running
 from nlos.calibration.errors import SaturatedBins
 
 
@@ -60,9 +60,9 @@ def test_clicks_beside_the_window_make_the_detector_blind_in_it() -> None:
 
 @pytest.mark.parametrize("dead_ns", [30.0, 60.0, 77.0, 100.0, 130.0])
 def test_the_edge_of_the_period_is_no_edge_of_the_dead_time(dead_ns: float) -> None:
-    """30e-9 / 1e-9 is a little more than 30."""
-    before = clicks_before(np.ones((1, 100)), [100], 1e-9, 100e-9, dead_ns * 1e-9)
-    assert before == pytest.approx(dead_ns)
+    """30e-9 / 1e-9 is a little more than 30. What a bin's own clicks do, half a bin on average, is in the logarithm."""
+    blind = blind_pulses(np.ones((1, 100)), [100], 1e-9, 100e-9, dead_ns * 1e-9)
+    assert blind == pytest.approx(dead_ns - 0.5)
 
 
 @pytest.mark.parametrize("again", [False, True])
@@ -104,3 +104,34 @@ def test_the_variance_is_that_of_many_measurements() -> None:
     found, variance = correct_free_running(clicks, np.full(4000, pulses), clicks.sum(axis=1), 1e-9, 100e-9, 0.0)
     assert found.mean(axis=0) == pytest.approx(photons * pulses, rel=0.01)
     assert variance.mean(axis=0) == pytest.approx(found.var(axis=0), rel=0.08)
+
+
+@pytest.mark.parametrize("dead_bins", [60.0, 60.25, 60.5])
+def test_bins_in_which_the_dead_time_of_two_photons_a_pulse_ends_are_told(dead_bins: float) -> None:
+    """Photon by photon in continuous time. Of photons that come evenly over one bin the first clicks, early in it."""
+    random, pulses, bins, even = np.random.default_rng(6), 150_000, 100, 0.02
+    number = [random.poisson(2.0 * pulses), random.poisson(even * pulses * bins)]
+    within = random.random(sum(number)) * np.repeat([1, bins], number) + np.repeat([10, 0], number)
+    times = np.sort(random.integers(0, pulses, len(within)) * float(bins) + within)
+    live_again = np.searchsorted(times, times + dead_bins).tolist()
+    clicks, at = [], 0
+    while at < len(times):
+        clicks.append(at)
+        at = live_again[at]
+    counts = np.bincount((times[clicks] % bins).astype(int), minlength=bins)
+    told, variance = correct_free_running(counts[None], [pulses], [len(clicks)], 1e-9, 100e-9, dead_bins * 1e-9)
+    assert told[0, 69:73] == pytest.approx(even * pulses, rel=0.12)
+    off = (told[0, 20:] - even * pulses) / np.sqrt(variance[0, 20:])
+    assert np.abs(off).max() < 4
+
+
+def test_where_the_dead_time_of_a_bright_pulse_ends_its_error_makes_bins_unknown_and_no_others() -> None:
+    """Of two photons a pulse in bin 10, blind for 60 +- 2 bins: the detector comes to life between the starts of bin 68
+    and 73, mostly before 72, as the first photon comes early. Half a photon per hundred pulses hides nothing."""
+    pulses = 1_000_000
+    for photons in (2.0, 0.005):
+        counts = np.full((1, 100), 200.0)
+        counts[0, 10] = pulses * -np.expm1(-photons)
+        _, variance = correct_free_running(counts, [pulses], counts.sum(axis=1), 1e-9, 100e-9, 60e-9, 2e-9)
+        unknown = np.flatnonzero(np.isinf(variance[0])).tolist()
+        assert unknown == ([68, 69, 70, 71] if photons > 1 else [])

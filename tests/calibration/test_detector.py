@@ -10,6 +10,7 @@ import pytest
 
 from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.constants import BenchConstants, Quantity, load, save
+from nlos.calibration.correct import correct_points
 from nlos.calibration.detector import subtract_dark, undo_dead_time
 from nlos.calibration.direct_reflection import known_direct_light
 from nlos.calibration.measure import measure_constants
@@ -147,3 +148,17 @@ def test_dark_counts_are_taken_from_where_they_lie_in_time(kept: bool, tmp_path:
             assert {int(k): taken[k] for k in np.flatnonzero(taken > 50)} == pytest.approx(bins)
             beside = time.bin_width_s / 1e-9 * hot.mean()
             assert taken[-2] == pytest.approx(beside if time.start_s > 10e-9 else 10.0 * time.bin_width_s / 1e-9)
+
+
+@pytest.mark.parametrize("by", [0.0, 0.5])
+def test_bins_whose_photons_nobody_can_tell_are_not_used(by: float) -> None:
+    """Blind for 40 +- 2 ns after two photons a pulse in bin 10; a shift by half a bin mixes those with bins beside."""
+    clicks = np.full(BINS, 2_000)
+    clicks[10] = PULSES * -np.expm1(-2.0)
+    raw = points(clicks, clicks.sum())
+    known = replace(NOTHING, dead_time_s=Quantity(DEAD_BINS * WIDTH_S, 2 * WIDTH_S))
+    done = correct_points(raw, known, offset_bins=np.array([by]), remove_direct=False)
+    hidden = [47, 48, 49, 50, 51] if by else [48, 49, 50, 51]
+    assert np.flatnonzero(~done.usable[0]).tolist() == hidden
+    assert not done.counts[0, hidden].any()
+    assert np.isfinite(done.variance).all()
