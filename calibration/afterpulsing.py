@@ -6,9 +6,14 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
+from nlos.calibration.dead_time import blind_pulses
 from nlos.calibration.errors import InvalidData
 
 Floats = npt.NDArray[np.float64]
+DECAYS_S = (10e-9, 30e-9, 90e-9)
+"""From which the search for afterpulses' decay begins."""
+STOPPED = 1 / 3
+"""Afterpulses that stop others are not in the model: of a probability of 0.15, at a photon a pulse, 0.008 is missed."""
 _POINTS = 64
 """So many at a time: what is kept of each is some twenty histograms."""
 
@@ -31,53 +36,39 @@ def from_full_period(
     after the pulse fewer clicks of the background are seen, afterwards more, by afterpulses.
 
     `quiet` (T,) marks the bins that hold constant background only; dead times from its first bin up to the period are
-    told (a longer one leaves the same histogram as one shorter by the period). Weighted least squares for background
-    and afterpulses under each dead time; its error is the spread of all dead times, weighed by their likelihood.
-    Raises `InvalidData` where no dead time explains the histogram better than none does.
+    told (a longer one leaves the same histogram as one shorter by the period). Weighted least squares for background,
+    afterpulses, their decay and the dead time together, whose joint errors are told, wider where dead times elsewhere
+    explain the histogram nearly as well. Raises `InvalidData` where no dead time explains it better than none does.
     """
     recorded, where = np.asarray(counts, dtype=np.float64), np.asarray(quiet, dtype=bool)
     model = _FullPeriod(recorded, sync_count, bin_width_s, where)
-    period_s = len(recorded) * bin_width_s
-    first_s = float(np.argmax(where)) * bin_width_s
-    coarse = np.arange(first_s, period_s, max(0.5e-9, bin_width_s))
-    trials = [(model.fit(dead, decay).chi2, dead, decay) for dead in coarse for decay in (10e-9, 30e-9, 90e-9)]
-    without = model.fit(0.0, 30e-9).chi2
-    least, dead, decay = min(trials)
-    if not without - least > 25:
+    period_s, first_s = len(recorded) * bin_width_s, float(np.argmax(where)) * bin_width_s
+    step_s = max(0.5e-9, bin_width_s)
+    coarse = np.arange(first_s + step_s, period_s - step_s, step_s)
+    trials = np.array([model.solve(dead, DECAYS_S[1])[0] for dead in coarse])
+    without = float(model.solve(0.0, DECAYS_S[1])[0])
+    if not (trials.size and without - trials.min() > 25):
         raise InvalidData(
             f"no dead time between {first_s * 1e9:.1f} and {period_s * 1e9:.1f} ns explains the histogram. Record a "
             "longer or brighter one over the whole laser period."
         )
-    trial_s = np.arange(first_s, period_s, bin_width_s)
-    for _ in range(2):
-        span = (float(np.log(max(decay / 4, 3 * bin_width_s))), float(np.log(min(decay * 4, period_s))))
-        found = scipy.optimize.minimize_scalar(_chi2_of_decay, bounds=span, args=(model, dead), method="bounded")
-        decay = float(np.exp(found.x))
-        chi2s = np.array([model.fit(float(trial), decay).chi2 for trial in trial_s])
-        dead = float(trial_s[np.argmin(chi2s)])
-    weight = np.exp(-0.5 * (chi2s - chi2s.min()))
-    error_s = float(np.sqrt((weight * (trial_s - dead) ** 2).sum() / weight.sum() + bin_width_s**2 / 12))
-    fit = model.fit(dead, decay)
-    step = 0.02
-    slope = (
-        model.fit(dead, decay * (1 + step)).chi2 + model.fit(dead, decay * (1 - step)).chi2 - 2 * fit.chi2
-    ) / step**2
-    drift = (model.fit(dead, decay * (1 + step)).probability - model.fit(dead, decay * (1 - step)).probability) / (
-        2 * step
+    near_s = float(coarse[np.argmin(trials)])
+    about_s = min(DECAYS_S, key=lambda decay: model.solve(near_s, decay)[0])
+    low, high = np.log(3 * bin_width_s), np.log(period_s)
+    fit = scipy.optimize.least_squares(
+        lambda p: model.residuals(p[0] * bin_width_s, float(np.exp(p[1]))),
+        [near_s / bin_width_s, np.clip(np.log(about_s), low + 1e-3, high - 1e-3)],
+        bounds=([(near_s - 2 * step_s) / bin_width_s, low], [(near_s + 2 * step_s) / bin_width_s, high]),
+        x_scale=[1.0, 0.3],
+        diff_step=[0.25 * bin_width_s / near_s, 0.01],
     )
-    by_decay = abs(drift) * np.sqrt(2 / slope) if slope > 0 else 0.0
-    return ClickAfterClick(dead, error_s, fit.probability, float(np.hypot(fit.error, by_decay)), decay)
-
-
-def _chi2_of_decay(log_decay: float, model: "_FullPeriod", dead_s: float) -> float:
-    return model.fit(dead_s, float(np.exp(log_decay))).chi2
-
-
-@dataclass(frozen=True)
-class _Fit:
-    chi2: float
-    probability: float
-    error: float
+    dead_s, decay_s = float(fit.x[0] * bin_width_s), float(np.exp(fit.x[1]))
+    chi2, _, probability = model.solve(dead_s, decay_s)
+    dead_error_s, error = model.errors(dead_s, decay_s)
+    mass = np.exp(-0.5 * np.maximum(trials - chi2, 0)) * step_s / (np.sqrt(2 * np.pi) * dead_error_s)
+    mass[np.abs(coarse - dead_s) < 3 * dead_error_s + step_s] = 0
+    elsewhere_s2 = float((mass * (coarse - dead_s) ** 2).sum() / (1 + mass.sum()))
+    return ClickAfterClick(dead_s, float(np.hypot(dead_error_s, np.sqrt(elsewhere_s2))), probability, error, decay_s)
 
 
 class _FullPeriod:
@@ -85,34 +76,54 @@ class _FullPeriod:
 
     def __init__(self, counts: Floats, sync_count: float, bin_width_s: float, quiet: npt.NDArray[np.bool_]) -> None:
         self._counts, self._pulses, self._width, self._quiet = counts, sync_count, bin_width_s, quiet
-        self._running = np.concatenate([[0.0], np.cumsum(counts)])
-        self._spectrum = np.fft.rfft(counts)
-        self._weight = 1 / np.maximum(_smooth(counts[quiet], 64), 1.0)
+        level = _smooth(counts[quiet], 64)
+        self._error = np.sqrt(np.maximum(level, 1.0))
+        self._clicks = counts.copy()  # what afterpulses are of: no bin's own chance explains the same bin
+        self._clicks[quiet] = level
 
-    def fit(self, dead_s: float, decay_s: float) -> _Fit:
-        """Background and afterpulse probability (not below 0) by linear least squares."""
-        bins = len(self._counts)
-        edges = np.arange(bins) - dead_s / self._width
-        turns = np.floor(edges / bins)
-        until = np.interp(edges - turns * bins, np.arange(bins + 1), self._running)
-        live = 1 - (self._running[:-1] - until - turns * self._running[-1]) / self._pulses
-        after = np.fft.irfft(self._spectrum * _kernel_spectrum(bins, self._width, decay_s, dead_s), bins)
-        level, extra = live[self._quiet] * self._pulses, (live * after)[self._quiet]
-        seen, weight = self._counts[self._quiet], self._weight
-        ll, le, ee = (weight * level**2).sum(), (weight * level * extra).sum(), (weight * extra**2).sum()
-        ls, es = (weight * level * seen).sum(), (weight * extra * seen).sum()
-        determinant = max(ll * ee - le**2, 1e-9 * ll * ee)
-        probability = max((ll * es - le * ls) / determinant, 0.0)
-        background = (ls - probability * le) / ll
-        chi2 = (weight * (seen - background * level - probability * extra) ** 2).sum()
-        return _Fit(float(chi2), float(probability), float(np.sqrt(ll / determinant)))
+    def solve(self, dead_s: float, decay_s: float) -> tuple[float, float, float]:
+        """Chi squared, background per pulse and bin, and afterpulse probability (0 to 1)."""
+        level, extra = self._columns(dead_s, decay_s)
+        seen = self._counts[self._quiet] / self._error
+        ll, le, ee, ls, es = level @ level, level @ extra, extra @ extra, level @ seen, extra @ seen
+        determinant = max(ll * ee - le**2, 1e-9 * ll * ee, 1e-300)
+        probability = float(np.clip((ll * es - le * ls) / determinant, 0.0, 1.0))
+        background = float((ls - probability * le) / max(ll, 1e-300))
+        off = seen - background * level - probability * extra
+        return float(off @ off), background, probability
 
+    def residuals(self, dead_s: float, decay_s: float) -> Floats:
+        """Over their standard errors, (quiet bins,)."""
+        level, extra = self._columns(dead_s, decay_s)
+        _, background, probability = self.solve(dead_s, decay_s)
+        return np.asarray(self._counts[self._quiet] / self._error - background * level - probability * extra)
 
-def _kernel_spectrum(bins: int, bin_width_s: float, decay_s: float, dead_time_s: float) -> npt.NDArray[np.complex128]:
-    """Spectrum of an exponential of area 1 that starts one dead time after the click, cyclic."""
-    kernel = np.exp(-np.arange(bins) * bin_width_s / decay_s)
-    delay = np.exp(-2j * np.pi * np.fft.rfftfreq(bins, bin_width_s) * dead_time_s)
-    return np.asarray(np.fft.rfft(kernel / kernel.sum()) * delay)
+    def errors(self, dead_s: float, decay_s: float) -> tuple[float, float]:
+        """Standard errors of dead time (s) and afterpulse probability, whatever background and decay are."""
+        chi2, background, probability = self.solve(dead_s, decay_s)
+        level, extra = self._columns(dead_s, decay_s)
+
+        def expected(dead: float) -> Floats:
+            each = self._columns(dead, decay_s)
+            return np.asarray(background * each[0] + probability * each[1])
+
+        by_dead = (expected(dead_s + self._width) - expected(dead_s - self._width)) / (2 * self._width)
+        slower, faster = (self._columns(dead_s, decay_s * factor)[1] for factor in (1.05, 1 / 1.05))
+        columns = np.stack([by_dead, extra, level, slower - faster], axis=1)
+        scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        covariance = np.linalg.pinv((columns / scale).T @ (columns / scale))
+        excess = max(chi2 / max(len(level) - 4, 1), 1.0)
+        error = np.sqrt(np.maximum(covariance.diagonal() * excess, 0)) / scale
+        return float(np.hypot(error[0], self._width / 12)), float(np.hypot(error[1], STOPPED * probability**2))
+
+    def _columns(self, dead_s: float, decay_s: float) -> tuple[Floats, Floats]:
+        """What one click per pulse and bin of background, and a probability of 1, make of the quiet bins."""
+        clicks, width = self._clicks[None], self._width
+        blind = blind_pulses(clicks, clicks.sum(), width, clicks.size * width, dead_s, self._pulses)
+        live = np.maximum(1 - blind / self._pulses, 1e-6)
+        seen = -np.log1p(-np.minimum(clicks / (self._pulses * live), 1 - 1e-9))
+        extra = live * _afterpulses(seen, clicks / self._pulses, live, ClickAfterClick(dead_s, 0, 1, 0, decay_s), width)
+        return tuple(each[0, self._quiet] * self._pulses / self._error for each in (live, extra))  # type: ignore[return-value]
 
 
 def _smooth(values: Floats, length: int) -> Floats:
