@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from nlos.calibration.constants import Quantity
 from nlos.calibration.errors import SaturatedBins
 
 Floats = npt.NDArray[np.float64]
@@ -31,8 +32,7 @@ def correct_free_running(
     total_count: npt.ArrayLike,
     bin_width_s: float,
     period_s: float,
-    dead_time_s: float,
-    dead_time_error_s: float = 0.0,
+    dead_time_s: Quantity,
 ) -> tuple[Floats, Floats]:
     """The cyclic correction for a free-running detector, blind for `dead_time_s` after each click.
 
@@ -45,18 +45,18 @@ def correct_free_running(
     """
     recorded = np.asarray(counts)
     every, pulses = _per_point(total_count, len(recorded)), _per_point(sync_count, len(recorded))
+    dead_s, error_s = dead_time_s.value, dead_time_s.error
     photons, variance = np.empty(recorded.shape), np.empty(recorded.shape)
     for some in _some_at_a_time(len(recorded)):
         clicks = recorded[some].astype(np.float64)
 
-        def blind(dead_s: float, clicks: Floats = clicks, some: slice = some) -> Floats:
-            return blind_pulses(clicks, every[some], bin_width_s, period_s, dead_s, pulses[some])
+        def blind(span_s: float, clicks: Floats = clicks, some: slice = some) -> Floats:
+            return blind_pulses(clicks, every[some], bin_width_s, period_s, span_s, pulses[some])
 
-        unsure = _ends_somewhere(clicks, dead_time_s / bin_width_s, period_s / bin_width_s)
-        if dead_time_error_s > 0:
-            early, late = blind(max(dead_time_s - dead_time_error_s, 0.0)), blind(dead_time_s + dead_time_error_s)
-            unsure = np.hypot(unsure, (late - early) / 2)
-        live = pulses[some] - blind(dead_time_s)
+        unsure = _ends_somewhere(clicks, dead_s / bin_width_s, period_s / bin_width_s)
+        if error_s > 0:
+            unsure = np.hypot(unsure, (blind(dead_s + error_s) - blind(max(dead_s - error_s, 0.0))) / 2)
+        live = pulses[some] - blind(dead_s)
         unknown = unsure > UNKNOWN * live
         _refuse_full((clicks >= live) & ~unknown, clicks, live, some.start)
         photons[some], variance[some] = _photons(clicks, live, pulses[some], unsure)

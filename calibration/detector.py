@@ -22,7 +22,7 @@ def undo_dead_time(
     period_s = raw.period_s
     if constants is None or constants.dead_time_s is None or not constants.dead_time_s.value > 0 or period_s is None:
         return raw.counts, raw.counts
-    dead_s, dead_error_s = constants.dead_time_s.value, constants.dead_time_s.error
+    dead_s = constants.dead_time_s.value
     taken = raw.sync_count > 0
     if not taken.all():
         counts, variance = raw.counts.astype(np.float64), raw.counts.astype(np.float64)
@@ -30,7 +30,7 @@ def undo_dead_time(
         return counts, variance
     width_s = raw.time.bin_width_s
     counts, variance = correct_free_running(
-        raw.counts, raw.sync_count, raw.total_count, width_s, period_s, dead_s, dead_error_s
+        raw.counts, raw.sync_count, raw.total_count, width_s, period_s, constants.dead_time_s
     )
     after, decay_s = constants.afterpulse_probability, constants.afterpulse_decay_s
     whole_period = abs(raw.time.bins * width_s / period_s - 1) < WHOLE_PERIOD

@@ -2,6 +2,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from nlos.calibration.constants import Quantity
 from nlos.calibration.dead_time import blind_pulses, correct_free_running
 from nlos.calibration.errors import SaturatedBins
 
@@ -32,7 +33,9 @@ def test_a_free_running_detector_is_corrected_to_a_percent(dead_bins: int) -> No
     """Dead times shorter than, and several times as long as, the laser's period; 20 % of the laser's rate."""
     rate, pulses = photons_per_pulse(200, 0.2), 600_000
     clicks = clicks_in_time_order(rate, dead_bins, pulses)
-    photons, variance = correct_free_running(clicks[None], [pulses], [clicks.sum()], 1e-9, 200e-9, dead_bins * 1e-9)
+    photons, variance = correct_free_running(
+        clicks[None], [pulses], [clicks.sum()], 1e-9, 200e-9, Quantity(dead_bins * 1e-9, 0.0)
+    )
     assert photons.sum() == pytest.approx(rate.sum() * pulses, rel=0.01)
     off = (photons[0] - rate * pulses) / np.sqrt(np.maximum(variance[0], 1))
     assert np.abs(off).max() < 5
@@ -41,16 +44,16 @@ def test_a_free_running_detector_is_corrected_to_a_percent(dead_bins: int) -> No
 def test_a_window_needs_only_the_total_count() -> None:
     rate, pulses = photons_per_pulse(200, 0.2), 400_000
     clicks = clicks_in_time_order(rate, 150, pulses)
-    whole, _ = correct_free_running(clicks[None], [pulses], [clicks.sum()], 1e-9, 200e-9, 150e-9)
-    window, _ = correct_free_running(clicks[None, :90], [pulses], [clicks.sum()], 1e-9, 200e-9, 150e-9)
+    whole, _ = correct_free_running(clicks[None], [pulses], [clicks.sum()], 1e-9, 200e-9, Quantity(150e-9, 0.0))
+    window, _ = correct_free_running(clicks[None, :90], [pulses], [clicks.sum()], 1e-9, 200e-9, Quantity(150e-9, 0.0))
     assert window[0].sum() == pytest.approx(whole[0, :90].sum(), rel=0.002)
 
 
 def test_clicks_beside_the_window_make_the_detector_blind_in_it() -> None:
     """A window at the period's start whose light comes after it: what is blind in it is so by clicks of before."""
     counts, pulses = np.full((1, 20), 50.0), 10_000
-    alone, _ = correct_free_running(counts, [pulses], [1000], 1e-9, 100e-9, 60e-9)
-    after, _ = correct_free_running(counts, [pulses], [5000], 1e-9, 100e-9, 60e-9)
+    alone, _ = correct_free_running(counts, [pulses], [1000], 1e-9, 100e-9, Quantity(60e-9, 0.0))
+    after, _ = correct_free_running(counts, [pulses], [5000], 1e-9, 100e-9, Quantity(60e-9, 0.0))
     assert alone[0, 0] == pytest.approx(-pulses * np.log1p(-50 / pulses))
     # 4000 clicks over 80 ns: 59.5 ns before the window 2975 of them, before its last bin 40.5 ns of them
     # and its own 950; those of the bin itself are in the logarithm.
@@ -72,9 +75,11 @@ def test_a_record_longer_than_the_period_is_corrected_as_its_first_period(again:
     rate, pulses = photons_per_pulse(200, 0.2), 400_000
     clicks = clicks_in_time_order(rate, 150, pulses)
     later = clicks[:90] if again else np.zeros(90, np.int64)
-    whole, _ = correct_free_running(clicks[None], [pulses], [clicks.sum()], 1e-9, 200e-9, 150e-9)
+    whole, _ = correct_free_running(clicks[None], [pulses], [clicks.sum()], 1e-9, 200e-9, Quantity(150e-9, 0.0))
     longer = np.concatenate([clicks, later])
-    found, variance = correct_free_running(longer[None], [pulses], [clicks.sum()], 1e-9, period_s, 150e-9)
+    found, variance = correct_free_running(
+        longer[None], [pulses], [clicks.sum()], 1e-9, period_s, Quantity(150e-9, 0.0)
+    )
     assert found[0, :200] == pytest.approx(whole[0], rel=0.005, abs=2)
     assert found[0, 200:] == pytest.approx(whole[0, :90] if again else 0, rel=0.02, abs=2)
     assert np.isfinite(variance).all()
@@ -82,7 +87,7 @@ def test_a_record_longer_than_the_period_is_corrected_as_its_first_period(again:
 
 def test_without_dead_time_nothing_but_the_logarithm_is_left() -> None:
     counts = np.arange(12.0).reshape(2, 6)
-    photons, variance = correct_free_running(counts, 1000, [15, 51], 1e-9, 10e-9, 0.0)
+    photons, variance = correct_free_running(counts, 1000, [15, 51], 1e-9, 10e-9, Quantity(0.0, 0.0))
     assert np.allclose(photons, -np.log1p(-counts / 1000) * 1000)
     assert np.allclose(variance, counts, rtol=0.03)
 
@@ -94,14 +99,16 @@ def test_as_many_clicks_as_live_pulses_are_refused_by_point_and_bin(clicks: int)
     with pytest.raises(
         SaturatedBins, match=f"point 1, bin 6 clicked {clicks} times, but the detector was live there for only 40"
     ):
-        correct_free_running(counts, 100, counts.sum(axis=1), 1e-9, 20e-9, 3e-9)
+        correct_free_running(counts, 100, counts.sum(axis=1), 1e-9, 20e-9, Quantity(3e-9, 0.0))
 
 
 def test_the_variance_is_that_of_many_measurements() -> None:
     """By drawing: a pulse clicks in a bin or does not, with the probability that its photons give it."""
     rng, pulses, photons = np.random.default_rng(1), 20_000, np.array([0.002, 0.05, 0.4])
     clicks = rng.binomial(pulses, 1 - np.exp(-photons), (4000, 3)).astype(float)
-    found, variance = correct_free_running(clicks, np.full(4000, pulses), clicks.sum(axis=1), 1e-9, 100e-9, 0.0)
+    found, variance = correct_free_running(
+        clicks, np.full(4000, pulses), clicks.sum(axis=1), 1e-9, 100e-9, Quantity(0.0, 0.0)
+    )
     assert found.mean(axis=0) == pytest.approx(photons * pulses, rel=0.01)
     assert variance.mean(axis=0) == pytest.approx(found.var(axis=0), rel=0.08)
 
@@ -119,7 +126,9 @@ def test_bins_in_which_the_dead_time_of_two_photons_a_pulse_ends_are_told(dead_b
         clicks.append(at)
         at = live_again[at]
     counts = np.bincount((times[clicks] % bins).astype(int), minlength=bins)
-    told, variance = correct_free_running(counts[None], [pulses], [len(clicks)], 1e-9, 100e-9, dead_bins * 1e-9)
+    told, variance = correct_free_running(
+        counts[None], [pulses], [len(clicks)], 1e-9, 100e-9, Quantity(dead_bins * 1e-9, 0.0)
+    )
     assert told[0, 69:73] == pytest.approx(even * pulses, rel=0.12)
     off = (told[0, 20:] - even * pulses) / np.sqrt(variance[0, 20:])
     assert np.abs(off).max() < 4
@@ -132,6 +141,6 @@ def test_where_the_dead_time_of_a_bright_pulse_ends_its_error_makes_bins_unknown
     for photons in (2.0, 0.005):
         counts = np.full((1, 100), 200.0)
         counts[0, 10] = pulses * -np.expm1(-photons)
-        _, variance = correct_free_running(counts, [pulses], counts.sum(axis=1), 1e-9, 100e-9, 60e-9, 2e-9)
+        _, variance = correct_free_running(counts, [pulses], counts.sum(axis=1), 1e-9, 100e-9, Quantity(60e-9, 2e-9))
         unknown = np.flatnonzero(np.isinf(variance[0])).tolist()
         assert unknown == ([68, 69, 70, 71] if photons > 1 else [])
