@@ -1,11 +1,13 @@
 """The order of the corrections, in one place: dead time and pile-up, dark counts, alignment to the direct arrival,
 ambient light, direct light."""
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from nlos.acquisition.planning.preflight import PILE_UP
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.calibration import raw_points
@@ -24,6 +26,7 @@ LEAD_S = 300e-12
 """How long before its arrival a direct pulse may begin, where its impulse response was not measured."""
 SHORTEST_S = 1.3e-9
 """A record that ends sooner than this after the direct arrival holds the direct light and nothing else."""
+log = logging.getLogger(__name__)
 Report = dict[str, float | int | list[float] | None]
 
 
@@ -108,6 +111,8 @@ def correct_points(
     the bins that every point recorded. Raises `InvalidData`, naming the first bad point, and `NoDirectPeak`.
     """
     raw.check(cut_tops=not rectified)
+    if constants is None or constants.dead_time_s is None:
+        _doubt_pile_up(raw)
     counts, variance = undo_dead_time(raw, constants)
     offsets: TimeOffsets | None = None
     if rectified:
@@ -262,6 +267,19 @@ def _bins_left(raw: RawPoints, arrival: Floats, offsets: TimeOffsets | None) -> 
             "recorded behind it. Lengthen the histogram or start it later."
         )
     return bins
+
+
+def _doubt_pile_up(raw: RawPoints) -> None:
+    """Says what clicks so often that the first photons of a pulse hide later ones, by a dead time nobody knows."""
+    share = raw.counts.sum(axis=1, dtype=np.float64) / np.where(raw.sync_count > 0, raw.sync_count, np.inf)
+    point = int(np.argmax(share))
+    if share[point] > PILE_UP:
+        log.warning(
+            "%s clicked for %.0f %% of its laser pulses, and the detector's dead time is not known: early light hides "
+            "later light, and direct light seems to come early. Calibrate with --dead-time-ns, or attenuate the light.",
+            raw.name(point),
+            100 * share[point],
+        )
 
 
 def _require_arrivals(constants: BenchConstants, time: TimeAxis) -> None:

@@ -101,7 +101,7 @@ def _best(score: Floats, shifts: Floats) -> tuple[Floats, Floats, npt.NDArray[np
     spread = np.sqrt(np.maximum(likelihood @ shifts**2 - mean**2, 0.0))
     several = spread > 1.0  # a few photons fit at several places: their mean is the better guess
     error = np.sqrt((step / FINE_STEPS) ** 2 / -bend)
-    return np.where(several, mean, arrival), np.where(several, spread, error), inside
+    return np.where(several, mean, arrival), np.where(several, spread, np.maximum(error, spread)), inside
 
 
 def window_counts(

@@ -1,3 +1,4 @@
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -6,6 +7,7 @@ import pytest
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
+from nlos.calibration.constants import BenchConstants, Quantity
 from nlos.calibration.correct import correct, correct_points
 from nlos.calibration.direct_reflection import find_direct_light
 from nlos.calibration.errors import InvalidData, SaturatedBins
@@ -195,3 +197,30 @@ def test_passes_over_one_position_are_added_up_whatever_they_hold(each: int, of_
     assert added.counts.tolist() == [[0, 2 * each, 2 * each - 14], [0, each, each - 7]]
     assert added.counts.dtype.itemsize * 8 == of_bits
     assert added.total_count[0] == added.counts[0].sum()
+
+
+def test_direct_light_of_two_photons_a_pulse_is_timed_by_its_dead_time_and_doubted_without(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """Of each pulse the first photon clicks, earlier where the wall is brighter; drawn from walls of 4 to 100 %."""
+    scan = make_raw_scan(direct_counts=2e5, hidden_counts=0, background=1.0)
+    pulses, bright = 100_000, np.random.default_rng(2).uniform(0.04, 1.0, (len(scan.x_m), 1))
+    left = np.exp(-np.pad(np.cumsum(scan.expected * bright / pulses, axis=1), ((0, 0), (1, 0))))
+    clicks = np.random.default_rng(1).poisson(pulses * (left[:, :-1] - left[:, 1:])).astype(np.uint32)
+    seen = replace(raw(scan, clicks, np.full(len(clicks), pulses * 100e-9)),
+                   sync_count=np.full(len(clicks), pulses), total_count=clicks.sum(axis=1))  # fmt: skip
+    known = BenchConstants({}, "2026-01-01", (), scan.bin_width_s, dead_time_s=Quantity(60e-9, 0.0))
+
+    def scatter(constants: BenchConstants | None) -> float:
+        offsets = correct_points(seen, constants).offsets
+        assert offsets is not None
+        return float(np.std(offsets.measured_bins - scan.arrival_bins))
+
+    assert scatter(known) < 0.04
+    assert not caplog.messages
+    with caplog.at_level(logging.WARNING):
+        assert scatter(None) > 0.08
+    assert "clicked for 8" in caplog.text
+    caplog.clear()
+    correct_points(replace(seen, sync_count=seen.sync_count * 20))
+    assert not caplog.messages

@@ -236,3 +236,18 @@ def test_a_reflection_that_is_early_at_one_time_everywhere_is_no_wall() -> None:
     counts[:, 30:32] += np.random.default_rng(1).poisson(20, (len(counts), 2)).astype(np.uint32)
     axis = TimeAxis(512, scan.bin_width_s)
     assert not measure_time_offsets(counts, scan.x_m, scan.y_m, axis).on_a_plane
+
+
+@pytest.mark.parametrize(("direct_counts", "tail_share"), [(30, 0.97), (40, 0.9)])
+def test_a_few_photons_of_a_steep_rise_and_a_slow_fall_are_as_unsure_as_they_say(
+    direct_counts: float, tail_share: float
+) -> None:
+    """Their log-likelihood is no parabola at its maximum."""
+    scan = make_raw_scan(
+        side=20, direct_counts=direct_counts, hidden_counts=0.5, background=0.01, tail_share=tail_share
+    )
+    found = measure(scan)
+    off = found.measured_bins - scan.arrival_bins
+    off -= np.median(off[found.found])
+    assert np.sqrt(np.mean((off / found.error_bins)[found.found & ~found.stray] ** 2)) < 1.12
+    assert rms(found.offset_bins - scan.arrival_bins) < 0.1
