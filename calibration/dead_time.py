@@ -153,8 +153,7 @@ def _ends_somewhere(recorded: Floats, dead: float, period: float) -> Floats:
     slope = (beside[:, 2:] - beside[:, :-2]) / 24
     bend = (beside[:, 2:] - 2 * recorded + beside[:, :-2]) / np.sqrt(48)
     own = np.hypot(slope, bend)
-    around = period if bins > period + 0.5 else max(period, bins)
-    back = (np.arange(bins) - dead) % around
+    back = (np.arange(bins) - dead) % period
     low = np.floor(back).astype(np.int64)
     part = back - low
     held = np.pad(own, ((0, 0), (0, 2)))

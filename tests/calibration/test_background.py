@@ -72,3 +72,14 @@ def test_a_little_light_is_not_flat_and_much_light_is_no_background() -> None:
     much[:, 205] += 200
     assert not is_flat(little)
     assert quiet_background(much).mean() == pytest.approx(0.1, rel=0.2)
+
+
+@pytest.mark.parametrize("per_bin", [0.003, 0.05, 2.0])
+def test_the_background_of_few_counts_is_the_mean_of_its_posterior(per_bin: float) -> None:
+    """Rates spread as exp(-rate / mean): by drawing, points of a given count have had this rate on average."""
+    random = np.random.default_rng(8)
+    rates = random.exponential(per_bin, 20_000)
+    told = quiet_background(random.poisson(rates[:, None], (20_000, 64)))
+    counts = told.argsort()
+    for some in np.array_split(counts, 4):  # faint to bright
+        assert told[some].mean() == pytest.approx(rates[some].mean(), rel=0.1)

@@ -224,3 +224,33 @@ def test_direct_light_of_two_photons_a_pulse_is_timed_by_its_dead_time_and_doubt
     caplog.clear()
     correct_points(replace(seen, sync_count=seen.sync_count * 20))
     assert not caplog.messages
+
+
+def test_a_report_says_in_its_units_what_the_scan_was_made_with() -> None:
+    told = correct_points(raw(make_raw_scan(direct_counts=40_000))).report()
+    assert told["scanner_position_m"] == pytest.approx([0.1, -0.2, 2.0], abs=0.01)
+    assert told["electronic_delay_ns"] == pytest.approx(-11, abs=0.05)
+    assert told["response_fwhm_ps"] == pytest.approx(70, abs=12)
+    assert told["direct_tail_ps"] == pytest.approx(250, rel=0.1)
+    assert 0.3 < told["direct_masked_ns"] < 2.5  # type: ignore[operator]  # ends before light from 0.9 m, at 6 ns
+    assert told["background_per_bin"] == pytest.approx(0.2, rel=0.1)
+    assert told["offset_rms_mm"] == pytest.approx(told["offset_rms_ps"] * 0.149_896, rel=1e-3)  # type: ignore[operator]
+    assert told["offset_rms_ps"] == pytest.approx(told["offset_rms_bins"] * 32, rel=1e-6)  # type: ignore[operator]
+    assert (told["points"], told["points_without_direct_peak"], told["points_off_the_wall_fit"]) == (256, 0, 0)
+
+
+@pytest.mark.parametrize("width_ps", [4.0, 40.0])
+def test_direct_light_is_looked_for_in_the_first_200_ps_whatever_the_bins(width_ps: float) -> None:
+    """Of a Gaussian of 100 ps whose maximum comes at 120 ps."""
+    time_ps = (np.arange(round(4000 / width_ps)) + 0.5) * width_ps
+    pulse = np.exp(-4 * np.log(2) * ((time_ps - 120) / 100) ** 2)
+    aligned = np.random.default_rng(3).poisson(500 * pulse / pulse.max() + 0.5, (50, len(pulse)))
+    found = find_direct_light(aligned - 0.5, width_ps * 1e-12)
+    assert 180 < found.end_bin * width_ps < 400
+    late = find_direct_light(np.roll(aligned, round(600 / width_ps), axis=1) - 0.5, width_ps * 1e-12)
+    assert late.end_bin == 0
+
+
+def test_no_sample_is_no_scan() -> None:
+    with pytest.raises(InvalidData, match="not one sample to calibrate from"):
+        from_samples([])

@@ -30,6 +30,7 @@ def test_the_model_is_the_simulated_benchs_by_other_means(
     assert spot is not None
     geometry = ScannerGeometry(2.0, e, sx, sy, 1.02, wall_pitch_rad=pitch, wall_yaw_rad=yaw)
     assert np.allclose(geometry.spots(ax, ay), (spot.x_m, spot.y_m, spot.range_m), atol=1e-12)
+    assert geometry.ranges_m(ax, ay) == pytest.approx(spot.range_m, abs=1e-12)
 
 
 @given(st.floats(-1, 1), st.floats(-1, 1), tilts, tilts)
