@@ -10,7 +10,7 @@ class ArmSettings(Settings):
     on a real one `remote: false` holds also where the block is not there."""
 
     delay_s: float = Field(default=0.0, ge=0, le=60)
-    """Warning time, announced, between the request for light and the first light."""
+    """Warning time, announced once everything else is ready, before the first light."""
     confirm: bool = False
     """Somebody at the terminal has to type a word first."""
     remote: bool = False

@@ -12,21 +12,28 @@ from nlos.drivers.terminal_place import remote_terminal
 
 _log = logging.getLogger(__name__)
 
+_LOOK_S = 0.1
+
 Agree = Callable[[str], bool]
 """A question to somebody at the terminal -> whether they typed the word."""
 
 
 class Arming:
-    """`arm` is called before light; it does everything once, then nothing."""
+    """`agree` as soon as light is known to be wanted, `warn` right before it; each does all it does once."""
 
     def __init__(self, settings: ArmSettings, clock: Clock, events: EventLog, agree: Agree | None = None) -> None:
         self._settings, self._clock, self._events, self._agree = settings, clock, events, agree
-        self.armed = False
+        self._agreed, self._warned = False, not settings.delay_s
 
-    def arm(self) -> None:
+    @property
+    def armed(self) -> bool:
+        """Whether nothing is left to do."""
+        return self._agreed and self._warned
+
+    def agree(self) -> None:
         """Raises `LimitError` where this terminal is not at the bench and the bench file does not allow that, and where
-        nobody agrees. Returns after the warning time."""
-        if self.armed:
+        nobody agrees."""
+        if self._agreed:
             return
         where = remote_terminal()
         if where is not None and not self._settings.remote:
@@ -38,12 +45,22 @@ class Arming:
             )
         if self._settings.confirm and not (self._agree and self._agree("The laser's light comes on.")):
             raise LimitError("shutter", "stays closed: no one agreed to light.", "Say so at a terminal when asked.")
-        if self._settings.delay_s:
-            _log.warning("light in %g s", self._settings.delay_s)
-            self._events.report("shutter", f"light in {self._settings.delay_s:g} s")
-            self._clock.sleep(self._settings.delay_s)
-        self.armed = True
+        self._agreed = True
         self._events.report("shutter", f"armed by {_user()}, {where or 'at the bench'}")
+
+    def warn(self, broken_off: Callable[[], object]) -> None:
+        """Announces light and returns when it is time for it; earlier, and with nothing settled, once `broken_off`."""
+        if self._warned or broken_off():
+            return
+        _log.warning("light in %g s", self._settings.delay_s)
+        self._events.report("shutter", f"light in {self._settings.delay_s:g} s")
+        until_s = self._clock.now() + self._settings.delay_s
+        while (left_s := until_s - self._clock.now()) > 0:
+            if broken_off():
+                self._events.report("shutter", "no light: its warning time was broken off")
+                return
+            self._clock.sleep(min(left_s, _LOOK_S))
+        self._warned = True
 
 
 def _user() -> str:

@@ -61,6 +61,11 @@ def light_may_be_on() -> bool:
     return any(paths.lit() for paths in _open)
 
 
+def a_bench_is_closing() -> bool:
+    """Then a signal waits until it is closed, so nothing on the way is waited for that has no deadline."""
+    return any(paths.closing for paths in _open)
+
+
 @contextmanager
 def undisturbed() -> Iterator[None]:
     """While the block runs, a signal shuts the light and waits: for the few steps that must not be cut in two, such as
@@ -106,7 +111,7 @@ class ExitPaths:
         self._shut_light, self._close, self.lit = shut_light, close, lit
         self._process = os.getpid()
         self._previous: dict[int, Any] = {}
-        self._closing = self._shutting = self._raising_again = False
+        self.closing = self._shutting = self._raising_again = False
         self._waiting: list[int] = []
         self._ending: BaseException | None = None
         self._ending_s = 0.0
@@ -140,7 +145,7 @@ class ExitPaths:
                 if signal.getsignal(number) == self._handler(number):
                     signal.signal(number, previous)
         self.held = 0
-        self._closing = False
+        self.closing = False
         if kind is None:  # else the program is on its way out already
             self.deliver()
 
@@ -148,9 +153,9 @@ class ExitPaths:
         return signal.SIG_IGN if number in _UNHEEDED else self._on_signal
 
     def _close_once(self) -> None:
-        if self._closing or os.getpid() != self._process:
+        if self.closing or os.getpid() != self._process:
             return
-        self._closing = True
+        self.closing = True
         self._close()
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
@@ -160,7 +165,7 @@ class ExitPaths:
         if self._raising_again:  # here an exception would be lost once more
             signal_soon(number)
             return
-        if self._shutting or self._closing:  # a signal within this handler, or the light is off already
+        if self._shutting or self.closing:  # a signal within this handler, or the light is off already
             self._waiting.append(number)
             return
         if _STOP is not None and number == _READS and not light_may_be_on():
@@ -176,7 +181,7 @@ class ExitPaths:
 
     def deliver(self, frame: FrameType | None = None) -> None:
         """Does what the program does about the signals that waited, unless something must not be disturbed."""
-        while self._waiting and not (self.held or self._closing or self._shutting):
+        while self._waiting and not (self.held or self.closing or self._shutting):
             self._go_on(self._waiting.pop(0), frame)
 
     def _go_on(self, number: int, frame: FrameType | None) -> None:

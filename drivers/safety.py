@@ -77,11 +77,18 @@ class GuardedShutter:
         """Whether a signal shut the light off and nobody has released the shutter since."""
         return bool(self._held)
 
-    def arm(self) -> None:
-        """What has to happen before the first light, at a moment when a question does not disturb; `open` does it
-        otherwise. Raises `LimitError`."""
+    def agree(self) -> None:
+        """Whether this terminal may have light and somebody says so, asked at a moment when a question does not
+        disturb; `open` asks otherwise. Raises `LimitError`."""
         if self._arming is not None and not self._settings.dry_run:
-            self._arming.arm()
+            self._arming.agree()
+
+    def arm(self) -> None:
+        """`agree`, and the warning time, for light that is asked for anew once it is over; else it is `open`'s, which
+        is when light comes."""
+        self.agree()
+        if self._arming is not None and not self._settings.dry_run:
+            self._arming.warn(lambda: self._for_good or self._held)
 
     @property
     def armed(self) -> bool:

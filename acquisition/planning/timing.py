@@ -57,8 +57,10 @@ class Links:
 
 
 def links_of(bench: Bench) -> Links:
-    """What the cables of a bench cost until recordings of it say better."""
-    return Links.of_cables(bench.settings.mirror, *exchanges_s(bench), MARGIN if bench.settings.simulation else 0.15)
+    """What the cables of a bench cost until recordings of it say better, and the warning time before its light."""
+    settings = bench.settings
+    links = Links.of_cables(settings.mirror, *exchanges_s(bench), MARGIN if settings.simulation else 0.15)
+    return links if settings.arming is None else replace(links, scan_s=links.scan_s + settings.arming.delay_s)
 
 
 def exchanges_s(bench: Bench) -> tuple[float, float]:

@@ -86,7 +86,7 @@ class PreparedScan:
 
 
 def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
-    """Checks trip, time axis, constants, limits, scheme and disk, in this order, then arms the light. Raises
+    """Checks trip, time axis, constants, limits, scheme and disk, in this order, then that there may be light. Raises
     `SafetyTrip`, `LimitError`, `ForeignConstants`, `PlanRefused` or `StorageError`; the bench is as it was then."""
     bench.shutter.check_trip()
     plan, target = fitted(request.plan, bench), request.target
@@ -118,7 +118,7 @@ def prepare(request: ScanRequest, bench: Bench) -> PreparedScan:
     expected = Expected(looks, usual_dark_hz=usual_dark_hz(own), aim=beam.wrong)
     free = partial(free_to_end, target) if plan.until_stopped and target is not None else free_bytes
     alarms = Alarms(request.alarms, bench.settings.laser.repetition_hz, folder, free, expected)
-    bench.shutter.arm()
+    bench.shutter.agree()
     used = "{}" if known is None else json.dumps(known.constants.summary(), default=str)
     header = replace(
         request.header, devices=roles, warnings=(*bench.warnings, *warnings), constants_json=used

@@ -5,6 +5,7 @@ import os
 import pty
 import signal
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from nlos.cli.outliving import OutlivingStream
 from nlos.cli.terminal import terminal
 from nlos.drivers.exit_paths import ExitPaths
 from tests.acquisition.killed_scans import FORK
-from tests.acquisition.witnessed_bench import bench_file, witnessed
+from tests.acquisition.witnessed_bench import bench_file, is_parked, witnessed
 from tests.nlos.by_hand.at_a_terminal import at_a_terminal
 
 SCAN = """\
@@ -99,8 +100,26 @@ def test_a_scan_before_a_stopped_terminal_ends_its_recording_and_ends_when_told(
         child.press("\x13")  # Ctrl-S
         child.wait_until(lambda: _status(tmp_path / "run.h5") is Status.COMPLETE, "the end of the recording", 120)
         child.wait_until(lambda: not (tmp_path / "run.h5.lock").exists(), "nobody who writes it")
+        child.wait_until(lambda: is_parked(witnessed(tmp_path)[-1]), "a bench that is closed")
+        assert child.process.poll() is None  # held by the terminal, which has not shown all of it
         child.signal(signal.SIGTERM)
         assert child.ends() == 143
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.05])
+def test_a_command_to_end_while_the_bench_is_closed_before_a_stopped_terminal_is_obeyed(
+    tmp_path: Path, after_s: float
+) -> None:
+    (tmp_path / "small.yaml").write_text(SCAN.replace("128", "12"))
+    path = bench_file(tmp_path, "S2")
+    with at_a_terminal(tmp_path, "scan", "small.yaml", "--bench", str(path), "-o", "run.h5", "-v") as child:
+        child.wait_until(lambda: "shutter open" in witnessed(tmp_path), "light")
+        child.press("\x13")  # Ctrl-S
+        child.wait_until(lambda: _status(tmp_path / "run.h5") is Status.COMPLETE, "the end of the recording", 120)
+        time.sleep(after_s)
+        child.signal(signal.SIGTERM)
+        assert child.ends(10) == 143
+        assert witnessed(tmp_path)[-1] != "shutter open"
 
 
 def test_a_scan_that_has_something_to_say_to_a_stopped_terminal_shuts_its_light(tmp_path: Path) -> None:

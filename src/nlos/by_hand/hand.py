@@ -127,7 +127,8 @@ class Hand:
         self._held_s = now_s
         shutter = self.bench.shutter
         if shutter is not None and not shutter.armed:  # who pressed may have let go while the warning time passed
-            if self.try_to(shutter.arm):
+            shutter.release()  # somebody asks again, after whatever shut the light
+            if self.try_to(shutter.arm) and shutter.armed:
                 self.keys.pressed()
                 self.note("armed: SPACE gives light from now on")
             return

@@ -64,11 +64,12 @@ class LightOnRequest:
         """Light for so long from now on. Raises `LimitError` where there is none to be had."""
         self.check(seconds)
         assert self._shutter is not None
+        if not self.wanted:
+            self._shutter.release()  # somebody asks again, after whatever shut the light
         self._shutter.arm()
         now_s = self._clock.now()
         if self._until_s <= now_s:
             self._began_s = now_s
-            self._shutter.release()  # somebody asks again, after whatever shut the light
         self._until_s = max(self._until_s, now_s + seconds)
         self.tick()
 

@@ -84,11 +84,10 @@ def why_no_light(bench: PartialBench) -> str:
         return "what drives the shutter does not answer."
     if bench.settings.safety.dry_run:
         return "safety.dry_run is set in the bench file."
-    power_mw, arming = bench.settings.alignment.power_mw, bench.settings.arming
+    power_mw = bench.settings.alignment.power_mw
     try:
         bench.shutter.check_trip()
-        if arming is not None and (arming.confirm or arming.delay_s == 0):
-            bench.shutter.arm()
+        bench.shutter.agree()
     except (LimitError, SafetyTrip) as error:
         return error.what.removeprefix("stays closed: ")
     if power_mw is not None and not bench.settings.simulated:

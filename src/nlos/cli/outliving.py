@@ -3,7 +3,8 @@
 A pipe whose reader went, a full device, a terminal that hung up, a stream closed before the command began: none of
 these is a reason to end a scan in its middle. Nor does light wait for a terminal that takes nothing more (Ctrl-S, a
 connection that hangs), or a pipe whose reader sleeps: while it is on, what they do not take at once is dropped, also
-what was waiting for them since before. Nor does the end of a command that a signal ended wait for such a terminal.
+what was waiting for them since before. Nor does a bench that is being closed wait for one, nor the end of a command
+that a signal ended.
 """
 
 import os
@@ -15,7 +16,7 @@ from typing import TextIO
 
 from nlos.cli.passing_stream import PassingStream
 from nlos.cli.terminal import terminal
-from nlos.drivers.exit_paths import a_bench_is_open, light_may_be_on
+from nlos.drivers.exit_paths import a_bench_is_closing, a_bench_is_open, light_may_be_on
 
 _TAKES_S = 0.1
 """So long is waited for a stream that took all that came before; one that did not is not waited for."""
@@ -32,11 +33,11 @@ class OutlivingStream(PassingStream):
         super().__init__(sent)
         self._unwaiting = _without_waiting(sent)
         self._is_terminal = self.isatty()
-        self._stuck = False
+        self._stuck = self._offering = False
 
     def write(self, text: str) -> int:
         try:
-            if self._unwaiting is not None and (a_bench_is_open() or self._hurried()):
+            if self._unwaiting is not None and self._offers():
                 self._offer(text.encode(self.sent.encoding, "backslashreplace"), self._unwaiting)
             else:
                 self.sent.write(text)
@@ -46,14 +47,20 @@ class OutlivingStream(PassingStream):
 
     def flush(self) -> None:
         try:
-            if self._unwaiting is None or not (a_bench_is_open() or self._hurried()):
+            if self._unwaiting is None or not self._offers():
                 self.sent.flush()
         except (OSError, ValueError):
             self._send_to_nowhere()
 
+    def _offers(self) -> bool:
+        """Whether it is written in pieces: from the first bench on, also when that is closed, so that a signal ends
+        what waits then."""
+        self._offering |= a_bench_is_open()
+        return self._offering or self._hurried()
+
     def _hurried(self) -> bool:
         """Whether nothing is waited for that has no deadline."""
-        return light_may_be_on() or (self._is_terminal and bool(terminal.end_said))
+        return light_may_be_on() or a_bench_is_closing() or (self._is_terminal and bool(terminal.end_said))
 
     def _offer(self, data: bytes, number: int) -> None:
         """Sends what is taken, past what is buffered below: in the dark all of it, but whoever waits there, another

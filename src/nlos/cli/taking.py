@@ -17,9 +17,10 @@ from nlos.acquisition.scanning.control import ScanControl
 from nlos.chain import reconstruct_file
 from nlos.cli.benches import opened
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
-from nlos.cli.interrupts import Interrupts
+from nlos.cli.interrupts import Interrupts, end_in_order_at_sigterm
 from nlos.cli.picture_beside import picture_beside
 from nlos.cli.progress import Progress
+from nlos.cli.taken import Taken, say_ended
 from nlos.cli.targets import recording_target, refuse_own_input
 from nlos.cli.terminal import terminal
 from nlos.configs.load import Loaded
@@ -101,9 +102,13 @@ def take(wanted: Loaded[ScanSettings], table: Loaded[BenchSettings], target: Pat
     watching = _Watching(
         options.method, dict(options.seeing), options.live, options.until, options.response, options.constants
     )
-    with Interrupts().caught() as interrupts, opened(table, options.scene) as open_bench:
-        request = ScanRequest(plan, wanted.settings.alarms, header, target, resume, overwrite, options.constants)
-        _acquire(request, open_bench, interrupts, watching)
+    request = ScanRequest(plan, wanted.settings.alarms, header, target, resume, overwrite, options.constants)
+    end_in_order_at_sigterm()
+    with Interrupts().caught() as interrupts, ExitStack() as shown:  # left once the bench is closed
+        with opened(table, options.scene) as open_bench:
+            taken = _acquire(request, open_bench, interrupts, watching, shown)
+        if taken is not None:
+            taken.tell(shown)
     if options.method is not None:
         _reconstruct(target, _recipe(options.method, options), overwrite)
 
@@ -166,8 +171,11 @@ class _Watching:
             start_live(scan.request.target, self.method, self.settings.get("weights"), self.response, self.constants)
 
 
-def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watching: _Watching) -> None:
-    """Checks, then scans into the target. Whatever happens, the shutter is closed before the recording is."""
+def _acquire(
+    request: ScanRequest, bench: Bench, interrupts: Interrupts, watching: _Watching, shown: ExitStack
+) -> Taken | None:
+    """Checks, then scans into the target. Whatever happens, the shutter is closed before the recording is. None where
+    nothing was left to take."""
 
     prepared = prepare(request, bench)
     plan = prepared.request.plan
@@ -194,10 +202,10 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
                 if begun.kept is not None:
                     terminal.log(f"warning: {_kept_words(begun.kept, len(begun.taken))}")
                 if writer is None:
-                    return
+                    return None
                 progress = Progress(None if plan.until_stopped else plan.most_samples, len(begun.taken))
                 control = ScanControl(lambda why: _ask(interrupts, progress, writer, why))
-                stack.push(progress)  # left last: the recording is ended before a terminal is waited for
+                shown.push(progress)
                 ending = stack.enter_context(ScanEnding(bench, writer, control, "--resume", terminal.log))
             interrupts.pauses(control, bench.settings.shutter_on != "nothing")
             watching.show(prepared)
@@ -221,22 +229,15 @@ def _acquire(request: ScanRequest, bench: Bench, interrupts: Interrupts, watchin
         if ending is None:
             raise
         if not (ending.film is not None and ending.complete and isinstance(error, KeyboardInterrupt)):
-            terminal.say_end(f"ended by a signal. {ending.safe}")
-            status = "complete" if ending.complete else "interrupted"  # by a signal after its last point
-            terminal.document.update(recording=str(request.target), status=status)
+            say_ended(request, ending)
             raise
     assert writer is not None
     assert ending is not None
     duration_s = bench.clock.now() - start_s - begun.away_s
     as_asked = not ending.complete and enough is not None and enough.reached and not interrupts.seen
     status = AS_ASKED if as_asked else "complete" if ending.complete else "interrupted"
-    _tell_taken(prepared, ending, writer.acknowledged, len(begun.taken), duration_s, status)
-    if enough is not None and enough.said:
-        terminal.result(
-            f"the picture at the last look: {enough.said}", until={"reached": enough.reached, "said": enough.said}
-        )
-    if status == "interrupted":
-        raise Stopped(ExitCode.INTERRUPTED, f"ended by Ctrl-C. {ending.safe}")
+    seen, reached = ("", False) if enough is None else (enough.said, enough.reached)
+    return Taken(prepared, ending, writer.acknowledged, len(begun.taken), duration_s, status, seen, reached)
 
 
 def _kept_words(kept: Path, taken: int) -> str:
@@ -244,27 +245,6 @@ def _kept_words(kept: Path, taken: int) -> str:
     if taken:
         return f"some of its points are damaged and are taken again; the recording as it was is kept as {kept}"
     return f"what lay there cannot be read as a recording, so the scan begins anew; it is kept as {kept}"
-
-
-def _tell_taken(
-    prepared: PreparedScan, ending: ScanEnding, points: int, before: int, duration_s: float, status: str
-) -> None:
-    """What was taken of what was planned, in which time; of a film until it is stopped, its frames."""
-    plan, forecast_s = prepared.request.plan, prepared.choice.forecast.total_s
-    planned, why = plan.most_samples, f" ({forecast_s:.1f} s predicted)"
-    predicted_s: float | None = forecast_s
-    said = f"{points} of {'at most ' if plan.budget is not None else ''}{planned} points"
-    if ending.film is not None:
-        planned, predicted_s, why, said = len(ending.film.plan), None, "", ending.film.said()
-    elif plan.until_stopped and ending.complete:
-        why = "; the recording is full, and the film ended by itself"
-    terminal.result(
-        f"{prepared.request.target}: {said} in {duration_s:.1f} s of bench time{why}",
-        recording=str(prepared.request.target), taken=points - before, points=points, planned=planned,
-        bench_s=duration_s, predicted_s=predicted_s, scheme=prepared.choice.scheme.value,
-        status=status,
-        **({} if plan.frames == 1 else {"frames": (ending.film.plan if ending.film is not None else plan).frames}),
-    )  # fmt: skip
 
 
 def _ask(interrupts: Interrupts, progress: Progress, writer: "RecordingWriter", why: str) -> bool:
