@@ -19,7 +19,7 @@ from nlos.acquisition.sample import Sample
 from nlos.configs.settings import Settings
 from nlos.drivers.bench import Bench
 from nlos.drivers.errors import SafetyTrip
-from nlos.drivers.tcspc.counter import CountRates
+from nlos.drivers.tcspc.counter import CountRates, HistogramFlag
 
 CLEARS_AT = 0.5
 """Share of the distance to the limit at which an alarm clears again."""
@@ -65,7 +65,7 @@ class AlarmSettings(Settings):
     pile_up: float = Field(default=0.05, gt=0, le=1)
     """Detector counts per laser pulse above which histograms are distorted by pile-up."""
     on_count_rate: Action = Field(default=Action.ABORT, strict=False)
-    """What pile-up does to the scan."""
+    """What pile-up, or a bin that holds no more counts, does to the scan."""
     max_dark_hz: float | None = Field(default=None, gt=0)
     """Detector rate allowed with the shutter closed, before the scan."""
     on_dark_rate: Action = Field(default=Action.ABORT, strict=False)
@@ -106,6 +106,7 @@ _ANEW = "changed, start a new recording with -o; only a scan that is the same as
 _CURES = {
     "direct": f"Fix it. With the scan file, or the constants that aim the scan, {_ANEW}",
     "aim": f"Fix it. With the constants that aim the scan {_ANEW}",
+    "full bin": f"Shorten dwell_ms (passes add up), or attenuate the light. With the scan file {_ANEW}",
 }
 """Where the cure may make the scan another one, which `--resume` refuses."""
 
@@ -199,6 +200,7 @@ class Alarms:
         trouble = (
             self._sync(histogram.sync_count / live_s, live_s)
             or self._count_rate(histogram.total_count, live_s)
+            or self._full(sample)
             or self._blank(histogram.total_count, live_s)
             or self._direct_light(sample)
         )
@@ -227,6 +229,7 @@ class Alarms:
         action = {
             "sync": self._settings.on_sync,
             "count rate": self._settings.on_count_rate,
+            "full bin": self._settings.on_count_rate,
             "dark rate": self._settings.on_dark_rate,
             "blank": self._settings.on_blank,
             "disk": self._settings.on_disk,
@@ -253,6 +256,15 @@ class Alarms:
         limit_hz = self._settings.pile_up * self._repetition_hz
         text = f"{rate_hz:.4g} counts/s are more than {self._settings.pile_up:.0%} of the laser's pulses (pile-up)"
         return self._look("count rate", rate_hz / limit_hz, text)
+
+    def _full(self, sample: Sample) -> Trouble | None:
+        """A bin that holds no more is too low, and the total with it, however modest the rate: its peak is clipped."""
+        full = bool(sample.histogram.flags & HistogramFlag.SATURATED)
+        most, live_s = int(sample.histogram.counts.max(initial=0)), sample.histogram.live_time_s
+        text = (
+            f"a bin of point {sample.point.number} is full with {most} counts after {live_s:.4g} s: shorten the dwell"
+        )
+        return self._look("full bin", 2.0 if full else 0.0, text)
 
     def _blank(self, total_count: int, live_s: float) -> Trouble | None:
         if total_count:

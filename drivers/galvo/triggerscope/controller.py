@@ -177,7 +177,6 @@ def _prove(line: SerialLine, stale: bytes) -> None:
     """
     in_step = line.in_step
     stale += _spoil(line)
-    unasked = in_step and b"!" in stale
     for attempt in range(2):
         line.write(wire.IDENTIFY)
         try:
@@ -192,7 +191,7 @@ def _prove(line: SerialLine, stale: bytes) -> None:
         raise _restarted()
     if wire.range_changed(stale):
         raise _range_changed()
-    if unasked:
+    if in_step and b"!" in stale:
         raise ProtocolError(DEVICE, f"it answered a command that nobody sent: {stale[:60]!r}.", REOPEN)
 
 

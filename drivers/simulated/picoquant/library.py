@@ -11,24 +11,19 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.drivers.simulated.bench import Exposure, Gate, SimulatedBench
+from nlos.drivers.simulated.picoquant.error_texts import TEXTS
 from nlos.drivers.simulated.t3_instrument import T3Instrument
 from nlos.drivers.tcspc.picoquant.families import FAMILIES
 
-_TEXTS = {
-    0: "ERROR_NONE", -1: "ERROR_DEVICE_OPEN_FAIL", -2: "ERROR_DEVICE_BUSY", -10: "ERROR_DEVICE_NOT_OPEN",
-    -11: "ERROR_DEVICE_LOCKED", -16: "ERROR_INSTANCE_RUNNING", -17: "ERROR_INVALID_ARGUMENT", -18: "ERROR_INVALID_MODE",
-    -20: "ERROR_INVALID_MEMORY",
-    -22: "ERROR_NOT_INITIALIZED", -23: "ERROR_NOT_CALIBRATED", -28: "ERROR_FIFORESET_FAIL", -36: "ERROR_USB_VCMD_FAIL",
-    -37: "ERROR_USB_BULKRD_FAIL",
-}  # fmt: skip
 _NIM_MV = 800
 """Laser sync and detector send negative pulses of this height, unless a rising edge is waited for:"""
 _ATTENUATED_TTL_MV = 500
 """then 5 V behind an attenuator of 20 dB, as a MultiHarp's inputs need it."""
 _TEXT_BYTES = {"GetLibraryVersion": 8, "GetErrorString": 40, "OpenDevice": 32, "GetSerialNumber": 32}
 """How much a call may write to its first string, whatever the caller reserved (the vendor's demo)."""
-_BASE_PS = {"PH": 4.0, "HH": 1.0, "MH": 5.0}
-_T3 = 3
+_RATES_VALID_S = {"PH": 0.1, "HH": 0.4, "MH": 0.15}
+"""After Initialize or SetSyncDiv, by the demo programs of PHLib 3, HHLib 3 and MHLib 3."""
+_BASE_PS, _T3 = {"PH": 4.0, "HH": 1.0, "MH": 5.0}, 3
 _BEFORE_OPEN = frozenset(("GetLibraryVersion", "GetErrorString", "OpenDevice", "CloseDevice"))
 _BEFORE_INITIALIZE = frozenset(("Initialize", "GetSerialNumber"))
 
@@ -64,7 +59,7 @@ class PicoquantLibrary:
         self._binning = self._offset = 0
         self._length = self._family.fixed_bins or 65536
         self._exposure: Exposure | None = None
-        self._started_s = self._ends_s = 0.0
+        self._set_up_s = self._started_s = self._ends_s = 0.0
         self._running = False
         self._sticky_flags = 0
         self._pulses = True
@@ -107,7 +102,7 @@ class PicoquantLibrary:
         return 0
 
     def _GetErrorString(self, text: Any, code: int) -> int:
-        text.value = f"{self._family.prefix}_{_TEXTS.get(code, f'ERROR_{-code}')}".encode()
+        text.value = f"{self._family.prefix}_{TEXTS.get(code, f'ERROR_{-code}')}".encode()
         return 0
 
     def _OpenDevice(self, index: int, serial: Any) -> int:
@@ -129,6 +124,7 @@ class PicoquantLibrary:
         if mode not in (0, 2, _T3) or reference not in (0, 1):
             return -17
         self._mode, self._calibrated = mode, not self._family.constant_fraction
+        self._set_up_s = self._bench.clock.now()
         return 0
 
     def _Calibrate(self) -> int:
@@ -151,6 +147,7 @@ class PicoquantLibrary:
     # Setting
 
     def _SetSyncDiv(self, divider: int) -> int:
+        self._set_up_s = self._bench.clock.now()
         return 0 if divider in self._family.sync_dividers else -17
 
     def _accept(self, *_: Any) -> int:
@@ -219,7 +216,7 @@ class PicoquantLibrary:
 
     def _ClearHistMem(self, block: int = 0) -> int:
         self._exposure = None
-        return 0 if self._mode == 0 else -18
+        return -18 if self._mode else 0
 
     def _StartMeas(self, milliseconds: int) -> int:
         if self._running:
@@ -254,14 +251,14 @@ class PicoquantLibrary:
         _write(elapsed_ms, round((until_s - self._started_s) * 1e3, 6))
         return 0
 
-    def _GetHistogram(self, counts: Any, *_: int) -> int:
+    def _GetHistogram(self, counts: Any, block_or_channel: int, *_: int) -> int:
         if self._mode != 0:
             return -18
         if self._running:
             return -16
         target: npt.NDArray[np.uint32] = np.frombuffer(counts, np.uint32)
         target[:] = 0
-        if self._exposure is not None and self._detector_crossed:
+        if self._exposure is not None and self._detector_crossed and block_or_channel == 0:
             target[: self._length] = np.minimum(self._exposure.counts, self._family.largest_count)
         return 0
 
@@ -286,12 +283,18 @@ class PicoquantLibrary:
         return 0
 
     def _GetSyncRate(self, rate: Any) -> int:
-        _write(rate, round(self._repetition_hz) if self._sync_crossed and self._pulses else 0)
+        _write(rate, round(self._repetition_hz) if self._sync_crossed and self._pulses and self._counted else 0)
         return 0
 
     def _GetCountRate(self, channel: int, rate: Any) -> int:
         if self._family.prefix == "PH" and channel == 0:
             return self._GetSyncRate(rate)
         seen = self._bench.expose(Gate(self._bench.clock.now(), 0.1, 1024, self._bin_width_s, 0.0, kept=False))
-        _write(rate, round(seen.total_count / seen.live_s) if self._detector_crossed else 0)
+        wired = channel == (1 if self._family.prefix == "PH" else 0)
+        _write(rate, round(seen.total_count / seen.live_s) if wired and self._detector_crossed and self._counted else 0)
         return 0
+
+    @property
+    def _counted(self) -> bool:
+        """Whether the rate meters have, since the inputs were set up."""
+        return self._bench.clock.now() >= self._set_up_s + _RATES_VALID_S[self._family.prefix]

@@ -54,6 +54,8 @@ class Family:
     marker_input_most_v: float | None
     """Above it the inputs take damage; None: 5 V TTL."""
     most_zero_cross_mv: int = 40
+    rates_valid_s: float = 0.2
+    """After the inputs were set up; until then rate meters hold nothing (the demo programs: 100, 400, 150 ms)."""
 
 
 FAMILIES: dict[str, Family] = {
@@ -65,7 +67,7 @@ FAMILIES: dict[str, Family] = {
     "hydraharp400": Family(
         "HydraHarp 400", "HH", "libhh400.so", "hhlib64.dll", "HydraHarp software and HHLib, version 3", ("3",),
         GENERIC, None, 0, 26, (1, 2, 4, 8, 16), 1e-9, 500_000, 131_072, True, 524_296, 2**32 - 1,
-        0x0002, 0x0001, 0x0004, 0x0010, 0, True, 100, (0, 1000), False, None,
+        0x0002, 0x0001, 0x0004, 0x0010, 0, True, 100, (0, 1000), False, None, rates_valid_s=0.5,
     ),
     "multiharp150": Family(
         "MultiHarp 150", "MH", "libmh150.so", "mhlib64.dll", "MultiHarp software and MHLib, version 3 or 4",

@@ -31,7 +31,6 @@ from nlos.drivers.tcspc.unwatched import UnwatchedCounter
 from nlos.drivers.tcspc.watched_sleep import sleep_until
 
 MODE_HISTOGRAM, MODE_T3 = 0, 3
-_RATES_SETTLE_S = 0.2
 _POLL_S = 0.002
 _SYNC_LOOK_S = 0.1
 """How often it is asked how many laser pulses come: it counts for as long."""
@@ -63,7 +62,7 @@ class Picoquant(UnwatchedCounter):
         library.call("GetHardwareInfo", model, part, version)
         named = (each.value.decode("ascii", "replace") for each in (model, version))
         self.identity = DeviceIdentity(settings.model, "PicoQuant", next(named), serial, next(named))
-        self._clock.sleep(_RATES_SETTLE_S)
+        self._clock.sleep(self._family.rates_valid_s)
         self._axis: HistogramAxis | None = None
         self._codes: AxisCodes | None = None
         self._dwells_s: Sequence[float] = ()

@@ -72,9 +72,12 @@ def decode_record(record: memoryview, number: int, axis: HistogramAxis, wide: bo
         raise ValueError(f"record has unknown flags {head.flags:#06x}")
     counts = np.frombuffer(record, "<u4" if wide else "<u2", axis.bins, HEADER_BYTES).astype(np.uint32)
     counts.flags.writeable = False
+    flags = HistogramFlag(head.flags)
+    if counts.max(initial=0) == (0xFFFFFFFF if wide else 0xFFFF):  # whatever the instrument says of it
+        flags |= HistogramFlag.SATURATED
     return Histogram(
         counts, axis.bin_width_s, axis.offset_s, head.live_us * 1e-6, head.sync_count, head.total_count,
-        HistogramFlag(head.flags), head.opened_ns * 1e-9,
+        flags, head.opened_ns * 1e-9,
     )  # fmt: skip
 
 

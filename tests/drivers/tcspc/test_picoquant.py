@@ -514,3 +514,22 @@ def test_a_laser_that_changes_its_rate_shows_in_the_points_that_follow(
     pulses = [each.sync_count / each.live_time_s for each in one_by_one(counter, 40)]
     assert pulses[0] == pytest.approx(10e6, rel=1e-3)
     assert pulses[-1] == pytest.approx(5e6, rel=1e-3)
+
+
+@pytest.mark.parametrize("device", FAMILIES)
+@pytest.mark.parametrize("mode", ["histogram", "t3"])
+def test_rates_are_asked_for_once_the_instrument_has_counted(device: str, mode: str) -> None:
+    """A HydraHarp's meters hold nothing for 400 ms: a scan that began at once was told that there is no laser."""
+    counter, _ = opened(device, mode=mode)
+    assert counter.rates().sync_hz == 10e6
+    assert one_by_one(counter, 1)[0].sync_count == 80_000
+
+
+@pytest.mark.parametrize("device", ["hydraharp400", "multiharp150"])
+@pytest.mark.parametrize("mode", ["histogram", "t3"])
+def test_an_input_that_no_detector_is_wired_to_counts_nothing(device: str, mode: str) -> None:
+    counter, _ = opened(device, mode=mode, input=2)
+    assert counter.rates().detector_hz == 0
+    taken = one_by_one(counter)
+    assert [each.total_count for each in taken] == [0] * 3
+    assert not any(each.counts.any() for each in taken)

@@ -1,0 +1,9 @@
+"""What PicoQuant's libraries call their error codes, without the prefix of the family."""
+
+TEXTS = {
+    0: "ERROR_NONE", -1: "ERROR_DEVICE_OPEN_FAIL", -2: "ERROR_DEVICE_BUSY", -10: "ERROR_DEVICE_NOT_OPEN",
+    -11: "ERROR_DEVICE_LOCKED", -16: "ERROR_INSTANCE_RUNNING", -17: "ERROR_INVALID_ARGUMENT", -18: "ERROR_INVALID_MODE",
+    -20: "ERROR_INVALID_MEMORY",
+    -22: "ERROR_NOT_INITIALIZED", -23: "ERROR_NOT_CALIBRATED", -28: "ERROR_FIFORESET_FAIL", -36: "ERROR_USB_VCMD_FAIL",
+    -37: "ERROR_USB_BULKRD_FAIL",
+}  # fmt: skip
