@@ -51,7 +51,7 @@ def write_ytal(scan: ScanArrays, path: Path) -> list[str]:
         file["t_start"] = (scan.time.start_s - delay_s) * SPEED_OF_LIGHT_M_PER_S
         file["t_accounts_first_and_last_bounces"] = scan.scanner is not None
         file["scene_info"] = json.dumps(_said(scan))  # which is YAML as well
-    left = ["exposure per point has no place in y-tal's format"]
+    left: list[str] = []
     if scan.scanner is not None:
         x_m, y_m, z_m = scan.scanner.position_m
         left.append(f"the scanner is at ({x_m:.3f}, {y_m:.3f}, {z_m:.3f}) m by the times of direct light")
@@ -62,8 +62,10 @@ def write_ytal(scan: ScanArrays, path: Path) -> list[str]:
 
 
 def _said(scan: ScanArrays) -> dict[str, object]:
-    """What y-tal's own fields do not say, in the place that it leaves for anything."""
+    """What y-tal's own fields do not say, in the place that it leaves for anything; `exposure_us` indexed [x, y]. In
+    microseconds no dwell is written as 1e-05, which YAML takes for text."""
     said: dict[str, object] = {"original_format": "nlos", "rectified": scan.rectified, "wall_known": scan.wall_known}
+    said["exposure_us"] = (1e6 * scan.exposure_s[::-1].T).round(6).tolist()
     if scan.falloff is not None:
         said["falloff_exponent_authors"] = scan.falloff
     if scan.direct_cut_bins:

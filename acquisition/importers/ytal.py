@@ -5,13 +5,13 @@ Time is in metres of optical path; where the paths to and from the scanner are i
 time offsets. Formats: y-tal 0.20 `tal.io`, Galindo et al., "A dataset for benchmarking time-resolved NLOS imaging".
 """
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 import numpy.typing as npt
+import yaml
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.imported import ImportedScan
@@ -46,7 +46,10 @@ def read_ytal(path: Path) -> ImportedScan:
         ours = _said_by_ourselves(file)
     _check_time(path, delta_m, start_m)
     if kind == _T_SX_SY and sensors.shape == lasers.shape and np.allclose(sensors, lasers, atol=1e-4):
-        capture = _Capture("y-tal HDF5", counts, sensors, origins if legs else None, delta_m, start_m, hints=hints)
+        exposure_s = _exposure_s(ours, sensors)
+        capture = _Capture(
+            "y-tal HDF5", counts, sensors, origins if legs else None, delta_m, start_m, exposure_s, hints=hints
+        )
         return _as_exported(_upright(path, capture), ours)
     _check_geometry(path, counts, lasers, sensors)
     ways = [
@@ -68,14 +71,30 @@ def read_ytal(path: Path) -> ImportedScan:
 
 
 def _said_by_ourselves(file: h5py.File) -> dict[str, object]:
-    """What `nlos export` put beside the capture; empty for everybody else's."""
+    """What `nlos export` put beside the capture, as JSON or, once y-tal has written it again, as YAML; empty for
+    everybody else's."""
     stored = find_dataset(file, "scene_info")
     text = stored[()] if stored is not None and stored.shape == () else b""
+    if not isinstance(text, bytes) or b"original_format" not in text:
+        return {}
     try:
-        said = json.loads(text) if isinstance(text, bytes | str) else None
-    except ValueError:
+        said = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except (yaml.YAMLError, ValueError, RecursionError):
         return {}
     return said if isinstance(said, dict) and said.get("original_format") == "nlos" else {}
+
+
+def _exposure_s(ours: dict[str, object], grid: Array) -> Array | None:
+    """Seconds per point [x, y] as exported; None where nobody says so, and where points were taken away, added up or
+    turned round since: whose exposure is whose is then not known."""
+    told, (corner, opposite) = ours.get("exposure_us"), (grid[0, 0], grid[-1, -1])
+    try:
+        exposure_us = np.asarray(told, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None
+    if exposure_us.shape != grid.shape[:2] or not (corner[:2] < opposite[:2]).all():
+        return None
+    return exposure_us * 1e-6
 
 
 def _as_exported(scan: ImportedScan, ours: dict[str, object]) -> ImportedScan:
@@ -229,7 +248,9 @@ def _upright(path: Path, capture: _Capture) -> ImportedScan:
     rectified = bool((np.abs(offsets) < 1e-6).all())
     only_offsets = not rectified and direct_is_missing(counts, offsets)
     found = (*capture.notes, *faces, *([SAID] if only_offsets else []))
-    notes = ("exposure is not stored; assuming 1 s per point", "scene description and normals are not imported")
+    notes = ["scene description and normals are not imported"]
+    if capture.exposure_s is None:
+        notes.insert(0, "exposure is not stored; assuming 1 s per point")
     return ImportedScan(
         transient,
         capture.name,

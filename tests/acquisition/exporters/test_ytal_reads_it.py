@@ -10,6 +10,7 @@ import pytest
 from nlos.__main__ import run as cli
 from nlos.acquisition.exporters.scan_arrays import ScanArrays
 from nlos.acquisition.exporters.ytal import write_ytal
+from nlos.acquisition.importers.ytal import read_ytal
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis
 from nlos.acquisition.wall import WallGrid
 
@@ -24,10 +25,20 @@ for old, new in {"bool8": "bool_", "object0": "object_", "int0": "intp", "uint0"
         setattr(np, old, getattr(np, new))
 """
 READ = """
-from tal.io import read_capture
+from tal.io import read_capture, write_capture
 capture = read_capture(sys.argv[1])
 np.savez(sys.argv[2], H=capture.H, grid=capture.sensor_grid_xyz, delta_t=capture.delta_t, t_start=capture.t_start,
          confocal=capture.is_confocal(), kind=capture.H_format.name)
+write_capture(sys.argv[3] + "/again.hdf5", capture)
+for name in ("laser", "sensor"):
+    for what in ("xyz", "normals"):
+        setattr(capture, f"{name}_grid_{what}", getattr(capture, f"{name}_grid_{what}")[::-1])
+write_capture(sys.argv[3] + "/turned.hdf5", capture)  # whose scene_info nobody turned
+for name in ("laser", "sensor"):
+    for what in ("xyz", "normals"):
+        setattr(capture, f"{name}_grid_{what}", getattr(capture, f"{name}_grid_{what}")[:, :2])
+capture.H = capture.H[:, :, :2]
+write_capture(sys.argv[3] + "/cut.hdf5", capture)
 """
 
 # Its back-projection with its phasor-field filter, every second point, around either letter of the demo's scene.
@@ -78,9 +89,11 @@ def test_its_solver_finds_the_letters_of_the_demo_at_their_depths(tmp_path: Path
 def test_ytal_reads_the_export(tmp_path: Path) -> None:
     wall = WallGrid(1.2, 0.9, 4, 3)
     counts = np.random.default_rng(1).poisson(3.0, (4, 3, 50)).astype(np.uint32)
-    scan = ScanArrays(counts, np.ones((4, 3)), wall.x_m(), wall.y_m(), wall, TimeAxis(50, 32e-12, 2e-9))
-    write_ytal(scan, tmp_path / "scan.hdf5")
-    of_ytal(READ, str(tmp_path / "scan.hdf5"), str(tmp_path / "read.npz"))
+    exposure_s = np.random.default_rng(2).uniform(1e-7, 1e-2, (4, 3))
+    exposure_s[1, 2] = 0.0
+    scan = ScanArrays(counts, exposure_s, wall.x_m(), wall.y_m(), wall, TimeAxis(50, 32e-12, 2e-9), falloff=2)
+    assert not any("exposure" in left for left in write_ytal(scan, tmp_path / "scan.hdf5"))
+    of_ytal(READ, str(tmp_path / "scan.hdf5"), str(tmp_path / "read.npz"), str(tmp_path))
     read = np.load(tmp_path / "read.npz")
     assert bool(read["confocal"])
     assert str(read["kind"]) == "T_Sx_Sy"
@@ -89,3 +102,12 @@ def test_ytal_reads_the_export(tmp_path: Path) -> None:
     top_left = read["H"][:, 0, -1]
     assert np.array_equal(top_left, counts[0, 0])
     assert tuple(read["grid"][0, -1]) == (wall.x_m()[0], wall.y_m()[0], 0.0)
+    for name in ("scan", "again"):  # as exported, and as y-tal has written it again
+        back = read_ytal(tmp_path / f"{name}.hdf5")
+        assert np.allclose(back.held.exposure_s, exposure_s, atol=1e-12)
+        assert (back.rectified, back.falloff) == (False, 2)
+    for name in ("turned", "cut"):  # nobody knows then which exposure is whose
+        back = read_ytal(tmp_path / f"{name}.hdf5")
+        assert (back.held.exposure_s == 1).all()
+        assert any("assuming 1 s" in note for note in back.notes)
+        assert (back.rectified, back.falloff) == (False, 2)
