@@ -1,11 +1,13 @@
 """What can be wrong with raw counts and with constants; every message names the point, the reason and the way out."""
 
+from nlos.acquisition import errors
+
 
 class CalibrationError(ValueError):
     """Anything that calibration refuses to do."""
 
 
-class InvalidData(CalibrationError):
+class InvalidData(CalibrationError, errors.InvalidData):
     """Counts or constants that no correction may be computed from. Nothing was changed, nothing was written."""
 
 

@@ -1,12 +1,13 @@
 """What can go wrong between counts and a picture: the data, the settings, or the reconstruction."""
 
+from nlos.acquisition.errors import InvalidData
+
+__all__ = ["InvalidData", "InvalidSettings", "NoLight", "ReconError", "ReconstructionFailed"]
+# `InvalidData` is the one of files and arrays, and calibration's derives from it: whoever catches it has them all.
+
 
 class ReconError(Exception):
-    """Base of all."""
-
-
-class InvalidData(ReconError):
-    """The data cannot be reconstructed by anyone: not finite, negative, empty, or not of the shape they claim."""
+    """Base of what a method or its settings are to blame for."""
 
 
 class ReconstructionFailed(ReconError):

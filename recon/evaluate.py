@@ -267,7 +267,7 @@ def _run(
     forget_peak()
     try:
         done = reconstruct(transient, one.method, settings, device)
-    except ReconError as error:
+    except (InvalidData, ReconError) as error:
         raise type(error)(f"{scene.name}, {condition}, {one.name}: {error}") from error
     told, nan = done.explained, float("nan")
     row = Row(

@@ -69,7 +69,7 @@ def explained_light(
                 raise InvalidData("too few photons to hold some out")
         try:
             seen = see(parts.seen)
-        except ReconError as error:
+        except (InvalidData, ReconError) as error:
             raise ReconstructionFailed(f"no picture of a part of the scan: {error}") from error
         return parts, _judge(parts, *seen, falloffs), _is_near(*seen, scan.wall)
 
@@ -81,7 +81,7 @@ def explained_light(
         if (near or told.note in (UNSEEN, APART)) and thinned is not transient:
             again = judged(transient)
             parts, told = (parts, told) if again[1].note else again[:2]
-    except ReconError as error:
+    except (InvalidData, ReconError) as error:
         return Explained(None, None, str(error), clock.perf_counter() - began)
 
     def with_wall(scale: float) -> Judged | None:
@@ -90,7 +90,7 @@ def explained_light(
         seen = replace(parts.seen, wall=wall)
         try:
             other = _judge(replace(parts, seen=seen), *see(seen), falloffs)
-        except ReconError:
+        except (InvalidData, ReconError):
             return None
         return None if other.note in (UNSEEN, APART) else other
 

@@ -25,6 +25,7 @@ from nlos.drivers.exit_paths import undisturbed
 from nlos.drivers.trip_latch import TripLatch
 from nlos.live.looks import catch_up
 from nlos.live.where_next import WhereNext
+from nlos.python_words import said_in_python
 from nlos.run_defaults import notes_for
 from nlos.scan_ending import ScanEnding
 from nlos.scan_preparation import PreparedScan, ScanRequest, prepare
@@ -42,6 +43,7 @@ def open_bench(bench: str | Path = "simulated") -> Iterator[Bench]:
         yield opened
 
 
+@said_in_python()
 def scan(
     scan: str | Path | ScanPlan,
     bench: Bench,

@@ -67,10 +67,12 @@ def scan_from_arrays(
                       rectified_assumed=assumed)  # fmt: skip
 
 
-def said_of_file(wall: Size | None, bin_width: float | None, axes: str | None, rectified: bool | None) -> Given:
+def said_of_file(
+    wall: Size | None, bin_width: float | None, axes: str | None, rectified: bool | None, detector: int | None = None
+) -> Given:
     """What the words for arrays say about a file, as the options of the command line do. Raises `InvalidData`."""
     wall_m = None if wall is None else _sides(wall)
-    return Given(wall_m, None if bin_width is None else _bin_width(bin_width), axes, rectified)
+    return Given(wall_m, None if bin_width is None else _bin_width(bin_width), axes, rectified, detector)
 
 
 def whether_rectified(said: object) -> bool | None:

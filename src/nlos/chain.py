@@ -236,19 +236,21 @@ def reconstruct_scan(
     scan: LoadedScan,
     recipe: Recipe,
     *,
-    use_file_offsets: bool = False,
     stage: Callable[[str], None] = lambda name: None,
     whole: LoadedScan | None = None,
 ) -> "Reconstruction":
     """A scan calibrated and reconstructed, a frame by the direct light of the `whole` one; the falloff that its file
     states is used unless the settings say another."""
     chosen = dict(recipe.settings)
+    offsets = chosen.pop("offsets", None)
+    if offsets not in (None, "file"):
+        raise InvalidSettings(f"offsets={offsets}: only `offsets=file` is known")
     if scan.falloff is not None and "falloff" in find(recipe.method).Settings.model_fields:
         chosen.setdefault("falloff", scan.falloff)
     stage("calibrating")
     known = constants_for(scan, recipe.constants)
     arrivals = None if whole is None else arrivals_of(whole, known)
-    transient = with_response(calibrate_scan(scan, use_file_offsets, known, arrivals), recipe.response)
+    transient = with_response(calibrate_scan(scan, offsets == "file", known, arrivals), recipe.response)
     say_response(transient)
     if unlike := _unlike_trained(chosen.get("weights"), transient, scan.falloff):
         log.warning("%s", unlike)
@@ -282,12 +284,7 @@ def reconstruct_file(
     stage(FIRST_STAGE)
     frames = None if frame is None else range(frame, frame + 1)
     scan, whole = load_scan(run, given, frames), None if frame is None else load_scan(run, given)
-    chosen = dict(recipe.settings)
-    offsets = chosen.pop("offsets", None)
-    if offsets not in (None, "file"):
-        raise InvalidSettings(f"offsets={offsets}: only `offsets=file` is known")
-    limited = replace(recipe, settings=chosen).limited_to(results.depth_m)
-    result = reconstruct_scan(scan, limited, use_file_offsets=offsets == "file", stage=stage, whole=whole)
+    result = reconstruct_scan(scan, recipe.limited_to(results.depth_m), stage=stage, whole=whole)
     if results.depth_m is not None:
         result = within_depths(result, *results.depth_m)
     result = replace(result, scan=run.name, frame=frame)

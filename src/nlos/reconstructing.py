@@ -10,6 +10,7 @@ from nlos.array_scan import Size, scan_from_arrays, whether_rectified
 from nlos.chain import reconstruct_scan
 from nlos.loaded import said_rectified
 from nlos.picture import Picture
+from nlos.python_words import said_in_python
 from nlos.recipe import FARTHEST_M, Recipe
 from nlos.recon.depth_range import within_depths
 from nlos.recon.device import check_device
@@ -20,6 +21,7 @@ from nlos.scan_data import Scan, load
 ResponseSaid = str | float | Path | tuple[npt.ArrayLike, float]
 
 
+@said_in_python()
 def reconstruct(
     scan: Scan | str | Path | npt.ArrayLike,
     method: str | None = None,

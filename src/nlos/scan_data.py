@@ -10,6 +10,7 @@ from nlos.acquisition.transient import Transient
 from nlos.array_scan import Size, said_of_file, whether_rectified
 from nlos.chain import arrivals_of, calibrate_scan, constants_for
 from nlos.loaded import LoadedScan, load_scan
+from nlos.python_words import said_in_python
 
 Floats = npt.NDArray[np.float64]
 
@@ -74,6 +75,7 @@ class Scan:
         """The light's falloff as the file states it: 4 diffuse, 2 retroreflective; None where it does not."""
         return self.loaded.falloff
 
+    @said_in_python()
     def calibrated(self, constants: str | Path | None = None) -> Transient:
         """The transient that methods see, counts (T, H, W): time 0 at the wall, direct light removed.
 
@@ -100,6 +102,7 @@ class Scan:
         return png(scan_figure(self.loaded.transient))
 
 
+@said_in_python()
 def load(
     path: str | Path,
     frame: int | None = None,
@@ -108,15 +111,17 @@ def load(
     bin_width: float | None = None,
     axes: str | None = None,
     rectified: bool | np.bool_ | None = None,
+    detector: int | None = None,
 ) -> Scan:
     """A scan from one of our recordings or any format of `nlos import`; of several frames all added up, or `frame`
     alone, aligned by the direct light of all.
 
     What a file does not say, or not rightly: `wall` its side or (width, height) in metres, `bin_width` in seconds,
-    `axes` the order of its histograms' axes ("TYX"), `rectified` whether time 0 is the wall and direct light is gone.
+    `axes` the order of its histograms' axes ("TYX"), `rectified` whether time 0 is the wall and direct light is gone;
+    `detector`: photons of this one alone, by the file's own number for it.
     Raises `FileNotFoundError`, and `InvalidData` naming file, place and reason.
     """
-    file, given = Path(path), said_of_file(wall, bin_width, axes, whether_rectified(rectified))
+    file, given = Path(path), said_of_file(wall, bin_width, axes, whether_rectified(rectified), detector)
     if frame is None:
         return Scan(load_scan(file, given), file.name)
     return Scan(load_scan(file, given, range(frame, frame + 1)), file.name, load_scan(file, given))

@@ -50,7 +50,6 @@ class Stopped(Exception):
 def exit_code(error: BaseException) -> ExitCode:
     """The number for an error. What no room foresaw is a bug."""
     import nlos.acquisition.errors
-    import nlos.calibration.errors
     import nlos.drivers.errors
     import nlos.recon.errors
     from nlos.configs.load import ConfigError
@@ -72,10 +71,7 @@ def exit_code(error: BaseException) -> ExitCode:
         ((nlos.drivers.errors.DeviceTimeout, TimeoutError), ExitCode.DEADLINE),
         (nlos.drivers.errors.DeviceError, ExitCode.DEVICE),
         ((nlos.acquisition.errors.StorageError, FileExistsError), ExitCode.STORAGE),
-        (
-            (nlos.acquisition.errors.InvalidData, nlos.calibration.errors.InvalidData, nlos.recon.errors.InvalidData),
-            ExitCode.DATA,
-        ),
+        (nlos.acquisition.errors.InvalidData, ExitCode.DATA),
         ((nlos.recon.errors.ReconstructionFailed, MemoryError), ExitCode.RECONSTRUCTION),
     ]
     if isinstance(error, Stopped):

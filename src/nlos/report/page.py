@@ -58,8 +58,8 @@ def _one(
         said = scan_part(recording)
     made: list[Reconstruction] = []
     quality = calibration = trouble = ""
+    scan = load_scan(run)
     try:
-        scan = load_scan(run)
         transient, quality, calibration = calibrated(scan, constants_for(scan, None))
         for method in methods:
             terminal.log(f"{run}: {method}")
@@ -67,7 +67,7 @@ def _one(
             if scan.falloff is not None and knows_falloff[method]:
                 settings["falloff"] = scan.falloff
             made.append(replace(reconstruct(transient, method, settings, elsewhere=True), scan=run.name))
-    except (CalibrationError, ReconError) as error:
+    except (CalibrationError, InvalidData, ReconError) as error:
         terminal.log(f"{run}: no picture: {error}", -1)
         trouble = f"<h2>No picture</h2><p>{escape(str(error))}</p>"
     title = f"<h1>{escape(run.name)}</h1>"
