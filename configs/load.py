@@ -103,7 +103,8 @@ def _read(text: str, name: str) -> tuple[Any, dict[Place, yaml.Mark]]:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         at = f"{mark.line + 1}:{mark.column + 1}" if mark else "1:1"
-        raise ConfigError(f"{name}:{at}: not valid YAML: {error.problem or error.context}") from error
+        tab = " Lines are indented by spaces." if "'\\t'" in str(error.problem) else ""
+        raise ConfigError(f"{name}:{at}: not valid YAML: {error.problem or error.context}.{tab}") from error
     except yaml.YAMLError as error:
         raise ConfigError(f"{name}:1:1: not valid YAML: {' '.join(str(error).split())}") from error
     if node is None:
@@ -194,9 +195,16 @@ def _explain(error: dict[str, Any], data: Any, places: dict[Place, yaml.Mark], n
             message = f"must be one of {', '.join(words)} (given {tag!r}).{_did_you_mean(tag, words)}"
             return f"{name}:{mark.line + 1}:{mark.column + 1}: {_dotted(place)}: {message}"
     hint = ""
-    if isinstance(given, str):
+    if isinstance(given, bool):
+        words = "yes, on and true" if given else "no, off and false"
+        hint = f" YAML takes {words} for {given}; a word of these letters is put in quotes."
+    elif isinstance(given, str):
         if _is_number(given):
             hint = f" YAML reads {given} as text; write it with a dot and a signed exponent, as {_as_yaml(given)}."
+            if isinstance(yaml.safe_load(given), int | float):
+                hint = " It is in quotes; leave them out."
+        elif re.fullmatch(r"[-+]?[0-9]+,[0-9]+", given):
+            hint = f" Decimals follow a dot: {given.replace(',', '.')}."
         elif "expected" in error.get("ctx", {}):
             hint = _did_you_mean(given, [word.strip("' ") for word in str(error["ctx"]["expected"]).split(" or ")])
     return f"{name}:{mark.line + 1}:{mark.column + 1}: {key}: {message} (given {_shown(given)}).{hint}"

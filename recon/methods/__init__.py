@@ -63,7 +63,7 @@ def find(name: str) -> Method:
         )
     if name not in own:
         known = catalogue()
-        near = difflib.get_close_matches(name, known, n=1)
+        near = difflib.get_close_matches(name.lower(), known, n=1)
         raise InvalidSettings(
             f"there is no method '{name}'; " + (f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}")
         )

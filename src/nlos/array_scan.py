@@ -165,7 +165,8 @@ def _refuse_bad(counts: npt.NDArray[Any]) -> None:
         place = tuple(int(i) for i in np.argwhere(bad)[0])
         raise InvalidData(
             f"histograms{list(place)} is {counts[place]:g}: {what} ({int(bad.sum())} of {bad.size} values). "
-            "Set a point that was not measured to 0 and say so by exposure=... (0 there)."
+            + ("Was background subtracted? Give what was counted. " if what == "negative" else "")
+            + "Set a point that was not measured to 0 and say so by exposure=... (0 there)."
         )
 
 

@@ -250,14 +250,25 @@ def reconstruct_scan(
     stage("calibrating")
     known = constants_for(scan, recipe.constants)
     arrivals = None if whole is None else arrivals_of(whole, known)
-    transient = with_response(calibrate_scan(scan, offsets == "file", known, arrivals), recipe.response)
+    transient = calibrate_scan(scan, offsets == "file", known, arrivals)
+    with _or_rectified(scan):
+        made = reconstruct_transient(transient, replace(recipe, settings=chosen), scan.falloff, stage)
+    return replace(made, left_aside=scan.left_aside)
+
+
+def reconstruct_transient(
+    transient: "Transient",
+    recipe: Recipe,
+    falloff: float | None = None,
+    stage: Callable[[str], None] = lambda name: None,
+) -> "Reconstruction":
+    """What is calibrated already, time 0 at the wall, reconstructed. `falloff`: as the scan's file states it."""
+    transient = with_response(transient, recipe.response)
     say_response(transient)
-    if unlike := _unlike_trained(chosen.get("weights"), transient, scan.falloff):
+    if unlike := _unlike_trained(recipe.settings.get("weights"), transient, falloff):
         log.warning("%s", unlike)
     stage(f"{recipe.method} on {transient.wall.rows} x {transient.wall.cols} x {transient.time.bins}")
-    with _or_rectified(scan):
-        made = reconstruct(transient, recipe.method, chosen, recipe.device, elsewhere=True)
-    return replace(made, left_aside=scan.left_aside)
+    return reconstruct(transient, recipe.method, recipe.settings, recipe.device, elsewhere=True)
 
 
 def _unlike_trained(weights: object, transient: "Transient", falloff: float | None) -> str:

@@ -8,10 +8,12 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
+from nlos.python_words import said_in_python
 from nlos.recon.pictures import summary_figure
 from nlos.recon.png import write_png
 from nlos.recon.results import write_results
 from nlos.recon.volume import Reconstruction, response_words
+from nlos.writable import check_writable
 
 if TYPE_CHECKING:
     import xarray
@@ -111,16 +113,15 @@ class Picture:
         summary_figure(self.reconstruction, figure)
         plt.show()
 
+    @said_in_python()
     def save(self, folder: str | Path, *, overwrite: bool = False) -> list[Path]:
         """Writes reconstruction.h5, albedo.png, depth.png and slices.png; returns the paths.
 
-        Raises `FileExistsError` unless `overwrite`, before anything is written.
+        Raises `FileExistsError` unless `overwrite`, before anything is written, also where `folder` is a file, and
+        `PermissionError` where nothing can be written.
         """
-        try:
-            return write_results(Path(folder), self.reconstruction, overwrite=overwrite)
-        except FileExistsError as error:
-            said = str(error).replace("use --overwrite", "pass overwrite=True")
-            raise FileExistsError(said) from None
+        check_writable(Path(folder))
+        return write_results(Path(folder), self.reconstruction, overwrite=overwrite)
 
     def to_xarray(self) -> "xarray.Dataset":
         """The arrays with named axes (z, y, x) in metres. Needs the package xarray."""

@@ -25,6 +25,8 @@ _WORDS = [
         (r"--set offsets=file\b", "offsets='file'"),
         (r"--set (\w+=)", r"\1"),
         (r"with --set\b", "with keyword arguments"),
+        (r" with -o\b", ""),
+        (r"\buse (--overwrite)\b", r"pass \1"),
         (r"--(?:resume|overwrite|no-shutter)\b", lambda found: f"{_argument(found)}=True"),
         (r"--wall-size-m\b", "wall"),
         (r"--bin-width-ps\b", "bin_width"),

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from nlos.acquisition.transient import Transient
 from nlos.array_scan import Size, scan_from_arrays, whether_rectified
-from nlos.chain import reconstruct_scan
+from nlos.chain import reconstruct_scan, reconstruct_transient
 from nlos.loaded import said_rectified
 from nlos.picture import Picture
 from nlos.python_words import said_in_python
@@ -23,7 +24,7 @@ ResponseSaid = str | float | Path | tuple[npt.ArrayLike, float]
 
 @said_in_python()
 def reconstruct(
-    scan: Scan | str | Path | npt.ArrayLike,
+    scan: Scan | Transient | str | Path | npt.ArrayLike,
     method: str | None = None,
     *,
     weights: str | Path | None = None,
@@ -39,7 +40,8 @@ def reconstruct(
     device: str = "cpu",
     **settings: object,
 ) -> Picture:
-    """What is behind the corner: from a `Scan`, a file, or histograms [H, W, T] ([N, T] with `points=(x_m, y_m)`).
+    """What is behind the corner: from a `Scan`, a file, or histograms [H, W, T] ([N, T] with `points=(x_m, y_m)`), or
+    from what `Scan.calibrated` gave, cut or masked.
 
     For arrays: `wall` its side or (width, height) in metres, `bin_width` in seconds, `axes` the order of the axes where
     it is another ("TYX"), `exposure` in seconds per point (0 = not measured); `wall`, `bin_width` and `axes` are taken
@@ -58,14 +60,18 @@ def reconstruct(
     if isinstance(scan, str | Path):
         scan = load(scan, wall=wall, bin_width=bin_width, axes=axes, rectified=said)
         wall = bin_width = axes = None
+    given = {"wall": wall, "bin_width": bin_width, "points": points, "axes": axes, "exposure": exposure}
+    if isinstance(scan, Transient):
+        given |= {"rectified": said, "constants": constants, "offsets": settings.get("offsets")}
+    if isinstance(scan, Scan | Transient) and (named := [name for name, value in given.items() if value is not None]):
+        of_arrays = "the scan says so itself; these belong to plain arrays."
+        why = of_arrays if isinstance(scan, Scan) else "the transient is calibrated, and says so itself; leave it out."
+        raise InvalidSettings(f"{', '.join(named)}: {why}")
     if isinstance(scan, Scan):
-        given = {"wall": wall, "bin_width": bin_width, "points": points, "axes": axes, "exposure": exposure}
-        if named := [name for name, value in given.items() if value is not None]:
-            raise InvalidSettings(f"{', '.join(named)}: the scan says so itself; these belong to plain arrays.")
         loaded, whole = scan.loaded, scan.whole
         if said is not None:
             loaded, whole = said_rectified(loaded, said), None if whole is None else said_rectified(whole, said)
-    else:
+    elif not isinstance(scan, Transient):
         whole = None
         loaded = scan_from_arrays(
             scan, bin_width=bin_width, wall=wall, points=points, axes=axes, exposure=exposure, rectified=said
@@ -77,7 +83,10 @@ def reconstruct(
         name, chosen = use_weights(weights, method, settings)
     place = None if constants is None else Path(constants)
     recipe = Recipe(name, chosen, place, response_wanted(response), device).limited_to(limits_m)
-    made = reconstruct_scan(loaded, recipe, whole=whole)
+    if isinstance(scan, Transient):
+        made = reconstruct_transient(scan, recipe)
+    else:
+        made = reconstruct_scan(loaded, recipe, whole=whole)
     return Picture(made if limits_m is None else within_depths(made, *limits_m))
 
 

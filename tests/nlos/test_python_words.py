@@ -141,3 +141,14 @@ def test_no_option_is_left_in_what_importers_calibration_and_methods_say() -> No
 def test_commands_are_left_as_they_are() -> None:
     said = "Calibrate anew: `nlos calibrate RUN --spots FILE`, then --constants FILE."
     assert in_python(said) == "Calibrate anew: `nlos calibrate RUN --spots FILE`, then constants FILE."
+
+
+def test_a_place_that_holds_no_results_is_refused_in_words(tmp_path: Path) -> None:
+    picture = nlos.reconstruct(COUNTS, wall=1.0, bin_width=BIN_S, rectified=True)
+    (tmp_path / "run.h5").touch()
+    with pytest.raises(FileExistsError, match=r"run\.h5 is a file, not a folder\. Choose another place\.$"):
+        picture.save(tmp_path / "run.h5")
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "albedo.png").touch()
+    with pytest.raises(FileExistsError, match=r"pass overwrite=True"):
+        picture.save(tmp_path / "there")
