@@ -1,12 +1,13 @@
 """How noisy a transient is, from nothing but its own counts, and what that means for an inverse filter."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.transient import TimeAxis
+from nlos.recon.gate import open_bins
 
 if TYPE_CHECKING:
     import torch
@@ -35,6 +36,8 @@ class Noise:
     """(B,) log10 of signal over noise energy up to `end`, as if in 32 ps bins on 64 x 64 points."""
     end: "torch.Tensor"
     """(B,) the bin after the last one that holds light: later ones hold noise alone."""
+    opened: "torch.Tensor"
+    """(B, T) False where a gate was shut, and no background is."""
 
     def snr(self) -> "torch.Tensor":
         """The signal to noise ratio at which a Wiener filter serves best, (B,)."""
@@ -43,6 +46,15 @@ class Noise:
     def undone(self) -> "torch.Tensor":
         """The part of the falloff exponent worth undoing, (B,): 1 unless far bins hold mostly noise."""
         return _interpolate(self.quality, UNDONE)
+
+
+class OneNoise(NamedTuple):
+    """`Noise` of one sample."""
+
+    background: float
+    quality: float
+    end: int
+    opened: npt.NDArray[np.bool_]  # (T,)
 
 
 def estimate(rates: "torch.Tensor", measured: "torch.Tensor | None", time: TimeAxis) -> Noise:
@@ -54,11 +66,13 @@ def estimate(rates: "torch.Tensor", measured: "torch.Tensor | None", time: TimeA
     import torch
 
     found = [_estimate(sample, None if measured is None else measured[b], time) for b, sample in enumerate(rates)]
-    background, quality, end = torch.tensor(found, dtype=torch.float64).T.to(rates.device)
-    return Noise(background.to(rates.dtype), quality.to(rates.dtype), end.long())
+    numbers = torch.tensor([one[:3] for one in found], dtype=torch.float64)
+    background, quality, end = numbers.T.to(rates.device)
+    opened = torch.from_numpy(np.stack([one.opened for one in found])).to(rates.device)
+    return Noise(background.to(rates.dtype), quality.to(rates.dtype), end.long(), opened)
 
 
-def _estimate(sample: "torch.Tensor", measured: "torch.Tensor | None", time: TimeAxis) -> tuple[float, float, int]:
+def _estimate(sample: "torch.Tensor", measured: "torch.Tensor | None", time: TimeAxis) -> OneNoise:
     if sample.device.type == "cpu":
         return background_and_quality(sample.detach().numpy(), None if measured is None else measured.numpy(), time)
     import torch
@@ -73,8 +87,8 @@ def _estimate(sample: "torch.Tensor", measured: "torch.Tensor | None", time: Tim
 
 def background_and_quality(
     sample: npt.NDArray[np.floating[Any]], measured: npt.NDArray[np.bool_] | None, time: TimeAxis
-) -> tuple[float, float, int]:
-    """`estimate` for one sample (C, T, H, W): counts per bin, log10 of signal over noise energy, where light ends."""
+) -> OneNoise:
+    """`estimate` for one sample (C, T, H, W)."""
     if measured is None or measured.all():
         rows, cols = (_spread(size) for size in sample.shape[-2:])
         chosen = sample[..., rows[:, None], cols].reshape(*sample.shape[:2], -1)
@@ -92,27 +106,31 @@ def part_undone(quality: float) -> float:
     return float(np.interp(quality, QUALITY, UNDONE))
 
 
-def _judge(x: npt.NDArray[np.floating[Any]], points: int, time: TimeAxis) -> tuple[float, float, int]:
+def _judge(x: npt.NDArray[np.floating[Any]], points: int, time: TimeAxis) -> OneNoise:
     """Of chosen points (C, T, N), a few MB, for which NumPy on one core is quickest, out of `points`."""
     first = first_lit_bin(x[None, ..., None])
-    lit = x[:, first:]
+    gate = open_bins(np.concatenate(list(x), axis=1))
+    opened = np.ones(x.shape[1], bool) if gate is None else gate
+    lit, there = x[:, first:], opened[first:]
     mean = lit.mean(axis=(0, 2), dtype=np.float64)
-    stretch = max(min(8, len(mean)), len(mean) // WINDOWS)
-    background = float(np.convolve(mean, np.full(stretch, 1 / stretch), mode="valid").min())
-    end = last_lit_bin(mean - background)
-    lit = lit[:, :end]
-    energy = float(np.mean((lit - np.float32(background)) ** 2, dtype=np.float64))
+    seen = mean[there]
+    stretch = max(min(8, len(seen)), len(seen) // WINDOWS)
+    background = float(np.convolve(seen, np.full(stretch, 1 / stretch), mode="valid").min())
+    end = last_lit_bin(mean - background * there)
+    lit = lit[:, :end] - np.float32(background) * there[:end, None]
+    energy = float(np.mean(lit**2, dtype=np.float64))
     noise = energy
     if lit.shape[1] > 2:
         noise = float(np.mean(np.diff(lit, 2, axis=1) ** 2, dtype=np.float64)) / 6
     ratio = min(max((energy - noise) / max(noise, 1e-300), 1e-3), 1e6)
     quality = float(np.log10(ratio * (REFERENCE_BIN_S / time.bin_width_s) * (points / REFERENCE_POINTS)))
-    return background, quality, first + end
+    return OneNoise(background, quality, first + end, opened)
 
 
-def without_background(rates: "torch.Tensor", background: "torch.Tensor") -> "torch.Tensor":
-    """`rates` less `background` (B,), where bins at the beginning that were cut or gated stay 0."""
-    level = background.to(rates.dtype).view(-1, 1, 1, 1, 1).expand(-1, 1, rates.shape[2], 1, 1).clone()
+def without_background(rates: "torch.Tensor", noise: Noise) -> "torch.Tensor":
+    """`rates` less the background (B,), where bins at the beginning that were cut, or in which a gate was shut, stay
+    0."""
+    level = noise.background.to(rates.dtype).view(-1, 1, 1, 1, 1) * noise.opened.view(len(rates), 1, -1, 1, 1)
     level[:, :, : first_lit_bin(rates)] = 0
     return rates - level
 

@@ -34,7 +34,7 @@ def prepare(
     physical = settings.conventions == "physical"
     found: float | torch.Tensor = noise.snr() if physical else PUBLISHED_SNR
     snr = found if settings.snr is None else settings.snr
-    signal = without_background(rates, noise.background) if physical else rates.clone()
+    signal = without_background(rates, noise) if physical else rates.clone()
     if response is not None:
         signal = _without_response(signal, exposure_s, response)
     if falloff is not None:

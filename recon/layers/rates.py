@@ -6,6 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from nlos.recon.gate import open_bins
 from nlos.recon.layers.counts import exposed
 
 TREND = 3
@@ -15,6 +16,8 @@ FEW = 200
 WINDOW, CLUMPED = 16, (1.5, 2.0)
 AROUND = 4
 """Time bins before and behind each over which a mean histogram is averaged."""
+ENOUGH = 1024
+"""Points by which a gate is judged, at most."""
 
 
 @dataclass(frozen=True)
@@ -112,31 +115,51 @@ def without_trend(profile: Tensor, used: Tensor) -> Tensor:
     return rest
 
 
-def estimate_background(profile: Tensor) -> Tensor:
+def estimate_background(profile: Tensor, opened: Tensor | None = None) -> Tensor:
     """(B,) rate of a bin without signal, from mean histograms (B, T): the low decile of their 8-bin averages.
 
-    Bins that are exactly 0 were cut or hold no photon at all; they count only where nearly all are so.
+    Bins that are exactly 0 were cut or hold no photon at all; they count only where nearly all are so, and not where a
+    gate was shut: `opened` (B, T) is False there.
     """
     smooth = F.avg_pool1d(profile[:, None], 8, stride=4)[:, 0]
     result = []
-    for row in smooth:
+    for which, row in enumerate(smooth):
+        if opened is not None and not bool(opened[which].all()):
+            row = F.avg_pool1d(profile[which][opened[which]][None], 8, stride=4)[0]
         some = row[row != 0]
         result.append(some.quantile(0.1) if len(some) > 0.5 * len(row) else row.min())
     return torch.stack(result)
 
 
+def not_shut(counts: Tensor, measured: Tensor, profile: Tensor) -> Tensor:
+    """(B, T) False where a gate was shut, by counts (B, 1, T, H, W) at the points `measured` (B, H, W) and their mean
+    histograms (B, T)."""
+    opened = torch.ones_like(profile, dtype=torch.bool)
+    empty = (profile == 0) & (profile.cumsum(dim=1) != 0)
+    for which in empty.any(dim=1).nonzero()[:, 0].tolist():
+        histograms = counts[which, 0][:, measured[which]]
+        some = histograms[:, :: -(-histograms.shape[1] // ENOUGH)]
+        gate = open_bins(some.detach().cpu().numpy())
+        if gate is not None:
+            opened[which] = torch.from_numpy(gate).to(opened.device)
+    return opened
+
+
 def rates_of(counts: Tensor, exposure: Tensor | None) -> Rates:
     """counts (B, 1, T, H, W) and exposure (B, H, W) or None for an even one -> Rates.
 
-    Before the first count of all and after the last there is no background either: those bins were cut.
+    Before the first count of all and after the last there is no background either: those bins were cut. Nor is there
+    where a gate was shut.
     """
     counts = counts.float()
     exposure, measured, points = exposed(counts, exposure)
     counts = torch.where(measured[:, None, None], counts, 0.0)  # whatever stands where nothing was measured
     raw = counts / exposure.clamp(min=1e-6)[:, None, None]
     profile = counts.sum(dim=(1, 3, 4)) / points[:, None]  # weighted by exposure, so by precision
-    background = estimate_background(profile)
-    recorded = ((profile.cumsum(dim=1) > 0) & (profile.flip(1).cumsum(dim=1).flip(1) > 0)).to(counts)
+    opened = not_shut(counts, measured, profile)
+    background = estimate_background(profile, opened)
+    within = (profile.cumsum(dim=1) > 0) & (profile.flip(1).cumsum(dim=1).flip(1) > 0)
+    recorded = (within & opened).to(counts)
     level = (profile.mean(dim=1) - background * recorded.mean(dim=1)).clamp(min=0)
     present = presence(raw, exposure) * (level > 0)
     unit = torch.where(level > 0, level, 1.0)

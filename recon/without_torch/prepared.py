@@ -28,12 +28,13 @@ def prepare(
         mean = exposure_s.sum() / max(int(measured.sum()), 1)
         weight = np.where(measured, mean / np.maximum(exposure_s, 1e-30), 0.0)
         rates = counts * weight.astype(counts.dtype)
-    background, quality, end = background_and_quality(rates[None], measured, time)
+    background, quality, end, opened = background_and_quality(rates[None], measured, time)
     physical = settings.conventions == "physical"
     undone = part_undone(quality) if physical else 1.0
     signal = rates.copy()
     if physical:
-        signal[first_lit_bin(rates[None, None]) :] -= np.float32(background)
+        first = first_lit_bin(rates[None, None])
+        signal[first:] -= np.float32(background) * opened[first:, None, None]
     if response is not None:
         signal = without_response(signal, measured, response)
     weights = falloff_weights(time, settings.falloff * undone, settings.conventions)

@@ -30,7 +30,7 @@ def test_cut_bins_take_no_part() -> None:
     assert first_lit_bin(counts) == 60
     noise = estimate(counts, None, TIME)
     assert float(noise.background) == pytest.approx(0.5, rel=0.06)
-    clean = without_background(counts, noise.background)
+    clean = without_background(counts, noise)
     assert float(clean[:, :, :60].abs().max()) == 0
     assert abs(float(clean[:, :, 150:].mean())) < 0.05
 
