@@ -16,6 +16,8 @@ FEW = 200
 WINDOW, CLUMPED = 16, (1.5, 2.0)
 AROUND = 4
 """Time bins before and behind each over which a mean histogram is averaged."""
+STANDS_OUT, FAINTEST = 5.0, 2e-5
+"""Deviations by which light stands out of noise, and the least deviation, of the brightest, where there is no noise."""
 ENOUGH = 1024
 """Points by which a gate is judged, at most."""
 
@@ -180,16 +182,30 @@ def rates_of(counts: Tensor, exposure: Tensor | None) -> Rates:
 
 def lit_bins(net: Tensor) -> tuple[int, int]:
     """From which time bin to which there is light in any of (B, 1, T, H, W) net rates: mean histograms five deviations
-    above 0.
+    above 0, and a hundredth of the brightest, or rising again behind that (`_comes_again`).
 
     Noise beyond the last, magnified by r^4, would only drown what is nearer. 0 and T where nothing stands out.
     """
     profile = net.mean(dim=(1, 3, 4))  # (B, T)
     around = F.avg_pool1d(profile[:, None], 2 * AROUND + 1, stride=1, padding=AROUND)[:, 0]
-    steps = profile.diff(dim=1)
+    steps, brightest = profile.diff(dim=1), around.amax(dim=1, keepdim=True)
     deviation = 1.4826 / (2 * (2 * AROUND + 1)) ** 0.5 * steps.abs().median(dim=1, keepdim=True).values
-    lit = around > torch.maximum(5 * deviation, 0.01 * around.amax(dim=1, keepdim=True)).clamp(min=1e-12)
+    lit = around > torch.maximum(STANDS_OUT * deviation, 0.01 * brightest).clamp(min=1e-12)
     where = lit.any(dim=0).nonzero()
     if not len(where):
         return 0, profile.shape[1]
-    return max(0, int(where[0]) - AROUND), int(where[-1]) + 1
+    end = int(where[-1]) + 1
+    again = _comes_again(around[:, end:], steps[:, end - 1 :], torch.maximum(deviation, FAINTEST * brightest))
+    return max(0, int(where[0]) - AROUND), end + again
+
+
+def _comes_again(around: Tensor, steps: Tensor, deviation: Tensor) -> int:
+    """The bin after the last in which mean histograms (B, T) have risen above what they had fallen to, by more than
+    noise does; 0 where none has. Light of one surface falls for good, so what rises is another, which fades with
+    distance: at 1.3 m as large and bright a one as at 0.25 m sends a thousandth of the light."""
+    if not steps.shape[1]:
+        return 0
+    noise = steps.square().mean(dim=1, keepdim=True).sqrt() / (2 * (2 * AROUND + 1)) ** 0.5
+    risen = around - around.cummin(dim=1).values
+    there = (risen > 2**0.5 * STANDS_OUT * torch.maximum(deviation, noise)).any(dim=0).nonzero()
+    return int(there[-1]) + 1 if len(there) else 0
