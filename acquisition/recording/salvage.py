@@ -22,6 +22,7 @@ from nlos.acquisition.recording.read_by_child import check_recording, open_check
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.rescue import copied, written_unix_s
 from nlos.acquisition.recording.same_scan import check_same_scan
+from nlos.acquisition.recording.validation import LONGEST_S
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.recording.writer_lock import WriterLock, clear_left_lock, is_locked
 from nlos.drivers.clock import Clock
@@ -199,7 +200,8 @@ def _resumed(recording: Recording, plan: ScanPlan, lock: WriterLock, clock: Cloc
             f"Nothing was changed. Copy the file to a sound disk; or `nlos recover {path} -o NEW.h5` and resume that."
         )
     taken = recording.photons()
-    last_s, away_s = _since_the_last(recording) if taken else (0.0, 0.0)
+    last_s, away = _since_the_last(recording) if taken else (0.0, 0.0)
+    away_s = away or 0.0
     lit_s = float(recording.intact_records()["taken_s"].min(initial=last_s))
     rows, done = condition.intact, not plan.pending(taken)
     if done:
@@ -217,14 +219,16 @@ def _resumed(recording: Recording, plan: ScanPlan, lock: WriterLock, clock: Cloc
         put_in_place(fresh, path)
     writer = RecordingWriter(path, lock, clock, acknowledged=rows)
     if taken:
-        writer.log("resumed", f"{away_s:.1f} s after the last of it", last_s + away_s)
+        long = "nobody knows how long: the computer's clock was set" if away is None else f"{away_s:.1f} s"
+        writer.log("resumed", f"{long} after the last of it", last_s + away_s)
     return Resumed(writer, taken, last_s + away_s, away_s, lit_s, kept)
 
 
-def _since_the_last(recording: Recording) -> tuple[float, float]:
-    """The latest bench time that it tells of, samples and events, and how long ago that was by the time of day: 0 where
-    it does not say, or that is yet to come."""
+def _since_the_last(recording: Recording) -> tuple[float, float | None]:
+    """The latest bench time that it tells of, samples and events, and how long ago that was by the time of day: None
+    where that is yet to come, or longer ago than any scan takes. A computer whose battery is empty begins in 1970."""
     events = [event for event in recording.events() if 0 < event.bench_s < math.inf and event.unix_s < math.inf]
     bench_s = max((recording.elapsed_s, *(event.bench_s for event in events)))
     unix_s = max((written_unix_s(recording) or 0.0, *(event.unix_s for event in events)))
-    return bench_s, max(time.time() - unix_s, 0.0) if unix_s > 0 else 0.0
+    away_s = time.time() - unix_s
+    return bench_s, away_s if unix_s > 0 and 0 <= away_s <= LONGEST_S / 2 - bench_s else None

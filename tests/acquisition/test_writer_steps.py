@@ -4,9 +4,11 @@ import errno
 import os
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import h5py
 import pytest
 
 from nlos.acquisition.errors import StorageError
@@ -16,6 +18,7 @@ from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.rescue import copied, written_unix_s
 from nlos.acquisition.recording.salvage import recover, resume
 from nlos.acquisition.recording.writer import SYNC_S, RecordingWriter
+from nlos.acquisition.recording.verification import verify
 from nlos.drivers.clock import VirtualClock
 from tests.acquisition.test_resuming import sample, write
 
@@ -203,3 +206,26 @@ def test_a_scan_goes_on_as_late_as_it_was_left_for(
     assert resumed.away_s == pytest.approx(away_s, abs=2.0)
     assert resumed.elapsed_s == pytest.approx(last_s + 1.0 + resumed.away_s, abs=1e-6)
     assert resumed.lit_s == pytest.approx(8e-3)
+
+
+@pytest.mark.parametrize("then_unix_s", [1e9, 60.0, 4e9])
+def test_what_is_taken_after_the_computers_clock_was_set_is_whole(
+    run_path: Path, small_plan: Plans, monkeypatch: pytest.MonkeyPatch, then_unix_s: float
+) -> None:
+    """A computer without a battery begins in 1970 until its network has told it the time. Read by h5py alone: every
+    row's bench time is one that `nlos verify` takes, whatever the clock said before and says now."""
+    plan, now_unix_s = small_plan(), time.time()
+    monkeypatch.setattr(time, "time", lambda: then_unix_s)
+    with RecordingWriter.create(run_path, plan, Header().stamped()) as writer:
+        for number in range(10):
+            writer.write(sample(plan, number))
+    monkeypatch.setattr(time, "time", lambda: now_unix_s)
+    resumed = resume(run_path, plan, Header())
+    assert resumed.writer is not None
+    with resumed.writer as writer:
+        for number in range(10, len(plan)):
+            writer.write(replace(sample(plan, number), taken_s=resumed.elapsed_s + number * 8e-3))
+    with h5py.File(run_path) as file:
+        assert file["samples/records"]["taken_s"].max() < 60.0
+        assert b"clock was set" in file["events"]["text"][0]
+    assert verify(run_path).complete
