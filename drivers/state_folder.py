@@ -9,11 +9,29 @@ STATE = "NLOS_STATE"
 
 def state_folder() -> Path:
     """Where what outlasts a program is kept. Raises `FileNotFoundError` for a relative path, which is another folder
-    elsewhere: whoever scans from there would not know of a trip."""
+    elsewhere: whoever scans from there would not know of a trip; and where there is no home folder."""
     named = os.environ.get(STATE)
     if named and not Path(named).is_absolute():
         raise FileNotFoundError(
             f"{STATE}={named}: is no whole path, so it would be another folder wherever a command is run, and trips "
             f"that are latched here would not be there. Name all of it: {STATE}={Path(named).expanduser().absolute()}"
         )
-    return Path(named or Path.home() / ".local" / "state" / "nlos")
+    return Path(named) if named else home_folder() / ".local" / "state" / "nlos"
+
+
+def home_folder() -> Path:
+    """The home folder of whoever runs this. Raises `FileNotFoundError` where there is none, as for a user without a
+    name in a container, and for one that is another wherever a command is run."""
+    try:
+        home = Path.home()
+    except RuntimeError:
+        raise FileNotFoundError(
+            "no home folder: HOME is not set, and the system does not know this user, so nothing that outlasts the "
+            f"program, such as a trip, would be kept. Set {STATE}=/WHOLE/PATH, or HOME."
+        ) from None
+    if not home.is_absolute():
+        raise FileNotFoundError(
+            f"HOME={home}: is no whole path, so it would be another folder wherever a command is run. Set all of it: "
+            f"HOME={home.absolute()}"
+        )
+    return home

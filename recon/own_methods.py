@@ -39,11 +39,11 @@ def name_of(word: str) -> str:
 
 def find_in_file(word: str) -> Method:
     """The method in the file `word`, run once for each state of the file. Raises `InvalidSettings`."""
-    path = Path(word).expanduser().resolve()
     try:
+        path = Path(word).expanduser().resolve()
         text = path.read_bytes()
-    except OSError as error:
-        raise InvalidSettings(f"the method {word} cannot be read: {error.strerror}") from error
+    except (OSError, RuntimeError) as error:  # RuntimeError: the `~` of somebody who has no home
+        raise InvalidSettings(f"the method {word} cannot be read: {getattr(error, 'strerror', error)}") from error
     return cast(Method, _run(path, hashlib.sha256(text).hexdigest()))
 
 

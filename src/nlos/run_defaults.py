@@ -11,6 +11,7 @@ from nlos.cli.exit_codes import UsageError
 from nlos.configs.load import ConfigError, parse
 from nlos.drivers.file_word import file_word
 from nlos.drivers.run_defaults import HookSettings, RunDefaults
+from nlos.drivers.state_folder import home_folder
 
 if TYPE_CHECKING:
     from nlos.drivers.bench_settings import BenchSettings
@@ -21,10 +22,10 @@ CONFIG = "NLOS_CONFIG"
 
 def own_defaults() -> RunDefaults:
     """`defaults.yaml` in that folder; nothing where there is none. Raises `ConfigError`."""
-    path = Path(os.environ.get(CONFIG) or Path.home() / ".config" / "nlos") / "defaults.yaml"
     try:
+        path = Path(os.environ.get(CONFIG) or home_folder() / ".config" / "nlos") / "defaults.yaml"
         text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
+    except FileNotFoundError:  # whoever has no home has no defaults either
         return RunDefaults()
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read ({error})") from error
@@ -61,7 +62,7 @@ def hooks_for(bench: "BenchSettings") -> HookSettings:
 def data_folder(bench: "BenchSettings | None" = None) -> Path | None:
     """Where runs are kept; None: nobody said, so in the current folder."""
     said = (bench.runs.folder if bench is not None else "") or own_defaults().folder
-    return Path(said).expanduser() if said else None
+    return expanded(said) if said else None
 
 
 def dated_name(bench: "BenchSettings", scan: str, sample: str, now: datetime) -> Path:
@@ -70,3 +71,13 @@ def dated_name(bench: "BenchSettings", scan: str, sample: str, now: datetime) ->
     if folder is None:
         return Path(f"{'-'.join(words)}-{now:%Y%m%d-%H%M%S}.h5")
     return folder / f"{now:%Y-%m-%d}" / f"{now:%H%M%S}-{'-'.join(words)}.h5"
+
+
+def expanded(path: str) -> Path:
+    """`path` with `~` and `~user` replaced. Raises `UsageError` where there is no such user, or no home."""
+    try:
+        return Path(path).expanduser()
+    except RuntimeError:
+        raise UsageError(
+            f"{path}: {path.partition('/')[0]} has no home folder on this computer. Write the whole path."
+        ) from None

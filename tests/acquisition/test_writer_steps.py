@@ -17,8 +17,8 @@ from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.rescue import copied, written_unix_s
 from nlos.acquisition.recording.salvage import recover, resume
-from nlos.acquisition.recording.writer import SYNC_S, RecordingWriter
 from nlos.acquisition.recording.verification import verify
+from nlos.acquisition.recording.writer import SYNC_S, RecordingWriter
 from nlos.drivers.clock import VirtualClock
 from tests.acquisition.test_resuming import sample, write
 

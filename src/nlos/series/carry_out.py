@@ -19,7 +19,7 @@ from nlos.configs.load import Loaded
 from nlos.recipe import Recipe
 from nlos.recon.methods import find
 from nlos.results_folder import ResultsFolder
-from nlos.run_defaults import hooks_for
+from nlos.run_defaults import expanded, hooks_for
 from nlos.series import journal as outcomes
 from nlos.series.expand import Run, expand
 from nlos.series.forecast import Forecast, forecasts
@@ -45,13 +45,13 @@ class Series:
     def of(cls, queue: Loaded[QueueSettings], retry: bool = False) -> "Series":
         """Raises `ConfigError` for a queue that no bench could carry out."""
         said = queue.settings.folder
-        folder = queue.path.parent / (said if said is not None else queue.path.stem)
+        folder = queue.path.parent / expanded(said if said is not None else queue.path.stem)
         if queue.settings.reconstruct is not None:
             find(queue.settings.reconstruct)
         runs = expand(queue)
         for run in runs:
             require_shutter(run.bench, queue.settings.no_shutter)
-        return cls(queue, folder.expanduser(), runs, retry)
+        return cls(queue, folder, runs, retry)
 
     def recording(self, run: Run) -> Path:
         return self.folder / f"{run.name}.h5"
