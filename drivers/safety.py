@@ -41,6 +41,7 @@ class GuardedShutter:
         self._latch = latch
         self._trip: str | None = None if latch is None else latch.standing()
         self._unnoted = self._unconfirmed = ""
+        self._placed = False  # known where a trip is written down
         self._lately = CountedLately(settings.trip_ms * 1e-3)
         self._held = ""
         self._for_good = False
@@ -78,8 +79,11 @@ class GuardedShutter:
         return bool(self._held)
 
     def agree(self) -> None:
-        """Whether this terminal may have light and somebody says so, asked at a moment when a question does not
-        disturb; `open` asks otherwise. Raises `LimitError`."""
+        """Whether a trip could be written down, this terminal may have light and somebody says so, asked at a moment
+        when a question does not disturb; `open` asks otherwise. Raises `LimitError`."""
+        if self._latch is not None and not self._placed and not self._settings.dry_run:
+            self._latch.check_place()
+            self._placed = True
         if self._arming is not None and not self._settings.dry_run:
             self._arming.agree()
 

@@ -1,8 +1,11 @@
 """Trips outlast the program: each bench keeps its own in an append-only file until a person clears them by name."""
 
+import errno
 import hashlib
 import os
+import stat
 from collections.abc import Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -52,6 +55,21 @@ class TripLatch:
         whole = kind == "override" and text.endswith("\n")
         return None if whole else f"what was written down of it ends in {line[-40:]!r}"
 
+    def check_place(self) -> None:
+        """Before there is light. Raises `LimitError` where a trip could not be written down, as on a disk that is gone
+        or read-only, in a folder of another user's."""
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            place = self.path if self.path.exists() else self.path.parent
+            if not os.access(place, os.W_OK):
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(place))
+        except OSError as error:
+            raise LimitError(
+                "shutter",
+                f"a trip could not be written down ({error}), so no light is allowed: the next command would not know.",
+                "Make that place writable for you, or name another folder by NLOS_STATE, the same one for everybody.",
+            ) from error
+
     def trip(self, why: str) -> None:
         """Writes down that, when and why the light was shut off."""
         self._add(f"trip: {why}")
@@ -66,7 +84,7 @@ class TripLatch:
     def _add(self, text: str) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         line = f"{datetime.now(UTC).isoformat(timespec='seconds')} {' '.join(text.split())}\n"
-        log = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+        log = self._opened()
         try:
             left = line.encode("utf-8", "replace")
             if not _ends_its_line(log):
@@ -76,6 +94,17 @@ class TripLatch:
             os.fsync(log)
         finally:
             os.close(log)
+
+    def _opened(self) -> int:
+        """Whoever may write in the folder may write in the log: several users of one bench share it."""
+        try:
+            return os.open(self.path, os.O_RDWR | os.O_APPEND)  # no O_CREAT: some folders refuse it for others' files
+        except FileNotFoundError:
+            log = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+            if hasattr(os, "fchmod"):
+                with suppress(OSError):
+                    os.fchmod(log, stat.S_IMODE(self.path.parent.stat().st_mode) & 0o666)
+            return log
 
 
 def _short_hash(words: Sequence[str]) -> str:

@@ -1,15 +1,20 @@
 """A drift of the time zero and a wall that leans: told apart where the order of the points can tell, and else not."""
 
+import re
+
 import numpy as np
 import numpy.typing as npt
 import pytest
+import yaml
 
 from nlos.acquisition.planning.aim import Aim
+from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.measure import Measurement, measure_constants
 from nlos.calibration.raw_points import RawPoints, from_samples
 from nlos.cli.calibration_lines import result_lines
+from nlos.configs import load
 from nlos.drivers.tcspc.counter import Histogram, HistogramFlag
 from tests.calibration.conftest import RawScan, make_raw_scan
 
@@ -68,6 +73,10 @@ def test_points_in_the_order_of_their_places_do_not_and_calibrate_says_so(turn: 
     assert lean_deg(found) > 0.3  # what nobody can tell from a drift
     assert found.drift is not None
     assert not found.drift.known
+    told = re.search(r"tells \((pattern: .*)\)", said(found))
+    assert told is not None
+    demo = yaml.safe_load(load.find("scan", "demo").read_text())
+    ScanSettings.model_validate({**demo, **yaml.safe_load(told[1])})  # what is told can be done
     assert "cannot tell it from the wall" in said(found)
     per_ps = np.rad2deg(found.drift.like_tilt_rad) / 10
     assert lean_deg(found) == pytest.approx(200 * per_ps, rel=0.1)

@@ -2,6 +2,7 @@
 
 import os
 import resource
+import tempfile
 from collections.abc import Callable
 from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from nlos.configs.load import find
+from nlos.drivers.errors import LimitError
 from nlos.drivers.trip_latch import TripLatch
 from tests.acquisition.killed_scans import FORK
 
@@ -143,3 +145,51 @@ def test_a_trip_that_does_not_fit_the_disk_is_no_silent_one(tmp_path: Path) -> N
     child.join()
     assert raised.value == 1
     assert latch.standing() is not None
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="a file system in which nobody may make a folder")
+def test_there_is_no_light_where_a_trip_could_not_be_written_down(
+    nlos: Nlos, multiharp: Callable[[float], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk that is gone: by the table's own account it stays dark, and no recording is begun."""
+    bench = Path(multiharp(5e6))
+    bench.write_text(bench.read_text().replace("simulation:\n", f"simulation:\n  witness: {tmp_path}/table.log\n"))
+    monkeypatch.setenv("NLOS_STATE", "/proc/no-such-disk")
+    refused = nlos("scan", "scan.yaml", "--bench", str(bench), "-o", "run.h5")
+    assert (refused.returncode, "a trip could not be written down" in refused.stderr) == (4, True), refused.stderr
+    assert "shutter open" not in (tmp_path / "table.log").read_text()
+    assert not (tmp_path / "run.h5").exists()
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="takes on another user's number")
+def test_a_trip_of_one_user_is_added_to_by_another_of_the_same_folder() -> None:
+    """Two accounts of one bench, as the system tells them apart; where a log is read-only, there is no light."""
+    place = tempfile.TemporaryDirectory()
+    shared, own = Path(place.name) / "shared", Path(place.name) / "own"
+    Path(place.name).chmod(0o755)
+    for folder, mode in ((shared, 0o777), (own, 0o755)):
+        folder.mkdir()
+        folder.chmod(mode)  # whatever the mask of this session
+        TripLatch(folder / "bench.log").trip("of the first user")
+
+    def adds(done: "Synchronized[int]") -> None:
+        os.setuid(65534)
+        TripLatch(shared / "bench.log").check_place()
+        TripLatch(shared / "bench.log").trip("of the second user")
+        try:
+            TripLatch(own / "bench.log").check_place()
+        except LimitError:
+            done.value = 1
+        os._exit(0)
+
+    done = FORK.Value("q", 0, lock=False)
+    child = FORK.Process(target=adds, args=(done,))
+    child.start()
+    child.join()
+    assert done.value == 1
+    assert [line.partition("trip: ")[2] for line in (shared / "bench.log").read_text().splitlines()] == [
+        "of the first user",
+        "of the second user",
+    ]
+    assert (own / "bench.log").stat().st_mode & 0o777 == 0o644
+    place.cleanup()

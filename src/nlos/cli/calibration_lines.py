@@ -154,7 +154,8 @@ def _drift_lines(found: "Measurement") -> Lines:
         words = (
             "drift of the time zero: these points cannot tell it from the wall, for they were taken in the order of "
             f"their places; 10 ps over their {seconds:.3g} s would pass for {tilt_deg:.3f} deg of lean and "
-            f"{drift.like_distance_m * 1e3:.1f} mm of distance. A scan in random order tells (pattern: random_pixels)"
+            f"{drift.like_distance_m * 1e3:.1f} mm of distance. A scan in random order tells "
+            "(pattern: {kind: random, points: 200})"
         )
         return [(words, {"drift_known": False, "lean_like_10_ps_deg": tilt_deg})]
     total_ps, error_ps = drift.total_s * 1e12, drift.error_s * 1e12
