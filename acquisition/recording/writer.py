@@ -181,6 +181,8 @@ class RecordingWriter:
         if end > self._file.records.count:
             raise ValueError(f"{self.path}: sample {end} of a plan of {self._file.records.count}")
         self._watched.check()
+        if self._lock is not None:
+            self._lock.keep()
         self._file.counts.write(first, self._block_counts[: self._filled])
         self._file.records.write(first, self._block[: self._filled])
         if self._clock.now() - self._synced_s >= SYNC_S:

@@ -26,17 +26,39 @@ class WriterLock:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = lock_file(path)
+        self._of, self._path = path, lock_file(path)
         self._fd: int | None = None
         try:
-            for tries_left in range(TRIES - 1, -1, -1):
-                if self._attempt():
-                    return
-                if tries_left:  # a reader that looks whether the file is locked holds it for a moment
-                    time.sleep(TRY_AGAIN_S)
+            taken = self._take()
         except OSError as error:
             raise StorageError(f"{path}: cannot be written there ({error.strerror})") from error
-        raise StorageError(f"{path}: another process is writing it. Wait for it, or choose another name.")
+        if not taken:
+            raise StorageError(f"{path}: another process is writing it. Wait for it, or choose another name.")
+
+    def keep(self) -> None:
+        """Before a write. Somebody who tidies up may have removed the lock's file: it is made anew. Raises
+        `StorageError` where another process has begun to write the scan file meanwhile."""
+        before = self._fd
+        if before is None or _is_named(before, self._path):
+            return
+        try:
+            taken = self._take()
+        except OSError:  # a folder that takes no new file any more has no other writer either
+            return
+        if not taken:
+            raise StorageError(
+                f"{self._of}: another process writes it now, for {self._path.name} was removed. Nothing more is "
+                "written here; leave the lock's file alone while a scan runs."
+            )
+        os.close(before)
+
+    def _take(self) -> bool:
+        for tries_left in range(TRIES - 1, -1, -1):
+            if self._attempt():
+                return True
+            if tries_left:  # a reader that looks whether the file is locked holds it for a moment
+                time.sleep(TRY_AGAIN_S)
+        return False
 
     def _attempt(self) -> bool:
         fd = os.open(self._path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
@@ -59,7 +81,7 @@ class WriterLock:
         """May be called twice."""
         fd, self._fd = self._fd, None
         if fd is not None:
-            if os.name == "posix":
+            if os.name == "posix" and _is_named(fd, self._path):  # else it is another holder's
                 self._path.unlink(missing_ok=True)
             os.close(fd)
 

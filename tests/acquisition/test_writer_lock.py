@@ -3,6 +3,7 @@
 import multiprocessing
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 
@@ -12,10 +13,12 @@ from nlos.acquisition.errors import StorageError
 from nlos.acquisition.planning.plan import ScanPlan
 from nlos.acquisition.recording import writer_lock
 from nlos.acquisition.recording.layout import Status
-from nlos.acquisition.recording.salvage import settle
+from nlos.acquisition.recording.provenance import Header
+from nlos.acquisition.recording.salvage import resume, settle
+from nlos.acquisition.recording.verification import verify
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.acquisition.recording.writer_lock import WriterLock, is_locked
-from tests.acquisition.test_resuming import killed, names
+from tests.acquisition.test_resuming import killed, names, sample
 
 FORK = multiprocessing.get_context("fork")
 TAKES = 400
@@ -120,3 +123,53 @@ def test_who_fails_to_mark_a_scan_complete_leaves_it_to_the_next_who_tries(
     assert not is_locked(run_path)
     assert settle(run_path, plan)
     assert names(run_path.parent) == {"run.h5"}
+
+
+def _resumes(path: Path, plan: ScanPlan, begun: "Synchronized[int]", ended: "Synchronized[int]") -> None:
+    """Another process: takes all that is missing, once it is let."""
+    resumed = resume(path, plan, Header())
+    assert resumed.writer is not None
+    begun.value = 1
+    while not ended.value:
+        time.sleep(0.01)
+    with resumed.writer as writer:
+        for number in set(range(len(plan))) - set(resumed.taken):
+            writer.write(sample(plan, number))
+    ended.value = 2
+
+
+@pytest.mark.parametrize("resumed_meanwhile", [True, False])
+def test_who_tidies_a_lock_away_does_not_make_two_writers(
+    tmp_path: Path, small_plan: Callable[..., ScanPlan], resumed_meanwhile: bool
+) -> None:
+    """`rm *.lock` while a scan runs. Every row that is in the file in the end is what was measured."""
+    plan, path = small_plan(), tmp_path / "run.h5"
+    begun, ended = FORK.Value("q", 0), FORK.Value("q", 0)
+    writer = RecordingWriter.create(path, plan, Header().stamped())
+    writer.write(sample(plan, 0))
+    writer.flush()
+    path.with_name("run.h5.lock").unlink()
+    if resumed_meanwhile:
+        other = FORK.Process(target=_resumes, args=(path, plan, begun, ended))
+        other.start()
+        try:
+            while not begun.value:
+                time.sleep(0.01)
+                assert other.is_alive()
+            with suppress(StorageError):  # where it came to a flush by then
+                writer.write(sample(plan, 1))
+            with pytest.raises(StorageError, match="another process writes it now"):
+                writer.finish(Status.FAILED)
+            assert is_locked(path)  # it is the other's
+        finally:
+            ended.value = 1
+            other.join()
+        assert ended.value == 2
+        assert verify(path).complete
+    else:
+        writer.write(sample(plan, 1))
+        writer.flush()
+        assert is_locked(path)
+        writer.finish(Status.INTERRUPTED)
+        assert verify(path).rows.damaged == ()
+    assert not path.with_name("run.h5.lock").exists()
