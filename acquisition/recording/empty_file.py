@@ -1,5 +1,6 @@
 """A complete, empty scan file: every dataset at its place, the disk space reserved, before the first sample."""
 
+import errno
 import itertools
 import os
 import re
@@ -25,6 +26,14 @@ from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.shown_to_hdf5 import shown_to_hdf5
 from nlos.drivers.exit_paths import a_bench_is_open
 
+_REMEDY = "Free disk space, or choose another place with -o."
+_OPEN = "That is no matter of the disk: close what else is open, or raise the limit (ulimit -n)."
+_REMEDIES = {
+    errno.EFBIG: "Its file system, or a limit of this session (ulimit -f), takes no file that large: choose another "
+    "place with -o, or fewer points or bins.",
+    errno.EMFILE: _OPEN,
+    errno.ENFILE: _OPEN,
+}
 _FRESH = r"\.[0-9a-f]{16}\.new"
 
 
@@ -63,7 +72,7 @@ def lay_out(target: Path, plan: ScanPlan, header: Header) -> Path:
         size = points * (bins * 4 + RECORD.itemsize)
         raise StorageError(
             f"{target}: cannot reserve {size / 1e6:.0f} MB for {points} points of {bins} bins ({error}). "
-            "Free disk space, or choose another place with -o."
+            f"{_REMEDIES.get(getattr(error, 'errno', None), _REMEDY)}"
         ) from error
     return fresh
 

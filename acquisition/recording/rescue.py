@@ -68,9 +68,10 @@ def rescue(path: Path, file: ScanFile, pending: Rows) -> str:
     """What is still to be had of a scan file that lost its name or its end, and the samples not yet in it, into
     `RUN.h5.rescued`, or where that cannot be into the system's folder for temporary files; says what became of it."""
     failures = []
-    for folder in (path.parent, Path(tempfile.gettempdir())):
-        target = folder / path.name
+    for place in (path.parent, None):
         try:
+            folder = Path(tempfile.gettempdir()) if place is None else place  # there may be none that is usable
+            target = folder / path.name
             # Nobody else comes to think of this name, and lying there for a moment under another it needs no lock.
             fresh, samples = copied(
                 Recording(path, file),

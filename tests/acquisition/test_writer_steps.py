@@ -2,6 +2,7 @@
 
 import errno
 import os
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,6 +14,7 @@ import pytest
 
 from nlos.acquisition.errors import StorageError
 from nlos.acquisition.planning.plan import ScanPlan
+from nlos.acquisition.recording.empty_file import lay_out
 from nlos.acquisition.recording.provenance import Header
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.acquisition.recording.rescue import copied, written_unix_s
@@ -20,6 +22,7 @@ from nlos.acquisition.recording.salvage import recover, resume
 from nlos.acquisition.recording.verification import verify
 from nlos.acquisition.recording.writer import SYNC_S, RecordingWriter
 from nlos.drivers.clock import VirtualClock
+from tests.acquisition.killed_scans import FORK
 from tests.acquisition.test_resuming import sample, write
 
 Plans = Callable[..., ScanPlan]
@@ -229,3 +232,44 @@ def test_what_is_taken_after_the_computers_clock_was_set_is_whole(
         assert file["samples/records"]["taken_s"].max() < 60.0
         assert b"clock was set" in file["events"]["text"][0]
     assert verify(run_path).complete
+
+
+@pytest.mark.parametrize(("limit", "most", "cure"), [("FSIZE", 4096, "ulimit -f"), ("NOFILE", 0, "ulimit -n")])
+def test_what_cannot_be_laid_out_is_told_what_stands_in_the_way(
+    run_path: Path, small_plan: Plans, limit: str, most: int, cure: str
+) -> None:
+    """Limits of the session, set by the system itself: neither is cured by freeing disk space."""
+    resource = pytest.importorskip("resource")
+    plan, said = small_plan(), FORK.Array("c", 400)
+
+    def lays_out() -> None:
+        free = os.open(os.devnull, os.O_RDONLY)  # of the numbers below the limit none is
+        number = getattr(resource, f"RLIMIT_{limit}")
+        resource.setrlimit(number, (most or free, resource.getrlimit(number)[1]))
+        try:
+            lay_out(run_path, plan, Header())
+        except StorageError as error:
+            said.value = str(error).encode()[:400]
+        os._exit(0)
+
+    child = FORK.Process(target=lays_out)
+    child.start()
+    child.join()
+    assert cure in said.value.decode()
+    assert "disk space" not in said.value.decode()
+    assert not list(run_path.parent.glob("*.new"))
+
+
+def test_a_recording_is_rescued_beside_itself_where_no_folder_for_temporary_files_is_usable(
+    run_path: Path, small_plan: Plans, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    monkeypatch.setattr(tempfile, "_candidate_tempdir_list", lambda: ["/proc/no-such-folder"])
+    plan = small_plan()
+    writer = RecordingWriter.create(run_path, plan, Header().stamped())
+    for number in range(10):
+        writer.write(sample(plan, number))
+    run_path.unlink()
+    with pytest.raises(StorageError, match=r"was deleted.*10 samples are safe in .*run\.h5\.rescued"):
+        writer.finish(Status.FAILED)
+    assert verify(run_path.with_name("run.h5.rescued")).rows.damaged == ()
