@@ -77,8 +77,7 @@ class LightOnRequest:
         """Opens or closes as it is time to. Raises what the shutter raises."""
         if self._shutter is None:
             return
-        if self._shutter.may_be_open:
-            self._shutter.heard()
+        self.answer()
         now_s, alignment = self._clock.now(), self._alignment
         phase_s = (now_s - self._began_s) % alignment.period_s if self._until_s > now_s else 0.0
         off_s = min(self._until_s, now_s - phase_s + alignment.duty * alignment.period_s)
@@ -99,6 +98,12 @@ class LightOnRequest:
         elif wanted:
             self._set_timer(off_s - now_s - _ALARM_EARLY_S)
         self._account()
+
+    def answer(self) -> None:
+        """Raises `SafetyTrip` where light that is off by now was on for longer than anybody looked after it: the timer
+        of a program that was stopped rings when it goes on."""
+        if self._shutter is not None:
+            self._shutter.heard()
 
     def end(self, why: str) -> None:
         """Off, whatever was asked for."""

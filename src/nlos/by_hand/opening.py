@@ -57,6 +57,7 @@ def in_hand(
                     yield hand
                 finally:
                     hand.light.end("nobody is there any more")
+                hand.light.answer()
 
 
 def aim_in_use(settings: "BenchSettings", there: Mapping[str, "GalvoMirror | HistogramCounter | None"]) -> "Aiming":

@@ -1,18 +1,22 @@
 """The timer that ends light by hand, within any message of the shutter's opening and where closing fails at first: it
 is dark, by the simulated table's own account."""
 
+import os
 import signal
+import sys
 import time
 from pathlib import Path
 
 import pytest
 
+from nlos.__main__ import run
 from nlos.by_hand.light import LightOnRequest
 from nlos.configs.load import load
 from nlos.drivers.bench import BenchSettings
 from nlos.drivers.partial_bench import open_partial_bench
 from nlos.drivers.simulated.faults import Fault
-from tests.acquisition.witnessed_bench import bench_file
+from tests.acquisition.killed_scans import FORK
+from tests.acquisition.witnessed_bench import bench_file, witnessed
 
 BOTH = frozenset({"mirror", "counter"})
 
@@ -65,3 +69,34 @@ def test_the_timer_rings_again_where_the_shutter_did_not_close(tmp_path: Path) -
             while bench.simulated.shutter_open and time.monotonic() < until_s:
                 time.sleep(0.01)  # as where a terminal takes no more: nobody calls `tick`
             assert not bench.simulated.shutter_open
+
+
+def point_in_a_child(folder: Path) -> None:
+    os.chdir(folder)
+    os.dup2(os.open("said.txt", os.O_WRONLY | os.O_CREAT), 2)
+    sys.stderr = os.fdopen(2, "w")
+    code = run(["point", "0.1", "0.1", "--bench", "bench.yaml", "--light", "1"])
+    sys.stderr.flush()
+    os._exit(code)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="stops a process")
+def test_light_by_hand_that_outlasted_its_time_while_its_program_was_stopped_is_told(tmp_path: Path) -> None:
+    """SIGSTOP and SIGCONT, as of a computer that sleeps, with a shutter that nothing watches. The timer closes it as
+    the program goes on, by when there was light for longer than was asked: no success."""
+    bench_file(tmp_path, "S3")
+    child, began_s = FORK.Process(target=point_in_a_child, args=(tmp_path,)), time.monotonic()
+    child.start()
+    try:
+        while "shutter open" not in witnessed(tmp_path):
+            time.sleep(0.02)
+            assert time.monotonic() - began_s < 60
+        os.kill(child.pid or 0, signal.SIGSTOP)
+        time.sleep(2.5)
+        assert witnessed(tmp_path)[-1] == "shutter open"
+    finally:
+        os.kill(child.pid or 0, signal.SIGCONT)
+        child.join()
+    assert "shutter closed" in witnessed(tmp_path)
+    assert child.exitcode == 4
+    assert "nothing was heard from this program for 2 s with the light on" in (tmp_path / "said.txt").read_text()
