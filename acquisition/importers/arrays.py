@@ -66,6 +66,7 @@ def scan_of(stored: StoredArrays, given: Given) -> ImportedScan:
     if not 1e-13 <= width_s <= 1e-6:
         raise InvalidData(f"{stored.name}: bin_width_s is {width_s:g} s; expected 1e-13 to 1e-6 s")
     rectified, notes = _rectified(stored, given)
+    notes += given.other_bins(stored.beside.get("bin_width_s"))
     exposed = _flat(stored, "exposure_s", counts.ndim)
     told = _order_told(stored, exposed, counts.shape[:-1])
     counts = given.ordered(counts, f"{stored.name}: {stored.place}", told)

@@ -93,13 +93,15 @@ def read_sdt(path: Path, given: Given = NOTHING) -> ImportedScan:
         raise InvalidData(
             f"{path}: its blocks have bins of different widths ({listed} ps). Save one measurement a file."
         )
-    width_s = given.bin_width_s or widths.pop()
+    said_s = widths.pop()
+    width_s = given.bin_width_s or said_s
     if not width_s > 0:
         raise InvalidData(f"{path}: does not say its time axis (TAC range and gain). {put_there('--bin-width-ps PS')}")
     images = [block for block in blocks if block.counts.ndim > 2]
     if images and len(images) < len(blocks):
         raise InvalidData(f"{path}: holds images and curves. Save one measurement a file.")
     counts, exposure_s, notes = _image(path, images, given.detector) if images else _row(path, blocks)
+    notes += given.other_bins(said_s or None)
     if others:
         notes.append(f"blocks of other kinds are not imported: {', '.join(sorted(others))}")
     return raw_scan(counts, exposure_s, width_s, f"SDT {'image' if images else 'curves'}", tuple(notes), str(path))

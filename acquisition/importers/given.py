@@ -69,13 +69,19 @@ class Given:
         same = 0 if key == "x_m" else 1
         return turned if np.ptp(turned, axis=same).max() <= np.ptp(values, axis=same).max() else values
 
+    def other_bins(self, stored_s: object) -> list[str]:
+        """The note of bins that are given in place of what a file says; none where it says the same, or nothing."""
+        told = np.asarray(stored_s)
+        if self.bin_width_s is None or told.size != 1 or told.dtype.kind not in "uif" or told == self.bin_width_s:
+            return []
+        return [f"bins of {self.bin_width_s * 1e12:g} ps, as given ({float(told.item()) * 1e12:g} ps in the file)"]
+
     def applied(self, scan: ImportedScan) -> ImportedScan:
         """The scan with what was said in place of what the file said, and a note of each."""
         notes = list(scan.notes)
         if self.bin_width_s is not None and self.bin_width_s != scan.held.time.bin_width_s:
             time = replace(scan.held.time, bin_width_s=self.bin_width_s)
-            stored_ps = scan.held.time.bin_width_s * 1e12
-            notes.append(f"bins of {self.bin_width_s * 1e12:g} ps, as given ({stored_ps:g} ps in the file)")
+            notes += self.other_bins(scan.held.time.bin_width_s)
             scan = replace(scan, held=replace(scan.held, time=time))
         if self.wall_m is not None:
             scan = scan.on_wall(*self.wall_m)

@@ -27,6 +27,7 @@ from nlos.acquisition.importers.untrusted_hdf5 import (
     read_array,
 )
 
+_BINS = "nanotimes_specs/tcspc_unit"
 _TAGS = "user/picoquant/tags"
 _IMAGE = 3
 """What PicoQuant's Measurement_SubMode and ImgHdr_Dimensions say of an image."""
@@ -81,11 +82,13 @@ def read_photon_hdf5(path: Path, given: Given = NOTHING) -> ImportedScan:
         groups = _groups(file)
         spots = [_photons(file, group, given) for group in groups.values()]
         image = _image(file, marks=sum(len(spot.mark_times) for spot in spots))
+        units = [find_dataset(file, f"{group}/{_BINS}") for group in groups.values()]
+        stored = None if units[0] is None or units[0].size != 1 else units[0][()]
         duration = find_dataset(file, "acquisition_duration")
         duration_s = 0.0 if duration is None else needed_number(file, "acquisition_duration")
     if len({spot.bin_width_s for spot in spots}) > 1:
         raise InvalidData(f"{path}: its spots have bins of different widths. Save one spot a file.")
-    notes = _of_spots(dict(zip(groups, spots, strict=True)))
+    notes = _of_spots(dict(zip(groups, spots, strict=True))) + given.other_bins(stored)
     if image is not None and len(spots) == 1:
         counts, exposure_s = _sorted(path, spots[0], image)
         notes.append("photons between lines are not points of the scan and are not imported")
@@ -121,11 +124,9 @@ def _photons(file: h5py.File, group: str, given: Given) -> _Photons:
             f"{file.filename}: {group}/nanotimes: is missing: photons without their delay after the laser pulse make "
             "no histograms. Convert a measurement that was timed against the laser (TCSPC, T3)."
         )
-    if given.bin_width_s is None and find_dataset(file, f"{group}/nanotimes_specs/tcspc_unit") is None:
-        raise InvalidData(
-            f"{file.filename}: {group}/nanotimes_specs/tcspc_unit: is missing. {put_there('--bin-width-ps PS')}"
-        )
-    width_s = given.bin_width_s or needed_number(file, f"{group}/nanotimes_specs/tcspc_unit")
+    if given.bin_width_s is None and find_dataset(file, f"{group}/{_BINS}") is None:
+        raise InvalidData(f"{file.filename}: {group}/{_BINS}: is missing. {put_there('--bin-width-ps PS')}")
+    width_s = given.bin_width_s or needed_number(file, f"{group}/{_BINS}")
     times, delays = _integers(file, f"{group}/timestamps"), _integers(file, f"{group}/nanotimes")
     stored = find_dataset(file, f"{group}/detectors")
     detectors = np.zeros_like(times) if stored is None else _integers(file, f"{group}/detectors")

@@ -109,3 +109,12 @@ def test_truncated_files_are_refused(tmp_path: Path, keep: int) -> None:
     path.write_bytes(path.read_bytes()[:keep])
     with pytest.raises(InvalidData, match=r"short\.sdt"):
         read_any(path)
+
+
+@pytest.mark.parametrize("missing", [4, 512])
+def test_a_curve_that_is_cut_short_is_none_with_fewer_bins(tmp_path: Path, missing: int) -> None:
+    """Curves are taken as long as they are: nothing but the block's own length says that there were more."""
+    path = write_sdt(tmp_path / "curves.sdt", [COUNTS[0, n].astype(np.uint32) for n in range(2)], DECAY, FIFO)
+    path.write_bytes(path.read_bytes()[:-missing])
+    with pytest.raises(InvalidData, match=rf"block 1: states 1024 bytes and holds {1024 - missing}"):
+        read_any(path)

@@ -132,6 +132,19 @@ def test_the_exposure_is_what_the_measurement_took_not_what_was_asked_for(name: 
 
 
 @needs_files
+@pytest.mark.parametrize(("stopped_ms", "took_s"), [(4_321, 4.321), (0, 10.0)])
+def test_the_exposure_of_a_curve_that_was_stopped_early_is_what_it_took(
+    tmp_path: Path, stopped_ms: int, took_s: float
+) -> None:
+    """PicoHarp 300 manual, .phd: Channels, AcqTime and StopAfter follow one another in a curve's header."""
+    data = (TCSPC / "picoharp_v20.phd").read_bytes()
+    stored, other = (struct.pack("<3i", 65_536, 10_000, after) for after in (10_000, stopped_ms))
+    assert data.count(stored) == 1
+    (tmp_path / "a.phd").write_bytes(data.replace(stored, other))
+    assert read_picoquant(tmp_path / "a.phd").transient.exposure_s[0, :2] == pytest.approx([took_s, 1800.0])
+
+
+@needs_files
 def test_detectors_that_are_added_up_are_named_with_their_photons() -> None:
     scan = read_picoquant(TCSPC / "picoharp_topfluorPE.pt3")
     assert (

@@ -11,6 +11,8 @@ from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.formats import read_any
 from nlos.acquisition.importers.given import Given
 from nlos.acquisition.importers.separate_points import refuse_other_names
+from tests.acquisition.importers.photon_files import write_photons
+from tests.acquisition.importers.sdt_files import GAIN, TAC_S, write_sdt
 
 COUNTS = np.random.default_rng(0).poisson(2.0, (8, 8, 64)).astype(np.float32)
 EXPOSURE_S = np.where(np.arange(8)[:, None] < 3, 0.0, 1.0) * np.ones((8, 8))  # its first three rows were not measured
@@ -136,3 +138,25 @@ def test_scans_with_places_of_the_sensor_are_not_taken_for_confocal(names: tuple
     with pytest.raises(InvalidData, match="laser_m and sensor_m"):
         refuse_other_names("a.mat", ("meas", *names))
     refuse_other_names("a.mat", ("meas", "laser_power", "camera"))
+
+
+@pytest.mark.parametrize("form", ["npz", "sdt", "hdf5"])
+@pytest.mark.parametrize("given_ps", [16.0, None])
+def test_bins_that_are_given_in_place_of_a_files_own_are_noted(
+    tmp_path: Path, form: str, given_ps: float | None
+) -> None:
+    """In the units of people: whoever reads a picture's depths must know that the file said otherwise."""
+    photons, path = COUNTS.astype(np.uint16), tmp_path / f"a.{form}"
+    stored_ps = TAC_S / GAIN / 64 * 1e12 if form == "sdt" else 32.0
+    if form == "npz":
+        stored(path, histograms=photons)
+    elif form == "sdt":
+        write_sdt(path, [photons])
+    else:
+        write_photons(path, photons, 32e-12)
+    scan = read_any(path, Given(bin_width_s=given_ps and given_ps * 1e-12))
+    assert scan.transient.time.bin_width_s == pytest.approx((given_ps or stored_ps) * 1e-12)
+    said = [note.split("bins of 16 ps, as given (") for note in scan.notes if "as given" in note]
+    assert [float(after.removesuffix(" ps in the file)")) for _, after in said] == (
+        [pytest.approx(stored_ps, rel=1e-5)] if given_ps else []
+    )
