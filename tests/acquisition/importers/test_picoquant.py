@@ -145,6 +145,15 @@ def test_the_exposure_of_a_curve_that_was_stopped_early_is_what_it_took(
 
 
 @needs_files
+@pytest.mark.parametrize("width_ns", [0.075, 0.08])  # 6.8 and 6.4 of them make 512 ps
+def test_curves_whose_bins_do_not_fit_into_each_other_are_refused(tmp_path: Path, width_ns: float) -> None:
+    data = (TCSPC / "picoharp_v20.phd").read_bytes()
+    (tmp_path / "a.phd").write_bytes(data.replace(struct.pack("<f", 0.128), struct.pack("<f", width_ns)))
+    with pytest.raises(InvalidData, match=r"histogram 0: .* s bins do not fit 5\.12e-10 s"):
+        read_picoquant(tmp_path / "a.phd")
+
+
+@needs_files
 def test_detectors_that_are_added_up_are_named_with_their_photons() -> None:
     scan = read_picoquant(TCSPC / "picoharp_topfluorPE.pt3")
     assert (
