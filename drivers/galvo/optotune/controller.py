@@ -42,7 +42,7 @@ class Controller:
         )
         try:
             line.drain()
-            model = _to_simple_mode(line)
+            model, _ = _to_simple_mode(line)
             line.in_step = True
         except BaseException:
             line.close()
@@ -182,17 +182,18 @@ class _FrameDamaged(ProtocolError):
 
 def _prove(line: SerialLine, stale: bytes) -> None:
     """An answer that nobody waited for is no noise: a command was carried out twice, and the mirror may have moved."""
-    unasked = line.in_step and re.search(rb"OK|NO|OL|OU|ERROR|0x|[0-9A-Fa-f]{8}|~", stale)
-    _to_simple_mode(line)
+    in_step = line.in_step
+    stale += _to_simple_mode(line)[1]
+    unasked = in_step and re.search(rb"OK|NO|OL|OU|ERROR|0x|[0-9A-Fa-f]{8}|~", stale)
     if wire.names_model(stale):
         raise _restarted()
     if unasked:
         raise ProtocolError(DEVICE, f"it answered a command that nobody sent: {stale[:60]!r}.", REOPEN)
 
 
-def _to_simple_mode(line: SerialLine) -> str:
+def _to_simple_mode(line: SerialLine) -> tuple[str, bytes]:
     """Simple mode, and no reply outstanding: only GETID is answered by the model, and replies keep their order. Returns
-    the model.
+    the model, and what answered beyond one reply to each question.
 
     The first START after Pro mode or after garbage may be refused; one that nothing answers went to Pro mode.
     """
@@ -201,10 +202,13 @@ def _to_simple_mode(line: SerialLine) -> str:
         try:
             if line.transact(b"START\r\n", line.timeout_s / 4) != b"OK":
                 line.transact(b"START\r\n", line.timeout_s / 4)
-            said = line.transact(b"GETID\r\n", line.timeout_s / 4)
+            said, beyond = line.transact(b"GETID\r\n", line.timeout_s / 4), b""
             if not wire.names_model(said):
-                said, _ = line.receive(lambda reply: bool(wire.names_model(reply)), line.timeout_s / 4)
-            return wire.names_model(said)
+                before = said
+                said, more = line.receive(lambda reply: bool(wire.names_model(reply)), line.timeout_s / 4)
+                beyond = before + b"\r\n" + more
+            # What was not answered in time may be so now: that is nobody else's.
+            return wire.names_model(said), beyond if attempt == 0 else b""
         except (DeviceTimeout, ProtocolError):
             if attempt == 2 and said not in (b"", b"OK", b"NO"):
                 raise WrongDevice(

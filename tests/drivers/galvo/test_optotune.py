@@ -491,3 +491,25 @@ def test_the_status_may_be_written_with_a_prefix_and_then_without_leading_zeros(
     line: bytes, status: int | None
 ) -> None:
     assert wire.decode_status(line) == status
+
+
+@pytest.mark.parametrize("at", [b"START", b"GETID"])
+@pytest.mark.parametrize("unasked", [b"OK\r\n", b"OU\r\n"])
+def test_it_is_as_much_an_answer_where_it_comes_while_noise_is_looked_into(lab: Lab, at: bytes, unasked: bytes) -> None:
+    """Of another program's move, which this one would take for its own."""
+    bench, mirror = lab()
+    mirror.move_to(ASIDE)
+    cable = plugged("steered")
+    receive, waiting = cable.firmware.receive, [unasked]
+
+    def heard(data: bytes, when_s: float) -> bytes:
+        reply = receive(data, when_s)
+        return waiting.pop() + reply if waiting and data.startswith(at) else reply
+
+    cable.firmware.receive = heard  # type: ignore[method-assign]
+    cable._reply(b"#\r\n", bench.clock.now())
+    bench.clock.sleep(0.01)
+    with pytest.raises(ProtocolError, match="answered a command that nobody sent"):
+        mirror.move_to(MirrorAngles(0.0, 0.1))
+    with pytest.raises(DeviceFault, match="not known any more"):
+        mirror.move_to(ASIDE)
