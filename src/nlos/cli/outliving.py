@@ -47,8 +47,8 @@ class OutlivingStream(PassingStream):
 
     def flush(self) -> None:
         try:
-            if self._unwaiting is None or not self._offers():
-                self.sent.flush()
+            if self._unwaiting is None or not (a_bench_is_open() or self._hurried()):
+                self.sent.flush()  # what was written before the first bench; nothing else is below
         except (OSError, ValueError):
             self._send_to_nowhere()
 
