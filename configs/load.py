@@ -196,8 +196,8 @@ def _explain(error: dict[str, Any], data: Any, places: dict[Place, yaml.Mark], n
             return f"{name}:{mark.line + 1}:{mark.column + 1}: {_dotted(place)}: {message}"
     hint = ""
     if isinstance(given, bool):
-        words = "yes, on and true" if given else "no, off and false"
-        hint = f" YAML takes {words} for {given}; a word of these letters is put in quotes."
+        meant = "yes, on and true" if given else "no, off and false"
+        hint = f" YAML takes {meant} for {given}; a word of these letters is put in quotes."
     elif isinstance(given, str):
         if _is_number(given):
             hint = f" YAML reads {given} as text; write it with a dot and a signed exponent, as {_as_yaml(given)}."

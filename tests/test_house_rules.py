@@ -22,6 +22,7 @@ MOST_PARAMETERS = 6
 MORE = {
     "src/nlos/acquiring.py": {"scan"},
     "src/nlos/reconstructing.py": {"reconstruct"},
+    "src/nlos/scan_data.py": {"load"},
     "src/nlos/array_scan.py": {"scan_from_arrays"},
     "acquisition/scanning/engine.py": {"scan"},
     "drivers/bench.py": {"__init__"},

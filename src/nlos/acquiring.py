@@ -67,6 +67,7 @@ def scan(
     own. Raises `DeviceError` with the shutter closed, `DeviceBusy` while another scan of this bench is under way.
     """
     _check_free(bench)
+    _check_notes(tags, sample=sample, operator=operator, note=note)
     if bench.settings.shutter.model == "none" and not no_shutter:
         raise PlanRefused(
             "this bench has no shutter, so nothing here can shut off the light. Pass no_shutter=True if something else "
@@ -97,6 +98,15 @@ def _check_free(bench: Bench) -> None:
         )
     if bench.scanning.locked():
         raise _busy(bench)
+
+
+def _check_notes(tags: object, **texts: object) -> None:
+    """Raises `TypeError` for what is no text, and for a word in the place of a list of words: its letters are none."""
+    for name, text in texts.items():
+        if not isinstance(text, str | None):
+            raise TypeError(f"{name}={text!r}: text is expected, as {name}={str(text)!r}.")
+    if not (isinstance(tags, Sequence) and not isinstance(tags, str) and all(isinstance(tag, str) for tag in tags)):
+        raise TypeError(f"tags={tags!r}: a list of words is expected, as tags=['night'].")
 
 
 def _busy(bench: Bench) -> DeviceBusy:

@@ -16,7 +16,9 @@ from nlos.loaded import LoadedScan
 from nlos.recon.errors import InvalidData
 from nlos.recon.gridding import grid_samples
 
-Size = float | Sequence[float]
+Array = npt.NDArray[np.floating[Any] | np.integer[Any]]
+Size = float | Sequence[float] | Array
+Places = Sequence[npt.ArrayLike] | Array
 ARRAYS = "histograms"
 """What they are called in warnings."""
 AXES = {"T": "T", "Y": "Y", "H": "Y", "X": "X", "W": "X", "N": "N"}
@@ -27,7 +29,7 @@ def scan_from_arrays(
     *,
     bin_width: float | None,
     wall: Size | None,
-    points: Sequence[npt.ArrayLike] | None = None,
+    points: Places | None = None,
     axes: str | None = None,
     exposure: npt.ArrayLike | None = None,
     rectified: bool | None = None,
@@ -186,7 +188,7 @@ def _wall(wall: Size | None, rows: int, cols: int) -> WallGrid:
     return WallGrid(*_sides(wall), rows, cols)
 
 
-def _places(points: Sequence[npt.ArrayLike], count: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _places(points: Places, count: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     if len(points) != 2:
         raise InvalidData(f"points holds {len(points)} arrays; points=(x_m, y_m) is expected, one number per point.")
     if any(np.ma.is_masked(values) for values in points):

@@ -163,7 +163,10 @@ def loaded_frames(recording: Recording, frames: range | None) -> LoadedScan:
 def _rows(recording: Recording, frames: range | None) -> range:
     if frames is None:
         return range(len(recording))
-    rows = rows_of(recording.plan, recording.records, frames)
+    try:
+        rows = rows_of(recording.plan, recording.records, frames)
+    except InvalidData as error:
+        raise InvalidData(f"{recording.path}: {error}") from None
     if not rows:
         what = f"frame {frames.start}" if len(frames) == 1 else f"frames {frames.start} to {frames.stop - 1}"
         raise InvalidData(f"{recording.path}: {what}: no point of it was taken. `nlos scan ... --resume` takes it.")

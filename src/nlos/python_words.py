@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
+from nlos.recon.errors import ReconError
+
 _WARNING = ("loaded", "chain", "file_doubts", "bench_constants")
 """Modules behind `nlos.load` and `nlos.reconstruct` whose warnings name options."""
 _COMMANDS = ("`nlos reconstruct` and `nlos import` also take", "`nlos.load` and `nlos.reconstruct` also take")
@@ -55,7 +57,7 @@ def said_in_python() -> Iterator[None]:
     before = _in_python.set(True)
     try:
         yield
-    except Exception as error:
+    except (OSError, ValueError, ReconError) as error:
         if len(error.args) == 1 and isinstance(error.args[0], str):
             error.args = (in_python(error.args[0]),)
         raise

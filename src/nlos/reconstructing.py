@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlos.acquisition.transient import Transient
-from nlos.array_scan import Size, scan_from_arrays, whether_rectified
+from nlos.array_scan import Array, Places, Size, scan_from_arrays, whether_rectified
 from nlos.chain import reconstruct_scan, reconstruct_transient
 from nlos.loaded import said_rectified
 from nlos.picture import Picture
@@ -30,13 +30,13 @@ def reconstruct(
     weights: str | Path | None = None,
     wall: Size | None = None,
     bin_width: float | None = None,
-    points: Sequence[npt.ArrayLike] | None = None,
+    points: Places | None = None,
     axes: str | None = None,
     exposure: npt.ArrayLike | None = None,
     rectified: bool | np.bool_ | None = None,
     constants: str | Path | None = None,
     response: ResponseSaid = "auto",
-    depth_m: Sequence[float] | None = None,
+    depth_m: Sequence[float] | Array | None = None,
     device: str = "cpu",
     **settings: object,
 ) -> Picture:
@@ -90,7 +90,7 @@ def reconstruct(
     return Picture(made if limits_m is None else within_depths(made, *limits_m))
 
 
-def _limits(depth_m: Sequence[float] | None) -> tuple[float, float] | None:
+def _limits(depth_m: Sequence[float] | Array | None) -> tuple[float, float] | None:
     """Nearest and farthest depth. Raises `InvalidSettings`."""
     if depth_m is None:
         return None

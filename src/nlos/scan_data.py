@@ -89,6 +89,8 @@ class Scan:
         width_m, height_m = self.wall_m
         shape = " x ".join(str(n) for n in self.counts.shape[:-1])
         places = f"{shape} points" if self.on_grid else f"{shape} points at free positions"
+        if (measured := int((self.exposure_s > 0).sum())) < self.exposure_s.size:
+            places += f", {measured} measured"
         bins = f"{self.counts.shape[-1]} bins of {self.bin_width_s * 1e12:g} ps"
         photons = float(self.loaded.transient.counts.sum(dtype=np.float64))
         size = f"{width_m:g} x {height_m:g} m"

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_args, get_origin, get_type_hints
 
 import h5py
 import numpy as np
@@ -246,3 +247,15 @@ def test_a_picture_is_limited_to_depths_from_python(wrong: object) -> None:
     assert 0.4 <= limited.depths_m[0] < limited.depths_m[-1] <= 0.75
     with pytest.raises(InvalidSettings, match="in metres is expected"):
         nlos.reconstruct(histograms, wall=1.0, bin_width=BIN_S, depth_m=wrong)
+
+
+def test_sizes_and_places_may_be_arrays_to_a_type_checker_too() -> None:
+    """They always could be when run: a recording's own `wall_size_m`, positions stacked as [2, N]."""
+    hints = get_type_hints(nlos.reconstruct)
+    for name in ("wall", "points", "depth_m"):
+        assert np.ndarray in {get_origin(each) for each in get_args(hints[name])}, name
+    stacked = np.stack(np.meshgrid(np.linspace(-0.4, 0.4, 8), np.linspace(0.4, -0.4, 8))).reshape(2, -1)
+    sides, depths_m = np.array([1.0, 1.0]), np.array([0.2, 1.0])
+    picture = nlos.reconstruct(point_scene(8, 8).reshape(64, -1), points=stacked, wall=sides, bin_width=BIN_S,
+                               depth_m=depths_m)  # fmt: skip
+    assert brightest(picture)[2] == pytest.approx(0.6, abs=0.1)

@@ -1,12 +1,13 @@
 """A scan from Python is as safe and as complete as `nlos scan`: the same checks, the same recording."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import nlos
 from nlos.__main__ import run
-from nlos.acquisition.errors import StorageError
+from nlos.acquisition.errors import InvalidData, StorageError
 from nlos.acquisition.recording.recording import Recording, Status
 from nlos.drivers.errors import DeviceBusy, SafetyTrip
 from nlos.drivers.state_folder import STATE
@@ -103,3 +104,34 @@ def test_what_is_no_open_bench_is_told_how_one_is_opened() -> None:
     for wrong in (BENCH, None, nlos.open_bench(BENCH)):
         with pytest.raises(TypeError, match=r"is no open bench\. Open it: with nlos.open_bench\("):
             nlos.scan(SCAN, wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        ({"tags": "night"}, r"tags='night': a list of words is expected"),
+        ({"tags": ["night", 3]}, r"a list of words is expected"),
+        ({"sample": 3}, r"sample=3: text is expected, as sample='3'\."),
+        ({"note": ["long"]}, r"note=\['long'\]: text is expected"),
+    ],
+)
+def test_notes_that_are_no_text_are_refused_before_a_file_is_begun(said: dict[str, Any], told: str) -> None:
+    """A word is a sequence of letters, too: tags of one letter each were kept of it."""
+    with nlos.open_bench(BENCH) as bench, pytest.raises(TypeError, match=told):
+        nlos.scan(SCAN, bench, output="run.h5", **said)
+    assert not Path("run.h5").exists()
+
+
+def test_a_scan_that_was_left_says_how_much_of_it_is_there() -> None:
+    with nlos.open_bench(BENCH) as bench:
+        samples = nlos.scan(SCAN, bench, output="run.h5")
+        taken = [next(samples) for _ in range(3)]
+        samples.close()
+    assert f"64 x 64 points, {len(taken)} measured, 1 x 1 m" in repr(nlos.load("run.h5"))
+    with pytest.raises(InvalidData, match=r"^run\.h5: frame 7: the recording has 1, from 0 to 0"):
+        nlos.load("run.h5", frame=7)
+
+
+def test_what_is_refused_of_a_place_names_no_option() -> None:
+    with nlos.open_bench(BENCH) as bench, pytest.raises(StorageError, match=r"choose another place\.$"):
+        nlos.scan(SCAN, bench, output="nowhere/at/all/run.h5")
