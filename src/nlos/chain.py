@@ -251,23 +251,18 @@ def reconstruct_scan(
     known = constants_for(scan, recipe.constants)
     arrivals = None if whole is None else arrivals_of(whole, known)
     transient = calibrate_scan(scan, offsets == "file", known, arrivals)
+    stage(f"{recipe.method} on {transient.wall.rows} x {transient.wall.cols} x {transient.time.bins}")
     with _or_rectified(scan):
-        made = reconstruct_transient(transient, replace(recipe, settings=chosen), scan.falloff, stage)
+        made = reconstruct_transient(transient, replace(recipe, settings=chosen), scan.falloff)
     return replace(made, left_aside=scan.left_aside)
 
 
-def reconstruct_transient(
-    transient: "Transient",
-    recipe: Recipe,
-    falloff: float | None = None,
-    stage: Callable[[str], None] = lambda name: None,
-) -> "Reconstruction":
+def reconstruct_transient(transient: "Transient", recipe: Recipe, falloff: float | None = None) -> "Reconstruction":
     """What is calibrated already, time 0 at the wall, reconstructed. `falloff`: as the scan's file states it."""
     transient = with_response(transient, recipe.response)
     say_response(transient)
     if unlike := _unlike_trained(recipe.settings.get("weights"), transient, falloff):
         log.warning("%s", unlike)
-    stage(f"{recipe.method} on {transient.wall.rows} x {transient.wall.cols} x {transient.time.bins}")
     return reconstruct(transient, recipe.method, recipe.settings, recipe.device, elsewhere=True)
 
 
@@ -295,10 +290,9 @@ def reconstruct_file(
     stage(FIRST_STAGE)
     frames = None if frame is None else range(frame, frame + 1)
     scan, whole = load_scan(run, given, frames), None if frame is None else load_scan(run, given)
-    result = reconstruct_scan(scan, recipe.limited_to(results.depth_m), stage=stage, whole=whole)
-    if results.depth_m is not None:
-        result = within_depths(result, *results.depth_m)
-    result = replace(result, scan=run.name, frame=frame)
+    made = reconstruct_scan(scan, recipe.limited_to(results.depth_m), stage=stage, whole=whole)
+    limited = made if results.depth_m is None else within_depths(made, *results.depth_m)
+    result = replace(limited, scan=run.name, frame=frame)
     stage("drawing")
     write_results(results.path, result, overwrite=results.overwrite, keep_volume=results.volume, html=results.html)
     return result
