@@ -24,6 +24,7 @@ from nlos.recon.explained_hot import hot_points
 from nlos.recon.explained_parts import KEPT, Parts, coarser, counted_in, photon_unit, split
 from nlos.recon.explained_share import Explained
 from nlos.recon.explained_surface import light_from_in_front, surface_light, with_haze
+from nlos.recon.gate import open_bins
 from nlos.recon.other_geometry import Judged, better_wall
 from nlos.recon.points_in_order import out_of_order
 
@@ -135,7 +136,7 @@ def _judge(
         return np.asarray(x[first : first + used].reshape(used // joined, joined, -1).sum(axis=1), dtype=np.float64)
 
     had, left = stretches(seen.counts[:, row, col]), stretches(judging.counts[:, row, col])
-    flat = np.ones_like(had) * dwell
+    flat = stretches(_opened(seen)) / joined * dwell
     profile = np.maximum(scipy.ndimage.uniform_filter1d((had / dwell).mean(axis=1), 3), 0)
     floor = max(float(np.quantile(profile, 0.1)), 0.0) + 0.02 * float(profile.max())
     near = np.maximum(scipy.ndimage.uniform_filter1d(had, 5, axis=0), 0)
@@ -179,11 +180,18 @@ def _judge(
     return Judged(share, error, "", missed, there)
 
 
+def _opened(part: Transient) -> Floats:
+    """1 in the bins (T,) in which there may be a background, 0 where a gate was shut."""
+    opened = open_bins(part.counts[:, part.exposure_s > 0])
+    return np.ones(part.time.bins) if opened is None else opened.astype(np.float64)
+
+
 def _comes_in_time(parts: Parts) -> bool:
     """Whether the light of all points together is no flat background, by the time at which it comes."""
     seen, judging = (part.counts.sum(axis=(1, 2), dtype=np.float64) for part in (parts.seen, parts.judging))
-    first = int(np.flatnonzero(seen)[0])
-    seen, judging = seen[first:], judging[first:]
+    opened = _opened(parts.seen) > 0
+    opened[: np.flatnonzero(seen)[0]] = False
+    seen, judging = seen[opened], judging[opened]
     both = (seen - seen.mean()) * (judging - judging.mean())
     noise = parts.unit * parts.unit * seen.mean() * judging.mean() * len(both)
     return float(both.sum()) > SURE * float(np.sqrt(max(noise, 0.0)))

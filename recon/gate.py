@@ -79,4 +79,4 @@ def _meets_everywhere(sums: npt.NDArray[np.float64]) -> bool:
     met = float((total**2).sum() - (sums**2).sum())
     each = sums.sum(axis=1)
     chance = float(each.sum() ** 2 - (each**2).sum()) / sums.shape[1]
-    return met >= MET * chance > 0
+    return bool(met >= MET * chance > 0)

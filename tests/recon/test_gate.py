@@ -87,3 +87,25 @@ def test_dark_bins_without_ambient_light_are_no_gate(
     counts = rate.astype(np.float32)
     assert open_bins(counts.reshape(TIME.bins, -1)) is None
     assert float(estimate(torch.from_numpy(counts)[None, None], None, TIME).background) == 0
+
+
+@pytest.mark.parametrize("name", ["closes early", "shut after the direct light"])
+def test_a_gate_takes_nothing_from_what_a_picture_explains(name: str) -> None:
+    even = np.ones((WALL.rows, WALL.cols))
+    rate = light(0.15, 0.7) + AMBIENT
+    always = np.random.default_rng(2).poisson(rate).astype(np.float32)
+    shares = []
+    for counts in (always, always * GATES[name][:, None, None]):
+        made = reconstruct(Transient(counts.astype(np.float32), even, WALL, TIME), "lct")
+        assert made.explained is not None
+        assert made.explained.share is not None
+        shares.append(made.explained.share)
+    assert shares[1] > shares[0] - 0.1
+
+
+def test_ambient_light_behind_a_gate_is_nothing_to_explain() -> None:
+    counts = np.random.default_rng(3).poisson(np.ones((TIME.bins, 16, 16)) * GATES["closes early"][:, None, None])
+    even = np.ones((WALL.rows, WALL.cols))
+    made = reconstruct(Transient(counts.astype(np.float32), even, WALL, TIME), "lct")
+    assert made.explained is not None
+    assert made.explained.nothing
