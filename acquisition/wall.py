@@ -13,6 +13,8 @@ Floats = npt.NDArray[np.float64]
 ORIENTATION = (
     "row 0 is the top and column 0 the left for who looks at the wall from the scanner; x_m counts to the right, y_m up"
 )
+BESIDE = 0.6
+"""Of their extent: points whose middle is farther from 0 are beside it; half a wall's is half of its extent away."""
 
 
 @dataclass(frozen=True)
@@ -63,3 +65,18 @@ def grid_around(x_m: Floats, y_m: Floats, size_m: tuple[float, float] | None = N
     return WallGrid(
         width_m, height_m, max(1, round(pixels * height_m / longer)), max(1, round(pixels * width_m / longer))
     )
+
+
+def about_their_middle(x_m: Floats, y_m: Floats) -> tuple[Floats, Floats, str]:
+    """Places (N,) of points of a wall of unknown size, about their own middle where all of them lie beside 0, and what
+    is said of it; as they are and "" elsewhere. A wall around 0 that holds them would be far larger than what was
+    scanned."""
+    places = x_m, y_m
+    middles = [(float(each.min()) + float(each.max())) / 2 for each in places]
+    if all(abs(middle) <= BESIDE * float(np.ptp(each)) for middle, each in zip(middles, places, strict=True)):
+        return x_m, y_m, ""
+    said = (
+        f"its points are around ({middles[0]:.4g}, {middles[1]:.4g}) m, which is taken for the wall's middle; from "
+        "here on places count from there (if 0 is the wall's middle: --wall-size-m, wall in Python)"
+    )
+    return x_m - middles[0], y_m - middles[1], said

@@ -16,7 +16,7 @@ from nlos.acquisition.importers.separate_points import POINTS, at_midpoints_of, 
 from nlos.acquisition.importers.stored_counts import without_missing, without_single_axes
 from nlos.acquisition.response import Response, stated
 from nlos.acquisition.transient import TimeAxis, Transient
-from nlos.acquisition.wall import WallGrid, grid_around
+from nlos.acquisition.wall import WallGrid, about_their_middle, grid_around
 
 Array = npt.NDArray[Any]
 KNOWN = (
@@ -31,8 +31,6 @@ NOT_SAID = (
     "`rectified` is not stored; assuming that it is: time 0 is the wall point, direct light is gone (if not: --raw)"
 )
 MOST_NAMED = 24
-BESIDE = 0.6
-"""Of their extent: points whose middle is farther from 0 are beside it; half a wall's is half of its extent away."""
 
 
 @dataclass(frozen=True)
@@ -210,18 +208,9 @@ def _free(
 
 
 def _centred(free: FreePoints) -> tuple[FreePoints, list[str]]:
-    """Points of a wall of unknown size that lie beside 0, all of them: about their own middle, and what is said of it.
-    A wall around 0 that holds them would be far larger than what was scanned."""
-    places = free.x_m, free.y_m
-    middles = [(float(each.min()) + float(each.max())) / 2 for each in places]
-    if all(abs(middle) <= BESIDE * float(np.ptp(each)) for middle, each in zip(middles, places, strict=True)):
-        return free, []
-    x_m, y_m = (each - middle for each, middle in zip(places, middles, strict=True))
-    said = (
-        f"its points are around ({middles[0]:.4g}, {middles[1]:.4g}) m, which is taken for the wall's middle; from "
-        "here on places count from there (if 0 is the wall's middle: --wall-size-m)"
-    )
-    return replace(free, x_m=x_m, y_m=y_m, wall=grid_around(x_m, y_m)), [said]
+    """Points of a wall of unknown size, about their own middle where all of them lie beside 0; and what is said."""
+    x_m, y_m, said = about_their_middle(free.x_m, free.y_m)
+    return (replace(free, x_m=x_m, y_m=y_m, wall=grid_around(x_m, y_m)), [said]) if said else (free, [])
 
 
 def _direct_cut(stored: StoredArrays, bins: int) -> int:

@@ -1,5 +1,6 @@
 """A scan from NumPy arrays: every way in which they can be meant, told apart or refused."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, SupportsFloat
@@ -9,13 +10,14 @@ import numpy.typing as npt
 
 from nlos.acquisition.importers.given import Given
 from nlos.acquisition.transient import MOST_COUNTS, TimeAxis, Transient
-from nlos.acquisition.wall import WallGrid, grid_around
+from nlos.acquisition.wall import WallGrid, about_their_middle, grid_around
 from nlos.calibration.raw_points import RawPoints
 from nlos.file_doubts import doubt
 from nlos.loaded import LoadedScan
 from nlos.recon.errors import InvalidData
 from nlos.recon.gridding import grid_samples
 
+log = logging.getLogger(__name__)
 Array = npt.NDArray[np.floating[Any] | np.integer[Any]]
 Size = float | Sequence[float] | Array
 Places = Sequence[npt.ArrayLike] | Array
@@ -59,6 +61,10 @@ def scan_from_arrays(
         doubt(ARRAYS, scan.transient, wall_known=True, direct_light=not rectified)
         return replace(scan, rectified_assumed=assumed)
     x_m, y_m = _places(points, len(counts))
+    if wall is None:
+        x_m, y_m, said = about_their_middle(x_m, y_m)
+        if said:
+            log.warning("%s: %s", ARRAYS, said)
     grid = grid_around(x_m, y_m, None if wall is None else _sides(wall))
     nothing = np.zeros(len(counts))
     free = RawPoints(counts, x_m, y_m, exposed, nothing, nothing, time)
