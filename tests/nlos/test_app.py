@@ -1,5 +1,6 @@
 """The command line answers fast, loads little, and knows every verb that it names."""
 
+import errno
 import importlib
 import json
 import os
@@ -102,3 +103,23 @@ def test_a_shell_completes_verbs_options_scans_and_benches(typed: str, offered: 
         [sys.executable, "-c", program], env=os.environ | asked, capture_output=True, text=True, timeout=240
     )
     assert done.stdout.split() == [offered]
+
+
+def test_a_share_that_is_gone_and_a_system_that_opens_no_more_files_are_no_bugs(tmp_path: Path) -> None:
+    """What sshfs and NFS say of a share whose other end went, and, by the system itself, a process out of files."""
+    for number in (errno.ENOTCONN, errno.ESTALE, errno.EHOSTDOWN):
+        assert exit_code(OSError(number, os.strerror(number), "/mnt/lab/run.h5")) == 6
+    resource = pytest.importorskip("resource")
+    (tmp_path / "run.h5").write_bytes(b"0" * 100)
+    with (tmp_path / "said.txt").open("w") as said:
+        child = os.fork()
+        if not child:
+            os.dup2(said.fileno(), 2)
+            sys.stderr = os.fdopen(2, "w")
+            free = os.open(os.devnull, os.O_RDONLY)
+            resource.setrlimit(resource.RLIMIT_NOFILE, (free, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
+            code = run(["verify", str(tmp_path / "run.h5")])
+            sys.stderr.flush()
+            os._exit(code)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 6, (tmp_path / "said.txt").read_text()
+    assert "Too many open files" in (tmp_path / "said.txt").read_text()

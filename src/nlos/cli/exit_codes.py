@@ -34,6 +34,15 @@ ALWAYS = {
 put on Python's path instead."""
 
 
+_OF_STORAGE = {
+    getattr(errno, name, None)
+    for name in (
+        "ENOSPC", "EDQUOT", "EFBIG", "EROFS", "EIO", "EREMOTEIO", "ESTALE", "ENOTCONN", "EHOSTDOWN", "EMFILE", "ENFILE",
+    )
+} - {None}  # fmt: skip
+"""What disks say, network shares that are gone, and a system that opens no more files."""
+
+
 class UsageError(ValueError):
     """The command was called in a way that cannot work; the message says what to change."""
 
@@ -83,7 +92,7 @@ def exit_code(error: BaseException) -> ExitCode:
             return code
     if isinstance(error, OSError) and error.errno in (errno.ENAMETOOLONG, errno.ENOTDIR, errno.ELOOP):
         return ExitCode.USAGE
-    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO):
+    if isinstance(error, OSError) and error.errno in _OF_STORAGE:
         return ExitCode.STORAGE
     if isinstance(error, PermissionError):
         return ExitCode.STORAGE
