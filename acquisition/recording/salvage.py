@@ -201,7 +201,7 @@ def _resumed(recording: Recording, plan: ScanPlan, lock: WriterLock, clock: Cloc
         )
     taken = recording.photons()
     last_s, away = _since_the_last(recording) if taken else (0.0, 0.0)
-    away_s = away or 0.0
+    away_s, before_s = away or 0.0, _away_before(recording)
     lit_s = float(recording.intact_records()["taken_s"].min(initial=last_s))
     rows, done = condition.intact, not plan.pending(taken)
     if done:
@@ -221,7 +221,18 @@ def _resumed(recording: Recording, plan: ScanPlan, lock: WriterLock, clock: Cloc
     if taken:
         long = "nobody knows how long: the computer's clock was set" if away is None else f"{away_s:.1f} s"
         writer.log("resumed", f"{long} after the last of it", last_s + away_s)
-    return Resumed(writer, taken, last_s + away_s, away_s, lit_s, kept)
+    return Resumed(writer, taken, last_s + away_s, before_s + away_s, lit_s, kept)
+
+
+def _away_before(recording: Recording) -> float:
+    """How long nobody was scanning before each time that it was resumed, in all."""
+    records, away_s = recording.intact_records(), 0.0
+    events = [event for event in recording.events() if math.isfinite(event.bench_s)]
+    for number, event in enumerate(events):
+        if event.kind == "resumed":
+            ended_s = (records["taken_s"] + records["live_time_s"])[records["taken_s"] < event.bench_s]
+            away_s += event.bench_s - max((float(ended_s.max(initial=0.0)), *(e.bench_s for e in events[:number])))
+    return away_s
 
 
 def _since_the_last(recording: Recording) -> tuple[float, float | None]:

@@ -273,3 +273,22 @@ def test_a_recording_is_rescued_beside_itself_where_no_folder_for_temporary_file
     with pytest.raises(StorageError, match=r"was deleted.*10 samples are safe in .*run\.h5\.rescued"):
         writer.finish(Status.FAILED)
     assert verify(run_path.with_name("run.h5.rescued")).rows.damaged == ()
+
+
+def test_a_scan_that_was_left_twice_knows_how_long_nobody_was_scanning(
+    run_path: Path, small_plan: Plans, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two breaks by the clock on the wall, of 100 and 1000 s: bench time less them is what points took."""
+    plan, unix_s = small_plan(), time.time()
+    monkeypatch.setattr(time, "time", lambda: unix_s)
+    resumed = resume(run_path, plan, Header().stamped())
+    for number, break_s in enumerate((100.0, 1000.0, 0.0)):
+        assert resumed.writer is not None
+        resumed.writer.write(replace(sample(plan, number), taken_s=resumed.elapsed_s + 1.0))
+        resumed.writer.finish(Status.INTERRUPTED)
+        unix_s += break_s
+        resumed = resume(run_path, plan, Header())
+    assert resumed.writer is not None
+    resumed.writer.finish(Status.INTERRUPTED)
+    assert resumed.away_s == pytest.approx(1100.0, abs=0.1)
+    assert resumed.elapsed_s == pytest.approx(1100.0 + 3 * (1.0 + sample(plan, 0).histogram.live_time_s), abs=0.1)
