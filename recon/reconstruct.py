@@ -146,7 +146,7 @@ def _see(
 def _tell_how_far(volume: Image | None, planes_m: npt.NDArray[np.float64]) -> None:
     """Says so where a picture with intervals ends before the last of its planes: they are no answer for what may lie
     behind that, and sends less light than noise hides."""
-    seen = () if volume is None else np.flatnonzero(volume.any(axis=(1, 2)))
+    seen = np.flatnonzero(np.zeros(0) if volume is None else volume.any(axis=(1, 2)))
     if len(seen) and seen[-1] + 1 < len(planes_m):
         _log.info(
             "nothing stands out of the noise behind %.2f m: not looked at. Intervals are of what is nearer: "
