@@ -60,7 +60,13 @@ def reconstruct(
     if isinstance(scan, str | Path):
         scan = load(scan, wall=wall, bin_width=bin_width, axes=axes, rectified=said)
         wall = bin_width = axes = None
-    given = {"wall": wall, "bin_width": bin_width, "points": points, "axes": axes, "exposure": exposure}
+    given: dict[str, object] = {
+        "wall": wall,
+        "bin_width": bin_width,
+        "points": points,
+        "axes": axes,
+        "exposure": exposure,
+    }
     if isinstance(scan, Transient):
         given |= {"rectified": said, "constants": constants, "offsets": settings.get("offsets")}
     if isinstance(scan, Scan | Transient) and (named := [name for name, value in given.items() if value is not None]):
