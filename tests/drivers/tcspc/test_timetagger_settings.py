@@ -169,3 +169,46 @@ def test_photons_that_would_be_three_bins_off_by_the_lasers_drift_are_not_kept(t
     with pytest.raises(SyncLost, match="when points began"):
         taken(counter, bench)
     counter.close()
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize(("first", "bins", "kept"), [(0, 1500, 80), (900, 400, 40), (0, 20, 40)])
+def test_a_window_of_any_length_has_all_its_bins_and_no_photon_twice(
+    mode: str, first: int, bins: int, kept: int
+) -> None:
+    """Longer than the laser's period, beyond its end, and a short one: the total is that of the whole period."""
+    package, settings, bench = rig(mode=mode)
+    counter = TimeTagger.open(settings, bench.clock, package)
+    counter.configure(HistogramAxis(bins, AXIS.bin_width_s, first * AXIS.bin_width_s))
+    counter.arm(PointGates([0.004], [0]))
+    counter.trigger()
+    counter.wait_points(1, 1.0)
+    (seen,) = counter.read(0, 1)
+    counter.close()
+    assert (len(seen.counts), int(seen.counts.sum()), seen.total_count) == (bins, kept, 80)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_laser_that_drifts_while_its_clock_steps_is_a_lost_sync(mode: str) -> None:
+    package, settings, bench = rig(mode=mode, pixel_clock=1)
+    counter = TimeTagger.open(settings, bench.clock, package)
+    bench.faults.add(Fault(name="T4", after_s=bench.clock.now() + 0.13, parameters={"times_hz": 0.98}))
+    with pytest.raises(SyncLost, match="when points began"):
+        stepped(bench, counter)
+    counter.close()
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_armed_anew_in_the_middle_of_a_sequence_its_clock_stands_still(mode: str) -> None:
+    package, settings, bench = rig(mode=mode, pixel_clock=1)
+    counter = TimeTagger.open(settings, bench.clock, package)
+    _, _, steps = stepped(bench, counter)
+    counter.arm(PointGates([0.02] * 3, [0, 1, 2], Trigger.CLOCK, 0.002))
+    bench.clock.sleep(0.03)
+    seen = taken(counter, bench)
+    given_up_with = steps[0]
+    bench.clock.sleep(1.0)
+    assert bench.shutter_open
+    assert steps[0] == given_up_with
+    assert [each.live_time_s for each in seen] == [0.004] * 3
+    counter.close()
