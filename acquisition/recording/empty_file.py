@@ -72,7 +72,7 @@ def lay_out(target: Path, plan: ScanPlan, header: Header) -> Path:
         size = points * (bins * 4 + RECORD.itemsize)
         raise StorageError(
             f"{target}: cannot reserve {size / 1e6:.0f} MB for {points} points of {bins} bins ({error}). "
-            f"{_REMEDIES.get(getattr(error, 'errno', None), _REMEDY)}"
+            f"{_REMEDIES.get(getattr(error, 'errno', None) or 0, _REMEDY)}"
         ) from error
     return fresh
 
