@@ -94,8 +94,7 @@ class GuardedShutter:
         if self._arming is not None and not self._settings.dry_run:
             self._arming.warn(lambda: self._for_good or self._held)
 
-    @property
-    def armed(self) -> bool:
+    def is_armed(self) -> bool:
         """Whether nothing has to happen any more before light."""
         return self._arming is None or self._arming.armed or self._settings.dry_run
 
@@ -112,6 +111,8 @@ class GuardedShutter:
             raise BenchClosed("shutter", "stays closed: the bench is being closed.")
         if self.is_held():
             raise ShutterHeld("shutter", f"stays closed after {self._held}.")
+        if not self.is_armed():
+            raise ShutterHeld("shutter", "stays closed: the warning time before light was broken off.")
         if self._settings.dry_run:
             if self._there:
                 self._events.report("shutter", "asked to open: stays closed in a dry run")

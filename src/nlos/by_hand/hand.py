@@ -126,9 +126,9 @@ class Hand:
         repeats = now_s - self._held_s < FIRST_HOLD_S
         self._held_s = now_s
         shutter = self.bench.shutter
-        if shutter is not None and not shutter.armed:  # who pressed may have let go while the warning time passed
+        if shutter is not None and not shutter.is_armed():  # who pressed may have let go while the warning time passed
             shutter.release()  # somebody asks again, after whatever shut the light
-            if self.try_to(shutter.arm) and shutter.armed:
+            if self.try_to(shutter.arm) and shutter.is_armed():
                 self.keys.pressed()
                 self.note("armed: SPACE gives light from now on")
             return
