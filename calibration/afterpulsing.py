@@ -53,10 +53,14 @@ def from_full_period(
             "longer or brighter one over the whole laser period."
         )
     near_s = float(coarse[np.argmin(trials)])
-    about_s = min(DECAYS_S, key=lambda decay: model.solve(near_s, decay)[0])
+    about_s = DECAYS_S[int(np.argmin([model.solve(near_s, decay)[0] for decay in DECAYS_S]))]
     low, high = np.log(3 * bin_width_s), np.log(period_s)
+
+    def residuals(p: Floats) -> Floats:
+        return model.residuals(float(p[0]) * bin_width_s, float(np.exp(p[1])))
+
     fit = scipy.optimize.least_squares(
-        lambda p: model.residuals(p[0] * bin_width_s, float(np.exp(p[1]))),
+        residuals,
         [near_s / bin_width_s, np.clip(np.log(about_s), low + 1e-3, high - 1e-3)],
         bounds=([(near_s - 2 * step_s) / bin_width_s, low], [(near_s + 2 * step_s) / bin_width_s, high]),
         x_scale=[1.0, 0.3],
@@ -77,7 +81,7 @@ class _FullPeriod:
     def __init__(self, counts: Floats, sync_count: float, bin_width_s: float, quiet: npt.NDArray[np.bool_]) -> None:
         self._counts, self._pulses, self._width, self._quiet = counts, sync_count, bin_width_s, quiet
         level = _smooth(counts[quiet], 64)
-        self._error = np.sqrt(np.maximum(level, 1.0))
+        self._error: Floats = np.sqrt(np.maximum(level, 1.0))
         self._clicks = counts.copy()  # what afterpulses are of: no bin's own chance explains the same bin
         self._clicks[quiet] = level
 
@@ -85,7 +89,8 @@ class _FullPeriod:
         """Chi squared, background per pulse and bin, and afterpulse probability (0 to 1)."""
         level, extra = self._columns(dead_s, decay_s)
         seen = self._counts[self._quiet] / self._error
-        ll, le, ee, ls, es = level @ level, level @ extra, extra @ extra, level @ seen, extra @ seen
+        ll, le, ee = float(level @ level), float(level @ extra), float(extra @ extra)
+        ls, es = float(level @ seen), float(extra @ seen)
         determinant = max(ll * ee - le**2, 1e-9 * ll * ee, 1e-300)
         probability = float(np.clip((ll * es - le * ls) / determinant, 0.0, 1.0))
         background = float((ls - probability * le) / max(ll, 1e-300))
@@ -123,7 +128,8 @@ class _FullPeriod:
         live = np.maximum(1 - blind / self._pulses, 1e-6)
         seen = -np.log1p(-np.minimum(clicks / (self._pulses * live), 1 - 1e-9))
         extra = live * _afterpulses(seen, clicks / self._pulses, live, ClickAfterClick(dead_s, 0, 1, 0, decay_s), width)
-        return tuple(each[0, self._quiet] * self._pulses / self._error for each in (live, extra))  # type: ignore[return-value]
+        weight = self._pulses / self._error
+        return live[0, self._quiet] * weight, extra[0, self._quiet] * weight
 
 
 def _smooth(values: Floats, length: int) -> Floats:
