@@ -59,7 +59,7 @@ class AllowedArea(Settings):
                 "wall",
                 f"x = {x_m:+.3f} m, y = {y_m:+.3f} m lies outside the allowed area ({self.left_m:+g} to "
                 f"{self.right_m:+g} m by {self.bottom_m:+g} to {self.top_m:+g} m).",
-                "Shrink the wall in the plan, or widen geometry.allowed in the bench file.",
+                "Shrink the wall in the plan, aim nearer to its middle, or widen geometry.allowed in the bench file.",
             )
 
 

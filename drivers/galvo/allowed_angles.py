@@ -40,5 +40,6 @@ class AllowedAngles(Settings):
                     device,
                     f"{axis} = {sent_deg:+.3f} deg optical is outside {least_deg:+g} to {greatest_deg:+g} deg "
                     "(mirror.allowed_deg).",
-                    "Shrink the wall in the plan, or widen mirror.allowed_deg in the bench file.",
+                    "Shrink the wall in the plan, aim nearer to its middle, or widen mirror.allowed_deg in the bench "
+                    "file.",
                 )

@@ -8,7 +8,7 @@ from nlos.drivers.galvo.mirror import MirrorAngles
 
 CodeFor = Callable[[float], int]
 """Optical angle in rad -> code; raises `ValueError` beyond the DAC."""
-_REMEDY = "Shrink the wall in the plan or move the scanner back."
+_REMEDY = "Shrink the wall in the plan, aim nearer to its middle, or move the scanner back."
 
 
 def axis_codes(

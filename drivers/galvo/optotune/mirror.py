@@ -191,7 +191,7 @@ class Optotune:
         raise LimitError(
             DEVICE,
             f"mirror {_shown(angles)} is outside the circle of {limit_deg:.2f} deg optical.",
-            "Shrink the wall in the plan or move the scanner back.",
+            "Shrink the wall in the plan, aim nearer to its middle, or move the scanner back.",
         )
 
     def _wait_stable(self) -> None:

@@ -37,7 +37,7 @@ class Taken:
             say_ended(self.prepared.request, self.ending)
             raise
         if self.status == "interrupted":
-            raise Stopped(ExitCode.INTERRUPTED, f"ended by Ctrl-C. {self.ending.safe}")
+            raise Stopped(ExitCode.INTERRUPTED, f"ended at the terminal. {self.ending.safe}")
 
 
 def say_ended(request: ScanRequest, ending: ScanEnding) -> None:
