@@ -82,5 +82,5 @@ def test_marks_that_are_no_text_are_refused(folder: Path) -> None:
 def test_a_device_that_does_not_exist_is_refused_everywhere_before_anything_is_read(folder: Path) -> None:
     done = command(folder, "evaluate", "--data", "run.h5", "--device", "foo")
     assert (done.returncode, "--device foo: cpu or cuda" in done.stderr) == (2, True), done.stderr
-    with pytest.raises(InvalidSettings, match="--device foo: cpu or cuda"):
+    with pytest.raises(InvalidSettings, match="device='foo': cpu or cuda"):
         nlos.reconstruct(np.zeros((4, 4, 64)), wall=1.0, bin_width=32e-12, device="foo")

@@ -123,9 +123,12 @@ def test_whatever_stands_where_nothing_was_measured_is_not_looked_at() -> None:
 
 @pytest.mark.parametrize(("share", "ambient"), [(0.2, 0.0), (0.6, 3.0)])
 def test_background_is_what_is_there_without_light(share: float, ambient: float) -> None:
-    """Of light that fills a part of the record, and of light alone."""
+    """Of light that fills a part of the record, and of light alone. It comes to each row at its own time: to all at
+    once and as level, between bins that are 0, it would be ambient light of a gated detector."""
     expected = torch.full((1, 1, 200, 12, 12), ambient)
-    expected[:, :, 20 : 20 + round(200 * share)] += 2.0
+    for row in range(12):
+        first = 20 + 2 * row
+        expected[:, :, first : first + round(200 * share), row] += 2.0
     rates = rates_of(torch.poisson(expected, generator=torch.Generator().manual_seed(1)), None)
     level = 2.0 * share  # the unit: of a voxel on average, without background
     assert float(rates.background) == pytest.approx(ambient / level, abs=0.1)
