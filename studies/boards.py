@@ -40,10 +40,10 @@ BOARDS = 12
 LOOKS = 4
 """Sets of surfels that light is the mean of, so that their grain does not count."""
 READ = (
-    "Somebody who was shown the twelve pictures of the weights before these, in another order, and knew nothing else "
-    "read all 24 characters right, unsure of three."
+    "Somebody who was shown NANO's twelve pictures in another order, and knew nothing else but that there are two "
+    "characters, read all 24 right, unsure of none."
 )
-"""Once, of the weights that shipped on 2026-11-23."""
+"""Once, of the weights and the refinement that shipped on 2026-11-28."""
 SNRS = (10.0, 30.0, 100.0, 300.0, 1000.0)
 LIGHT = DetectorSettings(
     peak_counts_least=20, peak_counts_most=20, noiseless=0, uniform=0, sparse=0, uneven_dwell=0,
