@@ -87,7 +87,10 @@ class _FullPeriod:
 
     def solve(self, dead_s: float, decay_s: float) -> tuple[float, float, float]:
         """Chi squared, background per pulse and bin, and afterpulse probability (0 to 1)."""
-        level, extra = self._columns(dead_s, decay_s)
+        return self._solved(*self._columns(dead_s, decay_s))
+
+    def _solved(self, level: Floats, extra: Floats) -> tuple[float, float, float]:
+        """`solve` of the columns."""
         seen = self._counts[self._quiet] / self._error
         ll, le, ee = float(level @ level), float(level @ extra), float(extra @ extra)
         ls, es = float(level @ seen), float(extra @ seen)
@@ -100,13 +103,13 @@ class _FullPeriod:
     def residuals(self, dead_s: float, decay_s: float) -> Floats:
         """Over their standard errors, (quiet bins,)."""
         level, extra = self._columns(dead_s, decay_s)
-        _, background, probability = self.solve(dead_s, decay_s)
+        _, background, probability = self._solved(level, extra)
         return np.asarray(self._counts[self._quiet] / self._error - background * level - probability * extra)
 
     def errors(self, dead_s: float, decay_s: float) -> tuple[float, float]:
         """Standard errors of dead time (s) and afterpulse probability, whatever background and decay are."""
-        chi2, background, probability = self.solve(dead_s, decay_s)
         level, extra = self._columns(dead_s, decay_s)
+        chi2, background, probability = self._solved(level, extra)
 
         def expected(dead: float) -> Floats:
             each = self._columns(dead, decay_s)

@@ -2,12 +2,16 @@
 
 from nlos.acquisition.errors import InvalidData
 
-__all__ = ["InvalidData", "InvalidSettings", "NoLight", "ReconError", "ReconstructionFailed"]
+__all__ = ["NO_PICTURE", "InvalidData", "InvalidSettings", "NoLight", "ReconError", "ReconstructionFailed"]
 # `InvalidData` is the one of files and arrays, and calibration's derives from it: whoever catches it has them all.
 
 
 class ReconError(Exception):
     """Base of what a method or its settings are to blame for."""
+
+
+NO_PICTURE = (InvalidData, ReconError)
+"""All that a reconstruction raises on purpose."""
 
 
 class ReconstructionFailed(ReconError):

@@ -20,7 +20,7 @@ from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.conditions import NOISELESS, parsed, slowed
 from nlos.recon.entrants import Entrant, check_known, choices, entrant, learned_from, unlike_trained
-from nlos.recon.errors import InvalidData, InvalidSettings, ReconError
+from nlos.recon.errors import NO_PICTURE, InvalidData, InvalidSettings
 from nlos.recon.fingerprint import fingerprint_of
 from nlos.recon.interval_scores import interval_scores
 from nlos.recon.methods import find
@@ -267,7 +267,7 @@ def _run(
     forget_peak()
     try:
         done = reconstruct(transient, one.method, settings, device)
-    except (InvalidData, ReconError) as error:
+    except NO_PICTURE as error:
         raise type(error)(f"{scene.name}, {condition}, {one.name}: {error}") from error
     told, nan = done.explained, float("nan")
     row = Row(

@@ -19,7 +19,7 @@ import scipy
 
 from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
-from nlos.recon.errors import InvalidData, ReconError, ReconstructionFailed
+from nlos.recon.errors import NO_PICTURE, InvalidData, ReconstructionFailed
 from nlos.recon.explained_hot import hot_points
 from nlos.recon.explained_parts import KEPT, Parts, coarser, counted_in, photon_unit, split
 from nlos.recon.explained_share import Explained
@@ -70,7 +70,7 @@ def explained_light(
                 raise InvalidData("too few photons to hold some out")
         try:
             seen = see(parts.seen)
-        except (InvalidData, ReconError) as error:
+        except NO_PICTURE as error:
             raise ReconstructionFailed(f"no picture of a part of the scan: {error}") from error
         return parts, _judge(parts, *seen, falloffs), _is_near(*seen, scan.wall)
 
@@ -82,7 +82,7 @@ def explained_light(
         if (near or told.note in (UNSEEN, APART)) and thinned is not transient:
             again = judged(transient)
             parts, told = (parts, told) if again[1].note else again[:2]
-    except (InvalidData, ReconError) as error:
+    except NO_PICTURE as error:
         return Explained(None, None, str(error), clock.perf_counter() - began)
 
     def with_wall(scale: float) -> Judged | None:
@@ -91,7 +91,7 @@ def explained_light(
         seen = replace(parts.seen, wall=wall)
         try:
             other = _judge(replace(parts, seen=seen), *see(seen), falloffs)
-        except (InvalidData, ReconError):
+        except NO_PICTURE:
             return None
         return None if other.note in (UNSEEN, APART) else other
 

@@ -20,7 +20,7 @@ from types import ModuleType
 from typing import Any, cast
 
 from nlos.configs.settings import Settings as AnySettings
-from nlos.recon.errors import InvalidData, InvalidSettings, ReconError, ReconstructionFailed
+from nlos.recon.errors import NO_PICTURE, InvalidSettings, ReconstructionFailed
 from nlos.recon.method import Method
 
 GROUP = "nlos.methods"
@@ -84,7 +84,7 @@ def with_its_line(method: str, found: Method) -> Iterator[None]:
     try:
         yield
     except Exception as error:  # it may raise anything; to its author, file and line say more than that it is a bug
-        if isinstance(error, InvalidData | ReconError) or _is_extra(error):
+        if isinstance(error, NO_PICTURE) or _is_extra(error):
             raise
         raise ReconstructionFailed(
             f"{_place(error, file) or method}: {type(error).__name__}: {error}. The method raised this, the scan is "

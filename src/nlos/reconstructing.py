@@ -1,6 +1,6 @@
 """`nlos.reconstruct`: a file, a scan or NumPy arrays to a picture."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -46,13 +46,12 @@ def reconstruct(
     For arrays: `wall` its side or (width, height) in metres, `bin_width` in seconds, `axes` the order of the axes where
     it is another ("TYX"), `exposure` in seconds per point (0 = not measured); `wall`, `bin_width` and `axes` are taken
     of a file as well, as `nlos.load` takes them. `depth_m`: (nearest, farthest), to which the picture is limited, as by
-    `--depth-m`. `rectified`: whether time 0 is the wall
-    and direct light is gone, which is assumed of arrays unless said; if not, both are found in the histograms. It goes
-    before what a file or a `Scan` says. `response`: what the instrument makes of an instant of light, as `--response`:
-    "auto", "none", a FWHM in picoseconds, a file, or (curve, bin width in seconds);
-    `picture.response` says which was taken. `method` is `lct`, unless `weights` (a file, or
-    a name of those that ship) say another: they bring method and architecture. Other keywords are settings of the
-    method: `nlos.methods()[method].settings`. Raises `InvalidData`, `InvalidSettings` and `ReconstructionFailed` of
+    `--depth-m`. `rectified`: whether time 0 is the wall and direct light is gone, which is assumed of arrays unless
+    said; if not, both are found in the histograms. It goes before what a file or a `Scan` says. `response`: what the
+    instrument makes of an instant of light, as `--response`: "auto", "none", a FWHM in picoseconds, a file, or (curve,
+    bin width in seconds); `picture.response` says which was taken. `method` is `lct`, unless `weights` (a file, or a
+    name of those that ship) say another: they bring method and architecture. Other keywords are settings of the method:
+    `nlos.methods()[method].settings`. Raises `InvalidData`, `InvalidSettings` and `ReconstructionFailed` of
     `nlos.recon.errors`, and what `nlos.load` raises.
     """
     check_device(device)
@@ -60,28 +59,6 @@ def reconstruct(
     if isinstance(scan, str | Path):
         scan = load(scan, wall=wall, bin_width=bin_width, axes=axes, rectified=said)
         wall = bin_width = axes = None
-    given: dict[str, object] = {
-        "wall": wall,
-        "bin_width": bin_width,
-        "points": points,
-        "axes": axes,
-        "exposure": exposure,
-    }
-    if isinstance(scan, Transient):
-        given |= {"rectified": said, "constants": constants, "offsets": settings.get("offsets")}
-    if isinstance(scan, Scan | Transient) and (named := [name for name, value in given.items() if value is not None]):
-        of_arrays = "the scan says so itself; these belong to plain arrays."
-        why = of_arrays if isinstance(scan, Scan) else "the transient is calibrated, and says so itself; leave it out."
-        raise InvalidSettings(f"{', '.join(named)}: {why}")
-    if isinstance(scan, Scan):
-        loaded, whole = scan.loaded, scan.whole
-        if said is not None:
-            loaded, whole = said_rectified(loaded, said), None if whole is None else said_rectified(whole, said)
-    elif not isinstance(scan, Transient):
-        whole = None
-        loaded = scan_from_arrays(
-            scan, bin_width=bin_width, wall=wall, points=points, axes=axes, exposure=exposure, rectified=said
-        )
     name, chosen = method or "lct", settings
     if weights is not None:
         from nlos.recon.weights.described import use_weights
@@ -89,11 +66,31 @@ def reconstruct(
         name, chosen = use_weights(weights, method, settings)
     place = None if constants is None else Path(constants)
     recipe = Recipe(name, chosen, place, response_wanted(response), device).limited_to(limits_m)
+    of_arrays: dict[str, object] = {
+        "wall": wall, "bin_width": bin_width, "points": points, "axes": axes, "exposure": exposure
+    }  # fmt: skip
     if isinstance(scan, Transient):
+        of_scans = {"rectified": said, "constants": constants, "offsets": settings.get("offsets")}
+        _refuse({**of_arrays, **of_scans}, "the transient is calibrated, and says so itself; leave it out.")
         made = reconstruct_transient(scan, recipe)
-    else:
+    elif isinstance(scan, Scan):
+        _refuse(of_arrays, "the scan says so itself; these belong to plain arrays.")
+        loaded, whole = scan.loaded, scan.whole
+        if said is not None:
+            loaded, whole = said_rectified(loaded, said), None if whole is None else said_rectified(whole, said)
         made = reconstruct_scan(loaded, recipe, whole=whole)
+    else:
+        loaded = scan_from_arrays(
+            scan, bin_width=bin_width, wall=wall, points=points, axes=axes, exposure=exposure, rectified=said
+        )
+        made = reconstruct_scan(loaded, recipe)
     return Picture(made if limits_m is None else within_depths(made, *limits_m))
+
+
+def _refuse(given: Mapping[str, object], why: str) -> None:
+    """Raises `InvalidSettings` for words that were given where they have no place."""
+    if named := [name for name, value in given.items() if value is not None]:
+        raise InvalidSettings(f"{', '.join(named)}: {why}")
 
 
 def _limits(depth_m: Sequence[float] | Array | None) -> tuple[float, float] | None:

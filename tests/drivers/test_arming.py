@@ -7,7 +7,7 @@ import pytest
 from nlos.configs.load import load
 from nlos.drivers.arm_settings import ArmSettings
 from nlos.drivers.bench import BenchSettings, open_bench
-from nlos.drivers.errors import LimitError
+from nlos.drivers.errors import LimitError, ShutterHeld
 from nlos.drivers.terminal_place import remote_terminal
 
 FROM_AFAR = {"SSH_CONNECTION": "10.0.0.7 50000 10.0.0.1 22"}
@@ -45,6 +45,22 @@ def test_light_waits_for_a_word_where_the_bench_file_wants_one(monkeypatch: pyte
             bench.shutter.open()
             bench.shutter.close()
     assert len(asked) == 2  # once more after the no, then never again
+
+
+def test_there_is_no_light_after_a_warning_that_was_broken_off_though_somebody_released_the_shutter() -> None:
+    with open_bench(armed(delay_s=5.0, remote=True)) as bench:
+        assert bench.simulated is not None
+
+        def meanwhile(kind: str, text: str) -> None:
+            if text.startswith("light in"):
+                bench.shutter.hold("a signal")
+            elif text.startswith("no light"):
+                bench.shutter.release()
+
+        bench.on_event = meanwhile
+        with pytest.raises(ShutterHeld, match="warning time before light was broken off"):
+            bench.shutter.open()
+        assert not bench.simulated.shutter_open
 
 
 def test_the_warning_time_passes_before_the_first_light_and_not_again() -> None:

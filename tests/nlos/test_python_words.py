@@ -55,8 +55,8 @@ CASES: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_refusal_names_the_argument_that_mends_it(case: str, tmp_path: Path) -> None:
-    stored, said, mended = CASES[case]
+def test_a_refusal_names_the_argument_that_helps(case: str, tmp_path: Path) -> None:
+    stored, said, remedy = CASES[case]
     path = of_arrays(tmp_path / "lab.npz", **stored)
     for call in (nlos.load, nlos.reconstruct) if "detector" not in said else (nlos.load,):
         with pytest.raises(InvalidData) as raised:
@@ -64,8 +64,8 @@ def test_a_refusal_names_the_argument_that_mends_it(case: str, tmp_path: Path) -
         told = str(raised.value)
         assert "--" not in told
         assert set(re.findall(r"(\w+)=", told)) <= ARGUMENTS
-        assert re.search(rf"\b{next(iter(mended))}\b", told.replace("wall_size_m", "").replace("bin_width_s", ""))
-    assert nlos.load(path, **{**said, **mended}).counts.sum() == COUNTS.sum()
+        assert re.search(rf"\b{next(iter(remedy))}\b", told.replace("wall_size_m", "").replace("bin_width_s", ""))
+    assert nlos.load(path, **{**said, **remedy}).counts.sum() == COUNTS.sum()
 
 
 def test_what_another_labs_file_needs_is_named_until_it_is_read(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from nlos.live.calibrated import Calibrated
 from nlos.live.film import LiveFilm
 from nlos.live.hurry import Hurry
 from nlos.live.in_order import InOrder
-from nlos.recon.errors import ReconError
+from nlos.recon.errors import NO_PICTURE, ReconError
 from nlos.recon.transport.fourier import on_one_core
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class FilmPictures:
     def watch(self) -> None:
         """While no picture is due, or every core makes one: what comes is remembered, and what the first pictures will
         need is got ready. What is wrong with it the next picture will say."""
-        with on_one_core(), suppress(CalibrationError, InvalidData, ReconError):
+        with on_one_core(), suppress(CalibrationError, *NO_PICTURE):
             if self._film.can_be_aligned:
                 if self._film.waiting:
                     self._film.watch(self._gathered, 0 if self.full else None)
@@ -81,7 +81,7 @@ class FilmPictures:
             began_s = time.monotonic()
             try:
                 return live.made_of_film(light, known.falloff, hurried), time.monotonic() - began_s
-            except (InvalidData, ReconError) as error:
+            except NO_PICTURE as error:
                 return error, 0.0
 
         def shown(made: "tuple[Reconstruction | ReconError | InvalidData, float]") -> None:
@@ -130,7 +130,7 @@ class FilmPictures:
             for live in self._lives:
                 for hurried in (False, True) if live.can_hurry(light) else (False,):
                     alone = live.anew()
-                    with suppress(InvalidData, ReconError):
+                    with suppress(*NO_PICTURE):
                         made = alone.made_of_film(light, known.falloff, hurried)
                         alone.judged_of_film(light, made, known.samples)
 

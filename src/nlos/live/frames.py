@@ -5,10 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 from nlos.acquisition.errors import InvalidData as RecordingInvalid
 from nlos.acquisition.recording.recording import Recording
-from nlos.calibration.errors import InvalidData
 from nlos.live.describe import described, packed, solid
 from nlos.live.steps import FRAMES, Step, film_frames, steps_of_film, steps_of_scan
-from nlos.recon.errors import ReconError
+from nlos.recon.errors import NO_PICTURE
 
 if TYPE_CHECKING:
     from nlos.live.scan import LiveScan
@@ -78,7 +77,7 @@ class Frames:
         try:
             picture = step.picture(live)
             self.pictures[number], self.solids[number] = described(picture) | step.told(), solid(picture)
-        except (InvalidData, ReconError) as error:
+        except NO_PICTURE as error:
             if self.pictures[number] is None:
                 self.pictures[number] = {"samples": step.samples, "message": str(error)}
         self.samples[number] = step.samples

@@ -5,11 +5,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlos.acquisition.recording.recording import Recording
-from nlos.calibration.errors import InvalidData
 from nlos.chain import calibrate_scan, constants_for
 from nlos.live.so_far import gathering_for, scan_of
 from nlos.recipe import Recipe
-from nlos.recon.errors import ReconError
+from nlos.recon.errors import NO_PICTURE
 from nlos.recon.live import LivePicture, LiveReconstruction
 from nlos.response import with_response
 from nlos.said_once import SaidOnce
@@ -46,7 +45,7 @@ class Looks:
             constants = constants_for(scan, self._recipe.constants, self._tell)
             transient = with_response(calibrate_scan(scan, constants=constants, tell=self._tell), self._recipe.response)
             return self._live.update(transient, len(self), scan.falloff)
-        except (InvalidData, ReconError) as error:
+        except NO_PICTURE as error:
             self._report(kind, f"no picture of {len(self)} points yet: {error}")
             return None
 

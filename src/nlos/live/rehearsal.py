@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.calibration.errors import CalibrationError
 from nlos.chain import calibrate_scan
 from nlos.live.describe import described
 from nlos.loaded import LoadedScan
-from nlos.recon.errors import ReconError
+from nlos.recon.errors import NO_PICTURE
 from nlos.recon.live import LiveReconstruction
 from nlos.recon.methods import PLAIN, find
 
@@ -35,7 +34,7 @@ def get_ready(lives: Sequence["LiveReconstruction"]) -> None:
 def get_ready_for_last(lives: Sequence["LiveReconstruction"], held: "Gathered", read: Callable[[], bool]) -> None:
     """While too little is left of a scan for another picture: what its last one is likely to need is built, until the
     scan is `read`."""
-    with contextlib.suppress(CalibrationError, InvalidData, ReconError):
+    with contextlib.suppress(CalibrationError, *NO_PICTURE):
         light, falloff = held.as_last()
         for live in lives:
             if read():

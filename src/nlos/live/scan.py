@@ -29,7 +29,7 @@ from nlos.live.gathered import Gathered, nothing_yet
 from nlos.live.overtaken import Overtaken, given_up_once
 from nlos.live.rehearsal import get_ready, get_ready_for_last
 from nlos.live.schedule import Coming, Schedule
-from nlos.recon.errors import ReconError, ReconstructionFailed
+from nlos.recon.errors import NO_PICTURE, ReconstructionFailed
 from nlos.recon.transport.fourier import on_one_core, threads
 from nlos.response import AUTO, ResponseWanted
 
@@ -235,7 +235,7 @@ class LiveScan:
                 return  # the last one is made when those before it are shown
             count = known.samples
             film.begin(live, known, self._schedule.frame_s(), show, failed)
-        except (InvalidCalibration, InvalidData, ReconError) as error:
+        except (InvalidCalibration, *NO_PICTURE) as error:
             self._no_picture(live, held, count, began_s, error)
             return
         self._schedule.begun(live.method, count, held.planned, held.growing)
@@ -254,7 +254,7 @@ class LiveScan:
                     held.film.shown(picture.reconstruction, known.frame)
             told = replace(picture.reconstruction, left_aside=self.left_aside, scan=self.run.name)
             picture = replace(picture, reconstruction=told)
-        except (InvalidCalibration, InvalidData, ReconError) as error:
+        except (InvalidCalibration, *NO_PICTURE) as error:
             self._no_picture(live, held, count, began_s, error)
             return
         self._schedule.begun(live.method, count, held.planned, held.growing)

@@ -15,7 +15,7 @@ from nlos.calibration.errors import CalibrationError
 from nlos.chain import constants_for
 from nlos.cli.terminal import terminal
 from nlos.loaded import load_scan
-from nlos.recon.errors import InvalidData, ReconError
+from nlos.recon.errors import NO_PICTURE, InvalidData
 from nlos.recon.methods import find
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.seen import depth_span, visible_depth
@@ -67,7 +67,7 @@ def _one(
             if scan.falloff is not None and knows_falloff[method]:
                 settings["falloff"] = scan.falloff
             made.append(replace(reconstruct(transient, method, settings, elsewhere=True), scan=run.name))
-    except (CalibrationError, InvalidData, ReconError) as error:
+    except (CalibrationError, *NO_PICTURE) as error:
         terminal.log(f"{run}: no picture: {error}", -1)
         trouble = f"<h2>No picture</h2><p>{escape(str(error))}</p>"
     title = f"<h1>{escape(run.name)}</h1>"
