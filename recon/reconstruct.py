@@ -60,8 +60,6 @@ def reconstruct(
     made, planes_m, takes = _see(rebinned, method, chosen, device, say=True)
     seconds = clock.perf_counter() - began
     known = getattr(made, "intervals", None)
-    if known is not None:
-        _tell_how_far(made.volume, planes_m)
     result = Reconstruction(
         albedo=made.albedo.astype(np.float32),
         depth_m=made.depth_m.astype(np.float32),
@@ -141,18 +139,6 @@ def _see(
             made = MethodResult(made.albedo, made.depth_m, np.pad(made.volume, ((0, dark), (0, 0), (0, 0))))
         return made, depths_m(transient.time, chosen.conventions), takes
     return _see_all(transient, method, chosen, device)
-
-
-def _tell_how_far(volume: Image | None, planes_m: npt.NDArray[np.float64]) -> None:
-    """Says so where a picture with intervals ends before the last of its planes: they are no answer for what may lie
-    behind that, and sends less light than noise hides."""
-    seen = np.flatnonzero(np.zeros(0) if volume is None else volume.any(axis=(1, 2)))
-    if len(seen) and seen[-1] + 1 < len(planes_m):
-        _log.info(
-            "nothing stands out of the noise behind %.2f m: not looked at. Intervals are of what is nearer: "
-            "darkness there leaves open what lies behind",
-            planes_m[seen[-1]],
-        )
 
 
 def _looked_at(transient: Transient, chosen: Settings) -> Transient:

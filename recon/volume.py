@@ -84,6 +84,17 @@ class Reconstruction:
         near_m, far_m = np.quantile(depths_m, (0.02, 0.98))
         return float(near_m), float(far_m)
 
+    def intervals_to_m(self) -> float | None:
+        """The depth behind which nothing stood out of the noise and nothing was looked for: intervals say nothing of
+        what may lie there and sends less light. None where it was looked for in all planes, or there are no
+        intervals."""
+        if self.intervals is None or self.volume is None:
+            return None
+        lit = np.flatnonzero(self.volume.albedo.any(axis=(1, 2)))
+        if not len(lit) or lit[-1] + 1 == len(self.volume.depths_m):
+            return None
+        return float(self.volume.depths_m[lit[-1]])
+
 
 def refuse_not_finite(reconstruction: Reconstruction) -> None:
     """Raises `ReconstructionFailed` for a picture or volume with numbers that are not finite, saying how many.

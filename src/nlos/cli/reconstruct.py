@@ -165,6 +165,11 @@ def reconstruct(
         progress.step()
     _say(method, [(str(runs[0]), output, done.seconds)])
     terminal.result(f"response: {response_words(done)}", response=response_words(done))
+    if (to_m := done.intervals_to_m()) is not None:
+        terminal.result(
+            f"intervals: nearer than {to_m:.2f} m; farther away no light stands out of the noise",
+            intervals_to_m=round(to_m, 4),
+        )
 
 
 def _refuse_other(folder: Path, method: str, frame: int | None) -> None:
