@@ -27,6 +27,7 @@ _ENDING_TAKES_S = 20.0
 """A program that was told to end is told again only after so long: what it still does is bring things to an end."""
 
 _open: list["ExitPaths"] = []
+_told_to_end = False
 
 
 def name_of(number: int) -> str:
@@ -64,6 +65,17 @@ def light_may_be_on() -> bool:
 def a_bench_is_closing() -> bool:
     """Then a signal waits until it is closed, so nothing on the way is waited for that has no deadline."""
     return any(paths.closing for paths in _open)
+
+
+def was_told_to_end() -> bool:
+    """Whether a signal has ended this program: what it does since then brings things to an end."""
+    return _told_to_end
+
+
+def tell_to_end() -> None:
+    """Says so, just before a signal's handler raises what ends the program."""
+    global _told_to_end
+    _told_to_end = True
 
 
 @contextmanager
@@ -192,6 +204,7 @@ class ExitPaths:
             if callable(previous):
                 previous(number, frame)
             else:
+                tell_to_end()
                 raise SystemExit(128 + number)
         except BaseException as ending:
             self._ending, self._ending_s = ending, time.monotonic()

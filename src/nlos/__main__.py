@@ -27,10 +27,10 @@ from nlos.cli.interrupts import (
     end_in_order_at_sigterm,
     ignore_interrupts,
     never_lose_an_interrupt,
-    was_told_to_end,
 )
 from nlos.cli.outliving import outlive_terminal
 from nlos.cli.terminal import show_library_log, take_global_options, terminal
+from nlos.drivers.exit_paths import was_told_to_end
 
 _OUTPUTS = ("-o", "--output")
 _MOST_NAMED = 3
@@ -120,7 +120,7 @@ def report(error: BaseException, words: Sequence[str] = ()) -> int:
     message = missing_package(error) or str(error)
     if isinstance(error, MemoryError):
         message = f"the memory is not enough{f' ({message})' if message else ''}. Close what else runs, or take less."
-    if code == ExitCode.BUG and (was_told_to_end() or follows_an_interrupt(error)):
+    if code == ExitCode.BUG and (was_told_to_end() or follows_an_interrupt(error)):  # what a library made of it
         code, message = ExitCode.INTERRUPTED, ""
     if code == ExitCode.DATA and not getattr(error, "names_files", False):
         message = with_its_file(message, words)

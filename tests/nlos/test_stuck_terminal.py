@@ -13,9 +13,9 @@ import pytest
 
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.recording.recording import Recording, Status
+from nlos.cli.interrupts import end_at_interrupts, end_in_order_at_sigterm, never_lose_an_interrupt
 from nlos.cli.outliving import OutlivingStream
-from nlos.cli.terminal import terminal
-from nlos.drivers.exit_paths import ExitPaths
+from nlos.drivers.exit_paths import ExitPaths, signal_soon, tell_to_end
 from tests.acquisition.killed_scans import FORK
 from tests.acquisition.witnessed_bench import bench_file, is_parked, witnessed
 from tests.nlos.by_hand.at_a_terminal import at_a_terminal
@@ -65,9 +65,33 @@ def test_what_waits_in_the_dark_waits_no_longer_once_nothing_may(hurried: str) -
             if hurried == "by light":
                 lit.set()
             else:
-                terminal.end_said = "ended by a signal"
+                tell_to_end()
             thread.join()
         os._exit(0)
+
+    assert _ends(write) == 0
+    os.close(ours)
+    os.close(theirs)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_what_is_shown_on_the_way_out_of_a_command_that_a_signal_ended_waits_for_no_terminal(number: int) -> None:
+    """A bar that is taken off the screen as the exception passes, long before anybody says that the command ends."""
+    ours, theirs = pty.openpty()
+
+    def write() -> None:
+        never_lose_an_interrupt()
+        end_at_interrupts()
+        end_in_order_at_sigterm()
+        stream = OutlivingStream(os.fdopen(theirs, "w"))
+        with ExitPaths(lambda why: None, lambda: None):
+            stream.write("from now on in pieces\n")
+        signal_soon(number, 0.5)
+        try:
+            stream.write("x" * 300_000)  # more than it holds
+        except (KeyboardInterrupt, SystemExit):
+            stream.write("x" * 1000)
+            os._exit(0)
 
     assert _ends(write) == 0
     os.close(ours)

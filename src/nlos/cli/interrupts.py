@@ -11,7 +11,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from nlos.cli.terminal import terminal
-from nlos.drivers.exit_paths import name_of, signal_soon
+from nlos.drivers.exit_paths import name_of, signal_soon, tell_to_end
 
 if TYPE_CHECKING:
     from nlos.acquisition.scanning.control import ScanControl
@@ -25,7 +25,7 @@ _PAUSES = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTSTP") if hasat
 _IMPORT = "<frozen importlib._bootstrap>"
 _AGAIN_S = 0.02
 
-_watched = _told = False
+_watched = False
 
 
 def end_at_interrupts() -> None:
@@ -38,11 +38,10 @@ def end_at_interrupts() -> None:
 
 def interrupt(frame: FrameType | None, top: FrameType | None = None) -> None:
     """Raises `KeyboardInterrupt`; where a frame between `frame` and `top` loads a module, a little later."""
-    global _told
     if _loads_a_module(frame, top):
         signal_soon(signal.SIGINT, _AGAIN_S)
         return
-    _told = True
+    tell_to_end()
     raise KeyboardInterrupt
 
 
@@ -68,15 +67,11 @@ def end_in_order_at_sigterm() -> None:
         elif _loads_a_module(frame, top):
             signal_soon(number, _AGAIN_S)
         else:
+            tell_to_end()
             raise SystemExit(128 + number)
 
     if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
         signal.signal(signal.SIGTERM, end)
-
-
-def was_told_to_end() -> bool:
-    """Whether Ctrl-C was raised: an error that comes after it may be what some library made of it."""
-    return _told
 
 
 def never_lose_an_interrupt() -> None:

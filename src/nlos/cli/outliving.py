@@ -15,8 +15,7 @@ import time
 from typing import TextIO
 
 from nlos.cli.passing_stream import PassingStream
-from nlos.cli.terminal import terminal
-from nlos.drivers.exit_paths import a_bench_is_closing, a_bench_is_open, light_may_be_on
+from nlos.drivers.exit_paths import a_bench_is_closing, a_bench_is_open, light_may_be_on, was_told_to_end
 
 _TAKES_S = 0.1
 """So long is waited for a stream that took all that came before; one that did not is not waited for."""
@@ -60,7 +59,7 @@ class OutlivingStream(PassingStream):
 
     def _hurried(self) -> bool:
         """Whether nothing is waited for that has no deadline."""
-        return light_may_be_on() or a_bench_is_closing() or (self._is_terminal and bool(terminal.end_said))
+        return light_may_be_on() or a_bench_is_closing() or (self._is_terminal and was_told_to_end())
 
     def _offer(self, data: bytes, number: int) -> None:
         """Sends what is taken, past what is buffered below: in the dark all of it, but whoever waits there, another
