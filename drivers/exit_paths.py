@@ -72,10 +72,10 @@ def was_told_to_end() -> bool:
     return _told_to_end
 
 
-def tell_to_end() -> None:
-    """Says so, just before a signal's handler raises what ends the program."""
+def tell_to_end(told: bool = True) -> None:
+    """Says so, just before a signal's handler raises what ends the program; False where another command begins."""
     global _told_to_end
-    _told_to_end = True
+    _told_to_end = told
 
 
 @contextmanager

@@ -25,6 +25,7 @@ from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.verification import verify
 from nlos.acquisition.recording.writer import RecordingWriter
 from nlos.cli import interrupts
+from nlos.drivers.exit_paths import tell_to_end
 from tests.recon.test_evaluate import make_scene
 
 SOAK = os.environ.get("NLOS_SOAK") == "1"
@@ -276,11 +277,9 @@ def test_ctrl_c_when_a_copy_is_about_to_take_its_place_leaves_nothing_of_it(
     assert names_in(tmp_path) - {"run.h5.damaged"} == {"run.h5"}
 
 
-def test_an_error_that_a_library_makes_of_ctrl_c_is_an_interrupt(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_that_a_library_makes_of_ctrl_c_is_an_interrupt(capsys: pytest.CaptureFixture[str]) -> None:
     """As when a C extension is broken into."""
-    monkeypatch.setattr(interrupts, "_told", False)
+    tell_to_end(False)
     wrapped = SystemError("initialization raised unreported exception")
     wrapped.__cause__ = KeyboardInterrupt()
     assert report(wrapped) == 130
@@ -295,5 +294,5 @@ def test_an_error_that_a_library_makes_of_ctrl_c_is_an_interrupt(
     with pytest.raises(KeyboardInterrupt):
         interrupts.interrupt(None)
     assert report(SystemError("that says nothing of what was behind it")) == 130
-    monkeypatch.setattr(interrupts, "_told", False)
+    tell_to_end(False)
     assert report(SystemError("of its own")) == 1

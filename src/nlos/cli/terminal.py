@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from nlos.cli.escaped import escaped
+from nlos.drivers.exit_paths import tell_to_end
 
 
 @dataclass
@@ -33,6 +34,7 @@ class Terminal:
         """A command of its own: nothing that an earlier one of this process was told, or said, is in it."""
         self.as_json, self.verbosity, self.wire_log, self.document, self.about = False, 0, None, {}, ""
         self.wire_log_begun, self.wire_log_whole, self.end_said = False, True, ""
+        tell_to_end(False)
 
     def result(self, text: str, **values: Any) -> None:
         """A line of the result. Its values go into the JSON document instead with --json."""
