@@ -206,7 +206,9 @@ def test_beside_a_wall_that_is_no_square_colour_bars_are_no_taller_than_it_and_n
         assert panel.x1 < bar.x0
 
 
-@pytest.mark.parametrize("scan", ["run.h5", "a measurement of a rather long name on monday.h5", "x" * 300])
+@pytest.mark.parametrize(
+    "scan", ["run.h5", "a measurement of a rather long name on monday.h5", "x" * 300, r"$\cost$.h5"]
+)
 def test_the_small_print_is_whole_however_long(scan: str) -> None:
     figure = Figure(figsize=(5.6, 4.9), layout="constrained")
     result = replace(made(), scan=scan, points=4096, photons=2.01e6, explained=Explained(0.946, 0.002, ""))
