@@ -46,7 +46,7 @@ def gallery(results: Sequence[Reconstruction], titles: Sequence[str], width_mm: 
             ink = depth_opacity(made)[..., None]
             colour = colours(scale(np.nan_to_num(visible_depth(made))))[..., :3]
             below.imshow(ink * colour + (1 - ink) * BACKGROUND, extent=(-x, x, -y, y))
-            above.set_title(title, fontsize=7)
+            above.set_title(title, fontsize=7, parse_math=False)
             for panel in (above, below):
                 panel.set_axis_on()
                 panel.tick_params(
@@ -91,7 +91,8 @@ def difference_figure(one: Reconstruction, other: Reconstruction, titles: tuple[
         panel.set_facecolor(str(BACKGROUND))
         image = panel.imshow(values, cmap="RdBu_r", vmin=-reach, vmax=reach, extent=(-x, x, -y, y))
         figure.colorbar(image, ax=panel, label=label, shrink=0.85, extend="both")
-        panel.set(title=f"{titles[0]} less {titles[1]}", xlabel="x (m)", ylabel="y (m)")
+        panel.set(xlabel="x (m)", ylabel="y (m)")
+        panel.set_title(f"{titles[0]} less {titles[1]}", parse_math=False)
     return figure
 
 

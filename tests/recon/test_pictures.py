@@ -18,7 +18,7 @@ from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.acquisition.wall import WallGrid
 from nlos.recon.errors import InvalidData
 from nlos.recon.explained_share import Explained
-from nlos.recon.gallery import difference_figure
+from nlos.recon.gallery import difference_figure, gallery
 from nlos.recon.pictures import UNSEEN, albedo_picture, depth_picture, summary_figure
 from nlos.recon.reconstruct import reconstruct
 from nlos.recon.results import write_results
@@ -182,6 +182,12 @@ def test_pictures_of_one_wall_on_two_grids_are_compared_on_the_finer() -> None:
     wide = replace(other, wall=WallGrid(2.0, 1.0, 16, 16))
     with pytest.raises(InvalidData, match="walls of different sizes"):
         difference_figure(one, wide, ("a", "b"))
+
+
+def test_names_over_pictures_are_no_mathematics() -> None:
+    name = r"$\cost$"
+    gallery([made()], [name])  # draws, to know how high it is
+    difference_figure(made(), made(), (name, name)).draw_without_rendering()
 
 
 def boxes(figure: Figure) -> dict[str, Bbox]:
