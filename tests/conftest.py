@@ -16,7 +16,7 @@ from types import FrameType
 import pytest
 from hypothesis import settings
 
-from tests import campaign_journal
+from tests import campaign_journal, sampled
 from tests.left_behind import MARK, Held, end_processes, left_behind
 
 _STATE = tempfile.mkdtemp(prefix="nlos-state-")
@@ -68,7 +68,9 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
         signal.signal(signal.SIGUSR1, before)
 
 
+@pytest.hookimpl(tryfirst=True)  # what is left to `make soak` is of its marker
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    sampled.leave_to_soak(config, items)
     campaign_journal.deselect_what_has_passed(config, items)
 
 

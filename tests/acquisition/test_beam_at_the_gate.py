@@ -74,6 +74,7 @@ def off_px(plan: ScanPlan, bench: Bench, number: int, beam: MirrorAngles) -> flo
     return float(np.hypot(across, (y_m - columns.y_m[number]) / wall.height_m * wall.rows))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.soak
 @pytest.mark.parametrize(("name", "kind"), CASES)
 def test_the_beam_rests_on_every_point_while_its_gate_is_open(name: str, kind: str) -> None:

@@ -201,6 +201,7 @@ def test_frames_cut_off_by_a_kill_are_resumed_with_the_same_photons(
         assert frame_table(plan, other.intact_records()).start_s[3] > frame_table(plan, other.intact_records()).end_s[2]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("bench", "scheme"),
     [("simulated", Scheme.STEPPED), ("simulated", Scheme.CLOCKED), ("multiharp", Scheme.LISTED),

@@ -76,6 +76,7 @@ def undisturbed(name: str, folder: Path) -> dict[int, bytes]:
         return counts(nlos.scan(folder / "scan.yaml", bench))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.usefixtures("watched")
 @pytest.mark.parametrize("name", TTL)
 def test_light_goes_off_while_a_network_share_stalls(

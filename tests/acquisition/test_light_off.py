@@ -112,6 +112,7 @@ def undisturbed(chosen: BenchSettings, points: ScanPlan, scheme: str) -> dict[in
         return {sample.point.number: sample.histogram.counts.tobytes() for sample in samples}
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("what", "dwell_ms", "rows", "after_s"), TROUBLES)
 @pytest.mark.parametrize(("name", "scheme"), CASES)
 def test_light_that_becomes_too_much_is_off_in_time_and_what_was_taken_is_kept(
@@ -160,6 +161,7 @@ def test_a_trip_sees_dwells_that_are_shorter_than_it(
         assert off_s[0] - bright_s <= SHUT_WITHIN_S
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("name", "scheme"), CASES)
 @pytest.mark.parametrize(("dwell_ms", "rows"), [(2, 12), (20, 6), (300, 3)])
 def test_samples_are_handed_on_while_the_sequence_runs(

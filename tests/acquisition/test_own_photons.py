@@ -105,6 +105,7 @@ def test_every_scheme_stores_the_photons_of_each_point_with_it(
     scan_to_the_end(tmp_path / "run.h5", name, [], monkeypatch)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", BENCHES)
 @pytest.mark.parametrize("step_m", [0.02, 0.1])
 def test_a_point_holds_the_same_photons_wherever_the_beam_came_from(name: str, step_m: float) -> None:
@@ -125,6 +126,7 @@ def test_a_point_holds_the_same_photons_wherever_the_beam_came_from(name: str, s
         assert len(rest) == len(this) - done
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.soak
 @pytest.mark.parametrize(
     ("name", "word"), sorted(FIRST_OF_EACH) if SOAK else sorted(FIRST_OF_EACH)[::8], ids=lambda value: str(value)

@@ -112,6 +112,7 @@ def test_a_scan_that_ends_while_the_server_looks_is_copied_whole(
     assert_same(run, far)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("scheme", "kind"), [*CASES, ("continuous lines", "serpentine")])
 def test_every_kind_of_plan_is_served_in_every_scheme(
     scheme: str, kind: str, bench_settings: Callable[..., BenchSettings], small_plan: Callable[..., ScanPlan],

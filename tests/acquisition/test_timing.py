@@ -56,6 +56,7 @@ BENCH_OF = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("scheme", BENCH_OF)
 @pytest.mark.parametrize("pattern", PATTERNS, ids=lambda pattern: "-".join(map(str, pattern.values())))
 def test_predicted_time_is_within_2_percent_of_the_benches(

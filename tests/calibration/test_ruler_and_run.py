@@ -64,6 +64,7 @@ def in_errors(placed: PlacedScanner) -> Floats:
     return off_mm(placed) / [placed.fit.errors[name] * 1e3 for name in TRUE_M]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kind", ["grid", "scattered"])
 @pytest.mark.parametrize("count", [9, 12, 15, 20])
 def test_the_true_place_lies_within_the_printed_errors_as_often_as_it_should(kind: str, count: int) -> None:

@@ -238,6 +238,7 @@ def test_a_recording_keeps_which_it_was_aimed_by_and_info_says_so(
     assert "those of 2026-03-01T12:00:00+00:00, of bench simulated, aimed it" in capsys.readouterr().out
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("given", "times"), [("kept", 2), ("none", 0)])
 def test_a_scans_picture_is_corrected_by_what_the_scan_was_given(
     kept: Path, given: str, times: int, capsys: pytest.CaptureFixture[str]

@@ -180,6 +180,7 @@ def test_a_check_that_fails_takes_only_those_along_that_need_the_same_instrument
     assert said["mirror"][0] == said["scan"][0] == "SKIP"
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     "allowed",
     [

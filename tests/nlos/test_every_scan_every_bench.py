@@ -53,6 +53,7 @@ def first_points(plan: ScanPlan) -> ScanPlan:
     )  # fmt: skip
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", SCANS)
 def test_a_plan_or_the_right_refusal(bench: Bench, name: str, tmp_path: Path) -> None:
     asked = SCANS[name]

@@ -66,6 +66,7 @@ def finite_or_refused(scan: LoadedScan, method: str) -> str:
     return why
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("name", "share"), [("sparse", 1.0), ("five_by_five", 0.01), ("circle", 0.1)])
 def test_nano_sees_what_a_stopped_scan_holds(runs: dict[str, Path], name: str, share: float) -> None:
     seen = finite_or_refused(first_of(taken(runs, name), share), "nano")

@@ -82,6 +82,7 @@ def test_two_frames_to_a_picture_take_out_what_alternates(run: Path) -> None:
     assert max(of_two, by_lines) < of_pictures / 2
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("method", ["lct", "fk", "phasor", "lfe", "nlost"])
 def test_with_a_memory_every_frame_has_a_picture_of_its_own_moment(run: Path, method: str) -> None:
     """Also where a frame holds a fourth of the points; and a panel that comes nearer is not seen alternately too high
@@ -122,6 +123,7 @@ def test_two_objects_have_rows_of_their_own(tmp_path: Path) -> None:
     assert len(rows) == sum(int(np.isfinite(each["x_m"]).sum()) for each in found)
 
 
+@pytest.mark.sampled(2)
 def test_a_film_is_told_the_response_as_every_picture_is(run: Path, tmp_path: Path) -> None:
     """A picture of a film is the one that `reconstruct --frame` makes, told the same; without a word each takes the
     direct peak of the whole scan."""

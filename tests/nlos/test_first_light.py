@@ -38,6 +38,7 @@ def found(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any]:
     return said
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("bench", ["simulated", "optotune", "multiharp", "timetagger"])
 @pytest.mark.parametrize("delay_ns", [0.35, 47.0, -1.2, 93.3])
 def test_the_delay_is_found_within_20_ps(
@@ -141,6 +142,7 @@ def test_the_block_says_whose_values_it_holds_with_the_digits_they_have(
     assert f"direct     {found.direct_cps:.0f} +- 400 counts/s" in said
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("whose", "why"),
     [

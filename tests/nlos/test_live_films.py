@@ -135,6 +135,7 @@ def test_frames_wait_for_a_core_up_to_two_and_of_more_only_the_newest_has_a_pict
     assert live.dropped == (2 if waiting == 3 else 0)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("cores", [1, 2])
 def test_every_frame_in_passing_is_shown_as_it_would_be_alone(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cores: int

@@ -48,6 +48,7 @@ def is_whole(path: Path) -> bool:
     return found.complete and found.status is Status.COMPLETE
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("streams", STREAMS)
 def test_a_scan_completes_whatever_its_streams_are(tmp_path: Path, streams: str) -> None:
     (tmp_path / "small.yaml").write_text(SCAN)
@@ -78,6 +79,7 @@ LONG_VERBS = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.soak
 @pytest.mark.parametrize("verb", LONG_VERBS if SOAK else sorted(set(LONG_VERBS) - {"doctor", "report"}))
 def test_other_verbs_end_with_the_code_that_they_would_have_ended_with(
@@ -93,6 +95,7 @@ def test_other_verbs_end_with_the_code_that_they_would_have_ended_with(
         assert makes is None or (tmp_path / makes).exists()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", range(100 if SOAK else 6))
 def test_a_scan_outlives_the_reader_of_its_progress(tmp_path: Path, seed: int) -> None:

@@ -129,6 +129,7 @@ def test_direct_light_that_was_aligned_to_a_later_bin_is_seen(hidden: Surface, l
     assert aligned_later_s(points(photons(hidden, direct_cps=0.0, from_wall=True))) is None
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("said", [np.False_, 0, np.int64(0), np.array(False)], ids=repr)
 def test_an_array_is_raw_however_python_and_files_say_so(said: object) -> None:
     counts = photons(LETTER, direct_cps=400000.0, from_wall=False)
@@ -142,6 +143,7 @@ def test_an_array_is_raw_however_python_and_files_say_so(said: object) -> None:
             reconstruct(counts, wall=WALL_M, bin_width=BIN_S, rectified=wrong)  # type: ignore[arg-type]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("stored", [True, False, None])
 @pytest.mark.parametrize("said", [True, False])
 def test_what_python_says_goes_before_what_a_file_says(tmp_path: Path, said: bool, stored: bool | None) -> None:

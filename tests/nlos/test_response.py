@@ -347,6 +347,7 @@ def at_best(scan: Transient, method: str, truth: np.ndarray) -> float:
     return max(image_scores(reconstruct(scan, method, {"snr": snr}).albedo, truth)["psnr"] for snr in (10.0, 1.0, 0.1))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("method", ["lct", "gram", "gradient_descent", "fk", "phasor", "nano"])
 def test_an_instant_response_changes_nothing(method: str, slow_scene: tuple[Transient, Transient, np.ndarray]) -> None:
     quick, _, _ = slow_scene

@@ -73,6 +73,7 @@ def test_no_format_is_answered_by_those_there_are(nlos: Nlos, taken: Path) -> No
     )  # fmt: skip
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("words", "code"), [("0.5:", 0), (":0.5", 0), ("0.5", 2), (":", 2), ("1:0.5", 2)])
 def test_depths_are_open_at_either_end(nlos: Nlos, taken: Path, tmp_path: Path, words: str, code: int) -> None:
     done = nlos("reconstruct", str(taken), "--depth-m", words, "-o", "out")

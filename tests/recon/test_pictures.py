@@ -146,6 +146,7 @@ def test_another_reader_finds_the_width_and_the_fonts_of_a_pdf(tmp_path: Path, w
     assert "Type 3" not in fonts  # which journals refuse
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("suffix", ["pdf", "svg", "png"])
 def test_a_gallery_is_as_wide_as_a_journal_asks(tmp_path: Path, suffix: str) -> None:
     for name in ("a", "b"):

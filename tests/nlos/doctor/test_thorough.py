@@ -58,6 +58,7 @@ def simulated(name: str = "simulated", **changes: Any) -> BenchSettings:
     return chosen.model_copy(update={"simulation": chosen.simulation.model_copy(update=changes)})
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.soak
 @pytest.mark.parametrize("name", HEALTHY + (SLOW if os.environ.get("NLOS_SOAK") == "1" else ()))
 def test_a_healthy_bench_passes_and_what_it_lacks_is_skipped_by_name(name: str) -> None:
@@ -252,6 +253,7 @@ def test_a_person_presses_enter_when_it_is_done(monkeypatch: pytest.MonkeyPatch,
     assert set(asked) == {done}
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("off", "verdict", "said"),
     [

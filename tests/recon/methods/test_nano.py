@@ -113,6 +113,7 @@ def test_points_that_were_not_measured_are_not_looked_at() -> None:
     torch.testing.assert_close(a[0], b[0])
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     "switches",
     [{"lifting": lifting} for lifting in ("none", "mlp", "global", "local", "both")]

@@ -41,6 +41,7 @@ def seen(network: nn.Module, counts: torch.Tensor, exposure: torch.Tensor, respo
     return made
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("method", sorted(catalogue()))
 def test_a_gpu_makes_the_same_picture_and_meets_no_tensor_of_the_cpu(method: str) -> None:
     counts, exposure = scan()
@@ -63,6 +64,7 @@ def test_a_picture_by_nano_starts_few_operations() -> None:
     assert gpu.started < 2700  # 2240 about, on 24 x 24 points; 5328 with two mirror images at a time
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ["lct", "nano", "phasor"])
 def test_what_it_explains_and_how_sure_it_is_come_back_from_a_gpu(method: str) -> None:
     counts, exposure = scan()
@@ -81,6 +83,7 @@ def test_what_it_explains_and_how_sure_it_is_come_back_from_a_gpu(method: str) -
     assert (made.intervals is None) == (expected.intervals is None) == (method != "nano")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("method", sorted(catalogue()))
 def test_a_network_that_moves_away_takes_nothing_from_the_next(method: str) -> None:
     counts, exposure = scan()

@@ -15,6 +15,7 @@ NAMES = sorted(path.stem for path in FOLDER.glob("*.yaml"))
 SMALL = DatasetSettings(rows=16, cols=16, bins=64, bin_width_ps=256.0, scenes=1, degradations=2)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_configuration_takes_its_first_step(name: str) -> None:
     settings = load("train", name, TrainSettings).settings

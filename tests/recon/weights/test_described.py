@@ -52,6 +52,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.sampled(2)
 def test_weights_of_any_method_rebuild_their_own_architecture(trained: tuple[str, Path], scene: Path) -> None:
     method, path = trained
     with h5py.File(scene) as file:
@@ -85,6 +86,7 @@ def test_weights_say_on_what_how_long_how_good_for_what_and_under_which_licence(
     assert summary(str(path.with_name(STATE)))["format"] == "training state"
 
 
+@pytest.mark.sampled(3)
 def test_the_command_line_takes_weights_alone(
     trained: tuple[str, Path],
     scene: Path,
