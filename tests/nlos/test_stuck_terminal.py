@@ -142,7 +142,7 @@ def test_a_command_to_end_while_the_bench_is_closed_before_a_stopped_terminal_is
         child.wait_until(lambda: _status(tmp_path / "run.h5") is Status.COMPLETE, "the end of the recording", 120)
         time.sleep(after_s)
         child.signal(signal.SIGTERM)
-        assert child.ends(10) == 143
+        assert child.ends() == 143
         assert witnessed(tmp_path)[-1] != "shutter open"
 
 

@@ -40,11 +40,11 @@ class AtATerminal:
         """Everything, without what moves the cursor."""
         return _CONTROL.sub("", bytes(self._seen).decode("utf-8", "replace")).replace("\r", "")
 
-    def wait_for(self, text: str, seconds: float = 30.0) -> str:
+    def wait_for(self, text: str, seconds: float = 120.0) -> str:
         """Until that has been shown; what has been."""
         return self.wait_until(lambda: text in self.said, text, seconds)
 
-    def wait_until(self, holds: Callable[[], bool], what: str, seconds: float = 30.0) -> str:
+    def wait_until(self, holds: Callable[[], bool], what: str, seconds: float = 120.0) -> str:
         until_s = time.monotonic() + seconds
         while not holds():
             waiting = time.monotonic() < until_s and self._reader.is_alive()
@@ -55,7 +55,7 @@ class AtATerminal:
     def signal(self, number: signal.Signals) -> None:
         self.process.send_signal(number)
 
-    def ends(self, seconds: float = 30.0) -> int:
+    def ends(self, seconds: float = 120.0) -> int:
         """Its exit code."""
         code = self.process.wait(seconds)
         self._reader.join(5)
