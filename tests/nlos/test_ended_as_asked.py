@@ -1,6 +1,7 @@
 """A scan that ended because its picture was good enough reads so; one that somebody broke off does not."""
 
 import json
+import shutil
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing
@@ -17,6 +18,7 @@ from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.replay import replay as played
 from nlos.acquisition.sample import Sample
 from nlos.runs.index import RunsIndex
+from tests import command
 from tests.nlos.conftest import Nlos
 
 TWO_PASSES = """\
@@ -28,9 +30,23 @@ exposure: {kind: two_pass, counts: 400, again_ms: 4}
 """
 
 
-def test_a_scan_until_its_picture_stands_still_reads_as_ended_as_asked(nlos: Nlos, tmp_path: Path) -> None:
-    done = nlos("--json", "scan", "anytime", "-o", "run.h5", "--until", "stable", check=True)
-    said = json.loads(done.stdout)
+@pytest.fixture(scope="module")
+def stable(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A scan until its picture stood still, and the document that the command printed."""
+    there = tmp_path_factory.mktemp("stable")
+    words = ("--json", "scan", "anytime", "-o", "run.h5", "--until", "stable")
+    return there / "run.h5", command.nlos(there, *words, check=True).stdout
+
+
+@pytest.fixture
+def run_h5(stable: tuple[Path, str], tmp_path: Path) -> str:
+    """What was printed of it; a copy of the recording is `run.h5`."""
+    shutil.copy(stable[0], tmp_path)
+    return stable[1]
+
+
+def test_a_scan_until_its_picture_stands_still_reads_as_ended_as_asked(nlos: Nlos, tmp_path: Path, run_h5: str) -> None:
+    said = json.loads(run_h5)
     assert (said["status"], said["until"]["reached"]) == (AS_ASKED, True)
     assert said["points"] < said["planned"]
     verified = nlos("--json", "verify", "run.h5", check=True)
@@ -70,14 +86,15 @@ def test_a_scan_of_two_passes_that_ended_as_asked_reads_so_everywhere(
         assert there.waits(lambda state: state["over"])["status"] == AS_ASKED
 
 
+@pytest.mark.usefixtures("run_h5")
 def test_what_is_replayed_says_how_the_scan_had_ended(nlos: Nlos) -> None:
-    nlos("scan", "anytime", "-o", "run.h5", "--until", "stable", check=True)
     nlos("replay", "run.h5", "--speed", "max", "-o", "again.h5", check=True)
     found = json.loads(nlos("--json", "verify", "again.h5", check=True).stdout)
     assert (found["status"], found["intact"]) == (AS_ASKED, True)
     assert json.loads(nlos("--json", "info", "again.h5", check=True).stdout)["status"] == AS_ASKED
 
 
+@pytest.mark.usefixtures("run_h5")
 def test_a_replay_that_is_broken_off_is_interrupted(
     nlos: Nlos, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -87,8 +104,7 @@ def test_a_replay_that_is_broken_off_is_interrupted(
         yield from islice(played(recording, pace), 5)
         raise KeyboardInterrupt
 
-    nlos("scan", "anytime", "-o", "run.h5", "--until", "stable", check=True)
-    nlos("scan", "demo", "-o", "whole.h5", check=True)
+    nlos("scan", "five_by_five", "-o", "whole.h5", check=True)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("nlos.cli.replay.play", broken_off)
     for name in ("run", "whole"):
@@ -97,8 +113,8 @@ def test_a_replay_that_is_broken_off_is_interrupted(
             assert (len(recording), status_word(recording)) == (5, "interrupted")
 
 
+@pytest.mark.usefixtures("run_h5")
 def test_damage_to_a_scan_that_ended_as_asked_is_damage(nlos: Nlos, tmp_path: Path) -> None:
-    nlos("scan", "anytime", "-o", "run.h5", "--until", "stable", check=True)
     with Recording.open(tmp_path / "run.h5") as recording:
         counts = recording.counts_of(0, 1).astype("<u4").tobytes()
     whole = (tmp_path / "run.h5").read_bytes()
