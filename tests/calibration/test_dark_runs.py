@@ -37,6 +37,7 @@ def measured(*runs: RawPoints, known: KnownBefore) -> Measurement:
     return measure_constants(runs, devices={}, sources=[], measured_utc="2026-01-01", aim=Aim(2.0), known=known)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("uneven", [{"hot": 20.0}, {"hot": 2000.0}, {"ripple": 0.1}])
 def test_a_run_that_was_meant_to_be_dark_is_no_scan_however_its_bins_differ(uneven: dict[str, float]) -> None:
     """What couples into a bin is told with the bin; alone or beside a scan."""

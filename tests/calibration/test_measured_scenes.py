@@ -31,6 +31,7 @@ def correlation(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.corrcoef(a.ravel(), b.ravel())[0, 1])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "scene", ["otoole_s_u", "otoole_resolution_40cm", "otoole_dots_65cm", "otoole_mannequin_directcut"]
 )

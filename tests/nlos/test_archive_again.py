@@ -134,6 +134,7 @@ def test_another_file_of_the_same_name_does_not_take_a_results_place(inside: Pat
         reconstruct_archive([one], Path("out"), None, skip_existing=True)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("how", [shutil.copytree, shutil.move], ids=["copied", "moved"])
 def test_results_that_were_moved_or_copied_work_where_they_are(inside: Path, how: Any) -> None:
     reconstruct_archive(tasks(), Path("out"), None)
@@ -146,6 +147,7 @@ def test_results_that_were_moved_or_copied_work_where_they_are(inside: Path, how
     assert (Path("out") / "2").exists() is False
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"),
                                                       (signal.SIGTERM, 143, "terminated")])  # fmt: skip
 def test_a_signal_ends_it_with_what_is_done_and_how_to_resume(

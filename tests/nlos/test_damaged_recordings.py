@@ -44,6 +44,7 @@ def scanned(tmp_path_factory: pytest.TempPathFactory) -> Path:
 ENV = {**os.environ, "PATH": f"{Path(os.sys.executable).parent}:{os.environ['PATH']}"}  # type: ignore[attr-defined]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("verb", VERBS)
 def test_what_is_damaged_is_left_aside_by_name(nlos: Nlos, scanned: Path, tmp_path: Path, verb: str) -> None:
     for name in ("run.h5", "scan.yaml"):

@@ -56,6 +56,7 @@ def nlos(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Verb:
     return call
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("bench", "interleave"),
     [("optotune", 1), ("simulated", 4), ("multiharp", 4), ("helios", 1), ("timetagger", 1)],
@@ -77,6 +78,7 @@ def test_a_film_keeps_its_photons_through_every_verb(bench: str, interleave: int
     assert [row["frame"] for row in pictures] == list(range(interleave - 1, 4))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ["lct", "fk", "backprojection", "gram"])
 def test_a_scan_of_few_points_is_explained_by_methods_that_add_bins_up(method: str, tmp_path: Path) -> None:
     """Points 12 cm apart have bins of 128 ps: noise is told from light in the bins that were measured."""

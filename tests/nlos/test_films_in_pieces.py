@@ -222,6 +222,7 @@ def test_a_film_of_the_bench_that_it_replays_is_the_same_film(whole: Path, tmp_p
             assert np.array_equal(one.transient(frames).counts, other.transient(frames).counts)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("pattern", "within_m"),
     # A circle does not say where in it something is: it is seen too near to the middle, alike in every frame.

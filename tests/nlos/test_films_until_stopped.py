@@ -410,6 +410,7 @@ def stopped(film: Path, tmp_path: Path, request: pytest.FixtureRequest) -> Itera
         child.wait()
 
 
+@pytest.mark.sampled(2)
 def test_the_command_ends_well_when_it_is_stopped(stopped: tuple[int, str, str], tmp_path: Path) -> None:
     """Exit 0, and on to the picture: that is how such a film ends."""
     code, told, said = stopped

@@ -64,6 +64,7 @@ def seen(folder: Path) -> tuple[float, float]:
     return float(np.ptp(x_m) * len(x_m) / (len(x_m) - 1)), float(np.nanmedian(depth_m[bright]))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("form", FORMS)
 def test_the_wall_is_found_and_what_hides_stands_at_its_depth(nlos, tmp_path: Path, counts, form: str) -> None:
     path = write(tmp_path, form, counts)
@@ -79,6 +80,7 @@ def test_the_wall_is_found_and_what_hides_stands_at_its_depth(nlos, tmp_path: Pa
     assert json.loads(told.stdout)["wall_size_m"] == pytest.approx(WIDTH_M, rel=0.02)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("form", ["sdt", "photons"])
 def test_an_import_is_the_same_scan_and_nothing_is_overwritten(nlos, tmp_path: Path, counts, form: str) -> None:
     path = write(tmp_path, form, counts)
@@ -120,6 +122,7 @@ def test_an_archive_of_all_of_them_names_the_broken(nlos, tmp_path: Path, counts
         assert seen(tmp_path / "out" / name)[1] == pytest.approx(DEPTH_M, abs=LCT_M)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("form", ["sdt", "photons"])
 def test_nano_sees_it_too(nlos, tmp_path: Path, counts, form: str) -> None:
     pytest.importorskip("torch")

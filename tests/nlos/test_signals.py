@@ -59,6 +59,7 @@ def check_light(lines: list[str]) -> None:
     assert opened_since <= 1
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", range(500 if SOAK else 7))
 def test_a_scan_that_is_told_to_end_ends_cleanly(tmp_path: Path, seed: int) -> None:

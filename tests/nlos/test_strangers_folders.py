@@ -43,6 +43,7 @@ def ran(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.glob("*.ran"))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("words", [("info", "scan.ptu"), ("import", "scan.ptu", "-o", "run.h5"),
                                    ("reconstruct", "plain.h5", "--method", "backprojection")])  # fmt: skip
 def test_the_command_runs_nothing_of_the_folder(folder: Path, ptu: Path, words: tuple[str, ...]) -> None:

@@ -57,6 +57,7 @@ def test_samples_corrected_one_by_one_add_up_to_all_corrected_at_once(nlos: Nlos
     assert came.time == at_once.time
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("constants", [False, True])
 def test_the_last_picture_is_that_of_the_finished_recording(
     nlos: Nlos, run: Path, tmp_path: Path, constants: bool

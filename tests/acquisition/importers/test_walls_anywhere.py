@@ -71,6 +71,7 @@ def is_found(scan: ImportedScan) -> None:
     assert at == pytest.approx(SPOT_M, abs=0.006)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("wall", WALLS)
 def test_what_ytal_writes_of_a_wall_that_faces_anywhere_is_not_mirrored(tmp_path: Path, wall: str) -> None:
     axes = np.array(WALLS[wall])

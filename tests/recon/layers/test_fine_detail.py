@@ -71,6 +71,7 @@ def test_a_finer_scan_is_no_worse_where_both_can_tell() -> None:
     assert seen_db[96] > seen_db[48] - 0.1
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("exposure", "told"), [("even", True), ("uneven", False), ("a twelfth missing", True)])
 def test_a_fine_walls_intervals_hold_its_picture(told: bool, exposure: str) -> None:
     data = DatasetSettings(rows=96, cols=96, bins=96, bin_width_ps=160.0)

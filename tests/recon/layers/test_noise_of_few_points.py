@@ -32,6 +32,7 @@ def test_few_points_of_a_whole_grid_alone_are_corrected_by_networks_of_their_own
             assert by(network, points, kept) == pytest.approx(1.0)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("side", [28, 32, 36, 40])
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_what_ships_tells_the_noise_of_about_a_thousand_points_of_scenes_of_other_kinds(kind: str, side: int) -> None:

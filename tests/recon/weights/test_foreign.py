@@ -20,6 +20,7 @@ class Forged:
         return os.mkdir, (str(self.path),)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("nested", [False, True])
 def test_a_state_dict_is_read_and_its_shapes_are_checked(tmp_path: Path, nested: bool) -> None:
     layer = torch.nn.Linear(2, 3)
