@@ -106,7 +106,7 @@ def _wrong_numbers(made: MethodResult[torch.Tensor]) -> str:
     return ""
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=6)  # three of each of two axes: those before a film is aligned are still in use just after it is
 def built(method: Hashable, settings: Settings, wall: WallGrid, time: TimeAxis) -> nn.Module:
     """A method, kept for the next transient of the same shape. Raises `ReconstructionFailed`."""
     module: object = cast(Method, method).build(settings, wall, time)
