@@ -34,3 +34,28 @@ def test_a_reconstruction_that_is_ended_while_it_writes_leaves_nothing_half_writ
     assert child.returncode == 128 + number, said
     assert "Traceback" not in said
     assert not folder.exists()
+
+
+LOST = """
+import signal, sys, time, weakref
+from pathlib import Path
+from nlos.cli.interrupts import never_lose_an_interrupt
+from nlos.recon.whole_files import whole_files
+
+class Kept: pass
+
+never_lose_an_interrupt()
+with whole_files(Path("made")) as there:
+    (there / "a.txt").write_text("half")
+    kept = Kept()
+    watched = weakref.ref(kept, lambda reference: signal.raise_signal(signal.SIGTERM))
+    del kept  # what the signal raises is lost in here
+    time.sleep(60)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without asking it")
+def test_an_end_that_python_loses_comes_again(tmp_path: Path) -> None:
+    done = subprocess.run([sys.executable, "-c", LOST], cwd=tmp_path, capture_output=True, text=True, timeout=240)
+    assert (done.returncode, done.stderr) == (143, "")
+    assert not (tmp_path / "made").exists()

@@ -2,6 +2,7 @@
 not."""
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import h5py
@@ -27,6 +28,7 @@ BOARD = Surface(centre_m=(0.0, 0.0, 0.9), panel_m=(0.8, 0.8))
 DOT = Surface(centre_m=(0.1, 0.1, 0.5), panel_m=(0.03, 0.03))
 
 
+@cache
 def photons(hidden: Surface, direct_cps: float, from_wall: bool) -> np.ndarray:
     """Drawn counts (H, W, T) of the simulated bench's scene: timed by its clock, or from each point of the wall."""
     scene = SceneSettings(objects=(hidden,), direct_cps=direct_cps, ambient_cps=100.0)
@@ -41,6 +43,7 @@ def photons(hidden: Surface, direct_cps: float, from_wall: bool) -> np.ndarray:
             begins_s = 2 * spot.range_m / 299792458 if from_wall else 8e-9
             expected = light.photons_per_pulse(spot, BIN_S, begins_s)[:BINS]
             counts[row, col, : len(expected)] = rng.poisson(expected * 10e6 * DWELL_S)
+    counts.flags.writeable = False
     return counts
 
 

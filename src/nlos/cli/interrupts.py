@@ -24,6 +24,7 @@ _PAUSES = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTSTP") if hasat
 """Ctrl-Z would stop the program where it is, with the light on."""
 _IMPORT = "<frozen importlib._bootstrap>"
 _AGAIN_S = 0.02
+_BY_SIGNAL = 128
 
 _watched = False
 
@@ -75,14 +76,18 @@ def end_in_order_at_sigterm() -> None:
 
 
 def never_lose_an_interrupt() -> None:
-    """Python prints and forgets a Ctrl-C that falls into a finaliser or a weak reference's callback: it comes again."""
+    """Python prints and forgets a Ctrl-C that falls into a finaliser or a weak reference's callback, and the end that
+    another signal asks for: it comes again."""
     global _watched
     _watched = True
     before = sys.unraisablehook
 
     def hook(lost: Any) -> None:
+        code = getattr(lost.exc_value, "code", None)
         if isinstance(lost.exc_value, KeyboardInterrupt):
             signal_soon(signal.SIGINT)
+        elif isinstance(lost.exc_value, SystemExit) and isinstance(code, int) and code > _BY_SIGNAL:
+            signal_soon(code - _BY_SIGNAL)
         else:
             before(lost)
 
