@@ -2,6 +2,8 @@
 
 from typing import TYPE_CHECKING, Literal, Self
 
+import numpy as np
+import numpy.typing as npt
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from nlos.configs.settings import Settings
@@ -52,9 +54,13 @@ class AllowedArea(Settings):
     def __str__(self) -> str:
         return f"x {self.left_m:+g} to {self.right_m:+g} m, y {self.bottom_m:+g} to {self.top_m:+g} m"
 
+    def holds(self, x_m: npt.NDArray[np.float64], y_m: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+        """Which of these places, of any shape, lie in it."""
+        return (self.left_m <= x_m) & (x_m <= self.right_m) & (self.bottom_m <= y_m) & (y_m <= self.top_m)
+
     def check(self, x_m: float, y_m: float) -> None:
         """Raises `LimitError` outside."""
-        if not (self.left_m <= x_m <= self.right_m and self.bottom_m <= y_m <= self.top_m):
+        if not self.holds(np.array(x_m), np.array(y_m)):
             raise LimitError(
                 "wall",
                 f"x = {x_m:+.3f} m, y = {y_m:+.3f} m lies outside the allowed area ({self.left_m:+g} to "

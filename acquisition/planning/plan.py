@@ -18,6 +18,8 @@ from nlos.drivers.tcspc.counter import HistogramAxis, StopAtCounts
 
 MOST_PARTS = 64
 """Of interleaved frames: after so many the same points come again, if ever."""
+BLOCK = 4096
+"""Points that are made together while a plan is gone through."""
 
 
 def _kept(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -89,9 +91,16 @@ class ScanPlan:
         )
 
     def __iter__(self) -> Iterator[ScanPoint]:
-        columns = (column.tolist() for column in self.columns().values())
-        for number, (row, col, x_m, y_m, dwell_s, pass_) in enumerate(zip(*columns, strict=True)):
-            yield ScanPoint(number, row if row >= 0 else None, col if col >= 0 else None, x_m, y_m, dwell_s, pass_)
+        for first in range(0, len(self), BLOCK):
+            yield from self.points(first, first + BLOCK)
+
+    def points(self, first: int, end: int) -> list[ScanPoint]:
+        """The points from number `first` up to `end`, or to the last one."""
+        columns = (column[first:end].tolist() for column in self.columns().values())
+        return [
+            ScanPoint(number, row if row >= 0 else None, col if col >= 0 else None, x_m, y_m, dwell_s, pass_)
+            for number, (row, col, x_m, y_m, dwell_s, pass_) in enumerate(zip(*columns, strict=True), first)
+        ]
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ScanPlan) and self.digest() == other.digest()

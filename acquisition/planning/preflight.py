@@ -18,7 +18,7 @@ from nlos.acquisition.recording.recording import EVENT, EVENT_ROWS, RECORD, Reco
 from nlos.drivers.bench import Bench
 from nlos.drivers.bench_settings import GeometrySettings
 from nlos.drivers.errors import LimitError
-from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.mirror import MirrorAngles, surely_reached
 from nlos.drivers.tcspc.counter import HistogramAxis
 
 PILE_UP = 0.05
@@ -69,10 +69,13 @@ def checked_angles(plan: ScanPlan, bench: Bench, aim: Aiming) -> list[MirrorAngl
     x_rad, y_rad = aim.angles_rad(plan.positions.x_m, plan.positions.y_m)
     # Of frames, each has the same points: they share their angles, and are checked once.
     _, first_at, place = np.unique(x_rad + 1j * y_rad, return_index=True, return_inverse=True)
-    places = [MirrorAngles(float(x_rad[number]), float(y_rad[number])) for number in first_at]
+    places = list(map(MirrorAngles, x_rad[first_at].tolist(), y_rad[first_at].tolist()))
     angles = [places[each] for each in place.reshape(-1).tolist()]
     allowed = bench.settings.geometry.allowed
-    for number in np.sort(first_at).tolist():
+    fine = surely_reached(bench.mirror, x_rad, y_rad)
+    if allowed is not None:
+        fine = fine and bool(allowed.holds(plan.positions.x_m, plan.positions.y_m).all())
+    for number in [] if fine else np.sort(first_at).tolist():
         each = angles[number]
         if allowed is not None:
             allowed.check(plan[number].x_m, plan[number].y_m)

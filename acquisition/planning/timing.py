@@ -3,6 +3,7 @@ long it will still take, from the pace of the points taken so far."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,7 @@ from nlos.acquisition.scanning.clocked import Sequencer, Stepping, next_sequence
 from nlos.drivers.bench import Bench
 from nlos.drivers.device_settings import Cable
 from nlos.drivers.galvo.block import MirrorBlock
-from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.mirror import ManyAtOnce, MirrorAngles, axes_rad, surely_reached
 
 SCAN_QUESTIONS = 6
 """Exchanges with the counter that set up a scan, alarms included, and end it."""
@@ -119,9 +120,11 @@ def certain_share(plan: ScanPlan) -> float:
 
 def moves_s(bench: Bench, angles: Sequence[MirrorAngles]) -> npt.NDArray[np.float64]:
     """Settling time of every move, the first one from the centre, shape (N,): until the host knows of it."""
-    settle = bench.mirror.settle_s
-    starts = [MirrorAngles(0.0, 0.0), *angles[:-1]]
-    settled_s = np.array([settle(start, end) for start, end in zip(starts, angles, strict=True)])
+    stops = [MirrorAngles(0.0, 0.0), *angles]
+    if isinstance(bench.mirror, ManyAtOnce):
+        settled_s = bench.mirror.settles_s(*axes_rad(stops))
+    else:
+        settled_s = np.array([bench.mirror.settle_s(start, end) for start, end in pairwise(stops)])
     pause_s = bench.settings.mirror.polled_every_s
     if pause_s is None:
         return settled_s
@@ -164,14 +167,15 @@ def clocked_forecast(
     checked: set[MirrorAngles] = set()  # of frames, each has the same points
     while first < len(plan):
         # Of many points a sequence takes few.
-        points += [plan[number] for number in range(first + len(points), min(first + together, len(plan)))]
+        points += plan.points(first + len(points), first + together)
         part = next_sequence(bench, points, angles[first : first + len(points)], sequencer)
         if left:
             part = replace(left.pop(), count=0)
-        for each in part.angles:
-            if each not in checked:
-                bench.mirror.check(each)
-                checked.add(each)
+        if not surely_reached(bench.mirror, *axes_rad(part.angles)):
+            for each in part.angles:
+                if each not in checked:
+                    bench.mirror.check(each)
+                    checked.add(each)
         dwell_s = sum(point.dwell_s for point in points[: part.count])
         whole = replace(
             whole,

@@ -1,10 +1,14 @@
 """What every mirror controller does: aim the beam, within limits that are checked before anything is sent."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+import numpy.typing as npt
+
+from nlos.drivers.errors import LimitError
 from nlos.drivers.identity import DeviceIdentity
 
 
@@ -14,6 +18,11 @@ class MirrorAngles:
 
     x_rad: float
     y_rad: float
+
+
+def axes_rad(angles: Sequence[MirrorAngles]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Their x_rad and y_rad, (N,) each."""
+    return np.array([each.x_rad for each in angles]), np.array([each.y_rad for each in angles])
 
 
 class GalvoMirror(Protocol):
@@ -77,6 +86,39 @@ class GalvoMirror(Protocol):
     def close(self) -> None:
         """Releases the port. May be called twice, and after any error."""
         ...
+
+
+@runtime_checkable
+class ManyAtOnce(Protocol):
+    """A mirror that answers for a whole plan at once what `check` and `settle_s` answer for a place: plans have up to
+    millions. Others are asked place by place."""
+
+    def reaches_all(self, x_rad: npt.NDArray[np.float64], y_rad: npt.NDArray[np.float64]) -> bool:
+        """Whether it is certain that `check` refuses none of these, (N,); where it is not, each is to be asked."""
+        ...
+
+    def settles_s(self, x_rad: npt.NDArray[np.float64], y_rad: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """`settle_s` from each of these, (N,), to the next, (N - 1,): the same to the last digit."""
+        ...
+
+
+def surely_reached(mirror: GalvoMirror, x_rad: npt.NDArray[np.float64], y_rad: npt.NDArray[np.float64]) -> bool:
+    """Whether the mirror says at once that it reaches all of these; else ask for each by `check`."""
+    return isinstance(mirror, ManyAtOnce) and len(x_rad) > 0 and mirror.reaches_all(x_rad, y_rad)
+
+
+def reaches_corners(
+    check: Callable[[MirrorAngles], None], x_rad: npt.NDArray[np.float64], y_rad: npt.NDArray[np.float64]
+) -> bool:
+    """Whether `check` refuses no corner of the rectangle of angles around these, (N,), N > 0: of heads whose limits
+    grow with the angle of either axis, nothing within it is refused then."""
+    try:
+        for x in (x_rad.min(), x_rad.max()):
+            for y in (y_rad.min(), y_rad.max()):
+                check(MirrorAngles(float(x), float(y)))
+    except LimitError:
+        return False
+    return True
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,8 @@
 import math
 from typing import Self
 
+import numpy as np
+import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from nlos.configs.settings import Settings
@@ -50,10 +52,32 @@ class SettleModel(Settings):
         if step_deg <= self.table[0].step_deg:
             return self.table[0].settle_ms * 1e-3
         upper = next((i for i, point in enumerate(self.table) if step_deg <= point.step_deg), len(self.table) - 1)
+        low = self.table[upper - 1]
+        return low.settle_ms * 1e-3 * math.pow(step_deg / low.step_deg, self._slope(upper))
+
+    def _slope(self, upper: int) -> float:
+        """Of the line in log-log from the entry before `upper` to it."""
         low, high = self.table[upper - 1], self.table[upper]
-        slope = math.log(high.settle_ms / low.settle_ms) / math.log(high.step_deg / low.step_deg)
-        return low.settle_ms * 1e-3 * math.pow(step_deg / low.step_deg, slope)
+        return math.log(high.settle_ms / low.settle_ms) / math.log(high.step_deg / low.step_deg)
+
+    def axis_settles_s(self, steps_rad: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """`axis_settle_s` of many steps, (N,), to the last digit."""
+        table_deg = np.array([point.step_deg for point in self.table])
+        low_s = np.array([point.settle_ms * 1e-3 for point in self.table])
+        slopes = np.array([0.0, *(self._slope(upper) for upper in range(1, len(self.table)))])
+        step_deg = np.degrees(np.abs(steps_rad)) / 2.0
+        upper = np.clip(np.searchsorted(table_deg, step_deg), 1, len(self.table) - 1)
+        # NumPy's own power may end on another last digit, from one processor to the next.
+        powers = map(math.pow, (step_deg / table_deg[upper - 1]).tolist(), slopes[upper].tolist())
+        found_s = low_s[upper - 1] * np.fromiter(powers, np.float64, len(step_deg))
+        found_s[step_deg <= table_deg[0]] = low_s[0]
+        found_s[step_deg == 0.0] = 0.0
+        return found_s
 
     def settle_s(self, start: MirrorAngles, end: MirrorAngles) -> float:
         """Settling time of a move: both axes turn at once, the slower one decides."""
         return max(self.axis_settle_s(end.x_rad - start.x_rad), self.axis_settle_s(end.y_rad - start.y_rad))
+
+    def settles_s(self, x_rad: npt.NDArray[np.float64], y_rad: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """`settle_s` of the moves from each of these, (N,), to the next, (N - 1,)."""
+        return np.maximum(self.axis_settles_s(np.diff(x_rad)), self.axis_settles_s(np.diff(y_rad)))

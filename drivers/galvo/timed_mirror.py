@@ -2,9 +2,12 @@
 
 from abc import ABC, abstractmethod
 
+import numpy as np
+import numpy.typing as npt
+
 from nlos.drivers.clock import Clock
 from nlos.drivers.galvo.block import MirrorBlock
-from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.mirror import MirrorAngles, reaches_corners
 
 
 class TimedMirror(ABC):
@@ -24,6 +27,13 @@ class TimedMirror(ABC):
 
     def settle_s(self, start: MirrorAngles, end: MirrorAngles) -> float:
         return self._settings.settle.settle_s(start, end)
+
+    def reaches_all(self, x_rad: npt.NDArray[np.float64], y_rad: npt.NDArray[np.float64]) -> bool:
+        """Both axes have limits of their own."""
+        return reaches_corners(self.check, x_rad, y_rad)
+
+    def settles_s(self, x_rad: npt.NDArray[np.float64], y_rad: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        return self._settings.settle.settles_s(x_rad, y_rad)
 
     def wait_settled(self) -> None:
         self._clock.sleep(self._settled_at_s - self._clock.now())

@@ -3,6 +3,9 @@
 import math
 from collections.abc import Sequence
 
+import numpy as np
+import numpy.typing as npt
+
 from nlos.drivers.clock import Clock
 from nlos.drivers.errors import (
     CommandRejected,
@@ -15,7 +18,7 @@ from nlos.drivers.errors import (
     SettleTimeout,
     WrongDevice,
 )
-from nlos.drivers.galvo.mirror import MirrorAngles
+from nlos.drivers.galvo.mirror import MirrorAngles, reaches_corners
 from nlos.drivers.galvo.optotune import wire
 from nlos.drivers.galvo.optotune.controller import DEVICE, REOPEN, Controller
 from nlos.drivers.galvo.optotune.settings import OptotuneSettings
@@ -80,6 +83,14 @@ class Optotune:
         if start == end:
             return 0.0
         return self._settings.settle.settle_s(start, end) + self._settings.stable_s
+
+    def reaches_all(self, x_rad: npt.NDArray[np.float64], y_rad: npt.NDArray[np.float64]) -> bool:
+        """Both coordinates on the disc grow with either angle."""
+        return reaches_corners(self.check, x_rad, y_rad)
+
+    def settles_s(self, x_rad: npt.NDArray[np.float64], y_rad: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        moves = (np.diff(x_rad) != 0) | (np.diff(y_rad) != 0)
+        return np.where(moves, self._settings.settle.settles_s(x_rad, y_rad) + self._settings.stable_s, 0.0)
 
     def begin_move(self, angles: MirrorAngles) -> None:
         """Sends both coordinates in one command."""

@@ -1,7 +1,9 @@
 """The settle model: its measured points, what lies between, and what is no table."""
 
+import itertools
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -41,3 +43,20 @@ def test_a_table_must_rise(table: list[tuple[float, float]]) -> None:
     points = tuple({"step_deg": step, "settle_ms": settle} for step, settle in table)
     with pytest.raises(ValidationError, match="each larger"):
         SettleModel.model_validate({"table": points})
+
+
+@given(st.lists(st.tuples(st.floats(-0.7, 0.7), st.floats(-0.7, 0.7)), min_size=2, max_size=40))
+def test_many_moves_settle_to_the_last_digit_as_each_of_them(places: list[tuple[float, float]]) -> None:
+    x_rad, y_rad = np.array(places).T
+    one_by_one = [
+        MODEL.settle_s(MirrorAngles(*before), MirrorAngles(*after)) for before, after in itertools.pairwise(places)
+    ]
+    assert MODEL.settles_s(x_rad, y_rad).tolist() == one_by_one
+
+
+def test_many_steps_settle_as_lines_on_log_paper_say() -> None:
+    table_deg, table_s = np.array([0.4, 20.0, 40.0]), np.array([0.4e-3, 7.7e-3, 20e-3])
+    steps_deg = np.concatenate([[0.0, 1e-9, 0.4, 20.0], np.geomspace(0.01, 40.0, 200)])
+    drawn_s = np.exp(np.interp(np.log(np.maximum(steps_deg, 1e-30)), np.log(table_deg), np.log(table_s)))
+    found_s = MODEL.axis_settles_s(-2.0 * np.radians(steps_deg))
+    np.testing.assert_allclose(found_s, np.where(steps_deg == 0, 0.0, drawn_s), rtol=1e-9)
