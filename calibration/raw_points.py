@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from nlos.acquisition.sample import Sample
+from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.transient import TimeAxis, Transient
 from nlos.calibration.errors import InvalidData, SaturatedBins
 
@@ -84,6 +84,8 @@ class RawPoints:
         limits = set(COUNTER_LIMITS)
         if counts.dtype.kind in "ui" and counts.dtype.itemsize < 8:
             limits.add(2 ** (8 * counts.dtype.itemsize - (counts.dtype.kind == "i")) - 1)
+        if counts.dtype == np.float32:
+            limits.add(int(np.float32(COUNTER_LIMITS[1])))  # which has no room for its last digits
         top = counts.max(initial=0)
         if float(top) in limits:
             point, bin_ = (int(i) for i in np.argwhere(counts == top)[0])
@@ -141,16 +143,21 @@ def from_samples(samples: Iterable[Sample], *, visits: bool = False) -> RawPoint
     for sample in samples:
         flags = sample.histogram.flags
         if flags & type(flags).SATURATED:
-            raise SaturatedBins(
-                f"point {sample.point.number} at ({sample.point.x_m:+.3f} m, {sample.point.y_m:+.3f} m): its counter "
-                "says that a bin is saturated. Shorten the dwell or attenuate the light."
-            )
+            raise SaturatedBins(saturated(sample.point))
         rows.setdefault((sample.point.x_m, sample.point.y_m), []).append(sample)
     if not rows:
         raise InvalidData("there is not one sample to calibrate from.")
     groups = list(rows.values())
     apart = [[sample] for group in groups for sample in group]
     return replace(_grouped(groups), visits=_grouped(apart) if visits and len(apart) > len(groups) else None)
+
+
+def saturated(point: ScanPoint) -> str:
+    """What to say of a point whose counter flagged a bin."""
+    return (
+        f"point {point.number} at ({point.x_m:+.3f} m, {point.y_m:+.3f} m): its counter says that a bin is saturated. "
+        "Shorten the dwell or attenuate the light."
+    )
 
 
 def _grouped(groups: Sequence[Sequence[Sample]]) -> RawPoints:

@@ -7,6 +7,8 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
+from nlos.drivers.tcspc.counter import HistogramFlag
+
 
 class RowState(IntEnum):
     """What can be said of a row."""
@@ -29,15 +31,20 @@ class Condition:
     damaged: tuple[int, ...]
     unread: tuple[int, ...]
     unacknowledged: tuple[int, ...]
+    full: tuple[int, ...] = ()
+    """Intact, but the counter says that a bin of it could not count further."""
 
     @classmethod
-    def of(cls, states: npt.NDArray[np.uint8]) -> "Condition":
-        """From the `RowState` of every row."""
+    def of(cls, states: npt.NDArray[np.uint8], flags: npt.NDArray[np.uint16]) -> "Condition":
+        """From the `RowState` and the `HistogramFlag` of every row."""
 
         def rows(state: RowState) -> tuple[int, ...]:
             return tuple(np.flatnonzero(states == state).tolist())
 
-        return cls(len(states), rows(RowState.DAMAGED), rows(RowState.UNREAD), rows(RowState.UNACKNOWLEDGED))
+        saturated = (flags & HistogramFlag.SATURATED) != 0
+        full = tuple(np.flatnonzero(saturated & (states == RowState.INTACT)).tolist())
+
+        return cls(len(states), rows(RowState.DAMAGED), rows(RowState.UNREAD), rows(RowState.UNACKNOWLEDGED), full)
 
     @property
     def samples(self) -> int:
@@ -60,15 +67,27 @@ class Condition:
 
     @property
     def warning(self) -> str:
-        """What a person has to know; empty where every sample is used."""
-        if not self.left_aside:
+        """What a person has to know; empty where every sample is used and holds all of its light."""
+        return "; ".join(filter(None, [self._skipped, self.full_words]))
+
+    @property
+    def full_words(self) -> str:
+        """What to say of samples that hold too little; empty where there are none."""
+        if not self.full:
             return ""
+        return (
+            f"{len(self.full)} of {self.samples} samples hold a bin that was full (rows {listed(self.full)}): there "
+            "the counter counted no further, so light is missing, and no picture or constant comes of it"
+        )
+
+    @property
+    def _skipped(self) -> str:
         found = [
             f"{word} {listed(rows)}"
             for word, rows in (("damaged: rows", self.damaged), ("cannot be read: rows", self.unread))
             if rows
         ]
-        return f"{self.left_aside} of {self.samples} samples are skipped ({'; '.join(found)})"
+        return f"{self.left_aside} of {self.samples} samples are skipped ({'; '.join(found)})" if found else ""
 
 
 def listed(numbers: Sequence[int], most: int = 8) -> str:

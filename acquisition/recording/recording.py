@@ -214,13 +214,14 @@ class Recording:
         if (self._states == _NOT_EXAMINED).any():
             for _ in self.examined(int(np.argmax(self._states == _NOT_EXAMINED))):
                 pass
-        return Condition.of(self._states)
+        return Condition.of(self._states, self._records["flags"])
 
     def left_aside(self) -> int:
-        """How many samples are damaged or unreadable, so that nothing uses them; the log says so, once."""
+        """How many samples are damaged or unreadable, so that nothing uses them; the log says so, once, as it says
+        that some are full."""
         found = self.condition()
-        if found.left_aside > self._aside_told:
-            self._aside_told = found.left_aside
+        if (told := found.left_aside + bool(found.full)) > self._aside_told:
+            self._aside_told = told
             log.warning("%s: %s. `nlos verify` says more.", self.path, found.warning)
         return found.left_aside
 

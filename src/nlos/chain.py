@@ -16,7 +16,7 @@ from nlos.calibration.errors import NoDirectPeak, NothingBehind, ShutterClosed
 from nlos.calibration.raw_points import from_transient
 from nlos.direct_times import DirectTimes
 from nlos.light_left_out import tell_of_light_left_out
-from nlos.loaded import LoadedScan, load_scan
+from nlos.loaded import LoadedScan, load_scan, refuse_full
 from nlos.recipe import Recipe
 from nlos.recon.depth_range import within_depths
 from nlos.recon.errors import InvalidData, InvalidSettings, NoLight
@@ -101,6 +101,7 @@ def _calibrated(
     """And the response that the scan's own direct light showed, where it was looked for."""
     transient = scan.transient
     _refuse_late(scan)
+    refuse_full(scan)
     if use_file_offsets:
         _check_file_offsets(scan)
     use_file_offsets = use_file_offsets or (scan.no_direct_light and not scan.rectified)

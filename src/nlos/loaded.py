@@ -20,9 +20,11 @@ from nlos.acquisition.recording.frames import rows_of
 from nlos.acquisition.recording.read_by_child import open_checked
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.response import Response, from_json
+from nlos.acquisition.sample import ScanPoint
 from nlos.acquisition.transient import Transient
 from nlos.acquisition.wall import WallGrid
-from nlos.calibration.raw_points import RawPoints, from_samples, from_transient
+from nlos.calibration.errors import SaturatedBins
+from nlos.calibration.raw_points import RawPoints, from_samples, from_transient, saturated
 from nlos.calibration.wall_size import found_side
 from nlos.file_doubts import doubt
 from nlos.recon.gridding import grid_samples
@@ -55,12 +57,20 @@ class LoadedScan:
     """What the instrument makes of an instant of light, as the file states it."""
     left_aside: int = 0
     """Samples that were damaged or unreadable, and are not in it."""
+    full: tuple[ScanPoint, ...] = ()
+    """Points of which the counter says that a bin could not count further."""
     rectified_assumed: bool = False
     """Whether nobody has said whether it is rectified."""
     no_direct_light: bool = False
     """Whether only `offset_bins` say when light reaches the wall: direct light is not in the record."""
     wall_error_m: float | None = None
     """The standard error of a width that the direct times told; None where they did not."""
+
+
+def refuse_full(scan: LoadedScan) -> None:
+    """Raises `SaturatedBins` where a bin could not count further, at whichever content that was."""
+    if scan.full:
+        raise SaturatedBins(saturated(scan.full[0]))
 
 
 def load_scan(path: Path, given: Given = NOTHING, frames: range | None = None) -> LoadedScan:
@@ -157,7 +167,11 @@ def loaded_frames(recording: Recording, frames: range | None) -> LoadedScan:
     """Some frames of an open recording, added up, or all. Raises `InvalidData` for frames that it has not, or of which
     no point was taken."""
     scan = _load_recording(recording, frames) if recording.on_grid else _load_free(recording, frames)
-    return replace(scan, left_aside=recording.left_aside())
+    numbers = recording.records["number"][list(recording.condition().full)].tolist()
+    full = tuple(recording.plan[number] for number in numbers)
+    if frames is not None:
+        full = tuple(point for point in full if point.pass_ in frames)
+    return replace(scan, left_aside=recording.left_aside(), full=full)
 
 
 def _rows(recording: Recording, frames: range | None) -> range:

@@ -88,6 +88,7 @@ def _of_recording(recording: "Recording") -> dict[str, Any]:
         "status": status_word(recording) + (", damaged since: `nlos verify` says where" if left_aside else ""),
         "points": f"{len(records)} of {_planned(plan)}" + (f", {left_aside} more skipped" if left_aside else ""),
         "skipped": left_aside,
+        "with a full bin": len(recording.condition().full),
         "identity": header.identity,
         "wall": f"{plan.wall.width_m:g} x {plan.wall.height_m:g} m, {plan.wall.rows} x {plan.wall.cols}",
         "orientation": ORIENTATION,

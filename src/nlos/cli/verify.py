@@ -24,7 +24,7 @@ def verify(run: Annotated[Path, typer.Argument(metavar="RUN")]) -> None:
         f"{len(found.missing)} missing, {len(rows.unacknowledged)} never acknowledged",
         status=found.status_word, planned=found.planned, written=found.written, intact_samples=rows.intact,
         corrupt=rows.damaged, unread=rows.unread, unacknowledged=rows.unacknowledged, repeated=found.repeated,
-        missing=found.missing, intact=found.intact, complete=found.complete,
+        missing=found.missing, intact=found.intact, complete=found.complete, full=rows.full,
     )  # fmt: skip
     if found.frames > 1:
         terminal.result(
@@ -41,6 +41,10 @@ def verify(run: Annotated[Path, typer.Argument(metavar="RUN")]) -> None:
     for what, numbers in named.items():
         if numbers:
             terminal.result(f"  {what}: {listed(numbers, 16)}")
+    if rows.full:
+        terminal.log(
+            f"warning: {run}: {rows.full_words}. Scan these points anew, with a shorter dwell_ms or less light."
+        )
     if found.complete:
         return
     if found.as_asked and found.intact:
