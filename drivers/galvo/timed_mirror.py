@@ -33,6 +33,7 @@ class TimedMirror(ABC):
         return reaches_corners(self.check, x_rad, y_rad)
 
     def settles_s(self, x_rad: npt.NDArray[np.float64], y_rad: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """By the settle table."""
         return self._settings.settle.settles_s(x_rad, y_rad)
 
     def wait_settled(self) -> None:

@@ -7,7 +7,7 @@ that nothing a visitor does reaches the laser, the mirrors or a recording.
 import threading
 import time
 from collections.abc import Sequence
-from datetime import datetime, timedelta
+from datetime import datetime
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -20,6 +20,7 @@ from nlos.runs.index import Run, RunsIndex
 from nlos.runs.page import card
 from nlos.series.journal import NAME as JOURNAL
 from nlos.series.journal import Journal, planned
+from nlos.time_of_day import shown_after
 
 AGAIN_S = 5
 """How often the browser asks; the folder is looked at no more often than that."""
@@ -98,7 +99,7 @@ def _series(folder: Path) -> str:
     over = [name for name, what in outcome.items() if what not in ("waiting", "begun", "cut off")]
     left_s = sum(seconds for name, seconds in expected_s.items() if name not in over)
     going = is_locked(here / JOURNAL)
-    ends = f"until about {datetime.now() + timedelta(seconds=left_s):%a %H:%M}" if going else "not running now"
+    ends = f"until about {shown_after(left_s)}" if going else "not running now"
     if len(over) == len(outcome):
         ends = "over"
     rows = "".join(

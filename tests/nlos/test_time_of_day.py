@@ -1,14 +1,19 @@
 """The time of day jumps an hour back and forth (NTP, daylight saving) at every look at it: no scan notices."""
 
 import time
+from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
+from zoneinfo import ZoneInfo
 
 import pytest
 
 import nlos
 from nlos.acquisition.recording.recording import Recording
 from nlos.acquisition.recording.verification import verify
+from nlos.time_of_day import shown_after
 
+BERLIN = ZoneInfo("Europe/Berlin")
 SCAN = """\
 wall: {width_m: 0.3, height_m: 0.3, rows: 6, cols: 6}
 pattern: serpentine
@@ -38,3 +43,26 @@ def test_a_scan_in_jumping_time_is_the_same_scan(tmp_path: Path, monkeypatch: py
     assert verify(tmp_path / "jumping.h5").complete
     with Recording.open(tmp_path / "jumping.h5") as recording:
         assert recording.elapsed_s == pytest.approx(steady[-1][1] + 8e-3, abs=0.1)
+
+
+@pytest.fixture
+def in_berlin(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setenv("TZ", "Europe/Berlin")
+    time.tzset()
+    yield
+    monkeypatch.undo()
+    time.tzset()
+
+
+@pytest.mark.parametrize(
+    ("begun", "end"),
+    [
+        (datetime(2026, 10, 24, 22, tzinfo=BERLIN), "Sun 07:00"),
+        (datetime(2026, 3, 28, 22, tzinfo=BERLIN), "Sun 09:00"),
+        (datetime(2026, 12, 31, 22, tzinfo=BERLIN), "Fri 08:00"),
+    ],
+)
+@pytest.mark.usefixtures("in_berlin")
+def test_ten_hours_end_when_the_clock_on_the_wall_shows_it(begun: datetime, end: str) -> None:
+    """Of the nights in which clocks are set back and forth, and of a new year's."""
+    assert shown_after(10 * 3600.0, begun.astimezone(UTC)) == end

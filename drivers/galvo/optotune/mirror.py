@@ -89,6 +89,7 @@ class Optotune:
         return reaches_corners(self.check, x_rad, y_rad)
 
     def settles_s(self, x_rad: npt.NDArray[np.float64], y_rad: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """By the settle table, and as long as the mirror has to say that it is still; 0 where it stays."""
         moves = (np.diff(x_rad) != 0) | (np.diff(y_rad) != 0)
         return np.where(moves, self._settings.settle.settles_s(x_rad, y_rad) + self._settings.stable_s, 0.0)
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta
 from pathlib import Path
 
 from nlos.acquisition.errors import InvalidData, StorageError
@@ -27,6 +26,7 @@ from nlos.series.journal import Journal
 from nlos.series.room import check_room
 from nlos.series.settings import QueueSettings
 from nlos.telling import ALARM, DONE, Ending, tell
+from nlos.time_of_day import shown_after
 
 ENDS_BY = {ExitCode.ALARM: outcomes.ALARM, ExitCode.STORAGE: outcomes.STORAGE,
            ExitCode.INTERRUPTED: outcomes.INTERRUPTED, ExitCode.TERMINATED: outcomes.INTERRUPTED}  # fmt: skip
@@ -205,10 +205,9 @@ def _tell(series: Series, journal: Journal, todo: Sequence[Run], expected: Seque
         )  # fmt: skip
         terminal.result(f"{run.name:<{width}}  {words}")
     seconds, disk = sum(each.seconds for each in expected), sum(each.disk_bytes for each in expected)
-    ends = datetime.now() + timedelta(seconds=seconds)
     terminal.result(
-        f"{len(todo)} of {len(series.runs)} scans to take: {_duration(seconds)} of bench time, until {ends:%a %H:%M}, "
-        f"and {disk / 1e6:.0f} MB",
+        f"{len(todo)} of {len(series.runs)} scans to take: {_duration(seconds)} of bench time, "
+        f"until {shown_after(seconds)}, and {disk / 1e6:.0f} MB",
         to_take=len(todo), scans=len(series.runs), expected_s=seconds, expected_disk_bytes=disk,
     )  # fmt: skip
 
