@@ -160,7 +160,8 @@ class ScanPlan:
     @property
     def cycle(self) -> int:
         """After how many frames the same points come again, or some of them if a film was ended there."""
-        frames = self.frames
+        if (frames := self.frames) == 1:
+            return 1
         first = self._places_of(0)
         for frame in range(1, min(frames, MOST_PARTS + 1)):
             places = self._places_of(frame)
