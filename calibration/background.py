@@ -7,6 +7,13 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
 FEWEST_BINS = 8
+_BLOCKS, _NARROWEST, _WIDEST = 16, 4, 16
+"""Stretches in which a reflection before the pulse is looked for; of so many bins."""
+_SHUT = 20.0
+"""Counts that a stretch should have over all points, and has none, if it lies before a gate that opens."""
+_ROUNDS = 4
+_ROWS = 512
+"""So many points at a time."""
 
 
 @dataclass(frozen=True)
@@ -18,20 +25,19 @@ class Background:
 
 
 def before_pulse(counts: npt.ArrayLike, end_bins: npt.ArrayLike) -> Background:
-    """From the bins before `end_bins` (N,), where no light of the present pulse can be.
+    """From the bins before `end_bins` (N,), where no light of the present pulse can be but what a lens, a beam splitter
+    or a pane threw back: bins that hold more than even light does are left out (`quiet_before`).
 
     Each point's own mean, drawn towards the mean over all points as far as its counts do not tell them apart (gamma
     prior by moments). Points with fewer than 8 such bins get all points' mean; without any, the background is 0 and
     its error infinite.
     """
     recorded = np.asarray(counts)
-    points, bins = recorded.shape
-    length = np.clip(np.floor(np.nan_to_num(np.asarray(end_bins, dtype=np.float64))), 0, bins)
+    points = len(recorded)
+    quiet = quiet_before(recorded, end_bins)
+    length = quiet.sum(axis=1).astype(np.float64)
     length[length < FEWEST_BINS] = 0
-    total = np.zeros(points)
-    for end in np.unique(length):  # few: points of one wall see their pulses at about the same time
-        same = length == end
-        total[same] = recorded[same, : int(end)].sum(axis=1, dtype=np.float64)
+    total = np.where(length > 0, sum_where(recorded, quiet), 0.0)
     if not length.sum():
         return Background(np.zeros(points), np.full(points, np.inf))
     pooled = total.sum() / length.sum()
@@ -43,6 +49,56 @@ def before_pulse(counts: npt.ArrayLike, end_bins: npt.ArrayLike) -> Background:
     weight = pooled / between  # the prior is worth this many bins
     per_bin = (total + weight * pooled) / (length + weight)
     return Background(per_bin, np.sqrt(np.maximum(per_bin, 0) / (length + weight)))
+
+
+def quiet_before(counts: npt.ArrayLike, end_bins: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    """Which bins before `end_bins` (N,) hold even light alone, (N, L): not those of stretches that hold five
+    standard errors more than the point's median one and than what is left of all points, nor the ones beside, nor those
+    in which a gate is shut. What is bright in half of a point's stretches is no reflection, and stays."""
+    recorded = np.asarray(counts)
+    end = np.clip(np.floor(np.nan_to_num(np.asarray(end_bins, dtype=np.float64))), 0, recorded.shape[1]).astype(int)
+    latest = int(end.max(initial=0))
+    block = min(max(latest // _BLOCKS, _NARROWEST), _WIDEST)
+    blocks = -(-latest // block)
+    inside = np.clip(end[:, None] - np.arange(blocks) * block, 0, block)  # (N, blocks): bins of each
+    held = np.zeros(inside.shape)
+    for first in range(0, len(recorded), _ROWS):
+        some = slice(first, first + _ROWS)
+        part = np.where(np.arange(blocks * block) < end[some, None], _padded(recorded[some], blocks * block), 0)
+        held[some] = part.reshape(len(part), blocks, block).sum(axis=2)
+    expected = held.sum() / max(inside.sum(), 1) * inside.sum(axis=0)
+    shut = (held.sum(axis=0) == 0) & (expected > _SHUT)
+    inside[:, shut | np.append(False, shut[:-1]) | np.append(shut[1:], False)] = 0  # in which it opens, too
+    rate = np.where(inside > 0, held / np.maximum(inside, 1), np.nan)
+    own = np.zeros(len(end))
+    some_left = inside.any(axis=1)
+    own[some_left] = np.nanmedian(rate[some_left], axis=1)
+    there = inside > 0
+    kept = there
+    for _ in range(_ROUNDS):
+        if not kept.any():
+            return np.arange(latest) < end[:, None]
+        level = np.maximum(own, held[kept].sum() / inside[kept].sum())[:, None] * inside
+        bright = (held > level + 5 * np.sqrt(np.maximum(level, 0)) + 5) & there
+        bright[bright.sum(axis=1) > there.sum(axis=1) / 2] = False
+        beside = bright.copy()
+        for later in (1, 2):  # its tail
+            beside[:, later:] |= bright[:, :-later]
+        beside[:, :-1] |= bright[:, 1:]
+        kept = there & ~beside
+    bins = np.repeat(kept, block, axis=1)[:, :latest]
+    return np.asarray(bins & (np.arange(bins.shape[1]) < end[:, None]))
+
+
+def sum_where(counts: npt.ArrayLike, kept: npt.NDArray[np.bool_]) -> Floats:
+    """Of each point's counts (N, T) in the bins `kept` (N, L) of its first L, (N,)."""
+    recorded = np.asarray(counts)
+    return np.array([row[: len(of)][of].sum(dtype=np.float64) for row, of in zip(recorded, kept, strict=True)])
+
+
+def _padded(recorded: npt.NDArray[np.generic], length: int) -> npt.NDArray[np.generic]:
+    some = recorded[:, :length]
+    return np.pad(some, ((0, 0), (0, length - some.shape[1])))
 
 
 def dark_rate_per_bin(counts: npt.ArrayLike, exposure_s: npt.ArrayLike) -> tuple[Floats, Floats]:
