@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nlos.acquisition.planning.preflight import PILE_UP
 from nlos.acquisition.sample import Sample, ScanPoint
 from nlos.acquisition.transient import SPEED_OF_LIGHT_M_PER_S, TimeAxis, Transient
 from nlos.calibration import raw_points
@@ -18,6 +17,7 @@ from nlos.calibration.constants import BenchConstants
 from nlos.calibration.detector import subtract_dark, undo_dead_time
 from nlos.calibration.direct_reflection import DirectLight, find_direct_light, known_direct_light, remove_direct_light
 from nlos.calibration.errors import InvalidData, NoDirectPeak, NothingBehind
+from nlos.calibration.first_click import doubt_pile_up
 from nlos.calibration.raw_points import RawPoints
 from nlos.calibration.time_offset import measure_time_offsets
 
@@ -112,7 +112,7 @@ def correct_points(
     """
     raw.check(cut_tops=not rectified)
     if constants is None or constants.dead_time_s is None:
-        _doubt_pile_up(raw)
+        doubt_pile_up(raw)
     counts, variance = undo_dead_time(raw, constants)
     offsets: TimeOffsets | None = None
     if rectified:
@@ -267,19 +267,6 @@ def _bins_left(raw: RawPoints, arrival: Floats, offsets: TimeOffsets | None) -> 
             "recorded behind it. Lengthen the histogram or start it later."
         )
     return bins
-
-
-def _doubt_pile_up(raw: RawPoints) -> None:
-    """Says what clicks so often that the first photons of a pulse hide later ones, by a dead time nobody knows."""
-    share = raw.counts.sum(axis=1, dtype=np.float64) / np.where(raw.sync_count > 0, raw.sync_count, np.inf)
-    point = int(np.argmax(share))
-    if share[point] > PILE_UP:
-        log.warning(
-            "%s clicked for %.0f %% of its laser pulses, and the detector's dead time is not known: early light hides "
-            "later light, and direct light seems to come early. Calibrate with --dead-time-ns, or attenuate the light.",
-            raw.name(point),
-            100 * share[point],
-        )
 
 
 def _require_arrivals(constants: BenchConstants, time: TimeAxis) -> None:

@@ -6,8 +6,9 @@ import numpy.typing as npt
 from nlos.acquisition.transient import TimeAxis
 from nlos.calibration.afterpulsing import ClickAfterClick, subtract_afterpulses
 from nlos.calibration.background import subtract
-from nlos.calibration.constants import BenchConstants
+from nlos.calibration.constants import BenchConstants, Quantity
 from nlos.calibration.dead_time import blind_pulses, correct_free_running
+from nlos.calibration.first_click import correct_first_click, first_click
 from nlos.calibration.raw_points import RawPoints
 
 WHOLE_PERIOD = 0.01
@@ -18,27 +19,41 @@ def undo_dead_time(
     raw: RawPoints, constants: BenchConstants | None
 ) -> tuple[npt.NDArray[np.generic], npt.NDArray[np.generic]]:
     """Counts and their variance with dead time, pile-up and, over a whole period, afterpulses undone; as they are where
-    constants or laser pulses are not known. The variance of bins that cannot be told is infinite."""
+    laser pulses are not known. Where the dead time is not, and many pulses click, pile-up is undone as of one click a
+    pulse, unless the clicks speak against it. The variance of bins that cannot be told is infinite."""
     period_s = raw.period_s
-    if constants is None or constants.dead_time_s is None or not constants.dead_time_s.value > 0 or period_s is None:
+    if period_s is None:
         return raw.counts, raw.counts
-    dead_s = constants.dead_time_s.value
+    dead_time = None if constants is None else constants.dead_time_s
+    if dead_time is None:
+        found = first_click(raw)
+        if found.one_a_pulse:
+            return correct_first_click(raw.counts, raw.sync_count)
+        dead_time = found.dead_time
+    if dead_time is None or not dead_time.value > 0:
+        return raw.counts, raw.counts
     taken = raw.sync_count > 0
-    if not taken.all():
-        counts, variance = raw.counts.astype(np.float64), raw.counts.astype(np.float64)
-        counts[taken], variance[taken] = undo_dead_time(raw.select(taken), constants)
-        return counts, variance
+    if taken.all():
+        return _free_running(raw, dead_time, period_s, constants)
+    counts, variance = raw.counts.astype(np.float64), raw.counts.astype(np.float64)
+    counts[taken], variance[taken] = _free_running(raw.select(taken), dead_time, period_s, constants)
+    return counts, variance
+
+
+def _free_running(
+    raw: RawPoints, dead_time: Quantity, period_s: float, constants: BenchConstants | None
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """`undo_dead_time` of a known dead time."""
     width_s = raw.time.bin_width_s
-    counts, variance = correct_free_running(
-        raw.counts, raw.sync_count, raw.total_count, width_s, period_s, constants.dead_time_s
-    )
-    after, decay_s = constants.afterpulse_probability, constants.afterpulse_decay_s
+    counts, variance = correct_free_running(raw.counts, raw.sync_count, raw.total_count, width_s, period_s, dead_time)
+    after = None if constants is None else constants.afterpulse_probability
+    decay_s = None if constants is None else constants.afterpulse_decay_s
     whole_period = abs(raw.time.bins * width_s / period_s - 1) < WHOLE_PERIOD
     if after is not None and decay_s is not None and after.value > 0 and whole_period:
         once = slice(min(raw.time.bins, round(period_s / width_s)))  # of a record that is a little longer
-        found = ClickAfterClick(dead_s, 0.0, after.value, after.error, decay_s)
+        found = ClickAfterClick(dead_time.value, 0.0, after.value, after.error, decay_s)
         pulses = np.asarray(raw.sync_count, dtype=np.float64)[:, None]
-        blind = blind_pulses(raw.counts[:, once], raw.total_count, width_s, period_s, dead_s, raw.sync_count)
+        blind = blind_pulses(raw.counts[:, once], raw.total_count, width_s, period_s, dead_time.value, raw.sync_count)
         seen, clicks = (np.asarray(each[:, once], dtype=np.float64) / pulses for each in (counts, raw.counts))
         counts[:, once] = pulses * subtract_afterpulses(seen, clicks, 1 - blind / pulses, found, width_s)
     return counts, variance

@@ -12,13 +12,14 @@ from nlos.calibration.afterpulsing import ClickAfterClick, from_full_period
 from nlos.calibration.agreement import disagreements, landed_at, off_its_aim
 from nlos.calibration.arrival_rounds import TimeOffsets
 from nlos.calibration.arrivals import Arrivals
-from nlos.calibration.background import dark_rate_per_bin
+from nlos.calibration.background import dark_rate_per_bin, quiet_before, sum_where
 from nlos.calibration.constants import BenchConstants, Quantity
 from nlos.calibration.correct import CorrectedPoints, correct_points
 from nlos.calibration.dark_runs import dark_and_light
 from nlos.calibration.detector import WHOLE_PERIOD, undo_dead_time
 from nlos.calibration.drift import Drift, measure_drift, without_drift
 from nlos.calibration.errors import InvalidData, PoorCalibration
+from nlos.calibration.first_click import first_click
 from nlos.calibration.geometry import ScannerGeometry
 from nlos.calibration.geometry_fit import DirectTimes, GeometryFit, Spots, fit_geometry
 from nlos.calibration.impulse_response import ImpulseResponse
@@ -45,6 +46,8 @@ class Measurement:
     placed: PlacedScanner | None
     drift: Drift | None = None
     """Of the time zero while they were taken; None where the runs do not say when their points were."""
+    dead_time_measured: bool = False
+    """From these runs, so that one that is longer by the laser's period may be it as well."""
     off_aim: str = ""
     """What to say of these runs, and not of the constants: that they landed elsewhere."""
 
@@ -102,6 +105,8 @@ def measure_constants(
                 afterpulse_probability=Quantity(after_click.afterpulse_probability, after_click.afterpulse_error),
                 afterpulse_decay_s=after_click.decay_s,
             )
+        else:
+            dead_time = first_click(raw).dead_time
     found = replace(found, dead_time_s=dead_time)
     if dark:
         found = _with_dark(found, joined(dark))
@@ -139,7 +144,8 @@ def measure_constants(
         geometry=fit.geometry if fit else None,
         geometry_errors=fit.errors if fit else {},
     )
-    return Measurement(found, raw, corrected, placed, drift, off_aim)
+    own_dead_time = known.dead_time is None and dead_time is not None
+    return Measurement(found, raw, corrected, placed, drift, own_dead_time, off_aim)
 
 
 def _with_dark(constants: BenchConstants, run: RawPoints) -> BenchConstants:
@@ -202,22 +208,19 @@ def ambient_rate(raw: RawPoints, offsets: TimeOffsets, constants: BenchConstants
     laser pulse counts or without such bins."""
     lead = max(2.0, 2 * -offsets.response.start_s / raw.time.bin_width_s)
     good = np.isfinite(offsets.offset_bins) & (raw.exposure_s > 0) & (raw.sync_count > 0)
-    end = np.clip(np.floor(offsets.offset_bins[good] - lead), 0, raw.time.bins).astype(np.int64)
-    opened_s = float((end * raw.time.bin_width_s * raw.sync_count[good]).sum())
+    clicks = undo_dead_time(raw, constants)[0][good]
+    quiet = quiet_before(clicks, offsets.offset_bins[good] - lead)
+    opened_s = float((quiet.sum(axis=1) * raw.time.bin_width_s * raw.sync_count[good]).sum())
     if not opened_s > 0:
         return None
-    photons = _before(undo_dead_time(raw, constants)[0][good], end)
+    photons = float(sum_where(clicks, quiet).sum())
     dark, after = constants.dark_hz or Quantity(0.0, 0.0), constants.afterpulse_probability
     error = [np.sqrt(max(photons, 1.0)) / opened_s, dark.error]
     if after is not None and after.value > 0:  # what was subtracted for them is as uncertain as their probability
-        all_clicks = _before(undo_dead_time(raw, replace(constants, afterpulse_probability=None))[0][good], end)
+        with_after = undo_dead_time(raw, replace(constants, afterpulse_probability=None))[0][good]
+        all_clicks = float(sum_where(with_after, quiet).sum())
         error.append((all_clicks - photons) / opened_s * after.error / after.value)
     return Quantity(photons / opened_s - dark.value, float(np.linalg.norm(error)))
-
-
-def _before(counts: npt.NDArray[np.generic], end: npt.NDArray[np.int64]) -> float:
-    """Sum of each row's first `end` (N,) bins."""
-    return float(sum(row[:n].sum(dtype=np.float64) for row, n in zip(counts, end, strict=True)))
 
 
 def fit_scanner(

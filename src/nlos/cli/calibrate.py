@@ -23,6 +23,7 @@ from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.file_words import Detector
 from nlos.cli.first_light import first_light as measured
 from nlos.cli.progress import Progress, Stages
+from nlos.cli.seconds import with_error
 from nlos.cli.spots import place_scanner
 from nlos.cli.targets import refuse_own_input
 from nlos.cli.terminal import terminal
@@ -38,8 +39,11 @@ def calibrate(
         Path | None, typer.Option("-o", "--output", metavar="CONSTANTS.h5", help="Default: kept with the bench.")
     ] = None,
     dead_time_ns: Annotated[
-        float | None,
-        typer.Option(min=0, help="Dead time of the detector, where no histogram over the whole laser period shows it."),
+        str | None,
+        typer.Option(
+            metavar="NS[+-ERROR]",
+            help="Dead time of the detector, where no histogram over the laser's period shows it.",
+        ),
     ] = None,
     response: Annotated[
         Path | None, typer.Option(metavar="FILE.h5", help="Impulse response; measured from the scan by default.")
@@ -112,8 +116,9 @@ def calibrate(
     )  # fmt: skip
     if output is not None:
         _refuse_to_replace(output, [*runs, response, spots], overwrite)
+    dead_time = None if dead_time_ns is None else with_error("--dead-time-ns", dead_time_ns)
     known = KnownBefore(
-        None if dead_time_ns is None else Quantity(dead_time_ns * 1e-9, 0.0),
+        None if dead_time is None else Quantity(dead_time[0] * 1e-9, dead_time[1] * 1e-9),
         None if response is None else response_checked(response),
         None if spots is None else read_spots(spots, ruler_m),
     )

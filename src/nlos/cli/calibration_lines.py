@@ -43,7 +43,7 @@ def result_lines(found: "Measurement", spots: "Spots | None") -> Lines:
         quantity = getattr(constants, name)
         if quantity is not None:
             text = f"{plus_minus(quantity.value * scale, quantity.error * scale)} {unit}"
-            if name == "dead_time_s" and quantity.error > 0 and (period_s := _period_s(found)):
+            if name == "dead_time_s" and found.dead_time_measured and (period_s := _period_s(found)):
                 text += f", or longer by the laser's period of {period_s * 1e9:.4g} ns: see the data sheet"
             lines.append((text, {name: quantity.value, f"{name}_error": quantity.error}))
     return lines
