@@ -47,6 +47,20 @@ def earliest_pulse(
     return arrival, gain
 
 
+def later_pulse(
+    recorded: npt.NDArray[np.generic], start: Floats, background: Floats, box: int
+) -> tuple[Floats, Floats, Floats]:
+    """As `boxcar_arrival`, of what comes from `start` (N,) bins on, and its counts above the background."""
+    arrival, gain, above = np.zeros((3, len(recorded)))
+    for first in range(0, len(recorded), ROWS_AT_ONCE):
+        rows = slice(first, first + ROWS_AT_ONCE)
+        rest = np.where(np.arange(recorded.shape[1]) < start[rows, None], 0, recorded[rows])
+        arrival[rows], gain[rows] = boxcar_arrival(rest, background[rows], box)
+        whole = (arrival[rows] - box / 2).astype(np.int64)
+        above[rows] = windows(rest, whole, box).sum(axis=1) - box * background[rows]
+    return arrival, gain, above
+
+
 def neighbours(x_m: Floats, y_m: Floats, count: int) -> Indices:
     """Indices (N, K) of the `count` points nearest to each, itself included."""
     places = np.column_stack([x_m, y_m])

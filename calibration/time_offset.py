@@ -1,6 +1,8 @@
 """When the direct light of every point arrives, to a fraction of a bin: the brightest pulses if a plane wall explains
 them, else the earliest, which a gated detector leaves fainter than a hidden object's light."""
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
@@ -9,7 +11,8 @@ from nlos.calibration.arrival_rounds import DETECTION, Record, TimeOffsets, refi
 from nlos.calibration.background import quiet_background
 from nlos.calibration.errors import InvalidData, NoDirectPeak, ShutterClosed
 from nlos.calibration.impulse_response import ImpulseResponse
-from nlos.calibration.matched_filter import boxcar_arrival, earliest_pulse, misfit, neighbours
+from nlos.calibration.matched_filter import boxcar_arrival, earliest_pulse, later_pulse, misfit, neighbours
+from nlos.calibration.pane import is_pane
 from nlos.calibration.wall_timing import FEWEST_POINTS
 
 BOX_S = 100e-12
@@ -20,6 +23,8 @@ SEEN_SHARE = 0.5
 NEIGHBOURS = 9
 UNLIKE = 0.05
 """Direct pulses have one shape: 0.01 in measured scans. Letters behind the corner: 0.09 to 0.17."""
+AS_BRIGHT = 0.1
+"""Of what is taken for direct light: a later pulse at `ACCEPTED_SHARE` of the points that may be the wall's."""
 HIDDEN = (
     "what is brightest at {points} points comes at times that no plane wall explains, and its shape changes from point "
     "to point: it is a hidden object's light, and direct light is missing (a gated detector?) or too faint. Time 0 has "
@@ -53,6 +58,9 @@ def measure_time_offsets(
     first[some], gain[some] = boxcar_arrival(recorded[some], record.background[some], box)
     try:
         brightest = refined(record, response, first, gain)
+        behind = _behind_a_pane(record, brightest)
+        if behind is not None:
+            return behind
         if brightest.on_a_plane or lit.sum() < FEWEST_POINTS:
             return brightest
         if _unlike(record, brightest) > UNLIKE:
@@ -84,8 +92,32 @@ def _of_earliest_light(record: Record, response: ImpulseResponse | None) -> Time
             continue
         seen_there = np.abs(first - found.predicted_bins)[lit] < record.box  # before anything was known of the wall
         if seen_there.mean() > SEEN_SHARE and np.ptp(found.predicted_bins) > 4 * max(found.rms_bins, 0.1):
-            return found
+            return _behind_a_pane(record, found) or found
     return None
+
+
+def _behind_a_pane(record: Record, first: TimeOffsets) -> TimeOffsets | None:
+    """The wall's light where what was found is a pane's before it; None where nothing as sharp and bright comes later,
+    or no pane explains it."""
+    seen = first.found
+    if first.wall is None or not seen.any():
+        return None
+    after = record.box + first.response.end_s / first.bin_width_s
+    start = np.where(seen, first.offset_bins + after, 0.0)
+    later, gain, above = later_pulse(record.recorded, start, record.background, record.box)
+    bright = (gain > DETECTION) & (above > AS_BRIGHT * first.direct_counts)
+    if bright[seen].mean() < ACCEPTED_SHARE:
+        return None
+    rest = np.where(np.arange(record.recorded.shape[1]) < start[:, None], 0, record.recorded)
+    try:
+        second = refined(replace(record, recorded=rest), first.response, later, gain, steps=False)
+    except NoDirectPeak:
+        return None
+    if second.wall is None or not second.on_a_plane or second.wall.accepted[second.found].mean() < ACCEPTED_SHARE:
+        return None
+    if _unlike(record, second) > UNLIKE or not is_pane(first, second, record.x, record.y):
+        return None
+    return second
 
 
 def _unlike(record: Record, found: TimeOffsets) -> float:
