@@ -9,6 +9,8 @@ Floats = npt.NDArray[np.float64]
 FEWEST_BINS = 8
 _BLOCKS, _NARROWEST, _WIDEST = 16, 4, 16
 """Stretches in which a reflection before the pulse is looked for; of so many bins."""
+_UNEVEN = 1.25
+"""Even light is as even as that: bins differ in width, afterpulses of the pulse before fade."""
 _SHUT = 20.0
 """Counts that a stretch should have over all points, and has none, if it lies before a gate that opens."""
 _ROUNDS = 4
@@ -52,9 +54,9 @@ def before_pulse(counts: npt.ArrayLike, end_bins: npt.ArrayLike) -> Background:
 
 
 def quiet_before(counts: npt.ArrayLike, end_bins: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """Which bins before `end_bins` (N,) hold even light alone, (N, L): not those of stretches that hold five
-    standard errors more than the point's median one and than what is left of all points, nor the ones beside, nor those
-    in which a gate is shut. What is bright in half of a point's stretches is no reflection, and stays."""
+    """Which bins before `end_bins` (N,) hold even light alone, (N, L): not those of stretches that hold a quarter and
+    five standard errors more than the point's median one and than what is left of all points, nor the ones beside, nor
+    those in which a gate is shut. What is bright in half of a point's stretches is no reflection, and stays."""
     recorded = np.asarray(counts)
     end = np.clip(np.floor(np.nan_to_num(np.asarray(end_bins, dtype=np.float64))), 0, recorded.shape[1]).astype(int)
     latest = int(end.max(initial=0))
@@ -79,7 +81,7 @@ def quiet_before(counts: npt.ArrayLike, end_bins: npt.ArrayLike) -> npt.NDArray[
         if not kept.any():
             return np.arange(latest) < end[:, None]
         level = np.maximum(own, held[kept].sum() / inside[kept].sum())[:, None] * inside
-        bright = (held > level + 5 * np.sqrt(np.maximum(level, 0)) + 5) & there
+        bright = (held > _UNEVEN * level + 5 * np.sqrt(np.maximum(level, 0)) + 5) & there
         bright[bright.sum(axis=1) > there.sum(axis=1) / 2] = False
         beside = bright.copy()
         for later in (1, 2):  # its tail

@@ -102,6 +102,13 @@ def test_the_level_before_the_pulse_is_that_of_bins_in_which_the_gate_is_open() 
         assert found.per_bin.mean() == pytest.approx(2.0, rel=0.1)
 
 
+def test_bins_of_unequal_width_are_no_reflection() -> None:
+    """By 8 % over stretches of bins, where 100,000 counts tell it beyond doubt."""
+    uneven = 6000 * (1 + 0.08 * np.sin(np.arange(400) / 10))
+    found = before_pulse(np.random.default_rng(1).poisson(uneven, (9, 400)), np.full(9, 315.0))
+    assert found.per_bin == pytest.approx(uneven[:315].mean(), rel=0.003)
+
+
 def test_records_that_hold_nothing_before_their_pulse_tell_no_background() -> None:
     found = before_pulse(np.ones((3, 50)), [0.0, np.nan, -4.0])
     assert found.per_bin.tolist() == [0, 0, 0]
