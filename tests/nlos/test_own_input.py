@@ -54,6 +54,21 @@ def test_no_verb_writes_over_what_it_reads(folder: Path, words: str, sentence: s
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
+def test_of_several_imports_none_takes_the_place_of_another(folder: Path) -> None:
+    """Two files of one stem are two recordings, two of one name are refused; with --overwrite, too."""
+    (folder / "far").mkdir()
+    for place, light in (("near.npz", 1), ("near.npy.npz", 2), ("far/near.npz", 3)):
+        counts = np.full((3, 3, 16), light, np.uint32)
+        np.savez(folder / place, histograms=counts, bin_width_s=32e-12, wall_size_m=1.0)
+    (folder / "near.npy.npz").rename(folder / "near.NPZ")
+    done = command(folder, "import", "near.npz", "far/near.npz", "-o", "made", "--overwrite")
+    assert (done.returncode, "near.npz: two files of one name" in done.stderr) == (2, True), done.stderr
+    assert not (folder / "made").exists()
+    command(folder, "import", "near.npz", "near.NPZ", "-o", "made", check=True)
+    held = {path.name: nlos.load(path).counts.sum() for path in (folder / "made").iterdir()}
+    assert held == {"near.npz.h5": 144, "near.NPZ.h5": 288}
+
+
 @pytest.mark.parametrize("where", [".", "./", "/"])
 @pytest.mark.parametrize("verb", ["report", "export --to npz", "replay", "live", "serve", "info", "verify"])
 def test_a_folder_is_called_one(tmp_path: Path, verb: str, where: str) -> None:

@@ -17,6 +17,7 @@ from nlos.cli.archive_record import MADE, RECORD, ArchiveRecord, Row
 from nlos.cli.archive_task import Outcome, Task
 from nlos.cli.exit_codes import ExitCode, Stopped, UsageError
 from nlos.cli.progress import Progress
+from nlos.cli.targets import names_of
 from nlos.cli.terminal import terminal
 
 SUFFIXES = (
@@ -51,11 +52,7 @@ def _scans_in(folder: Path) -> list[Path]:
 
 def folders_for(files: Sequence[Path], output: Path) -> list[Path]:
     """`output`/NAME for every file; with its suffix where two have one stem. Raises `UsageError`."""
-    stems = [file.stem for file in files]
-    names = [file.stem if stems.count(file.stem) == 1 else file.name for file in files]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise UsageError(f"{', '.join(twice)}: two files of one name. Reconstruct them into folders of their own.")
-    return [output / name for name in names]
+    return [output / name for name in names_of(files)]
 
 
 @dataclass(frozen=True)

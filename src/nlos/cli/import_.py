@@ -13,7 +13,7 @@ from nlos.acquisition.wall import ORIENTATION
 from nlos.cli.exit_codes import UsageError
 from nlos.cli.file_words import Axes, BinWidth, Detector, Rectified, WallSize, given
 from nlos.cli.progress import Progress
-from nlos.cli.targets import recording_target, refuse_own_input
+from nlos.cli.targets import names_of, recording_target, refuse_own_input
 from nlos.cli.terminal import terminal
 
 
@@ -37,7 +37,7 @@ def import_(
 ) -> None:
     """Reads other people's formats into a recording; says what a format could not hold."""
     said = given(wall_size_m, bin_width_ps, axes, rectified, detector)
-    targets = [output if len(files) == 1 else output / f"{file.stem}.h5" for file in files]
+    targets = [output] if len(files) == 1 else [output / f"{name}.h5" for name in names_of(files)]
     for file, target in zip(files, targets, strict=True):
         recording_target(target)
         refuse_own_input(target, files, "a file that is imported")

@@ -1,6 +1,6 @@
 """Where a verb may write: names are looked at before anything is opened, measured or computed."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from nlos.cli.exit_codes import UsageError
@@ -37,6 +37,16 @@ def refuse_own_input(target: Path, inputs: Iterable[Path | None], what: str) -> 
     for file in inputs:
         if file is not None and file.exists() and target.exists() and target.samefile(file):
             raise UsageError(f"{target}: is {what}. Choose another name with -o.")
+
+
+def names_of(files: Sequence[Path]) -> list[str]:
+    """What is made of each of several files is named by its stem, where two have one by the whole name. Raises
+    `UsageError` for two of one name: one result would take the other's place."""
+    stems = [file.stem for file in files]
+    names = [file.stem if stems.count(file.stem) == 1 else file.name for file in files]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise UsageError(f"{', '.join(twice)}: two files of one name. Take them one by one, into folders of their own.")
+    return names
 
 
 def refuse_folder(path: Path) -> None:
