@@ -1,6 +1,7 @@
-"""A command that a signal ends says so on stderr, and with --json in its document."""
+"""The document of `--json`: that a signal ended the command is in it, and any reader of JSON takes it."""
 
 import json
+import math
 import signal
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from nlos.cli.terminal import Terminal
 from tests.command import nlos
 
 LONG = """\
@@ -48,3 +50,16 @@ def test_a_document_says_that_a_signal_ended_its_command(tmp_path: Path, verb: s
     words_of = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
     assert "long.h5" in error["message"] if verb == "scan" else error["message"] == words_of[number]
     assert "Traceback" not in said
+
+
+def test_what_is_not_finite_leaves_a_document_that_every_reader_takes(capsys: pytest.CaptureFixture[str]) -> None:
+    """RFC 8259 has no NaN: of a settling beam, say, at the moments at which no light told where it was."""
+
+    def refused(word: str) -> None:
+        raise AssertionError(f"{word} is no JSON")
+
+    terminal = Terminal(as_json=True)
+    terminal.result("", findings=[{"y": [0.25, math.nan, 1.0]}], rate_hz=math.inf, off={"x_m": -math.inf}, points=16)
+    terminal.finish()
+    found = json.loads(capsys.readouterr().out, parse_constant=refused)
+    assert found == {"findings": [{"y": [0.25, None, 1.0]}], "rate_hz": None, "off": {"x_m": None}, "points": 16}

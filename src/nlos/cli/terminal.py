@@ -64,7 +64,9 @@ class Terminal:
     def finish(self) -> None:
         """Prints the JSON document, when that was asked for."""
         if self.as_json:
-            print(json.dumps(self.document, default=str), flush=True)
+            # JSON has no word for what is not finite: a strict reader would take nothing of a document that holds one.
+            plain = json.loads(json.dumps(self.document, default=str), parse_constant=lambda word: None)
+            print(json.dumps(plain, allow_nan=False), flush=True)
 
 
 terminal = Terminal()
