@@ -65,8 +65,8 @@ def point(
         elif hand.keys.there and hold is None:
             by_key = f"No light: {hand.no_light} Any" if hand.no_light else "SPACE, held down: light. Any other"
             terminal.log(f"{by_key} key ends.")
-        stay_s = max(hold or 0.0, light or 0.0)
-        until_s = time.monotonic() + (stay_s if stay_s or not hand.keys.there else math.inf)
+        until_a_key = hold is None and light is None and hand.keys.there
+        until_s = time.monotonic() + (math.inf if until_a_key else max(hold or 0.0, light or 0.0))
         _stay(hand, until_s)
 
 

@@ -115,3 +115,10 @@ def test_light_only_while_asked_for_and_never_beyond_the_limits(tmp_path: Path, 
     for x_rad, y_rad in seen.lit_beams:
         assert math.atan(ALLOWED["left_m"] / 2) - MARGIN_RAD <= x_rad <= math.atan(ALLOWED["right_m"] / 2) + MARGIN_RAD
         assert math.atan(ALLOWED["bottom_m"] / 2) - MARGIN_RAD <= y_rad <= math.atan(ALLOWED["top_m"] / 2) + MARGIN_RAD
+
+
+def test_a_stay_of_no_time_is_over_at_once_also_at_a_terminal(tmp_path: Path) -> None:
+    path = bench_file(tmp_path, {})
+    with at_a_terminal(tmp_path, "point", "0.2", "-0.1", "--hold", "0", "--bench", str(path)) as child:
+        assert child.ends(240) == 0
+        assert "(+0.2000, -0.1000) m on the wall" in child.said
