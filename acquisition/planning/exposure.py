@@ -18,6 +18,8 @@ from nlos.drivers.tcspc.counter import HistogramAxis, HistogramFlag, StopAtCount
 
 DWELL_STEP_S = 1e-6
 """Dwells are whole microseconds: what counters can be set to exactly."""
+_ROUNDING_US = 1e-6
+"""A share that comes to whole microseconds is one, however its quotient is rounded."""
 MAX_MAP_BYTES = 64 << 20
 GOLDEN = (math.sqrt(5) - 1) / 2
 LEAST_BATCH, BATCHES = 32, 4
@@ -94,15 +96,15 @@ class Budget(_Exposure):
 
     def visits(self, positions: Positions, wall: WallGrid, dwell_s: float) -> Visits:
         """Rounded down to whole microseconds. Raises `PlanRefused` where there is more time than needed, or none."""
-        share_s = self.total_s / len(positions)
-        if share_s > dwell_s:
+        share_us = self.total_s * 1e6 / len(positions) + _ROUNDING_US
+        if share_us > dwell_s * 1e6 + 2 * _ROUNDING_US:
             raise PlanRefused(
-                f"{self.total_s:g} s for {len(positions)} points are {share_s * 1e3:.3g} ms each, more than dwell_ms "
+                f"{self.total_s:g} s for {len(positions)} points are {share_us / 1e3:.3g} ms each, more than dwell_ms "
                 f"({dwell_s * 1e3:g}); lower total_s or raise dwell_ms"
             )
-        if share_s < DWELL_STEP_S:
+        if share_us < 1:
             raise PlanRefused(f"{self.total_s:g} s are less than a microsecond for each of {len(positions)} points")
-        return super().visits(positions, wall, math.floor(share_s / DWELL_STEP_S) * DWELL_STEP_S)
+        return super().visits(positions, wall, math.floor(share_us) * DWELL_STEP_S)
 
 
 class ByDistance(_Exposure):

@@ -1,6 +1,7 @@
 """Every exposure policy spends the time it was given, where it should."""
 
 from collections.abc import Callable
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,24 @@ def test_a_budget_is_split_equally_to_the_microsecond(small_plan: Plans) -> None
     plan = small_plan(5, 7, exposure={"kind": "budget", "total_s": 0.1})
     assert len(set(plan.dwell_s.tolist())) == 1
     assert 0.1 - 35e-6 < plan.dwell_total_s <= 0.1
+
+
+@pytest.mark.parametrize(
+    ("rows", "cols", "dwell_us"), [(6, 6, 113), (7, 7, 1500), (10, 10, 29), (11, 17, 3000), (5, 7, 1)]
+)
+def test_a_budget_that_comes_to_whole_microseconds_gives_these(
+    small_plan: Plans, rows: int, cols: int, dwell_us: int
+) -> None:
+    """By whole numbers: also where it is all that `dwell_ms` allows, and whatever a quotient is rounded to."""
+    total_s = float(Fraction(rows * cols * dwell_us, 1_000_000))
+    for longest_us in (dwell_us, 10 * dwell_us):
+        budget = {"kind": "budget", "total_s": total_s}
+        plan = small_plan(rows, cols, dwell_ms=longest_us / 1e3, exposure=budget)
+        assert set(np.round(plan.dwell_s * 1e6, 3).tolist()) == {dwell_us}
+    with pytest.raises(PlanRefused, match="more than dwell_ms"):
+        small_plan(rows, cols, dwell_ms=dwell_us / 1e3, exposure={"kind": "budget", "total_s": total_s * 1.001})
+    with pytest.raises(PlanRefused, match="less than a microsecond"):
+        small_plan(rows, cols, exposure={"kind": "budget", "total_s": total_s / dwell_us * 0.999})
 
 
 def test_a_budget_beyond_need_is_refused(small_plan: Plans) -> None:
@@ -96,6 +115,18 @@ def test_a_rate_by_the_nth_count_is_right_on_average_where_n_is_small() -> None:
     assert np.mean(3 / live_s) == pytest.approx(1.5 * rate_hz, rel=0.01)
     assert np.array_equal(unbiased_live_s(live_s, 0 * early, StopAtCounts(3, 0, 64)), live_s)
     assert np.array_equal(unbiased_live_s(live_s, early, None), live_s)
+
+
+@pytest.mark.parametrize(
+    ("from_ns", "to_ns", "bins"), [(16.4, 26.0, (100, 250)), (10.1, 10.7, (1, 11)), (10.0, 75.536, (0, 1024))]
+)
+def test_points_stop_by_the_bins_that_the_window_touches(
+    small_plan: Plans, from_ns: float, to_ns: float, bins: tuple[int, int]
+) -> None:
+    """Of 64 ps, from 10 ns: (16.4 - 10) / 0.064 = 100."""
+    axis = {"bins": 1024, "bin_width_ps": 64, "offset_ns": 10}
+    stop = {"kind": "stop_at_counts", "counts": 20, "from_ns": from_ns, "to_ns": to_ns}
+    assert small_plan(histogram=axis, exposure=stop).stop == StopAtCounts(20, *bins)
 
 
 def test_a_stop_window_off_the_time_axis_is_refused(small_plan: Plans) -> None:
