@@ -82,8 +82,9 @@ def arrival(counts: npt.NDArray[np.integer], axis: HistogramAxis, near_s: float,
     if total < max(_FAINT, 5 * math.sqrt(background * len(weight))):
         return None
     mean_s = float((weight * time_s[window]).sum()) / total
-    spread_s = math.sqrt(max(float((weight * (time_s[window] - mean_s) ** 2).sum()) / total, 0.0))
-    return Arrival(mean_s, max(spread_s, axis.bin_width_s / 3.5) / math.sqrt(total))
+    # Every count has its chance, also those that are background: what is left without them may have no width at all.
+    error_s = math.sqrt(float((counts[window] * (time_s[window] - mean_s) ** 2).sum())) / total
+    return Arrival(mean_s, max(error_s, axis.bin_width_s / 3.5 / math.sqrt(total)))
 
 
 def expected_s(bench: Bench, range_m: float) -> float:
