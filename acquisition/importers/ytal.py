@@ -78,7 +78,7 @@ def _said_by_ourselves(file: h5py.File) -> dict[str, object]:
     if not isinstance(text, bytes) or b"original_format" not in text:
         return {}
     try:
-        said = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        said = yaml.load(bytes(text), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     except (yaml.YAMLError, ValueError, RecursionError):
         return {}
     return said if isinstance(said, dict) and said.get("original_format") == "nlos" else {}

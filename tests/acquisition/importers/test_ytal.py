@@ -41,6 +41,13 @@ def write(path: Path, **changes: object) -> Path:
     return path
 
 
+@pytest.mark.parametrize("said", [5, np.arange(3), np.bytes_(b"original_format: ["), np.bytes_(b"- original_format")])
+def test_what_others_keep_as_scene_info_is_theirs(tmp_path: Path, said: object) -> None:
+    scan = read_any(write(tmp_path / "capture.hdf5", scene_info=said))
+    assert scan.transient.counts[2, 0, 3] == 1.0
+    assert scan.wall_known
+
+
 def test_the_picture_is_upright_and_time_is_in_seconds(tmp_path: Path) -> None:
     scan = read_any(write(tmp_path / "capture.hdf5"))
     assert scan.transient.counts[2, 0, 3] == 1.0
