@@ -1,17 +1,21 @@
 """Direct light and the time window: what `plan` warns of, and what the first points of a scan give away."""
 
+import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from nlos.__main__ import run
 from nlos.acquisition.planning.direct_light import expected_direct, window_warnings
-from nlos.acquisition.planning.preflight import aim_of, fitted
+from nlos.acquisition.planning.preflight import aim_of, drawn_aim, fitted
 from nlos.acquisition.planning.scan_settings import ScanSettings
 from nlos.acquisition.recording.recording import Recording
 from nlos.configs.load import load, names
 from nlos.drivers.bench import BenchSettings, open_bench
+from nlos.drivers.bench_settings import GeometrySettings
+from nlos.drivers.first_light_settings import FirstLightSettings
 from tests.changed_bench import bench_file
 
 WALL = "wall: {width_m: 0.6, height_m: 0.6, rows: 8, cols: 8}\npattern: serpentine\ndwell_ms: 8\n"
@@ -28,6 +32,27 @@ def warnings(bench: str, scan: str) -> list[str]:
     with open_bench(settings) as opened:
         plan = fitted(load("scan", scan, ScanSettings).settings.plan(), opened)
         return window_warnings(plan, expected_direct(plan, settings, aim_of(opened)))
+
+
+def test_direct_light_is_due_by_the_way_there_and_back_also_where_the_beam_goes_the_wrong_way() -> None:
+    """By vectors: a scanner aside, a wall that is wider than high and swings away on its right; the beam that goes to
+    the left for right meets the same plane elsewhere."""
+    scan = {"wall": {"width_m": 1.2, "height_m": 0.4, "rows": 3, "cols": 4}, "pattern": "serpentine", "dwell_ms": 8,
+            "histogram": {"bins": 1024, "bin_width_ps": 16, "offset_ns": 10}}  # fmt: skip
+    plan, yaw_rad = ScanSettings.model_validate(scan).plan(), math.radians(8.0)
+    geometry = {"wall_distance_m": 1.5, "scanner_x_m": 0.3, "scanner_y_m": -0.1, "wall_yaw_deg": 8.0}
+    settings = load("bench", "simulated", BenchSettings).settings
+    settings = settings.model_copy(
+        update={"first_light": FirstLightSettings(delay_ns=95.0), "geometry": GeometrySettings(**geometry)}
+    )
+    direct = expected_direct(plan, settings, drawn_aim(settings.geometry))
+    right, normal = np.array([math.cos(yaw_rad), 0, -math.sin(yaw_rad)]), [math.sin(yaw_rad), 0, math.cos(yaw_rad)]
+    place = plan.positions.x_m[:, None] * right + plan.positions.y_m[:, None] * np.array([0.0, 1.0, 0.0])
+    scanner = np.array([0.3, -0.1, 1.5])
+    goes = (place - scanner) / np.linalg.norm(place - scanner, axis=1)[:, None]
+    for signs, arrival_s in (((1, 1, 1), direct.arrival_s), ((-1, 1, 1), direct.turned_s["x is reversed"])):
+        range_m = -(scanner @ normal) / (goes * signs @ normal)
+        assert arrival_s == pytest.approx((2 * range_m / 299_792_458 + 95e-9) % 100e-9, abs=1e-13)
 
 
 @pytest.mark.parametrize("scan", names("scan"))

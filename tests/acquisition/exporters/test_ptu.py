@@ -167,6 +167,8 @@ def test_points_that_were_not_measured_are_named_and_leave_the_others_exposure(t
     notes = write_ptu(scan(counts, exposure_s), tmp_path / "scan.ptu")
     check_read_back(tmp_path / "scan.ptu", counts, 0.04)
     assert any("7 of 35 points were not measured" in note for note in notes)
+    with ptufile.PtuFile(tmp_path / "scan.ptu") as file:  # of the points that were: the vendor states it in ms
+        assert file.tags["MeasDesc_AcquisitionTime"] == 28 * 40
     assert not any("differ" in note for note in notes)
 
 
@@ -174,6 +176,8 @@ def test_an_exposure_below_a_laser_period_is_named(tmp_path: Path) -> None:
     counts = drawn(0.3)
     notes = write_ptu(scan(counts, 1e-9), tmp_path / "scan.ptu")
     check_read_back(tmp_path / "scan.ptu", counts, 100e-9)
+    with ptufile.PtuFile(tmp_path / "scan.ptu") as file:
+        assert file.tags["MeasDesc_AcquisitionTime"] == 1  # 0 ms would be no measurement
     assert any("exposures of 1e-09 s are below a laser period: 1e-07 s is written" in note for note in notes)
 
 

@@ -160,3 +160,29 @@ def test_bins_that_are_given_in_place_of_a_files_own_are_noted(
     assert [float(after.removesuffix(" ps in the file)")) for _, after in said] == (
         [pytest.approx(stored_ps, rel=1e-5)] if given_ps else []
     )
+
+
+@pytest.mark.parametrize(
+    ("x_from", "y_from", "said"), [(0, None, ["x_m"]), (-7, 3, ["y_m"]), (-7, -7, []), (None, None, [])]
+)
+def test_a_grid_about_another_place_than_its_middle_is_said_once_for_each_axis(
+    tmp_path: Path, x_from: int | None, y_from: int | None, said: list[str]
+) -> None:
+    """Eight whole numbers of metres, two apart; where an axis is not said, nothing is of it."""
+    steps = 2 * np.arange(8)
+    places = {
+        "x_m": None if x_from is None else x_from + steps,
+        "y_m": None if y_from is None else y_from + steps[::-1],
+    }
+    told = {name: line for name, line in places.items() if line is not None}
+    scan = read_any(stored(tmp_path / "a.npz", histograms=COUNTS, wall_size_m=16.0, **told))
+    notes = [note for note in scan.notes if "in the middle of the grid" in note]
+    middles = {"x_m": "x_m is 7 m", "y_m": "y_m is 10 m"}
+    assert [note.startswith(middles[name]) for note, name in zip(notes, said, strict=True)] == [True] * len(said)
+    assert (scan.transient.wall.width_m, scan.transient.wall.height_m) == pytest.approx((16.0, 16.0))
+
+
+def test_places_that_are_words_are_refused(tmp_path: Path) -> None:
+    path = stored(tmp_path / "a.npz", histograms=COUNTS, x_m=np.array([f"{k}" for k in range(8)]))
+    with pytest.raises(InvalidData, match="x_m: holds values that are no finite numbers of metres"):
+        read_any(path)

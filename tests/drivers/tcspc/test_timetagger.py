@@ -1,5 +1,6 @@
 """A Time Tagger whose model or cabling differs from the one of the other tests: delays, levels, AUX OUT."""
 
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -138,6 +139,16 @@ def test_a_laser_that_changes_its_rate_while_points_are_taken_is_named_with_both
     with pytest.raises(SyncLost, match=r"input 1 \(sync\) had 10000000 Hz .* 97999.. Hz .* up to 2041 ps off"):
         taken(counter, bench)
     assert len(taken(counter, bench)) == 3  # of one rate again
+    counter.close()
+
+
+@pytest.mark.parametrize(("off_hz", "lost"), [(0, False), (200, False), (-200, False), (220, True), (-220, True)])
+def test_a_rate_is_told_to_a_pulse_in_each_of_its_gates(off_hz: int, lost: bool) -> None:
+    """One pulse in 10 ms is 100 Hz, one in 100 ms 10 Hz; a bin of 1 ps a period is 100 Hz of 10 MHz: 210 in all."""
+    package, settings, bench = rig()
+    counter = TimeTagger.open(settings, bench.clock, package)
+    with pytest.raises(SyncLost) if lost else nullcontext():
+        counter.tagger.check_sync(10e6 + off_hz, 1)
     counter.close()
 
 
