@@ -69,12 +69,14 @@ class Arrival:
 def arrival(counts: npt.NDArray[np.integer], axis: HistogramAxis, near_s: float, reach_s: float) -> Arrival | None:
     """The mean time of the first high peak within `reach_s` of `near_s`; None where nothing stands out."""
     time_s = axis.offset_s + (np.arange(len(counts)) + 0.5) * axis.bin_width_s
-    seen = np.where(np.abs(time_s - near_s) <= reach_s, counts, 0).astype(np.float64)
     background = float(np.median([part.mean() for part in np.array_split(counts, _PARTS)]))
     wide = max(1, round(_HALF_WINDOW_S / axis.bin_width_s))
-    sums = np.convolve(seen - background * (seen > 0), np.ones(2 * wide + 1), mode="same")
-    # The first peak, not the highest: a hidden surface may return more light than the wall's spot.
-    first = int(np.argmax(sums >= _PART_OF_HIGHEST * sums.max()))
+    seen = np.where(np.abs(time_s - near_s) <= reach_s, counts - background, 0.0)
+    sums = np.convolve(seen, np.ones(2 * wide + 1), mode="same")
+    highest, chance = float(sums.max()), max(_FAINT, 5 * math.sqrt(background * (2 * wide + 1)))
+    # The first peak, not the highest: a hidden surface may return more light than the wall's spot. Nor the first that
+    # chance makes before a faint one.
+    first = int(np.argmax(sums >= max(_PART_OF_HIGHEST * highest, min(chance, highest))))
     peak = first + int(np.argmax(sums[first : first + 2 * wide + 1]))
     window = slice(max(peak - wide, 0), peak + wide + 1)
     weight = counts[window] - background
