@@ -37,6 +37,8 @@ def of_file(path: Path) -> tuple[Light, bool]:
         ([("shutter", "NOT CONFIRMED CLOSED: no answer"), ("shutter", "closed")], Light.OFF),
         ([("shutter", "closed"), ("shutter", "asked to open: stays closed in a dry run")], Light.OFF),
         ([("shutter", "closed"), ("log_full", "further events are not kept")], Light.MAYBE),
+        ([("shutter", "opened"), ("note", "closed the curtain")], Light.ON),
+        ([("shutter", "closed"), ("scan", "opened again")], Light.OFF),
         ([("replayed", "replayed from run.h5")], Light.REPLAYED),
         ([("replayed", "replayed from run.h5"), ("shutter", "opened")], Light.ON),  # resumed on a bench
     ],

@@ -63,8 +63,19 @@ def test_every_column_shows_its_highest_bin() -> None:
     assert [row.index("█") for row in rows] == [4321 * 80 // 6250] * 6
 
 
+def test_what_is_faint_is_seen_on_a_logarithmic_scale_and_its_part_on_a_linear_one() -> None:
+    counts = np.array([0, 10, 500, 1000])
+    linear = chart(counts, 4, 2, logarithmic=False)
+    assert linear == ["   █", "  ██"]  # a hundredth is nothing, a half is one of two lines
+    logarithmic = chart(counts, 4, 2)
+    assert [row[0] for row in logarithmic] == [" ", " "]
+    assert logarithmic[1][1] in "▄▅▆"  # log 11 of log 1001, of two lines: 0.69 of one
+    assert logarithmic[1][2:] == "██"
+
+
 def test_keys_arrive_whole_and_what_is_none_of_ours_is_skipped() -> None:
     assert decoded(b"\x1b[A\x1b[Dq \r") == ["up", "left", "q", "space", "enter"]
+    assert decoded(b"\x1b[Hq\x1bOPm") == ["q", "m"]  # Home and F1, of one letter each
     assert decoded(b"\x1b[15~\x1b[1;5Cm\xc3\xa9") == ["m"]
 
 
@@ -75,6 +86,7 @@ def test_marks_that_cannot_both_be_true_are_found_whenever_they_were_made(tmp_pa
     same_angles = marks.add(MirrorAngles(turned, 0.0), (0.21, 0.0))
     assert [each.line for each in marks.contradicted_by(same_angles, 2.0)] == [2]
     assert "+5.000 +0.000 deg at +0.210 +0.000 m" in str(same_angles)
+    assert marks.contradicted_by(marks.add(MirrorAngles(turned, 0.0), None), 2.0) == []  # to be filled in later
     same_place = marks.add(MirrorAngles(0.0, turned), (0.176, 0.001))
     assert [each.line for each in marks.contradicted_by(same_place, 2.0)] == [2]
     by_hand = marks.add(MirrorAngles(turned + 1e-4, 0.0), (0.2, 0.003))  # a ruler's few millimetres, either way
