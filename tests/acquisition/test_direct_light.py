@@ -43,10 +43,10 @@ def test_direct_light_is_due_by_the_way_there_and_back_also_where_the_beam_goes_
     geometry = {"wall_distance_m": 1.5, "scanner_x_m": 0.3, "scanner_y_m": -0.1, "wall_yaw_deg": 8.0}
     settings = load("bench", "simulated", BenchSettings).settings
     settings = settings.model_copy(
-        update={"first_light": FirstLightSettings(delay_ns=95.0), "geometry": GeometrySettings(**geometry)}
+        update={"first_light": FirstLightSettings(delay_ns=95.0), "geometry": GeometrySettings.model_validate(geometry)}
     )
     direct = expected_direct(plan, settings, drawn_aim(settings.geometry))
-    right, normal = np.array([math.cos(yaw_rad), 0, -math.sin(yaw_rad)]), [math.sin(yaw_rad), 0, math.cos(yaw_rad)]
+    right, normal = np.array([[math.cos(yaw_rad), 0, -math.sin(yaw_rad)], [math.sin(yaw_rad), 0, math.cos(yaw_rad)]])
     place = plan.positions.x_m[:, None] * right + plan.positions.y_m[:, None] * np.array([0.0, 1.0, 0.0])
     scanner = np.array([0.3, -0.1, 1.5])
     goes = (place - scanner) / np.linalg.norm(place - scanner, axis=1)[:, None]

@@ -1,6 +1,6 @@
 """A Time Tagger whose model or cabling differs from the one of the other tests: delays, levels, AUX OUT."""
 
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import numpy as np
@@ -147,7 +147,8 @@ def test_a_rate_is_told_to_a_pulse_in_each_of_its_gates(off_hz: int, lost: bool)
     """One pulse in 10 ms is 100 Hz, one in 100 ms 10 Hz; a bin of 1 ps a period is 100 Hz of 10 MHz: 210 in all."""
     package, settings, bench = rig()
     counter = TimeTagger.open(settings, bench.clock, package)
-    with pytest.raises(SyncLost) if lost else nullcontext():
+    ends: AbstractContextManager[Any] = pytest.raises(SyncLost) if lost else nullcontext()
+    with ends:
         counter.tagger.check_sync(10e6 + off_hz, 1)
     counter.close()
 
