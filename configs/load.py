@@ -7,14 +7,14 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, Literal, TypeVar, get_args
+from typing import Any, Generic, TypeVar, get_args
 
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from nlos.configs.kinds import Kind, called, not_text, of_another_kind
 from nlos.configs.settings import Settings
 
-Kind = Literal["bench", "scan", "train", "queue"]
 Model = TypeVar("Model", bound=Settings)
 Place = tuple[str | int, ...]
 
@@ -53,7 +53,7 @@ def find(kind: Kind, word: str) -> Path:
     own = _OWN_FOLDER / kind / f"{word}.yaml"
     if path.name == word and path.suffix == "" and own.is_file():
         return own
-    known, what = names(kind), "training file" if kind == "train" else kind
+    known, what = names(kind), called(kind) if kind == "train" else kind
     raise ConfigError(
         f"{word}: no such file, and no {what} of that name.{_did_you_mean(word, known)} Known: {', '.join(known)}"
     )
@@ -66,6 +66,8 @@ def load(kind: Kind, word: str, model: type[Model]) -> Loaded[Model]:
         raw = path.read_bytes()
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
+    if foreign := not_text(kind, raw):
+        raise ConfigError(f"{path}: {foreign}")
     if len(raw) > MAX_BYTES:
         raise ConfigError(f"{path}: is {len(raw)} bytes long; settings of more than {MAX_BYTES} bytes are not read")
     try:
@@ -73,7 +75,13 @@ def load(kind: Kind, word: str, model: type[Model]) -> Loaded[Model]:
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
         raise ConfigError(f"{path}:{line}:1: byte 0x{raw[error.start]:02x} is not UTF-8 text") from error
-    return Loaded(parse(text, str(path), model), path, text)
+    try:
+        return Loaded(parse(text, str(path), model), path, text)
+    except ConfigError as error:
+        data = _read(text, str(path))[0]  # raises again what keeps it from being read at all
+        if foreign := of_another_kind(kind, data if isinstance(data, dict) else ()):
+            raise ConfigError(f"{path}:1:1: {foreign}") from error
+        raise
 
 
 def parse(text: str, name: str, model: type[Model]) -> Model:

@@ -3,11 +3,14 @@
 from pathlib import Path
 from typing import Annotated, Literal
 
+import h5py
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field
 
+from nlos.configs.kinds import Kind
 from nlos.configs.load import ConfigError, find, load, parse
 from nlos.configs.settings import Settings
 
@@ -117,3 +120,46 @@ def test_bytes_that_are_not_text_are_refused_by_line(tmp_path: Path) -> None:
     path.write_bytes(b"dwell_ms: 1.0\nname: \xff\n")
     with pytest.raises(ConfigError, match=r"bytes\.yaml:2:1: byte 0xff"):
         load("scan", str(path), Demo)
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "says"),
+    [
+        ("scan", "bench/simulated", "is a bench file (mirror, counter, shutter, geometry), and a scan file is wanted"),
+        (
+            "bench",
+            "scan/demo",
+            "is a scan file (wall, pattern, histogram), and a bench file is wanted here. `nlos scan",
+        ),
+        ("train", "scan/demo", "is a scan file (wall, pattern, histogram), and a training file is wanted here."),
+        (
+            "scan",
+            "train/lfe",
+            "is a training file (method, learning_rate), and a scan file is wanted here. `nlos train FILE`",
+        ),
+    ],
+)
+def test_a_file_of_another_kind_is_told_as_such_in_one_line(kind: Kind, text: str, says: str, tmp_path: Path) -> None:
+    """As who mixes up the two files of `nlos scan SCAN --bench BENCH` meets it: not once for every key."""
+    own, name = text.split("/")
+    taken = tmp_path / "mixed-up.yaml"
+    taken.write_bytes(find(own, name).read_bytes())  # type: ignore[arg-type]
+    with pytest.raises(ConfigError) as caught:
+        load(kind, str(taken), Demo)
+    assert str(caught.value).startswith(f"{taken}:1:1: {says}")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_recording_in_place_of_a_scan_file_is_told_as_such_however_long_it_is(tmp_path: Path) -> None:
+
+    for name, size in (("short.h5", 1), ("long.h5", 2 << 20)):
+        with h5py.File(tmp_path / name, "w") as file:
+            file["histograms"] = np.zeros(size, dtype=np.uint8)
+        with pytest.raises(ConfigError, match=r"is HDF5, as recordings and results are; .*-o names the recording"):
+            load("scan", str(tmp_path / name), Demo)
+
+
+def test_a_key_that_is_wrong_in_a_file_of_the_right_kind_is_still_named(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text("wall: 1\ndwell: 2\nruns: []\n")
+    with pytest.raises(ConfigError, match=r"mine\.yaml:2:1: dwell: no such key"):
+        load("scan", str(tmp_path / "mine.yaml"), Demo)
