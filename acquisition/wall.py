@@ -70,10 +70,12 @@ def grid_around(x_m: Floats, y_m: Floats, size_m: tuple[float, float] | None = N
 def about_their_middle(x_m: Floats, y_m: Floats) -> tuple[Floats, Floats, str]:
     """Places (N,) of points of a wall of unknown size, about their own middle where all of them lie beside 0, and what
     is said of it; as they are and "" elsewhere. A wall around 0 that holds them would be far larger than what was
-    scanned."""
+    scanned: by one axis where they are far off, by both where 0 is a corner of theirs, as many files have it."""
     places = x_m, y_m
     middles = [(float(each.min()) + float(each.max())) / 2 for each in places]
-    if all(abs(middle) <= BESIDE * float(np.ptp(each)) for middle, each in zip(middles, places, strict=True)):
+    near = all(abs(middle) <= BESIDE * float(np.ptp(each)) for middle, each in zip(middles, places, strict=True))
+    around_0 = any(each.min() < 0 < each.max() for each in places)
+    if near and around_0:
         return x_m, y_m, ""
     said = (
         f"its points are around ({middles[0]:.4g}, {middles[1]:.4g}) m, which is taken for the wall's middle; from "

@@ -24,7 +24,7 @@ def light() -> np.ndarray:
     return counts
 
 
-@pytest.mark.parametrize("origin", [(1.0, -0.8), (3.0, -2.0)])
+@pytest.mark.parametrize("origin", [(1.0, -0.8), (3.0, -2.0), (0.6, 0.5), (0.575, -0.475)])  # the last two: a corner
 def test_points_far_to_one_side_are_taken_about_their_middle(
     origin: tuple[float, float], caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -41,8 +41,8 @@ def test_points_far_to_one_side_are_taken_about_their_middle(
 
 def test_points_of_a_wall_that_is_said_stay_where_they_are() -> None:
     told = scan_from_arrays(light(), bin_width=BIN_S, wall=(9.0, 7.0), points=(X_M + 3, Y_M - 2))
-    quarter = scan_from_arrays(light(), bin_width=BIN_S, wall=None, points=(X_M + 0.6, Y_M + 0.5))
+    half = scan_from_arrays(light(), bin_width=BIN_S, wall=None, points=(X_M + 0.6, Y_M))
     assert told.points is not None
-    assert quarter.points is not None
+    assert half.points is not None
     assert told.points.x_m.max() == pytest.approx(3.575)
-    assert quarter.points.x_m.min() == pytest.approx(0.025)  # which may be a quarter of a wall
+    assert half.points.x_m.min() == pytest.approx(0.025)  # which may be half a wall

@@ -25,7 +25,7 @@ def stored(path: Path, **arrays: Any) -> Path:
     return path
 
 
-@pytest.mark.parametrize("middle", [(3.2, 1.4), (0.7, -0.3), (0.5, 0.0)])
+@pytest.mark.parametrize("middle", [(3.2, 1.4), (0.7, -0.3), (0.5, 0.5), (0.5, 0.0)])
 def test_free_points_far_to_one_side_are_taken_about_their_middle(tmp_path: Path, middle: tuple[float, float]) -> None:
     x_m, y_m = np.random.default_rng(1).uniform(-0.5, 0.5, (2, 64))
     path = tmp_path / "a.npz"
