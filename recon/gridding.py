@@ -45,9 +45,15 @@ def grid_samples(
     beside = (row < -1) | (row > wall.rows) | (col < -1) | (col > wall.cols)
     if beside.any():
         first = int(np.flatnonzero(measured)[np.argmax(beside)])
+        wide, high = np.ptp(x_m[measured]), np.ptp(y_m[measured])
+        hint = "Give the size of the wall that was scanned."
+        if wide <= wall.width_m and high <= wall.height_m:
+            hint = (
+                "They would fit on it: places count from the wall's middle. Subtract it, or leave the wall's size out."
+            )
         raise InvalidData(
             f"{int(beside.sum())} of {len(row)} samples lie beside the wall of {wall.width_m:g} x {wall.height_m:g} m, "
-            f"the first at ({x_m[first]:+.3f} m, {y_m[first]:+.3f} m). Give the size of the wall that was scanned."
+            f"the first at ({x_m[first]:+.3f} m, {y_m[first]:+.3f} m). {hint}"
         )
     pixel = np.clip(row, 0, wall.rows - 1) * wall.cols + np.clip(col, 0, wall.cols - 1)
     points = wall.rows * wall.cols

@@ -105,7 +105,10 @@ def _on_grid(
 
 
 def _numbers(values: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
-    array = np.asanyarray(values) if np.ma.isMaskedArray(values) else np.asarray(values)
+    try:
+        array = np.asanyarray(values) if np.ma.isMaskedArray(values) else np.asarray(values)
+    except ValueError as error:
+        raise InvalidData(f"{name}: lists of unequal lengths; an array of numbers is expected.") from error
     if array.dtype.kind not in "uifb":
         raise InvalidData(f"{name} hold {array.dtype}; an array of real numbers is expected.")
     return array
@@ -118,6 +121,8 @@ def _bin_width(bin_width: float | None) -> float:
         raise InvalidData(f"bin_width={bin_width!r}: a number of seconds is expected, for example bin_width=32e-12.")
     if not 1e-13 <= bin_width <= 1e-6:
         hint = f" Did you mean bin_width={bin_width:g}e-12?" if 0.1 <= bin_width <= 1e6 else ""
+        if 1e-5 <= bin_width < 0.1:
+            hint = " Divide nanoseconds by 1e9, metres of the light's way by 299792458."
         raise InvalidData(f"bin_width={bin_width:g}: seconds between 1e-13 and 1e-6 are expected.{hint}")
     return float(bin_width)
 
