@@ -238,7 +238,8 @@ def _follow(runs: Sequence[Path], recipe: Recipe, results: ResultsFolder) -> Non
         raise Stopped(ExitCode.DATA, f"{runs[0]}: the scan ended without a picture. {scan.message}")
     done = scan.picture
     terminal.result(
-        f"{output}: {scan.pictures} pictures, the last of {done.samples} points; {scan.skipped} skipped",
+        f"{output}: {scan.pictures} picture{'s' if scan.pictures != 1 else ''}, the last of {done.samples} points; "
+        f"{scan.skipped} skipped",
         folder=str(output), files=files_in(output), pictures=scan.pictures, skipped=scan.skipped, points=done.samples,
         change=done.change, error=done.error, seconds=done.reconstruction.seconds,
     )  # fmt: skip

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from nlos.cli.columns import columns_shown, folded
 from nlos.cli.escaped import escaped
 from nlos.drivers.exit_paths import tell_to_end
 
@@ -40,7 +41,7 @@ class Terminal:
         """A line of the result. Its values go into the JSON document instead with --json."""
         self.document.update(values)
         if not self.as_json:
-            print(escaped(text), flush=True)
+            print(folded(escaped(text), columns_shown()), flush=True)
 
     def log(self, text: str, level: int = 0) -> None:
         """A line on stderr, shown when the verbosity is at least `level` (-1 shows even with -q)."""
