@@ -1,4 +1,4 @@
-"""What kind of file something is, where one of another kind was given: a bench file for a scan, a recording for both."""
+"""What kind of file something is where another was wanted: a bench file for a scan, a recording for either."""
 
 from collections.abc import Collection
 from typing import Literal

@@ -25,7 +25,7 @@ def on_a_terminal(columns: int, *words: str) -> list[str]:
                 said += more
         except OSError:  # Linux's word for the end
             pass
-        assert running.wait(timeout=60) == 0
+        assert running.wait(timeout=300) == 0
     os.close(ours)
     return said.decode().replace("\r", "").splitlines()
 
@@ -34,7 +34,7 @@ def on_a_terminal(columns: int, *words: str) -> list[str]:
 def test_no_word_of_a_catalogue_is_broken_by_a_terminals_edge(columns: int) -> None:
     lines = on_a_terminal(columns, "patterns")
     whole = subprocess.run(
-        [sys.executable, "-m", "nlos", "patterns"], capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-m", "nlos", "patterns"], capture_output=True, text=True, check=True, timeout=300
     ).stdout
     table = lines[: lines.index("")]
     assert max(map(len, table)) <= columns
