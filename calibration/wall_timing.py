@@ -13,6 +13,8 @@ FEWEST_POINTS = 9
 """Four unknowns, and enough points over to notice an outlier."""
 NEARLY_ALL = 0.9
 """Of the points: a wall that explains more of them is no accident of where the search for it began."""
+_MOST_STEPS = 100
+"""Of a search, where 20 are usual: times that are alike at all points lead towards a scanner without end."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +75,9 @@ def fit_wall_timing(
         start[2] = max(start[2], bounds[0][2])
         start[3] = -np.median(residuals(start, usable) * error_m[usable])
         fit = scipy.optimize.least_squares(
-            residuals, start, slopes, bounds, loss="soft_l1", f_scale=2.0, x_scale=[extent] * 4, args=(usable,)
-        )
+            residuals, start, slopes, bounds, loss="soft_l1", f_scale=2.0, x_scale=[extent] * 4, args=(usable,),
+            max_nfev=_MOST_STEPS,
+        )  # fmt: skip
         if best is None or fit.cost < best.cost:
             best = fit
     assert best is not None
@@ -90,7 +93,7 @@ def fit_wall_timing(
             break
         accepted = kept
         solution = scipy.optimize.least_squares(
-            residuals, solution, slopes, bounds, x_scale=[extent] * 4, args=(accepted,)
+            residuals, solution, slopes, bounds, x_scale=[extent] * 4, args=(accepted,), max_nfev=_MOST_STEPS
         ).x
     off = residuals(solution, accepted)
     jacobian = slopes(solution, accepted)
