@@ -33,6 +33,8 @@ class Family:
     shortest_length_code: int
     most_binning_codes: int
     sync_dividers: tuple[int, ...]
+    most_sync_hz: float
+    """Of what the sync divider lets through."""
     offset_unit_s: float
     largest_offset: int
     most_fifo_records: int
@@ -61,18 +63,18 @@ class Family:
 FAMILIES: dict[str, Family] = {
     "picoharp300": Family(
         "PicoHarp 300", "PH", "libph300.so", "phlib64.dll", "PicoHarp software and PHLib, version 3", ("3",),
-        PICOHARP_300, 65536, 0, 8, (1, 2, 4, 8), 1e-12, 10**9, 131_072, True, 210_480, 65_535,
+        PICOHARP_300, 65536, 0, 8, (1, 2, 4, 8), 10e6, 1e-12, 10**9, 131_072, True, 210_480, 65_535,
         0x0003, 0x0040, 0, 0x0100, 0, True, 100, (0, 800), False, None, 20,
     ),
     "hydraharp400": Family(
         "HydraHarp 400", "HH", "libhh400.so", "hhlib64.dll", "HydraHarp software and HHLib, version 3", ("3",),
-        GENERIC, None, 0, 26, (1, 2, 4, 8, 16), 1e-9, 500_000, 131_072, True, 524_296, 2**32 - 1,
+        GENERIC, None, 0, 26, (1, 2, 4, 8, 16), 12.5e6, 1e-9, 500_000, 131_072, True, 524_296, 2**32 - 1,
         0x0002, 0x0001, 0x0004, 0x0010, 0, True, 100, (0, 1000), False, None, rates_valid_s=0.5,
     ),
     "multiharp150": Family(
         "MultiHarp 150", "MH", "libmh150.so", "mhlib64.dll", "MultiHarp software and MHLib, version 3 or 4",
         ("3", "4"),
-        GENERIC, None, 2, 24, (1, 2, 4, 8, 16), 1e-9, 10**8, 1_048_576, False, 25_500, 2**32 - 1,
+        GENERIC, None, 2, 24, (1, 2, 4, 8, 16), 78e6, 1e-9, 10**8, 1_048_576, False, 25_500, 2**32 - 1,
         0x0002, 0x0001, 0x0004, 0x0010, 0x0040, False, -50, (-1200, 1200), True, 3.3,
     ),
 }  # fmt: skip
@@ -124,7 +126,8 @@ class PicoquantSettings(CounterBlock):
     detector: PicoquantInput = PicoquantInput()
     """The single-photon detector's input."""
     sync_divider: Literal[1, 2, 4, 8, 16] = 1
-    """The instrument sees only every N-th laser pulse; t3 needs 1."""
+    """For a laser faster than the sync input (10 MHz PicoHarp, 12.5 MHz HydraHarp, 78 MHz MultiHarp): only every N-th
+    pulse is timed, the instrument reckons those between. Times are after the last pulse, as without it."""
     levels_converted: bool = False
     """Divider and stretcher are in the cables from and to the mirror controller (docs/instruments.md,
     "Levels")."""

@@ -25,7 +25,13 @@ from nlos.drivers.tcspc.picoquant.library import (
     check_alive,
     not_in_time,
 )
-from nlos.drivers.tcspc.picoquant.setup import AxisCodes, axis_codes, set_up_inputs, set_up_markers
+from nlos.drivers.tcspc.picoquant.setup import (
+    AxisCodes,
+    axis_codes,
+    check_sync_rate,
+    set_up_inputs,
+    set_up_markers,
+)
 from nlos.drivers.tcspc.time_axis import cannot_stop, nearest_axis
 from nlos.drivers.tcspc.unwatched import UnwatchedCounter
 from nlos.drivers.tcspc.watched_sleep import sleep_until
@@ -94,6 +100,7 @@ class Picoquant(UnwatchedCounter):
         if stop is not None:
             raise cannot_stop(self._device)
         codes = axis_codes(self._device, self._family, self._base_s, axis, self._t3)
+        check_sync_rate(self._device, self._family, self._settings.sync_divider, self._sync_rate_hz())
         call = self._library.call
         call("SetBinning", codes.binning)
         call("SetOffset", codes.offset)
@@ -111,6 +118,7 @@ class Picoquant(UnwatchedCounter):
         self._sync_hz = self._pulses_hz = self.rates().sync_hz
         if self._sync_hz <= 0:
             raise SyncLost(self._device, "sees no sync signal.", "Check laser, sync cable and sync.level_mv.")
+        check_sync_rate(self._device, self._family, self._settings.sync_divider, self._sync_hz)
         self._dwells_s, self._taken, self._triggered = gates.dwells_s, [], 0
         self._armed_s = self._sync_looked_s = self._clock.now()
 
@@ -236,6 +244,7 @@ class Picoquant(UnwatchedCounter):
         return CountRates(self._sync_rate_hz(), float(self._library.integer("GetCountRate", channel)))
 
     def _sync_rate_hz(self) -> float:
+        """The laser's, whatever the divider: the library corrects for it."""
         asked = ("GetCountRate", 0) if self._family.prefix == "PH" else ("GetSyncRate",)
         return float(self._library.integer(*asked))
 

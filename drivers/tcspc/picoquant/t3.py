@@ -35,8 +35,6 @@ class PicoquantT3(Picoquant):
     counts_markers = True
 
     def __init__(self, settings: PicoquantSettings, clock: Clock, library: VendorLibrary, serial: str) -> None:
-        if settings.sync_divider != 1:
-            raise LimitError(settings.model, "T3 records count laser pulses one by one.", "Set sync_divider: 1.")
         super().__init__(settings, clock, library, serial)
         self.has_pixel_clock = library.family.trigger_output
         self._buffer = (ctypes.c_uint * library.family.most_fifo_records)()

@@ -9,6 +9,7 @@ import pytest
 from nlos.acquisition.errors import InvalidData
 from nlos.acquisition.importers.formats import read_any
 from nlos.acquisition.importers.picoquant import read_picoquant
+from nlos.drivers.tcspc.t3 import FORMATS, T3Decoder
 from tests.acquisition.importers.ptu_raster import write_raster
 
 TCSPC = Path(__file__).parents[4] / "shared" / "data" / "tcspc"
@@ -297,3 +298,17 @@ def test_a_timeharps_records_are_one_point(tmp_path: Path, version: str) -> None
     scan = read_any(tmp_path / "a.t3r").transient
     assert {int(at): int(scan.counts[at, 0, 0]) for at in np.flatnonzero(scan.counts)} == {0: 1, 2095: 1, 3995: 2}
     assert scan.exposure_s[0, 0] == pytest.approx(1.5)
+
+
+@needs_files
+def test_a_picoharp_that_divides_its_sync_still_counts_every_laser_pulse() -> None:
+    """Measured with divider 8 at 78 MHz (both in the header): so a T3 scan may divide, and dwells are laser pulses."""
+    whole = (TCSPC / "picoharp_topfluorPE.pt3").read_bytes()
+    (divider,), (resolution_ns,) = struct.unpack("<i", whole[564:568]), struct.unpack("<f", whole[584:588])
+    (sync_hz,), (stopped_ms,) = struct.unpack("<i", whole[704:708]), struct.unpack("<i", whole[712:716])
+    records = np.frombuffer(whole[728:], "<u4")
+    events = T3Decoder(FORMATS[0x00010303]).feed(records)
+    assert divider == 8
+    assert events.until_pulse / sync_hz == pytest.approx(stopped_ms * 1e-3, rel=0.02)
+    delays_ns = events.format.delays(events.photons) * resolution_ns
+    assert 0.9 < delays_ns.max() * 1e-9 * sync_hz < 1.02, "later than the last laser pulse, not than the last eighth"
