@@ -242,7 +242,8 @@ def _fault(faults: Status) -> DeviceFault:
 
 
 def _names(faults: Status) -> str:
-    return ", ".join((flag.name or "").lower().replace("_", " ") for flag in faults) + f" (STATUS 0x{faults:08x})"
+    named = ", ".join('"' + (flag.name or "").lower().replace("_", " ") + '"' for flag in faults)
+    return f"{named} (STATUS 0x{faults:08x})"
 
 
 def _shown(angles: MirrorAngles) -> str:
