@@ -84,6 +84,7 @@ def test_they_are_found_by_the_benchs_name_and_say_what_they_override(kept: Path
     assert aiming_constants(NONE, bench_json(), devices_now()) is None
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("others", ["光学台", "bench-1"])
 @pytest.mark.parametrize("own", ["実験台", "bench 1"])
 def test_another_benchs_constants_never_aim_this_one_however_alike_their_names(

@@ -73,6 +73,7 @@ def test_nano_sees_what_a_stopped_scan_holds(runs: dict[str, Path], name: str, s
     assert share < 1 or seen == "seen"
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_sees_points_on_and_off_the_grid(runs: dict[str, Path], method: str) -> None:
     finite_or_refused(first_of(taken(runs, "five_by_five"), 0.1), method)

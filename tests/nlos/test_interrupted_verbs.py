@@ -162,7 +162,7 @@ def computed_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(("verb", "seed"), CASES)
 def test_ctrl_c_leaves_nothing_half_written(tmp_path: Path, inputs: Path, verb: str, seed: int) -> None:
     words, groups = VERBS[verb]

@@ -381,6 +381,7 @@ TAPE = """() => { const s = getComputedStyle($("banner"));
 """What is about light that may be on has the look of a hazard, and no other trouble has."""
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_light_that_is_on_is_loud_and_light_that_is_off_is_calm_and_always_said(
     folder: Path, browser: Any, scheme: str

@@ -32,6 +32,7 @@ def test_a_key_that_is_swept_twice_is_refused(nlos: Nlos, tmp_path: Path) -> Non
     assert not (tmp_path / "swept").exists()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", ["lct", None])
 def test_a_recording_that_is_gone_is_forecast_taken_and_seen_anew(
     nlos: Nlos, tmp_path: Path, method: str | None

@@ -144,6 +144,7 @@ CASES = [(kind, name, craft) for kind, crafts in (("recording", RECORDINGS), ("p
          for name, craft in crafts.items()]  # fmt: skip
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", ["recording", "picture", "constants", "plain"])
 def test_what_somebody_made_ends_with_a_reason(kinds, verbs, commands, tmp_path: Path, kind: str) -> None:
     whole, bad = kinds[kind].read_bytes(), []

@@ -40,6 +40,7 @@ def test_a_forged_file_runs_nothing(tmp_path: Path) -> None:
     assert not (tmp_path / "ran").exists()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("held", "why"),
     [([1, 2], "list"), ({"a": 1}, "int"), ({"a": torch.tensor([float("nan")])}, "finite"), (b"noise", "w.pt")],
